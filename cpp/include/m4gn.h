@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * C ABI of libm4gn.so: everything a solver needs to be a host of M4GN.
+ *
+ * Only sized arrays of double, int32_t and int64_t cross this boundary. Vectors are always three doubles
+ * (x, y, z), row after row, whatever the number of solved directions. Lengths in metres, times in seconds.
+ * Pointers passed in are read during the call and never kept.
+ *
+ * Status: 0 fine; > 0 the call failed and the object is as it was (bad input, file); < 0 the object must only
+ * be freed. m4gn_last_error() then says what was expected, what was found, where, and what to do.
+ * Calls marked "collective" are made by every rank of the communicator; they return the same class of
+ * status on all ranks, so that no rank waits for another that has left.
+ *
+ * Every call saves, clears and restores the floating-point traps, so that a host that traps (OpenFOAM's
+ * FOAM_SIGFPE) is neither disturbed nor disturbs. MPI and PETSc are joined if they are up.
+ */
+#ifndef M4GN_H
+#define M4GN_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define M4GN_ABI_VERSION 1
+
+/* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
+#define M4GN_NO_MPI INT32_MIN
+
+enum
+{
+    M4GN_OK = 0,
+    M4GN_ERROR_INPUT = 1,
+    M4GN_ERROR_FILE = 2,
+    M4GN_ERROR_MODEL = 3,
+    M4GN_ERROR_MESH = 4,
+    M4GN_ERROR_NUMERICAL = 5,
+    M4GN_ERROR_INTERRUPTED = 6,
+    M4GN_ERROR_OTHER_RANK = 7,
+    M4GN_ERROR_INTERNAL = -1
+};
+
+/* Node types of the graph (paper, table 2). */
+enum
+{
+    M4GN_FLUID = 0,
+    M4GN_WALL = 1,
+    M4GN_INLET = 2,
+    M4GN_OUTLET = 3,
+    M4GN_SYMMETRY = 4,
+    M4GN_OBSTACLE = 5
+};
+
+/* Version of this interface that the library was built with; compare with M4GN_ABI_VERSION. */
+int32_t m4gn_abi_version(void);
+
+/* Version of the library, "0.1.0". */
+const char* m4gn_version(void);
+
+/* Message of the last failed call on this thread; empty when there was none. Valid until the next call. */
+const char* m4gn_last_error(void);
+
+/* This rank's part of the mesh. Local labels; `empty` patches contribute nothing. */
+typedef struct m4gn_mesh_data
+{
+    int32_t n_directions;       /* 2 or 3 solved directions */
+    int32_t directions[3];      /* which: 0 x, 1 y, 2 z */
+
+    int32_t n_cells;
+    const int64_t* cell_global; /* [n_cells] number of the cell in the undecomposed mesh, 0-based; a
+                                   permutation of 0..N over all ranks */
+    const double* cell_centres; /* [3*n_cells] m */
+    const double* cell_volumes; /* [n_cells] m^3 */
+
+    int32_t n_faces;            /* internal faces of this rank */
+    const int32_t* face_owner;  /* [n_faces] */
+    const int32_t* face_neighbour; /* [n_faces] */
+    const double* face_coeff;   /* [n_faces] |off-diagonal| of the solver's Laplacian with unit diffusivity, m */
+
+    int32_t n_boundary;         /* faces of patches that carry values (neither empty nor coupled) */
+    const int32_t* boundary_owner;   /* [n_boundary] cell */
+    const int64_t* boundary_global;  /* [n_boundary] number among all such faces in the undecomposed mesh;
+                                        a permutation of 0..B over all ranks */
+    const double* boundary_centres;  /* [3*n_boundary] m */
+    const double* boundary_area;     /* [3*n_boundary] outward area vector, m^2 */
+    const double* boundary_coeff;    /* [n_boundary] diagonal contribution of a Dirichlet condition, m */
+    const int32_t* boundary_type;    /* [n_boundary] M4GN_WALL ... M4GN_OBSTACLE */
+    const int32_t* boundary_patch;   /* [n_boundary] index into patch_names */
+
+    int32_t n_coupled;          /* faces of processor and translational cyclic patches, one entry a side */
+    const int32_t* coupled_owner;    /* [n_coupled] cell on this side */
+    const int32_t* coupled_rank;     /* [n_coupled] rank of the cell on the other side */
+    const int64_t* coupled_global;   /* [n_coupled] cell_global of the cell on the other side */
+    const double* coupled_delta;     /* [3*n_coupled] from this cell's centre to the other's through the coupling, m */
+    const double* coupled_coeff;     /* [n_coupled] as face_coeff */
+
+    int32_t n_patches;
+    const char* const* patch_names;  /* [n_patches] */
+} m4gn_mesh_data;
+
+/* A field at one time, on this rank. */
+typedef struct m4gn_field
+{
+    const char* name;           /* OpenFOAM's name, "U" */
+    int32_t components;         /* 1 scalar, 3 vector */
+    const double* cells;        /* [components*n_cells] */
+    const double* boundary;     /* [components*n_boundary] face values */
+} m4gn_field;
+
+/* Where a predicted field goes; components that are not solved are left as they are. */
+typedef struct m4gn_field_out
+{
+    const char* name;
+    int32_t components;
+    double* cells;              /* [components*n_cells] */
+} m4gn_field_out;
+
+/* ---- surrogate ---------------------------------------------------------------------------------- */
+
+typedef struct m4gn_session m4gn_session;
+
+/* Zero or NULL means: as the model was trained. */
+typedef struct m4gn_session_options
+{
+    const char* model;          /* path of the .safetensors file */
+    const char* backend;        /* "native" (NULL) or "torch" */
+    int32_t n_threads;          /* threads of this rank; 0: 1 */
+    int32_t segments;           /* K; 0: the model's */
+    int32_t modes;              /* m; < 0: the model's */
+    int32_t overlap;            /* delta; < 0: the model's */
+    int32_t slic_iterations;    /* < 0: the model's */
+    double tau;                 /* < 0: the model's */
+    double segment_size;        /* S, m; <= 0: the model's */
+    const char* segment_method; /* "metis", "slic"; NULL: the model's */
+    const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+} m4gn_session_options;
+
+/* Fills in "as the model was trained" everywhere; set model afterwards. */
+void m4gn_session_options_init(m4gn_session_options* options);
+
+/* Collective. Builds graph, modes and segments and loads the model. On failure *session is NULL. */
+int32_t m4gn_session_new(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
+    const m4gn_mesh_data* mesh,
+    const m4gn_session_options* options,
+    m4gn_session** session);
+
+/* Collective. */
+void m4gn_session_free(m4gn_session* session);
+
+/* Time that one step advances, s. */
+double m4gn_session_stride(const m4gn_session* session);
+
+/* Segments K of this session. */
+int32_t m4gn_session_n_segments(const m4gn_session* session);
+
+/* Fields of the model, in its order; index 0 to n-1. */
+int32_t m4gn_session_n_fields(const m4gn_session* session);
+
+typedef struct m4gn_field_info
+{
+    const char* name;           /* valid while the session lives */
+    int32_t components;         /* 1 or 3 */
+    int32_t dimensions[7];      /* dimensionSet exponents */
+    int32_t is_input;
+    int32_t is_output;
+} m4gn_field_info;
+
+int32_t m4gn_session_field(const m4gn_session* session, int32_t index, m4gn_field_info* info);
+
+/* Segment of each cell [n_cells], 0 to K-1. */
+int32_t m4gn_session_segments(const m4gn_session* session, int32_t* cell_segment);
+
+/* Collective. One step: reads every input field (cells and boundary values at time t), writes every output
+ * field's cells at t + stride. `in` and `out` may name the same arrays. A non-finite result is an error
+ * (M4GN_ERROR_NUMERICAL) and leaves `out` untouched. */
+int32_t m4gn_session_step(
+    m4gn_session* session,
+    const m4gn_field* in,
+    int32_t n_in,
+    const m4gn_field_out* out,
+    int32_t n_out);
+
+/* ---- recorder ----------------------------------------------------------------------------------- */
+
+typedef struct m4gn_recorder m4gn_recorder;
+
+typedef struct m4gn_recorder_field
+{
+    const char* name;
+    int32_t components;         /* 1 or 3 */
+    int32_t dimensions[7];
+} m4gn_recorder_field;
+
+typedef struct m4gn_recorder_options
+{
+    const char* path;           /* final name of the HDF5 file; written beside it first, renamed when whole */
+    int32_t n_fields;
+    const m4gn_recorder_field* fields;
+    const char* provenance;     /* JSON object: application, case, ...; NULL: {} */
+    const char* split;          /* "train", "valid", "test" or NULL */
+    int32_t overwrite;          /* 0: an existing file is an error */
+} m4gn_recorder_options;
+
+/* Collective. */
+int32_t m4gn_recorder_new(
+    int32_t comm,
+    const m4gn_mesh_data* mesh,
+    const m4gn_recorder_options* options,
+    m4gn_recorder** recorder);
+
+/* Collective. Appends a frame; fields by name, all of them; times must increase. */
+int32_t m4gn_recorder_append(
+    m4gn_recorder* recorder, double time, const m4gn_field* fields, int32_t n_fields);
+
+/* Number of frames so far. */
+int64_t m4gn_recorder_n_frames(const m4gn_recorder* recorder);
+
+/* Collective. Completes the file and gives it its final name. Appending is then an error. */
+int32_t m4gn_recorder_finish(m4gn_recorder* recorder);
+
+/* Collective. Without a finish before, nothing is left behind. */
+void m4gn_recorder_free(m4gn_recorder* recorder);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,2 @@
+/* What bindgen reads: the eigenvalue solver pulls in PETSc's matrices, solvers and vectors. */
+#include <slepceps.h>

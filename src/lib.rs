@@ -1,0 +1,23 @@
+//! M4GN (micro-meso-macro mesh graph network) as a guest of OpenFOAM solvers.
+//!
+//! The modules stand in the order of the data's way:
+//! mesh and fields -> graph -> modes -> segments -> model -> step -> fields back.
+//! `capi` holds the only exported symbols, `ffi` the only callers of foreign C.
+
+pub mod capi;
+pub mod cli;
+pub mod config;
+pub mod dataset;
+pub mod engine;
+pub mod error;
+pub mod ffi;
+pub mod graph;
+pub mod mesh;
+pub mod model;
+pub mod modes;
+pub mod parallel;
+pub mod segments;
+pub mod step;
+pub mod validate;
+
+pub use error::{Error, Result};

@@ -1,0 +1,165 @@
+//! What a model is: its architecture, the fields it reads and writes, and its weights (safetensors).
+
+use crate::mesh::NodeType;
+use serde::{Deserialize, Serialize};
+
+/// How a field leaves the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// Not predicted.
+    None,
+    /// The change over one stride (paper: the time derivative).
+    Delta,
+    /// The value at the end of the stride.
+    Value,
+}
+
+/// One physical field of the model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldSpec {
+    /// OpenFOAM's name of the field, `U` or `p`.
+    pub name: String,
+    /// True for a vector (one feature a solved direction), false for a scalar.
+    pub vector: bool,
+    /// Exponents of mass, length, time, temperature, moles, current, luminous intensity (`dimensionSet`).
+    pub dimensions: [i32; 7],
+    /// Whether the field is a node feature.
+    pub input: bool,
+    /// Whether and how it is predicted.
+    pub output: Output,
+}
+
+impl FieldSpec {
+    /// Components as features in `dim` solved directions.
+    pub fn components(&self, dim: usize) -> usize {
+        if self.vector { dim } else { 1 }
+    }
+}
+
+/// First partition and its refinement (paper, section 3.3.3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SegmentMethod {
+    /// METIS alone.
+    Metis,
+    /// METIS refined by SLIC on modes and positions (SLIC-MD).
+    Slic,
+}
+
+/// How the mesh is cut into segments (Algorithms 1 and 2).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SegmentSpec {
+    /// METIS alone or with SLIC.
+    pub method: SegmentMethod,
+    /// Number of segments, K.
+    pub count: usize,
+    /// Number of Laplacian modes used as features, m.
+    pub modes: usize,
+    /// Compactness tau of eq. 8.
+    pub tau: f64,
+    /// Average cluster size S of Algorithm 2, m; none: sqrt(domain area / K) (cube root in 3-D).
+    pub size: Option<f64>,
+    /// Largest number of SLIC sweeps.
+    pub iterations: usize,
+    /// Overlap delta of section 3.3.1, in layers of neighbours.
+    pub overlap: usize,
+}
+
+impl Default for SegmentSpec {
+    fn default() -> Self {
+        SegmentSpec { method: SegmentMethod::Slic, count: 36, modes: 6, tau: 1.0, size: None, iterations: 20, overlap: 0 }
+    }
+}
+
+/// Macro stage: transformer over segments (section 3.4).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MacroSpec {
+    /// Self-attention layers.
+    pub layers: usize,
+    /// Heads; must divide the width.
+    pub heads: usize,
+    /// Hidden width of the point-wise feed-forward network.
+    pub ffn_width: usize,
+    /// Random-walk steps of the segment positional encoding (RWSE of the eq. 10 graph); 0: no encoding.
+    pub rwse_steps: usize,
+}
+
+/// Activation of all multi-layer perceptrons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Activation {
+    /// max(0, x), the paper's.
+    Relu,
+    /// x * sigmoid(x).
+    Silu,
+}
+
+/// The network's shape.
+///
+/// Order of a forward step: encoders (eq. 1), `layers_before` message-passing layers (eq. 2, 3), macro stage
+/// (eq. 9 to 13), and, when `layers_after` > 0, `h <- h + dispatch([h, h_S])` and that many more layers; the
+/// decoder reads `[h, h_S]` (section 3.4.3), or `h` alone without a macro stage. The paper has `layers_after = 0`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Architecture {
+    /// Latent width d.
+    pub width: usize,
+    /// Hidden layers of each MLP; an MLP has one more linear layer (the paper's 3-layer MLP: 2).
+    pub hidden_layers: usize,
+    /// Activation between linear layers.
+    pub activation: Activation,
+    /// Message-passing layers before the macro stage.
+    pub layers_before: usize,
+    /// Message-passing layers after it.
+    pub layers_after: usize,
+    /// Macro stage; none: a plain MeshGraphNet.
+    pub segment_transformer: Option<MacroSpec>,
+}
+
+/// Everything about a model but its numbers: the `m4gn` entry of the safetensors header.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelSpec {
+    /// Version of this header's schema: 1.
+    pub format: u32,
+    /// Solved directions.
+    pub dim: usize,
+    /// Time the model advances in one step, s.
+    pub stride: f64,
+    /// Fields in the order of their features.
+    pub fields: Vec<FieldSpec>,
+    /// Node types in the order of their one-hot features.
+    pub node_types: Vec<NodeType>,
+    /// Network.
+    pub architecture: Architecture,
+    /// Segmentation the model was trained with.
+    pub segments: SegmentSpec,
+    /// Where it came from: configuration, data, seed, steps, errors. For people; the engine ignores it.
+    pub training: serde_json::Value,
+}
+
+impl ModelSpec {
+    /// Features of the fields that are inputs.
+    pub fn n_field_inputs(&self) -> usize {
+        self.fields.iter().filter(|f| f.input).map(|f| f.components(self.dim)).sum()
+    }
+
+    /// Node features: field inputs, then the one-hot node type.
+    pub fn n_node_features(&self) -> usize {
+        self.n_field_inputs() + self.node_types.len()
+    }
+
+    /// Edge features: displacement from receiver to sender in the solved directions, and its length.
+    pub fn n_edge_features(&self) -> usize {
+        self.dim + 1
+    }
+
+    /// Outputs a node, in the order of the fields that are predicted.
+    pub fn n_outputs(&self) -> usize {
+        self.fields.iter().filter(|f| f.output != Output::None).map(|f| f.components(self.dim)).sum()
+    }
+}

@@ -1,0 +1,1 @@
+//! Trainable M4GN models: training and inference on libtorch.
