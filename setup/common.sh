@@ -55,7 +55,7 @@ ticker() {
         if [ -t 1 ]; then
             printf '\r  %-48s ...     %4d s' "$name" $((SECONDS - began))
         else
-            printf '    %d s: %s\n' $((SECONDS - began)) "$(tail -n 1 "$log" | tr -d '\r' | cut -c 1-100)"
+            printf '    %d s: %s\n' $((SECONDS - began)) "$(sed -n '/[^ ]/p' "$log" | tail -n 1 | tr -d '\r' | cut -c 1-100)"
         fi
     done
 }
