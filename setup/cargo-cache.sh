@@ -16,7 +16,7 @@ cargo_cache_kept() {
 # cargo_cache_restore: fills an empty target/release from the newest full build, or else from the newest core build.
 cargo_cache_restore() {
     local release=$CARGO_TARGET_DIR/release kept
-    kept=$({ cargo_cache_kept all; cargo_cache_kept core; } | sed 1q)
+    kept=$({ cargo_cache_kept all; cargo_cache_kept core; } | sed -n 1p)
     if [ -e "$release/.fingerprint" ] || [ -z "$kept" ]; then return 0; fi
     mkdir -p "$release"
     cp -a --reflink=auto "$kept/." "$release/" || rm -rf "${release:?}"/{deps,build,.fingerprint}
