@@ -53,14 +53,16 @@ fn main() -> ExitCode {
         count: 0,
         failures: Vec::new(),
     };
+    if comm.size() == 2 && comm.is_root() {
+        // PETSc first started by one rank alone must not keep the others from starting it later.
+        let modes = whole_modes(&sample::chain(150, 1.0));
+        checks.that(modes.is_ok(), "modes on the root alone");
+    }
+    joined(&mut checks);
     collectives(&mut checks);
     errors_are_shared(&mut checks);
     for (name, mesh) in meshes() {
-        for (deal, ranks) in deals(mesh.n_cells(), comm.size()) {
-            let name = format!("{name}, {deal}");
-            halo(&mut checks, &name, &mesh, &ranks);
-            whole(&mut checks, &name, &mesh, &ranks);
-        }
+        decompositions(&mut checks, name, &mesh);
     }
     cyclic(&mut checks);
     broken_meshes(&mut checks);
@@ -103,6 +105,106 @@ fn deals(n: usize, size: i32) -> Vec<(&'static str, Vec<i32>)> {
         ("one by one", (0..n).map(|c| c as i32 % size).collect()),
         ("all on the last rank", vec![size - 1; n]),
     ]
+}
+
+/// The answers on one rank.
+struct Whole {
+    n_edges: usize,
+    modes: Modes,
+    segments: Vec<Segmentation>,
+}
+
+fn whole_modes(mesh: &Mesh) -> Result<Modes> {
+    let serial = Comm::serial();
+    let mut graph = Graph::new(mesh, &serial)?;
+    laplacian_modes(mesh, &mut graph, &serial, 6)
+}
+
+impl Whole {
+    fn new(mesh: &Mesh) -> Result<Self> {
+        let serial = Comm::serial();
+        let mut graph = Graph::new(mesh, &serial)?;
+        let modes = laplacian_modes(mesh, &mut graph, &serial, 6)?;
+        let segments = specs(mesh)
+            .iter()
+            .map(|spec| segment(mesh, &mut graph, spec, &serial, None))
+            .collect::<Result<_>>()?;
+        Ok(Whole {
+            n_edges: graph.senders.len(),
+            modes,
+            segments,
+        })
+    }
+}
+
+fn specs(mesh: &Mesh) -> Vec<SegmentSpec> {
+    vec![
+        SegmentSpec {
+            method: SegmentMethod::Metis,
+            count: 7,
+            ..Default::default()
+        },
+        SegmentSpec {
+            count: 7,
+            modes: 4,
+            overlap: 1,
+            ..Default::default()
+        },
+        SegmentSpec {
+            count: 12,
+            modes: 2,
+            tau: 0.5,
+            overlap: 2,
+            ..Default::default()
+        },
+        SegmentSpec {
+            count: 1,
+            ..Default::default()
+        },
+        SegmentSpec {
+            count: mesh.n_cells(),
+            ..Default::default()
+        },
+    ]
+}
+
+/// One mesh, decomposed in every way, against itself whole and against the dense reference.
+fn decompositions(checks: &mut Checks, name: &str, mesh: &Mesh) {
+    let Some(expected) = checks.value(Whole::new(mesh), name) else {
+        return;
+    };
+    if let Some(dense) = checks.value(reference(mesh, 6), name) {
+        compare_modes(checks, &format!("{name}, dense"), mesh, &expected.modes, &dense);
+    }
+    for (deal, ranks) in deals(mesh.n_cells(), checks.comm.size()) {
+        let name = format!("{name}, {deal}");
+        halo(checks, &name, mesh, &ranks);
+        whole(checks, &name, mesh, &ranks, &expected);
+    }
+}
+
+/// A host's communicator is duplicated: its own stays as it was.
+fn joined(checks: &mut Checks) {
+    let host = checks.comm.clone();
+    let Some(guest) = checks.value(Comm::from_fortran(host.fortran()), "from_fortran") else {
+        return;
+    };
+    checks.that(
+        (guest.rank(), guest.size()) == (host.rank(), host.size()),
+        "joined ranks",
+    );
+    checks.that(
+        guest.fortran() != host.fortran(),
+        "the communicator is a duplicate",
+    );
+    drop(guest);
+    let mut one = [1];
+    host.sum_i64(&mut one);
+    checks.that(
+        one[0] == host.size() as i64,
+        "the host's communicator outlives its guest",
+    );
+    checks.that(Comm::from_fortran(123_456_789).is_err(), "a handle of nothing");
 }
 
 fn collectives(checks: &mut Checks) {
@@ -196,73 +298,37 @@ fn halo(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32]) {
 }
 
 /// Eigenvalues, modes and segments of the decomposed mesh equal those of the whole one.
-fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32]) {
+fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: &Whole) {
     let comm = checks.comm.clone();
     let part = sample::part(mesh, ranks, comm.rank());
-    let serial = Comm::serial();
-    let built = (Graph::new(&part, &comm), Graph::new(mesh, &serial));
-    let (Some(mut graph), Some(mut whole)) = (checks.value(built.0, name), checks.value(built.1, name))
-    else {
+    let Some(mut graph) = checks.value(Graph::new(&part, &comm), name) else {
         return;
     };
     let mut edges = [graph.senders.len() as i64];
     comm.sum_i64(&mut edges);
     checks.that(
-        edges[0] as usize == whole.senders.len(),
+        edges[0] as usize == expected.n_edges,
         format!("{name}: number of edges"),
     );
-
     let modes = laplacian_modes(&part, &mut graph, &comm, 6);
     let Some(modes) = checks.value(modes, name) else {
         return;
     };
-    for (kind, expected) in [
-        ("serial", laplacian_modes(mesh, &mut whole, &serial, 6)),
-        ("dense", reference(mesh, 6)),
-    ] {
-        let Some(expected) = checks.value(expected, name) else {
-            return;
-        };
-        compare_modes(checks, &format!("{name}, {kind}"), &part, &modes, &expected);
-    }
-    for spec in [
-        SegmentSpec {
-            method: SegmentMethod::Metis,
-            count: 7,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: 7,
-            modes: 4,
-            overlap: 1,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: 12,
-            modes: 2,
-            tau: 0.5,
-            overlap: 2,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: 1,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: mesh.n_cells(),
-            ..Default::default()
-        },
-    ] {
+    compare_modes(checks, name, &part, &modes, &expected.modes);
+    for (spec, expected) in specs(mesh).iter().zip(&expected.segments) {
         let name = format!("{name}, {:?} K = {}", spec.method, spec.count);
-        let found = segment(&part, &mut graph, &spec, &comm, None);
-        let expected = segment(mesh, &mut whole, &spec, &serial, None);
-        if let (Some(f), Some(e)) = (checks.value(found, &name), checks.value(expected, &name)) {
-            compare_segments(checks, &name, &part, mesh, &f, &e);
-            let preset: Vec<i32> = f.node_segment[..part.n_cells()].to_vec();
-            let again = segment(&part, &mut graph, &spec, &comm, Some(&preset));
-            let again = checks.value(again, &name);
-            checks.that(again.is_none_or(|a| a == f), format!("{name}: handed in again"));
-        }
+        let found = segment(&part, &mut graph, spec, &comm, None);
+        let Some(found) = checks.value(found, &name) else {
+            continue;
+        };
+        compare_segments(checks, &name, &part, mesh, &found, expected);
+        let preset: Vec<i32> = found.node_segment[..part.n_cells()].to_vec();
+        let again = segment(&part, &mut graph, spec, &comm, Some(&preset));
+        let again = checks.value(again, &name);
+        checks.that(
+            again.is_none_or(|a| a == found),
+            format!("{name}: handed in again"),
+        );
     }
 }
 
@@ -340,12 +406,7 @@ fn compare_segments(
 fn cyclic(checks: &mut Checks) {
     let mut mesh = sample::rectangle(16, 9, 2.0, 1.0);
     sample::make_cyclic(&mut mesh, 2.0);
-    for (deal, ranks) in deals(mesh.n_cells(), checks.comm.size()) {
-        let mut mesh = mesh.clone();
-        mesh.coupled.iter_mut().for_each(|c| c.rank = 0);
-        halo(checks, &format!("cyclic, {deal}"), &mesh, &ranks);
-        whole(checks, &format!("cyclic, {deal}"), &mesh, &ranks);
-    }
+    decompositions(checks, "cyclic", &mesh);
 }
 
 /// Every rank hears of a mesh that is broken on one of them.
