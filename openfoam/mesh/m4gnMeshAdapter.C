@@ -75,33 +75,7 @@ void Foam::m4gnMeshAdapter::checkPatches() const
 
 Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 {
-    // Read from the registered dictionary: the accessors differ by version
-    const dictionary schemes
-    (
-        mesh_.lookupObject<IOdictionary>("fvSchemes")
-       .subOrEmptyDict("laplacianSchemes")
-    );
-
-    string text("Gauss linear corrected");
-
-    for (const word key : { "laplacian(m4gn)", "default" })
-    {
-        if (schemes.found(key))
-        {
-            OStringStream os;
-            const ITstream& is = schemes.lookup(key);
-            forAll(is, i)
-            {
-                os << is[i] << ' ';
-            }
-
-            if (os.str() != "none ")
-            {
-                text = os.str();
-                break;
-            }
-        }
-    }
+    const string text(laplacianScheme(mesh_));
 
     IStringStream is(text);
     const word laplacian(is);
@@ -453,6 +427,39 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter
     setCells();
     setBoundary(nodeTypes, tdeltaCoeffs());
     setCoupled(tdeltaCoeffs());
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
+{
+    // Read from the registered dictionary: the accessors differ by version
+    const dictionary schemes
+    (
+        mesh.lookupObject<IOdictionary>("fvSchemes")
+       .subOrEmptyDict("laplacianSchemes")
+    );
+
+    for (const word key : { "laplacian(m4gn)", "default" })
+    {
+        if (schemes.found(key))
+        {
+            OStringStream os;
+            const ITstream& is = schemes.lookup(key);
+            forAll(is, i)
+            {
+                os << is[i] << ' ';
+            }
+
+            if (os.str() != "none ")
+            {
+                return os.str();
+            }
+        }
+    }
+
+    return "Gauss linear corrected";
 }
 
 
