@@ -11,7 +11,9 @@ License
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
 #include "clockTime.H"
+#include "OFstream.H"
 #include "OSspecific.H"
+#include "Time.H"
 #include "zeroGradientFvPatchFields.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
@@ -237,7 +239,20 @@ void Foam::m4gnSession::writeSegments() const
         field[celli] = segments[celli];
     }
     field.correctBoundaryConditions();
-    field.write();
+
+    // field.write() would put it into a folder of the current time
+    const fileName dir(mesh_.time().path()/field.instance()/mesh_.dbDir());
+    mkDir(dir);
+    OFstream os(dir/segmentName);
+    os.format(mesh_.time().writeFormat());
+    field.writeHeader(os);
+    field.writeData(os);
+
+    if (!os.good())
+    {
+        FatalErrorInFunction
+            << "Cannot write " << os.name() << exit(FatalError);
+    }
 }
 
 
