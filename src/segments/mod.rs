@@ -5,6 +5,7 @@
 
 mod overlap;
 mod partition;
+mod slic;
 mod walk;
 
 use crate::graph::Graph;
@@ -64,7 +65,7 @@ pub fn segment(
             let labels = partition::partition(mesh, graph, spec.count, comm)?;
             match spec.method {
                 SegmentMethod::Metis => labels,
-                SegmentMethod::Slic => labels,
+                SegmentMethod::Slic => slic::refine(mesh, graph, spec, comm, labels)?,
             }
         }
     };
