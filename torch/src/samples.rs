@@ -8,7 +8,7 @@ use m4gn::graph::Graph;
 use m4gn::mesh::{Mesh, NodeType};
 use m4gn::model::{ModelSpec, Output};
 use m4gn::parallel::Comm;
-use m4gn::segments::{self, Segmentation};
+use m4gn::segments;
 use m4gn::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -32,6 +32,30 @@ pub struct HostGraph {
     segment_weight: Vec<f32>,
     node_weight: Vec<f32>,
     rwse: Vec<f32>,
+}
+
+/// A serial graph and its segments as slices; the last five are empty without a macro stage.
+pub struct Parts<'a> {
+    /// Cells, the first nodes.
+    pub n_cells: usize,
+    /// Type code of each node.
+    pub node_types: &'a [i32],
+    /// Sending node of each edge.
+    pub senders: &'a [i32],
+    /// Receiving node of each edge.
+    pub receivers: &'a [i32],
+    /// Physical edge features `[E x (dim + 1)]`.
+    pub edge_features: &'a [f32],
+    /// Segments, K.
+    pub segments: usize,
+    /// Segments of node i: `member[member_row[i]..member_row[i + 1]]`.
+    pub member_row: &'a [u32],
+    /// Segment numbers.
+    pub member: &'a [i32],
+    /// Members of each segment.
+    pub sizes: &'a [f64],
+    /// Random-walk encoding `[K x steps]`; empty without one.
+    pub rwse: &'a [f32],
 }
 
 /// One recorded trajectory.
@@ -87,12 +111,14 @@ impl Components {
 }
 
 impl HostGraph {
-    /// Takes a serial graph and its segments apart.
-    pub fn new(mesh: &Mesh, graph: &Graph, segmentation: &Segmentation, spec: &ModelSpec) -> Result<Self> {
-        let nodes = graph.n_owned;
+    /// Turns a serial graph and its segments into index lists.
+    ///
+    /// Errors: [`Error::Model`] for a node type that the model does not know.
+    pub fn new(parts: &Parts, spec: &ModelSpec) -> Result<Self> {
+        let nodes = parts.node_types.len();
         let types = spec.node_types.len();
         let mut one_hot = vec![0.0; nodes * types];
-        for (node, &code) in graph.node_types[..nodes].iter().enumerate() {
+        for (node, &code) in parts.node_types.iter().enumerate() {
             let kind = NodeType::from_code(code)?;
             let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
                 let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
@@ -103,24 +129,24 @@ impl HostGraph {
         let mut member_node = Vec::new();
         let mut node_weight = Vec::with_capacity(nodes);
         for node in 0..nodes {
-            let members = segmentation.member_row[node] as usize..segmentation.member_row[node + 1] as usize;
+            let row = |i: usize| parts.member_row.get(i).map_or(0, |&r| r as usize);
+            let members = row(node)..row(node + 1);
             member_node.extend(members.clone().map(|_| node as i64));
             node_weight.push(1.0 / members.len().max(1) as f32);
         }
-        let rwse_steps = spec.architecture.segment_transformer.as_ref().map_or(0, |m| m.rwse_steps);
         Ok(HostGraph {
-            cells: graph.n_cells,
-            boundary: mesh.boundary.len(),
-            segments: segmentation.count,
-            senders: graph.senders.iter().map(|&i| i as i64).collect(),
-            receivers: graph.receivers.iter().map(|&i| i as i64).collect(),
-            edges: graph.edge_features.clone(),
+            cells: parts.n_cells,
+            boundary: nodes - parts.n_cells,
+            segments: parts.segments,
+            senders: parts.senders.iter().map(|&i| i as i64).collect(),
+            receivers: parts.receivers.iter().map(|&i| i as i64).collect(),
+            edges: parts.edge_features.to_vec(),
             one_hot,
             member_node,
-            member_segment: segmentation.member.iter().map(|&s| s as i64).collect(),
-            segment_weight: segmentation.sizes.iter().map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 }).collect(),
+            member_segment: parts.member.iter().map(|&s| s as i64).collect(),
+            segment_weight: parts.sizes.iter().map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 }).collect(),
             node_weight,
-            rwse: if rwse_steps > 0 { segmentation.rwse(rwse_steps) } else { Vec::new() },
+            rwse: parts.rwse.to_vec(),
         })
     }
 
@@ -185,7 +211,21 @@ impl Sample {
         let here = |e: Error| Error::file(path, e.to_string());
         let mut graph = Graph::new(mesh, &comm).map_err(here)?;
         let segmentation = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).map_err(here)?;
-        let host = HostGraph::new(mesh, &graph, &segmentation, spec).map_err(here)?;
+        let rwse_steps = spec.architecture.segment_transformer.as_ref().map_or(0, |m| m.rwse_steps);
+        let rwse = if rwse_steps > 0 { segmentation.rwse(rwse_steps) } else { Vec::new() };
+        let parts = Parts {
+            n_cells: graph.n_cells,
+            node_types: &graph.node_types[..graph.n_owned],
+            senders: &graph.senders,
+            receivers: &graph.receivers,
+            edge_features: &graph.edge_features,
+            segments: segmentation.count,
+            member_row: &segmentation.member_row,
+            member: &segmentation.member,
+            sizes: &segmentation.sizes,
+            rwse: &rwse,
+        };
+        let host = HostGraph::new(&parts, spec).map_err(here)?;
         let components = Components::new(spec);
         let (nodes, width, n_frames) = (mesh.n_nodes(), components.count, trajectory.times().len());
         let mut values = vec![0f32; n_frames * nodes * width];
