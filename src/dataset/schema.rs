@@ -41,7 +41,9 @@ impl FromStr for Split {
             "train" => Ok(Split::Train),
             "valid" => Ok(Split::Valid),
             "test" => Ok(Split::Test),
-            _ => Err(Error::Input(format!("split '{name}': expected train, valid or test"))),
+            _ => Err(Error::Input(format!(
+                "split '{name}': expected train, valid or test"
+            ))),
         }
     }
 }

@@ -13,7 +13,12 @@ pub(super) fn square() -> Mesh {
         owner,
         global,
         centre: [x, y, 0.5],
-        area: [x - centres[owner as usize][0], y - centres[owner as usize][1], 0.0].map(|a| 2.0 * a),
+        area: [
+            x - centres[owner as usize][0],
+            y - centres[owner as usize][1],
+            0.0,
+        ]
+        .map(|a| 2.0 * a),
         coeff: 2.0,
         kind,
         patch: i32::from(kind == NodeType::Inlet),
@@ -32,8 +37,20 @@ pub(super) fn square() -> Mesh {
             face(1, 2, 1.5, 0.0, NodeType::Wall),
         ],
         coupled: vec![
-            CoupledFace { owner: 1, rank: 0, global: 0, delta: [1.0, 0.0, 0.0], coeff: 1.0 },
-            CoupledFace { owner: 0, rank: 0, global: 1, delta: [-1.0, 0.0, 0.0], coeff: 1.0 },
+            CoupledFace {
+                owner: 1,
+                rank: 0,
+                global: 0,
+                delta: [1.0, 0.0, 0.0],
+                coeff: 1.0,
+            },
+            CoupledFace {
+                owner: 0,
+                rank: 0,
+                global: 1,
+                delta: [-1.0, 0.0, 0.0],
+                coeff: 1.0,
+            },
         ],
         patches: vec!["walls".into(), "inlet".into()],
     }
@@ -41,16 +58,30 @@ pub(super) fn square() -> Mesh {
 
 pub(super) fn fields() -> Vec<FieldMeta> {
     vec![
-        FieldMeta { name: "U".into(), vector: true, dimensions: [0, 1, -1, 0, 0, 0, 0] },
-        FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] },
+        FieldMeta {
+            name: "U".into(),
+            vector: true,
+            dimensions: [0, 1, -1, 0, 0, 0, 0],
+        },
+        FieldMeta {
+            name: "p".into(),
+            vector: false,
+            dimensions: [0, 2, -2, 0, 0, 0, 0],
+        },
     ]
 }
 
 pub(super) fn frames(i: usize) -> Vec<Frame> {
     let ramp = |n: usize, offset: f32| (0..n).map(|k| offset + i as f32 + 0.25 * k as f32).collect();
     vec![
-        Frame { cells: ramp(8, 0.0), boundary: ramp(6, 100.0) },
-        Frame { cells: ramp(4, 200.0), boundary: ramp(3, 300.0) },
+        Frame {
+            cells: ramp(8, 0.0),
+            boundary: ramp(6, 100.0),
+        },
+        Frame {
+            cells: ramp(4, 200.0),
+            boundary: ramp(3, 300.0),
+        },
     ]
 }
 
@@ -90,10 +121,16 @@ fn what_is_written_is_read() {
     assert_eq!(trajectory.fields(), fields());
     assert_eq!(trajectory.split(), Split::Test);
     assert_eq!(trajectory.provenance()["seed"], 7);
-    assert_eq!(trajectory.times(), [0, 1, 2, 3, 4].map(|i| 1.0 + 0.01 * f64::from(i)));
+    assert_eq!(
+        trajectory.times(),
+        [0, 1, 2, 3, 4].map(|i| 1.0 + 0.01 * f64::from(i))
+    );
     assert_eq!(trajectory.read_frame("U", 3).unwrap(), frames(3)[0]);
     let every_second = trajectory.read_frames("p", 0, 2, 3).unwrap();
-    assert_eq!(every_second, [frames(0)[1].clone(), frames(2)[1].clone(), frames(4)[1].clone()]);
+    assert_eq!(
+        every_second,
+        [frames(0)[1].clone(), frames(2)[1].clone(), frames(4)[1].clone()]
+    );
     assert_eq!(list(path.parent().unwrap()).unwrap(), [path.clone()]);
     assert_eq!(list(&path).unwrap(), [path.clone()]);
     // Only the file itself is there, of the size that HDF5 needs.
@@ -105,9 +142,18 @@ fn what_is_written_is_read() {
 fn no_boundary_faces_is_a_mesh_too() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.h5");
-    let mesh = Mesh { boundary: vec![], ..square() };
+    let mesh = Mesh {
+        boundary: vec![],
+        ..square()
+    };
     let mut writer = Writer::create(&path, &mesh, &options()).unwrap();
-    let frame: Vec<_> = frames(0).into_iter().map(|f| Frame { boundary: vec![], ..f }).collect();
+    let frame: Vec<_> = frames(0)
+        .into_iter()
+        .map(|f| Frame {
+            boundary: vec![],
+            ..f
+        })
+        .collect();
     writer.append(0.0, &frame).unwrap();
     writer.finish().unwrap();
     let trajectory = Trajectory::open(&path).unwrap();
@@ -120,9 +166,21 @@ fn a_frame_that_is_not_there() {
     let path = dir.path().join("a.h5");
     write(&path, 2);
     let trajectory = Trajectory::open(&path).unwrap();
-    assert!(trajectory.read_frame("U", 2).unwrap_err().to_string().contains("2 frames"));
+    assert!(
+        trajectory
+            .read_frame("U", 2)
+            .unwrap_err()
+            .to_string()
+            .contains("2 frames")
+    );
     assert!(trajectory.read_frames("U", 1, usize::MAX, 3).is_err());
-    assert!(trajectory.read_frame("T", 0).unwrap_err().to_string().contains("recorded are U, p"));
+    assert!(
+        trajectory
+            .read_frame("T", 0)
+            .unwrap_err()
+            .to_string()
+            .contains("recorded are U, p")
+    );
 }
 
 #[test]
@@ -131,7 +189,12 @@ fn unfinished_recordings_leave_nothing_and_are_not_listed() {
     let path = dir.path().join("a.h5");
     let mut writer = Writer::create(&path, &square(), &options()).unwrap();
     writer.append(0.0, &frames(0)).unwrap();
-    assert!(list(dir.path()).unwrap_err().to_string().contains("holds no trajectories"));
+    assert!(
+        list(dir.path())
+            .unwrap_err()
+            .to_string()
+            .contains("holds no trajectories")
+    );
     drop(writer);
     assert_eq!(dir.path().read_dir().unwrap().count(), 0);
     // A killed process leaves its partial file: not listed, and no obstacle to the next recording.
@@ -165,15 +228,29 @@ fn an_existing_file_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.h5");
     write(&path, 1);
-    let refused = Writer::create(&path, &square(), &options()).unwrap_err().to_string();
+    let refused = Writer::create(&path, &square(), &options())
+        .unwrap_err()
+        .to_string();
     assert!(refused.contains("exists already"), "{refused}");
-    let mut writer = Writer::create(&path, &square(), &WriteOptions { overwrite: true, ..options() }).unwrap();
+    let mut writer = Writer::create(
+        &path,
+        &square(),
+        &WriteOptions {
+            overwrite: true,
+            ..options()
+        },
+    )
+    .unwrap();
     assert_eq!(Trajectory::open(&path).unwrap().times().len(), 1);
     assert!(writer.finish().unwrap_err().to_string().contains("no frame"));
     assert_eq!(Trajectory::open(&path).unwrap().times().len(), 1);
-    let folder = Writer::create(dir.path(), &square(), &options()).unwrap_err().to_string();
+    let folder = Writer::create(dir.path(), &square(), &options())
+        .unwrap_err()
+        .to_string();
     assert!(folder.contains("is a folder"), "{folder}");
-    let nowhere = Writer::create("/proc/none/a.h5", &square(), &options()).unwrap_err().to_string();
+    let nowhere = Writer::create("/proc/none/a.h5", &square(), &options())
+        .unwrap_err()
+        .to_string();
     assert!(nowhere.contains("/proc/none"), "{nowhere}");
 }
 
@@ -199,15 +276,31 @@ fn files_that_are_no_trajectories() {
     assert!(make(&|f| f.delete_attr("complete").unwrap()).contains("not finished"));
     assert!(make(&|f| f.delete_attr("format").unwrap()).contains("not a trajectory"));
     let newer = make(&|f| f.attr("version").unwrap().write_scalar(&9u32).unwrap());
-    assert!(newer.contains("version 9") && newer.contains("up to 1"), "{newer}");
+    assert!(
+        newer.contains("version 9") && newer.contains("up to 1"),
+        "{newer}"
+    );
     let gone = make(&|f| f.unlink("mesh/face_owner").unwrap());
     assert!(gone.contains("mesh/face_owner"), "{gone}");
-    let label = make(&|f| f.dataset("mesh/face_owner").unwrap().write_raw(&[0, 1, 2, 4]).unwrap());
+    let label = make(&|f| {
+        f.dataset("mesh/face_owner")
+            .unwrap()
+            .write_raw(&[0, 1, 2, 4])
+            .unwrap()
+    });
     assert!(label.contains("face_owner[3] is 4"), "{label}");
-    let kind = make(&|f| f.dataset("mesh/boundary_type").unwrap().write_raw(&[1, 2, 77]).unwrap());
+    let kind = make(&|f| {
+        f.dataset("mesh/boundary_type")
+            .unwrap()
+            .write_raw(&[1, 2, 77])
+            .unwrap()
+    });
     assert!(kind.contains("node type code 77"), "{kind}");
     let frames = make(&|f| f.dataset("fields/p/cells").unwrap().resize((3, 4, 1)).unwrap());
-    assert!(frames.contains("/fields/p/cells") && frames.contains("[3, 4, 1]"), "{frames}");
+    assert!(
+        frames.contains("/fields/p/cells") && frames.contains("[3, 4, 1]"),
+        "{frames}"
+    );
 }
 
 #[test]
@@ -218,7 +311,11 @@ fn every_truncation_is_an_error() {
     let whole = std::fs::read(&path).unwrap();
     for length in (0..whole.len()).step_by(97) {
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(read_all(&path).is_err(), "truncated to {length} of {} bytes", whole.len());
+        assert!(
+            read_all(&path).is_err(),
+            "truncated to {length} of {} bytes",
+            whole.len()
+        );
     }
 }
 
@@ -234,14 +331,30 @@ fn a_full_disk_leaves_nothing() {
         mesh.cell_centres = vec![[0.0; 3]; n as usize];
         mesh.cell_volumes = vec![1.0; n as usize];
         let noise = |i: usize, n: usize| (0..n).map(|k| ((k * 7919 + i) as f32).sin()).collect::<Vec<_>>();
-        let frame = |i| vec![
-            Frame { cells: noise(i, 40_000), boundary: noise(i, 6) },
-            Frame { cells: noise(i, 20_000), boundary: noise(i, 3) },
-        ];
+        let frame = |i| {
+            vec![
+                Frame {
+                    cells: noise(i, 40_000),
+                    boundary: noise(i, 6),
+                },
+                Frame {
+                    cells: noise(i, 20_000),
+                    boundary: noise(i, 3),
+                },
+            ]
+        };
         let mut writer = Writer::create(path, &mesh, &options()).unwrap();
-        let error = (0..1000).find_map(|i| writer.append(i as f64, &frame(i)).err()).unwrap();
+        let error = (0..1000)
+            .find_map(|i| writer.append(i as f64, &frame(i)).err())
+            .unwrap();
         assert!(error.to_string().contains("file size limit"), "{error}");
-        assert!(writer.append(2000.0, &frame(0)).unwrap_err().to_string().contains("given up"));
+        assert!(
+            writer
+                .append(2000.0, &frame(0))
+                .unwrap_err()
+                .to_string()
+                .contains("given up")
+        );
         assert!(writer.finish().is_err());
         return;
     }

@@ -29,24 +29,39 @@ impl Trajectory {
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let file = open_file(path)?;
-        let source = Source { path, bytes: file_length(path)? };
+        let source = Source {
+            path,
+            bytes: file_length(path)?,
+        };
         let root = file.group("/").map_err(h5_error(path, "no root group"))?;
         source.check_header(&root)?;
         let provenance = source.text::<LONG>(&root, "provenance")?;
         let provenance = serde_json::from_str(&provenance)
             .map_err(|e| Error::file(path, format!("attribute provenance is not JSON: {e}")))?;
-        let split = source.text::<NAME>(&root, "split")?.parse().map_err(|e: Error| Error::file(path, e.to_string()))?;
+        let split = source
+            .text::<NAME>(&root, "split")?
+            .parse()
+            .map_err(|e: Error| Error::file(path, e.to_string()))?;
         let mesh = source.mesh(&file)?;
         let times: Vec<f64> = source.values(&file, "times", &[None])?;
         if let Some(i) = (1..times.len()).find(|&i| times[i] <= times[i - 1]) {
             let (a, b) = (times[i - 1], times[i]);
-            return Err(source.damaged(format!("times must increase, but frame {i} is at {b} s after {a} s")));
+            return Err(source.damaged(format!(
+                "times must increase, but frame {i} is at {b} s after {a} s"
+            )));
         }
         if times.iter().any(|t| !t.is_finite()) {
             return Err(source.damaged("a time is not finite".into()));
         }
         let fields = source.fields(&file, &mesh, times.len())?;
-        Ok(Trajectory { path: path.to_path_buf(), mesh, times, fields, provenance, split })
+        Ok(Trajectory {
+            path: path.to_path_buf(),
+            mesh,
+            times,
+            fields,
+            provenance,
+            split,
+        })
     }
 
     /// The file it was opened from.
@@ -86,7 +101,10 @@ impl Trajectory {
     pub fn field(&self, name: &str) -> Result<&FieldMeta> {
         self.fields.iter().find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<_> = self.fields.iter().map(|f| f.name.as_str()).collect();
-            Error::file(&self.path, format!("no field '{name}'; recorded are {}", names.join(", ")))
+            Error::file(
+                &self.path,
+                format!("no field '{name}'; recorded are {}", names.join(", ")),
+            )
         })
     }
 
@@ -96,7 +114,9 @@ impl Trajectory {
     /// [`Error::Input`] for a frame that is not there; [`Error::File`] for a damaged or vanished file.
     pub fn read_frame(&self, field: &str, frame: usize) -> Result<Frame> {
         let mut frames = self.read_frames(field, frame, 1, 1)?;
-        frames.pop().ok_or_else(|| Error::Internal("one frame asked for, none read".into()))
+        frames
+            .pop()
+            .ok_or_else(|| Error::Internal("one frame asked for, none read".into()))
     }
 
     /// Values of one field at frames `first`, `first + step`, ... (`count` of them).
@@ -132,12 +152,24 @@ impl Trajectory {
     }
 
     /// Opens a dataset again; the file may have been replaced since [`Trajectory::open`].
-    fn open_field(&self, file: &hdf5::File, field: &str, part: &str, rows: usize, c: usize) -> Result<hdf5::Dataset> {
+    fn open_field(
+        &self,
+        file: &hdf5::File,
+        field: &str,
+        part: &str,
+        rows: usize,
+        c: usize,
+    ) -> Result<hdf5::Dataset> {
         let name = format!("fields/{field}/{part}");
-        let dataset = file.dataset(&name).map_err(h5_error(&self.path, &format!("dataset /{name}")))?;
+        let dataset = file
+            .dataset(&name)
+            .map_err(h5_error(&self.path, &format!("dataset /{name}")))?;
         let expected = [self.times.len(), rows, c];
         if dataset.shape() != expected {
-            let message = format!("dataset /{name} has shape {:?}, expected {expected:?}", dataset.shape());
+            let message = format!(
+                "dataset /{name} has shape {:?}, expected {expected:?}",
+                dataset.shape()
+            );
             return Err(Error::file(&self.path, message));
         }
         Ok(dataset)
@@ -146,10 +178,16 @@ impl Trajectory {
     fn read_part(&self, dataset: &hdf5::Dataset, field: &str, frame: usize) -> Result<Vec<f32>> {
         let values = dataset
             .read_slice::<f32, _, ndarray::Ix2>((frame, .., ..))
-            .map_err(h5_error(&self.path, &format!("frame {frame} of {field} is damaged")))?;
+            .map_err(h5_error(
+                &self.path,
+                &format!("frame {frame} of {field} is damaged"),
+            ))?;
         let values = values.into_raw_vec_and_offset().0;
         if values.iter().any(|v| !v.is_finite()) {
-            return Err(Error::file(&self.path, format!("frame {frame} of {field} holds a value that is not finite")));
+            return Err(Error::file(
+                &self.path,
+                format!("frame {frame} of {field} holds a value that is not finite"),
+            ));
         }
         Ok(values)
     }
@@ -177,14 +215,19 @@ pub fn list(path: &Path) -> Result<Vec<PathBuf>> {
         }
     }
     if files.is_empty() {
-        return Err(Error::file(path, "holds no trajectories (*.h5); 'm4gn generate' or m4gnHarvest make them"));
+        return Err(Error::file(
+            path,
+            "holds no trajectories (*.h5); 'm4gn generate' or m4gnHarvest make them",
+        ));
     }
     files.sort();
     Ok(files)
 }
 
 fn file_length(path: &Path) -> Result<u64> {
-    path.metadata().map(|m| m.len()).map_err(|e| Error::file(path, format!("cannot be read: {e}")))
+    path.metadata()
+        .map(|m| m.len())
+        .map_err(|e| Error::file(path, format!("cannot be read: {e}")))
 }
 
 /// Opens read-only, without HDF5's lock (shared file systems often have none, and files never change).
@@ -196,7 +239,10 @@ fn open_file(path: &Path) -> Result<hdf5::File> {
         .and_then(|f| f.take(8).read_to_end(&mut head))
         .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
     if head != SIGNATURE {
-        return Err(Error::file(path, "is not an HDF5 file; expected a trajectory (*.h5) of m4gn"));
+        return Err(Error::file(
+            path,
+            "is not an HDF5 file; expected a trajectory (*.h5) of m4gn",
+        ));
     }
     hdf5::FileBuilder::new()
         .with_fapl(|p| p.file_locking(false).libver_v110())
@@ -217,26 +263,38 @@ impl Source<'_> {
 
     fn check_header(&self, root: &hdf5::Group) -> Result<()> {
         let format = self.text::<NAME>(root, "format").map_err(|_| {
-            Error::file(self.path, format!("is HDF5 but has no attribute format = \"{FORMAT}\": not a trajectory of m4gn"))
+            Error::file(
+                self.path,
+                format!("is HDF5 but has no attribute format = \"{FORMAT}\": not a trajectory of m4gn"),
+            )
         })?;
         if format != FORMAT {
-            return Err(Error::file(self.path, format!("attribute format is \"{format}\", expected \"{FORMAT}\"")));
+            return Err(Error::file(
+                self.path,
+                format!("attribute format is \"{format}\", expected \"{FORMAT}\""),
+            ));
         }
         let version = self.number(root, "version")?;
         if version == 0 || version > VERSION {
             return Err(Error::file(
                 self.path,
-                format!("schema version {version}, this m4gn reads up to {VERSION}: update m4gn or record again"),
+                format!(
+                    "schema version {version}, this m4gn reads up to {VERSION}: update m4gn or record again"
+                ),
             ));
         }
         if self.number(root, "complete").unwrap_or(0) != 1 {
-            return Err(Error::file(self.path, "the recording was not finished (no attribute complete = 1): record it again"));
+            return Err(Error::file(
+                self.path,
+                "the recording was not finished (no attribute complete = 1): record it again",
+            ));
         }
         Ok(())
     }
 
     fn attribute(&self, at: &hdf5::Location, name: &str) -> Result<hdf5::Attribute> {
-        at.attr(name).map_err(|_| self.damaged(format!("attribute {name} of {} is missing", at.name())))
+        at.attr(name)
+            .map_err(|_| self.damaged(format!("attribute {name} of {} is missing", at.name())))
     }
 
     fn text<const N: usize>(&self, at: &hdf5::Location, name: &str) -> Result<String> {
@@ -258,7 +316,11 @@ impl Source<'_> {
     fn numbers(&self, at: &hdf5::Location, name: &str, most: usize) -> Result<Vec<i32>> {
         let attribute = self.attribute(at, name)?;
         if attribute.size() > most {
-            return Err(self.damaged(format!("attribute {name} of {} has {} values", at.name(), attribute.size())));
+            return Err(self.damaged(format!(
+                "attribute {name} of {} has {} values",
+                at.name(),
+                attribute.size()
+            )));
         }
         attribute
             .read_raw()
@@ -266,15 +328,28 @@ impl Source<'_> {
     }
 
     /// A dataset as a flat vector, of the given shape where given.
-    fn values<T: hdf5::H5Type>(&self, file: &hdf5::Group, name: &str, shape: &[Option<usize>]) -> Result<Vec<T>> {
-        let dataset = file.dataset(name).map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
+    fn values<T: hdf5::H5Type>(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        shape: &[Option<usize>],
+    ) -> Result<Vec<T>> {
+        let dataset = file
+            .dataset(name)
+            .map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
         let found = dataset.shape();
-        let fits = found.len() == shape.len() && found.iter().zip(shape).all(|(f, s)| s.is_none_or(|s| s == *f));
+        let fits =
+            found.len() == shape.len() && found.iter().zip(shape).all(|(f, s)| s.is_none_or(|s| s == *f));
         let size = found.iter().try_fold(size_of::<T>(), |a, &n| a.checked_mul(n));
         if !fits || size.is_none_or(|s| s as u64 > self.bytes) {
-            return Err(self.damaged(format!("dataset /{name} has shape {found:?}, expected {}", shown(shape))));
+            return Err(self.damaged(format!(
+                "dataset /{name} has shape {found:?}, expected {}",
+                shown(shape)
+            )));
         }
-        dataset.read_raw().map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
+        dataset
+            .read_raw()
+            .map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
     }
 
     fn vectors(&self, file: &hdf5::Group, name: &str, rows: Option<usize>) -> Result<Vec<[f64; 3]>> {
@@ -285,18 +360,28 @@ impl Source<'_> {
     /// Labels, checked to be in `0..end`.
     fn labels(&self, file: &hdf5::Group, name: &str, rows: Option<usize>, end: usize) -> Result<Vec<i32>> {
         let labels: Vec<i32> = self.values(file, name, &[rows])?;
-        match labels.iter().position(|&l| usize::try_from(l).map_or(true, |l| l >= end)) {
-            Some(i) => Err(self.damaged(format!("/{name}[{i}] is {}, expected 0 to below {end}", labels[i]))),
+        match labels
+            .iter()
+            .position(|&l| usize::try_from(l).map_or(true, |l| l >= end))
+        {
+            Some(i) => Err(self.damaged(format!(
+                "/{name}[{i}] is {}, expected 0 to below {end}",
+                labels[i]
+            ))),
             None => Ok(labels),
         }
     }
 
     fn mesh(&self, file: &hdf5::File) -> Result<Mesh> {
-        let group = file.group("mesh").map_err(|e| self.damaged(format!("group /mesh cannot be opened ({e})")))?;
+        let group = file
+            .group("mesh")
+            .map_err(|e| self.damaged(format!("group /mesh cannot be opened ({e})")))?;
         let directions = self.numbers(&group, "directions", 3)?;
         let increasing = directions.windows(2).all(|w| w[0] < w[1]);
         if directions.len() < 2 || !increasing || directions.iter().any(|d| !(0..3).contains(d)) {
-            return Err(self.damaged(format!("solved directions {directions:?}, expected two or three of 0, 1, 2")));
+            return Err(self.damaged(format!(
+                "solved directions {directions:?}, expected two or three of 0, 1, 2"
+            )));
         }
         let cell_volumes: Vec<f64> = self.values(file, "mesh/cell_volumes", &[None])?;
         let n = cell_volumes.len();
@@ -328,7 +413,10 @@ impl Source<'_> {
             .map_err(|e| self.damaged(format!("attribute patch_names of /mesh is not text ({e})")))?;
         names
             .iter()
-            .map(|n| String::from_utf8(n.as_bytes().to_vec()).map_err(|_| self.damaged("a patch name is not UTF-8".into())))
+            .map(|n| {
+                String::from_utf8(n.as_bytes().to_vec())
+                    .map_err(|_| self.damaged("a patch name is not UTF-8".into()))
+            })
             .collect()
     }
 
@@ -342,7 +430,8 @@ impl Source<'_> {
         let area = self.vectors(file, "mesh/boundary_area", b)?;
         (0..coeff.len())
             .map(|i| {
-                let kind = NodeType::from_code(kind[i]).map_err(|e| self.damaged(format!("/mesh/boundary_type[{i}]: {e}")))?;
+                let kind = NodeType::from_code(kind[i])
+                    .map_err(|e| self.damaged(format!("/mesh/boundary_type[{i}]: {e}")))?;
                 Ok(BoundaryFace {
                     owner: owner[i],
                     global: i as i64,
@@ -364,31 +453,52 @@ impl Source<'_> {
         let c = Some(coeff.len());
         let owner = self.labels(file, "mesh/coupled_owner", c, n_cells)?;
         let neighbour: Vec<i64> = self.values(file, "mesh/coupled_neighbour", &[c])?;
-        if let Some(g) = neighbour.iter().find(|&&g| usize::try_from(g).map_or(true, |g| g >= n_cells)) {
+        if let Some(g) = neighbour
+            .iter()
+            .find(|&&g| usize::try_from(g).map_or(true, |g| g >= n_cells))
+        {
             return Err(self.damaged(format!("a cyclic face leads to cell {g} of {n_cells}")));
         }
         let delta = self.vectors(file, "mesh/coupled_delta", c)?;
-        let faces = (0..coeff.len())
-            .map(|i| CoupledFace { owner: owner[i], rank: 0, global: neighbour[i], delta: delta[i], coeff: coeff[i] });
+        let faces = (0..coeff.len()).map(|i| CoupledFace {
+            owner: owner[i],
+            rank: 0,
+            global: neighbour[i],
+            delta: delta[i],
+            coeff: coeff[i],
+        });
         Ok(faces.collect())
     }
 
     fn fields(&self, file: &hdf5::File, mesh: &Mesh, n_frames: usize) -> Result<Vec<FieldMeta>> {
-        let group = file.group("fields").map_err(|e| self.damaged(format!("group /fields cannot be opened ({e})")))?;
-        let mut names = group.member_names().map_err(|e| self.damaged(format!("group /fields cannot be listed ({e})")))?;
+        let group = file
+            .group("fields")
+            .map_err(|e| self.damaged(format!("group /fields cannot be opened ({e})")))?;
+        let mut names = group
+            .member_names()
+            .map_err(|e| self.damaged(format!("group /fields cannot be listed ({e})")))?;
         names.sort();
         let mut fields = Vec::with_capacity(names.len());
         for name in names {
-            let at = group.group(&name).map_err(|e| self.damaged(format!("group /fields/{name} cannot be opened ({e})")))?;
+            let at = group
+                .group(&name)
+                .map_err(|e| self.damaged(format!("group /fields/{name} cannot be opened ({e})")))?;
             let vector = self.number(&at, "vector")? != 0;
             let dimensions = self.numbers(&at, "dimensions", 7)?;
-            let dimensions = <[i32; 7]>::try_from(dimensions)
-                .map_err(|d| self.damaged(format!("field {name} has dimensions {d:?}, expected 7 exponents")))?;
-            let meta = FieldMeta { name, vector, dimensions };
+            let dimensions = <[i32; 7]>::try_from(dimensions).map_err(|d| {
+                self.damaged(format!("field {name} has dimensions {d:?}, expected 7 exponents"))
+            })?;
+            let meta = FieldMeta {
+                name,
+                vector,
+                dimensions,
+            };
             let c = meta.components(mesh.dim());
             for (part, rows) in [("cells", mesh.n_cells()), ("boundary", mesh.boundary.len())] {
                 let name = format!("/fields/{}/{part}", meta.name);
-                let found = at.dataset(part).map_err(|e| self.damaged(format!("dataset {name} cannot be opened ({e})")))?;
+                let found = at
+                    .dataset(part)
+                    .map_err(|e| self.damaged(format!("dataset {name} cannot be opened ({e})")))?;
                 if found.shape() != [n_frames, rows, c] {
                     return Err(self.damaged(format!(
                         "dataset {name} has shape {:?}, expected [{n_frames}, {rows}, {c}]",
@@ -403,6 +513,9 @@ impl Source<'_> {
 }
 
 fn shown(shape: &[Option<usize>]) -> String {
-    let parts: Vec<_> = shape.iter().map(|s| s.map_or("any".to_string(), |n| n.to_string())).collect();
+    let parts: Vec<_> = shape
+        .iter()
+        .map(|s| s.map_or("any".to_string(), |n| n.to_string()))
+        .collect();
     format!("[{}]", parts.join(", "))
 }

@@ -66,13 +66,17 @@ impl Writer {
     pub fn create(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -> Result<Self> {
         quiet();
         let path = path.as_ref();
-        let name = path
-            .file_name()
-            .ok_or_else(|| Error::file(path, "is not the name of a file; expected a path that ends in .h5"))?;
+        let name = path.file_name().ok_or_else(|| {
+            Error::file(
+                path,
+                "is not the name of a file; expected a path that ends in .h5",
+            )
+        })?;
         options.fields.iter().try_for_each(FieldMeta::check)?;
         check_absent(path, options.overwrite)?;
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
+            std::fs::create_dir_all(folder)
+                .map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
         }
         let mut partial = OsString::from(".");
         partial.push(name);
@@ -114,7 +118,12 @@ impl Writer {
         }
         write_mesh(path, &file, mesh)?;
         let error = || h5_error(path, "cannot make the datasets");
-        let times = file.new_dataset::<f64>().shape((0..,)).chunk((1024,)).create("times").map_err(error())?;
+        let times = file
+            .new_dataset::<f64>()
+            .shape((0..,))
+            .chunk((1024,))
+            .create("times")
+            .map_err(error())?;
         let group = file.create_group("fields").map_err(error())?;
         let (n, b) = (mesh.n_cells(), mesh.boundary.len());
         let mut fields = Vec::with_capacity(options.fields.len());
@@ -137,7 +146,13 @@ impl Writer {
         }
         file.flush().map_err(error())?;
         let values: usize = fields.iter().map(|f| f.components * (n + b)).sum();
-        self.open = Some(Open { file, times, fields, space, frame_bytes: 4 * values as u64 });
+        self.open = Some(Open {
+            file,
+            times,
+            fields,
+            space,
+            frame_bytes: 4 * values as u64,
+        });
         Ok(())
     }
 
@@ -150,7 +165,10 @@ impl Writer {
     pub fn append(&mut self, time: f64, frames: &[Frame]) -> Result<()> {
         let open = self.open.as_ref().ok_or_else(|| closed(&self.path))?;
         if !time.is_finite() || time <= self.last_time {
-            return Err(Error::Input(format!("frame at {time} s after one at {} s: times must increase", self.last_time)));
+            return Err(Error::Input(format!(
+                "frame at {time} s after one at {} s: times must increase",
+                self.last_time
+            )));
         }
         open.check(time, frames)?;
         match open.append(&self.path, self.n_frames, time, frames) {
@@ -176,7 +194,10 @@ impl Writer {
         let open = self.open.take().ok_or_else(|| closed(&self.path))?;
         let result = if self.n_frames == 0 {
             drop(open);
-            Err(Error::file(&self.path, "no frame was recorded: check the time span of the recording"))
+            Err(Error::file(
+                &self.path,
+                "no frame was recorded: check the time span of the recording",
+            ))
         } else {
             open.finish(&self.path).and_then(|()| self.rename())
         };
@@ -185,10 +206,15 @@ impl Writer {
 
     fn rename(&self) -> Result<()> {
         check_absent(&self.path, self.overwrite)?;
-        let failed = |e: std::io::Error| Error::file(&self.path, format!("cannot be given its final name: {e}"));
+        let failed =
+            |e: std::io::Error| Error::file(&self.path, format!("cannot be given its final name: {e}"));
         std::fs::rename(&self.partial, &self.path).map_err(failed)?;
         // The new name is only safe once the folder itself is on the disk; some file systems cannot do this.
-        let folder = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = self
+            .path
+            .parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
         let _ = std::fs::File::open(folder).and_then(|f| f.sync_all());
         Ok(())
     }
@@ -212,11 +238,18 @@ impl Drop for Writer {
 impl Open {
     fn check(&self, time: f64, frames: &[Frame]) -> Result<()> {
         if frames.len() != self.fields.len() {
-            return Err(Error::Input(format!("{} fields given, {} declared", frames.len(), self.fields.len())));
+            return Err(Error::Input(format!(
+                "{} fields given, {} declared",
+                frames.len(),
+                self.fields.len()
+            )));
         }
         for (field, frame) in self.fields.iter().zip(frames) {
             let name = &field.name;
-            let (n, b) = (field.n_cells * field.components, field.n_boundary * field.components);
+            let (n, b) = (
+                field.n_cells * field.components,
+                field.n_boundary * field.components,
+            );
             if frame.cells.len() != n || frame.boundary.len() != b {
                 return Err(Error::Input(format!(
                     "field {name}: {} cell and {} boundary values given, expected {n} and {b}",
@@ -239,7 +272,10 @@ impl Open {
             self.times.resize((index + 1,))?;
             self.times.write_slice(&[time], (index..index + 1,))?;
             for (field, frame) in self.fields.iter().zip(frames) {
-                let parts = [(&field.cells, field.n_cells, &frame.cells), (&field.boundary, field.n_boundary, &frame.boundary)];
+                let parts = [
+                    (&field.cells, field.n_cells, &frame.cells),
+                    (&field.boundary, field.n_boundary, &frame.boundary),
+                ];
                 for (dataset, rows, values) in parts {
                     dataset.resize((index + 1, rows, field.components))?;
                     let view = ArrayView2::from_shape((rows, field.components), values)
@@ -275,10 +311,16 @@ fn closed(path: &Path) -> Error {
 
 fn check_absent(path: &Path, overwrite: bool) -> Result<()> {
     if path.is_dir() {
-        return Err(Error::file(path, "is a folder; expected the name of a file to write"));
+        return Err(Error::file(
+            path,
+            "is a folder; expected the name of a file to write",
+        ));
     }
     if !overwrite && path.exists() {
-        return Err(Error::file(path, "exists already; remove it, choose another name, or allow overwriting"));
+        return Err(Error::file(
+            path,
+            "exists already; remove it, choose another name, or allow overwriting",
+        ));
     }
     Ok(())
 }
@@ -300,14 +342,21 @@ fn reserve(file: &std::fs::File, path: &Path, end: u64, bytes: u64) -> Result<()
             let free = free.map_or(String::new(), |f| format!(", {} free there", size(f)));
             Err(Error::file(
                 path,
-                format!("{why}: {} more needed at {}{free}. Nothing of the recording is kept", size(bytes), size(end)),
+                format!(
+                    "{why}: {} more needed at {}{free}. Nothing of the recording is kept",
+                    size(bytes),
+                    size(end)
+                ),
             ))
         }
         // A file system that cannot reserve (NFS before 4.2): compare with what is free.
         Err(_) => match fstatvfs(file) {
             Ok(s) if s.f_blocks > 0 && s.f_bavail.saturating_mul(s.f_frsize) < bytes => {
                 let free = size(s.f_bavail.saturating_mul(s.f_frsize));
-                let message = format!("the disk is full: {} needed, {free} free. Nothing of the recording is kept", size(bytes));
+                let message = format!(
+                    "the disk is full: {} needed, {free} free. Nothing of the recording is kept",
+                    size(bytes)
+                );
                 Err(Error::file(path, message))
             }
             _ => Ok(()),
@@ -317,15 +366,25 @@ fn reserve(file: &std::fs::File, path: &Path, end: u64, bytes: u64) -> Result<()
 
 /// Bytes for people.
 fn size(bytes: u64) -> String {
-    if bytes >= 1 << 20 { format!("{:.1} MiB", bytes as f64 / 1048576.0) } else { format!("{} KiB", bytes.div_ceil(1024)) }
+    if bytes >= 1 << 20 {
+        format!("{:.1} MiB", bytes as f64 / 1048576.0)
+    } else {
+        format!("{} KiB", bytes.div_ceil(1024))
+    }
 }
 
 /// Size of the mesh's datasets, bytes (generously); fails for meshes whose labels do not fit.
 fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
     let canonical = mesh.cell_global.iter().enumerate().all(|(i, &g)| g == i as i64);
-    let boundary = mesh.boundary.iter().enumerate().all(|(i, f)| f.global == i as i64);
+    let boundary = mesh
+        .boundary
+        .iter()
+        .enumerate()
+        .all(|(i, f)| f.global == i as i64);
     if !canonical || !boundary {
-        return Err(Error::Internal("a mesh is written that is not in global order".into()));
+        return Err(Error::Internal(
+            "a mesh is written that is not in global order".into(),
+        ));
     }
     let rows = mesh.n_cells() + mesh.face_coeff.len() + mesh.boundary.len() + mesh.coupled.len();
     Ok(96 * rows as u64)
@@ -333,7 +392,11 @@ fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
 
 fn frames_dataset(group: &Group, name: &str, rows: usize, c: usize) -> hdf5::Result<Dataset> {
     // HDF5 refuses empty chunks and fixed dimensions below the chunk's.
-    let rows_extent = if rows == 0 { hdf5::Extent::from(0..) } else { hdf5::Extent::from(rows) };
+    let rows_extent = if rows == 0 {
+        hdf5::Extent::from(0..)
+    } else {
+        hdf5::Extent::from(rows)
+    };
     group
         .new_dataset::<f32>()
         .shape([hdf5::Extent::from(0..), rows_extent, hdf5::Extent::from(c)])
@@ -360,11 +423,18 @@ fn number(path: &Path, at: &hdf5::Location, name: &str, value: u32) -> Result<()
 }
 
 fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
-    let names = mesh.patches.iter().map(|p| h5_text(p)).collect::<Result<Vec<Text<NAME>>>>()?;
+    let names = mesh
+        .patches
+        .iter()
+        .map(|p| h5_text(p))
+        .collect::<Result<Vec<Text<NAME>>>>()?;
     let directions: Vec<i32> = mesh.directions.iter().map(|&d| d as i32).collect();
     let write = || -> hdf5::Result<()> {
         let group = file.create_group("mesh")?;
-        group.new_attr_builder().with_data(&directions).create("directions")?;
+        group
+            .new_attr_builder()
+            .with_data(&directions)
+            .create("directions")?;
         group.new_attr_builder().with_data(&names).create("patch_names")?;
         vectors(&group, "cell_centres", mesh.cell_centres.iter())?;
         scalars(&group, "cell_volumes", &mesh.cell_volumes)?;
@@ -372,17 +442,45 @@ fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
         scalars(&group, "face_neighbour", &mesh.face_neighbour)?;
         scalars(&group, "face_coeff", &mesh.face_coeff)?;
         let b = &mesh.boundary;
-        scalars(&group, "boundary_owner", &b.iter().map(|f| f.owner).collect::<Vec<_>>())?;
-        scalars(&group, "boundary_type", &b.iter().map(|f| f.kind as i32).collect::<Vec<_>>())?;
-        scalars(&group, "boundary_patch", &b.iter().map(|f| f.patch).collect::<Vec<_>>())?;
-        scalars(&group, "boundary_coeff", &b.iter().map(|f| f.coeff).collect::<Vec<_>>())?;
+        scalars(
+            &group,
+            "boundary_owner",
+            &b.iter().map(|f| f.owner).collect::<Vec<_>>(),
+        )?;
+        scalars(
+            &group,
+            "boundary_type",
+            &b.iter().map(|f| f.kind as i32).collect::<Vec<_>>(),
+        )?;
+        scalars(
+            &group,
+            "boundary_patch",
+            &b.iter().map(|f| f.patch).collect::<Vec<_>>(),
+        )?;
+        scalars(
+            &group,
+            "boundary_coeff",
+            &b.iter().map(|f| f.coeff).collect::<Vec<_>>(),
+        )?;
         vectors(&group, "boundary_centres", b.iter().map(|f| &f.centre))?;
         vectors(&group, "boundary_area", b.iter().map(|f| &f.area))?;
         let c = &mesh.coupled;
         if !c.is_empty() {
-            scalars(&group, "coupled_owner", &c.iter().map(|f| f.owner).collect::<Vec<_>>())?;
-            scalars(&group, "coupled_neighbour", &c.iter().map(|f| f.global).collect::<Vec<_>>())?;
-            scalars(&group, "coupled_coeff", &c.iter().map(|f| f.coeff).collect::<Vec<_>>())?;
+            scalars(
+                &group,
+                "coupled_owner",
+                &c.iter().map(|f| f.owner).collect::<Vec<_>>(),
+            )?;
+            scalars(
+                &group,
+                "coupled_neighbour",
+                &c.iter().map(|f| f.global).collect::<Vec<_>>(),
+            )?;
+            scalars(
+                &group,
+                "coupled_coeff",
+                &c.iter().map(|f| f.coeff).collect::<Vec<_>>(),
+            )?;
             vectors(&group, "coupled_delta", c.iter().map(|f| &f.delta))?;
         }
         Ok(())
@@ -391,11 +489,20 @@ fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
 }
 
 fn scalars<T: hdf5::H5Type>(group: &Group, name: &str, values: &[T]) -> hdf5::Result<()> {
-    group.new_dataset_builder().with_data(values).create(name).map(|_| ())
+    group
+        .new_dataset_builder()
+        .with_data(values)
+        .create(name)
+        .map(|_| ())
 }
 
 fn vectors<'a>(group: &Group, name: &str, values: impl Iterator<Item = &'a [f64; 3]>) -> hdf5::Result<()> {
     let flat: Vec<f64> = values.flatten().copied().collect();
-    let view = ArrayView2::from_shape((flat.len() / 3, 3), &flat).map_err(|e| hdf5::Error::Internal(e.to_string()))?;
-    group.new_dataset_builder().with_data(view).create(name).map(|_| ())
+    let view = ArrayView2::from_shape((flat.len() / 3, 3), &flat)
+        .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
+    group
+        .new_dataset_builder()
+        .with_data(view)
+        .create(name)
+        .map(|_| ())
 }
