@@ -1,1 +1,2 @@
 //! ffi
+pub mod foam_bridge;
