@@ -12,7 +12,14 @@ const HINT: &str = "Type\n    eval \"$(setup/openfoam.sh --export)\"\nbefore car
 /// Debian's libOpenFOAM is v1912 with 32-bit labels and doubles.
 const DEFINES: &str = "OPENFOAM=1912 WM_DP WM_LABEL_SIZE=32 NoRepository";
 
-const LIBRARIES: [&str; 6] = ["OpenFOAM", "finiteVolume", "meshTools", "reconstruct", "genericPatchFields", "Pstream"];
+const LIBRARIES: [&str; 6] = [
+    "OpenFOAM",
+    "finiteVolume",
+    "meshTools",
+    "reconstruct",
+    "genericPatchFields",
+    "Pstream",
+];
 
 fn stop(message: &str) -> ! {
     eprintln!("error: the OpenFOAM bridge cannot be built: {message}.\n{HINT}");
@@ -25,7 +32,13 @@ fn variable(name: &str) -> Option<String> {
 }
 
 fn main() {
-    for file in ["src/lib.rs", "src/FoamCase.H", "src/FoamData.H", "src/FoamCase.C", "src/FoamFields.C"] {
+    for file in [
+        "src/lib.rs",
+        "src/FoamCase.H",
+        "src/FoamData.H",
+        "src/FoamCase.C",
+        "src/FoamFields.C",
+    ] {
         println!("cargo:rerun-if-changed={file}");
     }
     let Some(includes) = variable("M4GN_FOAM_INCLUDES") else {
@@ -39,30 +52,43 @@ fn main() {
     let includes: Vec<&str> = includes.split(':').filter(|d| !d.is_empty()).collect();
     for header in ["Time.H", "fvMesh.H", "fvFieldReconstructor.H"] {
         if !includes.iter().any(|d| Path::new(d).join(header).exists()) {
-            stop(&format!("{header} is in none of the folders of M4GN_FOAM_INCLUDES ({})", includes.join(", ")))
+            stop(&format!(
+                "{header} is in none of the folders of M4GN_FOAM_INCLUDES ({})",
+                includes.join(", ")
+            ))
         }
     }
     for library in LIBRARIES {
         let name = format!("lib{library}.so");
         if !Path::new(&lib_dir).join(&name).exists() && !Path::new(&mpi_dir).join(&name).exists() {
-            stop(&format!("{name} is neither in {lib_dir} nor in {mpi_dir} (M4GN_FOAM_LIBDIR, M4GN_FOAM_MPI_LIBDIR)"))
+            stop(&format!(
+                "{name} is neither in {lib_dir} nor in {mpi_dir} (M4GN_FOAM_LIBDIR, M4GN_FOAM_MPI_LIBDIR)"
+            ))
         }
     }
 
     let mut build = cxx_build::bridge("src/lib.rs");
-    build.files(["src/FoamCase.C", "src/FoamFields.C"]).include("src").warnings(false);
+    build
+        .files(["src/FoamCase.C", "src/FoamFields.C"])
+        .include("src")
+        .warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {
         build.flag(format!("-isystem{dir}"));
     }
     for define in defines.split_whitespace() {
         let define = define.strip_prefix("-D").unwrap_or(define);
-        let (name, value) = define.split_once('=').map_or((define, None), |(n, v)| (n, Some(v)));
+        let (name, value) = define
+            .split_once('=')
+            .map_or((define, None), |(n, v)| (n, Some(v)));
         build.define(name, value);
     }
     // ListLoopM.H of v1912 puts __restrict__ on pointers that do alias: with it, GCC 12 gives wrong tensor products.
     build.define("__restrict__", "");
-    build.flag(format!("-std=c++{standard}")).flag("-Wno-old-style-cast").flag("-fno-math-errno");
+    build
+        .flag(format!("-std=c++{standard}"))
+        .flag("-Wno-old-style-cast")
+        .flag("-fno-math-errno");
     build.compile("m4gn_foam_case");
 
     println!("cargo:rustc-link-search=native={lib_dir}");

@@ -58,7 +58,9 @@ fn guarded(f: impl FnOnce() -> Result<(), String>) -> i32 {
         Ok(Err(message)) => message,
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
-            let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message");
+            let text = text
+                .or_else(|| panic.downcast_ref::<&str>().copied())
+                .unwrap_or("a panic without a message");
             format!("internal error of the OpenFOAM bridge: {text}")
         }
     };
@@ -73,7 +75,9 @@ unsafe fn utf8<'a>(text: *const c_char) -> Result<&'a str, String> {
         return Err("expected a string, found a null pointer".into());
     }
     // SAFETY: not null, and a C string by this function's contract.
-    unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| "expected UTF-8 text".into())
+    unsafe { CStr::from_ptr(text) }
+        .to_str()
+        .map_err(|_| "expected UTF-8 text".into())
 }
 
 /// Version of the interface that this library was built with.
@@ -103,7 +107,11 @@ pub unsafe extern "C" fn m4gn_foam_open(path: *const c_char, case: *mut *mut Cas
         // SAFETY: this function's contract.
         let path = unsafe { utf8(path) }?;
         let foam = foam::open_case(path).map_err(|e| e.to_string())?;
-        let opened = Box::new(Case { foam, json: CString::default(), data: Vec::new() });
+        let opened = Box::new(Case {
+            foam,
+            json: CString::default(),
+            data: Vec::new(),
+        });
         // SAFETY: as above.
         unsafe { *case = Box::into_raw(opened) };
         Ok(())
@@ -177,9 +185,7 @@ pub unsafe extern "C" fn m4gn_foam_query(
 }
 
 fn as_json(case: &foam::Description) -> serde_json::Value {
-    let patch = |p: &foam::Patch| {
-        json!({ "name": p.name, "kind": p.kind, "faces": p.faces, "lower": p.lower, "upper": p.upper })
-    };
+    let patch = |p: &foam::Patch| json!({ "name": p.name, "kind": p.kind, "faces": p.faces, "lower": p.lower, "upper": p.upper });
     json!({
         "path": case.path,
         "application": case.application,
@@ -199,7 +205,12 @@ fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx:
         Query::CellCentres => case.cell_centres()?,
         Query::Polygons => {
             let polygons = case.polygons()?;
-            polygons.start.iter().map(|&s| s as f64).chain(polygons.points).collect()
+            polygons
+                .start
+                .iter()
+                .map(|&s| s as f64)
+                .chain(polygons.points)
+                .collect()
         }
         Query::HasField { name, time } => vec![f64::from(u8::from(case.has_field(&name, time)?))],
         Query::Scalar { name, time } => case.scalar_field(&name, time)?,

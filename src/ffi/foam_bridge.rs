@@ -38,7 +38,10 @@ static LOADED: OnceLock<Result<FoamBridge>> = OnceLock::new();
 
 /// The bridge, loaded from `path` the first time.
 pub fn load(path: &Path) -> Result<&'static FoamBridge> {
-    LOADED.get_or_init(|| FoamBridge::load(path)).as_ref().map_err(Clone::clone)
+    LOADED
+        .get_or_init(|| FoamBridge::load(path))
+        .as_ref()
+        .map_err(Clone::clone)
 }
 
 impl FoamBridge {
@@ -67,13 +70,16 @@ impl FoamBridge {
         // SAFETY: the initialisers of OpenFOAM's libraries need WM_PROJECT_DIR, which is set.
         let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_GLOBAL) }.map_err(failed)?;
         // SAFETY: the signature is the library's, of every version.
-        let version = unsafe { library.get::<unsafe extern "C" fn() -> u32>(b"m4gn_foam_abi_version") }.map_err(failed)?;
+        let version = unsafe { library.get::<unsafe extern "C" fn() -> u32>(b"m4gn_foam_abi_version") }
+            .map_err(failed)?;
         // SAFETY: takes nothing and returns a number.
         let version = unsafe { version() };
         if version != ABI_VERSION {
             return Err(Error::file(
                 path,
-                format!("expected interface version {ABI_VERSION}, found {version}. Build both with setup/build.sh"),
+                format!(
+                    "expected interface version {ABI_VERSION}, found {version}. Build both with setup/build.sh"
+                ),
             ));
         }
         // SAFETY: the types are those of cpp/src/abi.rs at this version.
@@ -124,7 +130,8 @@ impl CaseHandle {
     pub fn describe(&mut self) -> Result<String> {
         let mut json = ptr::null();
         // SAFETY: an open case and a place for a pointer.
-        self.bridge.check(unsafe { (self.bridge.describe)(self.handle, &mut json) })?;
+        self.bridge
+            .check(unsafe { (self.bridge.describe)(self.handle, &mut json) })?;
         // SAFETY: status 0 means a C string that is valid until the next call on this case.
         Ok(unsafe { CStr::from_ptr(json) }.to_string_lossy().into_owned())
     }
@@ -134,7 +141,8 @@ impl CaseHandle {
         let request = text(&request.to_string())?;
         let (mut data, mut count) = (ptr::null(), 0);
         // SAFETY: an open case, a C string and places for the answer.
-        self.bridge.check(unsafe { (self.bridge.query)(self.handle, request.as_ptr(), &mut data, &mut count) })?;
+        self.bridge
+            .check(unsafe { (self.bridge.query)(self.handle, request.as_ptr(), &mut data, &mut count) })?;
         if count == 0 {
             return Ok(Vec::new());
         }

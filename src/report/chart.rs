@@ -24,7 +24,11 @@ pub const GREY: (u8, u8, u8) = (120, 120, 120);
 impl Series {
     /// A curve through `x`, `y`.
     pub fn new(name: &str, x: &[f64], y: &[f64], colour: (u8, u8, u8)) -> Self {
-        Series { name: name.into(), points: x.iter().copied().zip(y.iter().copied()).collect(), colour }
+        Series {
+            name: name.into(),
+            points: x.iter().copied().zip(y.iter().copied()).collect(),
+            colour,
+        }
     }
 }
 
@@ -49,14 +53,22 @@ impl Chart {
     pub fn svg(&self) -> Result<String> {
         let mut svg = String::new();
         let area = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
-        self.draw(&area).map_err(|e| Error::Internal(format!("chart of {}: {e}", self.y_label)))?;
+        self.draw(&area)
+            .map_err(|e| Error::Internal(format!("chart of {}: {e}", self.y_label)))?;
         drop(area);
         Ok(svg)
     }
 
     fn range(&self, of: impl Fn(&(f64, f64)) -> f64) -> Option<(f64, f64)> {
-        let values = self.series.iter().flat_map(|s| &s.points).filter(|p| p.0.is_finite() && p.1.is_finite()).map(of);
-        values.fold(None, |range: Option<(f64, f64)>, v| Some(range.map_or((v, v), |(l, h)| (l.min(v), h.max(v)))))
+        let values = self
+            .series
+            .iter()
+            .flat_map(|s| &s.points)
+            .filter(|p| p.0.is_finite() && p.1.is_finite())
+            .map(of);
+        values.fold(None, |range: Option<(f64, f64)>, v| {
+            Some(range.map_or((v, v), |(l, h)| (l.min(v), h.max(v))))
+        })
     }
 
     fn draw<B: DrawingBackend>(
@@ -69,8 +81,16 @@ impl Chart {
         if self.from_zero {
             (low, high) = (low.min(0.0), high.max(0.0));
         }
-        let margin = if high > low { 0.06 * (high - low) } else { 0.5 * high.abs().max(1e-12) };
-        let floor = if self.from_zero && low == 0.0 { 0.0 } else { low - margin };
+        let margin = if high > low {
+            0.06 * (high - low)
+        } else {
+            0.5 * high.abs().max(1e-12)
+        };
+        let floor = if self.from_zero && low == 0.0 {
+            0.0
+        } else {
+            low - margin
+        };
         let x_high = if x_high > x_low { x_high } else { x_low + 1.0 };
         let mut chart = ChartBuilder::on(area)
             .margin(10)
@@ -90,8 +110,13 @@ impl Chart {
             .draw()?;
         for series in &self.series {
             let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
-            for (i, run) in series.points.split(|p| !(p.0.is_finite() && p.1.is_finite())).enumerate() {
-                let drawn = chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
+            for (i, run) in series
+                .points
+                .split(|p| !(p.0.is_finite() && p.1.is_finite()))
+                .enumerate()
+            {
+                let drawn =
+                    chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
                 if i == 0 {
                     let line = move |(x, y)| PathElement::new([(x, y), (x + 22, y)], colour.stroke_width(2));
                     drawn.label(&series.name).legend(line);

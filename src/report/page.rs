@@ -13,7 +13,10 @@ img,svg{max-width:100%;height:auto}p.verdict{font-size:1.1rem}pre{background:#f6
 
 /// Replaces what HTML would read as markup.
 pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 /// A page that is being written.
@@ -25,7 +28,10 @@ pub struct Page {
 impl Page {
     /// A page with a title and nothing else.
     pub fn new(title: &str) -> Self {
-        Page { title: title.into(), body: String::new() }
+        Page {
+            title: title.into(),
+            body: String::new(),
+        }
     }
 
     /// A section's heading.
@@ -52,7 +58,11 @@ impl Page {
     pub fn svg(&mut self, svg: &str, caption: &str) {
         // An XML declaration has no place inside HTML.
         let start = svg.find("<svg").unwrap_or(0);
-        self.body += &format!("<figure>{}<figcaption>{}</figcaption></figure>\n", &svg[start..], escape(caption));
+        self.body += &format!(
+            "<figure>{}<figcaption>{}</figcaption></figure>\n",
+            &svg[start..],
+            escape(caption)
+        );
     }
 
     /// A PNG picture, embedded; `width` is the width on the page in pixels.
@@ -93,7 +103,11 @@ mod tests {
         page.svg("<?xml version=\"1.0\"?><svg></svg>", "chart");
         page.png(&[1, 2, 3], 10, "picture");
         let html = page.html();
-        assert!(html.contains("<title>A &amp; B</title>") && html.contains("x &lt; y") && html.contains("<figure><svg>"));
+        assert!(
+            html.contains("<title>A &amp; B</title>")
+                && html.contains("x &lt; y")
+                && html.contains("<figure><svg>")
+        );
         assert!(html.contains("base64,AQID") && !html.contains("http"));
     }
 }

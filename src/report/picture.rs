@@ -30,7 +30,13 @@ impl Palette {
                 [170, 220, 50],
                 [253, 231, 37],
             ],
-            Palette::Heat => &[[255, 255, 245], [254, 217, 118], [253, 141, 60], [227, 26, 28], [128, 0, 38]],
+            Palette::Heat => &[
+                [255, 255, 245],
+                [254, 217, 118],
+                [253, 141, 60],
+                [227, 26, 28],
+                [128, 0, 38],
+            ],
         }
     }
 
@@ -40,7 +46,9 @@ impl Palette {
         let x = position.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
         let i = (x as usize).min(stops.len() - 2);
         let f = x - i as f64;
-        std::array::from_fn(|c| (f64::from(stops[i][c]) * (1.0 - f) + f64::from(stops[i + 1][c]) * f).round() as u8)
+        std::array::from_fn(|c| {
+            (f64::from(stops[i][c]) * (1.0 - f) + f64::from(stops[i + 1][c]) * f).round() as u8
+        })
     }
 }
 
@@ -60,7 +68,11 @@ pub struct Scale {
 impl Scale {
     fn colour(&self, value: f64) -> Rgb {
         let range = self.high - self.low;
-        self.palette.colour(if range > 0.0 { (value - self.low) / range } else { 0.0 })
+        self.palette.colour(if range > 0.0 {
+            (value - self.low) / range
+        } else {
+            0.0
+        })
     }
 }
 
@@ -78,7 +90,9 @@ impl CellMap {
     pub fn from_polygons(start: &[usize], points: &[[f64; 2]], width: usize) -> Option<Self> {
         let (mut map, grid) = Self::blank(points, width)?;
         for (cell, range) in start.windows(2).enumerate() {
-            let Some(corners) = points.get(range[0]..range[1]).filter(|c| c.len() > 2) else { continue };
+            let Some(corners) = points.get(range[0]..range[1]).filter(|c| c.len() > 2) else {
+                continue;
+            };
             let corners: Vec<[f64; 2]> = corners.iter().map(|p| grid.sample(*p)).collect();
             map.fill(&corners, cell as i32);
         }
@@ -87,8 +101,16 @@ impl CellMap {
 
     /// From cell centres (m): each sample shows the nearest cell, unless it lies outside the nearest boundary face,
     /// given as its centre and outward normal.
-    pub fn from_centres(centres: &[[f64; 2]], boundary: &[([f64; 2], [f64; 2])], width: usize) -> Option<Self> {
-        let corners: Vec<[f64; 2]> = centres.iter().copied().chain(boundary.iter().map(|b| b.0)).collect();
+    pub fn from_centres(
+        centres: &[[f64; 2]],
+        boundary: &[([f64; 2], [f64; 2])],
+        width: usize,
+    ) -> Option<Self> {
+        let corners: Vec<[f64; 2]> = centres
+            .iter()
+            .copied()
+            .chain(boundary.iter().map(|b| b.0))
+            .collect();
         let (mut map, grid) = Self::blank(&corners, width)?;
         let faces: Vec<[f64; 2]> = boundary.iter().map(|b| b.0).collect();
         let (near_cell, near_face) = (Bins::new(centres), Bins::new(&faces));
@@ -116,9 +138,17 @@ impl CellMap {
         }
         // A very tall domain gets a narrower picture.
         let aspect = (top - bottom) / (right - left);
-        let width = if aspect > 2.0 { (2.0 * width as f64 / aspect) as usize } else { width }.max(8);
+        let width = if aspect > 2.0 {
+            (2.0 * width as f64 / aspect) as usize
+        } else {
+            width
+        }
+        .max(8);
         let height = ((width as f64 * aspect).round() as usize).max(8);
-        let scale = [(SAMPLES * width) as f64 / (right - left), (SAMPLES * height) as f64 / (top - bottom)];
+        let scale = [
+            (SAMPLES * width) as f64 / (right - left),
+            (SAMPLES * height) as f64 / (top - bottom),
+        ];
         let cells = vec![-1; SAMPLES * SAMPLES * width * height];
         Some((CellMap { width, height, cells }, Grid { left, top, scale }))
     }
@@ -161,7 +191,11 @@ impl CellMap {
                         sum.iter_mut().zip(colour).for_each(|(s, c)| *s += u32::from(c));
                     }
                 }
-                raster.set(left + x, top + y, sum.map(|s| (s / (SAMPLES * SAMPLES) as u32) as u8));
+                raster.set(
+                    left + x,
+                    top + y,
+                    sum.map(|s| (s / (SAMPLES * SAMPLES) as u32) as u8),
+                );
             }
         }
     }
@@ -176,11 +210,17 @@ struct Grid {
 
 impl Grid {
     fn sample(&self, p: [f64; 2]) -> [f64; 2] {
-        [(p[0] - self.left) * self.scale[0], (self.top - p[1]) * self.scale[1]]
+        [
+            (p[0] - self.left) * self.scale[0],
+            (self.top - p[1]) * self.scale[1],
+        ]
     }
 
     fn position(&self, i: usize, j: usize) -> [f64; 2] {
-        [self.left + (i as f64 + 0.5) / self.scale[0], self.top - (j as f64 + 0.5) / self.scale[1]]
+        [
+            self.left + (i as f64 + 0.5) / self.scale[0],
+            self.top - (j as f64 + 0.5) / self.scale[1],
+        ]
     }
 }
 
@@ -199,14 +239,22 @@ impl<'a> Bins<'a> {
             points.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) - low
         };
         let (w, h) = (extent(0), extent(1));
-        let size = (w.max(1e-300) * h.max(1e-300) / points.len().max(1) as f64).sqrt().max(1e-3 * w.max(h)).max(1e-300);
+        let size = (w.max(1e-300) * h.max(1e-300) / points.len().max(1) as f64)
+            .sqrt()
+            .max(1e-3 * w.max(h))
+            .max(1e-300);
         let mut bins = std::collections::HashMap::<_, Vec<usize>>::new();
         for (k, p) in points.iter().enumerate() {
             bins.entry(Self::bin(*p, size)).or_default().push(k);
         }
         // Samples lie inside the points' bounding box, up to rounding.
         let reach = (w.max(h) / size) as i64 + 2;
-        Bins { points, bins, size, reach }
+        Bins {
+            points,
+            bins,
+            size,
+            reach,
+        }
     }
 
     fn bin(p: [f64; 2], size: f64) -> (i64, i64) {
@@ -271,7 +319,8 @@ impl FieldPicture {
                 let (left, top) = (GAP + c * cell_w, GAP / 2 + r * cell_h);
                 raster.text(left, top, &panel.title);
                 if let Some(scale) = self.scales.get(panel.scale) {
-                    self.map.paint(&mut raster, left, top + TEXT_HEIGHT, &panel.values, scale);
+                    self.map
+                        .paint(&mut raster, left, top + TEXT_HEIGHT, &panel.values, scale);
                 }
             }
         }
@@ -291,11 +340,19 @@ fn bar(raster: &mut Raster, left: usize, top: usize, width: usize, scale: &Scale
     let top = top + TEXT_HEIGHT;
     for x in 0..width {
         for y in 0..BAR {
-            raster.set(left + x, top + y, scale.palette.colour(x as f64 / (width - 1) as f64));
+            raster.set(
+                left + x,
+                top + y,
+                scale.palette.colour(x as f64 / (width - 1) as f64),
+            );
         }
     }
     raster.frame(left, top, width, BAR, INK);
-    for (position, value) in [(0.0, scale.low), (0.5, 0.5 * (scale.low + scale.high)), (1.0, scale.high)] {
+    for (position, value) in [
+        (0.0, scale.low),
+        (0.5, 0.5 * (scale.low + scale.high)),
+        (1.0, scale.high),
+    ] {
         let text = super::number(value, 3);
         let w = Raster::text_width(&text);
         let x = left + (position * (width.saturating_sub(w)) as f64) as usize;
@@ -314,7 +371,14 @@ mod tests {
     #[test]
     fn polygons_cover_their_area() {
         // A square cut along its diagonal into two triangles.
-        let points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let points = [
+            [0.0, 0.0],
+            [1.0, 0.0],
+            [1.0, 1.0],
+            [0.0, 0.0],
+            [1.0, 1.0],
+            [0.0, 1.0],
+        ];
         let map = CellMap::from_polygons(&[0, 3, 6], &points, 100).unwrap();
         assert_eq!((map.width, map.height), (100, 100));
         assert!((shares(&map, 0) - 0.5).abs() < 0.01 && (shares(&map, 1) - 0.5).abs() < 0.01);
@@ -325,15 +389,22 @@ mod tests {
     fn nearest_cells_stay_inside_the_boundary() {
         // Unit square of 20 x 20 cells with a hole of radius 0.2 in the middle.
         let inside = |p: &[f64; 2]| (p[0] - 0.5).hypot(p[1] - 0.5) > 0.2;
-        let centres: Vec<[f64; 2]> =
-            (0..400).map(|k| [(k % 20) as f64 / 20.0 + 0.025, (k / 20) as f64 / 20.0 + 0.025]).filter(inside).collect();
+        let centres: Vec<[f64; 2]> = (0..400)
+            .map(|k| [(k % 20) as f64 / 20.0 + 0.025, (k / 20) as f64 / 20.0 + 0.025])
+            .filter(inside)
+            .collect();
         let mut boundary: Vec<_> = (0..40)
             .map(|k| (k as f64 / 40.0 * std::f64::consts::TAU).sin_cos())
             .map(|(s, c)| ([0.5 + 0.2 * c, 0.5 + 0.2 * s], [-c, -s]))
             .collect();
         for k in 0..20 {
             let t = (k as f64 + 0.5) / 20.0;
-            boundary.extend([([t, 0.0], [0.0, -1.0]), ([t, 1.0], [0.0, 1.0]), ([0.0, t], [-1.0, 0.0]), ([1.0, t], [1.0, 0.0])]);
+            boundary.extend([
+                ([t, 0.0], [0.0, -1.0]),
+                ([t, 1.0], [0.0, 1.0]),
+                ([0.0, t], [-1.0, 0.0]),
+                ([1.0, t], [1.0, 0.0]),
+            ]);
         }
         let map = CellMap::from_centres(&centres, &boundary, 120).unwrap();
         let hole = std::f64::consts::PI * 0.04;
@@ -352,9 +423,23 @@ mod tests {
     fn a_picture_shows_the_colours_of_its_values() {
         let points = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
         let map = CellMap::from_polygons(&[0, 4], &points, 200).unwrap();
-        let scale = Scale { label: "|U| [m/s]".into(), low: 0.0, high: 2.0, palette: Palette::Viridis };
-        let panel = Panel { title: "full".into(), values: vec![2.0], scale: 0 };
-        let raster = FieldPicture { map, scales: vec![scale], rows: vec![vec![panel]] }.raster();
+        let scale = Scale {
+            label: "|U| [m/s]".into(),
+            low: 0.0,
+            high: 2.0,
+            palette: Palette::Viridis,
+        };
+        let panel = Panel {
+            title: "full".into(),
+            values: vec![2.0],
+            scale: 0,
+        };
+        let raster = FieldPicture {
+            map,
+            scales: vec![scale],
+            rows: vec![vec![panel]],
+        }
+        .raster();
         assert_eq!(raster.get(GAP + 100, GAP / 2 + TEXT_HEIGHT + 50), [253, 231, 37]);
         assert!(CellMap::from_polygons(&[0], &[], 200).is_none());
     }

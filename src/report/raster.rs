@@ -28,7 +28,11 @@ pub struct Raster {
 impl Raster {
     /// A white image.
     pub fn new(width: usize, height: usize) -> Self {
-        Raster { width, height, pixels: vec![PAPER; width * height] }
+        Raster {
+            width,
+            height,
+            pixels: vec![PAPER; width * height],
+        }
     }
 
     /// Sets a pixel; outside the image nothing happens.
@@ -40,7 +44,11 @@ impl Raster {
 
     /// The colour of a pixel; white outside.
     pub fn get(&self, x: usize, y: usize) -> Rgb {
-        if x < self.width && y < self.height { self.pixels[y * self.width + x] } else { PAPER }
+        if x < self.width && y < self.height {
+            self.pixels[y * self.width + x]
+        } else {
+            PAPER
+        }
     }
 
     /// Outline of a rectangle.
@@ -59,12 +67,24 @@ impl Raster {
     pub fn text(&mut self, x: usize, y: usize, text: &str) {
         let mut left = x;
         for c in text.chars() {
-            let Some(glyph) = get_raster(c, FONT.0, FONT.1).or_else(|| get_raster('?', FONT.0, FONT.1)) else { continue };
+            let Some(glyph) = get_raster(c, FONT.0, FONT.1).or_else(|| get_raster('?', FONT.0, FONT.1))
+            else {
+                continue;
+            };
             for (j, row) in glyph.rows().enumerate() {
                 for (i, &ink) in row.iter().enumerate() {
                     let under = self.get(left + i, y + j);
-                    let mix = |a: u8, b: u8| ((a as u32 * (255 - ink as u32) + b as u32 * ink as u32) / 255) as u8;
-                    self.set(left + i, y + j, [mix(under[0], INK[0]), mix(under[1], INK[1]), mix(under[2], INK[2])]);
+                    let mix =
+                        |a: u8, b: u8| ((a as u32 * (255 - ink as u32) + b as u32 * ink as u32) / 255) as u8;
+                    self.set(
+                        left + i,
+                        y + j,
+                        [
+                            mix(under[0], INK[0]),
+                            mix(under[1], INK[1]),
+                            mix(under[2], INK[2]),
+                        ],
+                    );
                 }
             }
             left += glyph.width();
@@ -78,14 +98,17 @@ impl Raster {
 
     /// The image as a PNG file.
     pub fn png(&self) -> Result<Vec<u8>> {
-        let failed = |e: png::EncodingError| Error::Internal(format!("PNG of {} x {}: {e}", self.width, self.height));
+        let failed =
+            |e: png::EncodingError| Error::Internal(format!("PNG of {} x {}: {e}", self.width, self.height));
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::High);
         let mut writer = encoder.write_header().map_err(failed)?;
-        writer.write_image_data(self.pixels.as_flattened()).map_err(failed)?;
+        writer
+            .write_image_data(self.pixels.as_flattened())
+            .map_err(failed)?;
         writer.finish().map_err(failed)?;
         Ok(bytes)
     }
@@ -102,7 +125,9 @@ mod tests {
         raster.set(600, 1, [255, 0, 10]);
         raster.text(10, 2, "0.5");
         let bytes = raster.png().unwrap();
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
+            .read_info()
+            .unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut pixels).unwrap();
         assert_eq!((info.width, info.height), (60, 24));
