@@ -92,7 +92,13 @@ pub struct Components {
 impl Components {
     /// Counts the components of a model's fields.
     pub fn new(spec: &ModelSpec) -> Self {
-        let mut c = Components { count: 0, field: vec![], inputs: vec![], outputs: vec![], odd: vec![] };
+        let mut c = Components {
+            count: 0,
+            field: vec![],
+            inputs: vec![],
+            outputs: vec![],
+            odd: vec![],
+        };
         for (f, field) in spec.fields.iter().enumerate() {
             for i in 0..field.components(spec.dim) {
                 if field.input {
@@ -122,7 +128,11 @@ impl HostGraph {
             let kind = NodeType::from_code(code)?;
             let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
                 let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
-                Error::Model(format!("a node of type {}: the model knows {}", kind.name(), known.join(", ")))
+                Error::Model(format!(
+                    "a node of type {}: the model knows {}",
+                    kind.name(),
+                    known.join(", ")
+                ))
             })?;
             one_hot[node * types + at] = 1.0;
         }
@@ -144,7 +154,11 @@ impl HostGraph {
             one_hot,
             member_node,
             member_segment: parts.member.iter().map(|&s| s as i64).collect(),
-            segment_weight: parts.sizes.iter().map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 }).collect(),
+            segment_weight: parts
+                .sizes
+                .iter()
+                .map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 })
+                .collect(),
             node_weight,
             rwse: parts.rwse.to_vec(),
         })
@@ -164,7 +178,11 @@ impl HostGraph {
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
                 let node = node as usize;
-                (if node < graph.cells { first_cell + node } else { first_boundary + node - graph.cells }) as i64
+                (if node < graph.cells {
+                    first_cell + node
+                } else {
+                    first_boundary + node - graph.cells
+                }) as i64
             };
             senders.extend(graph.senders.iter().map(|&n| place(n)));
             receivers.extend(graph.receivers.iter().map(|&n| place(n)));
@@ -182,7 +200,8 @@ impl HostGraph {
             first_boundary += graph.boundary;
         }
         let total = (graphs.len() * count) as i64;
-        let own_rows = member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
+        let own_rows =
+            member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
         let steps = if total > 0 { rwse.len() as i64 / total } else { 0 };
         let to = |t: Tensor| t.to_device(device);
         Topology {
@@ -194,11 +213,19 @@ impl HostGraph {
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, spec.n_edge_features() as i64])),
             one_hot: to(Tensor::from_slice(&one_hot).view([nodes as i64, types as i64])),
-            member_node: if own_rows { None } else { Some(to(Tensor::from_slice(&member_node))) },
+            member_node: if own_rows {
+                None
+            } else {
+                Some(to(Tensor::from_slice(&member_node)))
+            },
             member_segment: to(Tensor::from_slice(&member_segment)),
             segment_weight: to(Tensor::from_slice(&segment_weight).view([-1, 1])),
             node_weight: to(Tensor::from_slice(&node_weight).view([-1, 1])),
-            rwse: if steps > 0 { Some(to(Tensor::from_slice(&rwse).view([total, steps]))) } else { None },
+            rwse: if steps > 0 {
+                Some(to(Tensor::from_slice(&rwse).view([total, steps])))
+            } else {
+                None
+            },
         }
     }
 }
@@ -211,8 +238,16 @@ impl Sample {
         let here = |e: Error| Error::file(path, e.to_string());
         let mut graph = Graph::new(mesh, &comm).map_err(here)?;
         let segmentation = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).map_err(here)?;
-        let rwse_steps = spec.architecture.segment_transformer.as_ref().map_or(0, |m| m.rwse_steps);
-        let rwse = if rwse_steps > 0 { segmentation.rwse(rwse_steps) } else { Vec::new() };
+        let rwse_steps = spec
+            .architecture
+            .segment_transformer
+            .as_ref()
+            .map_or(0, |m| m.rwse_steps);
+        let rwse = if rwse_steps > 0 {
+            segmentation.rwse(rwse_steps)
+        } else {
+            Vec::new()
+        };
         let parts = Parts {
             n_cells: graph.n_cells,
             node_types: &graph.node_types[..graph.n_owned],
@@ -247,14 +282,19 @@ impl Sample {
         }
         if let Some(at) = values.iter().position(|v| !v.is_finite()) {
             let frame = at / (nodes * width);
-            return Err(Error::file(path, format!("frame {frame} holds a value that is not finite: generate this trajectory again")));
+            return Err(Error::file(
+                path,
+                format!("frame {frame} holds a value that is not finite: generate this trajectory again"),
+            ));
         }
         let owners: Vec<i64> = mesh.boundary.iter().map(|b| b.owner as i64).collect();
         Ok(Sample {
             topology: HostGraph::union(&[&host], spec, device),
             host: Arc::new(host),
             owners: Tensor::from_slice(&owners).to_device(device),
-            copies: Tensor::from_slice(&copies).view([-1, width as i64]).to_device(device),
+            copies: Tensor::from_slice(&copies)
+                .view([-1, width as i64])
+                .to_device(device),
             frames: Tensor::from_slice(&values).view([n_frames as i64, nodes as i64, width as i64]),
             n_frames,
         })
@@ -274,7 +314,10 @@ impl Sample {
 
     /// How boundary values follow cell values.
     pub fn boundary(&self) -> Boundary {
-        Boundary { owners: self.owners.shallow_clone(), copies: self.copies.shallow_clone() }
+        Boundary {
+            owners: self.owners.shallow_clone(),
+            copies: self.copies.shallow_clone(),
+        }
     }
 
     /// All fields of a frame on the device: `([C x components], [B x components])`.
@@ -291,9 +334,18 @@ impl Sample {
 /// values equal the owner's in every frame, which is how a zero gradient is recorded.
 fn copied_faces(mesh: &Mesh, vector: bool, frames: &[m4gn::dataset::Frame]) -> Vec<bool> {
     if vector {
-        return mesh.boundary.iter().map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry)).collect();
+        return mesh
+            .boundary
+            .iter()
+            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry))
+            .collect();
     }
-    let patches = 1 + mesh.boundary.iter().map(|b| b.patch.max(0) as usize).max().unwrap_or(0);
+    let patches = 1 + mesh
+        .boundary
+        .iter()
+        .map(|b| b.patch.max(0) as usize)
+        .max()
+        .unwrap_or(0);
     let mut equal = vec![true; patches];
     for frame in frames {
         let scale = frame.cells.iter().fold(0f32, |m, v| m.max(v.abs()));
@@ -303,7 +355,10 @@ fn copied_faces(mesh: &Mesh, vector: bool, frames: &[m4gn::dataset::Frame]) -> V
             }
         }
     }
-    mesh.boundary.iter().map(|b| equal[b.patch.max(0) as usize]).collect()
+    mesh.boundary
+        .iter()
+        .map(|b| equal[b.patch.max(0) as usize])
+        .collect()
 }
 
 /// What the data say about a model: dimensions, fields, node types, and the stride in frames.
@@ -311,10 +366,21 @@ pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<Mode
     let mesh = first.mesh();
     let mut fields = Vec::new();
     for wanted in &config.model.fields {
-        let found = first.fields().iter().find(|f| f.name == wanted.name).ok_or_else(|| {
-            let names: Vec<&str> = first.fields().iter().map(|f| f.name.as_str()).collect();
-            Error::file(path, format!("no field `{}`, which model.fields asks for; there are {}", wanted.name, names.join(", ")))
-        })?;
+        let found = first
+            .fields()
+            .iter()
+            .find(|f| f.name == wanted.name)
+            .ok_or_else(|| {
+                let names: Vec<&str> = first.fields().iter().map(|f| f.name.as_str()).collect();
+                Error::file(
+                    path,
+                    format!(
+                        "no field `{}`, which model.fields asks for; there are {}",
+                        wanted.name,
+                        names.join(", ")
+                    ),
+                )
+            })?;
         fields.push(m4gn::model::FieldSpec {
             name: found.name.clone(),
             vector: found.vector,
@@ -339,10 +405,15 @@ pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<Mode
 pub fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
     let count = times.len();
     if count < 2 {
-        return Err(Error::file(path, format!("{count} frames: at least two are needed to learn from")));
+        return Err(Error::file(
+            path,
+            format!("{count} frames: at least two are needed to learn from"),
+        ));
     }
     let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
-    let uneven = times.windows(2).any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
+    let uneven = times
+        .windows(2)
+        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
     let steps = stride / interval;
     if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
         return Err(Error::file(
