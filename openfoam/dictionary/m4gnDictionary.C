@@ -83,14 +83,14 @@ void Foam::m4gn::checkAtLeast
 }
 
 
-Foam::string Foam::m4gn::join(const wordList& words)
+Foam::word Foam::m4gn::join(const wordList& words)
 {
-    string joined;
+    std::string joined;
     for (const word& w : words)
     {
         joined += (joined.empty() ? "" : ", ") + w;
     }
-    return joined;
+    return word(joined, false);
 }
 
 
