@@ -33,7 +33,12 @@ build_crates() {
         { [ "$what" = core ] || publish libm4gn_torch.so; }
 }
 
+# Another OpenFOAM than last time: nothing of the old build fits.
 build_function_objects() {
+    if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
+        rm -rf target/openfoam lib/libm4gnFoam.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
+            return
+    fi
     cmake -S openfoam -B target/openfoam -G Ninja -DCMAKE_BUILD_TYPE=Release && cmake --build target/openfoam
 }
 
@@ -44,6 +49,6 @@ step "m4gn ($what)" build_crates ||
         "please report it with that file. If a system library was not found, type setup/debian.sh."
 step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects ||
     die "lib/libm4gnFoam.so did not build against OpenFOAM $M4GN_FOAM_VERSION ($M4GN_FOAM_SRC)" \
-        "To see what was probed, type setup/openfoam.sh. To build against Debian's OpenFOAM, open a shell in which" \
-        "no other one is sourced, remove target/openfoam, and run this again."
+        "To see what was probed, type setup/openfoam.sh. To build against Debian's OpenFOAM, run this again in a" \
+        "shell in which no other one is sourced."
 cargo_cache_save "$what" || warn "the compiled dependencies could not be kept in $M4GN_CACHE"

@@ -45,21 +45,40 @@ die() {
 # The log file of a step.
 log_of() { printf '%s/%s.log' "$M4GN_LOGS" "$(printf '%s' "$1" | tr -cs 'A-Za-z0-9._-' '-')"; }
 
+# Says now and then how far a step is, until it is ended or the script is gone.
+ticker() {
+    local name=$1 log=$2 began=$SECONDS every=60
+    if [ -t 1 ]; then every=1; fi
+    # Waiting for input that never comes: a sleep would outlive this.
+    exec 7<> <(:)
+    while ! read -rt "$every" -u 7 && kill -0 $$ 2>/dev/null; do
+        if [ -t 1 ]; then
+            printf '\r  %-48s ...     %4d s' "$name" $((SECONDS - began))
+        else
+            printf '    %d s: %s\n' $((SECONDS - began)) "$(sed -n '/[^ ]/p' "$log" | tail -n 1 | tr -d '\r' | cut -c 1-100)"
+        fi
+    done
+}
+
 # step NAME COMMAND...: runs a command with its output in a log file and prints one line with the seconds it took.
 # On failure it prints the end of the log and returns the command's status.
 step() {
-    local name=$1 log began rc=0
+    local name=$1 log began ticker rc=0
     shift
     log=$(log_of "$name")
     mkdir -p "$M4GN_LOGS"
+    : >"$log"
     began=$SECONDS
-    if [ -t 1 ]; then printf '  %-48s ' "$name ..."; else printf '  %s ...\n' "$name"; fi
-    "$@" >"$log" 2>&1 </dev/null || rc=$?
-    if [ ! -t 1 ]; then printf '  %-48s ' "$name"; fi
+    if [ -t 1 ]; then printf '  %-48s ...' "$name"; else printf '  %s ...\n' "$name"; fi
+    ticker "$name" "$log" &
+    ticker=$!
+    "$@" >>"$log" 2>&1 </dev/null || rc=$?
+    { kill "$ticker" && wait "$ticker"; } 2>/dev/null || true
+    if [ -t 1 ]; then printf '\r'; fi
     if [ "$rc" -eq 0 ]; then
-        printf 'ok      %4d s\n' $((SECONDS - began))
+        printf '  %-48s ok      %4d s\n' "$name" $((SECONDS - began))
     else
-        printf 'FAILED  %4d s\n' $((SECONDS - began))
+        printf '  %-48s FAILED  %4d s\n' "$name" $((SECONDS - began))
         printf '    status %d, the end of %s:\n' "$rc" "$log" >&2
         tail -n "${STEP_TAIL:-25}" "$log" | sed 's/^/    | /' >&2
     fi

@@ -11,7 +11,8 @@ set -euo pipefail
 tried=()
 
 fail() {
-    die "no usable OpenFOAM was found: $1" "tried:" "${tried[@]/#/  }" \
+    if [ ${#tried[@]} -gt 0 ]; then tried=("tried:" "${tried[@]/#/  }"); fi
+    die "no usable OpenFOAM was found: $1" "${tried[@]}" \
         "Debian 12: type setup/debian.sh && setup/openfoam-source.sh" \
         "Your own OpenFOAM (openfoam.com, v1912 or later): source its etc/bashrc and run this again."
 }

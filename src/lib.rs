@@ -11,6 +11,7 @@ pub mod dataset;
 pub mod engine;
 pub mod error;
 pub mod ffi;
+pub mod generate;
 pub mod graph;
 pub mod mesh;
 pub mod model;

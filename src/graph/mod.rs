@@ -3,6 +3,8 @@
 //! Nodes are this rank's cells, then its boundary faces, then ghosts (cells of other ranks across a coupled
 //! face). Edges are sorted by receiver, so that aggregation is a sweep.
 
+mod build;
+
 use crate::parallel::Halo;
 
 /// This rank's part of the mesh graph.

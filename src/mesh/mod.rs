@@ -3,6 +3,9 @@
 //! Everything downstream (graph, modes, segments, data set) is made from this one description, so that a
 //! mesh recorded in a data set and a mesh met inside a solver give the same graph.
 
+mod check;
+pub mod sample;
+
 use crate::{Error, Result};
 
 /// What a node of the graph stands for; the one-hot part of the node features (paper, table 2, `n_i`).

@@ -1,0 +1,157 @@
+//! MPI calls that rsmpi has no safe form for: Fortran handles, freeing at the right time, halo exchange.
+
+use mpi::Count;
+use mpi::datatype::traits::Equivalence;
+use mpi::ffi;
+use mpi::raw::traits::{AsRaw, FromRaw};
+use mpi::topology::SimpleCommunicator;
+use std::mem::{ManuallyDrop, MaybeUninit};
+
+/// A duplicate of a communicator that is ours; freed on drop while MPI is up.
+pub struct OwnedCommunicator(ManuallyDrop<SimpleCommunicator>);
+
+impl OwnedCommunicator {
+    /// Duplicates the communicator with this Fortran handle (`MPI_Comm_c2f`). Collective.
+    ///
+    /// None if MPI is down or the handle names no communicator.
+    pub fn from_fortran(handle: i32) -> Option<Self> {
+        if !mpi::environment::is_initialized() || mpi::environment::is_finalized() {
+            return None;
+        }
+        // SAFETY: MPI is up; f2c looks the handle up in a table and answers null for unknown ones.
+        let raw = unsafe { ffi::RSMPI_Comm_f2c(handle) };
+        // SAFETY: RSMPI_COMM_NULL is a constant set before main.
+        if raw.0.is_null() || raw == unsafe { ffi::RSMPI_COMM_NULL } {
+            return None;
+        }
+        let mut copy = MaybeUninit::uninit();
+        // SAFETY: raw is a live communicator; on success MPI_Comm_dup writes copy.
+        let code = unsafe { ffi::MPI_Comm_dup(raw, copy.as_mut_ptr()) };
+        if code != 0 {
+            return None;
+        }
+        // SAFETY: copy was written, is a user communicator and nobody else holds it.
+        Some(Self(ManuallyDrop::new(unsafe {
+            SimpleCommunicator::from_raw(copy.assume_init())
+        })))
+    }
+
+    /// Takes over a communicator that rsmpi made.
+    pub fn new(comm: SimpleCommunicator) -> Self {
+        Self(ManuallyDrop::new(comm))
+    }
+
+    /// The communicator for rsmpi's calls.
+    pub fn get(&self) -> &SimpleCommunicator {
+        &self.0
+    }
+
+    /// The Fortran handle (`MPI_Comm_c2f`).
+    pub fn fortran(&self) -> i32 {
+        // SAFETY: a live communicator.
+        unsafe { ffi::RSMPI_Comm_c2f(self.raw()) }
+    }
+
+    /// The C handle, for PETSc and HDF5; valid while this object lives.
+    pub fn raw(&self) -> ffi::MPI_Comm {
+        self.0.as_raw()
+    }
+}
+
+impl Drop for OwnedCommunicator {
+    fn drop(&mut self) {
+        // A host may have finalised MPI before it lets go of us; then nothing is left to free.
+        if !mpi::environment::is_finalized() {
+            // SAFETY: dropped once, here.
+            unsafe { ManuallyDrop::drop(&mut self.0) };
+        }
+    }
+}
+
+/// What is exchanged with one neighbouring rank, in rows of the value array.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Peer {
+    /// The other rank.
+    pub rank: i32,
+    /// Rows of the packed send buffer for it.
+    pub send: std::ops::Range<usize>,
+    /// Ghost rows that come from it, counted from the first ghost.
+    pub receive: std::ops::Range<usize>,
+}
+
+/// Requests in flight, kept between exchanges so that an exchange allocates nothing.
+#[derive(Debug, Default)]
+pub struct Requests(Vec<ffi::MPI_Request>);
+
+// SAFETY: the handles are only meaningful within `exchange`, which holds `&mut self` and leaves the list empty.
+unsafe impl Send for Requests {}
+// SAFETY: as above; a shared reference gives no access to the handles.
+unsafe impl Sync for Requests {}
+
+impl Clone for Requests {
+    fn clone(&self) -> Self {
+        Self(Vec::with_capacity(self.0.capacity()))
+    }
+}
+
+impl Requests {
+    /// Sends packed rows to, and receives ghost rows from, every peer; returns when all have arrived.
+    ///
+    /// `send` is `[sum of send rows x width]`, `ghosts` is `[sum of receive rows x width]`. Collective over peers.
+    pub fn exchange<T: Equivalence>(
+        &mut self,
+        comm: &OwnedCommunicator,
+        peers: &[Peer],
+        send: &[T],
+        ghosts: &mut [T],
+        width: usize,
+    ) {
+        const TAG: i32 = 4;
+        let datatype = T::equivalent_datatype();
+        let datatype = datatype.as_raw();
+        self.0.clear();
+        for peer in peers {
+            let part = &mut ghosts[peer.receive.start * width..peer.receive.end * width];
+            let mut request = MaybeUninit::uninit();
+            // SAFETY: the slice outlives the wait below, nothing else touches it, and its type is T's.
+            unsafe {
+                ffi::MPI_Irecv(
+                    part.as_mut_ptr().cast(),
+                    part.len() as Count,
+                    datatype,
+                    peer.rank,
+                    TAG,
+                    comm.raw(),
+                    request.as_mut_ptr(),
+                );
+                self.0.push(request.assume_init());
+            }
+        }
+        for peer in peers {
+            let part = &send[peer.send.start * width..peer.send.end * width];
+            let mut request = MaybeUninit::uninit();
+            // SAFETY: the slice outlives the wait below and is only read.
+            unsafe {
+                ffi::MPI_Isend(
+                    part.as_ptr().cast(),
+                    part.len() as Count,
+                    datatype,
+                    peer.rank,
+                    TAG,
+                    comm.raw(),
+                    request.as_mut_ptr(),
+                );
+                self.0.push(request.assume_init());
+            }
+        }
+        // SAFETY: every request was written above; statuses are ignored.
+        unsafe {
+            ffi::MPI_Waitall(
+                self.0.len() as Count,
+                self.0.as_mut_ptr(),
+                ffi::RSMPI_STATUSES_IGNORE,
+            );
+        }
+        self.0.clear();
+    }
+}

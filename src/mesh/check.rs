@@ -1,0 +1,278 @@
+//! Is a mesh whole? Everything that later code relies on is checked here once, with the place named.
+
+use super::{Mesh, NodeType};
+use crate::parallel::Comm;
+use crate::{Error, Result};
+
+/// Sizes of a mesh over all ranks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GlobalSizes {
+    /// Cells.
+    pub cells: i64,
+    /// Boundary faces that carry values.
+    pub boundary: i64,
+}
+
+impl Mesh {
+    /// Checks lengths, label ranges, finite geometry, positive volumes and coefficients, and that the global
+    /// numbers are permutations over all ranks. Returns the global sizes. Collective; all ranks fail together.
+    pub fn check(&self, comm: &Comm) -> Result<GlobalSizes> {
+        comm.agree(self.check_local(comm.size()))?;
+        let cells = permutation(comm, "cell_global", &self.cell_global)?;
+        let boundary: Vec<i64> = self.boundary.iter().map(|b| b.global).collect();
+        let boundary = permutation(comm, "boundary_global", &boundary)?;
+        if cells == 0 {
+            return Err(Error::Mesh("the mesh has no cells on any rank".into()));
+        }
+        let mut differing = [self.dim() as i64, -(self.dim() as i64)];
+        comm.max_i64(&mut differing);
+        let same = if differing[0] == -differing[1] {
+            Ok(())
+        } else {
+            Err(Error::Mesh(format!(
+                "directions: this rank has {}, another {}; expected the same on all ranks",
+                self.dim(),
+                differing[0]
+            )))
+        };
+        comm.agree(same)?;
+        Ok(GlobalSizes { cells, boundary })
+    }
+
+    fn check_local(&self, size: i32) -> Result<()> {
+        let n = self.n_cells();
+        let limit = i32::MAX as usize / 4;
+        if n > limit
+            || self.face_owner.len() > limit
+            || self.boundary.len() > limit
+            || self.coupled.len() > limit
+        {
+            return Err(Error::Mesh(format!(
+                "{n} cells and {} faces on one rank: at most {limit} of each; use more ranks",
+                self.face_owner.len()
+            )));
+        }
+        let mut directions = self.directions.clone();
+        directions.sort_unstable();
+        directions.dedup();
+        if directions.len() != self.directions.len()
+            || !(1..=3).contains(&directions.len())
+            || directions.iter().any(|&d| d > 2)
+        {
+            return Err(Error::Mesh(format!(
+                "directions {:?}: expected one to three different ones of 0 (x), 1 (y), 2 (z)",
+                self.directions
+            )));
+        }
+        length("cell_global", self.cell_global.len(), "cells", n)?;
+        length("cell_centres", self.cell_centres.len(), "cells", n)?;
+        let faces = self.face_owner.len();
+        length("face_neighbour", self.face_neighbour.len(), "faces", faces)?;
+        length("face_coeff", self.face_coeff.len(), "faces", faces)?;
+        for (i, (centre, &volume)) in self.cell_centres.iter().zip(&self.cell_volumes).enumerate() {
+            finite("cell_centres", i, centre)?;
+            positive("cell_volumes", i, volume)?;
+        }
+        for f in 0..faces {
+            let (owner, neighbour) = (self.face_owner[f], self.face_neighbour[f]);
+            label("face_owner", f, owner, n)?;
+            label("face_neighbour", f, neighbour, n)?;
+            if owner == neighbour {
+                return Err(Error::Mesh(format!("face {f} has cell {owner} on both sides")));
+            }
+            positive("face_coeff", f, self.face_coeff[f])?;
+        }
+        for (i, b) in self.boundary.iter().enumerate() {
+            label("boundary_owner", i, b.owner, n)?;
+            finite("boundary_centres", i, &b.centre)?;
+            finite("boundary_area", i, &b.area)?;
+            if !(b.coeff.is_finite() && b.coeff >= 0.0) {
+                return Err(Error::Mesh(format!(
+                    "boundary_coeff[{i}] is {}: expected a finite number, not negative",
+                    b.coeff
+                )));
+            }
+            if b.kind == NodeType::Fluid {
+                return Err(Error::Mesh(format!(
+                    "boundary_type[{i}] is fluid: expected wall, inlet, outlet, symmetry or obstacle"
+                )));
+            }
+            label("boundary_patch", i, b.patch, self.patches.len())?;
+        }
+        for (i, c) in self.coupled.iter().enumerate() {
+            label("coupled_owner", i, c.owner, n)?;
+            if c.rank < 0 || c.rank >= size {
+                return Err(Error::Mesh(format!(
+                    "coupled_rank[{i}] is {}: expected 0 to {}",
+                    c.rank,
+                    size - 1
+                )));
+            }
+            finite("coupled_delta", i, &c.delta)?;
+            positive("coupled_coeff", i, c.coeff)?;
+        }
+        Ok(())
+    }
+}
+
+fn length(name: &str, found: usize, of: &str, expected: usize) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Mesh(format!(
+        "{name} has {found} entries, but there are {expected} {of}"
+    )))
+}
+
+fn label(name: &str, i: usize, value: i32, n: usize) -> Result<()> {
+    if usize::try_from(value).is_ok_and(|v| v < n) {
+        return Ok(());
+    }
+    Err(Error::Mesh(match n {
+        0 => format!("{name}[{i}] is {value}, but there is nothing to refer to"),
+        _ => format!("{name}[{i}] is {value}: expected 0 to {}", n - 1),
+    }))
+}
+
+fn finite(name: &str, i: usize, v: &[f64; 3]) -> Result<()> {
+    if v.iter().all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::Mesh(format!(
+        "{name}[{i}] is {v:?}: expected finite numbers"
+    )))
+}
+
+fn positive(name: &str, i: usize, v: f64) -> Result<()> {
+    if v.is_finite() && v > 0.0 {
+        return Ok(());
+    }
+    Err(Error::Mesh(format!(
+        "{name}[{i}] is {v}: expected a positive finite number"
+    )))
+}
+
+/// Checks that the ranks' numbers are 0..N, each once; returns N. Collective.
+///
+/// Each number goes to the rank that keeps its block, which marks it: exact, and no rank sees more than its share.
+fn permutation(comm: &Comm, name: &str, numbers: &[i64]) -> Result<i64> {
+    let mut total = [numbers.len() as i64];
+    comm.sum_i64(&mut total);
+    let total = total[0];
+    let outside = numbers.iter().find(|&&g| g < 0 || g >= total);
+    let result = match outside {
+        Some(g) => Err(Error::Mesh(format!(
+            "{name} holds {g}: expected a permutation of 0 to {} over all ranks",
+            total - 1
+        ))),
+        None => Ok(()),
+    };
+    comm.agree(result)?;
+    let size = comm.size() as i64;
+    let block = (total + size - 1) / size;
+    let mut keepers = vec![Vec::new(); size as usize];
+    for &g in numbers {
+        keepers[(g / block.max(1)) as usize].push(g);
+    }
+    let first = block * comm.rank() as i64;
+    let mut seen = vec![false; block as usize];
+    let mut twice = None;
+    for g in comm.all_to_all(&keepers).into_iter().flatten() {
+        let mark = &mut seen[(g - first) as usize];
+        if std::mem::replace(mark, true) {
+            twice = Some(g);
+        }
+    }
+    let result = match twice {
+        Some(g) => Err(Error::Mesh(format!(
+            "{name} holds {g} more than once: expected a permutation of 0 to {} over all ranks",
+            total - 1
+        ))),
+        None => Ok(()),
+    };
+    comm.agree(result)?;
+    Ok(total)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::sample;
+    use proptest::prelude::*;
+
+    fn message(mesh: &Mesh) -> String {
+        mesh.check(&Comm::serial())
+            .expect_err("a broken mesh")
+            .to_string()
+    }
+
+    #[test]
+    fn sample_meshes_are_whole() {
+        let sizes = sample::rectangle(4, 3, 1.0, 1.0).check(&Comm::serial()).unwrap();
+        assert_eq!(
+            sizes,
+            GlobalSizes {
+                cells: 12,
+                boundary: 14
+            }
+        );
+        sample::triangles(3, 3, 1.0, 1.0).check(&Comm::serial()).unwrap();
+        sample::block([2, 3, 2], [1.0, 1.0, 1.0])
+            .check(&Comm::serial())
+            .unwrap();
+    }
+
+    #[test]
+    fn errors_name_the_place() {
+        let good = sample::rectangle(3, 2, 1.0, 1.0);
+        let mut m = good.clone();
+        m.cell_volumes[4] = -1.0;
+        assert!(message(&m).contains("cell_volumes[4] is -1"));
+        let mut m = good.clone();
+        m.face_owner[2] = 77;
+        assert!(message(&m).contains("face_owner[2] is 77: expected 0 to 5"));
+        let mut m = good.clone();
+        m.cell_global[0] = 5;
+        assert!(message(&m).contains("5 more than once"));
+        let mut m = good.clone();
+        m.cell_centres.pop();
+        assert!(message(&m).contains("cell_centres has 5 entries"));
+        let mut m = good.clone();
+        m.boundary[0].patch = 9;
+        assert!(message(&m).contains("boundary_patch[0]"));
+        assert!(
+            message(&Mesh {
+                directions: vec![0, 1],
+                ..Default::default()
+            })
+            .contains("no cells")
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn a_corrupted_mesh_never_panics(
+            which in 0usize..12, at in 0usize..1000, value in prop_oneof![any::<i64>(), -3i64..40], x in any::<f64>()
+        ) {
+            let mut m = sample::triangles(3, 2, 1.0, 1.0);
+            fn pick<T>(v: &mut [T], at: usize) -> &mut T { let n = v.len(); &mut v[at % n] }
+            match which {
+                0 => *pick(&mut m.cell_global, at) = value,
+                1 => *pick(&mut m.cell_volumes, at) = x,
+                2 => pick(&mut m.cell_centres, at)[at % 3] = x,
+                3 => *pick(&mut m.face_owner, at) = value as i32,
+                4 => *pick(&mut m.face_neighbour, at) = value as i32,
+                5 => *pick(&mut m.face_coeff, at) = x,
+                6 => pick(&mut m.boundary, at).owner = value as i32,
+                7 => pick(&mut m.boundary, at).global = value,
+                8 => pick(&mut m.boundary, at).coeff = x,
+                9 => { m.face_owner.truncate(at % 10); }
+                10 => { m.cell_volumes.truncate(at % 10); }
+                _ => m.coupled.push(crate::mesh::CoupledFace {
+                    owner: value as i32, rank: (at % 3) as i32 - 1, global: value, delta: [x, 0.0, 0.0], coeff: 1.0,
+                }),
+            }
+            let _ = crate::graph::Graph::new(&m, &Comm::serial());
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Sample meshes with answers known on paper: rectangles of quads or triangles, blocks, chains, rings, and
+//! their decompositions. They serve the tests of this crate and of its users.
+//!
+//! Coefficients are those of the finite-volume Laplacian, face area over distance of the centres.
+
+use super::{BoundaryFace, CoupledFace, Mesh, NodeType};
+
+/// Patches of the rectangles and blocks.
+const PATCHES: [&str; 3] = ["inlet", "outlet", "walls"];
+
+/// `nx x ny` quads on `[0, lx] x [0, ly]`, 1 m thick; cell (i, j) is `i + nx * j`. Inlet at x = 0, outlet at
+/// x = lx, walls at y = 0 and y = ly.
+pub fn rectangle(nx: usize, ny: usize, lx: f64, ly: f64) -> Mesh {
+    let mut mesh = block([nx, ny, 1], [lx, ly, 1.0]);
+    mesh.directions = vec![0, 1];
+    // The front and back are `empty`: no values there.
+    mesh.boundary.retain(|b| b.area[2] == 0.0);
+    for (i, b) in mesh.boundary.iter_mut().enumerate() {
+        b.global = i as i64;
+        b.centre[2] = 0.0;
+    }
+    for c in &mut mesh.cell_centres {
+        c[2] = 0.0;
+    }
+    mesh
+}
+
+/// `n[0] x n[1] x n[2]` hexahedra on a block of size `l`; cell (i, j, k) is `i + n[0] * (j + n[1] * k)`. Inlet
+/// at x = 0, outlet at x = l[0], walls elsewhere.
+pub fn block(n: [usize; 3], l: [f64; 3]) -> Mesh {
+    let h: Vec<f64> = (0..3).map(|d| l[d] / n[d] as f64).collect();
+    let area = [h[1] * h[2], h[0] * h[2], h[0] * h[1]];
+    let stride = [1, n[0], n[0] * n[1]];
+    let count = n[0] * n[1] * n[2];
+    let mut mesh = empty(vec![0, 1, 2]);
+    for c in 0..count {
+        let at = [c % n[0], c / n[0] % n[1], c / stride[2]];
+        let centre = [0, 1, 2].map(|d| (at[d] as f64 + 0.5) * h[d]);
+        mesh.cell_global.push(c as i64);
+        mesh.cell_centres.push(centre);
+        mesh.cell_volumes.push(h[0] * h[1] * h[2]);
+        for d in 0..3 {
+            if at[d] + 1 < n[d] {
+                face(&mut mesh, c, c + stride[d], area[d] / h[d]);
+            }
+            for (end, sign) in [(0, -1.0), (n[d] - 1, 1.0)] {
+                if at[d] == end {
+                    let mut face_centre = centre;
+                    face_centre[d] += sign * h[d] / 2.0;
+                    let mut vector = [0.0; 3];
+                    vector[d] = sign * area[d];
+                    let patch = match (d, sign < 0.0) {
+                        (0, true) => 0,
+                        (0, false) => 1,
+                        _ => 2,
+                    };
+                    boundary(&mut mesh, c, face_centre, vector, 2.0 * area[d] / h[d], patch);
+                }
+            }
+        }
+    }
+    mesh
+}
+
+/// The rectangle with each quad cut along its diagonal: cells `2 q` (below) and `2 q + 1` (above) of quad q.
+pub fn triangles(nx: usize, ny: usize, lx: f64, ly: f64) -> Mesh {
+    let (hx, hy) = (lx / nx as f64, ly / ny as f64);
+    let mut mesh = empty(vec![0, 1]);
+    for q in 0..nx * ny {
+        let (x, y) = ((q % nx) as f64 * hx, (q / nx) as f64 * hy);
+        for third in [1.0 / 3.0, 2.0 / 3.0] {
+            mesh.cell_global.push(mesh.cell_global.len() as i64);
+            mesh.cell_centres
+                .push([x + (1.0 - third) * hx, y + third * hy, 0.0]);
+            mesh.cell_volumes.push(hx * hy / 2.0);
+        }
+    }
+    for q in 0..nx * ny {
+        let (i, j) = (q % nx, q / nx);
+        let (below, above) = (2 * q, 2 * q + 1);
+        let (x, y) = (i as f64 * hx, j as f64 * hy);
+        let distance = |m: &Mesh, a: usize, b: usize| {
+            let (a, b) = (m.cell_centres[a], m.cell_centres[b]);
+            (a[0] - b[0]).hypot(a[1] - b[1])
+        };
+        let d = distance(&mesh, below, above);
+        face(&mut mesh, below, above, hx.hypot(hy) / d);
+        if i + 1 < nx {
+            let d = distance(&mesh, below, above + 2);
+            face(&mut mesh, below, above + 2, hy / d);
+        } else {
+            boundary(
+                &mut mesh,
+                below,
+                [lx, y + hy / 2.0, 0.0],
+                [hy, 0.0, 0.0],
+                3.0 * hy / hx,
+                1,
+            );
+        }
+        if i == 0 {
+            boundary(
+                &mut mesh,
+                above,
+                [0.0, y + hy / 2.0, 0.0],
+                [-hy, 0.0, 0.0],
+                3.0 * hy / hx,
+                0,
+            );
+        }
+        if j + 1 < ny {
+            let d = distance(&mesh, above, below + 2 * nx);
+            face(&mut mesh, above, below + 2 * nx, hx / d);
+        } else {
+            boundary(
+                &mut mesh,
+                above,
+                [x + hx / 2.0, ly, 0.0],
+                [0.0, hx, 0.0],
+                3.0 * hx / hy,
+                2,
+            );
+        }
+        if j == 0 {
+            boundary(
+                &mut mesh,
+                below,
+                [x + hx / 2.0, 0.0, 0.0],
+                [0.0, -hx, 0.0],
+                3.0 * hx / hy,
+                2,
+            );
+        }
+    }
+    mesh
+}
+
+/// A chain of n cells on `[0, length]` with an inlet and an outlet and nothing else, 1 m^2 across.
+///
+/// Its Laplacian has the eigenvalues 4 / h^2 sin^2(k pi / (2 n)), k = 1 to n, h = length / n.
+pub fn chain(n: usize, length: f64) -> Mesh {
+    let mut mesh = rectangle(n, 1, length, 1.0);
+    mesh.boundary.retain(|b| b.patch != 2);
+    for (i, b) in mesh.boundary.iter_mut().enumerate() {
+        b.global = i as i64;
+    }
+    mesh
+}
+
+/// A ring of n >= 3 cells of volume 1 on a circle, coefficients 1, without boundary: a singular Laplacian.
+pub fn ring(n: usize, radius: f64) -> Mesh {
+    let mut mesh = empty(vec![0, 1]);
+    for c in 0..n {
+        let angle = std::f64::consts::TAU * c as f64 / n as f64;
+        mesh.cell_global.push(c as i64);
+        mesh.cell_centres
+            .push([radius * angle.cos(), radius * angle.sin(), 0.0]);
+        mesh.cell_volumes.push(1.0);
+    }
+    for c in 0..n {
+        face(&mut mesh, c.min((c + 1) % n), c.max((c + 1) % n), 1.0);
+    }
+    mesh
+}
+
+/// Joins inlet and outlet of a [`rectangle`] by a translational cyclic over the length `lx`.
+pub fn make_cyclic(mesh: &mut Mesh, lx: f64) {
+    let (ends, rest): (Vec<_>, Vec<_>) = mesh.boundary.drain(..).partition(|b| b.patch < 2);
+    mesh.boundary = rest;
+    for (i, b) in mesh.boundary.iter_mut().enumerate() {
+        b.global = i as i64;
+    }
+    for a in &ends {
+        for b in &ends {
+            if a.patch != b.patch && (a.centre[1] - b.centre[1]).abs() < 1e-9 {
+                let (from, to) = (
+                    mesh.cell_centres[a.owner as usize],
+                    mesh.cell_centres[b.owner as usize],
+                );
+                let shift = if a.patch == 0 { -lx } else { lx };
+                mesh.coupled.push(CoupledFace {
+                    owner: a.owner,
+                    rank: 0,
+                    global: mesh.cell_global[b.owner as usize],
+                    delta: [to[0] - from[0] + shift, to[1] - from[1], to[2] - from[2]],
+                    coeff: a.coeff / 2.0,
+                });
+            }
+        }
+    }
+}
+
+/// The rank of each cell when `n_cells` are dealt out in `size` consecutive runs of nearly equal length.
+pub fn strips(n_cells: usize, size: i32) -> Vec<i32> {
+    (0..n_cells)
+        .map(|c| (c * size as usize / n_cells) as i32)
+        .collect()
+}
+
+/// The part of an undecomposed mesh that rank `rank` has, when cell c belongs to rank `ranks[c]`.
+pub fn part(mesh: &Mesh, ranks: &[i32], rank: i32) -> Mesh {
+    let mut local = vec![-1i32; mesh.n_cells()];
+    let mut out = empty(mesh.directions.clone());
+    out.patches = mesh.patches.clone();
+    for c in (0..mesh.n_cells()).filter(|&c| ranks[c] == rank) {
+        local[c] = out.cell_global.len() as i32;
+        out.cell_global.push(mesh.cell_global[c]);
+        out.cell_centres.push(mesh.cell_centres[c]);
+        out.cell_volumes.push(mesh.cell_volumes[c]);
+    }
+    for f in 0..mesh.face_owner.len() {
+        let (a, b) = (mesh.face_owner[f] as usize, mesh.face_neighbour[f] as usize);
+        if ranks[a] == rank && ranks[b] == rank {
+            face(&mut out, local[a] as usize, local[b] as usize, mesh.face_coeff[f]);
+            continue;
+        }
+        for (here, there) in [(a, b), (b, a)] {
+            if ranks[here] == rank {
+                let (p, q) = (mesh.cell_centres[here], mesh.cell_centres[there]);
+                out.coupled.push(CoupledFace {
+                    owner: local[here],
+                    rank: ranks[there],
+                    global: mesh.cell_global[there],
+                    delta: [q[0] - p[0], q[1] - p[1], q[2] - p[2]],
+                    coeff: mesh.face_coeff[f],
+                });
+            }
+        }
+    }
+    for b in mesh.boundary.iter().filter(|b| ranks[b.owner as usize] == rank) {
+        out.boundary.push(BoundaryFace {
+            owner: local[b.owner as usize],
+            ..b.clone()
+        });
+    }
+    for c in mesh.coupled.iter().filter(|c| ranks[c.owner as usize] == rank) {
+        let there = mesh.cell_global.iter().position(|&g| g == c.global).unwrap_or(0);
+        out.coupled.push(CoupledFace {
+            owner: local[c.owner as usize],
+            rank: ranks[there],
+            ..c.clone()
+        });
+    }
+    out
+}
+
+fn empty(directions: Vec<usize>) -> Mesh {
+    Mesh {
+        directions,
+        patches: PATCHES.map(String::from).to_vec(),
+        ..Default::default()
+    }
+}
+
+fn face(mesh: &mut Mesh, owner: usize, neighbour: usize, coeff: f64) {
+    mesh.face_owner.push(owner as i32);
+    mesh.face_neighbour.push(neighbour as i32);
+    mesh.face_coeff.push(coeff);
+}
+
+fn boundary(mesh: &mut Mesh, owner: usize, centre: [f64; 3], area: [f64; 3], coeff: f64, patch: i32) {
+    let kind = [NodeType::Inlet, NodeType::Outlet, NodeType::Wall][patch as usize];
+    let global = mesh.boundary.len() as i64;
+    mesh.boundary.push(BoundaryFace {
+        owner: owner as i32,
+        global,
+        centre,
+        area,
+        coeff,
+        kind,
+        patch,
+    });
+}

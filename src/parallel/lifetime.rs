@@ -1,0 +1,42 @@
+//! Starting and ending MPI, only where nobody else has.
+
+use crate::{Error, Result};
+use mpi::environment::{Threading, Universe, initialize_with_threading, is_finalized, is_initialized};
+use std::sync::Mutex;
+
+/// MPI's lifetime, if it is ours.
+static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
+
+/// Starts MPI if nobody has; it then ends with [`finalize`], or with the process.
+///
+/// Fails if MPI has already been finalised in this process: MPI cannot be started twice.
+pub fn start() -> Result<()> {
+    if is_initialized() {
+        if is_finalized() {
+            return Err(Error::Input(
+                "MPI has been finalised in this process and cannot be started again: do the work before MPI_Finalize"
+                    .into(),
+            ));
+        }
+        return Ok(());
+    }
+    let mut universe = UNIVERSE.lock().unwrap_or_else(|e| e.into_inner());
+    if let Some((u, _)) = initialize_with_threading(Threading::Serialized) {
+        *universe = Some(u);
+        crate::ffi::finalize_at_exit();
+    }
+    Ok(())
+}
+
+/// Ends SLEPc, PETSc and MPI as far as we started them; called at the end of the process too.
+///
+/// Every communicator of ours must have been dropped, or be dropped afterwards (then it is not freed).
+pub fn finalize() {
+    crate::ffi::petsc::finalize();
+    let universe = UNIVERSE.lock().unwrap_or_else(|e| e.into_inner()).take();
+    if !is_finalized() {
+        drop(universe);
+    } else {
+        std::mem::forget(universe);
+    }
+}
