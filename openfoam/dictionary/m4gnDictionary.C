@@ -7,10 +7,8 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnDictionary.H"
-#include "FlatOutput.H"
 #include "HashSet.H"
 #include "StringStream.H"
-#include "primitiveEntry.H"
 #include "token.H"
 
 // * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
@@ -51,13 +49,14 @@ void Foam::m4gn::checkKeys
             FatalIOErrorInFunction(dict)
                 << "Unknown entry " << e.keyword() << " in "
                 << dict.dictName() << nl
-                << "    Valid entries: " << flatOutput(wordHashSet(valid).sortedToc()) << nl;
+                << "    Valid entries: "
+                << join(wordHashSet(valid).sortedToc()) << nl;
 
             if (withCommon)
             {
                 FatalIOError
                     << "    and those of all function objects: "
-                    << flatOutput(commonKeys()) << nl;
+                    << join(commonKeys()) << nl;
             }
 
             FatalIOError << exit(FatalIOError);
@@ -81,6 +80,17 @@ void Foam::m4gn::checkAtLeast
             << value << "; expected at least " << lower
             << exit(FatalIOError);
     }
+}
+
+
+Foam::word Foam::m4gn::join(const wordList& words)
+{
+    std::string joined;
+    for (const word& w : words)
+    {
+        joined += (joined.empty() ? "" : ", ") + w;
+    }
+    return word(joined, false);
 }
 
 

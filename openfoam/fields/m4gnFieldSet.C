@@ -7,6 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnFieldSet.H"
+#include "m4gnDictionary.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -120,8 +121,8 @@ void Foam::m4gnFieldSet::gather(const m4gnMeshAdapter& adapter)
                 << " the solver nor stored at time " << mesh_.time().timeName()
                 << " as a volScalarField or volVectorField." << nl
                 << "    Registered: "
-                << mesh_.sortedNames<volScalarField>() << ' '
-                << mesh_.sortedNames<volVectorField>()
+                << m4gn::join(mesh_.sortedNames<volScalarField>()) << ", "
+                << m4gn::join(mesh_.sortedNames<volVectorField>())
                 << exit(FatalError);
         }
     }

@@ -7,7 +7,8 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnNodeTypes.H"
-#include "m4gnCore.H"
+#include "m4gn.h"
+#include "m4gnDictionary.H"
 #include "volFields.H"
 #include "emptyFvPatch.H"
 #include "slipFvPatchFields.H"
@@ -122,7 +123,7 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
                     FatalErrorInFunction
                         << dict.name() << ": nodeTypes gives patch " << patch.name()
                         << " the type " << value << nl
-                        << "    Valid types: " << names.sortedToc()
+                        << "    Valid types: " << m4gn::join(names.sortedToc())
                         << exit(FatalError);
                 }
                 type = names.get(value);
@@ -144,7 +145,7 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
                 << " (outlet)." << nl
                 << "    Say so in the function object's dictionary:"
                 << " nodeTypes { " << patch.name() << " outlet; }" << nl
-                << "    Valid types: " << names.sortedToc()
+                << "    Valid types: " << m4gn::join(names.sortedToc())
                 << exit(FatalError);
         }
     }
@@ -153,8 +154,8 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     {
         FatalErrorInFunction
             << dict.name() << ": nodeTypes has entries that fit no patch with values and no"
-            << " group of such patches: " << unused.sortedToc() << nl
-            << "    Patches: " << mesh.boundaryMesh().names()
+            << " group of such patches: " << m4gn::join(unused.sortedToc()) << nl
+            << "    Patches: " << m4gn::join(mesh.boundaryMesh().names())
             << exit(FatalError);
     }
 }

@@ -110,8 +110,8 @@ void Foam::m4gnSession::checkFields()
                 << "The model " << model_ << " is for the field " << name
                 << ", which this solver has not registered." << nl
                 << "    Registered: "
-                << flatOutput(mesh_.sortedNames<volScalarField>()) << ' '
-                << flatOutput(mesh_.sortedNames<volVectorField>())
+                << m4gn::join(mesh_.sortedNames<volScalarField>()) << ", "
+                << m4gn::join(mesh_.sortedNames<volVectorField>())
                 << exit(FatalError);
         }
 
@@ -328,9 +328,24 @@ Foam::wordList Foam::m4gnSession::keys()
 }
 
 
-void Foam::m4gnSession::checkDictionary(const dictionary& dict)
+void Foam::m4gnSession::checkDictionary
+(
+    const dictionary& dict,
+    const fileName& casePath
+)
 {
-    dict.get<fileName>("model");
+    const fileName model(m4gn::resolve(dict.get<fileName>("model"), casePath));
+
+    if (!isFile(model, false))
+    {
+        FatalIOErrorInFunction(dict)
+            << "There is no model " << model << nl
+            << "    Give model as an absolute path, or relative to the case,"
+            << " to $M4GN_HOME/models or to $M4GN_HOME"
+            << " (M4GN_HOME is set by m4gn's env.sh; now it is "
+            << (getEnv("M4GN_HOME").empty() ? "not set" : getEnv("M4GN_HOME"))
+            << ")" << exit(FatalIOError);
+    }
 
     const label nThreads = dict.getOrDefault<label>("nThreads", 1);
     m4gn::checkAtLeast(dict, "nThreads", nThreads, 1);

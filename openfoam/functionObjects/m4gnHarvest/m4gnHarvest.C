@@ -93,7 +93,7 @@ void Foam::functionObjects::m4gnHarvest::start()
         "m4gnHarvest cannot record"
     );
 
-    Log << type() << ' ' << name() << ": recording " << flatOutput(fieldNames_)
+    Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_)
         << " to " << path_ << endl;
 }
 

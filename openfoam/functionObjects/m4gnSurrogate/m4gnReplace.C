@@ -8,6 +8,7 @@ License
 
 #include "m4gnReplace.H"
 #include "m4gnCore.H"
+#include "m4gnDictionary.H"
 #include "clockTime.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
 #include "functionObjectList.H"
@@ -43,9 +44,9 @@ void Foam::m4gnReplace::checkCase() const
             << UName_ << ", the pressure " << pName_ << " and the flux "
             << phiName_ << "; give other names with U, p and phi." << nl
             << "    Registered: "
-            << flatOutput(mesh_.sortedNames<volScalarField>()) << ' '
-            << flatOutput(mesh_.sortedNames<volVectorField>()) << ' '
-            << flatOutput(mesh_.sortedNames<surfaceScalarField>())
+            << m4gn::join(mesh_.sortedNames<volScalarField>()) << ", "
+            << m4gn::join(mesh_.sortedNames<volVectorField>()) << ", "
+            << m4gn::join(mesh_.sortedNames<surfaceScalarField>())
             << exit(FatalError);
     }
 
@@ -113,7 +114,7 @@ void Foam::m4gnReplace::checkCase() const
     if (others.size())
     {
         WarningInFunction
-            << "The solver keeps old times of " << flatOutput(others)
+            << "The solver keeps old times of " << m4gn::join(others)
             << ", which the model does not advance: they stay as they are"
             << " during each jump" << endl;
     }

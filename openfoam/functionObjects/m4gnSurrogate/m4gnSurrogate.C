@@ -107,12 +107,12 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     {
         FatalIOErrorInFunction(dict)
             << "Entry mode is " << mode << "; expected "
-            << flatOutput(modeNames_.sortedToc())
+            << m4gn::join(modeNames_.sortedToc())
             << exit(FatalIOError);
     }
     mode_ = modeNames_.get(mode);
 
-    m4gnSession::checkDictionary(dict);
+    m4gnSession::checkDictionary(dict, time_.globalPath());
 
     if (mode_ == modeType::REPLACE)
     {
