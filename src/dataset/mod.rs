@@ -21,6 +21,7 @@
 //! Files use the 1.10 file format (checksummed metadata), so that h5py, ParaView and any HDF5 since 2016 read
 //! them and flipped bytes are noticed.
 
+mod recorder;
 mod schema;
 mod trajectory;
 mod writer;
@@ -28,6 +29,7 @@ mod writer;
 #[cfg(test)]
 mod tests;
 
+pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use trajectory::{Trajectory, list};
 pub use writer::{WriteOptions, Writer};
