@@ -35,7 +35,7 @@ fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::R
     let member_row: Vec<u32> = (0..=graph.n_owned as u32).collect();
     let member: Vec<i32> = (0..graph.n_owned).map(|i| (i * K / graph.n_owned) as i32).collect();
     let sizes = vec![graph.n_owned as f64 / K as f64; K];
-    let view = SegmentView { count: K, member_row: &member_row, member: &member, sizes: &sizes, rwse: &[] };
+    let view = SegmentView { count: K, member_row: &member_row, member: &member, sizes: &sizes, position: &[], offsets: &[] };
     let mut engine = Engine::new(model, graph, Some(&view), threads)?;
     let inputs = vec![0.5; graph.n_owned * model.spec.n_field_inputs()];
     let mut outputs = vec![0.0; graph.n_cells * model.spec.n_outputs()];
@@ -75,7 +75,7 @@ fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activatio
             activation,
             layers_before: layers / 2,
             layers_after: layers - layers / 2,
-            segment_transformer: Some(MacroSpec { layers: 2, heads: 4, ffn_width: 2 * width, rwse_steps: 0 }),
+            segment_transformer: Some(MacroSpec { layers: 2, heads: 4, ffn_width: 2 * width, rwse_steps: 0, centroids: false, offsets: false }),
         },
         segments: SegmentSpec::default(),
         training: serde_json::Value::Null,

@@ -436,7 +436,7 @@ mod tests {
             ("steps = 10", "steps = 0", "training.steps"),
             (
                 "[training]",
-                "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\n[training]",
+                "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]",
                 "macro.heads",
             ),
         ] {
