@@ -1,8 +1,9 @@
-//! The only callers of foreign C: MPI handles, PETSc and SLEPc, the floating-point environment.
+//! The only callers of foreign C: MPI handles, PETSc and SLEPc, the OpenFOAM bridge, the floating-point environment.
 //!
 //! What leaves this module is safe: every `unsafe` block says why its call is sound.
 #![allow(unsafe_code)]
 
+pub mod foam_bridge;
 pub mod fpe;
 pub mod mpi;
 pub mod petsc;

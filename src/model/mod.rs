@@ -1,5 +1,11 @@
 //! What a model is: its architecture, the fields it reads and writes, and its weights (safetensors).
 
+mod check;
+mod file;
+mod tensors;
+
+pub use tensors::{Model, Tensor};
+
 use crate::mesh::NodeType;
 use serde::{Deserialize, Serialize};
 
@@ -70,7 +76,15 @@ pub struct SegmentSpec {
 
 impl Default for SegmentSpec {
     fn default() -> Self {
-        SegmentSpec { method: SegmentMethod::Slic, count: 36, modes: 6, tau: 1.0, size: None, iterations: 20, overlap: 0 }
+        SegmentSpec {
+            method: SegmentMethod::Slic,
+            count: 36,
+            modes: 6,
+            tau: 1.0,
+            size: None,
+            iterations: 20,
+            overlap: 0,
+        }
     }
 }
 
@@ -145,7 +159,11 @@ pub struct ModelSpec {
 impl ModelSpec {
     /// Features of the fields that are inputs.
     pub fn n_field_inputs(&self) -> usize {
-        self.fields.iter().filter(|f| f.input).map(|f| f.components(self.dim)).sum()
+        self.fields
+            .iter()
+            .filter(|f| f.input)
+            .map(|f| f.components(self.dim))
+            .sum()
     }
 
     /// Node features: field inputs, then the one-hot node type.
@@ -160,6 +178,83 @@ impl ModelSpec {
 
     /// Outputs a node, in the order of the fields that are predicted.
     pub fn n_outputs(&self) -> usize {
-        self.fields.iter().filter(|f| f.output != Output::None).map(|f| f.components(self.dim)).sum()
+        self.fields
+            .iter()
+            .filter(|f| f.output != Output::None)
+            .map(|f| f.components(self.dim))
+            .sum()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A small network with every part in it: U (delta) and p (value), two layers before and one after the macro
+    /// stage, positional encoding.
+    pub(crate) fn spec() -> ModelSpec {
+        let field = |name: &str, vector, output| FieldSpec {
+            name: name.into(),
+            vector,
+            dimensions: if vector {
+                [0, 1, -1, 0, 0, 0, 0]
+            } else {
+                [0, 2, -2, 0, 0, 0, 0]
+            },
+            input: true,
+            output,
+        };
+        ModelSpec {
+            format: 1,
+            dim: 2,
+            stride: 0.01,
+            fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
+            node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
+            architecture: Architecture {
+                width: 8,
+                hidden_layers: 1,
+                activation: Activation::Relu,
+                layers_before: 2,
+                layers_after: 1,
+                segment_transformer: Some(MacroSpec {
+                    layers: 1,
+                    heads: 2,
+                    ffn_width: 12,
+                    rwse_steps: 5,
+                }),
+            },
+            segments: SegmentSpec {
+                count: 4,
+                ..SegmentSpec::default()
+            },
+            training: serde_json::json!({ "seed": 1 }),
+        }
+    }
+
+    #[test]
+    fn features_are_counted() {
+        let s = spec();
+        assert_eq!(
+            (
+                s.n_field_inputs(),
+                s.n_node_features(),
+                s.n_edge_features(),
+                s.n_outputs()
+            ),
+            (3, 7, 3, 3)
+        );
+    }
+
+    #[test]
+    fn descriptions_survive_json() {
+        let s = spec();
+        assert_eq!(
+            serde_json::from_str::<ModelSpec>(&serde_json::to_string(&s).unwrap()).unwrap(),
+            s
+        );
+        let unknown = serde_json::to_string(&s)
+            .unwrap()
+            .replacen("\"dim\"", "\"dimm\"", 1);
+        assert!(serde_json::from_str::<ModelSpec>(&unknown).is_err());
     }
 }
