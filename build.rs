@@ -51,7 +51,7 @@ fn main() {
         .allowlist_function("Vec(Destroy|GetArrayRead|RestoreArrayRead|GetLocalSize|Norm)")
         .allowlist_function("ST(Set.*|Get.*)")
         .allowlist_function("KSP(Set.*|Get.*)")
-        .allowlist_function("PC(SetType|FactorSetMatSolverType)")
+        .allowlist_function("PC(SetType|FactorSetMatSolverType|FactorSetMatOrderingType)")
         .allowlist_var("PETSC_(COMM_SELF|COMM_WORLD|VERSION.*|DECIDE|DEFAULT)")
         .blocklist_type("MPI_Comm|ompi_communicator_t")
         .raw_line("pub type MPI_Comm = mpi::ffi::MPI_Comm;")

@@ -13,6 +13,7 @@ pub mod engine;
 pub mod error;
 pub mod ffi;
 pub mod foam_case;
+pub mod generate;
 pub mod graph;
 pub mod mesh;
 pub mod model;

@@ -15,6 +15,7 @@ mod passing;
 #[cfg(test)]
 mod plain;
 mod tiles;
+pub mod torch;
 mod transformer;
 
 use crate::graph::Graph;

@@ -46,6 +46,12 @@ impl OwnedCommunicator {
         &self.0
     }
 
+    /// The Fortran handle (`MPI_Comm_c2f`).
+    pub fn fortran(&self) -> i32 {
+        // SAFETY: a live communicator.
+        unsafe { ffi::RSMPI_Comm_c2f(self.raw()) }
+    }
+
     /// The C handle, for PETSc and HDF5; valid while this object lives.
     pub fn raw(&self) -> ffi::MPI_Comm {
         self.0.as_raw()

@@ -21,7 +21,7 @@ pub fn start() -> Result<()> {
         return Ok(());
     }
     let mut universe = UNIVERSE.lock().unwrap_or_else(|e| e.into_inner());
-    if let Some((u, _)) = initialize_with_threading(Threading::Funneled) {
+    if let Some((u, _)) = initialize_with_threading(Threading::Serialized) {
         *universe = Some(u);
         crate::ffi::finalize_at_exit();
     }

@@ -5,6 +5,7 @@
 
 mod overlap;
 mod partition;
+mod slic;
 mod walk;
 
 use crate::graph::Graph;
@@ -12,6 +13,9 @@ use crate::mesh::Mesh;
 use crate::model::{SegmentMethod, SegmentSpec};
 use crate::parallel::Comm;
 use crate::{Error, Result};
+
+/// Most segments: their adjacency is dense and replicated, 0.5 GB at this number.
+pub const MAX_SEGMENTS: usize = 8192;
 
 /// Which segments each node belongs to, and how the segments touch.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +38,7 @@ pub struct Segmentation {
 /// Cuts the mesh into `spec.count` segments. Collective; all ranks fail together.
 ///
 /// `preset` gives the segment of each of this rank's cells (0 to K - 1, none empty) instead of computing them.
-/// Errors: [`Error::Input`] if K is 0 or larger than the number of cells, if there are fewer modes than asked
+/// Errors: [`Error::Input`] if K is 0 or larger than the number of cells or [`MAX_SEGMENTS`], if there are fewer modes than asked
 /// for, or if a preset label is out of range or missing.
 pub fn segment(
     mesh: &Mesh,
@@ -51,6 +55,12 @@ pub fn segment(
             spec.count, total[0], total[0]
         )));
     }
+    if spec.count > MAX_SEGMENTS {
+        return Err(Error::Input(format!(
+            "{} segments: expected at most {MAX_SEGMENTS}",
+            spec.count
+        )));
+    }
     let mut any_preset = [preset.is_some() as i64];
     comm.max_i64(&mut any_preset);
     let cells = match preset {
@@ -64,7 +74,7 @@ pub fn segment(
             let labels = partition::partition(mesh, graph, spec.count, comm)?;
             match spec.method {
                 SegmentMethod::Metis => labels,
-                SegmentMethod::Slic => labels,
+                SegmentMethod::Slic => slic::refine(mesh, graph, spec, comm, labels)?,
             }
         }
     };

@@ -1,0 +1,54 @@
+#!/usr/bin/env bash
+# Builds m4gn and puts the libraries into lib/.
+#   setup/build.sh [core|all]    core: m4gn, the OpenFOAM bridge, the function objects; all (default): also libtorch's part
+set -euo pipefail
+# shellcheck source=setup/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+# shellcheck source=setup/cargo-cache.sh
+. "$M4GN_HOME/setup/cargo-cache.sh"
+cd "$M4GN_HOME"
+
+what=${1:-all}
+case $what in core | all) ;; *) die "unknown part '$what'" "usage: setup/build.sh [core|all]" ;; esac
+need_cargo
+foam=$(setup/openfoam.sh --export)
+eval "$foam"
+packages=(-p m4gn -p m4gn-foam-bridge)
+if [ "$what" = all ]; then
+    export LIBTORCH=${LIBTORCH:-$TORCH_DIR}
+    packages=(--workspace)
+fi
+
+# A library is replaced in one go: a solver that runs keeps the one it has loaded.
+publish() {
+    local file=$CARGO_TARGET_DIR/release/$1
+    cmp -s "$file" "lib/$1" && return
+    mkdir -p lib && cp "$file" "lib/.$1.$$" && mv -T "lib/.$1.$$" "lib/$1"
+}
+
+build_crates() {
+    cargo build --release --locked "${packages[@]}" &&
+        publish libm4gn.so &&
+        publish libm4gn_foam_bridge.so &&
+        { [ "$what" = core ] || publish libm4gn_torch.so; }
+}
+
+# Another OpenFOAM than last time: nothing of the old build fits.
+build_function_objects() {
+    if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
+        rm -rf target/openfoam lib/libm4gnFoam.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
+            return
+    fi
+    cmake -S openfoam -B target/openfoam -G Ninja -DCMAKE_BUILD_TYPE=Release && cmake --build target/openfoam
+}
+
+if [ ! -e target/release/.fingerprint ]; then step "dependencies built earlier" cargo_cache_restore || true; fi
+step "m4gn ($what)" build_crates ||
+    die "the Rust part of m4gn did not build" \
+        "The compiler's messages are above and in $M4GN_LOGS. With the set-up complete this is a fault of m4gn:" \
+        "please report it with that file. If a system library was not found, type setup/debian.sh."
+step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects ||
+    die "lib/libm4gnFoam.so did not build against OpenFOAM $M4GN_FOAM_VERSION ($M4GN_FOAM_SRC)" \
+        "To see what was probed, type setup/openfoam.sh. To build against Debian's OpenFOAM, run this again in a" \
+        "shell in which no other one is sourced."
+cargo_cache_save "$what" || warn "the compiled dependencies could not be kept in $M4GN_CACHE"

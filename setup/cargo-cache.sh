@@ -1,0 +1,40 @@
+# shellcheck shell=bash
+# Keeps compiled dependencies (libtorch's bindings alone take minutes) for the next fresh clone. Sourced, never run.
+#
+# A target folder shared by clones would not do: Cargo tells one clone's m4gn from another's by file times only. So
+# each checkout has its own target/, and only what comes from the registry is copied into it when it is empty. Cargo
+# checks every piece as usual and rebuilds what does not fit; a cache that is stale or gone costs only time.
+
+cargo_cache_dir() { printf '%s/cargo/%s' "$M4GN_CACHE" "$(rustc -vV | cksum | cut -d' ' -f1)"; }
+
+# cargo_cache_kept KIND: what is kept of such builds (core, all), newest first.
+cargo_cache_kept() {
+    find "$(cargo_cache_dir)" -mindepth 1 -maxdepth 1 -type d -name "*-$1" -printf '%T@ %p\n' 2>/dev/null |
+        sort -rn | cut -d' ' -f2-
+}
+
+# cargo_cache_restore: fills an empty target/release from the newest full build, or else from the newest core build.
+cargo_cache_restore() {
+    local release=$CARGO_TARGET_DIR/release kept
+    kept=$({ cargo_cache_kept all; cargo_cache_kept core; } | sed -n 1p)
+    if [ -e "$release/.fingerprint" ] || [ -z "$kept" ]; then return 0; fi
+    mkdir -p "$release"
+    cp -a --reflink=auto "$kept/." "$release/" || rm -rf "${release:?}"/{deps,build,.fingerprint}
+}
+
+# cargo_cache_save KIND: keeps the dependencies of this build, in place of an older one of its kind.
+cargo_cache_save() {
+    local release=$CARGO_TARGET_DIR/release dir name tmp
+    dir=$(cargo_cache_dir)
+    name=$(cat "$M4GN_HOME"/Cargo.{lock,toml} "$M4GN_HOME/.cargo/config.toml" | cksum | cut -d' ' -f1)
+    if [ -d "$dir/$name-all" ] || [ -d "$dir/$name-$1" ]; then return 0; fi
+    tmp=$dir/$name-$1.tmp$$
+    mkdir -p "$tmp"
+    # Libraries and build scripts of the registry only: nothing of this checkout's packages, no test programs.
+    (cd "$release" &&
+        { find deps -maxdepth 1 \( -name 'lib*' -o -name '*.d' \) ! -name '*m4gn*' -print0 &&
+            find build .fingerprint -mindepth 1 -maxdepth 1 ! -name '*m4gn*' -print0; } |
+        xargs -0 cp -a --reflink=auto --parents -t "$tmp") || { rm -rf "$tmp"; return 1; }
+    mv -T "$tmp" "$dir/$name-$1" 2>/dev/null || rm -rf "$tmp"
+    cargo_cache_kept "$1" | sed 1d | xargs -r rm -rf
+}

@@ -1,0 +1,117 @@
+# shellcheck shell=bash disable=SC2034
+# Paths, pinned versions and small functions shared by the set-up, Allrun and Alltest. Sourced, never run.
+
+M4GN_HOME=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+: "${HOME:=$(getent passwd "$(id -u)" | cut -d: -f6)}"
+# Downloads live outside the checkout, so that a fresh clone does not fetch them again.
+M4GN_CACHE=${M4GN_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/m4gn}
+M4GN_LOGS=$M4GN_HOME/target/log
+export HOME M4GN_HOME M4GN_CACHE
+
+# Debian's OpenFOAM brings no headers: they come from the source of the same version.
+FOAM_VERSION=1912
+FOAM_TARBALL=openfoam_1912.200626.orig.tar.bz2
+FOAM_SHA256=c75ca0f04cc4f49708296c1926cbde9d0138b3fef298fed54270dfe29e2df404
+FOAM_SOURCE=$M4GN_CACHE/openfoam-1912.200626-1
+# The folders of its src/ whose headers are offered to the compiler.
+FOAM_LIBRARIES=(
+    OpenFOAM OSspecific/POSIX finiteVolume meshTools surfMesh fileFormats
+    transportModels/incompressible transportModels/compressible
+    TurbulenceModels/turbulenceModels TurbulenceModels/incompressible TurbulenceModels/compressible
+    thermophysicalModels/basic thermophysicalModels/specie
+    functionObjects/forces functionObjects/field
+    parallel/decompose/decompositionMethods parallel/decompose/decompose parallel/reconstruct/reconstruct
+    dynamicMesh dynamicFvMesh sampling conversion lagrangian/basic fvOptions genericPatchFields
+)
+
+# tch 0.24 needs exactly this libtorch; the two CUDA wheels are the ones that it was built against.
+TORCH_VERSION=2.11.0
+TORCH_SHA256=7aa2f9bbc6d4595ba72138026b2074be1233186150e9292865e04b7a63b8c67a
+CUDART_VERSION=13.0.96
+CUDART_SHA256=7f82250d7782aa23b6cfe765ecc7db554bd3c2870c43f3d1821f1d18aebf0548
+CUPTI_VERSION=13.0.85
+CUPTI_SHA256=4eb01c08e859bf924d222250d2e8f8b8ff6d3db4721288cf35d14252a4d933c8
+TORCH_DIR=$M4GN_CACHE/libtorch-$TORCH_VERSION-cpu
+
+warn() { printf 'warning: %s\n' "$*" >&2; }
+
+# die MESSAGE [HINT...]: what failed, then one line per thing to do about it.
+die() {
+    printf '\nerror: %s\n' "$1" >&2
+    shift
+    if [ $# -gt 0 ]; then printf '       %s\n' "$@" >&2; fi
+    exit 1
+}
+
+# The log file of a step.
+log_of() { printf '%s/%s.log' "$M4GN_LOGS" "$(printf '%s' "$1" | tr -cs 'A-Za-z0-9._-' '-')"; }
+
+# Says now and then how far a step is, until it is ended or the script is gone.
+ticker() {
+    local name=$1 log=$2 began=$SECONDS every=60
+    if [ -t 1 ]; then every=1; fi
+    # Waiting for input that never comes: a sleep would outlive this.
+    exec 7<> <(:)
+    while ! read -rt "$every" -u 7 && kill -0 $$ 2>/dev/null; do
+        if [ -t 1 ]; then
+            printf '\r  %-48s ...     %4d s' "$name" $((SECONDS - began))
+        else
+            printf '    %d s: %s\n' $((SECONDS - began)) "$(sed -n '/[^ ]/p' "$log" | tail -n 1 | tr -d '\r' | cut -c 1-100)"
+        fi
+    done
+}
+
+# step NAME COMMAND...: runs a command with its output in a log file and prints one line with the seconds it took.
+# On failure it prints the end of the log and returns the command's status.
+step() {
+    local name=$1 log began ticker rc=0
+    shift
+    log=$(log_of "$name")
+    mkdir -p "$M4GN_LOGS"
+    : >"$log"
+    began=$SECONDS
+    if [ -t 1 ]; then printf '  %-48s ...' "$name"; else printf '  %s ...\n' "$name"; fi
+    ticker "$name" "$log" &
+    ticker=$!
+    "$@" >>"$log" 2>&1 </dev/null || rc=$?
+    { kill "$ticker" && wait "$ticker"; } 2>/dev/null || true
+    if [ -t 1 ]; then printf '\r'; fi
+    if [ "$rc" -eq 0 ]; then
+        printf '  %-48s ok      %4d s\n' "$name" $((SECONDS - began))
+    else
+        printf '  %-48s FAILED  %4d s\n' "$name" $((SECONDS - began))
+        printf '    status %d, the end of %s:\n' "$rc" "$log" >&2
+        tail -n "${STEP_TAIL:-25}" "$log" | sed 's/^/    | /' >&2
+    fi
+    return "$rc"
+}
+
+# with_lock NAME COMMAND...: one process at a time may fill a part of the cache.
+with_lock() {
+    local name=$1
+    shift
+    mkdir -p "$M4GN_CACHE"
+    (flock 9 && "$@") 9>"$M4GN_CACHE/.$name.lock"
+}
+
+# True where the user has sourced an OpenFOAM of their own, with headers to compile against.
+foam_sourced() {
+    [ -n "${WM_PROJECT_DIR:-}" ] && [ -d "$WM_PROJECT_DIR/src/OpenFOAM/lnInclude" ]
+}
+
+need_cargo() {
+    local bin=${CARGO_HOME:-$HOME/.cargo}/bin
+    if ! command -v cargo >/dev/null && [ -x "$bin/cargo" ]; then PATH=$bin:$PATH; fi
+    command -v cargo >/dev/null || die "cargo was not found: not on PATH, not in $bin" \
+        "Install the Rust toolchain with rustup (https://rustup.rs), then run this again."
+    # The scripts and the documents name target/release; a target folder set elsewhere would break that.
+    export CARGO_TARGET_DIR=$M4GN_HOME/target CARGO_NET_RETRY=${CARGO_NET_RETRY:-5}
+}
+
+# OpenMPI refuses root and more ranks than cores by default, and its shared-memory copies fail in containers;
+# one thread per rank is what m4gn assumes.
+mpi_environment() {
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 \
+        OMPI_MCA_btl_vader_single_copy_mechanism=none OMPI_MCA_mpi_yield_when_idle=1 \
+        OMP_NUM_THREADS=${OMP_NUM_THREADS:-1} OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
+}

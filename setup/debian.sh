@@ -1,0 +1,81 @@
+#!/usr/bin/env bash
+# Installs the Debian packages that m4gn needs, and nothing when all are there.
+#   setup/debian.sh [core|all]    core: build and run; all (default): also what fetches libtorch, for training and tests
+set -euo pipefail
+# shellcheck source=setup/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+packages=(
+    libpetsc-real3.18-dev libpetsc-real-dev libslepc-real3.18-dev
+    libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmetis-dev
+    libopenblas0-pthread libopenblas-dev
+    gmsh g++ make cmake ninja-build pkg-config libclang-dev bzip2 ca-certificates
+)
+foam_sourced || packages+=(openfoam)
+if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip); fi
+
+# package:upstream series that m4gn is built and tested with
+series=(
+    openfoam:1912 libpetsc-real3.18-dev:3.18 libslepc-real3.18-dev:3.18 libopenmpi-dev:4.1
+    libhdf5-openmpi-dev:1.10 libmetis-dev:5.1 gmsh:4.8
+)
+
+missing() {
+    dpkg-query -W -f '${db:Status-Status} ${Package}\n' "${packages[@]}" 2>/dev/null |
+        awk -v all="${packages[*]}" '
+            $1 == "installed" { there[$2] = 1 }
+            END { n = split(all, p, " "); for (i = 1; i <= n; i++) if (!(p[i] in there)) print p[i] }'
+}
+
+as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null; then
+        sudo "$@"
+    else
+        echo "not root, and sudo is not installed" >&2
+        return 1
+    fi
+}
+
+apt() {
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get -y -q -o Acquire::Retries=3 -o DPkg::Lock::Timeout=300 "$@"
+}
+
+install_packages() {
+    local candidates
+    # The lists are refreshed only where they do not know a package, or know a version that is gone.
+    candidates=$(apt-cache policy "$@" | grep -c 'Candidate: [^(]' || true)
+    [ "$candidates" -eq $# ] || apt update
+    apt install --no-install-recommends "$@" || { apt update && apt install --no-install-recommends "$@"; }
+}
+
+check_series() {
+    local entry package expected version
+    for entry in "${series[@]}"; do
+        package=${entry%%:*} expected=${entry#*:}
+        version=$(dpkg-query -W -f '${Version}' "$package" 2>/dev/null) || continue
+        case ${version#*:} in
+            "$expected" | "$expected"[.+~-]*) ;;
+            *) warn "$package is $version, and m4gn is tested with $expected.x: it may not build or behave the same" ;;
+        esac
+    done
+}
+
+if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+    warn "this is not a Debian system: install the counterparts of these yourself: ${packages[*]}"
+    exit 0
+fi
+
+mapfile -t wanted < <(missing)
+if [ ${#wanted[@]} -gt 0 ]; then
+    # sudo may have to ask for a password, which it cannot do from inside a logged step.
+    if [ "$(id -u)" -ne 0 ] && command -v sudo >/dev/null; then
+        if [ -n "${CI:-}" ] || [ ! -t 0 ]; then sudo -n true || true; else sudo -v || true; fi
+    fi
+    step "Debian packages (${#wanted[@]})" install_packages "${wanted[@]}" ||
+        die "apt-get could not install: ${wanted[*]}" \
+            "As root, type: apt-get update && apt-get install --no-install-recommends ${wanted[*]}" \
+            "and then run this again. m4gn is made for Debian 12 (bookworm), component main."
+fi
+check_series

@@ -1,0 +1,70 @@
+#!/usr/bin/env bash
+# Fetches the headers that belong to Debian's OpenFOAM (the package ships none) into the cache:
+# the source of the same version, and the lnInclude folders of the libraries that m4gn compiles against.
+set -euo pipefail
+# shellcheck source=setup/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+# The mirrors that this machine's own apt uses, then Debian's.
+mirrors() {
+    # shellcheck disable=SC2016  # apt expands these, not the shell
+    apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Component: main' 2>/dev/null |
+        grep -E '^https?://.*/debian/?$' | sort -u || true
+    echo http://deb.debian.org/debian
+}
+
+download() {
+    local file=$1 mirror
+    while read -r mirror; do
+        echo "trying ${mirror%/}"
+        if /usr/lib/apt/apt-helper -o APT::Sandbox::User=root -o Acquire::Retries=3 download-file \
+            "${mirror%/}/pool/main/o/openfoam/$FOAM_TARBALL" "$file" "SHA256:$FOAM_SHA256"; then
+            return 0
+        fi
+    done < <(mirrors | awk '!seen[$0]++')
+    return 1
+}
+
+intact() { echo "$FOAM_SHA256  $M4GN_CACHE/$FOAM_TARBALL" | sha256sum --check --quiet; }
+
+# A tarball that was put into the cache by hand will do.
+fetch() {
+    intact || { rm -f "$M4GN_CACHE/$FOAM_TARBALL" && download "$M4GN_CACHE/$FOAM_TARBALL" && intact; }
+}
+
+link_headers() {
+    local src=$1 library
+    for library in "${FOAM_LIBRARIES[@]}"; do
+        # Its exit status says nothing, so look at what it made.
+        (cd "$src" && WM_ARCH=linux64 ../wmake/wmakeLnInclude -silent "$library")
+        [ -n "$(ls -A "$src/$library/lnInclude")" ] || { echo "no headers in $src/$library"; return 1; }
+    done
+}
+
+# A function that `step` runs has to chain its commands: the shell ignores `set -e` inside a tested command.
+unpack() {
+    local tmp=$FOAM_SOURCE.tmp
+    rm -rf "$tmp" "$FOAM_SOURCE" &&
+        mkdir -p "$tmp" &&
+        tar -xjf "$M4GN_CACHE/$FOAM_TARBALL" -C "$tmp" --strip-components=1 --wildcards \
+            '*/src' '*/wmake/wmakeLnInclude' '*/wmake/scripts' '*/META-INFO' '*/COPYING' &&
+        link_headers "$tmp/src" &&
+        echo "$stamp" >"$tmp/.complete" &&
+        mv -T "$tmp" "$FOAM_SOURCE" &&
+        rm -f "$M4GN_CACHE/$FOAM_TARBALL"
+}
+
+stamp="$FOAM_SHA256 $(printf '%s\n' "${FOAM_LIBRARIES[@]}" | cksum)"
+complete() { [ "$(cat "$FOAM_SOURCE/.complete" 2>/dev/null)" = "$stamp" ]; }
+
+main() {
+    complete && return
+    step "OpenFOAM $FOAM_VERSION source (45 MB)" fetch ||
+        die "the source of Debian's OpenFOAM could not be downloaded" \
+            "Fetch $FOAM_TARBALL by hand (pool/main/o/openfoam on any Debian mirror) into $M4GN_CACHE, or" \
+            "source an OpenFOAM of your own that has headers, and run this again."
+    step "OpenFOAM $FOAM_VERSION headers" unpack ||
+        die "the source of OpenFOAM could not be unpacked into $FOAM_SOURCE" \
+            "Free some disk space (80 MB are needed) or set M4GN_CACHE to another folder, and run this again."
+}
+with_lock openfoam main

@@ -1,0 +1,211 @@
+//! The structs against the header's layout, and the exports without a host. `tests/cabi` has the view from C++.
+
+use super::*;
+use crate::mesh::{Mesh, sample};
+use std::ffi::CStr;
+use std::mem::{offset_of, size_of};
+
+#[test]
+fn layouts_are_those_of_the_header() {
+    // Sizes and offsets as the x86-64 and AArch64 ABIs of C lay out m4gn.h.
+    assert_eq!(
+        (size_of::<MeshData>(), offset_of!(MeshData, cell_global)),
+        (208, 24)
+    );
+    assert_eq!(
+        (
+            offset_of!(MeshData, n_boundary),
+            offset_of!(MeshData, patch_names)
+        ),
+        (80, 200)
+    );
+    assert_eq!(
+        (
+            size_of::<FieldData>(),
+            size_of::<FieldOut>(),
+            offset_of!(FieldData, cells)
+        ),
+        (32, 24, 16)
+    );
+    assert_eq!(
+        (
+            size_of::<SessionOptionsData>(),
+            offset_of!(SessionOptionsData, tau)
+        ),
+        (72, 40)
+    );
+    assert_eq!(
+        (size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)),
+        (48, 12)
+    );
+    assert_eq!(
+        (size_of::<RecorderField>(), size_of::<RecorderOptions>()),
+        (40, 48)
+    );
+}
+
+/// A mesh's arrays as a host has them.
+struct Host {
+    data: MeshData,
+    _names: Vec<std::ffi::CString>,
+    _pointers: Vec<*const std::ffi::c_char>,
+    _mesh: Mesh,
+    _centres: Vec<f64>,
+}
+
+/// Cells and faces only: enough to see what is checked.
+fn host() -> Host {
+    let mesh = sample::chain(4, 1.0);
+    let centres: Vec<f64> = mesh.cell_centres.iter().flatten().copied().collect();
+    let names: Vec<_> = mesh
+        .patches
+        .iter()
+        .map(|p| std::ffi::CString::new(p.as_str()).unwrap())
+        .collect();
+    let pointers: Vec<_> = names.iter().map(|n| n.as_ptr()).collect();
+    let data = MeshData {
+        n_directions: 2,
+        directions: [0, 1, -1],
+        n_cells: 4,
+        cell_global: mesh.cell_global.as_ptr(),
+        cell_centres: centres.as_ptr(),
+        cell_volumes: mesh.cell_volumes.as_ptr(),
+        n_faces: 3,
+        face_owner: mesh.face_owner.as_ptr(),
+        face_neighbour: mesh.face_neighbour.as_ptr(),
+        face_coeff: mesh.face_coeff.as_ptr(),
+        n_boundary: 0,
+        boundary_owner: std::ptr::null(),
+        boundary_global: std::ptr::null(),
+        boundary_centres: std::ptr::null(),
+        boundary_area: std::ptr::null(),
+        boundary_coeff: std::ptr::null(),
+        boundary_type: std::ptr::null(),
+        boundary_patch: std::ptr::null(),
+        n_coupled: 0,
+        coupled_owner: std::ptr::null(),
+        coupled_rank: std::ptr::null(),
+        coupled_global: std::ptr::null(),
+        coupled_delta: std::ptr::null(),
+        coupled_coeff: std::ptr::null(),
+        n_patches: 3,
+        patch_names: pointers.as_ptr(),
+    };
+    Host {
+        data,
+        _names: names,
+        _pointers: pointers,
+        _mesh: mesh,
+        _centres: centres,
+    }
+}
+
+#[test]
+fn meshes_are_copied_and_checked() {
+    let h = host();
+    // SAFETY: the host's arrays live as long as h.
+    let read = |data: &MeshData| unsafe { raw::mesh(data) };
+    let mesh = read(&h.data).unwrap();
+    assert_eq!(mesh.cell_centres, h._mesh.cell_centres);
+    assert_eq!((mesh.patches.len(), mesh.directions), (3, vec![0, 1]));
+    let null = std::ptr::null();
+    let broken = [
+        (
+            MeshData {
+                n_cells: -1,
+                ..h.data
+            },
+            "n_cells: expected a count",
+        ),
+        (
+            MeshData {
+                cell_centres: null,
+                ..h.data
+            },
+            "cell_centres: expected an array of 12, found a null",
+        ),
+        (
+            MeshData {
+                n_directions: 4,
+                ..h.data
+            },
+            "n_directions: expected 2 or 3, found 4",
+        ),
+        (
+            MeshData {
+                directions: [0, 7, 0],
+                ..h.data
+            },
+            "directions: expected 0 (x), 1 (y) or 2 (z), found 7",
+        ),
+        (
+            MeshData {
+                n_boundary: 2,
+                ..h.data
+            },
+            "boundary_owner: expected an array of 2",
+        ),
+        (
+            MeshData {
+                n_coupled: i32::MIN,
+                ..h.data
+            },
+            "n_coupled",
+        ),
+        (
+            MeshData {
+                cell_volumes: h.data.cell_volumes.wrapping_byte_add(1),
+                ..h.data
+            },
+            "not aligned",
+        ),
+    ];
+    for (data, message) in broken {
+        let found = read(&data).unwrap_err().to_string();
+        assert!(found.contains(message), "{found}");
+    }
+}
+
+#[test]
+fn null_handles_and_pointers_are_errors() {
+    // SAFETY: null pointers, which the exports accept as bad input.
+    unsafe {
+        use std::ptr::{null, null_mut};
+        assert_eq!(session::m4gn_session_new(i32::MIN, null(), null(), null_mut()), 1);
+        assert!(
+            CStr::from_ptr(m4gn_last_error())
+                .to_str()
+                .unwrap()
+                .contains("session: expected")
+        );
+        let mut handle = std::ptr::null_mut();
+        assert_eq!(
+            session::m4gn_session_new(i32::MIN, null(), null(), &mut handle),
+            1
+        );
+        assert!(
+            CStr::from_ptr(m4gn_last_error())
+                .to_str()
+                .unwrap()
+                .contains("mesh: expected")
+        );
+        assert!(handle.is_null());
+        assert_eq!(session::m4gn_session_step(null_mut(), null(), 0, null(), 0), 1);
+        assert_eq!(session::m4gn_session_field(null(), 0, null_mut()), 1);
+        assert_eq!(session::m4gn_session_segments(null(), null_mut()), 1);
+        assert_eq!(session::m4gn_session_n_fields(null()), -1);
+        assert_eq!(session::m4gn_session_n_segments(null()), -1);
+        assert_eq!(session::m4gn_session_stride(null()), 0.0);
+        session::m4gn_session_options_init(null_mut());
+        session::m4gn_session_free(null_mut());
+        assert_eq!(recorder::m4gn_recorder_append(null_mut(), 0.0, null(), 0), 1);
+        assert_eq!(recorder::m4gn_recorder_finish(null_mut()), 1);
+        assert_eq!(recorder::m4gn_recorder_n_frames(null()), -1);
+        recorder::m4gn_recorder_free(null_mut());
+        assert_eq!(
+            CStr::from_ptr(m4gn_version()).to_str().unwrap(),
+            env!("CARGO_PKG_VERSION")
+        );
+        assert_eq!(m4gn_abi_version(), 1);
+    }
+}

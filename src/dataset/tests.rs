@@ -1,0 +1,399 @@
+//! Round trips, damaged files, full disks.
+
+use super::*;
+use crate::Error;
+use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use proptest::prelude::*;
+use std::path::Path;
+
+/// Two by two unit cells, walls all round but an inlet on the left, one cyclic pair.
+pub(super) fn square() -> Mesh {
+    let centres = [[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]];
+    let face = |owner: i32, global: i64, x: f64, y: f64, kind: NodeType| BoundaryFace {
+        owner,
+        global,
+        centre: [x, y, 0.5],
+        area: [
+            x - centres[owner as usize][0],
+            y - centres[owner as usize][1],
+            0.0,
+        ]
+        .map(|a| 2.0 * a),
+        coeff: 2.0,
+        kind,
+        patch: i32::from(kind == NodeType::Inlet),
+    };
+    Mesh {
+        directions: vec![0, 1],
+        cell_global: (0..4).collect(),
+        cell_centres: centres.iter().map(|c| [c[0], c[1], 0.5]).collect(),
+        cell_volumes: vec![1.0; 4],
+        face_owner: vec![0, 0, 1, 2],
+        face_neighbour: vec![1, 2, 3, 3],
+        face_coeff: vec![1.0; 4],
+        boundary: vec![
+            face(0, 0, 0.0, 0.5, NodeType::Inlet),
+            face(2, 1, 0.0, 1.5, NodeType::Inlet),
+            face(1, 2, 1.5, 0.0, NodeType::Wall),
+        ],
+        coupled: vec![
+            CoupledFace {
+                owner: 1,
+                rank: 0,
+                global: 0,
+                delta: [1.0, 0.0, 0.0],
+                coeff: 1.0,
+            },
+            CoupledFace {
+                owner: 0,
+                rank: 0,
+                global: 1,
+                delta: [-1.0, 0.0, 0.0],
+                coeff: 1.0,
+            },
+        ],
+        patches: vec!["walls".into(), "inlet".into()],
+    }
+}
+
+pub(super) fn fields() -> Vec<FieldMeta> {
+    vec![
+        FieldMeta {
+            name: "U".into(),
+            vector: true,
+            dimensions: [0, 1, -1, 0, 0, 0, 0],
+        },
+        FieldMeta {
+            name: "p".into(),
+            vector: false,
+            dimensions: [0, 2, -2, 0, 0, 0, 0],
+        },
+    ]
+}
+
+pub(super) fn frames(i: usize) -> Vec<Frame> {
+    let ramp = |n: usize, offset: f32| (0..n).map(|k| offset + i as f32 + 0.25 * k as f32).collect();
+    vec![
+        Frame {
+            cells: ramp(8, 0.0),
+            boundary: ramp(6, 100.0),
+        },
+        Frame {
+            cells: ramp(4, 200.0),
+            boundary: ramp(3, 300.0),
+        },
+    ]
+}
+
+fn options() -> WriteOptions {
+    WriteOptions {
+        fields: fields(),
+        provenance: serde_json::json!({"application": "test", "seed": 7}),
+        split: Split::Test,
+        overwrite: false,
+    }
+}
+
+fn write(path: &Path, n: usize) {
+    let mut writer = Writer::create(path, &square(), &options()).unwrap();
+    for i in 0..n {
+        writer.append(1.0 + 0.01 * i as f64, &frames(i)).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// Message of the error that opening and reading all of a file gives.
+fn read_all(path: &Path) -> crate::Result<()> {
+    let trajectory = Trajectory::open(path)?;
+    for field in trajectory.fields() {
+        trajectory.read_frames(&field.name, 0, 1, trajectory.times().len())?;
+    }
+    Ok(())
+}
+
+#[test]
+fn what_is_written_is_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("new/0000.h5");
+    write(&path, 5);
+    let trajectory = Trajectory::open(&path).unwrap();
+    assert_eq!(trajectory.mesh(), &square());
+    assert_eq!(trajectory.fields(), fields());
+    assert_eq!(trajectory.split(), Split::Test);
+    assert_eq!(trajectory.provenance()["seed"], 7);
+    assert_eq!(
+        trajectory.times(),
+        [0, 1, 2, 3, 4].map(|i| 1.0 + 0.01 * f64::from(i))
+    );
+    assert_eq!(trajectory.read_frame("U", 3).unwrap(), frames(3)[0]);
+    let every_second = trajectory.read_frames("p", 0, 2, 3).unwrap();
+    assert_eq!(
+        every_second,
+        [frames(0)[1].clone(), frames(2)[1].clone(), frames(4)[1].clone()]
+    );
+    assert_eq!(list(path.parent().unwrap()).unwrap(), [path.clone()]);
+    assert_eq!(list(&path).unwrap(), [path.clone()]);
+    // Only the file itself is there, of the size that HDF5 needs.
+    assert_eq!(path.parent().unwrap().read_dir().unwrap().count(), 1);
+    assert!(path.metadata().unwrap().len() < 64 << 10);
+}
+
+#[test]
+fn no_boundary_faces_is_a_mesh_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    let mesh = Mesh {
+        boundary: vec![],
+        ..square()
+    };
+    let mut writer = Writer::create(&path, &mesh, &options()).unwrap();
+    let frame: Vec<_> = frames(0)
+        .into_iter()
+        .map(|f| Frame {
+            boundary: vec![],
+            ..f
+        })
+        .collect();
+    writer.append(0.0, &frame).unwrap();
+    writer.finish().unwrap();
+    let trajectory = Trajectory::open(&path).unwrap();
+    assert_eq!(trajectory.read_frame("U", 0).unwrap(), frame[0]);
+}
+
+#[test]
+fn a_frame_that_is_not_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    write(&path, 2);
+    let trajectory = Trajectory::open(&path).unwrap();
+    assert!(
+        trajectory
+            .read_frame("U", 2)
+            .unwrap_err()
+            .to_string()
+            .contains("2 frames")
+    );
+    assert!(trajectory.read_frames("U", 1, usize::MAX, 3).is_err());
+    assert!(
+        trajectory
+            .read_frame("T", 0)
+            .unwrap_err()
+            .to_string()
+            .contains("recorded are U, p")
+    );
+}
+
+#[test]
+fn unfinished_recordings_leave_nothing_and_are_not_listed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    let mut writer = Writer::create(&path, &square(), &options()).unwrap();
+    writer.append(0.0, &frames(0)).unwrap();
+    assert!(
+        list(dir.path())
+            .unwrap_err()
+            .to_string()
+            .contains("holds no trajectories")
+    );
+    drop(writer);
+    assert_eq!(dir.path().read_dir().unwrap().count(), 0);
+    // A killed process leaves its partial file: not listed, and no obstacle to the next recording.
+    std::fs::write(dir.path().join(".a.h5.partial"), b"rest").unwrap();
+    assert!(list(dir.path()).is_err());
+    write(&path, 1);
+    assert_eq!(list(dir.path()).unwrap(), [path]);
+}
+
+#[test]
+fn bad_frames_are_refused_and_the_recording_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    let mut writer = Writer::create(&path, &square(), &options()).unwrap();
+    writer.append(0.0, &frames(0)).unwrap();
+    assert!(matches!(writer.append(0.0, &frames(1)), Err(Error::Input(_))));
+    let mut nan = frames(1);
+    nan[0].cells[3] = f32::NAN;
+    assert!(matches!(writer.append(1.0, &nan), Err(Error::Numerical(_))));
+    let mut short = frames(1);
+    short[1].boundary.pop();
+    assert!(matches!(writer.append(1.0, &short), Err(Error::Input(_))));
+    writer.append(1.0, &frames(1)).unwrap();
+    writer.finish().unwrap();
+    assert!(writer.append(2.0, &frames(2)).is_err());
+    assert_eq!(Trajectory::open(&path).unwrap().times(), [0.0, 1.0]);
+}
+
+#[test]
+fn an_existing_file_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    write(&path, 1);
+    let refused = Writer::create(&path, &square(), &options())
+        .unwrap_err()
+        .to_string();
+    assert!(refused.contains("exists already"), "{refused}");
+    let mut writer = Writer::create(
+        &path,
+        &square(),
+        &WriteOptions {
+            overwrite: true,
+            ..options()
+        },
+    )
+    .unwrap();
+    assert_eq!(Trajectory::open(&path).unwrap().times().len(), 1);
+    assert!(writer.finish().unwrap_err().to_string().contains("no frame"));
+    assert_eq!(Trajectory::open(&path).unwrap().times().len(), 1);
+    let folder = Writer::create(dir.path(), &square(), &options())
+        .unwrap_err()
+        .to_string();
+    assert!(folder.contains("is a folder"), "{folder}");
+    let nowhere = Writer::create("/proc/none/a.h5", &square(), &options())
+        .unwrap_err()
+        .to_string();
+    assert!(nowhere.contains("/proc/none"), "{nowhere}");
+}
+
+#[test]
+fn files_that_are_no_trajectories() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    let message = |path: &Path| Trajectory::open(path).unwrap_err().to_string();
+    assert!(message(&path).contains("cannot be read: No such file"));
+    assert!(message(dir.path()).contains("cannot be read"));
+    std::fs::write(&path, "text").unwrap();
+    assert!(message(&path).contains("not an HDF5 file"));
+    std::fs::write(&path, "").unwrap();
+    assert!(message(&path).contains("not an HDF5 file"));
+    let make = |attribute: &dyn Fn(&hdf5::File)| {
+        write(&path, 1);
+        attribute(&hdf5::File::open_rw(&path).unwrap());
+        let text = message(&path);
+        std::fs::remove_file(&path).unwrap();
+        text
+    };
+    std::fs::remove_file(&path).unwrap();
+    assert!(make(&|f| f.delete_attr("complete").unwrap()).contains("not finished"));
+    assert!(make(&|f| f.delete_attr("format").unwrap()).contains("not a trajectory"));
+    let newer = make(&|f| f.attr("version").unwrap().write_scalar(&9u32).unwrap());
+    assert!(
+        newer.contains("version 9") && newer.contains("up to 1"),
+        "{newer}"
+    );
+    let gone = make(&|f| f.unlink("mesh/face_owner").unwrap());
+    assert!(gone.contains("mesh/face_owner"), "{gone}");
+    let label = make(&|f| {
+        f.dataset("mesh/face_owner")
+            .unwrap()
+            .write_raw(&[0, 1, 2, 4])
+            .unwrap()
+    });
+    assert!(label.contains("face_owner[3] is 4"), "{label}");
+    let kind = make(&|f| {
+        f.dataset("mesh/boundary_type")
+            .unwrap()
+            .write_raw(&[1, 2, 77])
+            .unwrap()
+    });
+    assert!(kind.contains("node type code 77"), "{kind}");
+    let frames = make(&|f| f.dataset("fields/p/cells").unwrap().resize((3, 4, 1)).unwrap());
+    assert!(
+        frames.contains("/fields/p/cells") && frames.contains("[3, 4, 1]"),
+        "{frames}"
+    );
+}
+
+#[test]
+fn every_truncation_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    write(&path, 3);
+    let whole = std::fs::read(&path).unwrap();
+    for length in (0..whole.len()).step_by(97) {
+        std::fs::write(&path, &whole[..length]).unwrap();
+        assert!(
+            read_all(&path).is_err(),
+            "truncated to {length} of {} bytes",
+            whole.len()
+        );
+    }
+}
+
+/// A full disk, without being root: the file size limit of a child process (SIGXFSZ ignored, as a host may).
+#[test]
+fn a_full_disk_leaves_nothing() {
+    let name = "dataset::tests::a_full_disk_leaves_nothing";
+    if let Ok(path) = std::env::var("M4GN_TEST_FULL_DISK") {
+        let path = Path::new(&path);
+        let mut mesh = square();
+        let n = 20_000;
+        mesh.cell_global = (0..n).collect();
+        mesh.cell_centres = vec![[0.0; 3]; n as usize];
+        mesh.cell_volumes = vec![1.0; n as usize];
+        let noise = |i: usize, n: usize| (0..n).map(|k| ((k * 7919 + i) as f32).sin()).collect::<Vec<_>>();
+        let frame = |i| {
+            vec![
+                Frame {
+                    cells: noise(i, 40_000),
+                    boundary: noise(i, 6),
+                },
+                Frame {
+                    cells: noise(i, 20_000),
+                    boundary: noise(i, 3),
+                },
+            ]
+        };
+        let mut writer = Writer::create(path, &mesh, &options()).unwrap();
+        let error = (0..1000)
+            .find_map(|i| writer.append(i as f64, &frame(i)).err())
+            .unwrap();
+        assert!(error.to_string().contains("file size limit"), "{error}");
+        assert!(
+            writer
+                .append(2000.0, &frame(0))
+                .unwrap_err()
+                .to_string()
+                .contains("given up")
+        );
+        assert!(writer.finish().is_err());
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let exe = std::env::current_exe().unwrap();
+    let status = std::process::Command::new("bash")
+        .arg("-c")
+        .arg("trap '' XFSZ; ulimit -f 8192; exec \"$0\" --exact \"$1\" --nocapture")
+        .arg(exe)
+        .arg(name)
+        .env("M4GN_TEST_FULL_DISK", dir.path().join("a.h5"))
+        .status()
+        .unwrap();
+    assert!(status.success());
+    assert_eq!(dir.path().read_dir().unwrap().count(), 0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Flipped bytes anywhere give values or an error, never a panic, and never wrong values in the frames:
+    /// metadata and frames are checksummed.
+    #[test]
+    fn damaged_bytes_never_panic(places in prop::collection::vec((0.0..1.0f64, 1..=255u8), 1..4)) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.h5");
+        write(&path, 2);
+        let mut bytes = std::fs::read(&path).unwrap();
+        for (place, flip) in places {
+            let i = (place * bytes.len() as f64) as usize;
+            bytes[i] ^= flip;
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        if let Ok(trajectory) = Trajectory::open(&path) {
+            for (f, meta) in trajectory.fields().to_vec().iter().enumerate() {
+                if let Ok(frame) = trajectory.read_frame(&meta.name, 1) {
+                    prop_assert_eq!(&frame, &frames(1)[f]);
+                }
+            }
+        }
+    }
+}

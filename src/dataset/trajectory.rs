@@ -1,0 +1,521 @@
+//! Reading trajectories. Whatever is in a file, the answer is values or an error that names the file.
+
+use super::schema::{FORMAT, FieldMeta, Frame, LONG, NAME, Split, Text, VERSION, h5_error, quiet};
+use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use crate::{Error, Result};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A whole recorded trajectory; frames are read on demand.
+///
+/// The file is opened for each read and not kept open, so that a data set of thousands of trajectories needs
+/// no more file descriptors than one.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    path: PathBuf,
+    mesh: Mesh,
+    times: Vec<f64>,
+    fields: Vec<FieldMeta>,
+    provenance: serde_json::Value,
+    split: Split,
+}
+
+impl Trajectory {
+    /// Opens a file and checks that it is a whole trajectory of a known version with consistent sizes.
+    ///
+    /// # Errors
+    /// [`Error::File`] when the file is missing, not HDF5, truncated, of another format or a newer version,
+    /// incomplete, or inconsistent in itself.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let file = open_file(path)?;
+        let source = Source {
+            path,
+            bytes: file_length(path)?,
+        };
+        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
+        source.check_header(&root)?;
+        let provenance = source.text::<LONG>(&root, "provenance")?;
+        let provenance = serde_json::from_str(&provenance)
+            .map_err(|e| Error::file(path, format!("attribute provenance is not JSON: {e}")))?;
+        let split = source
+            .text::<NAME>(&root, "split")?
+            .parse()
+            .map_err(|e: Error| Error::file(path, e.to_string()))?;
+        let mesh = source.mesh(&file)?;
+        let times: Vec<f64> = source.values(&file, "times", &[None])?;
+        if let Some(i) = (1..times.len()).find(|&i| times[i] <= times[i - 1]) {
+            let (a, b) = (times[i - 1], times[i]);
+            return Err(source.damaged(format!(
+                "times must increase, but frame {i} is at {b} s after {a} s"
+            )));
+        }
+        if times.iter().any(|t| !t.is_finite()) {
+            return Err(source.damaged("a time is not finite".into()));
+        }
+        let fields = source.fields(&file, &mesh, times.len())?;
+        Ok(Trajectory {
+            path: path.to_path_buf(),
+            mesh,
+            times,
+            fields,
+            provenance,
+            split,
+        })
+    }
+
+    /// The file it was opened from.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The undecomposed mesh, as one rank would see it.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// Times of the frames, s, increasing.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Recorded fields.
+    pub fn fields(&self) -> &[FieldMeta] {
+        &self.fields
+    }
+
+    /// Where the trajectory came from: application, versions, parameters.
+    pub fn provenance(&self) -> &serde_json::Value {
+        &self.provenance
+    }
+
+    /// What the trajectory is for.
+    pub fn split(&self) -> Split {
+        self.split
+    }
+
+    /// The field of this name.
+    ///
+    /// # Errors
+    /// [`Error::File`] that lists the fields there are.
+    pub fn field(&self, name: &str) -> Result<&FieldMeta> {
+        self.fields.iter().find(|f| f.name == name).ok_or_else(|| {
+            let names: Vec<_> = self.fields.iter().map(|f| f.name.as_str()).collect();
+            Error::file(
+                &self.path,
+                format!("no field '{name}'; recorded are {}", names.join(", ")),
+            )
+        })
+    }
+
+    /// Values of one field at one frame.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a frame that is not there; [`Error::File`] for a damaged or vanished file.
+    pub fn read_frame(&self, field: &str, frame: usize) -> Result<Frame> {
+        let mut frames = self.read_frames(field, frame, 1, 1)?;
+        frames
+            .pop()
+            .ok_or_else(|| Error::Internal("one frame asked for, none read".into()))
+    }
+
+    /// Values of one field at frames `first`, `first + step`, ... (`count` of them).
+    ///
+    /// # Errors
+    /// As [`Trajectory::read_frame`].
+    pub fn read_frames(&self, field: &str, first: usize, step: usize, count: usize) -> Result<Vec<Frame>> {
+        let meta = self.field(field)?;
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        let last = (count - 1).checked_mul(step).and_then(|n| n.checked_add(first));
+        if last.is_none_or(|l| l >= self.times.len()) {
+            return Err(Error::Input(format!(
+                "{}: frames {first}, every {step}, {count} of them: the trajectory has {} frames",
+                self.path.display(),
+                self.times.len()
+            )));
+        }
+        let c = meta.components(self.mesh.dim());
+        let file = open_file(&self.path)?;
+        let cells = self.open_field(&file, field, "cells", self.mesh.n_cells(), c)?;
+        let boundary = self.open_field(&file, field, "boundary", self.mesh.boundary.len(), c)?;
+        (0..count)
+            .map(|i| {
+                let frame = first + i * step;
+                Ok(Frame {
+                    cells: self.read_part(&cells, field, frame)?,
+                    boundary: self.read_part(&boundary, field, frame)?,
+                })
+            })
+            .collect()
+    }
+
+    /// Opens a dataset again; the file may have been replaced since [`Trajectory::open`].
+    fn open_field(
+        &self,
+        file: &hdf5::File,
+        field: &str,
+        part: &str,
+        rows: usize,
+        c: usize,
+    ) -> Result<hdf5::Dataset> {
+        let name = format!("fields/{field}/{part}");
+        let dataset = file
+            .dataset(&name)
+            .map_err(h5_error(&self.path, &format!("dataset /{name}")))?;
+        let expected = [self.times.len(), rows, c];
+        if dataset.shape() != expected {
+            let message = format!(
+                "dataset /{name} has shape {:?}, expected {expected:?}",
+                dataset.shape()
+            );
+            return Err(Error::file(&self.path, message));
+        }
+        Ok(dataset)
+    }
+
+    fn read_part(&self, dataset: &hdf5::Dataset, field: &str, frame: usize) -> Result<Vec<f32>> {
+        let values = dataset
+            .read_slice::<f32, _, ndarray::Ix2>((frame, .., ..))
+            .map_err(h5_error(
+                &self.path,
+                &format!("frame {frame} of {field} is damaged"),
+            ))?;
+        let values = values.into_raw_vec_and_offset().0;
+        if values.iter().any(|v| !v.is_finite()) {
+            return Err(Error::file(
+                &self.path,
+                format!("frame {frame} of {field} holds a value that is not finite"),
+            ));
+        }
+        Ok(values)
+    }
+}
+
+/// Trajectories of a folder (`*.h5`, sorted by name), or the one file given.
+///
+/// Files being recorded have other names and are never listed.
+///
+/// # Errors
+/// [`Error::File`] when the path does not exist, cannot be read, or is a folder without trajectories.
+pub fn list(path: &Path) -> Result<Vec<PathBuf>> {
+    let unreadable = |e: std::io::Error| Error::file(path, format!("cannot be read: {e}"));
+    if !path.metadata().map_err(unreadable)?.is_dir() {
+        return Ok(vec![path.to_path_buf()]);
+    }
+    let mut files = Vec::new();
+    for entry in path.read_dir().map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        let name = entry.file_name();
+        let hidden = name.as_encoded_bytes().first() == Some(&b'.');
+        let file = entry.path();
+        if !hidden && file.extension().is_some_and(|e| e == "h5") && file.is_file() {
+            files.push(file);
+        }
+    }
+    if files.is_empty() {
+        return Err(Error::file(
+            path,
+            "holds no trajectories (*.h5); 'm4gn generate' or m4gnHarvest make them",
+        ));
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn file_length(path: &Path) -> Result<u64> {
+    path.metadata()
+        .map(|m| m.len())
+        .map_err(|e| Error::file(path, format!("cannot be read: {e}")))
+}
+
+/// Opens read-only, without HDF5's lock (shared file systems often have none, and files never change).
+fn open_file(path: &Path) -> Result<hdf5::File> {
+    const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
+    quiet();
+    let mut head = Vec::with_capacity(8);
+    std::fs::File::open(path)
+        .and_then(|f| f.take(8).read_to_end(&mut head))
+        .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+    if head != SIGNATURE {
+        return Err(Error::file(
+            path,
+            "is not an HDF5 file; expected a trajectory (*.h5) of m4gn",
+        ));
+    }
+    hdf5::FileBuilder::new()
+        .with_fapl(|p| p.file_locking(false).libver_v110())
+        .open(path)
+        .map_err(|e| Error::file(path, format!("is truncated or damaged, record it again ({e})")))
+}
+
+/// The file while it is opened: everything found in it is checked against its length before memory is taken.
+struct Source<'a> {
+    path: &'a Path,
+    bytes: u64,
+}
+
+impl Source<'_> {
+    fn damaged(&self, what: String) -> Error {
+        Error::file(self.path, format!("{what}. The file is damaged, record it again"))
+    }
+
+    fn check_header(&self, root: &hdf5::Group) -> Result<()> {
+        let format = self.text::<NAME>(root, "format").map_err(|_| {
+            Error::file(
+                self.path,
+                format!("is HDF5 but has no attribute format = \"{FORMAT}\": not a trajectory of m4gn"),
+            )
+        })?;
+        if format != FORMAT {
+            return Err(Error::file(
+                self.path,
+                format!("attribute format is \"{format}\", expected \"{FORMAT}\""),
+            ));
+        }
+        let version = self.number(root, "version")?;
+        if version == 0 || version > VERSION {
+            return Err(Error::file(
+                self.path,
+                format!(
+                    "schema version {version}, this m4gn reads up to {VERSION}: update m4gn or record again"
+                ),
+            ));
+        }
+        if self.number(root, "complete").unwrap_or(0) != 1 {
+            return Err(Error::file(
+                self.path,
+                "the recording was not finished (no attribute complete = 1): record it again",
+            ));
+        }
+        Ok(())
+    }
+
+    fn attribute(&self, at: &hdf5::Location, name: &str) -> Result<hdf5::Attribute> {
+        at.attr(name)
+            .map_err(|_| self.damaged(format!("attribute {name} of {} is missing", at.name())))
+    }
+
+    fn text<const N: usize>(&self, at: &hdf5::Location, name: &str) -> Result<String> {
+        let attribute = self.attribute(at, name)?;
+        let text: Text<N> = attribute
+            .read_scalar()
+            .map_err(|e| self.damaged(format!("attribute {name} of {} is not text ({e})", at.name())))?;
+        // The bytes come from the file: HDF5 does not promise that they are UTF-8.
+        String::from_utf8(text.as_bytes().to_vec())
+            .map_err(|_| self.damaged(format!("attribute {name} of {} is not UTF-8", at.name())))
+    }
+
+    fn number(&self, at: &hdf5::Location, name: &str) -> Result<u32> {
+        self.attribute(at, name)?
+            .read_scalar()
+            .map_err(|e| self.damaged(format!("attribute {name} of {} is not a number ({e})", at.name())))
+    }
+
+    fn numbers(&self, at: &hdf5::Location, name: &str, most: usize) -> Result<Vec<i32>> {
+        let attribute = self.attribute(at, name)?;
+        if attribute.size() > most {
+            return Err(self.damaged(format!(
+                "attribute {name} of {} has {} values",
+                at.name(),
+                attribute.size()
+            )));
+        }
+        attribute
+            .read_raw()
+            .map_err(|e| self.damaged(format!("attribute {name} of {} is not numbers ({e})", at.name())))
+    }
+
+    /// A dataset as a flat vector, of the given shape where given.
+    fn values<T: hdf5::H5Type>(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        shape: &[Option<usize>],
+    ) -> Result<Vec<T>> {
+        let dataset = file
+            .dataset(name)
+            .map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
+        let found = dataset.shape();
+        let fits =
+            found.len() == shape.len() && found.iter().zip(shape).all(|(f, s)| s.is_none_or(|s| s == *f));
+        let size = found.iter().try_fold(size_of::<T>(), |a, &n| a.checked_mul(n));
+        if !fits || size.is_none_or(|s| s as u64 > self.bytes) {
+            return Err(self.damaged(format!(
+                "dataset /{name} has shape {found:?}, expected {}",
+                shown(shape)
+            )));
+        }
+        dataset
+            .read_raw()
+            .map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
+    }
+
+    fn vectors(&self, file: &hdf5::Group, name: &str, rows: Option<usize>) -> Result<Vec<[f64; 3]>> {
+        let flat: Vec<f64> = self.values(file, name, &[rows, Some(3)])?;
+        Ok(flat.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect())
+    }
+
+    /// Labels, checked to be in `0..end`.
+    fn labels(&self, file: &hdf5::Group, name: &str, rows: Option<usize>, end: usize) -> Result<Vec<i32>> {
+        let labels: Vec<i32> = self.values(file, name, &[rows])?;
+        match labels
+            .iter()
+            .position(|&l| usize::try_from(l).map_or(true, |l| l >= end))
+        {
+            Some(i) => Err(self.damaged(format!(
+                "/{name}[{i}] is {}, expected 0 to below {end}",
+                labels[i]
+            ))),
+            None => Ok(labels),
+        }
+    }
+
+    fn mesh(&self, file: &hdf5::File) -> Result<Mesh> {
+        let group = file
+            .group("mesh")
+            .map_err(|e| self.damaged(format!("group /mesh cannot be opened ({e})")))?;
+        let directions = self.numbers(&group, "directions", 3)?;
+        let increasing = directions.windows(2).all(|w| w[0] < w[1]);
+        if directions.len() < 2 || !increasing || directions.iter().any(|d| !(0..3).contains(d)) {
+            return Err(self.damaged(format!(
+                "solved directions {directions:?}, expected two or three of 0, 1, 2"
+            )));
+        }
+        let cell_volumes: Vec<f64> = self.values(file, "mesh/cell_volumes", &[None])?;
+        let n = cell_volumes.len();
+        let face_coeff: Vec<f64> = self.values(file, "mesh/face_coeff", &[None])?;
+        let f = Some(face_coeff.len());
+        let patches = self.patches(&group)?;
+        let mesh = Mesh {
+            directions: directions.iter().map(|&d| d as usize).collect(),
+            cell_global: (0..n as i64).collect(),
+            cell_centres: self.vectors(file, "mesh/cell_centres", Some(n))?,
+            cell_volumes,
+            face_owner: self.labels(file, "mesh/face_owner", f, n)?,
+            face_neighbour: self.labels(file, "mesh/face_neighbour", f, n)?,
+            face_coeff,
+            boundary: self.boundary(file, n, patches.len())?,
+            coupled: self.coupled(file, n)?,
+            patches,
+        };
+        Ok(mesh)
+    }
+
+    fn patches(&self, group: &hdf5::Group) -> Result<Vec<String>> {
+        let attribute = self.attribute(group, "patch_names")?;
+        if attribute.size() as u64 > self.bytes {
+            return Err(self.damaged(format!("{} patch names", attribute.size())));
+        }
+        let names: Vec<Text<NAME>> = attribute
+            .read_raw()
+            .map_err(|e| self.damaged(format!("attribute patch_names of /mesh is not text ({e})")))?;
+        names
+            .iter()
+            .map(|n| {
+                String::from_utf8(n.as_bytes().to_vec())
+                    .map_err(|_| self.damaged("a patch name is not UTF-8".into()))
+            })
+            .collect()
+    }
+
+    fn boundary(&self, file: &hdf5::File, n_cells: usize, n_patches: usize) -> Result<Vec<BoundaryFace>> {
+        let coeff: Vec<f64> = self.values(file, "mesh/boundary_coeff", &[None])?;
+        let b = Some(coeff.len());
+        let owner = self.labels(file, "mesh/boundary_owner", b, n_cells)?;
+        let patch = self.labels(file, "mesh/boundary_patch", b, n_patches)?;
+        let kind: Vec<i32> = self.values(file, "mesh/boundary_type", &[b])?;
+        let centres = self.vectors(file, "mesh/boundary_centres", b)?;
+        let area = self.vectors(file, "mesh/boundary_area", b)?;
+        (0..coeff.len())
+            .map(|i| {
+                let kind = NodeType::from_code(kind[i])
+                    .map_err(|e| self.damaged(format!("/mesh/boundary_type[{i}]: {e}")))?;
+                Ok(BoundaryFace {
+                    owner: owner[i],
+                    global: i as i64,
+                    centre: centres[i],
+                    area: area[i],
+                    coeff: coeff[i],
+                    kind,
+                    patch: patch[i],
+                })
+            })
+            .collect()
+    }
+
+    fn coupled(&self, file: &hdf5::File, n_cells: usize) -> Result<Vec<CoupledFace>> {
+        if !file.link_exists("mesh/coupled_coeff") {
+            return Ok(Vec::new());
+        }
+        let coeff: Vec<f64> = self.values(file, "mesh/coupled_coeff", &[None])?;
+        let c = Some(coeff.len());
+        let owner = self.labels(file, "mesh/coupled_owner", c, n_cells)?;
+        let neighbour: Vec<i64> = self.values(file, "mesh/coupled_neighbour", &[c])?;
+        if let Some(g) = neighbour
+            .iter()
+            .find(|&&g| usize::try_from(g).map_or(true, |g| g >= n_cells))
+        {
+            return Err(self.damaged(format!("a cyclic face leads to cell {g} of {n_cells}")));
+        }
+        let delta = self.vectors(file, "mesh/coupled_delta", c)?;
+        let faces = (0..coeff.len()).map(|i| CoupledFace {
+            owner: owner[i],
+            rank: 0,
+            global: neighbour[i],
+            delta: delta[i],
+            coeff: coeff[i],
+        });
+        Ok(faces.collect())
+    }
+
+    fn fields(&self, file: &hdf5::File, mesh: &Mesh, n_frames: usize) -> Result<Vec<FieldMeta>> {
+        let group = file
+            .group("fields")
+            .map_err(|e| self.damaged(format!("group /fields cannot be opened ({e})")))?;
+        let mut names = group
+            .member_names()
+            .map_err(|e| self.damaged(format!("group /fields cannot be listed ({e})")))?;
+        names.sort();
+        let mut fields = Vec::with_capacity(names.len());
+        for name in names {
+            let at = group
+                .group(&name)
+                .map_err(|e| self.damaged(format!("group /fields/{name} cannot be opened ({e})")))?;
+            let vector = self.number(&at, "vector")? != 0;
+            let dimensions = self.numbers(&at, "dimensions", 7)?;
+            let dimensions = <[i32; 7]>::try_from(dimensions).map_err(|d| {
+                self.damaged(format!("field {name} has dimensions {d:?}, expected 7 exponents"))
+            })?;
+            let meta = FieldMeta {
+                name,
+                vector,
+                dimensions,
+            };
+            let c = meta.components(mesh.dim());
+            for (part, rows) in [("cells", mesh.n_cells()), ("boundary", mesh.boundary.len())] {
+                let name = format!("/fields/{}/{part}", meta.name);
+                let found = at
+                    .dataset(part)
+                    .map_err(|e| self.damaged(format!("dataset {name} cannot be opened ({e})")))?;
+                if found.shape() != [n_frames, rows, c] {
+                    return Err(self.damaged(format!(
+                        "dataset {name} has shape {:?}, expected [{n_frames}, {rows}, {c}]",
+                        found.shape()
+                    )));
+                }
+            }
+            fields.push(meta);
+        }
+        Ok(fields)
+    }
+}
+
+fn shown(shape: &[Option<usize>]) -> String {
+    let parts: Vec<_> = shape
+        .iter()
+        .map(|s| s.map_or("any".to_string(), |n| n.to_string()))
+        .collect();
+    format!("[{}]", parts.join(", "))
+}

@@ -1,0 +1,309 @@
+//! Sessions on sample meshes, in serial.
+
+use super::*;
+use crate::mesh::{NodeType, sample};
+use crate::model::tests::spec;
+use crate::model::{FieldSpec, Output};
+
+fn session(options: &SessionOptions) -> Session {
+    let mesh = sample::triangles(8, 6, 1.6, 0.41);
+    Session::new(
+        Comm::serial(),
+        &mesh,
+        &Model::random(spec(), 11).unwrap(),
+        options,
+    )
+    .unwrap()
+}
+
+struct State {
+    u: Vec<f64>,
+    u_boundary: Vec<f64>,
+    p: Vec<f64>,
+    p_boundary: Vec<f64>,
+}
+
+fn state(s: &Session) -> State {
+    let wave = |n: usize| (0..n).map(|i| (0.3 * i as f64).sin()).collect::<Vec<_>>();
+    State {
+        u: wave(3 * s.n_cells()),
+        u_boundary: wave(3 * s.n_boundary()),
+        p: wave(s.n_cells()),
+        p_boundary: wave(s.n_boundary()),
+    }
+}
+
+impl State {
+    fn fields(&self) -> [Field<'_>; 2] {
+        [
+            Field {
+                name: "U",
+                components: 3,
+                cells: &self.u,
+                boundary: &self.u_boundary,
+            },
+            Field {
+                name: "p",
+                components: 1,
+                cells: &self.p,
+                boundary: &self.p_boundary,
+            },
+        ]
+    }
+}
+
+#[test]
+fn changes_are_added_and_values_replace() {
+    let mut s = session(&SessionOptions::default());
+    let state = state(&s);
+    let (mut u, mut p) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
+    let mut out = [
+        FieldMut {
+            name: "U",
+            components: 3,
+            cells: &mut u,
+        },
+        FieldMut {
+            name: "p",
+            components: 1,
+            cells: &mut p,
+        },
+    ];
+    s.step(&state.fields(), &mut out).unwrap();
+    for cell in 0..s.n_cells() {
+        let y = &s.outputs[3 * cell..3 * cell + 3];
+        assert_eq!(u[3 * cell], state.u[3 * cell] + y[0] as f64);
+        assert_eq!(u[3 * cell + 1], state.u[3 * cell + 1] + y[1] as f64);
+        assert_eq!(u[3 * cell + 2], 7.0, "a component that is not solved was touched");
+        assert_eq!(p[cell], y[2] as f64);
+    }
+    assert_eq!(s.n_segments(), 4);
+    assert!(s.cell_segment().iter().all(|k| (0..4).contains(k)));
+}
+
+#[test]
+fn wrong_fields_are_refused_and_outputs_left_alone() {
+    let mut s = session(&SessionOptions::default());
+    let state = state(&s);
+    let mut nan = state.p.clone();
+    nan[5] = f64::NAN;
+    let [u, p] = state.fields();
+    let cases: [(&[Field], &str); 6] = [
+        (&[u], "input field 'p' is missing"),
+        (
+            &[u, Field { components: 3, ..p }],
+            "a scalar (1 components), found 3",
+        ),
+        (
+            &[Field { components: 1, ..u }, p],
+            "a vector (3 components), found 1",
+        ),
+        (
+            &[
+                Field {
+                    cells: &state.u[3..],
+                    ..u
+                },
+                p,
+            ],
+            "cell values",
+        ),
+        (&[u, Field { boundary: &[], ..p }], "boundary values"),
+        (&[u, Field { cells: &nan, ..p }], "'p' is NaN at cell 5"),
+    ];
+    for (fields, message) in cases {
+        let (mut a, mut b) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
+        let mut out = [
+            FieldMut {
+                name: "U",
+                components: 3,
+                cells: &mut a,
+            },
+            FieldMut {
+                name: "p",
+                components: 1,
+                cells: &mut b,
+            },
+        ];
+        let error = s.step(fields, &mut out).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+        assert!(a.iter().chain(&b).all(|v| *v == 7.0));
+    }
+    let mut a = vec![7.0; state.u.len()];
+    let mut only = [FieldMut {
+        name: "U",
+        components: 3,
+        cells: &mut a,
+    }];
+    assert!(
+        s.step(&state.fields(), &mut only)
+            .unwrap_err()
+            .to_string()
+            .contains("no array for the predicted field 'p'")
+    );
+    let mut other = [FieldMut {
+        name: "T",
+        components: 1,
+        cells: &mut a,
+    }];
+    assert!(
+        s.step(&state.fields(), &mut other)
+            .unwrap_err()
+            .to_string()
+            .contains("predicts U, p")
+    );
+}
+
+#[test]
+fn a_result_that_overflows_is_a_numerical_error() {
+    let mut s = session(&SessionOptions::default());
+    let mut state = state(&s);
+    // Finite as a double, infinite as the network sees it.
+    state.u[0] = 1e300;
+    let (mut a, mut b) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
+    let mut out = [
+        FieldMut {
+            name: "U",
+            components: 3,
+            cells: &mut a,
+        },
+        FieldMut {
+            name: "p",
+            components: 1,
+            cells: &mut b,
+        },
+    ];
+    assert!(matches!(
+        s.step(&state.fields(), &mut out),
+        Err(Error::Numerical(_))
+    ));
+    assert!(a.iter().chain(&b).all(|v| *v == 7.0));
+}
+
+#[test]
+fn cases_that_do_not_fit_are_refused() {
+    let refused = |mesh: &Mesh, spec: crate::model::ModelSpec, options: SessionOptions| {
+        let model = Model::random(spec, 1).unwrap();
+        match Session::new(Comm::serial(), mesh, &model, &options) {
+            Ok(_) => panic!("not refused"),
+            Err(e) => e.to_string(),
+        }
+    };
+    let mesh = sample::rectangle(6, 4, 1.0, 1.0);
+    let default = SessionOptions::default;
+
+    let mut s = spec();
+    s.node_types.retain(|t| *t != NodeType::Outlet);
+    let message = refused(&mesh, s, default());
+    assert!(
+        message.contains("the model knows fluid, wall, inlet; patch '"),
+        "{message}"
+    );
+    assert!(message.contains("is outlet"), "{message}");
+
+    let message = refused(&sample::block([3, 2, 2], [1.0; 3]), spec(), default());
+    assert!(
+        message.contains("trained in 2 dimensions; this case solves 3 (x, y, z)"),
+        "{message}"
+    );
+
+    let message = refused(
+        &mesh,
+        spec(),
+        SessionOptions {
+            segments: Some(25),
+            ..default()
+        },
+    );
+    assert!(message.contains("25 segments for 24 cells"), "{message}");
+    let message = refused(
+        &mesh,
+        spec(),
+        SessionOptions {
+            tau: Some(f64::NAN),
+            ..default()
+        },
+    );
+    assert!(message.contains("tau"), "{message}");
+    let message = refused(
+        &mesh,
+        spec(),
+        SessionOptions {
+            cell_segment: Some(vec![0; 3]),
+            ..default()
+        },
+    );
+    assert!(message.contains("3 segment labels for 24 cells"), "{message}");
+    let message = refused(
+        &mesh,
+        spec(),
+        SessionOptions {
+            n_threads: 1 << 20,
+            ..default()
+        },
+    );
+    assert!(message.contains("n_threads"), "{message}");
+    let torch = SessionOptions {
+        backend: Backend::parse("torch").unwrap(),
+        ..default()
+    };
+    assert!(refused(&mesh, spec(), torch).contains("torch"));
+    assert!(Backend::parse("tensorflow").is_err() && Backend::parse("torch:").is_err());
+}
+
+#[test]
+fn threads_and_given_segments_do_not_change_the_result() {
+    let run = |options: &SessionOptions| {
+        let mut s = session(options);
+        let state = state(&s);
+        let (mut u, mut p) = (state.u.clone(), state.p.clone());
+        let mut out = [
+            FieldMut {
+                name: "U",
+                components: 3,
+                cells: &mut u,
+            },
+            FieldMut {
+                name: "p",
+                components: 1,
+                cells: &mut p,
+            },
+        ];
+        s.step(&state.fields(), &mut out).unwrap();
+        (u, p, s.cell_segment().to_vec())
+    };
+    let first = run(&SessionOptions::default());
+    let threads = run(&SessionOptions {
+        n_threads: 3,
+        ..Default::default()
+    });
+    assert_eq!(first, threads);
+    let preset = run(&SessionOptions {
+        cell_segment: Some(first.2.clone()),
+        ..Default::default()
+    });
+    assert_eq!(first, preset);
+}
+
+#[test]
+fn a_plain_network_has_no_segments() {
+    let mut s = spec();
+    s.architecture.segment_transformer = None;
+    s.architecture.layers_after = 0;
+    s.fields.push(FieldSpec {
+        name: "T".into(),
+        vector: false,
+        dimensions: [0; 7],
+        input: true,
+        output: Output::None,
+    });
+    let mesh = sample::rectangle(5, 4, 1.0, 1.0);
+    let session = Session::new(
+        Comm::serial(),
+        &mesh,
+        &Model::random(s, 1).unwrap(),
+        &SessionOptions::default(),
+    )
+    .unwrap();
+    assert_eq!((session.n_segments(), session.cell_segment().len()), (0, 0));
+}
