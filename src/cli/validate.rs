@@ -13,7 +13,7 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 /// Roll a model out on recorded trajectories and print its errors beside those of holding fields
 ///
 /// RMSE-1: one step of the model's stride from every frame at that stride; RMSE-50: the rollout over its first 50
-/// frames; RMSE-all: over the whole trajectory. Persistence holds the recorded frame one stride before, hold first
+/// frames (or --horizon); RMSE-all: over the whole trajectory. Persistence holds the recorded frame one stride before, hold first
 /// the first frame.
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -26,6 +26,9 @@ pub struct Args {
     /// Trajectories to use
     #[arg(long, value_enum, default_value_t = Choice::All)]
     split: Choice,
+    /// Time that RMSE-50 covers, s [default: 50 frames of the data]
+    #[arg(long, value_name = "S")]
+    horizon: Option<f64>,
     /// What runs the network: native, torch, torch:DEVICE
     #[arg(long, default_value = "native")]
     backend: String,
@@ -74,6 +77,11 @@ pub fn run(args: Args) -> Result<()> {
         model_path: Some(args.model.clone()),
         ..SessionOptions::default()
     };
+    if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
+        return Err(Error::Input(format!(
+            "--horizon {h}: expected a positive time in s"
+        )));
+    }
     let model = Model::read(&args.model)?;
     let mut trajectories = Vec::new();
     for path in dataset::list(&args.data)? {
@@ -114,6 +122,7 @@ pub fn run(args: Args) -> Result<()> {
         let case = Case {
             path: trajectory.path().to_path_buf(),
             split: trajectory.split(),
+            horizon: args.horizon.unwrap_or(validate::HORIZON as f64 * pace.interval),
             pace,
             errors,
         };

@@ -5,6 +5,7 @@ use crate::{
     Result,
     compare::seconds,
     dataset::{Split, Trajectory},
+    mesh::BoundaryFace,
     model::ModelSpec,
     report::{
         CellMap, Chart, FieldPicture, Page, Series,
@@ -23,9 +24,10 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
     page.paragraph(&format!(
         "Model {model}, stride {} s. Root-mean-square errors of the velocity over cells, solved components and steps, averaged \
          over trajectories; boundary values are prescribed. RMSE-1: one step from every frame at the model's stride. \
-         RMSE-50 and RMSE-all: rollouts from the first frame, over its first 50 frames and over all. Persistence holds \
+         RMSE-50 and RMSE-all: rollouts from the first frame, over its first {} s and over all. Persistence holds \
          the recorded frame one stride before, hold first the first one.",
-        spec.stride
+        spec.stride,
+        cases.first().map_or("-".into(), |c| seconds(c.horizon))
     ));
     for summary in summaries(cases) {
         page.heading(&format!("Split {}: {} trajectories", summary.name, summary.count));
@@ -122,11 +124,13 @@ fn picture(case: &Case) -> Result<Option<FieldPicture>> {
     };
     let flat = |p: &[f64; 3]| [p[i], p[j]];
     let centres: Vec<[f64; 2]> = mesh.cell_centres.iter().map(flat).collect();
-    let boundary: Vec<_> = mesh
-        .boundary
-        .iter()
-        .map(|b| (flat(&b.centre), flat(&b.area)))
-        .collect();
+    let face = |b: &BoundaryFace| {
+        // Outward as seen from the owner, whatever the file says: a picture must not fall to pieces over a sign.
+        let (centre, owner, area) = (flat(&b.centre), centres[b.owner as usize], flat(&b.area));
+        let sign = ((centre[0] - owner[0]) * area[0] + (centre[1] - owner[1]) * area[1]).signum();
+        (centre, area.map(|a| sign * a))
+    };
+    let boundary: Vec<_> = mesh.boundary.iter().map(face).collect();
     let Some(map) = CellMap::from_centres(&centres, &boundary, PANEL) else {
         return Ok(None);
     };

@@ -4,7 +4,8 @@
 //! steps up to a horizon, averaged over trajectories. Boundary values are prescribed and do not count.
 //!
 //! - RMSE-1: one step of the model's stride, from every frame that is a multiple of the stride.
-//! - RMSE-50: the rollout from the first frame, over the steps within its first 50 frames (0.5 s for frames of 0.01 s).
+//! - RMSE-50: the rollout from the first frame, over the steps within its first 50 frames, or a time given
+//!   (0.5 s is 50 frames of 0.01 s).
 //! - RMSE-all: the same over the whole trajectory.
 //!
 //! Beside the model stand two that know nothing: persistence holds the recorded frame one stride before each, hold
@@ -25,7 +26,7 @@ use rmse::{SquaredError, cumulative};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// Frames of the middle horizon.
+/// Frames of the middle horizon, where no time is given.
 pub const HORIZON: usize = 50;
 
 /// What a trajectory gave.
@@ -37,6 +38,8 @@ pub struct Case {
     pub split: Split,
     /// Its frames and the model's stride.
     pub pace: Pace,
+    /// Middle horizon, s from the first frame.
+    pub horizon: f64,
     /// Errors step by step.
     pub errors: Errors,
 }
@@ -53,7 +56,8 @@ pub struct Figures {
 }
 
 impl Figures {
-    fn of(single: &[SquaredError], rollout: &[SquaredError], pace: Pace) -> Self {
+    fn of(single: &[SquaredError], rollout: &[SquaredError], case: &Case) -> Self {
+        let pace = case.pace;
         let over = cumulative(rollout);
         let at = |steps: usize| match steps.min(pace.steps) {
             n if n <= over.len() => over[n - 1],
@@ -61,7 +65,7 @@ impl Figures {
         };
         Figures {
             rmse_1: cumulative(single).last().copied().unwrap_or(f64::INFINITY),
-            rmse_50: at((HORIZON / pace.frames).max(1)),
+            rmse_50: at(pace.steps_within(case.horizon)),
             rmse_all: at(pace.steps),
         }
     }
@@ -100,17 +104,17 @@ impl Figures {
 impl Case {
     /// The model's errors.
     pub fn model(&self) -> Figures {
-        Figures::of(&self.errors.single, &self.errors.rollout, self.pace)
+        Figures::of(&self.errors.single, &self.errors.rollout, self)
     }
 
     /// Those of the frame one stride before.
     pub fn persistence(&self) -> Figures {
-        Figures::of(&self.errors.persistence, &self.errors.persistence, self.pace)
+        Figures::of(&self.errors.persistence, &self.errors.persistence, self)
     }
 
     /// Those of the first frame; for RMSE-1, of each step's start.
     pub fn hold_first(&self) -> Figures {
-        Figures::of(&self.errors.persistence, &self.errors.hold_first, self.pace)
+        Figures::of(&self.errors.persistence, &self.errors.hold_first, self)
     }
 }
 
@@ -212,6 +216,7 @@ pub fn json(cases: &[Case]) -> Value {
         json!({
             "path": c.path,
             "split": c.split.name(),
+            "horizon": c.horizon,
             "model": c.model().json(),
             "persistence": c.persistence().json(),
             "hold_first": c.hold_first().json(),

@@ -25,6 +25,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
     Case {
         path: "x.h5".into(),
         split,
+        horizon: HORIZON as f64 * pace.interval,
         pace,
         errors,
     }

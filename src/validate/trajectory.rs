@@ -90,6 +90,13 @@ impl Pace {
             }),
         }
     }
+
+    /// Steps that end within `time` from the first frame, s; at least one.
+    pub fn steps_within(&self, time: f64) -> usize {
+        let stride = self.interval * self.frames as f64;
+        // Rounding must not cost a step.
+        ((time / stride + 1e-3) as usize).max(1)
+    }
 }
 
 /// Checks that the trajectory holds every field of the model as the model knows it.
@@ -353,6 +360,14 @@ mod tests {
         let pace = Pace::new(&times, 0.05).unwrap();
         assert_eq!((pace.frames, pace.steps), (5, 2));
         assert!((pace.interval - 0.01).abs() < 1e-12);
+        assert_eq!(
+            (
+                pace.steps_within(0.15),
+                pace.steps_within(0.149),
+                pace.steps_within(0.01)
+            ),
+            (3, 2, 1)
+        );
         let refused = |times: &[f64], stride: f64| Pace::new(times, stride).unwrap_err().to_string();
         assert!(refused(&times, 0.015).contains("multiple of the interval"));
         assert!(refused(&times, 0.004).contains("multiple of the interval"));
