@@ -1,10 +1,13 @@
 //! The command line `m4gn`: exit status 0 done, 1 failed, 2 bad usage; errors are one paragraph on stderr.
 
+pub mod compare;
 pub mod doctor;
 pub mod generate;
 pub mod info;
 mod output;
 mod stop;
+pub mod torch_library;
+pub mod train;
 
 pub use output::{progress_bar, write_json};
 pub use stop::stop_flag;
@@ -29,6 +32,8 @@ struct Cli {
 enum Command {
     Generate(generate::Args),
     Info(info::Args),
+    Train(train::Args),
+    Compare(compare::Args),
     Doctor(doctor::Args),
 }
 
@@ -39,6 +44,8 @@ pub fn main() -> ExitCode {
     let done = match cli.command {
         Command::Generate(args) => generate::run(args),
         Command::Info(args) => info::run(args),
+        Command::Train(args) => train::run(args),
+        Command::Compare(args) => compare::run(args),
         Command::Doctor(args) => doctor::run(args),
     };
     let status = match done {

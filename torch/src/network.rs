@@ -25,8 +25,8 @@ pub struct Topology {
     pub receivers: Tensor,
     /// Physical edge features `[E x (dim + 1)]`.
     pub edges: Tensor,
-    /// One-hot node types `[N x types]`.
-    pub one_hot: Tensor,
+    /// Node features that do not change with time `[N x n_static_features]`.
+    pub fixed: Tensor,
     /// Node of each (node, segment) membership, `[M]`; none where each node has exactly one segment, its own row.
     pub member_node: Option<Tensor>,
     /// Segment of each membership, `[M]`.
@@ -35,8 +35,8 @@ pub struct Topology {
     pub segment_weight: Tensor,
     /// 1 / segments of each node, `[N x 1]`; used where a node can have several.
     pub node_weight: Tensor,
-    /// Random-walk encoding `[graphs K x steps]`.
-    pub rwse: Option<Tensor>,
+    /// Positional encoding `[graphs K x n_position_features]`.
+    pub position: Option<Tensor>,
 }
 
 impl Topology {
@@ -51,19 +51,23 @@ impl Topology {
             senders: self.senders.shallow_clone(),
             receivers: self.receivers.shallow_clone(),
             edges: self.edges.shallow_clone(),
-            one_hot: self.one_hot.shallow_clone(),
+            fixed: self.fixed.shallow_clone(),
             member_node: clone(&self.member_node),
             member_segment: self.member_segment.shallow_clone(),
             segment_weight: self.segment_weight.shallow_clone(),
             node_weight: self.node_weight.shallow_clone(),
-            rwse: clone(&self.rwse),
+            position: clone(&self.position),
         }
     }
 }
 
 /// Rows picked from and summed into tensors by expanded indices, the fast path of libtorch's CPU kernels.
 fn pick(values: &Tensor, index: &Tensor) -> Tensor {
-    values.gather(0, &index.unsqueeze(1).expand([-1, values.size()[1]], false), false)
+    values.gather(
+        0,
+        &index.unsqueeze(1).expand([-1, values.size()[1]], false),
+        false,
+    )
 }
 
 fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
@@ -84,13 +88,16 @@ pub struct Network<'a> {
 impl<'a> Network<'a> {
     /// Puts an architecture and weights together.
     pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
-        Network { architecture, weights }
+        Network {
+            architecture,
+            weights,
+        }
     }
 
     /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
         let a = self.architecture;
-        let mut h = float(&self.mlp("encoder.node", &Tensor::cat(&[fields, &graph.one_hot], 1)));
+        let mut h = float(&self.mlp("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1)));
         let mut e = float(&self.mlp("encoder.edge", edges));
         for l in 0..a.layers_before {
             self.message_passing(l, graph, &mut h, &mut e);
@@ -116,7 +123,10 @@ impl<'a> Network<'a> {
 
     /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
     fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Tensor, e: &mut Tensor) {
-        let (edge, node) = (format!("processor.{layer}.edge"), format!("processor.{layer}.node"));
+        let (edge, node) = (
+            format!("processor.{layer}.edge"),
+            format!("processor.{layer}.node"),
+        );
         let d = self.architecture.width as i64;
         let nodes = self.operand(h);
         let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
@@ -136,12 +146,16 @@ impl<'a> Network<'a> {
     fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
         let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
         let sums = match &graph.member_node {
-            Some(index) => sum_into(graph.graphs * graph.segments, &pick(h, index), &graph.member_segment),
+            Some(index) => sum_into(
+                graph.graphs * graph.segments,
+                &pick(h, index),
+                &graph.member_segment,
+            ),
             None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
         };
         let mut s = float(&self.mlp("segment.encoder", &(sums * &graph.segment_weight)));
-        if let Some(rwse) = &graph.rwse {
-            s += float(&self.mlp("segment.position", rwse));
+        if let Some(position) = &graph.position {
+            s += float(&self.mlp("segment.position", position));
         }
         let (b, k) = (graph.graphs, graph.segments);
         let scale = 1.0 / ((d / heads) as f64).sqrt();
@@ -149,11 +163,21 @@ impl<'a> Network<'a> {
             let name = |part: &str| format!("segment.transformer.{l}.{part}");
             let w = |part: &str| self.weights.full(&name(part));
             let x = self.layer_norm(&name("norm1"), &s);
-            let split = |part: &str| x.linear(w(part), None::<&Tensor>).view([b, k, heads, d / heads]).transpose(1, 2);
-            let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale).softmax(-1, Kind::Float);
-            let mixed = attention.matmul(&split("v.weight")).transpose(1, 2).reshape([b * k, d]);
+            let split = |part: &str| {
+                x.linear(w(part), None::<&Tensor>)
+                    .view([b, k, heads, d / heads])
+                    .transpose(1, 2)
+            };
+            let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale)
+                .softmax(-1, Kind::Float);
+            let mixed = attention
+                .matmul(&split("v.weight"))
+                .transpose(1, 2)
+                .reshape([b * k, d]);
             s = s + mixed.linear(w("o.weight"), Some(w("o.bias")));
-            let x = self.layer_norm(&name("norm2"), &s).linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
+            let x = self
+                .layer_norm(&name("norm2"), &s)
+                .linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
             s = s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
         }
         s
@@ -178,12 +202,17 @@ impl<'a> Network<'a> {
         for i in 1..=self.architecture.hidden_layers {
             x = self.linear(&format!("{name}.{i}"), &self.activate(&x));
         }
-        if name == "decoder" || name == "segment.position" { x } else { self.layer_norm(&format!("{name}.norm"), &x) }
+        if name == "decoder" || name == "segment.position" {
+            x
+        } else {
+            self.layer_norm(&format!("{name}.norm"), &x)
+        }
     }
 
     fn linear(&self, name: &str, x: &Tensor) -> Tensor {
         let weight = self.weights.product(&format!("{name}.weight"));
-        self.operand(x).linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
+        self.operand(x)
+            .linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
     }
 
     fn activate(&self, x: &Tensor) -> Tensor {
@@ -195,15 +224,29 @@ impl<'a> Network<'a> {
 
     /// The operand of a large product in the products' arithmetic.
     fn operand(&self, x: &Tensor) -> Tensor {
-        if self.weights.is_half() { x.to_kind(Kind::BFloat16) } else { x.shallow_clone() }
+        if self.weights.is_half() {
+            x.to_kind(Kind::BFloat16)
+        } else {
+            x.shallow_clone()
+        }
     }
 
     fn layer_norm(&self, name: &str, x: &Tensor) -> Tensor {
         let weight = self.weights.full(&format!("{name}.weight"));
         // The CPU kernel takes bfloat16 rows with fp32 scales; the CUDA kernel wants one kind.
-        let x = if x.device() == Device::Cpu { x.shallow_clone() } else { float(x) };
+        let x = if x.device() == Device::Cpu {
+            x.shallow_clone()
+        } else {
+            float(x)
+        };
         let bias = self.weights.full(&format!("{name}.bias"));
-        x.layer_norm([self.architecture.width as i64], Some(weight), Some(bias), 1e-5, true)
+        x.layer_norm(
+            [self.architecture.width as i64],
+            Some(weight),
+            Some(bias),
+            1e-5,
+            true,
+        )
     }
 }
 

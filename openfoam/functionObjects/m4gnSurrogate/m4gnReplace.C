@@ -464,7 +464,7 @@ void Foam::m4gnReplace::end() const
         << "  \"replaced_time\": " << replacedTime_ << ",\n"
         << "  \"solver_time\": " << total - replacedTime_ << ",\n"
         << "  \"replaced_fraction\": " << fraction << ",\n"
-        << "  \"first_time\": " << firstTime_ << ",\n"
+        << "  \"takeover_time\": " << firstTime_ << ",\n"
         << "  \"jumps\": " << nJumps_ << ",\n"
         << "  \"jumps_ended_early\": " << nRefused_ << ",\n"
         << "  \"surrogate_steps\": " << nStepsDone_ << ",\n"
