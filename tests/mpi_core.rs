@@ -3,6 +3,10 @@
 //! Every rank also computes the serial answer of the whole mesh, and compares by global numbers. Without mpirun
 //! this is a run on one rank.
 
+#[path = "mpi_core/checks.rs"]
+mod checks;
+
+use checks::{Checks, compare_modes, compare_segments};
 use m4gn::graph::Graph;
 use m4gn::mesh::{Mesh, sample};
 use m4gn::model::{SegmentMethod, SegmentSpec};
@@ -12,34 +16,6 @@ use m4gn::segments::{Segmentation, segment};
 use m4gn::{Error, Result};
 use std::process::ExitCode;
 
-/// Counts checks and remembers what failed on this rank.
-struct Checks {
-    comm: Comm,
-    count: usize,
-    failures: Vec<String>,
-}
-
-impl Checks {
-    fn that(&mut self, holds: bool, what: impl Into<String>) {
-        self.count += 1;
-        if !holds {
-            self.failures.push(what.into());
-        }
-    }
-
-    /// The value, or a failure that all ranks share: no rank goes on alone.
-    fn value<T>(&mut self, result: Result<T>, what: &str) -> Option<T> {
-        self.count += 1;
-        match self.comm.agree(result) {
-            Ok(value) => Some(value),
-            Err(e) => {
-                self.failures.push(format!("{what}: {e}"));
-                None
-            }
-        }
-    }
-}
-
 fn main() -> ExitCode {
     let comm = match Comm::world() {
         Ok(comm) => comm,
@@ -48,11 +24,7 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
-    let mut checks = Checks {
-        comm: comm.clone(),
-        count: 0,
-        failures: Vec::new(),
-    };
+    let mut checks = Checks::new(&comm);
     if comm.size() == 2 && comm.is_root() {
         // PETSc first started by one rank alone must not keep the others from starting it later.
         let modes = whole_modes(&sample::chain(150, 1.0));
@@ -330,76 +302,6 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
             format!("{name}: handed in again"),
         );
     }
-}
-
-fn compare_modes(checks: &mut Checks, name: &str, part: &Mesh, found: &Modes, expected: &Modes) {
-    checks.that(
-        found.eigenvalues.len() == expected.eigenvalues.len(),
-        format!(
-            "{name}: {} modes, expected {}",
-            found.eigenvalues.len(),
-            expected.eigenvalues.len()
-        ),
-    );
-    for (i, (f, e)) in found.eigenvalues.iter().zip(&expected.eigenvalues).enumerate() {
-        checks.that(
-            (f / e - 1.0).abs() < 1e-8,
-            format!("{name}: eigenvalue {i}: {f}, expected {e}"),
-        );
-    }
-    for (i, (f, e)) in found.vectors.iter().zip(&expected.vectors).enumerate() {
-        let off = part
-            .cell_global
-            .iter()
-            .zip(f)
-            .map(|(&g, x)| (x - e[g as usize]).abs())
-            .fold(0.0, f64::max);
-        // Vectors follow residuals (1e-11) divided by gaps of the spectrum.
-        checks.that(off < 1e-7, format!("{name}: mode {i} differs by {off:e}"));
-    }
-}
-
-fn compare_segments(
-    checks: &mut Checks,
-    name: &str,
-    part: &Mesh,
-    mesh: &Mesh,
-    found: &Segmentation,
-    expected: &Segmentation,
-) {
-    let n = (part.n_cells(), mesh.n_cells());
-    let cells = part.cell_global.iter().enumerate().map(|(i, &g)| (i, g as usize));
-    let faces = part
-        .boundary
-        .iter()
-        .enumerate()
-        .map(|(i, b)| (n.0 + i, n.1 + b.global as usize));
-    let members = |s: &Segmentation, i: usize| {
-        s.member[s.member_row[i] as usize..s.member_row[i + 1] as usize].to_vec()
-    };
-    let (mut labels, mut overlap) = (0, 0);
-    for (here, there) in cells.chain(faces) {
-        labels += (found.node_segment[here] != expected.node_segment[there]) as usize;
-        overlap += (members(found, here) != members(expected, there)) as usize;
-    }
-    checks.that(labels == 0, format!("{name}: {labels} nodes in other segments"));
-    checks.that(
-        overlap == 0,
-        format!("{name}: {overlap} nodes with other overlaps"),
-    );
-    checks.that(found.sizes == expected.sizes, format!("{name}: sizes"));
-    checks.that(
-        found.sizes.iter().all(|&s| s > 0.0),
-        format!("{name}: a segment is empty"),
-    );
-    checks.that(
-        found.adjacency == expected.adjacency,
-        format!("{name}: adjacency"),
-    );
-    checks.that(
-        found.rwse(8) == expected.rwse(8),
-        format!("{name}: random-walk encoding"),
-    );
 }
 
 /// A cyclic within one rank and across ranks is the same thing.

@@ -128,14 +128,11 @@ fn start(comm: &Comm) -> Result<()> {
             )
         };
         check(code)?;
-        let mut world = 0;
-        // SAFETY: MPI is up; MPI_COMM_WORLD is a live communicator.
-        unsafe { mpi::ffi::MPI_Comm_size(mpi::ffi::RSMPI_COMM_WORLD, &mut world) };
         let alone = raw(&Comm::Serial);
         if up[0] != 0 {
             // SAFETY: read by PETSc's start below; MPI_COMM_SELF lives as long as MPI.
             unsafe { c::PETSC_COMM_WORLD = alone };
-        } else if world != comm.size() {
+        } else if super::mpi::world_size() != Some(comm.size()) {
             let mut copy = alone;
             // SAFETY: a live communicator; PETSc keeps the copy to the end of the process.
             unsafe {

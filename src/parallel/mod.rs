@@ -113,8 +113,8 @@ impl Comm {
         }
     }
 
-    /// All ranks of `MPI_COMM_WORLD` (a duplicate). Starts MPI if nobody has; then [`finalize`], or the end of
-    /// the process, finalises it. Collective.
+    /// All ranks of `MPI_COMM_WORLD` (a duplicate). Starts MPI if nobody has; then
+    /// [`finalize`] ends it. Collective.
     pub fn world() -> Result<Self> {
         start()?;
         let world = mpi::topology::SimpleCommunicator::world();

@@ -1,0 +1,181 @@
+//! The C interface through which the core crate uses this library, loaded with libloading.
+//!
+//! Status codes are those of [`m4gn::Error::status`]; the message of the last failure of the calling thread is
+//! kept for `m4gn_torch_last_error`. Panics end here.
+#![allow(unsafe_code)]
+
+use crate::inference::Inference;
+use crate::pool::panic_message;
+use crate::request::{Request, parse_device};
+use crate::samples::Parts;
+use m4gn::engine::torch::TorchGraph;
+use m4gn::{Error, Result};
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::AtomicU8;
+
+/// Version of this interface; the core crate refuses another one.
+pub const ABI_VERSION: u32 = 1;
+
+thread_local! {
+    static LAST_ERROR: RefCell<CString> = RefCell::new(CString::default());
+}
+
+/// The door of every exported function: errors and panics become a status and a message.
+pub(crate) fn guard(body: impl FnOnce() -> Result<()>) -> i32 {
+    let result =
+        catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|p| Err(Error::Internal(panic_message(&*p))));
+    let Err(error) = result else { return 0 };
+    let text = match &error {
+        // The other side adds the words that go with the status.
+        Error::Internal(message) => message.clone(),
+        other => other.to_string(),
+    };
+    let message = CString::new(text.replace('\0', " ")).unwrap_or_default();
+    LAST_ERROR.with(|last| *last.borrow_mut() = message);
+    error.status()
+}
+
+/// Version of this interface.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_torch_abi_version() -> u32 {
+    ABI_VERSION
+}
+
+/// Message of the last failure of this thread; valid until its next call.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_torch_last_error() -> *const c_char {
+    LAST_ERROR.with(|last| last.borrow().as_ptr())
+}
+
+/// Trains as a JSON request says (see [`Request`]). `stop` is read now and then: nonzero, save and stop.
+///
+/// # Safety
+/// `request_json` is a NUL-terminated string; `stop` points to a byte that lives, and is only changed
+/// atomically, until the call returns.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *const u8) -> i32 {
+    guard(|| {
+        if request_json.is_null() || stop.is_null() {
+            return Err(Error::Input("m4gn_torch_train: a null pointer".into()));
+        }
+        // SAFETY: not null, and NUL-terminated by this function's contract.
+        let text = unsafe { CStr::from_ptr(request_json) };
+        let text = text
+            .to_str()
+            .map_err(|e| Error::Input(format!("the training request is not UTF-8: {e}")))?;
+        let request: Request =
+            serde_json::from_str(text).map_err(|e| Error::Input(format!("the training request: {e}")))?;
+        // SAFETY: not null, lives and is atomic by this function's contract; a u8 is aligned anywhere.
+        let stop = unsafe { AtomicU8::from_ptr(stop.cast_mut()) };
+        crate::trainer::train(&request, stop).map(|_| ())
+    })
+}
+
+/// Loads a model for a graph, which is copied. `device` null: the CPU.
+///
+/// # Safety
+/// The strings are NUL-terminated; the graph's arrays have the lengths that it says; `handle` can be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_load(
+    model_path: *const c_char,
+    graph: *const TorchGraph,
+    device: *const c_char,
+    handle: *mut *mut c_void,
+) -> i32 {
+    guard(|| {
+        if model_path.is_null() || graph.is_null() || handle.is_null() {
+            return Err(Error::Input("m4gn_torch_load: a null pointer".into()));
+        }
+        // SAFETY: not null, and NUL-terminated by this function's contract.
+        let path = unsafe { CStr::from_ptr(model_path) }
+            .to_string_lossy()
+            .into_owned();
+        let device = if device.is_null() {
+            "cpu".into()
+        } else {
+            // SAFETY: as for the path.
+            unsafe { CStr::from_ptr(device) }.to_string_lossy().into_owned()
+        };
+        // SAFETY: not null and valid for the call.
+        let g = unsafe { &*graph };
+        // SAFETY: the arrays have these lengths by this function's contract.
+        let parts = unsafe {
+            let nodes = length(g.n_owned)?;
+            let edges = length(g.n_edges)?;
+            let segments = length(g.n_segments)?;
+            let member_row = slice(g.member_row, if segments > 0 { nodes + 1 } else { 0 })?;
+            Parts {
+                n_cells: length(g.n_cells)?.min(nodes),
+                node_types: slice(g.node_types, nodes)?,
+                senders: slice(g.senders, edges)?,
+                receivers: slice(g.receivers, edges)?,
+                edge_features: slice(g.edge_features, edges * length(g.n_edge_features)?)?,
+                segments,
+                member: slice(g.member, member_row.last().map_or(0, |&n| n as usize))?,
+                member_row,
+                sizes: slice(g.sizes, segments)?,
+                rwse: slice(g.rwse, segments * length(g.rwse_steps)?)?,
+            }
+        };
+        let loaded = Inference::new(path.as_ref(), &parts, parse_device(&device)?)?;
+        // SAFETY: not null, and writable by this function's contract.
+        unsafe { *handle = Box::into_raw(Box::new(loaded)).cast() };
+        Ok(())
+    })
+}
+
+/// One forward step: physical inputs of all nodes to physical outputs of cells, changes not added.
+///
+/// # Safety
+/// `handle` came from [`m4gn_torch_load`] and is not used elsewhere meanwhile; `inputs` and `outputs` have
+/// n_owned x inputs and n_cells x outputs values.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_step(handle: *mut c_void, inputs: *const f32, outputs: *mut f32) -> i32 {
+    guard(|| {
+        if handle.is_null() || inputs.is_null() || outputs.is_null() {
+            return Err(Error::Input("m4gn_torch_step: a null pointer".into()));
+        }
+        // SAFETY: a live handle by this function's contract.
+        let loaded = unsafe { &*handle.cast::<Inference>() };
+        let (n_inputs, n_outputs) = loaded.lengths();
+        // SAFETY: the arrays have these lengths by this function's contract.
+        let (inputs, outputs) = unsafe {
+            (
+                std::slice::from_raw_parts(inputs, n_inputs),
+                std::slice::from_raw_parts_mut(outputs, n_outputs),
+            )
+        };
+        loaded.step(inputs, outputs)
+    })
+}
+
+/// Frees a loaded model; null does nothing.
+///
+/// # Safety
+/// `handle` came from [`m4gn_torch_load`] and is not used again.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_free(handle: *mut c_void) {
+    if !handle.is_null() {
+        // SAFETY: made by Box::into_raw in m4gn_torch_load, given back once.
+        drop(unsafe { Box::from_raw(handle.cast::<Inference>()) });
+    }
+}
+
+fn length(n: i64) -> Result<usize> {
+    usize::try_from(n).map_err(|_| Error::Input(format!("m4gn_torch_load: a length of {n}")))
+}
+
+/// # Safety
+/// `data` points to `n` values that outlive the result, or `n` is 0.
+unsafe fn slice<'a, T>(data: *const T, n: usize) -> Result<&'a [T]> {
+    match (n, data.is_null()) {
+        (0, _) => Ok(&[]),
+        (_, true) => Err(Error::Input(
+            "m4gn_torch_load: a null pointer in the graph".into(),
+        )),
+        // SAFETY: passed on to the caller.
+        _ => Ok(unsafe { std::slice::from_raw_parts(data, n) }),
+    }
+}

@@ -1,0 +1,425 @@
+//! What a worker thread does: gradients of pieces of a batch, and rollouts for validation.
+
+use crate::config::{Config, Precision};
+use crate::network::{Network, Topology};
+use crate::normaliser::{Moments, Normaliser};
+use crate::rollout::{Boundary, State, Stepper};
+use crate::samples::{Components, HostGraph, Sample};
+use crate::weights::{Layout, normal};
+use m4gn::model::ModelSpec;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+use tch::{Device, Kind, Tensor};
+
+/// One training example: a trajectory, a frame to start from, and its random numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Example {
+    /// Index of the training trajectory.
+    pub sample: usize,
+    /// First frame.
+    pub frame: usize,
+    /// Reflected in the second direction.
+    pub mirror: bool,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// Work for one thread.
+pub enum Job {
+    /// Loss and gradient of a few examples.
+    Learn {
+        /// Flat weights.
+        weights: Tensor,
+        /// Normalisers to use.
+        normaliser: Normaliser,
+        /// The examples, one union.
+        examples: Vec<Example>,
+        /// Model steps in the loss.
+        unroll: usize,
+        /// Whether to return what the normalisers need.
+        accumulate: bool,
+        /// Whether to compute the loss and its gradient.
+        learn: bool,
+    },
+    /// Squared errors of a rollout of a validation trajectory.
+    Rollout {
+        /// Flat weights.
+        weights: Tensor,
+        /// Normalisers to use.
+        normaliser: Normaliser,
+        /// Index of the validation trajectory.
+        sample: usize,
+        /// First frame.
+        frame: usize,
+        /// Model steps.
+        steps: usize,
+    },
+}
+
+/// What came of a job.
+pub enum Outcome {
+    /// Of [`Job::Learn`].
+    Learned {
+        /// Gradient of the examples' mean loss, `[weights]`.
+        gradient: Option<Tensor>,
+        /// Mean squared normalised error of each predicted field, over the unrolled steps.
+        losses: Vec<f64>,
+        /// Moments of these examples.
+        moments: Option<Normaliser>,
+        /// Examples in the piece.
+        examples: usize,
+    },
+    /// Of [`Job::Rollout`]: mean squared error of the first predicted field at each step, of the model and of
+    /// holding the first frame.
+    Rolled(Vec<(f64, f64)>),
+}
+
+/// Everything a worker needs; each thread has its own, tensors share their storage.
+pub struct Learner {
+    config: Arc<Config>,
+    spec: Arc<ModelSpec>,
+    components: Components,
+    layout: Layout,
+    stepper: Stepper,
+    train: Vec<Sample>,
+    valid: Vec<Sample>,
+    frames_a_step: usize,
+    device: Device,
+    /// Sign of each component and edge feature under reflection.
+    reflect: (Tensor, Tensor),
+    /// Noise of each component, physical units.
+    noise: Vec<f64>,
+    /// Predicted fields: first output, number of outputs, weight of the loss.
+    groups: Vec<(i64, i64, f64)>,
+}
+
+impl Learner {
+    /// Puts a worker together.
+    pub fn new(
+        config: Arc<Config>,
+        spec: Arc<ModelSpec>,
+        train: Vec<Sample>,
+        valid: Vec<Sample>,
+        frames_a_step: usize,
+        device: Device,
+    ) -> Self {
+        let components = Components::new(&spec);
+        let signs: Vec<f32> = components
+            .odd
+            .iter()
+            .map(|&odd| if odd { -1.0 } else { 1.0 })
+            .collect();
+        let edge_signs: Vec<f32> = (0..spec.n_edge_features())
+            .map(|i| if i == 1 { -1.0 } else { 1.0 })
+            .collect();
+        let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
+        let noise = (0..components.count)
+            .map(|c| {
+                if components.inputs.contains(&c) {
+                    config.training.noise.get(name(&c)).copied().unwrap_or(0.0)
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let mut groups: Vec<(i64, i64, f64)> = Vec::new();
+        let mut last = usize::MAX;
+        for (row, c) in components.outputs.iter().enumerate() {
+            if components.field[*c] == last {
+                if let Some(group) = groups.last_mut() {
+                    group.1 += 1;
+                }
+            } else {
+                groups.push((
+                    row as i64,
+                    1,
+                    config.training.loss_weights.get(name(c)).copied().unwrap_or(1.0),
+                ));
+                last = components.field[*c];
+            }
+        }
+        Learner {
+            layout: Layout::new(&spec),
+            stepper: Stepper::new(&spec, &components, device),
+            reflect: (
+                Tensor::from_slice(&signs).to_device(device),
+                Tensor::from_slice(&edge_signs).to_device(device),
+            ),
+            noise,
+            groups,
+            config,
+            spec,
+            components,
+            train,
+            valid,
+            frames_a_step,
+            device,
+        }
+    }
+
+    /// Another worker on the same data.
+    pub fn share(&self) -> Self {
+        let share = |samples: &[Sample]| samples.iter().map(Sample::share).collect();
+        Learner::new(
+            self.config.clone(),
+            self.spec.clone(),
+            share(&self.train),
+            share(&self.valid),
+            self.frames_a_step,
+            self.device,
+        )
+    }
+
+    /// Does a job.
+    pub fn run(&self, job: Job) -> Outcome {
+        match job {
+            Job::Learn {
+                weights,
+                normaliser,
+                examples,
+                unroll,
+                accumulate,
+                learn,
+            } => self.learn(&weights, &normaliser, &examples, unroll, accumulate, learn),
+            Job::Rollout {
+                weights,
+                normaliser,
+                sample,
+                frame,
+                steps,
+            } => tch::no_grad(|| self.roll_out(&weights, &normaliser, sample, frame, steps)),
+        }
+    }
+
+    fn half(&self) -> bool {
+        self.config.training.precision == Precision::Bf16
+    }
+
+    fn learn(
+        &self,
+        weights: &Tensor,
+        normaliser: &Normaliser,
+        examples: &[Example],
+        unroll: usize,
+        accumulate: bool,
+        learn: bool,
+    ) -> Outcome {
+        let union;
+        let (graph, boundary, edges) = match examples {
+            [one] => {
+                let sample = &self.train[one.sample];
+                let edges = if one.mirror {
+                    &sample.topology.edges * &self.reflect.1
+                } else {
+                    sample.topology.edges.shallow_clone()
+                };
+                (&sample.topology, sample.boundary(), edges)
+            }
+            _ => {
+                union = self.union(examples);
+                let edges = union.0.edges.shallow_clone();
+                (
+                    &union.0,
+                    Boundary {
+                        owners: union.1.owners.shallow_clone(),
+                        copies: union.1.copies.shallow_clone(),
+                    },
+                    edges,
+                )
+            }
+        };
+        let mut state = self.state(examples, 0);
+        self.add_noise(examples, &boundary, &mut state);
+        let mut moments = None;
+        if accumulate {
+            moments = Some(Normaliser {
+                node: Moments::of(&self.stepper.inputs(&state)),
+                edge: Moments::of(&edges),
+                output: Moments::of(&self.stepper.target(&state, &self.state(examples, 1).cells)),
+            });
+        }
+        if !learn {
+            return Outcome::Learned {
+                gradient: None,
+                losses: vec![0.0; self.groups.len()],
+                moments,
+                examples: examples.len(),
+            };
+        }
+        let leaf = weights.detach().set_requires_grad(true);
+        let views = self.layout.views(&leaf, self.half());
+        let network = Network::new(&self.spec.architecture, &views);
+        let scales = normaliser.scales(self.device);
+        let mut total = Tensor::zeros([], (Kind::Float, self.device));
+        let mut losses = Vec::new();
+        for step in 1..=unroll {
+            let output = self.stepper.predict(&network, graph, &edges, &scales, &state);
+            let next = self.state(examples, step);
+            let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
+            let square = (&output - target).square();
+            for (i, &(first, count, weight)) in self.groups.iter().enumerate() {
+                let loss = square.narrow(1, first, count).mean(Kind::Float);
+                total += &loss * (weight / unroll as f64);
+                let loss = loss.detach() / unroll as f64;
+                match losses.get_mut(i) {
+                    Some(sum) => *sum += loss,
+                    None => losses.push(loss),
+                }
+            }
+            if step < unroll {
+                state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
+                if !self.config.training.unroll_gradient {
+                    state = State {
+                        cells: state.cells.detach(),
+                        boundary: state.boundary.detach(),
+                    };
+                }
+            }
+        }
+        total.backward();
+        Outcome::Learned {
+            gradient: Some(leaf.grad()),
+            losses: losses.iter().map(|l| l.double_value(&[])).collect(),
+            moments,
+            examples: examples.len(),
+        }
+    }
+
+    fn roll_out(
+        &self,
+        weights: &Tensor,
+        normaliser: &Normaliser,
+        sample: usize,
+        frame: usize,
+        steps: usize,
+    ) -> Outcome {
+        let sample = &self.valid[sample];
+        // Validation measures the model that is exported, which the engine runs in fp32.
+        let views = self.layout.views(weights, false);
+        let network = Network::new(&self.spec.architecture, &views);
+        let scales = normaliser.scales(self.device);
+        let boundary = sample.boundary();
+        let read = |step: usize| {
+            let (cells, boundary) = sample.frame(frame + step * self.frames_a_step, self.device);
+            State { cells, boundary }
+        };
+        let headline = self.components.field[self.components.outputs[0]];
+        let first = self
+            .components
+            .field
+            .iter()
+            .position(|&f| f == headline)
+            .unwrap_or(0) as i64;
+        let count = self.components.field.iter().filter(|&&f| f == headline).count() as i64;
+        let error = |a: &Tensor, b: &Tensor| {
+            (a - b)
+                .narrow(1, first, count)
+                .square()
+                .mean(Kind::Double)
+                .double_value(&[])
+        };
+        let mut state = read(0);
+        let start = state.cells.shallow_clone();
+        let mut errors = Vec::with_capacity(steps);
+        for step in 1..=steps {
+            let output = self.stepper.predict(
+                &network,
+                &sample.topology,
+                &sample.topology.edges,
+                &scales,
+                &state,
+            );
+            let next = read(step);
+            state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
+            errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
+        }
+        Outcome::Rolled(errors)
+    }
+
+    /// The examples' recorded fields, `step` model steps after their first frame, reflected where asked.
+    fn state(&self, examples: &[Example], step: usize) -> State {
+        let (cells, boundary): (Vec<Tensor>, Vec<Tensor>) = examples
+            .iter()
+            .map(|e| {
+                let (cells, boundary) =
+                    self.train[e.sample].frame(e.frame + step * self.frames_a_step, self.device);
+                if e.mirror {
+                    (cells * &self.reflect.0, boundary * &self.reflect.0)
+                } else {
+                    (cells, boundary)
+                }
+            })
+            .unzip();
+        match (&cells[..], &boundary[..]) {
+            ([c], [b]) => State {
+                cells: c.shallow_clone(),
+                boundary: b.shallow_clone(),
+            },
+            _ => State {
+                cells: Tensor::cat(&cells, 0),
+                boundary: Tensor::cat(&boundary, 0),
+            },
+        }
+    }
+
+    /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.
+    fn add_noise(&self, examples: &[Example], boundary: &Boundary, state: &mut State) {
+        if self.noise.iter().all(|&n| n == 0.0) {
+            return;
+        }
+        let mut values = Vec::with_capacity(state.cells.numel());
+        for example in examples {
+            let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
+            for _ in 0..self.train[example.sample].host.cells {
+                values.extend(self.noise.iter().map(|&std| {
+                    if std > 0.0 {
+                        (std * normal(&mut rng)) as f32
+                    } else {
+                        0.0
+                    }
+                }));
+            }
+        }
+        let noise = Tensor::from_slice(&values)
+            .view_as(&state.cells)
+            .to_device(self.device);
+        state.cells = &state.cells + noise;
+        state.boundary =
+            Stepper::boundary_values(&state.cells, &boundary.owners, &boundary.copies, &state.boundary);
+    }
+
+    /// Several graphs as one, with their boundary nodes.
+    fn union(&self, examples: &[Example]) -> (Topology, Boundary) {
+        let samples: Vec<&Sample> = examples.iter().map(|e| &self.train[e.sample]).collect();
+        let hosts: Vec<&HostGraph> = samples.iter().map(|s| &*s.host).collect();
+        let mut topology = HostGraph::union(&hosts, &self.spec, self.device);
+        let mut signs = Vec::new();
+        for (example, sample) in examples.iter().zip(&samples) {
+            let sign = if example.mirror {
+                self.reflect.1.shallow_clone()
+            } else {
+                self.reflect.1.abs()
+            };
+            signs.push(&sample.topology.edges * sign);
+        }
+        topology.edges = Tensor::cat(&signs, 0);
+        let mut first = 0;
+        let owners: Vec<Tensor> = samples
+            .iter()
+            .map(|s| {
+                let owners = &s.owners + first;
+                first += s.host.cells as i64;
+                owners
+            })
+            .collect();
+        let copies: Vec<&Tensor> = samples.iter().map(|s| &s.copies).collect();
+        (
+            topology,
+            Boundary {
+                owners: Tensor::cat(&owners, 0),
+                copies: Tensor::cat(&copies, 0),
+            },
+        )
+    }
+}

@@ -1,0 +1,255 @@
+//! The forward pass of M4GN on libtorch: the same function as the engine of the core crate, differentiable.
+//!
+//! The first linear layer of each edge and node MLP acts on a concatenation; here its weight is cut into one
+//! block an operand, so that node blocks are multiplied once a node and gathered after, not once an edge.
+
+use crate::weights::Weights;
+use m4gn::model::{Activation, Architecture, MacroSpec};
+use tch::{Device, Kind, Tensor};
+
+/// One or more graphs as index and feature tensors; graphs are a disjoint union.
+///
+/// Nodes: the cells of all graphs, then the boundary nodes of all graphs. Segments: K a graph.
+pub struct Topology {
+    /// Graphs in the union.
+    pub graphs: i64,
+    /// Nodes N.
+    pub nodes: i64,
+    /// Cells C, the first nodes.
+    pub cells: i64,
+    /// Segments of one graph, K.
+    pub segments: i64,
+    /// Sender of each edge, `[E]`.
+    pub senders: Tensor,
+    /// Receiver of each edge, `[E]`.
+    pub receivers: Tensor,
+    /// Physical edge features `[E x (dim + 1)]`.
+    pub edges: Tensor,
+    /// One-hot node types `[N x types]`.
+    pub one_hot: Tensor,
+    /// Node of each (node, segment) membership, `[M]`; none where each node has exactly one segment, its own row.
+    pub member_node: Option<Tensor>,
+    /// Segment of each membership, `[M]`.
+    pub member_segment: Tensor,
+    /// 1 / members of each segment, `[graphs K x 1]`.
+    pub segment_weight: Tensor,
+    /// 1 / segments of each node, `[N x 1]`; used where a node can have several.
+    pub node_weight: Tensor,
+    /// Random-walk encoding `[graphs K x steps]`.
+    pub rwse: Option<Tensor>,
+}
+
+impl Topology {
+    /// Another handle on the same tensors, for another thread.
+    pub fn share(&self) -> Self {
+        let clone = |t: &Option<Tensor>| t.as_ref().map(Tensor::shallow_clone);
+        Topology {
+            graphs: self.graphs,
+            nodes: self.nodes,
+            cells: self.cells,
+            segments: self.segments,
+            senders: self.senders.shallow_clone(),
+            receivers: self.receivers.shallow_clone(),
+            edges: self.edges.shallow_clone(),
+            one_hot: self.one_hot.shallow_clone(),
+            member_node: clone(&self.member_node),
+            member_segment: self.member_segment.shallow_clone(),
+            segment_weight: self.segment_weight.shallow_clone(),
+            node_weight: self.node_weight.shallow_clone(),
+            rwse: clone(&self.rwse),
+        }
+    }
+}
+
+/// Rows picked from and summed into tensors by expanded indices, the fast path of libtorch's CPU kernels.
+fn pick(values: &Tensor, index: &Tensor) -> Tensor {
+    values.gather(
+        0,
+        &index.unsqueeze(1).expand([-1, values.size()[1]], false),
+        false,
+    )
+}
+
+fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
+    let width = values.size()[1];
+    Tensor::zeros([rows, width], (values.kind(), values.device())).scatter_add(
+        0,
+        &index.unsqueeze(1).expand([-1, width], false),
+        values,
+    )
+}
+
+/// The network with its weights, for as many forward passes as the weights live.
+pub struct Network<'a> {
+    architecture: &'a Architecture,
+    weights: &'a Weights,
+}
+
+impl<'a> Network<'a> {
+    /// Puts an architecture and weights together.
+    pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
+        Network {
+            architecture,
+            weights,
+        }
+    }
+
+    /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
+    pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
+        let a = self.architecture;
+        let mut h = float(&self.mlp("encoder.node", &Tensor::cat(&[fields, &graph.one_hot], 1)));
+        let mut e = float(&self.mlp("encoder.edge", edges));
+        for l in 0..a.layers_before {
+            self.message_passing(l, graph, &mut h, &mut e);
+        }
+        let mut segment_rows = None;
+        if let Some(spec) = &a.segment_transformer {
+            let context = self.to_nodes(graph, &self.segment_transformer(spec, graph, &h));
+            if a.layers_after > 0 {
+                h = &h + float(&self.linear("segment.dispatch", &Tensor::cat(&[&h, &context], 1)));
+            }
+            segment_rows = Some(context.narrow(0, 0, graph.cells));
+        }
+        for l in a.layers_before..a.layers_before + a.layers_after {
+            self.message_passing(l, graph, &mut h, &mut e);
+        }
+        let cells = h.narrow(0, 0, graph.cells);
+        let input = match segment_rows {
+            Some(rows) => Tensor::cat(&[cells, rows], 1),
+            None => cells,
+        };
+        float(&self.mlp("decoder", &input))
+    }
+
+    /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
+    fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Tensor, e: &mut Tensor) {
+        let (edge, node) = (
+            format!("processor.{layer}.edge"),
+            format!("processor.{layer}.node"),
+        );
+        let d = self.architecture.width as i64;
+        let nodes = self.operand(h);
+        let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
+        let bias = self.weights.product(&format!("{edge}.0.bias"));
+        let x = self.operand(e).linear(&blocks[0], Some(bias))
+            + pick(&nodes.linear(&blocks[1], None::<&Tensor>), &graph.senders)
+            + pick(&nodes.linear(&blocks[2], None::<&Tensor>), &graph.receivers);
+        *e = &*e + self.rest(&edge, x);
+        let sum = sum_into(graph.nodes, e, &graph.receivers);
+        let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
+        let bias = self.weights.product(&format!("{node}.0.bias"));
+        let x = nodes.linear(&blocks[0], Some(bias)) + self.operand(&sum).linear(&blocks[1], None::<&Tensor>);
+        *h = &*h + self.rest(&node, x);
+    }
+
+    /// Eq. 9 to 13: segments as means of their nodes, then pre-norm self-attention; `[graphs K x d]`.
+    fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
+        let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
+        let sums = match &graph.member_node {
+            Some(index) => sum_into(
+                graph.graphs * graph.segments,
+                &pick(h, index),
+                &graph.member_segment,
+            ),
+            None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
+        };
+        let mut s = float(&self.mlp("segment.encoder", &(sums * &graph.segment_weight)));
+        if let Some(rwse) = &graph.rwse {
+            s += float(&self.mlp("segment.position", rwse));
+        }
+        let (b, k) = (graph.graphs, graph.segments);
+        let scale = 1.0 / ((d / heads) as f64).sqrt();
+        for l in 0..spec.layers {
+            let name = |part: &str| format!("segment.transformer.{l}.{part}");
+            let w = |part: &str| self.weights.full(&name(part));
+            let x = self.layer_norm(&name("norm1"), &s);
+            let split = |part: &str| {
+                x.linear(w(part), None::<&Tensor>)
+                    .view([b, k, heads, d / heads])
+                    .transpose(1, 2)
+            };
+            let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale)
+                .softmax(-1, Kind::Float);
+            let mixed = attention
+                .matmul(&split("v.weight"))
+                .transpose(1, 2)
+                .reshape([b * k, d]);
+            s = s + mixed.linear(w("o.weight"), Some(w("o.bias")));
+            let x = self
+                .layer_norm(&name("norm2"), &s)
+                .linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
+            s = s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
+        }
+        s
+    }
+
+    /// Each node's segment row, or the mean over its segments.
+    fn to_nodes(&self, graph: &Topology, segments: &Tensor) -> Tensor {
+        let rows = pick(segments, &graph.member_segment);
+        match &graph.member_node {
+            Some(index) => sum_into(graph.nodes, &rows, index) * &graph.node_weight,
+            None => rows,
+        }
+    }
+
+    fn mlp(&self, name: &str, x: &Tensor) -> Tensor {
+        self.rest(name, self.linear(&format!("{name}.0"), x))
+    }
+
+    /// An MLP behind its first linear layer; layer-normalised except for the decoder and the position encoding.
+    fn rest(&self, name: &str, first: Tensor) -> Tensor {
+        let mut x = first;
+        for i in 1..=self.architecture.hidden_layers {
+            x = self.linear(&format!("{name}.{i}"), &self.activate(&x));
+        }
+        if name == "decoder" || name == "segment.position" {
+            x
+        } else {
+            self.layer_norm(&format!("{name}.norm"), &x)
+        }
+    }
+
+    fn linear(&self, name: &str, x: &Tensor) -> Tensor {
+        let weight = self.weights.product(&format!("{name}.weight"));
+        self.operand(x)
+            .linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
+    }
+
+    fn activate(&self, x: &Tensor) -> Tensor {
+        match self.architecture.activation {
+            Activation::Relu => x.relu(),
+            Activation::Silu => x.silu(),
+        }
+    }
+
+    /// The operand of a large product in the products' arithmetic.
+    fn operand(&self, x: &Tensor) -> Tensor {
+        if self.weights.is_half() {
+            x.to_kind(Kind::BFloat16)
+        } else {
+            x.shallow_clone()
+        }
+    }
+
+    fn layer_norm(&self, name: &str, x: &Tensor) -> Tensor {
+        let weight = self.weights.full(&format!("{name}.weight"));
+        // The CPU kernel takes bfloat16 rows with fp32 scales; the CUDA kernel wants one kind.
+        let x = if x.device() == Device::Cpu {
+            x.shallow_clone()
+        } else {
+            float(x)
+        };
+        let bias = self.weights.full(&format!("{name}.bias"));
+        x.layer_norm(
+            [self.architecture.width as i64],
+            Some(weight),
+            Some(bias),
+            1e-5,
+            true,
+        )
+    }
+}
+
+fn float(x: &Tensor) -> Tensor {
+    x.to_kind(Kind::Float)
+}

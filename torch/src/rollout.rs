@@ -1,0 +1,142 @@
+//! One model step on physical fields, and the states it runs through: what training unrolls and validation rolls out.
+
+use crate::network::{Network, Topology};
+use crate::normaliser::Scales;
+use crate::samples::Components;
+use m4gn::model::{ModelSpec, Output};
+use tch::{Device, Tensor};
+
+/// Physical values of all fields at one time.
+pub struct State {
+    /// `[C x components]`.
+    pub cells: Tensor,
+    /// `[B x components]`.
+    pub boundary: Tensor,
+}
+
+/// Boundary nodes of a union of graphs.
+pub struct Boundary {
+    /// Owner cell of each boundary node, `[B]`.
+    pub owners: Tensor,
+    /// 1 where the value is the owner's, 0 where it is prescribed, `[B x components]`.
+    pub copies: Tensor,
+}
+
+/// Index tensors and masks over components, made once.
+pub struct Stepper {
+    inputs: Option<Tensor>,
+    /// `[outputs x components]`, 1 where an output is a component; none where they are the same list.
+    spread: Option<Tensor>,
+    outputs: Option<Tensor>,
+    /// 1 for components whose change is predicted, `[components]`.
+    delta: Tensor,
+    /// The same, of outputs, `[outputs]`.
+    delta_output: Tensor,
+    /// 1 for components that are not predicted, `[components]`; none where all are.
+    given: Option<Tensor>,
+}
+
+impl Stepper {
+    /// For the fields of a model.
+    pub fn new(spec: &ModelSpec, components: &Components, device: Device) -> Self {
+        let all: Vec<usize> = (0..components.count).collect();
+        let list = |part: &[usize]| {
+            (part != all.as_slice()).then(|| {
+                Tensor::from_slice(&part.iter().map(|&i| i as i64).collect::<Vec<_>>()).to_device(device)
+            })
+        };
+        let mask = |wanted: Output, of: &[usize]| {
+            let values: Vec<f32> = of
+                .iter()
+                .map(|&c| {
+                    if spec.fields[components.field[c]].output == wanted {
+                        1.0
+                    } else {
+                        0.0
+                    }
+                })
+                .collect();
+            Tensor::from_slice(&values).to_device(device)
+        };
+        let same = components.outputs == all;
+        let mut spread = vec![0f32; components.outputs.len() * components.count];
+        for (row, &c) in components.outputs.iter().enumerate() {
+            spread[row * components.count + c] = 1.0;
+        }
+        Stepper {
+            inputs: list(&components.inputs),
+            outputs: list(&components.outputs),
+            spread: (!same).then(|| {
+                Tensor::from_slice(&spread)
+                    .view([-1, components.count as i64])
+                    .to_device(device)
+            }),
+            delta: mask(Output::Delta, &all),
+            delta_output: mask(Output::Delta, &components.outputs),
+            given: (!same).then(|| mask(Output::None, &all)),
+        }
+    }
+
+    /// Physical node inputs `[N x inputs]`.
+    pub fn inputs(&self, state: &State) -> Tensor {
+        let all = Tensor::cat(&[&state.cells, &state.boundary], 0);
+        match &self.inputs {
+            Some(index) => all.index_select(1, index),
+            None => all,
+        }
+    }
+
+    /// Physical outputs that lead exactly to `next`, `[C x outputs]`: changes from the present state (with its
+    /// noise), or values.
+    pub fn target(&self, state: &State, next: &Tensor) -> Tensor {
+        let pick = |t: &Tensor| match &self.outputs {
+            Some(index) => t.index_select(1, index),
+            None => t.shallow_clone(),
+        };
+        pick(next) - pick(&state.cells) * &self.delta_output
+    }
+
+    /// Normalised outputs of the network, `[C x outputs]`. `edges` are physical edge features.
+    pub fn predict(
+        &self,
+        network: &Network,
+        graph: &Topology,
+        edges: &Tensor,
+        scales: &Scales,
+        state: &State,
+    ) -> Tensor {
+        let fields = (self.inputs(state) - &scales.node.0) / &scales.node.1;
+        let edges = (edges - &scales.edge.0) / &scales.edge.1;
+        network.forward(graph, &fields, &edges)
+    }
+
+    /// The state one step later. `next` holds what is prescribed at the new time: fields that are not predicted
+    /// and boundary values.
+    pub fn advance(
+        &self,
+        scales: &Scales,
+        boundary: &Boundary,
+        state: &State,
+        output: &Tensor,
+        next: &State,
+    ) -> State {
+        let physical = output * &scales.output.1 + &scales.output.0;
+        let physical = match &self.spread {
+            Some(spread) => physical.matmul(spread),
+            None => physical,
+        };
+        let mut cells = &state.cells * &self.delta + physical;
+        let mut copies = boundary.copies.shallow_clone();
+        if let Some(given) = &self.given {
+            cells += &next.cells * given;
+            copies = copies * (1.0 - given);
+        }
+        let boundary = Self::boundary_values(&cells, &boundary.owners, &copies, &next.boundary);
+        State { cells, boundary }
+    }
+
+    /// Boundary values for cell values: the owner's, or prescribed.
+    pub fn boundary_values(cells: &Tensor, owners: &Tensor, copies: &Tensor, prescribed: &Tensor) -> Tensor {
+        prescribed + (cells.index_select(0, owners) - prescribed) * copies
+    }
+}

@@ -1,0 +1,428 @@
+//! Trajectories in memory: fields as tensors, graphs and segments made by the core crate, batches of both.
+
+use crate::config::Config;
+use crate::network::Topology;
+use crate::rollout::Boundary;
+use m4gn::dataset::Trajectory;
+use m4gn::graph::Graph;
+use m4gn::mesh::{Mesh, NodeType};
+use m4gn::model::{ModelSpec, Output};
+use m4gn::parallel::Comm;
+use m4gn::segments;
+use m4gn::{Error, Result};
+use std::path::Path;
+use std::sync::Arc;
+use tch::{Device, Tensor};
+
+/// Index lists and features of one graph on the host, from which unions are made.
+pub struct HostGraph {
+    /// Cells.
+    pub cells: usize,
+    /// Boundary nodes.
+    pub boundary: usize,
+    /// Segments, K.
+    pub segments: usize,
+    /// Senders, receivers: node numbers with cells first.
+    senders: Vec<i64>,
+    receivers: Vec<i64>,
+    edges: Vec<f32>,
+    one_hot: Vec<f32>,
+    member_node: Vec<i64>,
+    member_segment: Vec<i64>,
+    segment_weight: Vec<f32>,
+    node_weight: Vec<f32>,
+    rwse: Vec<f32>,
+}
+
+/// A serial graph and its segments as slices; the last five are empty without a macro stage.
+pub struct Parts<'a> {
+    /// Cells, the first nodes.
+    pub n_cells: usize,
+    /// Type code of each node.
+    pub node_types: &'a [i32],
+    /// Sending node of each edge.
+    pub senders: &'a [i32],
+    /// Receiving node of each edge.
+    pub receivers: &'a [i32],
+    /// Physical edge features `[E x (dim + 1)]`.
+    pub edge_features: &'a [f32],
+    /// Segments, K.
+    pub segments: usize,
+    /// Segments of node i: `member[member_row[i]..member_row[i + 1]]`.
+    pub member_row: &'a [u32],
+    /// Segment numbers.
+    pub member: &'a [i32],
+    /// Members of each segment.
+    pub sizes: &'a [f64],
+    /// Random-walk encoding `[K x steps]`; empty without one.
+    pub rwse: &'a [f32],
+}
+
+/// One recorded trajectory.
+pub struct Sample {
+    /// The graph, for unions with others.
+    pub host: Arc<HostGraph>,
+    /// The graph alone, on the device.
+    pub topology: Topology,
+    /// Owner cell of each boundary node, `[B]`.
+    pub owners: Tensor,
+    /// 1 where a boundary value is its owner's (outflow, symmetry), 0 where it is prescribed, `[B x components]`.
+    pub copies: Tensor,
+    /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`.
+    frames: Tensor,
+    /// Number of frames.
+    pub n_frames: usize,
+}
+
+/// Components of the fields: which are inputs, which outputs, and how.
+#[derive(Clone, Debug)]
+pub struct Components {
+    /// Components of all fields together.
+    pub count: usize,
+    /// Field of each component.
+    pub field: Vec<usize>,
+    /// Components that are inputs.
+    pub inputs: Vec<usize>,
+    /// Components that are predicted.
+    pub outputs: Vec<usize>,
+    /// Components that change sign under reflection in the second direction.
+    pub odd: Vec<bool>,
+}
+
+impl Components {
+    /// Counts the components of a model's fields.
+    pub fn new(spec: &ModelSpec) -> Self {
+        let mut c = Components {
+            count: 0,
+            field: vec![],
+            inputs: vec![],
+            outputs: vec![],
+            odd: vec![],
+        };
+        for (f, field) in spec.fields.iter().enumerate() {
+            for i in 0..field.components(spec.dim) {
+                if field.input {
+                    c.inputs.push(c.count);
+                }
+                if field.output != Output::None {
+                    c.outputs.push(c.count);
+                }
+                c.field.push(f);
+                c.odd.push(field.vector && i == 1);
+                c.count += 1;
+            }
+        }
+        c
+    }
+}
+
+impl HostGraph {
+    /// Turns a serial graph and its segments into index lists.
+    ///
+    /// Errors: [`Error::Model`] for a node type that the model does not know.
+    pub fn new(parts: &Parts, spec: &ModelSpec) -> Result<Self> {
+        let nodes = parts.node_types.len();
+        let types = spec.node_types.len();
+        let mut one_hot = vec![0.0; nodes * types];
+        for (node, &code) in parts.node_types.iter().enumerate() {
+            let kind = NodeType::from_code(code)?;
+            let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
+                let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
+                Error::Model(format!(
+                    "a node of type {}: the model knows {}",
+                    kind.name(),
+                    known.join(", ")
+                ))
+            })?;
+            one_hot[node * types + at] = 1.0;
+        }
+        let mut member_node = Vec::new();
+        let mut node_weight = Vec::with_capacity(nodes);
+        for node in 0..nodes {
+            let row = |i: usize| parts.member_row.get(i).map_or(0, |&r| r as usize);
+            let members = row(node)..row(node + 1);
+            member_node.extend(members.clone().map(|_| node as i64));
+            node_weight.push(1.0 / members.len().max(1) as f32);
+        }
+        Ok(HostGraph {
+            cells: parts.n_cells,
+            boundary: nodes - parts.n_cells,
+            segments: parts.segments,
+            senders: parts.senders.iter().map(|&i| i as i64).collect(),
+            receivers: parts.receivers.iter().map(|&i| i as i64).collect(),
+            edges: parts.edge_features.to_vec(),
+            one_hot,
+            member_node,
+            member_segment: parts.member.iter().map(|&s| s as i64).collect(),
+            segment_weight: parts
+                .sizes
+                .iter()
+                .map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 })
+                .collect(),
+            node_weight,
+            rwse: parts.rwse.to_vec(),
+        })
+    }
+
+    /// The disjoint union of graphs: all their cells, then all their boundary nodes.
+    pub fn union(graphs: &[&HostGraph], spec: &ModelSpec, device: Device) -> Topology {
+        let cells: usize = graphs.iter().map(|g| g.cells).sum();
+        let nodes = cells + graphs.iter().map(|g| g.boundary).sum::<usize>();
+        let types = spec.node_types.len();
+        let count = graphs.first().map_or(0, |g| g.segments);
+        let (mut first_cell, mut first_boundary) = (0, cells);
+        let (mut senders, mut receivers, mut edges) = (vec![], vec![], vec![]);
+        let (mut member_node, mut member_segment) = (vec![], vec![]);
+        let (mut segment_weight, mut rwse) = (vec![], vec![]);
+        let (mut one_hot, mut node_weight) = (vec![0f32; nodes * types], vec![0f32; nodes]);
+        for (g, graph) in graphs.iter().enumerate() {
+            let place = |node: i64| {
+                let node = node as usize;
+                (if node < graph.cells {
+                    first_cell + node
+                } else {
+                    first_boundary + node - graph.cells
+                }) as i64
+            };
+            senders.extend(graph.senders.iter().map(|&n| place(n)));
+            receivers.extend(graph.receivers.iter().map(|&n| place(n)));
+            edges.extend_from_slice(&graph.edges);
+            member_node.extend(graph.member_node.iter().map(|&n| place(n)));
+            member_segment.extend(graph.member_segment.iter().map(|&s| s + (g * count) as i64));
+            segment_weight.extend_from_slice(&graph.segment_weight);
+            rwse.extend_from_slice(&graph.rwse);
+            for node in 0..graph.cells + graph.boundary {
+                let to = place(node as i64) as usize;
+                node_weight[to] = graph.node_weight[node];
+                one_hot[to * types..][..types].copy_from_slice(&graph.one_hot[node * types..][..types]);
+            }
+            first_cell += graph.cells;
+            first_boundary += graph.boundary;
+        }
+        let total = (graphs.len() * count) as i64;
+        let own_rows =
+            member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
+        let steps = if total > 0 { rwse.len() as i64 / total } else { 0 };
+        let to = |t: Tensor| t.to_device(device);
+        Topology {
+            graphs: graphs.len() as i64,
+            nodes: nodes as i64,
+            cells: cells as i64,
+            segments: count as i64,
+            senders: to(Tensor::from_slice(&senders)),
+            receivers: to(Tensor::from_slice(&receivers)),
+            edges: to(Tensor::from_slice(&edges).view([-1, spec.n_edge_features() as i64])),
+            one_hot: to(Tensor::from_slice(&one_hot).view([nodes as i64, types as i64])),
+            member_node: if own_rows {
+                None
+            } else {
+                Some(to(Tensor::from_slice(&member_node)))
+            },
+            member_segment: to(Tensor::from_slice(&member_segment)),
+            segment_weight: to(Tensor::from_slice(&segment_weight).view([-1, 1])),
+            node_weight: to(Tensor::from_slice(&node_weight).view([-1, 1])),
+            rwse: if steps > 0 {
+                Some(to(Tensor::from_slice(&rwse).view([total, steps])))
+            } else {
+                None
+            },
+        }
+    }
+}
+
+impl Sample {
+    /// Reads a trajectory and makes its graph and segments with the core crate's own functions.
+    pub fn read(trajectory: &Trajectory, path: &Path, spec: &ModelSpec, device: Device) -> Result<Self> {
+        let comm = Comm::serial();
+        let mesh = trajectory.mesh();
+        let here = |e: Error| Error::file(path, e.to_string());
+        let mut graph = Graph::new(mesh, &comm).map_err(here)?;
+        let segmentation = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).map_err(here)?;
+        let rwse_steps = spec
+            .architecture
+            .segment_transformer
+            .as_ref()
+            .map_or(0, |m| m.rwse_steps);
+        let rwse = if rwse_steps > 0 {
+            segmentation.rwse(rwse_steps)
+        } else {
+            Vec::new()
+        };
+        let parts = Parts {
+            n_cells: graph.n_cells,
+            node_types: &graph.node_types[..graph.n_owned],
+            senders: &graph.senders,
+            receivers: &graph.receivers,
+            edge_features: &graph.edge_features,
+            segments: segmentation.count,
+            member_row: &segmentation.member_row,
+            member: &segmentation.member,
+            sizes: &segmentation.sizes,
+            rwse: &rwse,
+        };
+        let host = HostGraph::new(&parts, spec).map_err(here)?;
+        let components = Components::new(spec);
+        let (nodes, width, n_frames) = (mesh.n_nodes(), components.count, trajectory.times().len());
+        let mut values = vec![0f32; n_frames * nodes * width];
+        let mut copies = vec![0f32; mesh.boundary.len() * width];
+        let mut first = 0;
+        for field in &spec.fields {
+            let n = field.components(spec.dim);
+            let frames = trajectory.read_frames(&field.name, 0, 1, n_frames)?;
+            for (t, frame) in frames.iter().enumerate() {
+                let rows = frame.cells.chunks_exact(n).chain(frame.boundary.chunks_exact(n));
+                for (node, row) in rows.enumerate() {
+                    values[(t * nodes + node) * width + first..][..n].copy_from_slice(row);
+                }
+            }
+            for (face, copy) in copied_faces(mesh, field.vector, &frames).into_iter().enumerate() {
+                copies[face * width + first..][..n].fill(if copy { 1.0 } else { 0.0 });
+            }
+            first += n;
+        }
+        if let Some(at) = values.iter().position(|v| !v.is_finite()) {
+            let frame = at / (nodes * width);
+            return Err(Error::file(
+                path,
+                format!("frame {frame} holds a value that is not finite: generate this trajectory again"),
+            ));
+        }
+        let owners: Vec<i64> = mesh.boundary.iter().map(|b| b.owner as i64).collect();
+        Ok(Sample {
+            topology: HostGraph::union(&[&host], spec, device),
+            host: Arc::new(host),
+            owners: Tensor::from_slice(&owners).to_device(device),
+            copies: Tensor::from_slice(&copies)
+                .view([-1, width as i64])
+                .to_device(device),
+            frames: Tensor::from_slice(&values).view([n_frames as i64, nodes as i64, width as i64]),
+            n_frames,
+        })
+    }
+
+    /// Another handle on the same data, for another thread.
+    pub fn share(&self) -> Self {
+        Sample {
+            host: self.host.clone(),
+            topology: self.topology.share(),
+            owners: self.owners.shallow_clone(),
+            copies: self.copies.shallow_clone(),
+            frames: self.frames.shallow_clone(),
+            n_frames: self.n_frames,
+        }
+    }
+
+    /// How boundary values follow cell values.
+    pub fn boundary(&self) -> Boundary {
+        Boundary {
+            owners: self.owners.shallow_clone(),
+            copies: self.copies.shallow_clone(),
+        }
+    }
+
+    /// All fields of a frame on the device: `([C x components], [B x components])`.
+    pub fn frame(&self, frame: usize, device: Device) -> (Tensor, Tensor) {
+        let all = self.frames.get(frame as i64).to_device(device);
+        let (cells, boundary) = (self.host.cells as i64, self.host.boundary as i64);
+        (all.narrow(0, 0, cells), all.narrow(0, cells, boundary))
+    }
+}
+
+/// Which boundary faces take their owner cell's value when the network advances a field.
+///
+/// Vectors (velocity): where the flow leaves and on symmetry planes. Scalars (pressure): on each patch whose
+/// values equal the owner's in every frame, which is how a zero gradient is recorded.
+fn copied_faces(mesh: &Mesh, vector: bool, frames: &[m4gn::dataset::Frame]) -> Vec<bool> {
+    if vector {
+        return mesh
+            .boundary
+            .iter()
+            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry))
+            .collect();
+    }
+    let patches = 1 + mesh
+        .boundary
+        .iter()
+        .map(|b| b.patch.max(0) as usize)
+        .max()
+        .unwrap_or(0);
+    let mut equal = vec![true; patches];
+    for frame in frames {
+        let scale = frame.cells.iter().fold(0f32, |m, v| m.max(v.abs()));
+        for (face, value) in mesh.boundary.iter().zip(&frame.boundary) {
+            if (value - frame.cells[face.owner as usize]).abs() > 1e-5 * scale {
+                equal[face.patch.max(0) as usize] = false;
+            }
+        }
+    }
+    mesh.boundary
+        .iter()
+        .map(|b| equal[b.patch.max(0) as usize])
+        .collect()
+}
+
+/// What the data say about a model: dimensions, fields, node types, and the stride in frames.
+pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<ModelSpec> {
+    let mesh = first.mesh();
+    let mut fields = Vec::new();
+    for wanted in &config.model.fields {
+        let found = first
+            .fields()
+            .iter()
+            .find(|f| f.name == wanted.name)
+            .ok_or_else(|| {
+                let names: Vec<&str> = first.fields().iter().map(|f| f.name.as_str()).collect();
+                Error::file(
+                    path,
+                    format!(
+                        "no field `{}`, which model.fields asks for; there are {}",
+                        wanted.name,
+                        names.join(", ")
+                    ),
+                )
+            })?;
+        fields.push(m4gn::model::FieldSpec {
+            name: found.name.clone(),
+            vector: found.vector,
+            dimensions: found.dimensions,
+            input: wanted.input,
+            output: wanted.output,
+        });
+    }
+    Ok(ModelSpec {
+        format: 1,
+        dim: mesh.dim(),
+        stride: config.model.stride,
+        fields,
+        node_types: Vec::new(),
+        architecture: config.architecture(),
+        segments: config.segments.clone(),
+        training: serde_json::Value::Null,
+    })
+}
+
+/// Frames in one model step: the stride over the frame interval, which must be a whole number.
+pub fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
+    let count = times.len();
+    if count < 2 {
+        return Err(Error::file(
+            path,
+            format!("{count} frames: at least two are needed to learn from"),
+        ));
+    }
+    let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
+    let uneven = times
+        .windows(2)
+        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
+    let steps = stride / interval;
+    if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
+        return Err(Error::file(
+            path,
+            format!(
+                "frames every {interval:.6} s{}: model.stride = {stride} s must be a multiple of an even interval",
+                if uneven { " on average, not evenly" } else { "" }
+            ),
+        ));
+    }
+    Ok(steps.round() as usize)
+}
