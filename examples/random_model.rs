@@ -35,9 +35,20 @@ fn spec() -> ModelSpec {
             activation: Activation::Silu,
             layers_before: 2,
             layers_after: 1,
-            segment_transformer: Some(MacroSpec { layers: 1, heads: 2, ffn_width: 16, rwse_steps: 4, centroids: true, offsets: true }),
+            segment_transformer: Some(MacroSpec {
+                layers: 1,
+                heads: 2,
+                ffn_width: 16,
+                rwse_steps: 4,
+                centroids: true,
+                offsets: true,
+            }),
         },
-        segments: SegmentSpec { count: 4, modes: 3, ..SegmentSpec::default() },
+        segments: SegmentSpec {
+            count: 4,
+            modes: 3,
+            ..SegmentSpec::default()
+        },
         training: serde_json::json!({ "note": "random weights" }),
     }
 }

@@ -16,7 +16,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mesh = sample::triangles((cells / 2 / ny).max(1), ny, 1.6, 0.41);
     let comm = Comm::serial();
     let graph = Graph::new(&mesh, &comm)?;
-    println!("{} nodes, {} edges, {threads} threads", graph.n_owned, graph.senders.len());
+    println!(
+        "{} nodes, {} edges, {threads} threads",
+        graph.n_owned,
+        graph.senders.len()
+    );
     println!("width hidden layers activation   ms/step  GFLOP/s");
     for (width, hidden_layers, layers) in [(64, 1, 8), (64, 2, 8), (128, 1, 8), (128, 2, 7)] {
         for activation in [Activation::Relu, Activation::Silu] {
@@ -33,9 +37,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::Result<f64> {
     const K: usize = 36;
     let member_row: Vec<u32> = (0..=graph.n_owned as u32).collect();
-    let member: Vec<i32> = (0..graph.n_owned).map(|i| (i * K / graph.n_owned) as i32).collect();
+    let member: Vec<i32> = (0..graph.n_owned)
+        .map(|i| (i * K / graph.n_owned) as i32)
+        .collect();
     let sizes = vec![graph.n_owned as f64 / K as f64; K];
-    let view = SegmentView { count: K, member_row: &member_row, member: &member, sizes: &sizes, position: &[], offsets: &[] };
+    let view = SegmentView {
+        count: K,
+        member_row: &member_row,
+        member: &member,
+        sizes: &sizes,
+        position: &[],
+        offsets: &[],
+    };
     let mut engine = Engine::new(model, graph, Some(&view), threads)?;
     let inputs = vec![0.5; graph.n_owned * model.spec.n_field_inputs()];
     let mut outputs = vec![0.0; graph.n_cells * model.spec.n_outputs()];
@@ -51,7 +64,11 @@ fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::R
 /// Floating-point operations of the message passing, which is nearly all.
 fn work(graph: &Graph, width: usize, hidden_layers: usize, layers: usize) -> f64 {
     let square = (2 * width * width) as f64;
-    let (nodes, edges, h) = (graph.n_owned as f64, graph.senders.len() as f64, hidden_layers as f64);
+    let (nodes, edges, h) = (
+        graph.n_owned as f64,
+        graph.senders.len() as f64,
+        hidden_layers as f64,
+    );
     layers as f64 * square * (edges * (1.0 + h) + nodes * (2.0 + 2.0 + h))
 }
 
@@ -75,7 +92,14 @@ fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activatio
             activation,
             layers_before: layers / 2,
             layers_after: layers - layers / 2,
-            segment_transformer: Some(MacroSpec { layers: 2, heads: 4, ffn_width: 2 * width, rwse_steps: 0, centroids: false, offsets: false }),
+            segment_transformer: Some(MacroSpec {
+                layers: 2,
+                heads: 4,
+                ffn_width: 2 * width,
+                rwse_steps: 0,
+                centroids: false,
+                offsets: false,
+            }),
         },
         segments: SegmentSpec::default(),
         training: serde_json::Value::Null,

@@ -5,10 +5,11 @@ use crate::network::Topology;
 use crate::rollout::Boundary;
 use m4gn::dataset::Trajectory;
 use m4gn::graph::Graph;
-use m4gn::mesh::{Mesh, NodeType};
+use m4gn::mesh::NodeType;
 use m4gn::model::{ModelSpec, Output};
 use m4gn::parallel::Comm;
 use m4gn::segments;
+use m4gn::step::copied_faces;
 use m4gn::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -300,7 +301,8 @@ impl Sample {
                     values[(t * nodes + node) * width + first..][..n].copy_from_slice(row);
                 }
             }
-            for (face, copy) in copied_faces(mesh, field.vector, &frames).into_iter().enumerate() {
+            let pairs = frames.iter().map(|f| (&f.cells[..], &f.boundary[..]));
+            for (face, copy) in copied_faces(mesh, field.vector, pairs).into_iter().enumerate() {
                 copies[face * width + first..][..n].fill(if copy { 1.0 } else { 0.0 });
             }
             first += n;
@@ -351,39 +353,6 @@ impl Sample {
         let (cells, boundary) = (self.hosts[0].cells as i64, self.hosts[0].boundary as i64);
         (all.narrow(0, 0, cells), all.narrow(0, cells, boundary))
     }
-}
-
-/// Which boundary faces take their owner cell's value when the network advances a field.
-///
-/// Vectors (velocity): where the flow leaves and on symmetry planes. Scalars (pressure): on each patch whose
-/// values equal the owner's in every frame, which is how a zero gradient is recorded.
-fn copied_faces(mesh: &Mesh, vector: bool, frames: &[m4gn::dataset::Frame]) -> Vec<bool> {
-    if vector {
-        return mesh
-            .boundary
-            .iter()
-            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry))
-            .collect();
-    }
-    let patches = 1 + mesh
-        .boundary
-        .iter()
-        .map(|b| b.patch.max(0) as usize)
-        .max()
-        .unwrap_or(0);
-    let mut equal = vec![true; patches];
-    for frame in frames {
-        let scale = frame.cells.iter().fold(0f32, |m, v| m.max(v.abs()));
-        for (face, value) in mesh.boundary.iter().zip(&frame.boundary) {
-            if (value - frame.cells[face.owner as usize]).abs() > 1e-5 * scale {
-                equal[face.patch.max(0) as usize] = false;
-            }
-        }
-    }
-    mesh.boundary
-        .iter()
-        .map(|b| equal[b.patch.max(0) as usize])
-        .collect()
 }
 
 /// What the data say about a model: dimensions, fields, node types, and the stride in frames.
