@@ -40,6 +40,8 @@ fn spec() -> ModelSpec {
                 heads: 2,
                 ffn_width: 16,
                 rwse_steps: 4,
+                centroids: true,
+                offsets: true,
             }),
         },
         segments: SegmentSpec {

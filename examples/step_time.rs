@@ -46,7 +46,8 @@ fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::R
         member_row: &member_row,
         member: &member,
         sizes: &sizes,
-        rwse: &[],
+        position: &[],
+        offsets: &[],
     };
     let mut engine = Engine::new(model, graph, Some(&view), threads)?;
     let inputs = vec![0.5; graph.n_owned * model.spec.n_field_inputs()];
@@ -96,6 +97,8 @@ fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activatio
                 heads: 4,
                 ffn_width: 2 * width,
                 rwse_steps: 0,
+                centroids: false,
+                offsets: false,
             }),
         },
         segments: SegmentSpec::default(),

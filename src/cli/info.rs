@@ -227,8 +227,13 @@ fn model(path: &Path) -> Result<(String, Value)> {
             let s = &spec.segments;
             let _ = writeln!(
                 text,
-                "macro       {} layers, {} heads, feed-forward width {}, {} random-walk steps",
-                m.layers, m.heads, m.ffn_width, m.rwse_steps
+                "macro       {} layers, {} heads, feed-forward width {}, {} random-walk steps{}{}",
+                m.layers,
+                m.heads,
+                m.ffn_width,
+                m.rwse_steps,
+                if m.centroids { ", centroids" } else { "" },
+                if m.offsets { ", offsets" } else { "" }
             );
             let _ = writeln!(
                 text,

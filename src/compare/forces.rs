@@ -54,7 +54,7 @@ impl Reference {
         let area: f64 = inlets.iter().map(|f| f.area).sum();
         let velocity: [f64; 3] = std::array::from_fn(|d| mean(d) / area.max(f64::MIN_POSITIVE));
         let speed = velocity.iter().map(|v| v * v).sum::<f64>().sqrt();
-        if !(speed > 0.0) {
+        if speed.is_nan() || speed <= 0.0 {
             return Err(Error::Input(format!(
                 "no fluid enters {} through any of its patches ({}) at {} s, so drag has no direction. Without forces: \
                  name no patch, and call none {DEFAULT_PATCH}",
@@ -77,7 +77,7 @@ impl Reference {
         ];
         let length = options.length.unwrap_or_else(|| extent(lift_direction));
         let area = length * extent(span);
-        if !(area > 0.0) {
+        if area.is_nan() || area <= 0.0 {
             return Err(Error::Input(format!(
                 "patch {wanted} of {} has no extent across the flow ({length} m); give --length",
                 description.path

@@ -1,6 +1,6 @@
 //! The comparison as a page to read and a picture to show.
 
-use super::{Comparison, Snapshot};
+use super::{Comparison, Snapshot, seconds};
 use crate::{
     Result,
     foam_case::Polygons,
@@ -40,7 +40,7 @@ pub fn picture(polygons: &Polygons, snapshots: &[Snapshot]) -> Option<Raster> {
     ];
     let row = |s: &Snapshot| {
         let panel = |name: &str, values: &Vec<f64>, scale| Panel {
-            title: format!("{name}, t = {} s", number(s.time, 4)),
+            title: format!("{name}, t = {} s", seconds(s.time)),
             values: values.clone(),
             scale,
         };
@@ -71,7 +71,7 @@ pub fn report(c: &Comparison, picture: Option<&Raster>) -> Result<Page> {
          horizon. Hold last: the full run's field at the takeover, kept. The full run's own root-mean-square velocity \
          is {} m/s.",
         c.cells,
-        number(c.takeover, 5),
+        seconds(c.takeover),
         number(c.velocity_rms, 3)
     ));
     page.table(&c.error_table());

@@ -244,7 +244,7 @@ impl Comparison {
             };
             table.row([
                 name,
-                number(self.times[i], 5),
+                seconds(self.times[i]),
                 number(model, 3),
                 number(hold, 3),
                 ratio,
@@ -290,6 +290,11 @@ impl Comparison {
     pub fn json(&self) -> Result<serde_json::Value> {
         serde_json::to_value(self).map_err(|e| Error::Internal(format!("figures of a comparison: {e}")))
     }
+}
+
+/// A time without the digits of rounding.
+pub(crate) fn seconds(time: f64) -> String {
+    format!("{}", (time * 1e9).round() / 1e9)
 }
 
 fn pair(values: Option<[f64; 2]>) -> [Option<f64>; 2] {

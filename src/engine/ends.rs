@@ -10,10 +10,11 @@ use crate::{Error, Result};
 pub struct Encoder {
     /// Of the fields `[n_field_inputs x d]`.
     pub weight: Weight,
-    /// What each node type's one-hot entry contributes, with the bias `[types x d]`.
-    pub types: Vec<f32>,
-    /// Row of `types` of each owned node.
-    pub kind: Vec<i32>,
+    /// What the features that do not change with time contribute, with the bias: a row of width d a node type, or a
+    /// node where the model reads offsets.
+    pub fixed: Vec<f32>,
+    /// Row of `fixed` of each owned node.
+    pub fixed_row: Vec<i32>,
     /// Layers behind the first.
     pub tail: Tail,
     /// Layer norm at the end.
@@ -42,11 +43,11 @@ pub struct Decoder {
 }
 
 impl Encoder {
-    /// For the nodes of this graph.
+    /// For the nodes of this graph and their `offsets [n_owned x n_offset_features]`.
     ///
     /// # Errors
     /// [`Error::Model`] for a node type that the model does not know.
-    pub fn new(model: &Model, graph: &Graph) -> Result<Self> {
+    pub fn new(model: &Model, graph: &Graph, offsets: &[f32]) -> Result<Self> {
         let ModelSpec {
             node_types,
             architecture,
@@ -60,7 +61,7 @@ impl Encoder {
         for t in 0..node_types.len() {
             types.extend((0..d).map(|o| tail.first_bias[o] + tensor.data[o * tensor.shape[1] + k + t]));
         }
-        let kind = graph.node_types[..graph.n_owned]
+        let kind: Vec<i32> = graph.node_types[..graph.n_owned]
             .iter()
             .map(|&code| {
                 node_types
@@ -77,11 +78,26 @@ impl Encoder {
                     })
             })
             .collect::<Result<_>>()?;
+        let n = model.spec.n_offset_features();
+        let (fixed, fixed_row) = if n == 0 {
+            (types, kind)
+        } else {
+            let column = k + node_types.len();
+            let mut rows = Vec::with_capacity(kind.len() * d);
+            for (t, offset) in kind.iter().zip(offsets.chunks_exact(n)) {
+                rows.extend((0..d).map(|o| {
+                    let w = &tensor.data[o * tensor.shape[1] + column..][..n];
+                    let shift: f32 = w.iter().zip(offset).map(|(w, x)| w * x).sum();
+                    types[*t as usize * d + o] + shift
+                }));
+            }
+            (rows, (0..kind.len() as i32).collect())
+        };
         let (mean, inverse_std) = normaliser(model, "node")?;
         Ok(Encoder {
             weight: Weight::columns(model, "encoder.node.0", 0..k)?,
-            types,
-            kind,
+            fixed,
+            fixed_row,
             tail,
             norm: Norm::new(model, "encoder.node.norm")?,
             mean,

@@ -42,8 +42,11 @@ pub struct SegmentView<'a> {
     pub member: &'a [i32],
     /// Number of member nodes of each segment over all ranks `[K]`.
     pub sizes: &'a [f64],
-    /// Random-walk encoding of eq. 10's graph `[K x rwse_steps]`; empty when the model has none.
-    pub rwse: &'a [f32],
+    /// Positional encoding `[K x n_position_features]`; empty when the model has none.
+    pub position: &'a [f32],
+    /// Offsets of the owned nodes from their segment's centroid `[n_owned x n_offset_features]`; empty when the
+    /// model has none.
+    pub offsets: &'a [f32],
 }
 
 /// What advances the graph by one step: the native engine or another backend.
@@ -128,7 +131,7 @@ impl Engine {
             receivers: graph.receivers.clone(),
             halo: graph.halo.clone(),
             parts: tiles::cut(&graph.row, n_threads, hidden),
-            encoder: Encoder::new(model, graph)?,
+            encoder: Encoder::new(model, graph, segments.map_or(&[], |s| s.offsets))?,
             layers: (0..n_layers)
                 .map(|l| Layer::new(model, l))
                 .collect::<Result<_>>()?,
@@ -181,8 +184,8 @@ impl Engine {
         let (isa, d, k) = (self.isa, self.width, self.n_inputs);
         let Encoder {
             weight,
-            types,
-            kind,
+            fixed,
+            fixed_row,
             tail,
             norm,
             mean,
@@ -207,7 +210,14 @@ impl Engine {
                     }
                     weight.apply(&mut part.a, &part.c, n);
                     let a = &mut part.a[..n * d];
-                    kernels::table_activate(isa, a, d, types, &kind[tile.nodes.clone()], tail.first_function);
+                    kernels::table_activate(
+                        isa,
+                        a,
+                        d,
+                        fixed,
+                        &fixed_row[tile.nodes.clone()],
+                        tail.first_function,
+                    );
                     let x = tail.run(isa, n, &mut part.a, &mut part.b);
                     let out = &mut nodes[rows(&tile.nodes, part.nodes.start, d)];
                     kernels::layer_norm(isa, x, &tail.last_bias, &norm.gain, &norm.shift, out);

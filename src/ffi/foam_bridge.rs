@@ -130,8 +130,8 @@ impl CaseHandle {
     pub fn describe(&mut self) -> Result<String> {
         let mut json = ptr::null();
         // SAFETY: an open case and a place for a pointer.
-        self.bridge
-            .check(unsafe { (self.bridge.describe)(self.handle, &mut json) })?;
+        let status = unsafe { (self.bridge.describe)(self.handle, &mut json) };
+        self.bridge.check(status)?;
         // SAFETY: status 0 means a C string that is valid until the next call on this case.
         Ok(unsafe { CStr::from_ptr(json) }.to_string_lossy().into_owned())
     }
@@ -141,8 +141,8 @@ impl CaseHandle {
         let request = text(&request.to_string())?;
         let (mut data, mut count) = (ptr::null(), 0);
         // SAFETY: an open case, a C string and places for the answer.
-        self.bridge
-            .check(unsafe { (self.bridge.query)(self.handle, request.as_ptr(), &mut data, &mut count) })?;
+        let status = unsafe { (self.bridge.query)(self.handle, request.as_ptr(), &mut data, &mut count) };
+        self.bridge.check(status)?;
         if count == 0 {
             return Ok(Vec::new());
         }

@@ -203,6 +203,3 @@ impl FoamCase {
 fn triples(values: &[f64]) -> Vec<[f64; 3]> {
     values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect()
 }
-
-#[cfg(test)]
-mod tests;

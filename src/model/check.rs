@@ -89,6 +89,7 @@ impl ModelSpec {
                 heads,
                 ffn_width,
                 rwse_steps,
+                ..
             }) => {
                 within("segment_transformer.layers", *layers, 0, MAX_LAYERS)?;
                 within("segment_transformer.heads", *heads, 1, a.width)?;
@@ -177,6 +178,8 @@ mod tests {
             heads: 1,
             ffn_width: 1,
             rwse_steps: 0,
+            centroids: false,
+            offsets: false,
         });
         assert!(s.check().is_ok());
     }

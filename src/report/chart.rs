@@ -76,6 +76,7 @@ impl Chart {
         area: &DrawingArea<B, plotters::coord::Shift>,
     ) -> std::result::Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         area.fill(&WHITE)?;
+        let (legend, area) = &area.split_vertically(if self.series.len() > 1 { 30 } else { 0 });
         let (x_low, x_high) = self.range(|p| p.0).unwrap_or((0.0, 1.0));
         let (mut low, mut high) = self.range(|p| p.1).unwrap_or((0.0, 1.0));
         if self.from_zero {
@@ -94,6 +95,7 @@ impl Chart {
         let x_high = if x_high > x_low { x_high } else { x_low + 1.0 };
         let mut chart = ChartBuilder::on(area)
             .margin(10)
+            .margin_right(30)
             .x_label_area_size(42)
             .y_label_area_size(72)
             .build_cartesian_2d(x_low..x_high, floor..high + margin)?;
@@ -105,40 +107,35 @@ impl Chart {
             .axis_desc_style(("sans-serif", 15))
             .light_line_style(TRANSPARENT)
             .bold_line_style(RGBColor(225, 225, 225))
-            .x_label_formatter(&|v| super::number(clean(*v, x_high - x_low), 3))
-            .y_label_formatter(&|v| super::number(clean(*v, high - low), 3))
+            .x_label_formatter(&|v| tick(*v, x_high - x_low))
+            .y_label_formatter(&|v| tick(*v, high - low))
             .draw()?;
         for series in &self.series {
             let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
-            for (i, run) in series
-                .points
-                .split(|p| !(p.0.is_finite() && p.1.is_finite()))
-                .enumerate()
-            {
-                let drawn =
-                    chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
-                if i == 0 {
-                    let line = move |(x, y)| PathElement::new([(x, y), (x + 22, y)], colour.stroke_width(2));
-                    drawn.label(&series.name).legend(line);
-                }
+            for run in series.points.split(|p| !(p.0.is_finite() && p.1.is_finite())) {
+                chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
             }
         }
+        // Above the curves, where it hides none of them.
         if self.series.len() > 1 {
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperLeft)
-                .background_style(WHITE.mix(0.85))
-                .border_style(RGBColor(200, 200, 200))
-                .label_font(("sans-serif", 14))
-                .draw()?;
+            for (i, series) in self.series.iter().enumerate() {
+                let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
+                let left = 90 + 160 * i as i32;
+                legend.draw(&PathElement::new([(left, 18), (left + 26, 18)], colour.stroke_width(2)))?;
+                legend.draw(&Text::new(series.name.as_str(), (left + 34, 11), ("sans-serif", 15)))?;
+            }
         }
         area.present()
     }
 }
 
-/// A tick that is zero up to rounding is zero.
-fn clean(value: f64, range: f64) -> f64 {
-    if value.abs() < 1e-9 * range { 0.0 } else { value }
+/// A tick's label: what is zero up to rounding is zero, and no trailing zeros.
+fn tick(value: f64, range: f64) -> String {
+    let text = super::number(if value.abs() < 1e-9 * range { 0.0 } else { value }, 4);
+    match text.contains('.') && !text.contains('e') {
+        true => text.trim_end_matches('0').trim_end_matches('.').into(),
+        false => text,
+    }
 }
 
 #[cfg(test)]

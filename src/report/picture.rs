@@ -312,7 +312,7 @@ impl FieldPicture {
     pub fn raster(&self) -> Raster {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
         let (cell_w, cell_h) = (self.map.width + GAP, self.map.height + TEXT_HEIGHT + GAP);
-        let bars = BAR + 2 * TEXT_HEIGHT + GAP;
+        let bars = BAR + 2 * TEXT_HEIGHT + GAP + 4;
         let mut raster = Raster::new(columns * cell_w + GAP, self.rows.len() * cell_h + bars + GAP);
         for (r, row) in self.rows.iter().enumerate() {
             for (c, panel) in row.iter().enumerate() {
@@ -337,7 +337,7 @@ impl FieldPicture {
 
 fn bar(raster: &mut Raster, left: usize, top: usize, width: usize, scale: &Scale) {
     raster.text(left, top, &scale.label);
-    let top = top + TEXT_HEIGHT;
+    let top = top + TEXT_HEIGHT + 3;
     for x in 0..width {
         for y in 0..BAR {
             raster.set(

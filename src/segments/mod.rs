@@ -3,10 +3,13 @@
 //! Nothing here depends on the number of ranks: METIS sees the canonical numbering on the root, and SLIC's sums
 //! are integers.
 
+mod geometry;
 mod overlap;
 mod partition;
 mod slic;
 mod walk;
+
+pub use geometry::{SegmentFeatures, features};
 
 use crate::graph::Graph;
 use crate::mesh::Mesh;

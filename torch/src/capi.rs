@@ -116,7 +116,8 @@ pub unsafe extern "C" fn m4gn_torch_load(
                 member: slice(g.member, member_row.last().map_or(0, |&n| n as usize))?,
                 member_row,
                 sizes: slice(g.sizes, segments)?,
-                rwse: slice(g.rwse, segments * length(g.rwse_steps)?)?,
+                position: slice(g.position, segments * length(g.n_position)?)?,
+                offsets: slice(g.offsets, nodes * length(g.n_offsets)?)?,
             }
         };
         let loaded = Inference::new(path.as_ref(), &parts, parse_device(&device)?)?;

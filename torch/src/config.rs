@@ -420,6 +420,14 @@ mod tests {
     }
 
     #[test]
+    fn shipped_configurations_are_valid() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+        for name in ["cylinder-flow.toml", "cylinder-flow-paper.toml"] {
+            Config::read(&folder.join(name)).unwrap();
+        }
+    }
+
+    #[test]
     fn each_wrong_value_is_named() {
         for (from, to, key) in [
             ("width = 8", "widht = 8", "widht"),
@@ -432,13 +440,9 @@ mod tests {
             ),
             ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),
             ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
-            ("steps = 10", "steps = 10\nema_decay = 1.0", "training.ema_decay"),
-            ("steps = 10", "steps = 0", "training.steps"),
-            (
-                "[training]",
-                "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\n[training]",
-                "macro.heads",
-            ),
+            ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
+            (" steps = 10\n", " steps = 0\n", "training.steps"),
+            ("[training]", "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]", "macro.heads"),
         ] {
             let text = SMALL.replace(from, to);
             assert_ne!(text, SMALL);

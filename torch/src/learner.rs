@@ -86,8 +86,8 @@ pub struct Learner {
     valid: Vec<Sample>,
     frames_a_step: usize,
     device: Device,
-    /// Sign of each component and edge feature under reflection.
-    reflect: (Tensor, Tensor),
+    /// Sign of each component under reflection.
+    reflect: Tensor,
     /// Noise of each component, physical units.
     noise: Vec<f64>,
     /// Predicted fields: first output, number of outputs, weight of the loss.
@@ -109,9 +109,6 @@ impl Learner {
             .odd
             .iter()
             .map(|&odd| if odd { -1.0 } else { 1.0 })
-            .collect();
-        let edge_signs: Vec<f32> = (0..spec.n_edge_features())
-            .map(|i| if i == 1 { -1.0 } else { 1.0 })
             .collect();
         let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
         let noise = (0..components.count)
@@ -142,10 +139,7 @@ impl Learner {
         Learner {
             layout: Layout::new(&spec),
             stepper: Stepper::new(&spec, &components, device),
-            reflect: (
-                Tensor::from_slice(&signs).to_device(device),
-                Tensor::from_slice(&edge_signs).to_device(device),
-            ),
+            reflect: Tensor::from_slice(&signs).to_device(device),
             noise,
             groups,
             config,
@@ -209,12 +203,8 @@ impl Learner {
         let (graph, boundary, edges) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
-                let edges = if one.mirror {
-                    &sample.topology.edges * &self.reflect.1
-                } else {
-                    sample.topology.edges.shallow_clone()
-                };
-                (&sample.topology, sample.boundary(), edges)
+                let topology = &sample.topologies[usize::from(one.mirror)];
+                (topology, sample.boundary(), topology.edges.shallow_clone())
             }
             _ => {
                 union = self.union(examples);
@@ -325,8 +315,8 @@ impl Learner {
         for step in 1..=steps {
             let output = self.stepper.predict(
                 &network,
-                &sample.topology,
-                &sample.topology.edges,
+                &sample.topologies[0],
+                &sample.topologies[0].edges,
                 &scales,
                 &state,
             );
@@ -345,7 +335,7 @@ impl Learner {
                 let (cells, boundary) =
                     self.train[e.sample].frame(e.frame + step * self.frames_a_step, self.device);
                 if e.mirror {
-                    (cells * &self.reflect.0, boundary * &self.reflect.0)
+                    (cells * &self.reflect, boundary * &self.reflect)
                 } else {
                     (cells, boundary)
                 }
@@ -371,7 +361,7 @@ impl Learner {
         let mut values = Vec::with_capacity(state.cells.numel());
         for example in examples {
             let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
-            for _ in 0..self.train[example.sample].host.cells {
+            for _ in 0..self.train[example.sample].hosts[0].cells {
                 values.extend(self.noise.iter().map(|&std| {
                     if std > 0.0 {
                         (std * normal(&mut rng)) as f32
@@ -392,24 +382,15 @@ impl Learner {
     /// Several graphs as one, with their boundary nodes.
     fn union(&self, examples: &[Example]) -> (Topology, Boundary) {
         let samples: Vec<&Sample> = examples.iter().map(|e| &self.train[e.sample]).collect();
-        let hosts: Vec<&HostGraph> = samples.iter().map(|s| &*s.host).collect();
-        let mut topology = HostGraph::union(&hosts, &self.spec, self.device);
-        let mut signs = Vec::new();
-        for (example, sample) in examples.iter().zip(&samples) {
-            let sign = if example.mirror {
-                self.reflect.1.shallow_clone()
-            } else {
-                self.reflect.1.abs()
-            };
-            signs.push(&sample.topology.edges * sign);
-        }
-        topology.edges = Tensor::cat(&signs, 0);
+        let hosts: Vec<&HostGraph> =
+            examples.iter().zip(&samples).map(|(e, s)| &*s.hosts[usize::from(e.mirror)]).collect();
+        let topology = HostGraph::union(&hosts, &self.spec, self.device);
         let mut first = 0;
         let owners: Vec<Tensor> = samples
             .iter()
             .map(|s| {
                 let owners = &s.owners + first;
-                first += s.host.cells as i64;
+                first += s.hosts[0].cells as i64;
                 owners
             })
             .collect();

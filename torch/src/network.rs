@@ -25,8 +25,8 @@ pub struct Topology {
     pub receivers: Tensor,
     /// Physical edge features `[E x (dim + 1)]`.
     pub edges: Tensor,
-    /// One-hot node types `[N x types]`.
-    pub one_hot: Tensor,
+    /// Node features that do not change with time `[N x n_static_features]`.
+    pub fixed: Tensor,
     /// Node of each (node, segment) membership, `[M]`; none where each node has exactly one segment, its own row.
     pub member_node: Option<Tensor>,
     /// Segment of each membership, `[M]`.
@@ -35,8 +35,8 @@ pub struct Topology {
     pub segment_weight: Tensor,
     /// 1 / segments of each node, `[N x 1]`; used where a node can have several.
     pub node_weight: Tensor,
-    /// Random-walk encoding `[graphs K x steps]`.
-    pub rwse: Option<Tensor>,
+    /// Positional encoding `[graphs K x n_position_features]`.
+    pub position: Option<Tensor>,
 }
 
 impl Topology {
@@ -51,12 +51,12 @@ impl Topology {
             senders: self.senders.shallow_clone(),
             receivers: self.receivers.shallow_clone(),
             edges: self.edges.shallow_clone(),
-            one_hot: self.one_hot.shallow_clone(),
+            fixed: self.fixed.shallow_clone(),
             member_node: clone(&self.member_node),
             member_segment: self.member_segment.shallow_clone(),
             segment_weight: self.segment_weight.shallow_clone(),
             node_weight: self.node_weight.shallow_clone(),
-            rwse: clone(&self.rwse),
+            position: clone(&self.position),
         }
     }
 }
@@ -97,7 +97,7 @@ impl<'a> Network<'a> {
     /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
         let a = self.architecture;
-        let mut h = float(&self.mlp("encoder.node", &Tensor::cat(&[fields, &graph.one_hot], 1)));
+        let mut h = float(&self.mlp("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1)));
         let mut e = float(&self.mlp("encoder.edge", edges));
         for l in 0..a.layers_before {
             self.message_passing(l, graph, &mut h, &mut e);
@@ -154,8 +154,8 @@ impl<'a> Network<'a> {
             None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
         };
         let mut s = float(&self.mlp("segment.encoder", &(sums * &graph.segment_weight)));
-        if let Some(rwse) = &graph.rwse {
-            s += float(&self.mlp("segment.position", rwse));
+        if let Some(position) = &graph.position {
+            s += float(&self.mlp("segment.position", position));
         }
         let (b, k) = (graph.graphs, graph.segments);
         let scale = 1.0 / ((d / heads) as f64).sqrt();

@@ -5,16 +5,18 @@ use crate::network::Topology;
 use crate::rollout::Boundary;
 use m4gn::dataset::Trajectory;
 use m4gn::graph::Graph;
-use m4gn::mesh::{Mesh, NodeType};
+use m4gn::mesh::NodeType;
 use m4gn::model::{ModelSpec, Output};
 use m4gn::parallel::Comm;
 use m4gn::segments;
+use m4gn::step::copied_faces;
 use m4gn::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
 use tch::{Device, Tensor};
 
 /// Index lists and features of one graph on the host, from which unions are made.
+#[derive(Clone)]
 pub struct HostGraph {
     /// Cells.
     pub cells: usize,
@@ -26,15 +28,16 @@ pub struct HostGraph {
     senders: Vec<i64>,
     receivers: Vec<i64>,
     edges: Vec<f32>,
-    one_hot: Vec<f32>,
+    /// Node features that do not change with time: one-hot type, offset from the segment's centroid.
+    fixed: Vec<f32>,
     member_node: Vec<i64>,
     member_segment: Vec<i64>,
     segment_weight: Vec<f32>,
     node_weight: Vec<f32>,
-    rwse: Vec<f32>,
+    position: Vec<f32>,
 }
 
-/// A serial graph and its segments as slices; the last five are empty without a macro stage.
+/// A serial graph and its segments as slices; the last six are empty without a macro stage.
 pub struct Parts<'a> {
     /// Cells, the first nodes.
     pub n_cells: usize,
@@ -54,16 +57,18 @@ pub struct Parts<'a> {
     pub member: &'a [i32],
     /// Members of each segment.
     pub sizes: &'a [f64],
-    /// Random-walk encoding `[K x steps]`; empty without one.
-    pub rwse: &'a [f32],
+    /// Positional encoding `[K x n_position_features]`; empty without one.
+    pub position: &'a [f32],
+    /// Offsets from the segments' centroids `[N x n_offset_features]`; empty without them.
+    pub offsets: &'a [f32],
 }
 
 /// One recorded trajectory.
 pub struct Sample {
-    /// The graph, for unions with others.
-    pub host: Arc<HostGraph>,
-    /// The graph alone, on the device.
-    pub topology: Topology,
+    /// The graph and its reflection, for unions with others.
+    pub hosts: [Arc<HostGraph>; 2],
+    /// The graph and its reflection alone, on the device.
+    pub topologies: [Topology; 2],
     /// Owner cell of each boundary node, `[B]`.
     pub owners: Tensor,
     /// 1 where a boundary value is its owner's (outflow, symmetry), 0 where it is prescribed, `[B x components]`.
@@ -122,8 +127,18 @@ impl HostGraph {
     /// Errors: [`Error::Model`] for a node type that the model does not know.
     pub fn new(parts: &Parts, spec: &ModelSpec) -> Result<Self> {
         let nodes = parts.node_types.len();
-        let types = spec.node_types.len();
-        let mut one_hot = vec![0.0; nodes * types];
+        let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
+        let expected = (parts.segments * spec.n_position_features(), nodes * n_offsets);
+        if (parts.position.len(), parts.offsets.len()) != expected {
+            return Err(Error::Model(format!(
+                "{} positional features and {} offsets of the segments: the model needs {} and {}",
+                parts.position.len(),
+                parts.offsets.len(),
+                expected.0,
+                expected.1
+            )));
+        }
+        let mut fixed = vec![0.0; nodes * width];
         for (node, &code) in parts.node_types.iter().enumerate() {
             let kind = NodeType::from_code(code)?;
             let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
@@ -134,7 +149,9 @@ impl HostGraph {
                     known.join(", ")
                 ))
             })?;
-            one_hot[node * types + at] = 1.0;
+            fixed[node * width + at] = 1.0;
+            fixed[node * width + width - n_offsets..][..n_offsets]
+                .copy_from_slice(&parts.offsets[node * n_offsets..][..n_offsets]);
         }
         let mut member_node = Vec::new();
         let mut node_weight = Vec::with_capacity(nodes);
@@ -151,7 +168,7 @@ impl HostGraph {
             senders: parts.senders.iter().map(|&i| i as i64).collect(),
             receivers: parts.receivers.iter().map(|&i| i as i64).collect(),
             edges: parts.edge_features.to_vec(),
-            one_hot,
+            fixed,
             member_node,
             member_segment: parts.member.iter().map(|&s| s as i64).collect(),
             segment_weight: parts
@@ -160,21 +177,37 @@ impl HostGraph {
                 .map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 })
                 .collect(),
             node_weight,
-            rwse: parts.rwse.to_vec(),
+            position: parts.position.to_vec(),
         })
+    }
+
+    /// The graph reflected in the second direction.
+    pub fn reflected(&self, spec: &ModelSpec) -> Self {
+        let mut graph = self.clone();
+        let negate = |values: &mut [f32], width: usize, column: usize| {
+            values.iter_mut().skip(column).step_by(width.max(1)).for_each(|v| *v = -*v);
+        };
+        negate(&mut graph.edges, spec.n_edge_features(), 1);
+        if spec.n_offset_features() > 0 {
+            negate(&mut graph.fixed, spec.n_static_features(), spec.node_types.len() + 1);
+        }
+        if let Some(stage) = spec.architecture.segment_transformer.as_ref().filter(|m| m.centroids) {
+            negate(&mut graph.position, spec.n_position_features(), stage.rwse_steps + 1);
+        }
+        graph
     }
 
     /// The disjoint union of graphs: all their cells, then all their boundary nodes.
     pub fn union(graphs: &[&HostGraph], spec: &ModelSpec, device: Device) -> Topology {
         let cells: usize = graphs.iter().map(|g| g.cells).sum();
         let nodes = cells + graphs.iter().map(|g| g.boundary).sum::<usize>();
-        let types = spec.node_types.len();
+        let width = spec.n_static_features();
         let count = graphs.first().map_or(0, |g| g.segments);
         let (mut first_cell, mut first_boundary) = (0, cells);
         let (mut senders, mut receivers, mut edges) = (vec![], vec![], vec![]);
         let (mut member_node, mut member_segment) = (vec![], vec![]);
-        let (mut segment_weight, mut rwse) = (vec![], vec![]);
-        let (mut one_hot, mut node_weight) = (vec![0f32; nodes * types], vec![0f32; nodes]);
+        let (mut segment_weight, mut position) = (vec![], vec![]);
+        let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![0f32; nodes]);
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
                 let node = node as usize;
@@ -190,11 +223,11 @@ impl HostGraph {
             member_node.extend(graph.member_node.iter().map(|&n| place(n)));
             member_segment.extend(graph.member_segment.iter().map(|&s| s + (g * count) as i64));
             segment_weight.extend_from_slice(&graph.segment_weight);
-            rwse.extend_from_slice(&graph.rwse);
+            position.extend_from_slice(&graph.position);
             for node in 0..graph.cells + graph.boundary {
                 let to = place(node as i64) as usize;
                 node_weight[to] = graph.node_weight[node];
-                one_hot[to * types..][..types].copy_from_slice(&graph.one_hot[node * types..][..types]);
+                fixed[to * width..][..width].copy_from_slice(&graph.fixed[node * width..][..width]);
             }
             first_cell += graph.cells;
             first_boundary += graph.boundary;
@@ -202,7 +235,7 @@ impl HostGraph {
         let total = (graphs.len() * count) as i64;
         let own_rows =
             member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
-        let steps = if total > 0 { rwse.len() as i64 / total } else { 0 };
+        let n_position = spec.n_position_features() as i64;
         let to = |t: Tensor| t.to_device(device);
         Topology {
             graphs: graphs.len() as i64,
@@ -212,7 +245,7 @@ impl HostGraph {
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, spec.n_edge_features() as i64])),
-            one_hot: to(Tensor::from_slice(&one_hot).view([nodes as i64, types as i64])),
+            fixed: to(Tensor::from_slice(&fixed).view([nodes as i64, width as i64])),
             member_node: if own_rows {
                 None
             } else {
@@ -221,8 +254,8 @@ impl HostGraph {
             member_segment: to(Tensor::from_slice(&member_segment)),
             segment_weight: to(Tensor::from_slice(&segment_weight).view([-1, 1])),
             node_weight: to(Tensor::from_slice(&node_weight).view([-1, 1])),
-            rwse: if steps > 0 {
-                Some(to(Tensor::from_slice(&rwse).view([total, steps])))
+            position: if n_position > 0 {
+                Some(to(Tensor::from_slice(&position).view([total, n_position])))
             } else {
                 None
             },
@@ -238,16 +271,7 @@ impl Sample {
         let here = |e: Error| Error::file(path, e.to_string());
         let mut graph = Graph::new(mesh, &comm).map_err(here)?;
         let segmentation = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).map_err(here)?;
-        let rwse_steps = spec
-            .architecture
-            .segment_transformer
-            .as_ref()
-            .map_or(0, |m| m.rwse_steps);
-        let rwse = if rwse_steps > 0 {
-            segmentation.rwse(rwse_steps)
-        } else {
-            Vec::new()
-        };
+        let features = segments::features(spec, mesh, &segmentation, &comm);
         let parts = Parts {
             n_cells: graph.n_cells,
             node_types: &graph.node_types[..graph.n_owned],
@@ -258,9 +282,11 @@ impl Sample {
             member_row: &segmentation.member_row,
             member: &segmentation.member,
             sizes: &segmentation.sizes,
-            rwse: &rwse,
+            position: &features.position,
+            offsets: &features.offsets,
         };
         let host = HostGraph::new(&parts, spec).map_err(here)?;
+        let reflected = host.reflected(spec);
         let components = Components::new(spec);
         let (nodes, width, n_frames) = (mesh.n_nodes(), components.count, trajectory.times().len());
         let mut values = vec![0f32; n_frames * nodes * width];
@@ -275,7 +301,8 @@ impl Sample {
                     values[(t * nodes + node) * width + first..][..n].copy_from_slice(row);
                 }
             }
-            for (face, copy) in copied_faces(mesh, field.vector, &frames).into_iter().enumerate() {
+            let pairs = frames.iter().map(|f| (&f.cells[..], &f.boundary[..]));
+            for (face, copy) in copied_faces(mesh, field.vector, pairs).into_iter().enumerate() {
                 copies[face * width + first..][..n].fill(if copy { 1.0 } else { 0.0 });
             }
             first += n;
@@ -289,8 +316,8 @@ impl Sample {
         }
         let owners: Vec<i64> = mesh.boundary.iter().map(|b| b.owner as i64).collect();
         Ok(Sample {
-            topology: HostGraph::union(&[&host], spec, device),
-            host: Arc::new(host),
+            topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
+            hosts: [host, reflected].map(Arc::new),
             owners: Tensor::from_slice(&owners).to_device(device),
             copies: Tensor::from_slice(&copies)
                 .view([-1, width as i64])
@@ -303,8 +330,8 @@ impl Sample {
     /// Another handle on the same data, for another thread.
     pub fn share(&self) -> Self {
         Sample {
-            host: self.host.clone(),
-            topology: self.topology.share(),
+            hosts: self.hosts.clone(),
+            topologies: [0, 1].map(|i| self.topologies[i].share()),
             owners: self.owners.shallow_clone(),
             copies: self.copies.shallow_clone(),
             frames: self.frames.shallow_clone(),
@@ -323,42 +350,9 @@ impl Sample {
     /// All fields of a frame on the device: `([C x components], [B x components])`.
     pub fn frame(&self, frame: usize, device: Device) -> (Tensor, Tensor) {
         let all = self.frames.get(frame as i64).to_device(device);
-        let (cells, boundary) = (self.host.cells as i64, self.host.boundary as i64);
+        let (cells, boundary) = (self.hosts[0].cells as i64, self.hosts[0].boundary as i64);
         (all.narrow(0, 0, cells), all.narrow(0, cells, boundary))
     }
-}
-
-/// Which boundary faces take their owner cell's value when the network advances a field.
-///
-/// Vectors (velocity): where the flow leaves and on symmetry planes. Scalars (pressure): on each patch whose
-/// values equal the owner's in every frame, which is how a zero gradient is recorded.
-fn copied_faces(mesh: &Mesh, vector: bool, frames: &[m4gn::dataset::Frame]) -> Vec<bool> {
-    if vector {
-        return mesh
-            .boundary
-            .iter()
-            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry))
-            .collect();
-    }
-    let patches = 1 + mesh
-        .boundary
-        .iter()
-        .map(|b| b.patch.max(0) as usize)
-        .max()
-        .unwrap_or(0);
-    let mut equal = vec![true; patches];
-    for frame in frames {
-        let scale = frame.cells.iter().fold(0f32, |m, v| m.max(v.abs()));
-        for (face, value) in mesh.boundary.iter().zip(&frame.boundary) {
-            if (value - frame.cells[face.owner as usize]).abs() > 1e-5 * scale {
-                equal[face.patch.max(0) as usize] = false;
-            }
-        }
-    }
-    mesh.boundary
-        .iter()
-        .map(|b| equal[b.patch.max(0) as usize])
-        .collect()
 }
 
 /// What the data say about a model: dimensions, fields, node types, and the stride in frames.

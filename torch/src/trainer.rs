@@ -94,7 +94,7 @@ pub fn train(request: &Request, stop: &AtomicU8) -> Result<serde_json::Value> {
         "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate; {} threads on {device:?}",
         layout.len(),
         work.train.len(),
-        work.train.iter().map(|s| s.host.cells + s.host.boundary).max().unwrap_or(0),
+        work.train.iter().map(|s| s.hosts[0].cells + s.hosts[0].boundary).max().unwrap_or(0),
         work.train.iter().map(|s| s.n_frames).max().unwrap_or(0),
         work.valid.len(),
         threads

@@ -1,0 +1,156 @@
+//! Trainings from data on disk to model files: they learn, and stop and go on exactly.
+
+mod common;
+
+use m4gn::Error;
+use m4gn::model::Model;
+use m4gn_torch::checkpoint::Checkpoint;
+use m4gn_torch::request::Request;
+use m4gn_torch::trainer::train;
+use std::path::Path;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request {
+    let config = folder.join(format!("{name}.toml"));
+    std::fs::write(&config, common::config(training)).unwrap();
+    Request {
+        data: folder.join("data"),
+        config,
+        out: folder.join(format!("{name}.safetensors")),
+        device: None,
+        resume: false,
+        threads: Some(1),
+        steps: Some(steps),
+        seed: None,
+        json: Some(folder.join(format!("{name}.json"))),
+    }
+}
+
+fn data() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    common::write_data(&folder.path().join("data"), 3);
+    folder
+}
+
+fn run(request: &Request) -> Result<serde_json::Value, Error> {
+    train(request, &AtomicU8::new(0))
+}
+
+/// Everything that the next step depends on.
+fn state(request: &Request) -> (u64, Vec<Vec<f32>>) {
+    let c = Checkpoint::read(&request.checkpoint()).unwrap();
+    (c.progress.step, vec![c.weights, c.first, c.second, c.average.unwrap()])
+}
+
+#[test]
+fn resumed_training_is_the_uninterrupted_one_bit_for_bit() {
+    let folder = data();
+    let whole = request(folder.path(), "whole", "", 12);
+    run(&whole).unwrap();
+    // In pieces, one in the normalisers' accumulation and one across the change of the unrolling; on two threads
+    // too, and interrupted wherever it happens to be.
+    let mut parts = request(folder.path(), "parts", "", 3);
+    run(&parts).unwrap();
+    parts.resume = true;
+    parts.steps = Some(8);
+    parts.threads = Some(2);
+    run(&parts).unwrap();
+    parts.steps = Some(12);
+    parts.threads = Some(1);
+    let (stop, log) = (AtomicU8::new(0), parts.log());
+    let outcome = std::thread::scope(|scope| {
+        let training = scope.spawn(|| train(&parts, &stop));
+        while !training.is_finished() {
+            if std::fs::read_to_string(&log).is_ok_and(|text| text.contains("\n10,")) {
+                stop.store(1, Ordering::Relaxed);
+            }
+            std::thread::yield_now();
+        }
+        training.join().unwrap()
+    });
+    match outcome {
+        Ok(_) => {}
+        Err(Error::Interrupted(message)) => assert!(message.contains("--resume"), "{message}"),
+        Err(other) => panic!("{other}"),
+    }
+    run(&parts).unwrap();
+    assert!(state(&whole) == state(&parts), "the weights differ");
+    // The log has each interval once.
+    let steps = |r: &Request| -> Vec<String> {
+        let text = std::fs::read_to_string(r.log()).unwrap();
+        text.lines().skip(1).map(|l| l.split(',').next().unwrap().to_string()).collect()
+    };
+    assert_eq!(steps(&whole), ["2", "4", "6", "8", "10", "12"]);
+    assert_eq!(steps(&parts), ["2", "3", "4", "6", "8", "10", "12"]);
+    let last = |r: &Request| std::fs::read_to_string(r.log()).unwrap().lines().last().map(|l| l.split(',').nth(4).unwrap().to_string());
+    assert_eq!(last(&whole), last(&parts), "the loss of the interval that was interrupted");
+}
+
+#[test]
+fn training_lowers_the_loss_and_leaves_a_model() {
+    let folder = data();
+    let request = request(folder.path(), "model", "validation_interval = 100", 150);
+    let figures = run(&request).unwrap();
+    let text = std::fs::read_to_string(request.log()).unwrap();
+    let loss: Vec<f64> = text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
+    // The first row is the normalisers' warm-up.
+    assert!(loss.last().unwrap() < &(0.3 * loss[1]), "{loss:?}");
+    let ratio = figures["model"]["rmse_1"].as_f64().unwrap() / figures["persistence"]["rmse_1"].as_f64().unwrap();
+    assert!(ratio < 0.7, "one step is no better than persistence: {figures}");
+    let model = Model::read(&request.out).unwrap();
+    assert_eq!(model.spec.stride, 0.02);
+    assert_eq!(model.spec.fields[0].dimensions, [0, 1, -1, 0, 0, 0, 0]);
+    assert_eq!(model.tensors["norm.node.mean"].data.len(), 3);
+    let written: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(request.json.as_ref().unwrap()).unwrap()).unwrap();
+    assert_eq!(written, figures);
+}
+
+#[test]
+fn bfloat16_products_train_as_well() {
+    let folder = data();
+    let request = request(folder.path(), "half", "precision = \"bf16\"", 60);
+    run(&request).unwrap();
+    let text = std::fs::read_to_string(request.log()).unwrap();
+    let loss: Vec<f64> = text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
+    assert!(loss.last().unwrap() < &(0.7 * loss[1]), "{loss:?}");
+}
+
+#[test]
+fn what_does_not_fit_is_refused_before_anything_is_written() {
+    let folder = data();
+    let mut first = request(folder.path(), "first", "", 2);
+    run(&first).unwrap();
+    let again = run(&first).unwrap_err().to_string();
+    assert!(again.contains("--resume"), "{again}");
+    first.resume = true;
+    first.steps = Some(3);
+    let text = std::fs::read_to_string(&first.config).unwrap();
+    std::fs::write(&first.config, text.replace("width = 16", "width = 8")).unwrap();
+    let other = run(&first).unwrap_err().to_string();
+    assert!(other.contains("[model]"), "{other}");
+
+    let message = |change: &dyn Fn(&mut Request)| {
+        let mut request = request(folder.path(), "bad", "", 2);
+        change(&mut request);
+        let message = run(&request).unwrap_err().to_string();
+        assert!(!request.out.exists() && !request.checkpoint().exists());
+        message
+    };
+    let edit = |from: &'static str, to: &'static str| {
+        message(&move |r| {
+            let text = std::fs::read_to_string(&r.config).unwrap();
+            std::fs::write(&r.config, text.replace(from, to)).unwrap();
+        })
+    };
+    assert!(edit("stride = 0.02", "stride = 0.015").contains("model.stride"));
+    assert!(edit("stride = 0.02", "stride = 0.2").contains("at least 41"));
+    assert!(edit("fields = [", "fields = [{ name = \"T\", input = true, output = \"none\" }, ").contains("there are U, p"));
+    assert!(edit("count = 4", "count = 400").contains("400 segments"));
+    assert!(message(&|r| r.device = Some("gpu".into())).contains("cuda:N"));
+    assert!(message(&|r| r.data = "nowhere".into()).contains("nowhere"));
+    let cut = folder.path().join("data/000.h5");
+    let bytes = std::fs::read(&cut).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(message(&|_| ()).contains("000.h5"));
+}
