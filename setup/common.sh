@@ -2,10 +2,11 @@
 # Paths, pinned versions and small functions shared by the set-up, Allrun and Alltest. Sourced, never run.
 
 M4GN_HOME=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+: "${HOME:=$(getent passwd "$(id -u)" | cut -d: -f6)}"
 # Downloads live outside the checkout, so that a fresh clone does not fetch them again.
 M4GN_CACHE=${M4GN_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/m4gn}
 M4GN_LOGS=$M4GN_HOME/target/log
-export M4GN_HOME M4GN_CACHE
+export HOME M4GN_HOME M4GN_CACHE
 
 # Debian's OpenFOAM brings no headers: they come from the source of the same version.
 FOAM_VERSION=1912
@@ -99,10 +100,9 @@ foam_sourced() {
 }
 
 need_cargo() {
-    if ! command -v cargo >/dev/null && [ -x "$HOME/.cargo/bin/cargo" ]; then
-        PATH=$HOME/.cargo/bin:$PATH
-    fi
-    command -v cargo >/dev/null || die "cargo was not found: not on PATH, not in $HOME/.cargo/bin" \
+    local bin=${CARGO_HOME:-$HOME/.cargo}/bin
+    if ! command -v cargo >/dev/null && [ -x "$bin/cargo" ]; then PATH=$bin:$PATH; fi
+    command -v cargo >/dev/null || die "cargo was not found: not on PATH, not in $bin" \
         "Install the Rust toolchain with rustup (https://rustup.rs), then run this again."
     # The scripts and the documents name target/release; a target folder set elsewhere would break that.
     export CARGO_TARGET_DIR=$M4GN_HOME/target CARGO_NET_RETRY=${CARGO_NET_RETRY:-5}

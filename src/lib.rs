@@ -6,16 +6,20 @@
 
 pub mod capi;
 pub mod cli;
+pub mod compare;
 pub mod config;
 pub mod dataset;
 pub mod engine;
 pub mod error;
 pub mod ffi;
+pub mod foam_case;
+pub mod generate;
 pub mod graph;
 pub mod mesh;
 pub mod model;
 pub mod modes;
 pub mod parallel;
+pub mod report;
 pub mod segments;
 pub mod step;
 pub mod validate;

@@ -1,44 +1,91 @@
-//! The command line `m4gn`: a table of commands, each in a file of its own.
+//! The command line `m4gn`: exit status 0 done, 1 failed, 2 bad usage; errors are one paragraph on stderr.
 
-mod torch_library;
+pub mod compare;
+pub mod doctor;
+pub mod generate;
+pub mod info;
+mod output;
+mod stop;
+pub mod torch_library;
 pub mod train;
 
-use clap::Parser;
+pub use output::{progress_bar, write_json};
+pub use stop::stop_flag;
+
+use crate::{Error, Result};
+use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Micro-meso-macro mesh graph networks for OpenFOAM solvers
+/// M4GN surrogates for OpenFOAM
+///
+/// Data are recorded by the function object m4gnHarvest or made by 'm4gn generate'; the function object
+/// m4gnSurrogate takes over time steps of a solver.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(name = "m4gn", version, arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
 }
 
-#[derive(Debug, clap::Subcommand)]
+#[derive(Debug, Subcommand)]
 enum Command {
+    Generate(generate::Args),
+    Info(info::Args),
     Train(train::Args),
+    Compare(compare::Args),
+    Doctor(doctor::Args),
 }
 
-/// Runs the program; returns its exit status.
+/// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    // Bad usage ends here with status 2.
+    let cli = Cli::parse();
+    let done = match cli.command {
+        Command::Generate(args) => generate::run(args),
+        Command::Info(args) => info::run(args),
         Command::Train(args) => train::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Doctor(args) => doctor::run(args),
     };
-    match result {
+    let status = match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("m4gn: {error}");
-            ExitCode::from(1)
+        Err(e) => {
+            eprintln!("m4gn: {e}");
+            ExitCode::FAILURE
         }
-    }
+    };
+    crate::parallel::finalize();
+    status
 }
 
-/// Where a library of this program is: beside it, in `../../lib` of it, or in `$M4GN_HOME/lib`.
-pub fn library_path(name: &str) -> PathBuf {
-    let folder = std::env::current_exe().ok().and_then(|p| p.parent().map(PathBuf::from)).unwrap_or_default();
-    let home = std::env::var_os("M4GN_HOME").map(|h| PathBuf::from(h).join("lib"));
-    let tried: Vec<PathBuf> =
-        [Some(folder.clone()), Some(folder.join("../../lib")), home].into_iter().flatten().map(|f| f.join(name)).collect();
-    tried.iter().find(|p| p.is_file()).or(tried.first()).cloned().unwrap_or_else(|| name.into())
+/// Places where the libraries that belong to this program are looked for, in this order: its own folder, `lib` of
+/// the checkout it was built in, `lib` of `M4GN_HOME`.
+pub fn library_places() -> Vec<PathBuf> {
+    let mut places = Vec::new();
+    if let Some(folder) = std::env::current_exe()
+        .ok()
+        .and_then(|p| p.canonicalize().ok()?.parent().map(PathBuf::from))
+    {
+        let checkout = folder.join("../../lib");
+        places.push(folder);
+        places.push(checkout.canonicalize().unwrap_or(checkout));
+    }
+    places.extend(std::env::var_os("M4GN_HOME").map(|home| PathBuf::from(home).join("lib")));
+    places
+}
+
+/// The library of this file name.
+///
+/// # Errors
+/// [`Error::Input`] that lists the places where it is not.
+pub fn library_path(name: &str) -> Result<PathBuf> {
+    let places = library_places();
+    places.iter().map(|p| p.join(name)).find(|p| p.is_file()).ok_or_else(|| {
+        let tried: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
+        Error::Input(format!(
+            "{name} was not found in {}. './Allrun' builds it; set M4GN_HOME to the checkout if this program was moved",
+            tried.join(", ")
+        ))
+    })
 }

@@ -38,7 +38,9 @@ impl TorchLibrary {
         if version != ABI_VERSION {
             return Err(Error::file(
                 &loaded.path,
-                format!("version {version} of its interface, this program needs {ABI_VERSION}: build both from one checkout"),
+                format!(
+                    "version {version} of its interface, this program needs {ABI_VERSION}: build both from one checkout"
+                ),
             ));
         }
         Ok(loaded)
@@ -46,7 +48,8 @@ impl TorchLibrary {
 
     /// Trains as the request says (the JSON of `m4gn_torch::request::Request`); `stop` nonzero: save and stop.
     pub fn train(&self, request: &serde_json::Value, stop: &AtomicU8) -> Result<()> {
-        let text = CString::new(request.to_string()).map_err(|_| Error::Input("a path holds a NUL character".into()))?;
+        let text = CString::new(request.to_string())
+            .map_err(|_| Error::Input("a path holds a NUL character".into()))?;
         let train =
             self.symbol::<unsafe extern "C" fn(*const c_char, *const u8) -> i32>("m4gn_torch_train")?;
         // SAFETY: a NUL-terminated string and a byte that is only changed atomically; both outlive the call.
@@ -76,7 +79,11 @@ impl TorchLibrary {
 
     fn symbol<T>(&self, name: &str) -> Result<Symbol<'_, T>> {
         // SAFETY: callers name the type that the interface of `ABI_VERSION` gives this symbol.
-        unsafe { self.library.get(name.as_bytes()) }
-            .map_err(|e| Error::file(&self.path, format!("has no function {name} ({e}): build it again")))
+        unsafe { self.library.get(name.as_bytes()) }.map_err(|e| {
+            Error::file(
+                &self.path,
+                format!("has no function {name} ({e}): build it again"),
+            )
+        })
     }
 }

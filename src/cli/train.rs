@@ -1,12 +1,8 @@
 //! `m4gn train`: fits a model to a data set, in libm4gn_torch.so.
 
 use super::torch_library::{NAME, TorchLibrary};
-use crate::{Error, Result};
+use crate::Result;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU8, Ordering};
-
-/// Set by Ctrl-C and by a request to terminate.
-static STOP: AtomicU8 = AtomicU8::new(0);
 
 /// Train a model on recorded trajectories
 ///
@@ -45,15 +41,8 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
-    let library = TorchLibrary::load(super::library_path(NAME))?;
-    ctrlc::set_handler(|| {
-        // The second one ends at once: the first waits for a step, which can take long on a large model.
-        if STOP.swap(1, Ordering::Relaxed) != 0 {
-            std::process::exit(130);
-        }
-        eprintln!("saving; once more to end without saving");
-    })
-    .map_err(|e| Error::Internal(format!("cannot listen for Ctrl-C: {e}")))?;
+    let library = TorchLibrary::load(super::library_path(NAME)?)?;
+    let stop = super::stop_flag()?;
     library.train(
         &serde_json::json!({
             "data": args.data,
@@ -66,6 +55,6 @@ pub fn run(args: Args) -> Result<()> {
             "seed": args.seed,
             "json": args.json,
         }),
-        &STOP,
+        stop,
     )
 }

@@ -40,8 +40,11 @@ pub struct SegmentView<'a> {
     pub member: &'a [i32],
     /// Number of member nodes of each segment over all ranks `[K]`.
     pub sizes: &'a [f64],
-    /// Random-walk encoding of eq. 10's graph `[K x rwse_steps]`; empty when the model has none.
-    pub rwse: &'a [f32],
+    /// Positional encoding `[K x n_position_features]`; empty when the model has none.
+    pub position: &'a [f32],
+    /// Offsets of the owned nodes from their segment's centroid `[n_owned x n_offset_features]`; empty when the
+    /// model has none.
+    pub offsets: &'a [f32],
 }
 
 /// What advances the graph by one step: the native engine or another backend.
@@ -89,10 +92,11 @@ pub struct Engine {
 #[derive(Debug)]
 struct Encoder {
     weight: Weight,
-    /// What each node type's one-hot entry contributes, with the bias `[types x d]`.
-    types: Vec<f32>,
-    /// Row of `types` of each owned node.
-    kind: Vec<i32>,
+    /// What the features that do not change with time contribute, with the bias: a row of width d a node type, or a
+    /// node where the model reads offsets.
+    fixed: Vec<f32>,
+    /// Row of `fixed` of each owned node.
+    fixed_row: Vec<i32>,
     tail: Tail,
     norm: Norm,
     mean: Vec<f32>,
@@ -152,7 +156,7 @@ impl Engine {
             receivers: graph.receivers.clone(),
             halo: graph.halo.clone(),
             parts: tiles::cut(&graph.row, n_threads, hidden),
-            encoder: Encoder::new(model, graph)?,
+            encoder: Encoder::new(model, graph, segments.map_or(&[], |s| s.offsets))?,
             layers: (0..n_layers)
                 .map(|l| Layer::new(model, l))
                 .collect::<Result<_>>()?,
@@ -205,8 +209,8 @@ impl Engine {
         let (isa, d, k) = (self.isa, self.width, self.n_inputs);
         let Encoder {
             weight,
-            types,
-            kind,
+            fixed,
+            fixed_row,
             tail,
             norm,
             mean,
@@ -231,7 +235,7 @@ impl Engine {
                     }
                     weight.apply(&mut part.a, &part.c, n);
                     let a = &mut part.a[..n * d];
-                    kernels::table_activate(isa, a, d, types, &kind[tile.nodes.clone()], tail.first_function);
+                    kernels::table_activate(isa, a, d, fixed, &fixed_row[tile.nodes.clone()], tail.first_function);
                     let x = tail.run(isa, n, &mut part.a, &mut part.b);
                     let out = &mut nodes[rows(&tile.nodes, part.nodes.start, d)];
                     kernels::layer_norm(isa, x, &tail.last_bias, &norm.gain, &norm.shift, out);
@@ -389,7 +393,7 @@ impl Forward for Engine {
 }
 
 impl Encoder {
-    fn new(model: &Model, graph: &Graph) -> Result<Self> {
+    fn new(model: &Model, graph: &Graph, offsets: &[f32]) -> Result<Self> {
         let ModelSpec {
             node_types,
             architecture,
@@ -403,7 +407,7 @@ impl Encoder {
         for t in 0..node_types.len() {
             types.extend((0..d).map(|o| tail.first_bias[o] + tensor.data[o * tensor.shape[1] + k + t]));
         }
-        let kind = graph.node_types[..graph.n_owned]
+        let kind: Vec<i32> = graph.node_types[..graph.n_owned]
             .iter()
             .map(|&code| {
                 node_types
@@ -420,11 +424,26 @@ impl Encoder {
                     })
             })
             .collect::<Result<_>>()?;
+        let n = model.spec.n_offset_features();
+        let (fixed, fixed_row) = if n == 0 {
+            (types, kind)
+        } else {
+            let column = k + node_types.len();
+            let mut rows = Vec::with_capacity(kind.len() * d);
+            for (t, offset) in kind.iter().zip(offsets.chunks_exact(n)) {
+                rows.extend((0..d).map(|o| {
+                    let w = &tensor.data[o * tensor.shape[1] + column..][..n];
+                    let shift: f32 = w.iter().zip(offset).map(|(w, x)| w * x).sum();
+                    types[*t as usize * d + o] + shift
+                }));
+            }
+            (rows, (0..kind.len() as i32).collect())
+        };
         let (mean, inverse_std) = normaliser(model, "node")?;
         Ok(Encoder {
             weight: Weight::columns(model, "encoder.node.0", 0..k)?,
-            types,
-            kind,
+            fixed,
+            fixed_row,
             tail,
             norm: Norm::new(model, "encoder.node.norm")?,
             mean,

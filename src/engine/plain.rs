@@ -110,8 +110,9 @@ impl Plain<'_> {
         }
         for (s, x) in x.iter_mut().enumerate() {
             *x = self.mlp("segment.encoder", x, true);
-            if spec.rwse_steps > 0 {
-                let p = &view.rwse[s * spec.rwse_steps..(s + 1) * spec.rwse_steps];
+            let n = self.0.spec.n_position_features();
+            if n > 0 {
+                let p = &view.position[s * n..(s + 1) * n];
                 let p: Vec<f64> = p.iter().map(|&v| v as f64).collect();
                 add(x, &self.mlp("segment.position", &p, false));
             }
@@ -184,6 +185,10 @@ pub fn forward(model: &Model, graph: &Graph, segments: Option<&SegmentView>, inp
                     .iter()
                     .map(|t| f64::from(*t as i32 == graph.node_types[i])),
             );
+            let n = spec.n_offset_features();
+            if let Some(view) = segments {
+                x.extend(view.offsets[i * n..(i + 1) * n].iter().map(|&v| f64::from(v)));
+            }
             net.mlp("encoder.node", &x, true)
         })
         .collect();
@@ -241,19 +246,16 @@ mod tests {
             member.extend(list);
             member_row.push(member.len() as u32);
         }
-        let steps = model
-            .spec
-            .architecture
-            .segment_transformer
-            .as_ref()
-            .map_or(0, |m| m.rwse_steps);
-        let rwse: Vec<f32> = (0..k * steps).map(|i| (i as f32 * 0.37).fract()).collect();
+        let wave = |n: usize, step: f32| -> Vec<f32> { (0..n).map(|i| (i as f32 * step).fract()).collect() };
+        let position = wave(k * model.spec.n_position_features(), 0.37);
+        let offsets = wave(graph.n_owned * model.spec.n_offset_features(), 0.73);
         let view = SegmentView {
             count: k,
             member_row: &member_row,
             member: &member,
             sizes: &sizes,
-            rwse: &rwse,
+            position: &position,
+            offsets: &offsets,
         };
         let view = model
             .spec
@@ -302,6 +304,8 @@ mod tests {
                             heads: 4,
                             ffn_width: 24,
                             rwse_steps,
+                            centroids: layers_after == 1,
+                            offsets: layers_after > 0,
                         });
                         let model = Model::random(s, 5).unwrap();
                         let error = difference(&model, rwse_steps > 0, 1 + layers_after);

@@ -59,10 +59,14 @@ pub struct TorchGraph {
     pub member: *const i32,
     /// Member nodes of each segment `[K]`.
     pub sizes: *const f64,
-    /// Positional encoding `[K x rwse_steps]`.
-    pub rwse: *const f32,
-    /// Random-walk steps of the encoding; 0: none.
-    pub rwse_steps: i64,
+    /// Positional encoding `[K x n_position]`.
+    pub position: *const f32,
+    /// Positional features a segment; 0: none.
+    pub n_position: i64,
+    /// Offsets of the nodes from their segment's centroid `[n_owned x n_offsets]`.
+    pub offsets: *const f32,
+    /// Components of an offset; 0: none.
+    pub n_offsets: i64,
 }
 
 type AbiVersion = unsafe extern "C" fn() -> u32;
@@ -196,8 +200,10 @@ fn describe(graph: &Graph, segments: Option<&SegmentView>) -> TorchGraph {
         member_row: view.map_or(std::ptr::null(), |v| v.member_row.as_ptr()),
         member: view.map_or(std::ptr::null(), |v| v.member.as_ptr()),
         sizes: view.map_or(std::ptr::null(), |v| v.sizes.as_ptr()),
-        rwse: view.map_or(std::ptr::null(), |v| v.rwse.as_ptr()),
-        rwse_steps: view.map_or(0, |v| (v.rwse.len() / v.count) as i64),
+        position: view.map_or(std::ptr::null(), |v| v.position.as_ptr()),
+        n_position: view.map_or(0, |v| (v.position.len() / v.count) as i64),
+        offsets: view.map_or(std::ptr::null(), |v| v.offsets.as_ptr()),
+        n_offsets: view.map_or(0, |v| (v.offsets.len() / graph.n_owned.max(1)) as i64),
     }
 }
 

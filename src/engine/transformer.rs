@@ -5,7 +5,7 @@
 use super::SegmentView;
 use super::kernels::{self, Function, Isa};
 use super::linear::{self, Norm, Tail, Weight};
-use crate::model::Model;
+use crate::model::{Model, ModelSpec};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 use faer::linalg::matmul::matmul;
@@ -80,7 +80,7 @@ impl SegmentStage {
         let Some(spec) = &model.spec.architecture.segment_transformer else {
             return Err(Error::Model("the model has no segment_transformer".into()));
         };
-        check(view, n_owned, spec.rwse_steps)?;
+        check(view, n_owned, &model.spec)?;
         let (k, d) = (view.count, model.spec.architecture.width);
         let encoder_tail = Tail::new(model, "segment.encoder")?;
         let layers = (0..spec.layers)
@@ -105,7 +105,7 @@ impl SegmentStage {
             encoder: Weight::whole(model, "segment.encoder.0")?,
             encoder_tail,
             encoder_norm: Norm::new(model, "segment.encoder.norm")?,
-            position: (spec.rwse_steps > 0)
+            position: (model.spec.n_position_features() > 0)
                 .then(|| encode_position(model, view))
                 .transpose()?,
             layers,
@@ -280,15 +280,17 @@ fn encode_position(model: &Model, view: &SegmentView) -> Result<Vec<f32>> {
     let (k, d) = (view.count, model.spec.architecture.width);
     let tail = Tail::new(model, "segment.position")?;
     let (mut a, mut b) = (vec![0.0; k * d], vec![0.0; k * d]);
-    Weight::whole(model, "segment.position.0")?.apply(&mut a, view.rwse, k);
+    Weight::whole(model, "segment.position.0")?.apply(&mut a, view.position, k);
     kernels::bias_activate(isa, &mut a, &tail.first_bias, tail.first_function);
     let out = tail.run(isa, k, &mut a, &mut b);
     kernels::bias_activate(isa, out, &tail.last_bias, Function::Identity);
     Ok(out.to_vec())
 }
 
-fn check(view: &SegmentView, n_owned: usize, rwse_steps: usize) -> Result<()> {
+fn check(view: &SegmentView, n_owned: usize, spec: &ModelSpec) -> Result<()> {
     let k = view.count;
+    let encodings = k * spec.n_position_features();
+    let offsets = n_owned * spec.n_offset_features();
     let rows_fit = view.member_row.len() == n_owned + 1
         && view.member_row.windows(2).all(|w| w[0] < w[1])
         && view.member_row[n_owned] as usize == view.member.len();
@@ -296,14 +298,14 @@ fn check(view: &SegmentView, n_owned: usize, rwse_steps: usize) -> Result<()> {
         .member
         .iter()
         .all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
-    if !rows_fit || !members_fit || view.sizes.len() != k || view.rwse.len() != k * rwse_steps {
+    if !rows_fit || !members_fit || view.sizes.len() != k || view.position.len() != encodings || view.offsets.len() != offsets {
         return Err(Error::Input(format!(
-            "segments: expected one or more of {k} for each of {n_owned} nodes, {k} sizes and {} encodings; found \
-             {} nodes, {} sizes, {} encodings, segment numbers {} within range",
-            k * rwse_steps,
+            "segments: expected one or more of {k} for each of {n_owned} nodes, {k} sizes, {encodings} encodings and {offsets} \
+             offsets; found {} nodes, {} sizes, {} encodings, {} offsets, segment numbers {} within range",
             view.member_row.len().saturating_sub(1),
             view.sizes.len(),
-            view.rwse.len(),
+            view.position.len(),
+            view.offsets.len(),
             if members_fit { "all" } else { "not all" }
         )));
     }

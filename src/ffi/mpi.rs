@@ -7,6 +7,17 @@ use mpi::raw::traits::{AsRaw, FromRaw};
 use mpi::topology::SimpleCommunicator;
 use std::mem::{ManuallyDrop, MaybeUninit};
 
+/// Ranks of `MPI_COMM_WORLD`; none while MPI is down.
+pub fn world_size() -> Option<i32> {
+    if !mpi::environment::is_initialized() || mpi::environment::is_finalized() {
+        return None;
+    }
+    let mut size = 0;
+    // SAFETY: MPI is up, so MPI_COMM_WORLD is live.
+    unsafe { ffi::MPI_Comm_size(ffi::RSMPI_COMM_WORLD, &mut size) };
+    Some(size)
+}
+
 /// A duplicate of a communicator that is ours; freed on drop while MPI is up.
 pub struct OwnedCommunicator(ManuallyDrop<SimpleCommunicator>);
 
@@ -44,6 +55,12 @@ impl OwnedCommunicator {
     /// The communicator for rsmpi's calls.
     pub fn get(&self) -> &SimpleCommunicator {
         &self.0
+    }
+
+    /// The Fortran handle (`MPI_Comm_c2f`).
+    pub fn fortran(&self) -> i32 {
+        // SAFETY: a live communicator.
+        unsafe { ffi::RSMPI_Comm_c2f(self.raw()) }
     }
 
     /// The C handle, for PETSc and HDF5; valid while this object lives.

@@ -101,20 +101,23 @@ fn raw(comm: &Comm) -> mpi::ffi::MPI_Comm {
 
 /// Starts MPI and SLEPc if nobody has. Collective over `comm`.
 ///
-/// `PETSC_COMM_WORLD` keeps its default, all ranks, unless `comm` has only some of them: the others do not come
-/// here, and PETSc's start would wait for them, so then it is a duplicate of `comm`.
+/// PETSc's start waits for all ranks of `PETSC_COMM_WORLD`, so only ranks that come here may be in it: all ranks
+/// of MPI (PETSc's default, which other guests expect) where `comm` has them all, else a duplicate of `comm`,
+/// or this rank alone where others of `comm` have started PETSc before.
 fn start(comm: &Comm) -> Result<()> {
     crate::parallel::start()?;
     let mut started = STARTED.lock().unwrap_or_else(|e| e.into_inner());
-    let mut up: c::PetscBool = 0;
-    // SAFETY: may be called at any time; writes one flag.
-    unsafe { c::SlepcInitialized(&mut up) };
-    if up != 0 {
+    let (mut slepc_up, mut petsc_up): (c::PetscBool, c::PetscBool) = (0, 0);
+    // SAFETY: may be called at any time; each writes one flag.
+    unsafe {
+        c::SlepcInitialized(&mut slepc_up);
+        c::PetscInitialized(&mut petsc_up);
+    }
+    let mut up = [petsc_up as i64];
+    comm.sum_i64(&mut up);
+    if slepc_up != 0 {
         return Ok(());
     }
-    let mut petsc_up: c::PetscBool = 0;
-    // SAFETY: as above.
-    unsafe { c::PetscInitialized(&mut petsc_up) };
     if petsc_up == 0 {
         // SAFETY: option values may be set before PETSc starts; the strings are C strings.
         let code = unsafe {
@@ -125,11 +128,12 @@ fn start(comm: &Comm) -> Result<()> {
             )
         };
         check(code)?;
-        let mut world = 0;
-        // SAFETY: MPI is up; MPI_COMM_WORLD is a live communicator.
-        unsafe { mpi::ffi::MPI_Comm_size(mpi::ffi::RSMPI_COMM_WORLD, &mut world) };
-        if world != comm.size() {
-            let mut copy = raw(comm);
+        let alone = raw(&Comm::Serial);
+        if up[0] != 0 {
+            // SAFETY: read by PETSc's start below; MPI_COMM_SELF lives as long as MPI.
+            unsafe { c::PETSC_COMM_WORLD = alone };
+        } else if super::mpi::world_size() != Some(comm.size()) {
+            let mut copy = alone;
             // SAFETY: a live communicator; PETSc keeps the copy to the end of the process.
             unsafe {
                 mpi::ffi::MPI_Comm_dup(raw(comm), &mut copy);

@@ -55,7 +55,12 @@ impl NodeType {
         usize::try_from(code)
             .ok()
             .and_then(|c| Self::ALL.get(c).copied())
-            .ok_or_else(|| Error::Mesh(format!("node type code {code}: expected 0 to {}", Self::ALL.len() - 1)))
+            .ok_or_else(|| {
+                Error::Mesh(format!(
+                    "node type code {code}: expected 0 to {}",
+                    Self::ALL.len() - 1
+                ))
+            })
     }
 }
 

@@ -26,7 +26,7 @@ pub fn rectangle(nx: usize, ny: usize, lx: f64, ly: f64) -> Mesh {
 }
 
 /// `n[0] x n[1] x n[2]` hexahedra on a block of size `l`; cell (i, j, k) is `i + n[0] * (j + n[1] * k)`. Inlet
-/// at x = 0, outlet at x = l[0], walls elsewhere.
+/// at x = 0, outlet at the other end, walls elsewhere.
 pub fn block(n: [usize; 3], l: [f64; 3]) -> Mesh {
     let h: Vec<f64> = (0..3).map(|d| l[d] / n[d] as f64).collect();
     let area = [h[1] * h[2], h[0] * h[2], h[0] * h[1]];

@@ -89,12 +89,13 @@ impl ModelSpec {
                 heads,
                 ffn_width,
                 rwse_steps,
+                ..
             }) => {
                 within("segment_transformer.layers", *layers, 0, MAX_LAYERS)?;
                 within("segment_transformer.heads", *heads, 1, a.width)?;
                 within("segment_transformer.ffn_width", *ffn_width, 1, 4 * MAX_WIDTH)?;
                 within("segment_transformer.rwse_steps", *rwse_steps, 0, MAX_LAYERS)?;
-                expect(a.width % heads == 0, || {
+                expect(a.width.is_multiple_of(*heads), || {
                     format!(
                         "segment_transformer.heads: {heads} does not divide the width {}",
                         a.width
@@ -144,7 +145,8 @@ mod tests {
     #[test]
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
-        let broken: [(&str, fn(&mut crate::model::ModelSpec)); 11] = [
+        type Change = fn(&mut crate::model::ModelSpec);
+        let broken: [(&str, Change); 11] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -176,6 +178,8 @@ mod tests {
             heads: 1,
             ffn_width: 1,
             rwse_steps: 0,
+            centroids: false,
+            offsets: false,
         });
         assert!(s.check().is_ok());
     }

@@ -98,8 +98,21 @@ pub struct MacroSpec {
     pub heads: usize,
     /// Hidden width of the point-wise feed-forward network.
     pub ffn_width: usize,
-    /// Random-walk steps of the segment positional encoding (RWSE of the eq. 10 graph); 0: no encoding.
+    /// Random-walk steps of the segment positional encoding (RWSE of the eq. 10 graph); 0: none.
     pub rwse_steps: usize,
+    /// Whether the segments' centroids, from the domain's centre, join the positional encoding. The random walk
+    /// tells how segments touch, not which lies upstream.
+    pub centroids: bool,
+    /// Whether each node's displacement from its segment's centroid joins the node features, so that what is
+    /// dispatched to a segment can vary within it.
+    pub offsets: bool,
+}
+
+impl MacroSpec {
+    /// Positional features a segment: random walk, then centroid.
+    pub fn n_position_features(&self, dim: usize) -> usize {
+        self.rwse_steps + if self.centroids { dim } else { 0 }
+    }
 }
 
 /// Activation of all multi-layer perceptrons.
@@ -166,9 +179,31 @@ impl ModelSpec {
             .sum()
     }
 
-    /// Node features: field inputs, then the one-hot node type.
+    /// Node features: field inputs, then those that do not change with time.
     pub fn n_node_features(&self) -> usize {
-        self.n_field_inputs() + self.node_types.len()
+        self.n_field_inputs() + self.n_static_features()
+    }
+
+    /// Node features that do not change with time: the one-hot node type, then the offset from the segment's
+    /// centroid where the macro stage has `offsets`.
+    pub fn n_static_features(&self) -> usize {
+        self.node_types.len() + self.n_offset_features()
+    }
+
+    /// Components of the offset from the segment's centroid: the solved directions, or none.
+    pub fn n_offset_features(&self) -> usize {
+        match &self.architecture.segment_transformer {
+            Some(m) if m.offsets => self.dim,
+            _ => 0,
+        }
+    }
+
+    /// Positional features a segment.
+    pub fn n_position_features(&self) -> usize {
+        self.architecture
+            .segment_transformer
+            .as_ref()
+            .map_or(0, |m| m.n_position_features(self.dim))
     }
 
     /// Edge features: displacement from receiver to sender in the solved directions, and its length.
@@ -221,6 +256,8 @@ pub(crate) mod tests {
                     heads: 2,
                     ffn_width: 12,
                     rwse_steps: 5,
+                    centroids: true,
+                    offsets: true,
                 }),
             },
             segments: SegmentSpec {
@@ -241,7 +278,7 @@ pub(crate) mod tests {
                 s.n_edge_features(),
                 s.n_outputs()
             ),
-            (3, 7, 3, 3)
+            (3, 9, 3, 3)
         );
     }
 

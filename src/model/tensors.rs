@@ -44,8 +44,8 @@ impl Model {
         }
         if let Some(m) = &a.segment_transformer {
             list.mlp("segment.encoder", d, d, true);
-            if m.rwse_steps > 0 {
-                list.mlp("segment.position", m.rwse_steps, d, false);
+            if spec.n_position_features() > 0 {
+                list.mlp("segment.position", spec.n_position_features(), d, false);
             }
             for l in 0..m.layers {
                 let name = format!("segment.transformer.{l}");

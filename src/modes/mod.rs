@@ -3,7 +3,7 @@
 //! K is the solver's own finite-volume Laplacian (off-diagonal -c of each face, every boundary face a Dirichlet
 //! one), V the cell volumes; eigenvalues are in 1/m^2, modes without unit. Two traps are closed here: the sign of
 //! an eigenvector, and the basis of a repeated eigenvalue's space, are chosen by a rule that looks at positions
-//! alone ([`canonical`]), so that they depend neither on the ranks nor on the solver's start vector.
+//! alone (`canonical.rs`), so that they depend neither on the ranks nor on the solver's start vector.
 
 mod assemble;
 mod canonical;

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 /// MPI's lifetime, if it is ours.
 static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
 
-/// Starts MPI if nobody has; it then ends with [`finalize`], or with the process.
+/// Starts MPI if nobody has; it then ends with [`finalize`], or, on a single rank, with the process.
 ///
 /// Fails if MPI has already been finalised in this process: MPI cannot be started twice.
 pub fn start() -> Result<()> {
@@ -28,7 +28,8 @@ pub fn start() -> Result<()> {
     Ok(())
 }
 
-/// Ends SLEPc, PETSc and MPI as far as we started them; called at the end of the process too.
+/// Ends SLEPc, PETSc and MPI as far as we started them. Collective over all ranks; a program on several ranks
+/// calls this last, on a single rank it happens by itself.
 ///
 /// Every communicator of ours must have been dropped, or be dropped afterwards (then it is not freed).
 pub fn finalize() {

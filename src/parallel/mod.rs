@@ -105,8 +105,16 @@ impl Comm {
         Ok(Comm::Mpi(Rc::new(MpiComm::new(comm))))
     }
 
-    /// All ranks of `MPI_COMM_WORLD` (a duplicate). Starts MPI if nobody has; then [`finalize`], or the end of
-    /// the process, finalises it. Collective.
+    /// What [`Comm::from_fortran`] takes: `MPI_Comm_c2f` of this communicator, or [`NO_MPI`].
+    pub fn fortran(&self) -> i32 {
+        match self {
+            Comm::Serial => NO_MPI,
+            Comm::Mpi(m) => m.comm.fortran(),
+        }
+    }
+
+    /// All ranks of `MPI_COMM_WORLD` (a duplicate). Starts MPI if nobody has; then
+    /// [`finalize`] ends it. Collective.
     pub fn world() -> Result<Self> {
         start()?;
         let world = mpi::topology::SimpleCommunicator::world();

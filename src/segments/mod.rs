@@ -3,16 +3,22 @@
 //! Nothing here depends on the number of ranks: METIS sees the canonical numbering on the root, and SLIC's sums
 //! are integers.
 
+mod geometry;
 mod overlap;
 mod partition;
 mod slic;
 mod walk;
+
+pub use geometry::{SegmentFeatures, features};
 
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::{SegmentMethod, SegmentSpec};
 use crate::parallel::Comm;
 use crate::{Error, Result};
+
+/// Most segments: their adjacency is dense and replicated, 0.5 GB at this number.
+pub const MAX_SEGMENTS: usize = 8192;
 
 /// Which segments each node belongs to, and how the segments touch.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +41,7 @@ pub struct Segmentation {
 /// Cuts the mesh into `spec.count` segments. Collective; all ranks fail together.
 ///
 /// `preset` gives the segment of each of this rank's cells (0 to K - 1, none empty) instead of computing them.
-/// Errors: [`Error::Input`] if K is 0 or larger than the number of cells, if there are fewer modes than asked
+/// Errors: [`Error::Input`] if K is 0 or larger than the number of cells or [`MAX_SEGMENTS`], if there are fewer modes than asked
 /// for, or if a preset label is out of range or missing.
 pub fn segment(
     mesh: &Mesh,
@@ -50,6 +56,12 @@ pub fn segment(
         return Err(Error::Input(format!(
             "{} segments for {} cells: expected 1 to {}; set segments in the dictionary",
             spec.count, total[0], total[0]
+        )));
+    }
+    if spec.count > MAX_SEGMENTS {
+        return Err(Error::Input(format!(
+            "{} segments: expected at most {MAX_SEGMENTS}",
+            spec.count
         )));
     }
     let mut any_preset = [preset.is_some() as i64];

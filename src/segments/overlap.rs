@@ -36,6 +36,11 @@ pub(super) fn complete(
             }
         }
         graph.halo.exchange_i64(comm, &mut sets, words);
+        let mut grown = [(sets != before) as i64];
+        comm.max_i64(&mut grown);
+        if grown[0] == 0 {
+            break;
+        }
     }
 
     // Members of all local nodes, ghosts too: the adjacency needs both ends of an edge.

@@ -14,7 +14,7 @@ use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::{Model, ModelSpec, Output, SegmentMethod, SegmentSpec};
 use crate::parallel::Comm;
-use crate::segments::{self, Segmentation};
+use crate::segments;
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -169,7 +169,21 @@ impl Session {
             }
             None => None,
         };
-        let network = comm.agree(network(model, &graph, segmentation.as_ref(), options, &comm))?;
+        let network = {
+            let features = segmentation
+                .as_ref()
+                .map(|s| segments::features(spec, mesh, s, &comm))
+                .unwrap_or_default();
+            let view = segmentation.as_ref().map(|s| SegmentView {
+                count: s.count,
+                member_row: &s.member_row,
+                member: &s.member,
+                sizes: &s.sizes,
+                position: &features.position,
+                offsets: &features.offsets,
+            });
+            comm.agree(network(model, &graph, view.as_ref(), options, &comm))?
+        };
         let n_cells = mesh.n_cells();
         Ok(Session {
             comm,
@@ -445,32 +459,15 @@ impl SessionOptions {
 fn network(
     model: &Model,
     graph: &Graph,
-    segmentation: Option<&Segmentation>,
+    view: Option<&SegmentView>,
     options: &SessionOptions,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
-    let steps = model
-        .spec
-        .architecture
-        .segment_transformer
-        .as_ref()
-        .map_or(0, |m| m.rwse_steps);
-    let rwse = match segmentation {
-        Some(s) if steps > 0 => s.rwse(steps),
-        _ => Vec::new(),
-    };
-    let view = segmentation.map(|s| SegmentView {
-        count: s.count,
-        member_row: &s.member_row,
-        member: &s.member,
-        sizes: &s.sizes,
-        rwse: &rwse,
-    });
     match &options.backend {
         Backend::Native => Ok(Box::new(Engine::new(
             model,
             graph,
-            view.as_ref(),
+            view,
             options.n_threads.max(1),
         )?)),
         Backend::Torch(device) => {
@@ -483,7 +480,7 @@ fn network(
             Ok(Box::new(TorchBackend::new(
                 path,
                 graph,
-                view.as_ref(),
+                view,
                 lengths,
                 device.as_deref(),
                 comm,

@@ -1,1 +1,3 @@
-//! validate
+//! Checks of trained models against recorded data.
+
+pub mod rmse;

@@ -24,7 +24,8 @@ thread_local! {
 
 /// The door of every exported function: errors and panics become a status and a message.
 pub(crate) fn guard(body: impl FnOnce() -> Result<()>) -> i32 {
-    let result = catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|p| Err(Error::Internal(panic_message(&*p))));
+    let result =
+        catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|p| Err(Error::Internal(panic_message(&*p))));
     let Err(error) = result else { return 0 };
     let text = match &error {
         // The other side adds the words that go with the status.
@@ -61,7 +62,9 @@ pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *co
         }
         // SAFETY: not null, and NUL-terminated by this function's contract.
         let text = unsafe { CStr::from_ptr(request_json) };
-        let text = text.to_str().map_err(|e| Error::Input(format!("the training request is not UTF-8: {e}")))?;
+        let text = text
+            .to_str()
+            .map_err(|e| Error::Input(format!("the training request is not UTF-8: {e}")))?;
         let request: Request =
             serde_json::from_str(text).map_err(|e| Error::Input(format!("the training request: {e}")))?;
         // SAFETY: not null, lives and is atomic by this function's contract; a u8 is aligned anywhere.
@@ -86,7 +89,9 @@ pub unsafe extern "C" fn m4gn_torch_load(
             return Err(Error::Input("m4gn_torch_load: a null pointer".into()));
         }
         // SAFETY: not null, and NUL-terminated by this function's contract.
-        let path = unsafe { CStr::from_ptr(model_path) }.to_string_lossy().into_owned();
+        let path = unsafe { CStr::from_ptr(model_path) }
+            .to_string_lossy()
+            .into_owned();
         let device = if device.is_null() {
             "cpu".into()
         } else {
@@ -111,7 +116,8 @@ pub unsafe extern "C" fn m4gn_torch_load(
                 member: slice(g.member, member_row.last().map_or(0, |&n| n as usize))?,
                 member_row,
                 sizes: slice(g.sizes, segments)?,
-                rwse: slice(g.rwse, segments * length(g.rwse_steps)?)?,
+                position: slice(g.position, segments * length(g.n_position)?)?,
+                offsets: slice(g.offsets, nodes * length(g.n_offsets)?)?,
             }
         };
         let loaded = Inference::new(path.as_ref(), &parts, parse_device(&device)?)?;
@@ -137,7 +143,10 @@ pub unsafe extern "C" fn m4gn_torch_step(handle: *mut c_void, inputs: *const f32
         let (n_inputs, n_outputs) = loaded.lengths();
         // SAFETY: the arrays have these lengths by this function's contract.
         let (inputs, outputs) = unsafe {
-            (std::slice::from_raw_parts(inputs, n_inputs), std::slice::from_raw_parts_mut(outputs, n_outputs))
+            (
+                std::slice::from_raw_parts(inputs, n_inputs),
+                std::slice::from_raw_parts_mut(outputs, n_outputs),
+            )
         };
         loaded.step(inputs, outputs)
     })
@@ -164,7 +173,9 @@ fn length(n: i64) -> Result<usize> {
 unsafe fn slice<'a, T>(data: *const T, n: usize) -> Result<&'a [T]> {
     match (n, data.is_null()) {
         (0, _) => Ok(&[]),
-        (_, true) => Err(Error::Input("m4gn_torch_load: a null pointer in the graph".into())),
+        (_, true) => Err(Error::Input(
+            "m4gn_torch_load: a null pointer in the graph".into(),
+        )),
         // SAFETY: passed on to the caller.
         _ => Ok(unsafe { std::slice::from_raw_parts(data, n) }),
     }

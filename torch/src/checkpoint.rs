@@ -75,7 +75,10 @@ impl Checkpoint {
                 tensors.push((name.into(), Dtype::F32, floats(values)));
             }
         }
-        for (prefix, normaliser) in [("", Some(&self.normaliser)), ("best.", self.best_normaliser.as_ref())] {
+        for (prefix, normaliser) in [
+            ("", Some(&self.normaliser)),
+            ("best.", self.best_normaliser.as_ref()),
+        ] {
             for (name, m) in normaliser.iter().flat_map(|n| n.named()) {
                 tensors.push((format!("{prefix}{name}.count"), Dtype::F64, doubles(&[m.count])));
                 tensors.push((format!("{prefix}{name}.sum"), Dtype::F64, doubles(&m.sum)));
@@ -99,7 +102,10 @@ impl Checkpoint {
     /// Reads a checkpoint back.
     pub fn read(path: &Path) -> Result<Self> {
         let fail = |e: String| {
-            Error::file(path, format!("not a usable checkpoint ({e}); delete it to start the training anew"))
+            Error::file(
+                path,
+                format!("not a usable checkpoint ({e}); delete it to start the training anew"),
+            )
         };
         let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| fail(e.to_string()))?;
@@ -107,16 +113,33 @@ impl Checkpoint {
         let entry = entry.ok_or_else(|| fail(format!("no `{ENTRY}` entry in its header")))?;
         let progress: Progress = serde_json::from_str(&entry).map_err(|e| fail(e.to_string()))?;
         if progress.version != 1 {
-            return Err(fail(format!("schema version {}, this program reads 1", progress.version)));
+            return Err(fail(format!(
+                "schema version {}, this program reads 1",
+                progress.version
+            )));
         }
         let file = SafeTensors::deserialize(&bytes).map_err(|e| fail(e.to_string()))?;
         let floats = |name: &str| -> Option<Vec<f32>> {
             let view = file.tensor(name).ok().filter(|v| v.dtype() == Dtype::F32)?;
-            Some(view.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
+            Some(
+                view.data()
+                    .as_chunks::<4>()
+                    .0
+                    .iter()
+                    .map(|b| f32::from_le_bytes(*b))
+                    .collect(),
+            )
         };
         let doubles = |name: String| -> Option<Vec<f64>> {
             let view = file.tensor(&name).ok().filter(|v| v.dtype() == Dtype::F64)?;
-            Some(view.data().as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
+            Some(
+                view.data()
+                    .as_chunks::<8>()
+                    .0
+                    .iter()
+                    .map(|b| f64::from_le_bytes(*b))
+                    .collect(),
+            )
         };
         let moments = |name: &str| -> Option<Moments> {
             Some(Moments {
@@ -149,7 +172,10 @@ impl Checkpoint {
 /// Writes beside the file, syncs, renames.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
     let fail = |e: std::io::Error| Error::file(path, format!("cannot be written: {e}"));
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|p| !p.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     let mut file = tempfile::NamedTempFile::new_in(folder).map_err(fail)?;
     file.write_all(bytes).map_err(fail)?;
     file.as_file().sync_all().map_err(fail)?;

@@ -174,11 +174,17 @@ impl Default for TrainingConfig {
 impl TrainingConfig {
     /// Learning rate of step `step` (0-based).
     pub fn learning_rate_at(&self, step: u64) -> f64 {
-        let warm = if step < self.warmup_steps { (step + 1) as f64 / self.warmup_steps as f64 } else { 1.0 };
+        let warm = if step < self.warmup_steps {
+            (step + 1) as f64 / self.warmup_steps as f64
+        } else {
+            1.0
+        };
         let span = self.decay_steps.max(1) as f64;
         let part = (step.saturating_sub(self.decay_start) as f64 / span).min(1.0);
         let rate = match self.decay {
-            Decay::Exponential => self.learning_rate * (self.learning_rate_end / self.learning_rate).powf(part),
+            Decay::Exponential => {
+                self.learning_rate * (self.learning_rate_end / self.learning_rate).powf(part)
+            }
             Decay::Cosine => {
                 let half = 0.5 * (1.0 + (std::f64::consts::PI * part).cos());
                 self.learning_rate_end + (self.learning_rate - self.learning_rate_end) * half
@@ -189,7 +195,12 @@ impl TrainingConfig {
 
     /// Model steps unrolled in the loss of step `step`.
     pub fn unroll_at(&self, step: u64) -> usize {
-        self.unroll.iter().filter(|u| u[0] <= step).map(|u| u[1] as usize).next_back().unwrap_or(1)
+        self.unroll
+            .iter()
+            .filter(|u| u[0] <= step)
+            .map(|u| u[1] as usize)
+            .next_back()
+            .unwrap_or(1)
     }
 
     /// The longest unrolling of the whole schedule.
@@ -208,8 +219,12 @@ impl Config {
 
     /// Parses and checks TOML text.
     pub fn parse(text: &str) -> Result<Self> {
-        let config: Config = toml::from_str(text)
-            .map_err(|e| Error::Input(format!("not a valid training configuration: {}", e.to_string().trim())))?;
+        let config: Config = toml::from_str(text).map_err(|e| {
+            Error::Input(format!(
+                "not a valid training configuration: {}",
+                e.to_string().trim()
+            ))
+        })?;
         config.check()?;
         Ok(config)
     }
@@ -232,7 +247,11 @@ impl Config {
         at_least_one("model.width", m.width as u64)?;
         at_least_one("model.hidden_layers", m.hidden_layers as u64)?;
         if m.fields.iter().all(|f| !f.input) || m.fields.iter().all(|f| f.output == Output::None) {
-            return bad("model.fields", "a list without an input or without an output", "at least one of each");
+            return bad(
+                "model.fields",
+                "a list without an input or without an output",
+                "at least one of each",
+            );
         }
         for (i, f) in m.fields.iter().enumerate() {
             if m.fields[..i].iter().any(|g| g.name == f.name) {
@@ -244,7 +263,11 @@ impl Config {
                 at_least_one("macro.layers", s.layers as u64)?;
                 at_least_one("macro.ffn_width", s.ffn_width as u64)?;
                 if s.heads == 0 || m.width % s.heads != 0 {
-                    return bad("macro.heads", &s.heads.to_string(), &format!("a divisor of model.width = {}", m.width));
+                    return bad(
+                        "macro.heads",
+                        &s.heads.to_string(),
+                        &format!("a divisor of model.width = {}", m.width),
+                    );
                 }
             }
             None if m.layers_after > 0 => {
@@ -282,22 +305,46 @@ impl Config {
         if let Some(minutes) = t.max_minutes {
             positive("training.max_minutes", minutes)?;
         }
-        for (key, value) in [("training.ema_decay", t.ema_decay), ("training.betas", t.betas[0]), ("training.betas", t.betas[1])] {
+        for (key, value) in [
+            ("training.ema_decay", t.ema_decay),
+            ("training.betas", t.betas[0]),
+            ("training.betas", t.betas[1]),
+        ] {
             if !(0.0..1.0).contains(&value) {
                 return bad(key, &value.to_string(), "0 or more, below 1");
             }
         }
         if !(t.gradient_clip.is_finite() && t.gradient_clip >= 0.0) {
-            return bad("training.gradient_clip", &t.gradient_clip.to_string(), "a norm, or 0 for no limit");
+            return bad(
+                "training.gradient_clip",
+                &t.gradient_clip.to_string(),
+                "a norm, or 0 for no limit",
+            );
         }
-        for (key, table) in [("training.noise", &t.noise), ("training.loss_weights", &t.loss_weights)] {
+        for (key, table) in [
+            ("training.noise", &t.noise),
+            ("training.loss_weights", &t.loss_weights),
+        ] {
             for (name, &value) in table {
                 let fits = m.fields.iter().any(|f| {
-                    &f.name == name && if key == "training.noise" { f.input } else { f.output != Output::None }
+                    &f.name == name
+                        && if key == "training.noise" {
+                            f.input
+                        } else {
+                            f.output != Output::None
+                        }
                 });
                 if !fits {
-                    let what = if key == "training.noise" { "an input" } else { "an output" };
-                    return bad(&format!("{key}.{name}"), "a field that is not there", &format!("{what} of model.fields"));
+                    let what = if key == "training.noise" {
+                        "an input"
+                    } else {
+                        "an output"
+                    };
+                    return bad(
+                        &format!("{key}.{name}"),
+                        "a field that is not there",
+                        &format!("{what} of model.fields"),
+                    );
                 }
                 if !(value.is_finite() && value >= 0.0) {
                     return bad(&format!("{key}.{name}"), &value.to_string(), "0 or more");
@@ -319,15 +366,25 @@ impl Config {
 }
 
 fn bad<T>(key: &str, found: &str, expected: &str) -> Result<T> {
-    Err(Error::Input(format!("training configuration, {key}: found {found}, expected {expected}")))
+    Err(Error::Input(format!(
+        "training configuration, {key}: found {found}, expected {expected}"
+    )))
 }
 
 fn positive(key: &str, value: f64) -> Result<()> {
-    if value.is_finite() && value > 0.0 { Ok(()) } else { bad(key, &value.to_string(), "a positive number") }
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        bad(key, &value.to_string(), "a positive number")
+    }
 }
 
 fn at_least_one(key: &str, value: u64) -> Result<()> {
-    if value >= 1 { Ok(()) } else { bad(key, "0", "at least 1") }
+    if value >= 1 {
+        Ok(())
+    } else {
+        bad(key, "0", "at least 1")
+    }
 }
 
 #[cfg(test)]
@@ -376,12 +433,20 @@ mod tests {
             ("width = 8", "widht = 8", "widht"),
             ("width = 8", "width = 0", "model.width"),
             ("stride = 0.05", "stride = -1.0", "model.stride"),
-            ("layers_before = 1", "layers_before = 1\nlayers_after = 2", "model.layers_after"),
+            (
+                "layers_before = 1",
+                "layers_before = 1\nlayers_after = 2",
+                "model.layers_after",
+            ),
             ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),
             ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
             ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
             (" steps = 10\n", " steps = 0\n", "training.steps"),
-            ("[training]", "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\n[training]", "macro.heads"),
+            (
+                "[training]",
+                "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]",
+                "macro.heads",
+            ),
         ] {
             let text = SMALL.replace(from, to);
             assert_ne!(text, SMALL);

@@ -43,14 +43,19 @@ impl Inference {
             )));
         }
         if spec.architecture.segment_transformer.is_some() && parts.segments == 0 {
-            return Err(Error::Model("the model has a macro stage, the graph comes without segments".into()));
+            return Err(Error::Model(
+                "the model has a macro stage, the graph comes without segments".into(),
+            ));
         }
         let layout = Layout::new(&spec);
         let flat = Tensor::from_slice(&layout.flatten(model)?).to_device(device);
         let scale = |name: &str| -> Result<(Tensor, Tensor)> {
             let part = |which: &str| {
                 let name = format!("norm.{name}.{which}");
-                let tensor = model.tensors.get(&name).ok_or_else(|| Error::Model(format!("the model has no tensor `{name}`")))?;
+                let tensor = model
+                    .tensors
+                    .get(&name)
+                    .ok_or_else(|| Error::Model(format!("the model has no tensor `{name}`")))?;
                 Ok::<Tensor, Error>(Tensor::from_slice(&tensor.data).to_device(device))
             };
             Ok((part("mean")?, part("std")?))
@@ -87,12 +92,16 @@ impl Inference {
             )));
         }
         let result = tch::no_grad(|| {
-            let fields = Tensor::from_slice(inputs).view([self.graph.nodes, -1]).to_device(self.device);
+            let fields = Tensor::from_slice(inputs)
+                .view([self.graph.nodes, -1])
+                .to_device(self.device);
             let fields = (fields - &self.node.0) / &self.node.1;
             let network = Network::new(&self.spec.architecture, &self.weights);
             network.forward(&self.graph, &fields, &self.edges) * &self.output.1 + &self.output.0
         });
         let result = result.to_device(Device::Cpu).contiguous();
-        result.f_copy_data(outputs, outputs.len()).map_err(|e| Error::Internal(e.to_string()))
+        result
+            .f_copy_data(outputs, outputs.len())
+            .map_err(|e| Error::Internal(e.to_string()))
     }
 }

@@ -20,7 +20,13 @@ impl Validation {
     /// What is compared to find the best weights: the geometric mean of the rollouts' errors relative to persistence.
     /// Infinite where a rollout left the finite numbers.
     pub fn score(&self) -> f64 {
-        let ratio = |[model, held]: [f64; 2]| if model.is_finite() { model / held.max(1e-30) } else { f64::INFINITY };
+        let ratio = |[model, held]: [f64; 2]| {
+            if model.is_finite() {
+                model / held.max(1e-30)
+            } else {
+                f64::INFINITY
+            }
+        };
         (ratio(self.rmse_horizon) * ratio(self.rmse_all)).sqrt()
     }
 }
@@ -74,16 +80,26 @@ impl Journal {
         }
         std::fs::write(path, text).map_err(fail)?;
         let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
-        Ok(Journal { path: path.to_path_buf(), file })
+        Ok(Journal {
+            path: path.to_path_buf(),
+            file,
+        })
     }
 
     /// Appends a row.
     pub fn append(&mut self, row: &Row) -> Result<()> {
         let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
         let validation = match &row.validation {
-            Some(v) => [v.rmse_1[0], v.rmse_horizon[0], v.rmse_all[0], v.rmse_1[1], v.rmse_horizon[1], v.rmse_all[1]]
-                .map(|x| format!("{x:.6e}"))
-                .join(","),
+            Some(v) => [
+                v.rmse_1[0],
+                v.rmse_horizon[0],
+                v.rmse_all[0],
+                v.rmse_1[1],
+                v.rmse_horizon[1],
+                v.rmse_all[1],
+            ]
+            .map(|x| format!("{x:.6e}"))
+            .join(","),
             None => ",,,,,".into(),
         };
         writeln!(

@@ -86,8 +86,8 @@ pub struct Learner {
     valid: Vec<Sample>,
     frames_a_step: usize,
     device: Device,
-    /// Sign of each component and edge feature under reflection.
-    reflect: (Tensor, Tensor),
+    /// Sign of each component under reflection.
+    reflect: Tensor,
     /// Noise of each component, physical units.
     noise: Vec<f64>,
     /// Predicted fields: first output, number of outputs, weight of the loss.
@@ -105,11 +105,20 @@ impl Learner {
         device: Device,
     ) -> Self {
         let components = Components::new(&spec);
-        let signs: Vec<f32> = components.odd.iter().map(|&odd| if odd { -1.0 } else { 1.0 }).collect();
-        let edge_signs: Vec<f32> = (0..spec.n_edge_features()).map(|i| if i == 1 { -1.0 } else { 1.0 }).collect();
+        let signs: Vec<f32> = components
+            .odd
+            .iter()
+            .map(|&odd| if odd { -1.0 } else { 1.0 })
+            .collect();
         let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
         let noise = (0..components.count)
-            .map(|c| if components.inputs.contains(&c) { config.training.noise.get(name(&c)).copied().unwrap_or(0.0) } else { 0.0 })
+            .map(|c| {
+                if components.inputs.contains(&c) {
+                    config.training.noise.get(name(&c)).copied().unwrap_or(0.0)
+                } else {
+                    0.0
+                }
+            })
             .collect();
         let mut groups: Vec<(i64, i64, f64)> = Vec::new();
         let mut last = usize::MAX;
@@ -119,14 +128,18 @@ impl Learner {
                     group.1 += 1;
                 }
             } else {
-                groups.push((row as i64, 1, config.training.loss_weights.get(name(c)).copied().unwrap_or(1.0)));
+                groups.push((
+                    row as i64,
+                    1,
+                    config.training.loss_weights.get(name(c)).copied().unwrap_or(1.0),
+                ));
                 last = components.field[*c];
             }
         }
         Learner {
             layout: Layout::new(&spec),
             stepper: Stepper::new(&spec, &components, device),
-            reflect: (Tensor::from_slice(&signs).to_device(device), Tensor::from_slice(&edge_signs).to_device(device)),
+            reflect: Tensor::from_slice(&signs).to_device(device),
             noise,
             groups,
             config,
@@ -155,12 +168,21 @@ impl Learner {
     /// Does a job.
     pub fn run(&self, job: Job) -> Outcome {
         match job {
-            Job::Learn { weights, normaliser, examples, unroll, accumulate, learn } => {
-                self.learn(&weights, &normaliser, &examples, unroll, accumulate, learn)
-            }
-            Job::Rollout { weights, normaliser, sample, frame, steps } => {
-                tch::no_grad(|| self.roll_out(&weights, &normaliser, sample, frame, steps))
-            }
+            Job::Learn {
+                weights,
+                normaliser,
+                examples,
+                unroll,
+                accumulate,
+                learn,
+            } => self.learn(&weights, &normaliser, &examples, unroll, accumulate, learn),
+            Job::Rollout {
+                weights,
+                normaliser,
+                sample,
+                frame,
+                steps,
+            } => tch::no_grad(|| self.roll_out(&weights, &normaliser, sample, frame, steps)),
         }
     }
 
@@ -181,13 +203,20 @@ impl Learner {
         let (graph, boundary, edges) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
-                let edges = if one.mirror { &sample.topology.edges * &self.reflect.1 } else { sample.topology.edges.shallow_clone() };
-                (&sample.topology, sample.boundary(), edges)
+                let topology = &sample.topologies[usize::from(one.mirror)];
+                (topology, sample.boundary(), topology.edges.shallow_clone())
             }
             _ => {
                 union = self.union(examples);
                 let edges = union.0.edges.shallow_clone();
-                (&union.0, Boundary { owners: union.1.owners.shallow_clone(), copies: union.1.copies.shallow_clone() }, edges)
+                (
+                    &union.0,
+                    Boundary {
+                        owners: union.1.owners.shallow_clone(),
+                        copies: union.1.copies.shallow_clone(),
+                    },
+                    edges,
+                )
             }
         };
         let mut state = self.state(examples, 0);
@@ -201,7 +230,12 @@ impl Learner {
             });
         }
         if !learn {
-            return Outcome::Learned { gradient: None, losses: vec![0.0; self.groups.len()], moments, examples: examples.len() };
+            return Outcome::Learned {
+                gradient: None,
+                losses: vec![0.0; self.groups.len()],
+                moments,
+                examples: examples.len(),
+            };
         }
         let leaf = weights.detach().set_requires_grad(true);
         let views = self.layout.views(&leaf, self.half());
@@ -226,7 +260,10 @@ impl Learner {
             if step < unroll {
                 state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
                 if !self.config.training.unroll_gradient {
-                    state = State { cells: state.cells.detach(), boundary: state.boundary.detach() };
+                    state = State {
+                        cells: state.cells.detach(),
+                        boundary: state.boundary.detach(),
+                    };
                 }
             }
         }
@@ -239,7 +276,14 @@ impl Learner {
         }
     }
 
-    fn roll_out(&self, weights: &Tensor, normaliser: &Normaliser, sample: usize, frame: usize, steps: usize) -> Outcome {
+    fn roll_out(
+        &self,
+        weights: &Tensor,
+        normaliser: &Normaliser,
+        sample: usize,
+        frame: usize,
+        steps: usize,
+    ) -> Outcome {
         let sample = &self.valid[sample];
         // Validation measures the model that is exported, which the engine runs in fp32.
         let views = self.layout.views(weights, false);
@@ -251,14 +295,31 @@ impl Learner {
             State { cells, boundary }
         };
         let headline = self.components.field[self.components.outputs[0]];
-        let first = self.components.field.iter().position(|&f| f == headline).unwrap_or(0) as i64;
+        let first = self
+            .components
+            .field
+            .iter()
+            .position(|&f| f == headline)
+            .unwrap_or(0) as i64;
         let count = self.components.field.iter().filter(|&&f| f == headline).count() as i64;
-        let error = |a: &Tensor, b: &Tensor| (a - b).narrow(1, first, count).square().mean(Kind::Double).double_value(&[]);
+        let error = |a: &Tensor, b: &Tensor| {
+            (a - b)
+                .narrow(1, first, count)
+                .square()
+                .mean(Kind::Double)
+                .double_value(&[])
+        };
         let mut state = read(0);
         let start = state.cells.shallow_clone();
         let mut errors = Vec::with_capacity(steps);
         for step in 1..=steps {
-            let output = self.stepper.predict(&network, &sample.topology, &sample.topology.edges, &scales, &state);
+            let output = self.stepper.predict(
+                &network,
+                &sample.topologies[0],
+                &sample.topologies[0].edges,
+                &scales,
+                &state,
+            );
             let next = read(step);
             state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
             errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
@@ -271,13 +332,24 @@ impl Learner {
         let (cells, boundary): (Vec<Tensor>, Vec<Tensor>) = examples
             .iter()
             .map(|e| {
-                let (cells, boundary) = self.train[e.sample].frame(e.frame + step * self.frames_a_step, self.device);
-                if e.mirror { (cells * &self.reflect.0, boundary * &self.reflect.0) } else { (cells, boundary) }
+                let (cells, boundary) =
+                    self.train[e.sample].frame(e.frame + step * self.frames_a_step, self.device);
+                if e.mirror {
+                    (cells * &self.reflect, boundary * &self.reflect)
+                } else {
+                    (cells, boundary)
+                }
             })
             .unzip();
         match (&cells[..], &boundary[..]) {
-            ([c], [b]) => State { cells: c.shallow_clone(), boundary: b.shallow_clone() },
-            _ => State { cells: Tensor::cat(&cells, 0), boundary: Tensor::cat(&boundary, 0) },
+            ([c], [b]) => State {
+                cells: c.shallow_clone(),
+                boundary: b.shallow_clone(),
+            },
+            _ => State {
+                cells: Tensor::cat(&cells, 0),
+                boundary: Tensor::cat(&boundary, 0),
+            },
         }
     }
 
@@ -289,36 +361,49 @@ impl Learner {
         let mut values = Vec::with_capacity(state.cells.numel());
         for example in examples {
             let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
-            for _ in 0..self.train[example.sample].host.cells {
-                values.extend(self.noise.iter().map(|&std| if std > 0.0 { (std * normal(&mut rng)) as f32 } else { 0.0 }));
+            for _ in 0..self.train[example.sample].hosts[0].cells {
+                values.extend(self.noise.iter().map(|&std| {
+                    if std > 0.0 {
+                        (std * normal(&mut rng)) as f32
+                    } else {
+                        0.0
+                    }
+                }));
             }
         }
-        let noise = Tensor::from_slice(&values).view_as(&state.cells).to_device(self.device);
+        let noise = Tensor::from_slice(&values)
+            .view_as(&state.cells)
+            .to_device(self.device);
         state.cells = &state.cells + noise;
-        state.boundary = Stepper::boundary_values(&state.cells, &boundary.owners, &boundary.copies, &state.boundary);
+        state.boundary =
+            Stepper::boundary_values(&state.cells, &boundary.owners, &boundary.copies, &state.boundary);
     }
 
     /// Several graphs as one, with their boundary nodes.
     fn union(&self, examples: &[Example]) -> (Topology, Boundary) {
         let samples: Vec<&Sample> = examples.iter().map(|e| &self.train[e.sample]).collect();
-        let hosts: Vec<&HostGraph> = samples.iter().map(|s| &*s.host).collect();
-        let mut topology = HostGraph::union(&hosts, &self.spec, self.device);
-        let mut signs = Vec::new();
-        for (example, sample) in examples.iter().zip(&samples) {
-            let sign = if example.mirror { self.reflect.1.shallow_clone() } else { self.reflect.1.abs() };
-            signs.push(&sample.topology.edges * sign);
-        }
-        topology.edges = Tensor::cat(&signs, 0);
+        let hosts: Vec<&HostGraph> = examples
+            .iter()
+            .zip(&samples)
+            .map(|(e, s)| &*s.hosts[usize::from(e.mirror)])
+            .collect();
+        let topology = HostGraph::union(&hosts, &self.spec, self.device);
         let mut first = 0;
         let owners: Vec<Tensor> = samples
             .iter()
             .map(|s| {
                 let owners = &s.owners + first;
-                first += s.host.cells as i64;
+                first += s.hosts[0].cells as i64;
                 owners
             })
             .collect();
         let copies: Vec<&Tensor> = samples.iter().map(|s| &s.copies).collect();
-        (topology, Boundary { owners: Tensor::cat(&owners, 0), copies: Tensor::cat(&copies, 0) })
+        (
+            topology,
+            Boundary {
+                owners: Tensor::cat(&owners, 0),
+                copies: Tensor::cat(&copies, 0),
+            },
+        )
     }
 }

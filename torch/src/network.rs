@@ -27,8 +27,8 @@ pub struct Topology {
     pub receivers: Tensor,
     /// Physical edge features `[E x (dim + 1)]`.
     pub edges: Tensor,
-    /// One-hot node types `[N x types]`.
-    pub one_hot: Tensor,
+    /// Node features that do not change with time `[N x n_static_features]`.
+    pub fixed: Tensor,
     /// Node of each (node, segment) membership, `[M]`; none where each node has exactly one segment, its own row.
     pub member_node: Option<Tensor>,
     /// Segment of each membership, `[M]`.
@@ -37,8 +37,8 @@ pub struct Topology {
     pub segment_weight: Tensor,
     /// 1 / segments of each node, `[N x 1]`; used where a node can have several.
     pub node_weight: Tensor,
-    /// Random-walk encoding `[graphs K x steps]`.
-    pub rwse: Option<Tensor>,
+    /// Positional encoding `[graphs K x n_position_features]`.
+    pub position: Option<Tensor>,
 }
 
 impl Topology {
@@ -53,19 +53,23 @@ impl Topology {
             senders: self.senders.shallow_clone(),
             receivers: self.receivers.shallow_clone(),
             edges: self.edges.shallow_clone(),
-            one_hot: self.one_hot.shallow_clone(),
+            fixed: self.fixed.shallow_clone(),
             member_node: clone(&self.member_node),
             member_segment: self.member_segment.shallow_clone(),
             segment_weight: self.segment_weight.shallow_clone(),
             node_weight: self.node_weight.shallow_clone(),
-            rwse: clone(&self.rwse),
+            position: clone(&self.position),
         }
     }
 }
 
 /// Rows picked from and summed into tensors by expanded indices, the fast path of libtorch's CPU kernels.
 fn pick(values: &Tensor, index: &Tensor) -> Tensor {
-    values.gather(0, &index.unsqueeze(1).expand([-1, values.size()[1]], false), false)
+    values.gather(
+        0,
+        &index.unsqueeze(1).expand([-1, values.size()[1]], false),
+        false,
+    )
 }
 
 fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
@@ -95,7 +99,11 @@ impl<'a> Network<'a> {
     /// Puts an architecture and weights together.
     pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
         let fused = weights.device() == Device::Cpu && architecture.activation == Activation::Relu;
-        Network { architecture, weights, fused }
+        Network {
+            architecture,
+            weights,
+            fused,
+        }
     }
 
     /// The same network in libtorch's own operations only, which run anywhere: what the fused ones are tested against.
@@ -106,7 +114,7 @@ impl<'a> Network<'a> {
     /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
         let a = self.architecture;
-        let mut h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.one_hot], 1));
+        let mut h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1));
         let mut e = self.encode("encoder.edge", edges);
         for l in 0..a.layers_before {
             self.message_passing(l, graph, &mut h, &mut e);
@@ -115,7 +123,8 @@ impl<'a> Network<'a> {
         if let Some(spec) = &a.segment_transformer {
             let context = self.to_nodes(graph, &self.segment_transformer(spec, graph, &h.full));
             if a.layers_after > 0 {
-                let full = &h.full + float(&self.linear("segment.dispatch", &Tensor::cat(&[&h.full, &context], 1)));
+                let full =
+                    &h.full + float(&self.linear("segment.dispatch", &Tensor::cat(&[&h.full, &context], 1)));
                 h = self.rows(full);
             }
             segment_rows = Some(context.narrow(0, 0, graph.cells));
@@ -138,11 +147,16 @@ impl<'a> Network<'a> {
 
     /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
     fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
-        let (edge, node) = (format!("processor.{layer}.edge"), format!("processor.{layer}.node"));
+        let (edge, node) = (
+            format!("processor.{layer}.edge"),
+            format!("processor.{layer}.node"),
+        );
         let d = self.architecture.width as i64;
         let none = None::<&Tensor>;
         let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
-        let own = e.operand.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
+        let own = e
+            .operand
+            .linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
         let first = if self.fused {
             let ends = h.operand.linear(&Tensor::cat(&blocks[1..], 0), none);
             fused::edge_input(&own, &ends, &graph.senders, &graph.receivers)
@@ -154,22 +168,38 @@ impl<'a> Network<'a> {
         let (rows, sums) = self.add_normed(&edge, Some(e), &self.hidden(&edge, first), Some(graph));
         *e = rows;
         let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
-        let own = h.operand.linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
+        let own = h
+            .operand
+            .linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
         let first = match sums {
             Some(sums) => own.addmm(&sums, &blocks[1].tr()),
             None => own,
         };
-        *h = self.add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None).0;
+        *h = self
+            .add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None)
+            .0;
     }
 
     /// `residual + layer_norm(x)`, and the sums of these rows over the receivers of `graph`.
-    fn add_normed(&self, name: &str, residual: Option<&Rows>, x: &Tensor, graph: Option<&Topology>) -> (Rows, Option<Tensor>) {
+    fn add_normed(
+        &self,
+        name: &str,
+        residual: Option<&Rows>,
+        x: &Tensor,
+        graph: Option<&Topology>,
+    ) -> (Rows, Option<Tensor>) {
         let (scale, shift) = (format!("{name}.norm.weight"), format!("{name}.norm.bias"));
         if self.fused {
             let receivers = graph.map(|g| (&g.receivers, g.nodes));
             let (scale, shift) = (self.weights.full(&scale), self.weights.full(&shift));
             let normed = fused::norm(residual.map(|r| &r.full), x, scale, shift, receivers);
-            return (Rows { full: normed.rows, operand: normed.operand }, normed.sums);
+            return (
+                Rows {
+                    full: normed.rows,
+                    operand: normed.operand,
+                },
+                normed.sums,
+            );
         }
         let normed = self.layer_norm(&format!("{name}.norm"), x);
         let full = match residual {
@@ -181,19 +211,28 @@ impl<'a> Network<'a> {
     }
 
     fn rows(&self, full: Tensor) -> Rows {
-        Rows { operand: self.operand(&full), full }
+        Rows {
+            operand: self.operand(&full),
+            full,
+        }
     }
 
     /// Eq. 9 to 13: segments as means of their nodes, then pre-norm self-attention; `[graphs K x d]`.
     fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
         let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
         let sums = match &graph.member_node {
-            Some(index) => sum_into(graph.graphs * graph.segments, &pick(h, index), &graph.member_segment),
+            Some(index) => sum_into(
+                graph.graphs * graph.segments,
+                &pick(h, index),
+                &graph.member_segment,
+            ),
             None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
         };
-        let mut s = self.encode("segment.encoder", &(sums * &graph.segment_weight)).full;
-        if let Some(rwse) = &graph.rwse {
-            s += float(&self.mlp("segment.position", rwse));
+        let mut s = self
+            .encode("segment.encoder", &(sums * &graph.segment_weight))
+            .full;
+        if let Some(position) = &graph.position {
+            s += float(&self.mlp("segment.position", position));
         }
         let (b, k) = (graph.graphs, graph.segments);
         let scale = 1.0 / ((d / heads) as f64).sqrt();
@@ -201,11 +240,21 @@ impl<'a> Network<'a> {
             let name = |part: &str| format!("segment.transformer.{l}.{part}");
             let w = |part: &str| self.weights.full(&name(part));
             let x = self.layer_norm(&name("norm1"), &s);
-            let split = |part: &str| x.linear(w(part), None::<&Tensor>).view([b, k, heads, d / heads]).transpose(1, 2);
-            let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale).softmax(-1, Kind::Float);
-            let mixed = attention.matmul(&split("v.weight")).transpose(1, 2).reshape([b * k, d]);
+            let split = |part: &str| {
+                x.linear(w(part), None::<&Tensor>)
+                    .view([b, k, heads, d / heads])
+                    .transpose(1, 2)
+            };
+            let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale)
+                .softmax(-1, Kind::Float);
+            let mixed = attention
+                .matmul(&split("v.weight"))
+                .transpose(1, 2)
+                .reshape([b * k, d]);
             s = s + mixed.linear(w("o.weight"), Some(w("o.bias")));
-            let x = self.layer_norm(&name("norm2"), &s).linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
+            let x = self
+                .layer_norm(&name("norm2"), &s)
+                .linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
             s = s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
         }
         s
@@ -236,7 +285,8 @@ impl<'a> Network<'a> {
 
     fn linear(&self, name: &str, x: &Tensor) -> Tensor {
         let weight = self.weights.product(&format!("{name}.weight"));
-        self.operand(x).linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
+        self.operand(x)
+            .linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
     }
 
     fn activate(&self, x: &Tensor) -> Tensor {
@@ -248,15 +298,29 @@ impl<'a> Network<'a> {
 
     /// The operand of a large product in the products' arithmetic.
     fn operand(&self, x: &Tensor) -> Tensor {
-        if self.weights.is_half() { x.to_kind(Kind::BFloat16) } else { x.shallow_clone() }
+        if self.weights.is_half() {
+            x.to_kind(Kind::BFloat16)
+        } else {
+            x.shallow_clone()
+        }
     }
 
     fn layer_norm(&self, name: &str, x: &Tensor) -> Tensor {
         let weight = self.weights.full(&format!("{name}.weight"));
         // The CPU kernel takes bfloat16 rows with fp32 scales; the CUDA kernel wants one kind.
-        let x = if x.device() == Device::Cpu { x.shallow_clone() } else { float(x) };
+        let x = if x.device() == Device::Cpu {
+            x.shallow_clone()
+        } else {
+            float(x)
+        };
         let bias = self.weights.full(&format!("{name}.bias"));
-        x.layer_norm([self.architecture.width as i64], Some(weight), Some(bias), 1e-5, true)
+        x.layer_norm(
+            [self.architecture.width as i64],
+            Some(weight),
+            Some(bias),
+            1e-5,
+            true,
+        )
     }
 }
 

@@ -20,7 +20,11 @@ pub struct Moments {
 impl Moments {
     /// No rows of `channels` channels.
     pub fn new(channels: usize) -> Self {
-        Moments { count: 0.0, sum: vec![0.0; channels], square: vec![0.0; channels] }
+        Moments {
+            count: 0.0,
+            sum: vec![0.0; channels],
+            square: vec![0.0; channels],
+        }
     }
 
     /// The rows of a tensor `[rows x channels]`.
@@ -39,7 +43,10 @@ impl Moments {
     pub fn add(&mut self, other: &Moments) {
         self.count += other.count;
         self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
-        self.square.iter_mut().zip(&other.square).for_each(|(a, b)| *a += b);
+        self.square
+            .iter_mut()
+            .zip(&other.square)
+            .for_each(|(a, b)| *a += b);
     }
 
     /// Mean and standard deviation; the deviation of a constant channel is 1, which leaves it at 0.
@@ -48,7 +55,11 @@ impl Moments {
         let mean: Vec<f64> = self.sum.iter().map(|s| s / n).collect();
         let std = mean.iter().zip(&self.square).map(|(m, q)| {
             let variance = (q / n - m * m).max(0.0);
-            if variance <= 1e-12 * (m * m + f64::MIN_POSITIVE) { 1.0 } else { variance.sqrt() as f32 }
+            if variance <= 1e-12 * (m * m + f64::MIN_POSITIVE) {
+                1.0
+            } else {
+                variance.sqrt() as f32
+            }
         });
         (mean.iter().map(|&m| m as f32).collect(), std.collect())
     }
@@ -94,7 +105,11 @@ impl Normaliser {
 
     /// The three by the names of the model's tensors.
     pub fn named(&self) -> [(&'static str, &Moments); 3] {
-        [("norm.node", &self.node), ("norm.edge", &self.edge), ("norm.output", &self.output)]
+        [
+            ("norm.node", &self.node),
+            ("norm.edge", &self.edge),
+            ("norm.output", &self.output),
+        ]
     }
 
     /// The model's `norm.*` tensors.
@@ -102,8 +117,20 @@ impl Normaliser {
         let mut tensors = BTreeMap::new();
         for (name, moments) in self.named() {
             let (mean, std) = moments.mean_std();
-            tensors.insert(format!("{name}.mean"), ModelTensor { shape: vec![mean.len()], data: mean });
-            tensors.insert(format!("{name}.std"), ModelTensor { shape: vec![std.len()], data: std });
+            tensors.insert(
+                format!("{name}.mean"),
+                ModelTensor {
+                    shape: vec![mean.len()],
+                    data: mean,
+                },
+            );
+            tensors.insert(
+                format!("{name}.std"),
+                ModelTensor {
+                    shape: vec![std.len()],
+                    data: std,
+                },
+            );
         }
         tensors
     }
@@ -112,9 +139,16 @@ impl Normaliser {
     pub fn scales(&self, device: Device) -> Scales {
         let pair = |m: &Moments| {
             let (mean, std) = m.mean_std();
-            (Tensor::from_slice(&mean).to_device(device), Tensor::from_slice(&std).to_device(device))
+            (
+                Tensor::from_slice(&mean).to_device(device),
+                Tensor::from_slice(&std).to_device(device),
+            )
         };
-        Scales { node: pair(&self.node), edge: pair(&self.edge), output: pair(&self.output) }
+        Scales {
+            node: pair(&self.node),
+            edge: pair(&self.edge),
+            output: pair(&self.output),
+        }
     }
 }
 

@@ -36,8 +36,11 @@ impl Optimiser {
     pub fn update(&mut self, gradient: &Tensor, rate: f64, clip: f64, ema_decay: f64) -> f64 {
         tch::no_grad(|| {
             let norm = gradient.norm().double_value(&[]);
-            let gradient =
-                if clip > 0.0 && norm > clip { gradient * (clip / norm) } else { gradient.shallow_clone() };
+            let gradient = if clip > 0.0 && norm > clip {
+                gradient * (clip / norm)
+            } else {
+                gradient.shallow_clone()
+            };
             self.updates += 1;
             let n = self.updates.min(i32::MAX as u64) as i32;
             let [b1, b2] = self.betas;

@@ -34,7 +34,9 @@ impl Report {
 
     /// Before reading `total` trajectories.
     pub fn begin_loading(&self, total: u64) {
-        self.line(&format!("reading {total} trajectories, making their graphs and segments"));
+        self.line(&format!(
+            "reading {total} trajectories, making their graphs and segments"
+        ));
         self.start(total, 0, "{bar:30} {pos}/{len} trajectories");
     }
 
@@ -63,7 +65,10 @@ impl Report {
         if self.terminal {
             self.bar.borrow().set_message(text);
         } else {
-            eprintln!("step {}, {:.0} s: {text}, learning rate {:.2e}", row.step, row.seconds, row.learning_rate);
+            eprintln!(
+                "step {}, {:.0} s: {text}, learning rate {:.2e}",
+                row.step, row.seconds, row.learning_rate
+            );
         }
     }
 

@@ -41,12 +41,21 @@ impl Stepper {
     pub fn new(spec: &ModelSpec, components: &Components, device: Device) -> Self {
         let all: Vec<usize> = (0..components.count).collect();
         let list = |part: &[usize]| {
-            (part != all.as_slice())
-                .then(|| Tensor::from_slice(&part.iter().map(|&i| i as i64).collect::<Vec<_>>()).to_device(device))
+            (part != all.as_slice()).then(|| {
+                Tensor::from_slice(&part.iter().map(|&i| i as i64).collect::<Vec<_>>()).to_device(device)
+            })
         };
         let mask = |wanted: Output, of: &[usize]| {
-            let values: Vec<f32> =
-                of.iter().map(|&c| if spec.fields[components.field[c]].output == wanted { 1.0 } else { 0.0 }).collect();
+            let values: Vec<f32> = of
+                .iter()
+                .map(|&c| {
+                    if spec.fields[components.field[c]].output == wanted {
+                        1.0
+                    } else {
+                        0.0
+                    }
+                })
+                .collect();
             Tensor::from_slice(&values).to_device(device)
         };
         let same = components.outputs == all;
@@ -57,8 +66,11 @@ impl Stepper {
         Stepper {
             inputs: list(&components.inputs),
             outputs: list(&components.outputs),
-            spread: (!same)
-                .then(|| Tensor::from_slice(&spread).view([-1, components.count as i64]).to_device(device)),
+            spread: (!same).then(|| {
+                Tensor::from_slice(&spread)
+                    .view([-1, components.count as i64])
+                    .to_device(device)
+            }),
             delta: mask(Output::Delta, &all),
             delta_output: mask(Output::Delta, &components.outputs),
             given: (!same).then(|| mask(Output::None, &all)),
@@ -85,7 +97,14 @@ impl Stepper {
     }
 
     /// Normalised outputs of the network, `[C x outputs]`. `edges` are physical edge features.
-    pub fn predict(&self, network: &Network, graph: &Topology, edges: &Tensor, scales: &Scales, state: &State) -> Tensor {
+    pub fn predict(
+        &self,
+        network: &Network,
+        graph: &Topology,
+        edges: &Tensor,
+        scales: &Scales,
+        state: &State,
+    ) -> Tensor {
         let fields = (self.inputs(state) - &scales.node.0) / &scales.node.1;
         let edges = (edges - &scales.edge.0) / &scales.edge.1;
         network.forward(graph, &fields, &edges)
@@ -93,7 +112,14 @@ impl Stepper {
 
     /// The state one step later. `next` holds what is prescribed at the new time: fields that are not predicted
     /// and boundary values.
-    pub fn advance(&self, scales: &Scales, boundary: &Boundary, state: &State, output: &Tensor, next: &State) -> State {
+    pub fn advance(
+        &self,
+        scales: &Scales,
+        boundary: &Boundary,
+        state: &State,
+        output: &Tensor,
+        next: &State,
+    ) -> State {
         let physical = output * &scales.output.1 + &scales.output.0;
         let physical = match &self.spread {
             Some(spread) => physical.matmul(spread),

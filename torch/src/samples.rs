@@ -16,6 +16,7 @@ use std::sync::Arc;
 use tch::{Device, Tensor};
 
 /// Index lists and features of one graph on the host, from which unions are made.
+#[derive(Clone)]
 pub struct HostGraph {
     /// Cells.
     pub cells: usize,
@@ -27,15 +28,16 @@ pub struct HostGraph {
     senders: Vec<i64>,
     receivers: Vec<i64>,
     edges: Vec<f32>,
-    one_hot: Vec<f32>,
+    /// Node features that do not change with time: one-hot type, offset from the segment's centroid.
+    fixed: Vec<f32>,
     member_node: Vec<i64>,
     member_segment: Vec<i64>,
     segment_weight: Vec<f32>,
     node_weight: Vec<f32>,
-    rwse: Vec<f32>,
+    position: Vec<f32>,
 }
 
-/// A serial graph and its segments as slices; the last five are empty without a macro stage.
+/// A serial graph and its segments as slices; the last six are empty without a macro stage.
 pub struct Parts<'a> {
     /// Cells, the first nodes.
     pub n_cells: usize,
@@ -55,16 +57,18 @@ pub struct Parts<'a> {
     pub member: &'a [i32],
     /// Members of each segment.
     pub sizes: &'a [f64],
-    /// Random-walk encoding `[K x steps]`; empty without one.
-    pub rwse: &'a [f32],
+    /// Positional encoding `[K x n_position_features]`; empty without one.
+    pub position: &'a [f32],
+    /// Offsets from the segments' centroids `[N x n_offset_features]`; empty without them.
+    pub offsets: &'a [f32],
 }
 
 /// One recorded trajectory.
 pub struct Sample {
-    /// The graph, for unions with others.
-    pub host: Arc<HostGraph>,
-    /// The graph alone, on the device.
-    pub topology: Topology,
+    /// The graph and its reflection, for unions with others.
+    pub hosts: [Arc<HostGraph>; 2],
+    /// The graph and its reflection alone, on the device.
+    pub topologies: [Topology; 2],
     /// Owner cell of each boundary node, `[B]`.
     pub owners: Tensor,
     /// 1 where a boundary value is its owner's (outflow, symmetry), 0 where it is prescribed, `[B x components]`.
@@ -93,7 +97,13 @@ pub struct Components {
 impl Components {
     /// Counts the components of a model's fields.
     pub fn new(spec: &ModelSpec) -> Self {
-        let mut c = Components { count: 0, field: vec![], inputs: vec![], outputs: vec![], odd: vec![] };
+        let mut c = Components {
+            count: 0,
+            field: vec![],
+            inputs: vec![],
+            outputs: vec![],
+            odd: vec![],
+        };
         for (f, field) in spec.fields.iter().enumerate() {
             for i in 0..field.components(spec.dim) {
                 if field.input {
@@ -117,15 +127,31 @@ impl HostGraph {
     /// Errors: [`Error::Model`] for a node type that the model does not know.
     pub fn new(parts: &Parts, spec: &ModelSpec) -> Result<Self> {
         let nodes = parts.node_types.len();
-        let types = spec.node_types.len();
-        let mut one_hot = vec![0.0; nodes * types];
+        let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
+        let expected = (parts.segments * spec.n_position_features(), nodes * n_offsets);
+        if (parts.position.len(), parts.offsets.len()) != expected {
+            return Err(Error::Model(format!(
+                "{} positional features and {} offsets of the segments: the model needs {} and {}",
+                parts.position.len(),
+                parts.offsets.len(),
+                expected.0,
+                expected.1
+            )));
+        }
+        let mut fixed = vec![0.0; nodes * width];
         for (node, &code) in parts.node_types.iter().enumerate() {
             let kind = NodeType::from_code(code)?;
             let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
                 let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
-                Error::Model(format!("a node of type {}: the model knows {}", kind.name(), known.join(", ")))
+                Error::Model(format!(
+                    "a node of type {}: the model knows {}",
+                    kind.name(),
+                    known.join(", ")
+                ))
             })?;
-            one_hot[node * types + at] = 1.0;
+            fixed[node * width + at] = 1.0;
+            fixed[node * width + width - n_offsets..][..n_offsets]
+                .copy_from_slice(&parts.offsets[node * n_offsets..][..n_offsets]);
         }
         let mut member_node = Vec::new();
         let mut node_weight = Vec::with_capacity(nodes);
@@ -142,30 +168,71 @@ impl HostGraph {
             senders: parts.senders.iter().map(|&i| i as i64).collect(),
             receivers: parts.receivers.iter().map(|&i| i as i64).collect(),
             edges: parts.edge_features.to_vec(),
-            one_hot,
+            fixed,
             member_node,
             member_segment: parts.member.iter().map(|&s| s as i64).collect(),
-            segment_weight: parts.sizes.iter().map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 }).collect(),
+            segment_weight: parts
+                .sizes
+                .iter()
+                .map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 })
+                .collect(),
             node_weight,
-            rwse: parts.rwse.to_vec(),
+            position: parts.position.to_vec(),
         })
+    }
+
+    /// The graph reflected in the second direction.
+    pub fn reflected(&self, spec: &ModelSpec) -> Self {
+        let mut graph = self.clone();
+        let negate = |values: &mut [f32], width: usize, column: usize| {
+            values
+                .iter_mut()
+                .skip(column)
+                .step_by(width.max(1))
+                .for_each(|v| *v = -*v);
+        };
+        negate(&mut graph.edges, spec.n_edge_features(), 1);
+        if spec.n_offset_features() > 0 {
+            negate(
+                &mut graph.fixed,
+                spec.n_static_features(),
+                spec.node_types.len() + 1,
+            );
+        }
+        if let Some(stage) = spec
+            .architecture
+            .segment_transformer
+            .as_ref()
+            .filter(|m| m.centroids)
+        {
+            negate(
+                &mut graph.position,
+                spec.n_position_features(),
+                stage.rwse_steps + 1,
+            );
+        }
+        graph
     }
 
     /// The disjoint union of graphs: all their cells, then all their boundary nodes.
     pub fn union(graphs: &[&HostGraph], spec: &ModelSpec, device: Device) -> Topology {
         let cells: usize = graphs.iter().map(|g| g.cells).sum();
         let nodes = cells + graphs.iter().map(|g| g.boundary).sum::<usize>();
-        let types = spec.node_types.len();
+        let width = spec.n_static_features();
         let count = graphs.first().map_or(0, |g| g.segments);
         let (mut first_cell, mut first_boundary) = (0, cells);
         let (mut senders, mut receivers, mut edges) = (vec![], vec![], vec![]);
         let (mut member_node, mut member_segment) = (vec![], vec![]);
-        let (mut segment_weight, mut rwse) = (vec![], vec![]);
-        let (mut one_hot, mut node_weight) = (vec![0f32; nodes * types], vec![0f32; nodes]);
+        let (mut segment_weight, mut position) = (vec![], vec![]);
+        let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![0f32; nodes]);
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
                 let node = node as usize;
-                (if node < graph.cells { first_cell + node } else { first_boundary + node - graph.cells }) as i64
+                (if node < graph.cells {
+                    first_cell + node
+                } else {
+                    first_boundary + node - graph.cells
+                }) as i64
             };
             senders.extend(graph.senders.iter().map(|&n| place(n)));
             receivers.extend(graph.receivers.iter().map(|&n| place(n)));
@@ -173,18 +240,19 @@ impl HostGraph {
             member_node.extend(graph.member_node.iter().map(|&n| place(n)));
             member_segment.extend(graph.member_segment.iter().map(|&s| s + (g * count) as i64));
             segment_weight.extend_from_slice(&graph.segment_weight);
-            rwse.extend_from_slice(&graph.rwse);
+            position.extend_from_slice(&graph.position);
             for node in 0..graph.cells + graph.boundary {
                 let to = place(node as i64) as usize;
                 node_weight[to] = graph.node_weight[node];
-                one_hot[to * types..][..types].copy_from_slice(&graph.one_hot[node * types..][..types]);
+                fixed[to * width..][..width].copy_from_slice(&graph.fixed[node * width..][..width]);
             }
             first_cell += graph.cells;
             first_boundary += graph.boundary;
         }
         let total = (graphs.len() * count) as i64;
-        let own_rows = member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
-        let steps = if total > 0 { rwse.len() as i64 / total } else { 0 };
+        let own_rows =
+            member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
+        let n_position = spec.n_position_features() as i64;
         let to = |t: Tensor| t.to_device(device);
         Topology {
             graphs: graphs.len() as i64,
@@ -194,12 +262,20 @@ impl HostGraph {
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, spec.n_edge_features() as i64])),
-            one_hot: to(Tensor::from_slice(&one_hot).view([nodes as i64, types as i64])),
-            member_node: if own_rows { None } else { Some(to(Tensor::from_slice(&member_node))) },
+            fixed: to(Tensor::from_slice(&fixed).view([nodes as i64, width as i64])),
+            member_node: if own_rows {
+                None
+            } else {
+                Some(to(Tensor::from_slice(&member_node)))
+            },
             member_segment: to(Tensor::from_slice(&member_segment)),
             segment_weight: to(Tensor::from_slice(&segment_weight).view([-1, 1])),
             node_weight: to(Tensor::from_slice(&node_weight).view([-1, 1])),
-            rwse: if steps > 0 { Some(to(Tensor::from_slice(&rwse).view([total, steps]))) } else { None },
+            position: if n_position > 0 {
+                Some(to(Tensor::from_slice(&position).view([total, n_position])))
+            } else {
+                None
+            },
         }
     }
 }
@@ -212,8 +288,7 @@ impl Sample {
         let here = |e: Error| Error::file(path, e.to_string());
         let mut graph = Graph::new(mesh, &comm).map_err(here)?;
         let segmentation = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).map_err(here)?;
-        let rwse_steps = spec.architecture.segment_transformer.as_ref().map_or(0, |m| m.rwse_steps);
-        let rwse = if rwse_steps > 0 { segmentation.rwse(rwse_steps) } else { Vec::new() };
+        let features = segments::features(spec, mesh, &segmentation, &comm);
         let parts = Parts {
             n_cells: graph.n_cells,
             node_types: &graph.node_types[..graph.n_owned],
@@ -224,9 +299,11 @@ impl Sample {
             member_row: &segmentation.member_row,
             member: &segmentation.member,
             sizes: &segmentation.sizes,
-            rwse: &rwse,
+            position: &features.position,
+            offsets: &features.offsets,
         };
         let host = HostGraph::new(&parts, spec).map_err(here)?;
+        let reflected = host.reflected(spec);
         let components = Components::new(spec);
         let (nodes, width, n_frames) = (mesh.n_nodes(), components.count, trajectory.times().len());
         let mut values = vec![0f32; n_frames * nodes * width];
@@ -249,14 +326,19 @@ impl Sample {
         }
         if let Some(at) = values.iter().position(|v| !v.is_finite()) {
             let frame = at / (nodes * width);
-            return Err(Error::file(path, format!("frame {frame} holds a value that is not finite: generate this trajectory again")));
+            return Err(Error::file(
+                path,
+                format!("frame {frame} holds a value that is not finite: generate this trajectory again"),
+            ));
         }
         let owners: Vec<i64> = mesh.boundary.iter().map(|b| b.owner as i64).collect();
         Ok(Sample {
-            topology: HostGraph::union(&[&host], spec, device),
-            host: Arc::new(host),
+            topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
+            hosts: [host, reflected].map(Arc::new),
             owners: Tensor::from_slice(&owners).to_device(device),
-            copies: Tensor::from_slice(&copies).view([-1, width as i64]).to_device(device),
+            copies: Tensor::from_slice(&copies)
+                .view([-1, width as i64])
+                .to_device(device),
             frames: Tensor::from_slice(&values).view([n_frames as i64, nodes as i64, width as i64]),
             n_frames,
         })
@@ -265,8 +347,8 @@ impl Sample {
     /// Another handle on the same data, for another thread.
     pub fn share(&self) -> Self {
         Sample {
-            host: self.host.clone(),
-            topology: self.topology.share(),
+            hosts: self.hosts.clone(),
+            topologies: [0, 1].map(|i| self.topologies[i].share()),
             owners: self.owners.shallow_clone(),
             copies: self.copies.shallow_clone(),
             frames: self.frames.shallow_clone(),
@@ -276,13 +358,16 @@ impl Sample {
 
     /// How boundary values follow cell values.
     pub fn boundary(&self) -> Boundary {
-        Boundary { owners: self.owners.shallow_clone(), copies: self.copies.shallow_clone() }
+        Boundary {
+            owners: self.owners.shallow_clone(),
+            copies: self.copies.shallow_clone(),
+        }
     }
 
     /// All fields of a frame on the device: `([C x components], [B x components])`.
     pub fn frame(&self, frame: usize, device: Device) -> (Tensor, Tensor) {
         let all = self.frames.get(frame as i64).to_device(device);
-        let (cells, boundary) = (self.host.cells as i64, self.host.boundary as i64);
+        let (cells, boundary) = (self.hosts[0].cells as i64, self.hosts[0].boundary as i64);
         (all.narrow(0, 0, cells), all.narrow(0, cells, boundary))
     }
 }
@@ -292,10 +377,21 @@ pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<Mode
     let mesh = first.mesh();
     let mut fields = Vec::new();
     for wanted in &config.model.fields {
-        let found = first.fields().iter().find(|f| f.name == wanted.name).ok_or_else(|| {
-            let names: Vec<&str> = first.fields().iter().map(|f| f.name.as_str()).collect();
-            Error::file(path, format!("no field `{}`, which model.fields asks for; there are {}", wanted.name, names.join(", ")))
-        })?;
+        let found = first
+            .fields()
+            .iter()
+            .find(|f| f.name == wanted.name)
+            .ok_or_else(|| {
+                let names: Vec<&str> = first.fields().iter().map(|f| f.name.as_str()).collect();
+                Error::file(
+                    path,
+                    format!(
+                        "no field `{}`, which model.fields asks for; there are {}",
+                        wanted.name,
+                        names.join(", ")
+                    ),
+                )
+            })?;
         fields.push(m4gn::model::FieldSpec {
             name: found.name.clone(),
             vector: found.vector,
@@ -320,10 +416,15 @@ pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<Mode
 pub fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
     let count = times.len();
     if count < 2 {
-        return Err(Error::file(path, format!("{count} frames: at least two are needed to learn from")));
+        return Err(Error::file(
+            path,
+            format!("{count} frames: at least two are needed to learn from"),
+        ));
     }
     let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
-    let uneven = times.windows(2).any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
+    let uneven = times
+        .windows(2)
+        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
     let steps = stride / interval;
     if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
         return Err(Error::file(

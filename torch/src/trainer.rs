@@ -49,7 +49,11 @@ pub fn train(request: &Request, stop: &AtomicU8) -> Result<serde_json::Value> {
             path.display()
         )));
     }
-    let earlier = if path.exists() { Some(Checkpoint::read(&path)?) } else { None };
+    let earlier = if path.exists() {
+        Some(Checkpoint::read(&path)?)
+    } else {
+        None
+    };
     // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
     tch::set_num_threads(1);
     let report = Report::new();
@@ -68,7 +72,12 @@ pub fn train(request: &Request, stop: &AtomicU8) -> Result<serde_json::Value> {
     let layout = Layout::new(&spec);
     let t = &config.training;
     let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
-    let optimiser = Optimiser::new(&layout.initial(&spec, &mut rng), t.betas, t.ema_decay > 0.0, device);
+    let optimiser = Optimiser::new(
+        &layout.initial(&spec, &mut rng),
+        t.betas,
+        t.ema_decay > 0.0,
+        device,
+    );
     let progress = Progress {
         version: 1,
         step: 0,
@@ -85,7 +94,7 @@ pub fn train(request: &Request, stop: &AtomicU8) -> Result<serde_json::Value> {
         "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate; {} threads on {device:?}",
         layout.len(),
         work.train.len(),
-        work.train.iter().map(|s| s.host.cells + s.host.boundary).max().unwrap_or(0),
+        work.train.iter().map(|s| s.hosts[0].cells + s.hosts[0].boundary).max().unwrap_or(0),
         work.train.iter().map(|s| s.n_frames).max().unwrap_or(0),
         work.valid.len(),
         threads
@@ -133,16 +142,24 @@ impl Trainer<'_> {
         if earlier.weights.len() != self.layout.len() {
             return Err(misfit("network"));
         }
-        let (old, new) = (table(&earlier.progress.config, "training"), table(&self.progress.config, "training"));
+        let (old, new) = (
+            table(&earlier.progress.config, "training"),
+            table(&self.progress.config, "training"),
+        );
         let changed: Vec<String> = new
             .as_object()
             .into_iter()
             .flatten()
-            .filter(|(key, value)| old.get(key.as_str()) != Some(value) && *key != "steps" && *key != "max_minutes")
+            .filter(|(key, value)| {
+                old.get(key.as_str()) != Some(value) && *key != "steps" && *key != "max_minutes"
+            })
             .map(|(key, _)| key.clone())
             .collect();
         if !changed.is_empty() {
-            report.line(&format!("note: [training] differs from the checkpoint's in {}", changed.join(", ")));
+            report.line(&format!(
+                "note: [training] differs from the checkpoint's in {}",
+                changed.join(", ")
+            ));
         }
         let t = &self.config.training;
         let flat = |v: &[f32]| Tensor::from_slice(v).to_device(self.device);
@@ -157,7 +174,11 @@ impl Trainer<'_> {
         self.best = earlier.best.zip(earlier.best_normaliser);
         self.resumed_seconds = earlier.progress.seconds;
         let config = std::mem::take(&mut self.progress.config);
-        self.progress = Progress { config, seed: t.seed, ..earlier.progress };
+        self.progress = Progress {
+            config,
+            seed: t.seed,
+            ..earlier.progress
+        };
         report.line(&format!("resumed at step {}", self.progress.step));
         Ok(())
     }
@@ -190,7 +211,11 @@ impl Trainer<'_> {
             let out_of_time = t.max_minutes.is_some_and(|most| self.seconds() >= 60.0 * most);
             let last = step == t.steps || out_of_time;
             let validated = last || step % t.validation_interval == 0;
-            let validation = if validated { Some(self.validate(report)?) } else { None };
+            let validation = if validated {
+                Some(self.validate(report)?)
+            } else {
+                None
+            };
             if validated || step % t.log_interval == 0 {
                 let row = self.row(validation);
                 if !row.loss.is_finite() {
@@ -229,7 +254,12 @@ impl Trainer<'_> {
             .map(|_| {
                 let sample = rng.random_range(0..self.work.train.len());
                 let frame = rng.random_range(0..self.work.train[sample].n_frames - span);
-                Example { sample, frame, mirror: t.mirror && rng.random::<bool>(), seed: rng.random() }
+                Example {
+                    sample,
+                    frame,
+                    mirror: t.mirror && rng.random::<bool>(),
+                    seed: rng.random(),
+                }
             })
             .collect();
         let accumulate = step < t.normaliser_steps;
@@ -248,13 +278,24 @@ impl Trainer<'_> {
         let mut sum: Option<Tensor> = None;
         let mut losses = Vec::new();
         for outcome in self.pool.run(jobs)? {
-            let Outcome::Learned { gradient, losses: piece, moments, examples } = outcome else { continue };
+            let Outcome::Learned {
+                gradient,
+                losses: piece,
+                moments,
+                examples,
+            } = outcome
+            else {
+                continue;
+            };
             let part = examples as f64 / t.batch_size as f64;
             if let Some(moments) = moments {
                 self.normaliser.add(&moments);
             }
             losses.resize(piece.len(), 0.0);
-            losses.iter_mut().zip(&piece).for_each(|(sum, loss)| *sum += part * loss);
+            losses
+                .iter_mut()
+                .zip(&piece)
+                .for_each(|(sum, loss)| *sum += part * loss);
             if let Some(gradient) = gradient {
                 let gradient = gradient * part;
                 sum = Some(match sum {
@@ -265,7 +306,9 @@ impl Trainer<'_> {
         }
         self.progress.step += 1;
         let Some(gradient) = sum else { return Ok(()) };
-        let norm = self.optimiser.update(&gradient, t.learning_rate_at(step), t.gradient_clip, t.ema_decay);
+        let norm = self
+            .optimiser
+            .update(&gradient, t.learning_rate_at(step), t.gradient_clip, t.ema_decay);
         self.progress.updates = self.optimiser.updates;
         self.progress.samples += (t.batch_size * unroll) as u64;
         let weighted: f64 = losses.iter().zip(&self.loss_weights()).map(|(l, w)| l * w).sum();
@@ -280,8 +323,14 @@ impl Trainer<'_> {
 
     fn loss_weights(&self) -> Vec<f64> {
         let t = &self.config.training;
-        let predicted = self.spec.fields.iter().filter(|f| f.output != m4gn::model::Output::None);
-        predicted.map(|f| t.loss_weights.get(&f.name).copied().unwrap_or(1.0)).collect()
+        let predicted = self
+            .spec
+            .fields
+            .iter()
+            .filter(|f| f.output != m4gn::model::Output::None);
+        predicted
+            .map(|f| t.loss_weights.get(&f.name).copied().unwrap_or(1.0))
+            .collect()
     }
 
     /// The log row of the interval that ends here.
@@ -294,7 +343,10 @@ impl Trainer<'_> {
             step: self.progress.step,
             samples: self.progress.samples,
             seconds,
-            learning_rate: self.config.training.learning_rate_at(self.progress.step.saturating_sub(1)),
+            learning_rate: self
+                .config
+                .training
+                .learning_rate_at(self.progress.step.saturating_sub(1)),
             loss: loss / n,
             losses: (0..outputs).map(|i| sums.get(i).map_or(0.0, |s| s / n)).collect(),
             gradient: gradient / n,
@@ -337,7 +389,9 @@ impl Trainer<'_> {
         // Sums of (model, persistence) squared errors and counts, of the three figures.
         let mut sums = [[0.0; 3]; 3];
         for (plan, outcome) in plan.iter().zip(outcomes) {
-            let Outcome::Rolled(errors) = outcome else { continue };
+            let Outcome::Rolled(errors) = outcome else {
+                continue;
+            };
             let mut add = |figure: usize, errors: &[(f64, f64)]| {
                 for (model, held) in errors {
                     let parts = [*model, *held, 1.0];
@@ -350,8 +404,11 @@ impl Trainer<'_> {
             }
         }
         let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
-        let validation =
-            Validation { rmse_1: root(sums[0]), rmse_horizon: root(sums[1]), rmse_all: root(sums[2]) };
+        let validation = Validation {
+            rmse_1: root(sums[0]),
+            rmse_horizon: root(sums[1]),
+            rmse_all: root(sums[2]),
+        };
         let better = match &self.progress.best {
             Some((_, best)) => validation.score() < best.score(),
             None => true,
@@ -367,11 +424,16 @@ impl Trainer<'_> {
 
     /// Writes the best weights as a model file.
     fn export(&self) -> Result<()> {
-        let Some((weights, normaliser)) = &self.best else { return Ok(()) };
+        let Some((weights, normaliser)) = &self.best else {
+            return Ok(());
+        };
         let mut tensors = self.layout.unflatten(weights);
         tensors.extend(normaliser.tensors());
         let mut spec = (*self.spec).clone();
-        let best = self.progress.best.map(|(step, v)| serde_json::json!({ "step": step, "validation": v }));
+        let best = self
+            .progress
+            .best
+            .map(|(step, v)| serde_json::json!({ "step": step, "validation": v }));
         spec.training = serde_json::json!({
             "config": self.progress.config,
             "seed": self.progress.seed,
@@ -398,7 +460,10 @@ impl Trainer<'_> {
     }
 
     fn summary(&self, report: &Report) -> Result<serde_json::Value> {
-        let (step, v) = self.progress.best.ok_or_else(|| Error::Internal("training ended without a validation".into()))?;
+        let (step, v) = self
+            .progress
+            .best
+            .ok_or_else(|| Error::Internal("training ended without a validation".into()))?;
         report.line(&format!(
             "best at step {step}: RMSE-1 {:.4} ({:.4} persistence), RMSE-50 {:.4} ({:.4}), RMSE-all {:.4} ({:.4}); {}",
             v.rmse_1[0],

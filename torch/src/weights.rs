@@ -49,11 +49,19 @@ impl Layout {
     pub fn views(&self, flat: &Tensor, half: bool) -> Weights {
         let named = |vector: &Tensor| {
             let parts = vector.split_with_sizes(&self.sizes[..], 0);
-            self.entries.iter().zip(parts).map(|((name, shape), part)| (name.clone(), part.view(&shape[..]))).collect()
+            self.entries
+                .iter()
+                .zip(parts)
+                .map(|((name, shape), part)| (name.clone(), part.view(&shape[..])))
+                .collect()
         };
         Weights {
             full: named(flat),
-            half: if half { named(&flat.to_kind(Kind::BFloat16)) } else { BTreeMap::new() },
+            half: if half {
+                named(&flat.to_kind(Kind::BFloat16))
+            } else {
+                BTreeMap::new()
+            },
         }
     }
 
@@ -65,7 +73,10 @@ impl Layout {
         for (name, shape) in &self.entries {
             let n: i64 = shape.iter().product();
             let parts: Vec<&str> = name.split('.').collect();
-            let (tail, layer) = (parts[parts.len() - 1], parts.get(parts.len().wrapping_sub(2)).copied().unwrap_or(""));
+            let (tail, layer) = (
+                parts[parts.len() - 1],
+                parts.get(parts.len().wrapping_sub(2)).copied().unwrap_or(""),
+            );
             if shape.len() == 2 {
                 let transformer = name.starts_with("segment.transformer");
                 let gain = match layer {
@@ -91,10 +102,11 @@ impl Layout {
     pub fn flatten(&self, model: &Model) -> Result<Vec<f32>> {
         let mut flat = Vec::with_capacity(self.len());
         for (name, _) in &self.entries {
-            let tensor = model
-                .tensors
-                .get(name)
-                .ok_or_else(|| Error::Model(format!("the model has no tensor `{name}`; it does not fit its own description")))?;
+            let tensor = model.tensors.get(name).ok_or_else(|| {
+                Error::Model(format!(
+                    "the model has no tensor `{name}`; it does not fit its own description"
+                ))
+            })?;
             flat.extend_from_slice(&tensor.data);
         }
         Ok(flat)
@@ -107,7 +119,13 @@ impl Layout {
         for ((name, shape), &size) in self.entries.iter().zip(&self.sizes) {
             let data = flat[at..at + size as usize].to_vec();
             at += size as usize;
-            tensors.insert(name.clone(), ModelTensor { shape: shape.iter().map(|&n| n as usize).collect(), data });
+            tensors.insert(
+                name.clone(),
+                ModelTensor {
+                    shape: shape.iter().map(|&n| n as usize).collect(),
+                    data,
+                },
+            );
         }
         tensors
     }
@@ -116,7 +134,9 @@ impl Layout {
 impl Weights {
     /// A weight in fp32. Panics for a name that the layout lacks, a defect of this library.
     pub fn full(&self, name: &str) -> &Tensor {
-        self.full.get(name).unwrap_or_else(|| panic!("no weight named {name}"))
+        self.full
+            .get(name)
+            .unwrap_or_else(|| panic!("no weight named {name}"))
     }
 
     /// The weight that large products use: bfloat16 where asked for.

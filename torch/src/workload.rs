@@ -45,22 +45,32 @@ impl Workload {
             }
             match trajectory.split() {
                 Split::Train => train.push((path, trajectory)),
-                Split::Valid if valid.len() < config.training.validation_rollouts => valid.push((path, trajectory)),
+                Split::Valid if valid.len() < config.training.validation_rollouts => {
+                    valid.push((path, trajectory))
+                }
                 _ => {}
             }
         }
         let Some((path, first)) = train.first() else {
-            return Err(Error::file(folder, "no complete trajectory of split `train`: make some with `m4gn generate`"));
+            return Err(Error::file(
+                folder,
+                "no complete trajectory of split `train`: make some with `m4gn generate`",
+            ));
         };
         let mut spec = describe(config, first, path)?;
-        spec.node_types =
-            NodeType::ALL.into_iter().filter(|t| *t == NodeType::Fluid || types.contains(t)).collect();
+        spec.node_types = NodeType::ALL
+            .into_iter()
+            .filter(|t| *t == NodeType::Fluid || types.contains(t))
+            .collect();
         let frames = frames_a_step(first.times(), spec.stride, path)?;
         let needed = 1 + frames * config.training.longest_unroll();
         let mut names = Vec::new();
         for (path, trajectory) in train.iter().chain(&valid) {
             check(path, trajectory, &spec, frames, needed)?;
-            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            let name = path
+                .file_name()
+                .map(|n| n.to_string_lossy().into_owned())
+                .unwrap_or_default();
             names.push(format!("{name} {}", trajectory.times().len()));
         }
         let total = train.len() + valid.len();
@@ -69,7 +79,9 @@ impl Workload {
             list.into_iter()
                 .map(|(path, trajectory)| {
                     if stop.load(Ordering::Relaxed) != 0 {
-                        return Err(Error::Interrupted("interrupted while the data were read; nothing was written".into()));
+                        return Err(Error::Interrupted(
+                            "interrupted while the data were read; nothing was written".into(),
+                        ));
                     }
                     let sample = Sample::read(&trajectory, &path, &spec, device);
                     report.loaded();
@@ -82,9 +94,21 @@ impl Workload {
         report.end();
         if valid.is_empty() {
             report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
-            valid = train.iter().take(config.training.validation_rollouts.max(1)).map(Sample::share).collect();
+            valid = train
+                .iter()
+                .take(config.training.validation_rollouts.max(1))
+                .map(Sample::share)
+                .collect();
         }
-        Ok((Workload { train, valid, frames_a_step: frames, names }, spec))
+        Ok((
+            Workload {
+                train,
+                valid,
+                frames_a_step: frames,
+                names,
+            },
+            spec,
+        ))
     }
 }
 
@@ -93,7 +117,11 @@ fn check(path: &Path, trajectory: &Trajectory, spec: &ModelSpec, frames: usize, 
     if trajectory.mesh().dim() != spec.dim {
         return Err(Error::file(
             path,
-            format!("{} solved directions, the first trajectory has {}", trajectory.mesh().dim(), spec.dim),
+            format!(
+                "{} solved directions, the first trajectory has {}",
+                trajectory.mesh().dim(),
+                spec.dim
+            ),
         ));
     }
     for field in &spec.fields {
@@ -102,11 +130,17 @@ fn check(path: &Path, trajectory: &Trajectory, spec: &ModelSpec, frames: usize, 
             .iter()
             .any(|f| f.name == field.name && f.vector == field.vector && f.dimensions == field.dimensions);
         if !fits {
-            return Err(Error::file(path, format!("no field `{}` of the kind in the first trajectory", field.name)));
+            return Err(Error::file(
+                path,
+                format!("no field `{}` of the kind in the first trajectory", field.name),
+            ));
         }
     }
     if frames_a_step(trajectory.times(), spec.stride, path)? != frames {
-        return Err(Error::file(path, "its frame interval differs from the first trajectory's"));
+        return Err(Error::file(
+            path,
+            "its frame interval differs from the first trajectory's",
+        ));
     }
     let found = trajectory.times().len();
     if found < needed {

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// m4gn.h for C++ (14 and later): objects that free themselves, errors as exceptions. Header only.
+
+#ifndef M4GN_HPP
+#define M4GN_HPP
+
+#include "m4gn.h"
+
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace m4gn
+{
+
+// A failed call. status() is that of m4gn.h: > 0 the object is still usable, < 0 it is not.
+class Error : public std::runtime_error
+{
+public:
+    Error(int32_t status, const std::string& message)
+    :
+        std::runtime_error(message),
+        status_(status)
+    {}
+
+    int32_t status() const noexcept { return status_; }
+
+private:
+    int32_t status_;
+};
+
+// Throws the last error unless the status is fine.
+inline void check(int32_t status)
+{
+    if (status != M4GN_OK)
+    {
+        throw Error(status, m4gn_last_error());
+    }
+}
+
+// Throws if the library is not the one that this header describes.
+inline void checkVersion()
+{
+    if (m4gn_abi_version() != M4GN_ABI_VERSION)
+    {
+        throw Error
+        (
+            M4GN_ERROR_INTERNAL,
+            "libm4gn.so has interface version " + std::to_string(m4gn_abi_version()) + ", this program was built for "
+          + std::to_string(M4GN_ABI_VERSION) + ": build it again"
+        );
+    }
+}
+
+// Options "as the model was trained" for this model file. The path must live until the session is made.
+inline m4gn_session_options sessionOptions(const char* model)
+{
+    m4gn_session_options options;
+    m4gn_session_options_init(&options);
+    options.model = model;
+    return options;
+}
+
+// A model on a mesh. Made and destroyed by all ranks together.
+class Session
+{
+public:
+    Session(int32_t comm, const m4gn_mesh_data& mesh, const m4gn_session_options& options)
+    {
+        checkVersion();
+        m4gn_session* session = nullptr;
+        check(m4gn_session_new(comm, &mesh, &options, &session));
+        session_.reset(session);
+    }
+
+    // Time that one step advances, s.
+    double stride() const { return m4gn_session_stride(session_.get()); }
+
+    // Segments K.
+    int32_t nSegments() const { return m4gn_session_n_segments(session_.get()); }
+
+    // Fields of the model, in its order.
+    std::vector<m4gn_field_info> fields() const
+    {
+        std::vector<m4gn_field_info> list(m4gn_session_n_fields(session_.get()));
+        for (std::size_t i = 0; i < list.size(); ++i)
+        {
+            check(m4gn_session_field(session_.get(), static_cast<int32_t>(i), &list[i]));
+        }
+        return list;
+    }
+
+    // Segment of each of this rank's nCells cells.
+    std::vector<int32_t> segments(std::size_t nCells) const
+    {
+        // One more than needed, so that a rank without cells has a pointer too.
+        std::vector<int32_t> cellSegment(nCells + 1);
+        check(m4gn_session_segments(session_.get(), cellSegment.data()));
+        cellSegment.pop_back();
+        return cellSegment;
+    }
+
+    // One step. Collective.
+    void step(const std::vector<m4gn_field>& in, const std::vector<m4gn_field_out>& out)
+    {
+        check
+        (
+            m4gn_session_step
+            (
+                session_.get(),
+                in.data(),
+                static_cast<int32_t>(in.size()),
+                out.data(),
+                static_cast<int32_t>(out.size())
+            )
+        );
+    }
+
+    m4gn_session* get() const noexcept { return session_.get(); }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_session* session) const noexcept { m4gn_session_free(session); }
+    };
+
+    std::unique_ptr<m4gn_session, Free> session_;
+};
+
+// A trajectory being recorded. Made and destroyed by all ranks together; without finish() nothing is left behind.
+class Recorder
+{
+public:
+    Recorder(int32_t comm, const m4gn_mesh_data& mesh, const m4gn_recorder_options& options)
+    {
+        checkVersion();
+        m4gn_recorder* recorder = nullptr;
+        check(m4gn_recorder_new(comm, &mesh, &options, &recorder));
+        recorder_.reset(recorder);
+    }
+
+    // Appends a frame. Collective.
+    void append(double time, const std::vector<m4gn_field>& fields)
+    {
+        check(m4gn_recorder_append(recorder_.get(), time, fields.data(), static_cast<int32_t>(fields.size())));
+    }
+
+    int64_t nFrames() const { return m4gn_recorder_n_frames(recorder_.get()); }
+
+    // Completes the file and gives it its final name. Collective.
+    void finish() { check(m4gn_recorder_finish(recorder_.get())); }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_recorder* recorder) const noexcept { m4gn_recorder_free(recorder); }
+    };
+
+    std::unique_ptr<m4gn_recorder, Free> recorder_;
+};
+
+} // namespace m4gn
+
+#endif

@@ -1,0 +1,227 @@
+//! The C interface that m4gn loads, version 1. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
+//!
+//! Everything is said with two calls on an open case: `m4gn_foam_describe` gives a JSON object, and
+//! `m4gn_foam_query` answers a JSON request with numbers. A thread that opens a case must also use and close it:
+//! OpenFOAM is not thread-safe.
+#![allow(unsafe_code)]
+
+use crate::foam::{self, FoamCase};
+use cxx::UniquePtr;
+use serde::Deserialize;
+use serde_json::json;
+use std::{
+    cell::RefCell,
+    ffi::{CStr, CString, c_char},
+    panic::{AssertUnwindSafe, catch_unwind},
+};
+
+/// Version of this interface; m4gn refuses a library of another.
+const ABI_VERSION: u32 = 1;
+
+/// An open case and what it was last asked.
+pub struct Case {
+    foam: UniquePtr<FoamCase>,
+    json: CString,
+    data: Vec<f64>,
+}
+
+/// What can be asked. Times are indices into `times` of the description.
+#[derive(Deserialize)]
+#[serde(tag = "query", rename_all = "snake_case", deny_unknown_fields)]
+enum Query {
+    /// `[n]` m^3.
+    CellVolumes,
+    /// `[n x 3]` m.
+    CellCentres,
+    /// The n + 1 starts, then the x, y pairs (see [`foam::Polygons`]).
+    Polygons,
+    /// 1 if the field is stored at that time, else 0.
+    HasField { name: String, time: usize },
+    /// `[n]`
+    Scalar { name: String, time: usize },
+    /// `[n x 3]`
+    Vector { name: String, time: usize },
+    /// Pressure part, viscous part: `[6]` m^4/s^2.
+    Force { patch: String, time: usize },
+    /// Flux, area, integral of U: `[5]`
+    Flow { patch: String, time: usize },
+}
+
+thread_local! {
+    static LAST_ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Runs `f`; its error, or a panic, becomes status 1 and the last error's message.
+fn guarded(f: impl FnOnce() -> Result<(), String>) -> i32 {
+    let message = match catch_unwind(AssertUnwindSafe(f)) {
+        Ok(Ok(())) => return 0,
+        Ok(Err(message)) => message,
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let text = text
+                .or_else(|| panic.downcast_ref::<&str>().copied())
+                .unwrap_or("a panic without a message");
+            format!("internal error of the OpenFOAM bridge: {text}")
+        }
+    };
+    LAST_ERROR.with_borrow_mut(|last| *last = CString::new(message.replace('\0', " ")).unwrap_or_default());
+    1
+}
+
+/// # Safety
+/// `text` is null or a C string that lives through the call.
+unsafe fn utf8<'a>(text: *const c_char) -> Result<&'a str, String> {
+    if text.is_null() {
+        return Err("expected a string, found a null pointer".into());
+    }
+    // SAFETY: not null, and a C string by this function's contract.
+    unsafe { CStr::from_ptr(text) }
+        .to_str()
+        .map_err(|_| "expected UTF-8 text".into())
+}
+
+/// Version of the interface that this library was built with.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_foam_abi_version() -> u32 {
+    ABI_VERSION
+}
+
+/// Message of the last failure on this thread; valid until the next call.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_foam_last_error() -> *const c_char {
+    LAST_ERROR.with_borrow(|last| last.as_ptr())
+}
+
+/// Opens the case in folder `path`; `*case` is null on failure.
+///
+/// # Safety
+/// `path` is a C string, `case` points to a place for a pointer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_foam_open(path: *const c_char, case: *mut *mut Case) -> i32 {
+    guarded(|| {
+        if case.is_null() {
+            return Err("expected a place for the case, found a null pointer".into());
+        }
+        // SAFETY: not null, and valid for a write by this function's contract.
+        unsafe { *case = std::ptr::null_mut() };
+        // SAFETY: this function's contract.
+        let path = unsafe { utf8(path) }?;
+        let foam = foam::open_case(path).map_err(|e| e.to_string())?;
+        let opened = Box::new(Case {
+            foam,
+            json: CString::default(),
+            data: Vec::new(),
+        });
+        // SAFETY: as above.
+        unsafe { *case = Box::into_raw(opened) };
+        Ok(())
+    })
+}
+
+/// Closes a case; null is allowed.
+///
+/// # Safety
+/// `case` comes from [`m4gn_foam_open`] and is not used again.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_foam_close(case: *mut Case) {
+    guarded(|| {
+        if !case.is_null() {
+            // SAFETY: made by Box::into_raw in m4gn_foam_open and given back once.
+            drop(unsafe { Box::from_raw(case) });
+        }
+        Ok(())
+    });
+}
+
+/// `*json` is set to a [`foam::Description`] as JSON, valid until the next call on this case.
+///
+/// # Safety
+/// `case` comes from [`m4gn_foam_open`], `json` points to a place for a pointer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_foam_describe(case: *mut Case, json: *mut *const c_char) -> i32 {
+    guarded(|| {
+        // SAFETY: null or an open case that nobody else uses during the call, by this function's contract.
+        let case = unsafe { case.as_mut() }.ok_or("expected an open case, found a null pointer")?;
+        let description = case.foam.describe().map_err(|e| e.to_string())?;
+        let text = as_json(&description).to_string();
+        case.json = CString::new(text).map_err(|e| e.to_string())?;
+        if json.is_null() {
+            return Err("expected a place for the description, found a null pointer".into());
+        }
+        // SAFETY: not null, and valid for a write by this function's contract.
+        unsafe { *json = case.json.as_ptr() };
+        Ok(())
+    })
+}
+
+/// Answers a [`Query`] given as JSON: `*data` points to `*count` doubles, valid until the next call on this case.
+///
+/// # Safety
+/// `case` comes from [`m4gn_foam_open`], `request` is a C string, `data` and `count` point to places for the answer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_foam_query(
+    case: *mut Case,
+    request: *const c_char,
+    data: *mut *const f64,
+    count: *mut usize,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: null or an open case that nobody else uses during the call, by this function's contract.
+        let case = unsafe { case.as_mut() }.ok_or("expected an open case, found a null pointer")?;
+        // SAFETY: this function's contract.
+        let request = unsafe { utf8(request) }?;
+        let query = serde_json::from_str(request).map_err(|e| format!("query {request}: {e}"))?;
+        case.data = answer(&mut case.foam, query).map_err(|e| e.to_string())?;
+        if data.is_null() || count.is_null() {
+            return Err("expected places for the answer, found a null pointer".into());
+        }
+        // SAFETY: not null, and valid for writes by this function's contract.
+        unsafe {
+            *data = case.data.as_ptr();
+            *count = case.data.len();
+        }
+        Ok(())
+    })
+}
+
+fn as_json(case: &foam::Description) -> serde_json::Value {
+    let patch = |p: &foam::Patch| json!({ "name": p.name, "kind": p.kind, "faces": p.faces, "lower": p.lower, "upper": p.upper });
+    json!({
+        "path": case.path,
+        "application": case.application,
+        "delta_t": case.delta_t,
+        "processors": case.processors,
+        "times": case.times,
+        "cells": case.cells,
+        "directions": case.directions,
+        "patches": case.patches.iter().map(patch).collect::<Vec<_>>(),
+    })
+}
+
+fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx::Exception> {
+    let case = case.pin_mut();
+    Ok(match query {
+        Query::CellVolumes => case.cell_volumes()?,
+        Query::CellCentres => case.cell_centres()?,
+        Query::Polygons => {
+            let polygons = case.polygons()?;
+            polygons
+                .start
+                .iter()
+                .map(|&s| s as f64)
+                .chain(polygons.points)
+                .collect()
+        }
+        Query::HasField { name, time } => vec![f64::from(u8::from(case.has_field(&name, time)?))],
+        Query::Scalar { name, time } => case.scalar_field(&name, time)?,
+        Query::Vector { name, time } => case.vector_field(&name, time)?,
+        Query::Force { patch, time } => {
+            let force = case.force(&patch, time)?;
+            [force.pressure, force.viscous].concat()
+        }
+        Query::Flow { patch, time } => {
+            let flow = case.flow(&patch, time)?;
+            [flow.flux, flow.area].into_iter().chain(flow.velocity).collect()
+        }
+    })
+}

@@ -1,0 +1,54 @@
+//! Writes a small model with random weights, for tests and for trying out a case without training:
+//! `random_model FILE [SEED]`. It knows U (change) and p (value) in two dimensions.
+
+use m4gn::mesh::NodeType;
+use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let path = arguments.next().ok_or("usage: random_model FILE [SEED]")?;
+    let seed = arguments.next().map_or(Ok(1), |s| s.parse())?;
+    Model::random(spec(), seed)?.write(path)?;
+    Ok(())
+}
+
+fn spec() -> ModelSpec {
+    let field = |name: &str, vector, dimensions, output| FieldSpec {
+        name: name.into(),
+        vector,
+        dimensions,
+        input: true,
+        output,
+    };
+    ModelSpec {
+        format: 1,
+        dim: 2,
+        stride: 0.01,
+        fields: vec![
+            field("U", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
+            field("p", false, [0, 2, -2, 0, 0, 0, 0], Output::Value),
+        ],
+        node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
+        architecture: Architecture {
+            width: 8,
+            hidden_layers: 1,
+            activation: Activation::Silu,
+            layers_before: 2,
+            layers_after: 1,
+            segment_transformer: Some(MacroSpec {
+                layers: 1,
+                heads: 2,
+                ffn_width: 16,
+                rwse_steps: 4,
+                centroids: true,
+                offsets: true,
+            }),
+        },
+        segments: SegmentSpec {
+            count: 4,
+            modes: 3,
+            ..SegmentSpec::default()
+        },
+        training: serde_json::json!({ "note": "random weights" }),
+    }
+}

@@ -1,0 +1,110 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+// Only C of MPI is wanted
+#define OMPI_SKIP_MPICXX
+#define MPICH_SKIP_MPICXX
+#include <mpi.h>
+
+#include "m4gnCore.H"
+#include "OSspecific.H"
+#include "Time.H"
+#include "functionObject.H"
+#include "polyMesh.H"
+
+// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
+
+int32_t Foam::m4gn::communicator()
+{
+    if (!UPstream::parRun())
+    {
+        return M4GN_NO_MPI;
+    }
+
+    return int32_t(MPI_Comm_c2f(MPI_COMM_WORLD));
+}
+
+
+void Foam::m4gn::checkAbi()
+{
+    if (m4gn_abi_version() != M4GN_ABI_VERSION)
+    {
+        FatalErrorInFunction
+            << "libm4gnFoam.so was compiled for interface "
+            << label(M4GN_ABI_VERSION) << " of libm4gn.so, but the libm4gn.so"
+            << " that was loaded (version " << m4gn_version()
+            << ") has interface " << label(m4gn_abi_version()) << nl
+            << "    Build both from the same checkout (./Allrun does)."
+            << exit(FatalError);
+    }
+}
+
+
+void Foam::m4gn::check(const int32_t status, const char* what)
+{
+    if (status != M4GN_OK)
+    {
+        FatalErrorInFunction
+            << what << ": " << m4gn_last_error()
+            << exit(FatalError);
+    }
+}
+
+
+Foam::fileName Foam::m4gn::resolve
+(
+    const fileName& path,
+    const fileName& casePath
+)
+{
+    fileName expanded(path);
+    expanded.expand();
+
+    if (expanded.isAbsolute())
+    {
+        return expanded;
+    }
+
+    const fileName inCase(casePath/expanded);
+    const fileName home(getEnv("M4GN_HOME"));
+
+    if (isFile(inCase, false) || home.empty())
+    {
+        return inCase;
+    }
+
+    if (isFile(home/"models"/expanded, false))
+    {
+        return home/"models"/expanded;
+    }
+
+    if (isFile(home/expanded, false))
+    {
+        return home/expanded;
+    }
+
+    return inCase;
+}
+
+
+Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)
+{
+    const Time& time = mesh.time();
+
+    fileName dir(time.globalPath()/functionObject::outputPrefix);
+
+    if (mesh.name() != polyMesh::defaultRegion)
+    {
+        dir /= mesh.name();
+    }
+
+    return dir/name/Time::timeName(time.startTime().value());
+}
+
+
+// ************************************************************************* //

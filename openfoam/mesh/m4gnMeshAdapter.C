@@ -1,0 +1,466 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnMeshAdapter.H"
+#include "m4gnNodeTypes.H"
+#include "cyclicFvPatch.H"
+#include "processorFvPatch.H"
+#include "coupledPolyPatch.H"
+#include "globalIndex.H"
+#include "labelIOList.H"
+#include "laplacianScheme.H"
+#include "snGradScheme.H"
+#include "StringStream.H"
+#include "surfaceFields.H"
+#include "surfaceInterpolationScheme.H"
+#include "syncTools.H"
+
+static_assert
+(
+    sizeof(Foam::scalar) == sizeof(double)
+ && sizeof(Foam::vector) == 3*sizeof(double)
+ && sizeof(Foam::label) == sizeof(int32_t),
+    "m4gn needs an OpenFOAM with double precision and 32-bit labels"
+);
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+void Foam::m4gnMeshAdapter::checkPatches() const
+{
+    for (const fvPatch& patch : mesh_.boundary())
+    {
+        const word& type = patch.type();
+
+        const bool coupled = patch.coupled();
+
+        // cyclicSlip, cyclicAMI, ... derive from what is handled: by name
+        const bool known =
+            coupled
+          ? (type == "processor" || type == "processorCyclic" || type == "cyclic")
+          : (type == "empty" || type == "patch" || type == "wall"
+          || type == "symmetry" || type == "symmetryPlane");
+
+        if (!known)
+        {
+            FatalErrorInFunction
+                << "Patch " << patch.name() << " is of type " << type
+                << ", which m4gn does not handle." << nl
+                << "    Handled: patch, wall, symmetry, symmetryPlane, empty,"
+                << " cyclic (translational), processor, processorCyclic."
+                << exit(FatalError);
+        }
+
+        if (coupled)
+        {
+            const auto& pp = refCast<const coupledPolyPatch>(patch.patch());
+
+            if (!pp.parallel())
+            {
+                FatalErrorInFunction
+                    << "Patch " << patch.name() << " of type " << type
+                    << " turns vectors (a rotational transform), which m4gn"
+                    << " does not handle." << nl
+                    << "    Handled: translational cyclic patches."
+                    << exit(FatalError);
+            }
+        }
+    }
+}
+
+
+Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
+{
+    const string text(laplacianScheme(mesh_));
+
+    IStringStream is(text);
+    const word laplacian(is);
+
+    if (laplacian != "Gauss")
+    {
+        FatalErrorInFunction
+            << "laplacianSchemes: " << text << "is no Gauss scheme. Give"
+            << " m4gn one: \"laplacian(m4gn)\" Gauss linear corrected;"
+            << exit(FatalError);
+    }
+
+    // As fv::laplacianScheme reads it
+    tmp<surfaceInterpolationScheme<scalar>> interpolation
+    (
+        surfaceInterpolationScheme<scalar>::New(mesh_, is)
+    );
+    tmp<fv::snGradScheme<scalar>> snGrad
+    (
+        fv::snGradScheme<scalar>::New(mesh_, is)
+    );
+
+    // The schemes look at no value of the field
+    const volScalarField scratch
+    (
+        IOobject
+        (
+            "m4gn",
+            mesh_.time().timeName(),
+            mesh_,
+            IOobject::NO_READ,
+            IOobject::NO_WRITE,
+            false
+        ),
+        mesh_,
+        dimensionedScalar(dimless, Zero)
+    );
+
+    return snGrad().deltaCoeffs(scratch)*scalar(1);
+}
+
+
+Foam::labelList Foam::m4gnMeshAdapter::procAddressing
+(
+    const word& name,
+    const label size
+) const
+{
+    labelIOList addressing
+    (
+        IOobject
+        (
+            name,
+            mesh_.facesInstance(),
+            polyMesh::meshSubDir,
+            mesh_,
+            IOobject::READ_IF_PRESENT,
+            IOobject::NO_WRITE,
+            false
+        )
+    );
+
+    if
+    (
+        !returnReduce
+        (
+            addressing.headerClassName() == labelIOList::typeName
+         && addressing.size() == size,
+            andOp<bool>()
+        )
+    )
+    {
+        return labelList();
+    }
+
+    return labelList(addressing);
+}
+
+
+void Foam::m4gnMeshAdapter::setDirections()
+{
+    const Vector<label>& solved = mesh_.solutionD();
+
+    data_.n_directions = 0;
+    for (direction cmpt = 0; cmpt < vector::nComponents; ++cmpt)
+    {
+        if (solved[cmpt] == 1)
+        {
+            data_.directions[data_.n_directions++] = cmpt;
+        }
+    }
+
+    if (data_.n_directions < 2)
+    {
+        FatalErrorInFunction
+            << "The mesh has " << label(data_.n_directions)
+            << " solved directions; m4gn needs 2 or 3."
+            << exit(FatalError);
+    }
+}
+
+
+void Foam::m4gnMeshAdapter::setCells()
+{
+    labelList global;
+
+    if (Pstream::parRun())
+    {
+        global = procAddressing("cellProcAddressing", mesh_.nCells());
+    }
+
+    const globalIndex consecutive(mesh_.nCells());
+
+    cellGlobal_.resize(mesh_.nCells());
+    forAll(mesh_.C(), celli)
+    {
+        cellGlobal_[celli] =
+            global.size() ? global[celli] : consecutive.toGlobal(celli);
+    }
+
+    data_.n_cells = mesh_.nCells();
+    data_.cell_global = cellGlobal_.data();
+    data_.cell_centres =
+        reinterpret_cast<const double*>(mesh_.C().primitiveField().cdata());
+    data_.cell_volumes = mesh_.V().field().cdata();
+
+    data_.n_faces = mesh_.nInternalFaces();
+    data_.face_owner = mesh_.owner().cdata();
+    data_.face_neighbour = mesh_.neighbour().cdata();
+}
+
+
+void Foam::m4gnMeshAdapter::setBoundary
+(
+    const labelList& nodeTypes,
+    const surfaceScalarField& deltaCoeffs
+)
+{
+    DynamicList<label> patches;
+    DynamicList<word> names;
+    label nBoundary = 0;
+
+    for (const fvPatch& patch : mesh_.boundary())
+    {
+        if (m4gnNodeTypes::carriesValues(patch))
+        {
+            patches.append(patch.index());
+            names.append(patch.name());
+            nBoundary += patch.size();
+        }
+    }
+
+    valuePatches_.transfer(patches);
+    patchNames_.transfer(names);
+
+    for (const word& name : patchNames_)
+    {
+        patchNamePtrs_.push_back(name.c_str());
+    }
+
+    boundaryOwner_.reserve(nBoundary);
+    boundaryType_.reserve(nBoundary);
+    boundaryPatch_.reserve(nBoundary);
+    boundaryCentres_.resize(nBoundary);
+    boundaryArea_.resize(nBoundary);
+    boundaryCoeff_.resize(nBoundary);
+
+    label nodei = 0;
+
+    forAll(valuePatches_, i)
+    {
+        const fvPatch& patch = mesh_.boundary()[valuePatches_[i]];
+        const labelUList& owner = patch.faceCells();
+        const vectorField& area = patch.Sf();
+        const vectorField& centres = patch.Cf();
+
+        // fvPatchField::gradientInternalCoeffs of a fixed value
+        const scalarField coeffs(patch.magSf()*patch.deltaCoeffs());
+
+        forAll(patch, facei)
+        {
+            boundaryOwner_.push_back(owner[facei]);
+            boundaryType_.push_back(nodeTypes[patch.index()]);
+            boundaryPatch_.push_back(i);
+            boundaryCentres_[nodei] = centres[facei];
+            boundaryArea_[nodei] = area[facei];
+            boundaryCoeff_[nodei] = coeffs[facei];
+            ++nodei;
+        }
+    }
+
+    setBoundaryGlobal();
+
+    data_.n_boundary = nBoundary;
+    data_.boundary_owner = boundaryOwner_.data();
+    data_.boundary_global = boundaryGlobal_.data();
+    data_.boundary_centres =
+        reinterpret_cast<const double*>(boundaryCentres_.cdata());
+    data_.boundary_area =
+        reinterpret_cast<const double*>(boundaryArea_.cdata());
+    data_.boundary_coeff = boundaryCoeff_.cdata();
+    data_.boundary_type = boundaryType_.data();
+    data_.boundary_patch = boundaryPatch_.data();
+    data_.n_patches = patchNamePtrs_.size();
+    data_.patch_names = patchNamePtrs_.data();
+
+    faceCoeff_ =
+        deltaCoeffs.primitiveField()*mesh_.magSf().primitiveField();
+    data_.face_coeff = faceCoeff_.cdata();
+}
+
+
+void Foam::m4gnMeshAdapter::setBoundaryGlobal()
+{
+    const label nBoundary = boundaryOwner_.size();
+
+    boundaryGlobal_.resize(nBoundary);
+
+    labelList faceGlobal;
+    if (Pstream::parRun())
+    {
+        faceGlobal = procAddressing("faceProcAddressing", mesh_.nFaces());
+    }
+
+    if (faceGlobal.empty())
+    {
+        const globalIndex consecutive(nBoundary);
+        for (label nodei = 0; nodei < nBoundary; ++nodei)
+        {
+            boundaryGlobal_[nodei] = consecutive.toGlobal(nodei);
+        }
+        return;
+    }
+
+    // The undecomposed face of each node. Sorted, their places are the
+    // numbers that a serial run gives: patches are in order of faces there.
+    List<labelList> faces(Pstream::nProcs());
+    {
+        DynamicList<label> mine(nBoundary);
+        for (const label patchi : valuePatches_)
+        {
+            const polyPatch& pp = mesh_.boundaryMesh()[patchi];
+            for (label i = 0; i < pp.size(); ++i)
+            {
+                mine.append(mag(faceGlobal[pp.start() + i]) - 1);
+            }
+        }
+        faces[Pstream::myProcNo()].transfer(mine);
+    }
+    Pstream::gatherList(faces);
+
+    if (Pstream::master())
+    {
+        DynamicList<label> all;
+        for (const labelList& some : faces)
+        {
+            all.append(some);
+        }
+        std::sort(all.begin(), all.end());
+
+        for (labelList& some : faces)
+        {
+            for (label& facei : some)
+            {
+                facei =
+                    std::lower_bound(all.begin(), all.end(), facei)
+                  - all.begin();
+            }
+        }
+    }
+    Pstream::scatterList(faces);
+
+    const labelList& mine = faces[Pstream::myProcNo()];
+    forAll(mine, nodei)
+    {
+        boundaryGlobal_[nodei] = mine[nodei];
+    }
+}
+
+
+void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
+{
+    labelList global(mesh_.nCells());
+    forAll(global, celli)
+    {
+        global[celli] = cellGlobal_[celli];
+    }
+
+    // Cells on the other side, by face - nInternalFaces
+    labelList across;
+    syncTools::swapBoundaryCellList(mesh_, global, across);
+
+    for (const fvPatch& patch : mesh_.boundary())
+    {
+        if (!patch.coupled())
+        {
+            continue;
+        }
+
+        const auto* processor =
+            dynamic_cast<const processorFvPatch*>(&patch);
+        const label rank =
+            processor ? processor->neighbProcNo() : Pstream::myProcNo();
+
+        const labelUList& owner = patch.faceCells();
+        const vectorField delta(patch.delta());
+        const scalarField coeffs
+        (
+            patch.magSf()*deltaCoeffs.boundaryField()[patch.index()]
+        );
+        const label start = patch.patch().start() - mesh_.nInternalFaces();
+
+        forAll(patch, facei)
+        {
+            coupledOwner_.push_back(owner[facei]);
+            coupledRank_.push_back(rank);
+            coupledGlobal_.push_back(across[start + facei]);
+            coupledDelta_.push_back(delta[facei]);
+            coupledCoeff_.push_back(coeffs[facei]);
+        }
+    }
+
+    data_.n_coupled = coupledOwner_.size();
+    data_.coupled_owner = coupledOwner_.data();
+    data_.coupled_rank = coupledRank_.data();
+    data_.coupled_global = coupledGlobal_.data();
+    data_.coupled_delta =
+        reinterpret_cast<const double*>(coupledDelta_.data());
+    data_.coupled_coeff = coupledCoeff_.data();
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnMeshAdapter::m4gnMeshAdapter
+(
+    const fvMesh& mesh,
+    const labelList& nodeTypes
+)
+:
+    mesh_(mesh),
+    data_()
+{
+    checkPatches();
+
+    const tmp<surfaceScalarField> tdeltaCoeffs(deltaCoeffs());
+
+    setDirections();
+    setCells();
+    setBoundary(nodeTypes, tdeltaCoeffs());
+    setCoupled(tdeltaCoeffs());
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
+{
+    // Read from the registered dictionary: the accessors differ by version
+    const dictionary schemes
+    (
+        mesh.lookupObject<IOdictionary>("fvSchemes")
+       .subOrEmptyDict("laplacianSchemes")
+    );
+
+    for (const word key : { "laplacian(m4gn)", "default" })
+    {
+        if (schemes.found(key))
+        {
+            OStringStream os;
+            const ITstream& is = schemes.lookup(key);
+            forAll(is, i)
+            {
+                os << is[i] << ' ';
+            }
+
+            if (os.str() != "none ")
+            {
+                return os.str();
+            }
+        }
+    }
+
+    return "Gauss linear corrected";
+}
+
+
+// ************************************************************************* //

@@ -1,0 +1,172 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnNodeTypes.H"
+#include "m4gn.h"
+#include "m4gnDictionary.H"
+#include "volFields.H"
+#include "emptyFvPatch.H"
+#include "slipFvPatchFields.H"
+#include "symmetryFvPatch.H"
+#include "symmetryPlaneFvPatch.H"
+#include "wallFvPatch.H"
+
+// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+const Foam::Enum<int> Foam::m4gnNodeTypes::names
+({
+    { M4GN_WALL, "wall" },
+    { M4GN_INLET, "inlet" },
+    { M4GN_OUTLET, "outlet" },
+    { M4GN_SYMMETRY, "symmetry" },
+    { M4GN_OBSTACLE, "obstacle" },
+});
+
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::label Foam::m4gnNodeTypes::guess
+(
+    const fvPatch& patch,
+    const word& velocityName,
+    const word& pressureName
+)
+{
+    if (isA<wallFvPatch>(patch))
+    {
+        return M4GN_WALL;
+    }
+
+    if (isA<symmetryFvPatch>(patch) || isA<symmetryPlaneFvPatch>(patch))
+    {
+        return M4GN_SYMMETRY;
+    }
+
+    const fvMesh& mesh = patch.boundaryMesh().mesh();
+    const auto* U = mesh.findObject<volVectorField>(velocityName);
+    const auto* p = mesh.findObject<volScalarField>(pressureName);
+
+    if (U)
+    {
+        const fvPatchVectorField& pU = U->boundaryField()[patch.index()];
+
+        if (pU.type() == "noSlip")
+        {
+            return M4GN_WALL;
+        }
+        if (isA<slipFvPatchVectorField>(pU))
+        {
+            return M4GN_SYMMETRY;
+        }
+        if (pU.fixesValue())
+        {
+            return M4GN_INLET;
+        }
+    }
+
+    if (p && p->boundaryField()[patch.index()].fixesValue())
+    {
+        return M4GN_OUTLET;
+    }
+
+    return -1;
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnNodeTypes::m4gnNodeTypes
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const word& velocityName,
+    const word& pressureName
+)
+:
+    types_(mesh.boundary().size(), -1)
+{
+    const dictionary given(dict.subOrEmptyDict("nodeTypes"));
+    wordHashSet unused(given.toc());
+
+    forAll(mesh.boundary(), patchi)
+    {
+        const fvPatch& patch = mesh.boundary()[patchi];
+
+        if (!carriesValues(patch))
+        {
+            continue;
+        }
+
+        // A name goes before a group, and a group before what is guessed
+        wordList keys(1, patch.name());
+        keys.append(patch.patch().inGroups());
+
+        label& type = types_[patchi];
+
+        for (const word& key : keys)
+        {
+            const entry* e = given.findEntry(key, keyType::REGEX);
+
+            if (e)
+            {
+                unused.erase(e->keyword());
+
+                const word value(given.get<word>(key));
+
+                if (!names.found(value))
+                {
+                    FatalErrorInFunction
+                        << dict.name() << ": nodeTypes gives patch " << patch.name()
+                        << " the type " << value << nl
+                        << "    Valid types: " << m4gn::join(names.sortedToc())
+                        << exit(FatalError);
+                }
+                type = names.get(value);
+                break;
+            }
+        }
+
+        if (type < 0)
+        {
+            type = guess(patch, velocityName, pressureName);
+        }
+
+        if (type < 0)
+        {
+            FatalErrorInFunction
+                << dict.name() << ": what is patch " << patch.name() << " (type "
+                << patch.type() << ")? Neither does " << velocityName
+                << " fix its value there (inlet) nor " << pressureName
+                << " (outlet)." << nl
+                << "    Say so in the function object's dictionary:"
+                << " nodeTypes { " << patch.name() << " outlet; }" << nl
+                << "    Valid types: " << m4gn::join(names.sortedToc())
+                << exit(FatalError);
+        }
+    }
+
+    if (unused.size())
+    {
+        FatalErrorInFunction
+            << dict.name() << ": nodeTypes has entries that fit no patch with values and no"
+            << " group of such patches: " << m4gn::join(unused.sortedToc()) << nl
+            << "    Patches: " << m4gn::join(mesh.boundaryMesh().names())
+            << exit(FatalError);
+    }
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+bool Foam::m4gnNodeTypes::carriesValues(const fvPatch& patch)
+{
+    return !patch.coupled() && !isA<emptyFvPatch>(patch);
+}
+
+
+// ************************************************************************* //

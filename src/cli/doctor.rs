@@ -1,0 +1,186 @@
+//! `m4gn doctor`: what is there, what is missing, and how to mend it.
+
+use super::{library_path, write_json};
+use crate::generate::case::PROGRAMS;
+use crate::generate::process::find_program;
+use crate::{Error, Result};
+use std::path::PathBuf;
+
+/// Where Debian's package keeps OpenFOAM's `etc`.
+pub const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
+
+/// Check what is installed, and say how to mend what is missing
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Write the findings to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// One finding.
+#[derive(serde::Serialize)]
+struct Finding {
+    what: &'static str,
+    found: Option<String>,
+    /// Whether the main job (a solver with the function objects) needs it.
+    needed: bool,
+    /// What it is for, and how to get it.
+    mend: &'static str,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When something is missing that running a solver with the function objects needs.
+pub fn run(args: Args) -> Result<()> {
+    let findings = findings();
+    for f in &findings {
+        let state = match (&f.found, f.needed) {
+            (Some(_), _) => "ok     ",
+            (None, true) => "MISSING",
+            (None, false) => "absent ",
+        };
+        println!("{state}  {:<18} {}", f.what, f.found.as_deref().unwrap_or(f.mend));
+    }
+    let value = serde_json::to_value(&findings).map_err(|e| Error::Internal(e.to_string()))?;
+    write_json(args.json.as_deref(), &value)?;
+    let missing: Vec<_> = findings
+        .iter()
+        .filter(|f| f.needed && f.found.is_none())
+        .map(|f| f.what)
+        .collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Input(format!(
+        "missing: {}. The lines above say how to get them",
+        missing.join(", ")
+    )))
+}
+
+fn findings() -> Vec<Finding> {
+    let program = |name: &str| find_program(name).map(|p| p.display().to_string());
+    let library = |name: &str| library_path(name).ok().map(|p| p.display().to_string());
+    let missing_programs = PROGRAMS[1..].iter().any(|p| find_program(p).is_none());
+    let list = [
+        (
+            "m4gn",
+            Some(format!("{} ({})", env!("CARGO_PKG_VERSION"), processor())),
+            true,
+            "",
+        ),
+        (
+            "OpenFOAM",
+            openfoam(),
+            true,
+            "source your OpenFOAM's etc/bashrc, or 'apt-get install openfoam' and set WM_PROJECT_DIR=/usr/share/openfoam",
+        ),
+        (
+            "OpenFOAM programs",
+            (!missing_programs).then(|| PROGRAMS[1..].join(", ")),
+            true,
+            "gmshToFoam, changeDictionary or icoFoam is not in PATH: source your OpenFOAM's etc/bashrc, or 'apt-get install openfoam'",
+        ),
+        (
+            "libm4gn.so",
+            library("libm4gn.so"),
+            true,
+            "the core that solvers load: './Allrun' builds it",
+        ),
+        (
+            "libm4gnFoam.so",
+            library("libm4gnFoam.so"),
+            true,
+            "the function objects: './Allrun' builds them",
+        ),
+        (
+            "OpenFOAM bridge",
+            library("libm4gn_foam_bridge.so"),
+            false,
+            "only 'm4gn compare' needs it (libm4gn_foam_bridge.so): './Allrun' builds it",
+        ),
+        (
+            "torch library",
+            library("libm4gn_torch.so"),
+            false,
+            "only 'm4gn train' and backend torch need it (libm4gn_torch.so); the README says how to build it",
+        ),
+        (
+            "MPI",
+            mpi(),
+            true,
+            "Open MPI did not answer: 'apt-get install libopenmpi-dev openmpi-bin'",
+        ),
+        (
+            "mpirun",
+            program("mpirun"),
+            false,
+            "only parallel runs need it: 'apt-get install openmpi-bin'",
+        ),
+        ("HDF5", Some(hdf5_version()), true, ""),
+        (
+            "gmsh",
+            program("gmsh"),
+            false,
+            "only 'm4gn generate' needs it: 'apt-get install gmsh'",
+        ),
+    ];
+    list.into_iter()
+        .map(|(what, found, needed, mend)| Finding {
+            what,
+            found,
+            needed,
+            mend,
+        })
+        .collect()
+}
+
+/// OpenFOAM's folder, from the environment or Debian's.
+fn openfoam() -> Option<String> {
+    let set = std::env::var_os("WM_PROJECT_DIR")
+        .filter(|v| !v.is_empty())
+        .map(PathBuf::from);
+    let (folder, how) = match set {
+        Some(folder) => (folder, "WM_PROJECT_DIR"),
+        None => (
+            PathBuf::from(DEBIAN_OPENFOAM),
+            "Debian's; export WM_PROJECT_DIR to run solvers yourself",
+        ),
+    };
+    let version = std::env::var("WM_PROJECT_VERSION").map_or(String::new(), |v| format!(" {v}"));
+    folder
+        .join("etc/controlDict")
+        .is_file()
+        .then(|| format!("{}{version} ({how})", folder.display()))
+}
+
+fn mpi() -> Option<String> {
+    let version = mpi::environment::library_version().ok()?;
+    Some(version.split(',').next().unwrap_or_default().trim().to_string())
+}
+
+fn hdf5_version() -> String {
+    let (major, minor, micro) = hdf5::library_version();
+    format!("{major}.{minor}.{micro}")
+}
+
+/// What of the processor the native engine can use.
+fn processor() -> String {
+    #[cfg(target_arch = "x86_64")]
+    let features = [
+        ("AVX2", std::arch::is_x86_feature_detected!("avx2")),
+        ("FMA", std::arch::is_x86_feature_detected!("fma")),
+        ("AVX-512", std::arch::is_x86_feature_detected!("avx512f")),
+        ("AVX-512 bf16", std::arch::is_x86_feature_detected!("avx512bf16")),
+    ];
+    #[cfg(not(target_arch = "x86_64"))]
+    let features: [(&str, bool); 0] = [];
+    let has: Vec<&str> = features.iter().filter(|f| f.1).map(|f| f.0).collect();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let has = if has.is_empty() {
+        "no vector extensions known".to_string()
+    } else {
+        has.join(", ")
+    };
+    format!("{cores} cores, {has}")
+}

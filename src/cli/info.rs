@@ -1,0 +1,275 @@
+//! `m4gn info`: what is in a trajectory, a data set or a model.
+
+use super::write_json;
+use crate::dataset::{Frame, Split, Trajectory, list};
+use crate::mesh::NodeType;
+use crate::model::Model;
+use crate::{Error, Result};
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Say what is in a trajectory, a folder of trajectories, or a model
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Trajectory (*.h5), folder of trajectories, or model (*.safetensors)
+    path: PathBuf,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the file cannot be read; for a folder, when any of its trajectories is damaged (after the table).
+pub fn run(args: Args) -> Result<()> {
+    let path = args.path.as_path();
+    let is_model = path.extension().is_some_and(|e| e == "safetensors");
+    let mut damaged = Vec::new();
+    let (text, figures) = if path.is_dir() {
+        folder(path, &mut damaged)?
+    } else if is_model {
+        model(path)?
+    } else {
+        trajectory(path)?
+    };
+    print!("{text}");
+    write_json(args.json.as_deref(), &figures)?;
+    match damaged.len() {
+        0 => Ok(()),
+        1 => Err(damaged.remove(0)),
+        n => Err(Error::Input(format!(
+            "{n} damaged trajectories; the first: {}",
+            damaged[0]
+        ))),
+    }
+}
+
+fn trajectory(path: &Path) -> Result<(String, Value)> {
+    let t = Trajectory::open(path)?;
+    let mesh = t.mesh();
+    let bytes = path.metadata().map_or(0, |m| m.len());
+    let mut text = format!(
+        "{}: trajectory, {:.1} MB, split {}\n",
+        path.display(),
+        megabytes(bytes),
+        t.split().name()
+    );
+    let directions: String = mesh.directions.iter().map(|&d| ['x', 'y', 'z'][d]).collect();
+    let _ = writeln!(
+        text,
+        "mesh        {} cells, {} internal faces, {} boundary faces, {} cyclic faces, solved in {directions}",
+        mesh.n_cells(),
+        mesh.face_owner.len(),
+        mesh.boundary.len(),
+        mesh.coupled.len()
+    );
+    let mut patches = Vec::new();
+    for (i, name) in mesh.patches.iter().enumerate() {
+        let faces: Vec<_> = mesh.boundary.iter().filter(|f| f.patch == i as i32).collect();
+        let kinds: Vec<&str> = NodeType::ALL
+            .iter()
+            .filter(|k| faces.iter().any(|f| f.kind == **k))
+            .map(|k| k.name())
+            .collect();
+        if !faces.is_empty() {
+            let _ = writeln!(
+                text,
+                "patch       {name:<16} {} faces, {}",
+                faces.len(),
+                kinds.join(" and ")
+            );
+            patches.push(json!({"name": name, "faces": faces.len(), "types": kinds}));
+        }
+    }
+    let times = t.times();
+    let (first, last) = (
+        times.first().copied().unwrap_or(0.0),
+        times.last().copied().unwrap_or(0.0),
+    );
+    let interval = (times.len() > 1).then(|| (last - first) / (times.len() - 1) as f64);
+    let every = interval.map_or(String::new(), |i| format!(", every {} s", short(i)));
+    let _ = writeln!(
+        text,
+        "frames      {} from {} to {} s{every}",
+        times.len(),
+        short(first),
+        short(last)
+    );
+    let mut fields = Vec::new();
+    for field in t.fields() {
+        let (from, to) = if times.is_empty() {
+            (0.0, 0.0)
+        } else {
+            range(&t.read_frame(&field.name, times.len() - 1)?)
+        };
+        let kind = if field.vector { "vector" } else { "scalar" };
+        let d = field.dimensions.map(|d| d.to_string()).join(" ");
+        let _ = writeln!(
+            text,
+            "field       {:<16} {kind} [{d}], last frame {from:.4} to {to:.4}",
+            field.name
+        );
+        fields.push(json!({"name": field.name, "vector": field.vector, "dimensions": field.dimensions, "last_range": [from, to]}));
+    }
+    if let Some(entries) = t.provenance().as_object() {
+        for (key, value) in entries {
+            let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);
+            let _ = writeln!(text, "provenance  {key:<16} {value}");
+        }
+    }
+    let figures = json!({
+        "kind": "trajectory", "path": path, "bytes": bytes, "split": t.split(), "cells": mesh.n_cells(),
+        "internal_faces": mesh.face_owner.len(), "boundary_faces": mesh.boundary.len(),
+        "cyclic_faces": mesh.coupled.len(), "directions": mesh.directions, "patches": patches,
+        "frames": times.len(), "first_time": first, "last_time": last, "interval": interval, "fields": fields,
+        "provenance": t.provenance(),
+    });
+    Ok((text, figures))
+}
+
+/// A row a trajectory; damaged files are rows too.
+fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
+    let mut text = format!(
+        "{:<20} {:<6} {:>8} {:>9} {:>7}  {:<18} {:>8}\n",
+        "file", "split", "cells", "boundary", "frames", "times (s)", "MB"
+    );
+    let mut rows = Vec::new();
+    let mut count = [0usize; 3];
+    let mut bytes = 0;
+    for file in list(path)? {
+        let name = file
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let t = match Trajectory::open(&file) {
+            Ok(t) => t,
+            Err(e) => {
+                let _ = writeln!(text, "{name:<20} damaged");
+                rows.push(json!({"file": name, "error": e.to_string()}));
+                damaged.push(e);
+                continue;
+            }
+        };
+        let size = file.metadata().map_or(0, |m| m.len());
+        let (cells, boundary, frames) = (t.mesh().n_cells(), t.mesh().boundary.len(), t.times().len());
+        let (first, last) = (
+            t.times().first().copied().unwrap_or(0.0),
+            t.times().last().copied().unwrap_or(0.0),
+        );
+        let split = t.split();
+        bytes += size;
+        count[split as usize] += 1;
+        let _ = writeln!(
+            text,
+            "{name:<20} {:<6} {cells:>8} {boundary:>9} {frames:>7}  {:<18} {:>8.1}",
+            split.name(),
+            format!("{} to {}", short(first), short(last)),
+            megabytes(size)
+        );
+        rows.push(json!({
+            "file": name, "split": split, "cells": cells, "boundary_faces": boundary, "frames": frames,
+            "first_time": first, "last_time": last, "bytes": size, "provenance": t.provenance(),
+        }));
+    }
+    let [train, valid, test] = [Split::Train, Split::Valid, Split::Test].map(|s| count[s as usize]);
+    let _ = writeln!(
+        text,
+        "{} trajectories: {train} train, {valid} valid, {test} test; {:.1} MB",
+        train + valid + test,
+        megabytes(bytes)
+    );
+    let figures = json!({
+        "kind": "dataset", "path": path, "bytes": bytes, "train": train, "valid": valid, "test": test,
+        "trajectories": rows,
+    });
+    Ok((text, figures))
+}
+
+fn model(path: &Path) -> Result<(String, Value)> {
+    let model = Model::read(path)?;
+    let spec = &model.spec;
+    let numbers: usize = model.tensors.values().map(|t| t.data.len()).sum();
+    let bytes = path.metadata().map_or(0, |m| m.len());
+    let mut text = format!(
+        "{}: model, {:.2} MB, {numbers} numbers\n",
+        path.display(),
+        megabytes(bytes)
+    );
+    let a = &spec.architecture;
+    let _ = writeln!(
+        text,
+        "stride      {} s in {} directions",
+        short(spec.stride),
+        spec.dim
+    );
+    for field in &spec.fields {
+        let input = if field.input { "input" } else { "no input" };
+        let output = format!("{:?}", field.output).to_lowercase();
+        let d = field.dimensions.map(|d| d.to_string()).join(" ");
+        let _ = writeln!(
+            text,
+            "field       {:<16} [{d}], {input}, output {output}",
+            field.name
+        );
+    }
+    let types: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
+    let _ = writeln!(text, "node types  {}", types.join(", "));
+    let _ = writeln!(
+        text,
+        "network     width {}, {} + {} message-passing layers, MLPs with {} hidden layers, {:?}",
+        a.width, a.layers_before, a.layers_after, a.hidden_layers, a.activation
+    );
+    match &a.segment_transformer {
+        Some(m) => {
+            let s = &spec.segments;
+            let _ = writeln!(
+                text,
+                "macro       {} layers, {} heads, feed-forward width {}, {} random-walk steps{}{}",
+                m.layers,
+                m.heads,
+                m.ffn_width,
+                m.rwse_steps,
+                if m.centroids { ", centroids" } else { "" },
+                if m.offsets { ", offsets" } else { "" }
+            );
+            let _ = writeln!(
+                text,
+                "segments    {} by {:?}, {} modes, tau {}, overlap {}",
+                s.count, s.method, s.modes, s.tau, s.overlap
+            );
+        }
+        None => text += "macro       none\n",
+    }
+    if let Some(entries) = spec.training.as_object() {
+        for (key, value) in entries {
+            let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);
+            let _ = writeln!(text, "training    {key:<16} {value}");
+        }
+    }
+    let spec = serde_json::to_value(spec).map_err(|e| Error::Internal(format!("a model's header: {e}")))?;
+    Ok((
+        text,
+        json!({"kind": "model", "path": path, "bytes": bytes, "parameters": numbers, "spec": spec}),
+    ))
+}
+
+/// Times without the noise of their last digits.
+fn short(value: f64) -> f64 {
+    (value * 1e9).round() / 1e9
+}
+
+fn megabytes(bytes: u64) -> f64 {
+    bytes as f64 * 1e-6
+}
+
+fn range(frame: &Frame) -> (f32, f32) {
+    frame
+        .cells
+        .iter()
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &v| {
+            (a.min(v), b.max(v))
+        })
+}

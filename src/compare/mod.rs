@@ -1,0 +1,437 @@
+//! How far a hybrid run is from the full run of the same case, and what it cost.
+//!
+//! Velocity errors are root mean squares over cells and solved components, unweighted; over a horizon also over its
+//! stored times, as the paper's RMSE-1, RMSE-50 and RMSE-all. They count from the takeover, the last time that the
+//! solver had computed before the surrogate first acted. "Hold last" keeps the full run's field of that time.
+
+pub mod forces;
+mod html;
+pub mod records;
+pub mod signal;
+mod snapshot;
+
+pub use html::{picture, report};
+pub use snapshot::Snapshot;
+
+use crate::{
+    Error, Result,
+    foam_case::FoamCase,
+    report::{Table, number, percent},
+    validate::rmse::{SquaredError, cumulative},
+};
+use forces::{Coefficients, Reference};
+use records::Surrogate;
+use serde::Serialize;
+use std::path::Path;
+
+/// What the user may set.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Patch whose forces are compared; none: `cylinder` where there is one.
+    pub patch: Option<String>,
+    /// Reference speed of the coefficients, m/s; none: mean inlet velocity of A.
+    pub speed: Option<f64>,
+    /// Reference length, m; none: extent of the patch across the flow.
+    pub length: Option<f64>,
+    /// Takeover, s; none: what the surrogate of B recorded.
+    pub takeover: Option<f64>,
+    /// Wall seconds of A; none: from its log.
+    pub wall_a: Option<f64>,
+    /// Wall seconds of B; none: from its log.
+    pub wall_b: Option<f64>,
+    /// Number of times that pictures are kept of.
+    pub snapshots: usize,
+}
+
+/// The figures of a comparison; lists have one entry a common time after the takeover.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// Folder of the full run.
+    pub case_a: String,
+    /// Folder of the hybrid run.
+    pub case_b: String,
+    /// Number of cells.
+    pub cells: usize,
+    /// Last time that the solver had computed before the surrogate first acted, s; the first common time without one.
+    pub takeover: f64,
+    /// Common times after the takeover, s.
+    pub times: Vec<f64>,
+    /// RMSE of the velocity over times 1 to i, m/s.
+    pub velocity_rmse: Vec<f64>,
+    /// The same for the full run's field at the takeover, held.
+    pub hold_last_rmse: Vec<f64>,
+    /// RMSE at each time alone, m/s.
+    pub velocity_error: Vec<f64>,
+    /// The same for the held field.
+    pub hold_last_error: Vec<f64>,
+    /// Root mean square of the full run's velocity over all times, m/s.
+    pub velocity_rms: f64,
+    /// Patch of the forces; none: no forces were compared.
+    pub patch: Option<String>,
+    /// Reference values of the coefficients.
+    pub reference: Option<Reference>,
+    /// Drag coefficient of A.
+    pub drag_a: Vec<f64>,
+    /// Drag coefficient of B.
+    pub drag_b: Vec<f64>,
+    /// Lift coefficient of A.
+    pub lift_a: Vec<f64>,
+    /// Lift coefficient of B.
+    pub lift_b: Vec<f64>,
+    /// Mean drag coefficients of A and B.
+    pub mean_drag: Option<[f64; 2]>,
+    /// Root mean squares of the lift fluctuations of A and B.
+    pub lift_rms: Option<[f64; 2]>,
+    /// Shedding frequencies of A and B from the lift, 1/s; none where the lift does not oscillate.
+    pub frequency: [Option<f64>; 2],
+    /// Strouhal numbers of A and B.
+    pub strouhal: [Option<f64>; 2],
+    /// |mean drag of B / mean drag of A - 1|.
+    pub drag_error: Option<f64>,
+    /// |lift fluctuation of B / that of A - 1|.
+    pub lift_error: Option<f64>,
+    /// |Strouhal number of B / that of A - 1|.
+    pub strouhal_error: Option<f64>,
+    /// Wall seconds of A.
+    pub wall_a: Option<f64>,
+    /// Wall seconds of B.
+    pub wall_b: Option<f64>,
+    /// Replaced part of B's simulated time after start-up.
+    pub replaced_fraction: Option<f64>,
+    /// Summary of B's surrogate.
+    pub surrogate: Option<serde_json::Value>,
+}
+
+/// Horizons of the table, in stored times.
+const HORIZONS: [usize; 6] = [1, 2, 5, 10, 20, 50];
+
+/// Lift fluctuations below this part of the mean drag are no oscillation.
+const QUIET: f64 = 1e-4;
+
+/// Compares B (hybrid) with A (full). `progress(done, of)` is called once a time.
+///
+/// # Errors
+/// Different meshes, no common times, an unknown patch, a missing or non-finite field.
+pub fn compare(
+    a: &mut FoamCase,
+    b: &mut FoamCase,
+    options: &Options,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<(Comparison, Vec<Snapshot>)> {
+    same_mesh(a, b)?;
+    let surrogate = records::surrogate(Path::new(&b.description().path))?;
+    let (hold, pairs) = common_times(a, b, options.takeover.or(surrogate.as_ref().map(|s| s.takeover)))?;
+    let reference = Reference::find(a, options, hold.0)?;
+    let directions = a.description().directions.clone();
+
+    let held = components(&a.vector_field("U", hold.0)?, &directions);
+    let kept = snapshot::choose(pairs.len(), options.snapshots);
+    let mut snapshots = Vec::new();
+    let (mut model, mut held_errors, mut squares) = (Vec::new(), Vec::new(), SquaredError::default());
+    let (mut forces_a, mut forces_b) = (Coefficients::default(), Coefficients::default());
+    for (done, &(i, j)) in pairs.iter().enumerate() {
+        let (ua, ub) = (a.vector_field("U", i)?, b.vector_field("U", j)?);
+        let (va, vb) = (components(&ua, &directions), components(&ub, &directions));
+        model.push(SquaredError::between(&va, &vb));
+        held_errors.push(SquaredError::between(&va, &held));
+        squares.add(SquaredError::between(&va, &vec![0.0; va.len()]));
+        if let Some(reference) = &reference {
+            forces_a.push(reference, a.force(&reference.patch, i)?.total());
+            forces_b.push(reference, b.force(&reference.patch, j)?.total());
+        }
+        if kept.contains(&done) {
+            snapshots.push(Snapshot::new(
+                a.description().times[i],
+                &va,
+                &vb,
+                directions.len(),
+            ));
+        }
+        progress(done + 1, pairs.len());
+    }
+
+    let times: Vec<f64> = pairs.iter().map(|p| a.description().times[p.0]).collect();
+    let mut result = Comparison {
+        case_a: a.description().path.clone(),
+        case_b: b.description().path.clone(),
+        cells: a.description().cells,
+        takeover: a.description().times[hold.0],
+        velocity_rmse: cumulative(&model),
+        hold_last_rmse: cumulative(&held_errors),
+        velocity_error: model.iter().map(SquaredError::rmse).collect(),
+        hold_last_error: held_errors.iter().map(SquaredError::rmse).collect(),
+        velocity_rms: squares.rmse(),
+        patch: reference.as_ref().map(|r| r.patch.clone()),
+        drag_a: forces_a.drag,
+        drag_b: forces_b.drag,
+        lift_a: forces_a.lift,
+        lift_b: forces_b.lift,
+        mean_drag: None,
+        lift_rms: None,
+        frequency: [None; 2],
+        strouhal: [None; 2],
+        drag_error: None,
+        lift_error: None,
+        strouhal_error: None,
+        wall_a: options.wall_a.or_else(|| wall(a)),
+        wall_b: options.wall_b.or_else(|| wall(b)),
+        replaced_fraction: surrogate.as_ref().and_then(|s| s.replaced_fraction),
+        surrogate: surrogate.map(|s: Surrogate| s.summary),
+        times,
+        reference,
+    };
+    result.judge_forces();
+    Ok((result, snapshots))
+}
+
+impl Comparison {
+    fn judge_forces(&mut self) {
+        let Some(reference) = &self.reference else { return };
+        let mean = [signal::mean(&self.drag_a), signal::mean(&self.drag_b)];
+        let rms = [
+            signal::fluctuation(&self.lift_a),
+            signal::fluctuation(&self.lift_b),
+        ];
+        let relative = |v: [f64; 2]| (v[0] != 0.0).then(|| (v[1] / v[0] - 1.0).abs());
+        self.mean_drag = Some(mean);
+        self.lift_rms = Some(rms);
+        self.drag_error = relative(mean);
+        if rms[0] <= QUIET * mean[0].abs() {
+            return;
+        }
+        self.lift_error = relative(rms);
+        let frequency = |lift: &[f64]| signal::dominant_oscillation(&self.times, lift).map(|o| o.frequency);
+        self.frequency = [frequency(&self.lift_a), frequency(&self.lift_b)];
+        self.strouhal = self
+            .frequency
+            .map(|f| f.map(|f| f * reference.length / reference.speed));
+        if let [Some(a), Some(b)] = self.strouhal {
+            self.strouhal_error = relative([a, b]);
+        }
+    }
+
+    /// Indices into the lists at horizons 1, 2, 5, 10, 20, 50 and all, as far as the run goes.
+    fn horizons(&self) -> Vec<usize> {
+        let last = self.times.len() - 1;
+        HORIZONS
+            .iter()
+            .map(|h| h - 1)
+            .filter(|&h| h < last)
+            .chain([last])
+            .collect()
+    }
+
+    /// Velocity errors at the horizons.
+    pub fn error_table(&self) -> Table {
+        let mut table = Table::new([
+            "horizon",
+            "until [s]",
+            "hybrid RMSE [m/s]",
+            "hold last [m/s]",
+            "ratio",
+        ]);
+        for i in self.horizons() {
+            let name = if i + 1 == self.times.len() {
+                format!("all ({})", i + 1)
+            } else {
+                (i + 1).to_string()
+            };
+            let (model, hold) = (self.velocity_rmse[i], self.hold_last_rmse[i]);
+            let ratio = if hold > 0.0 {
+                number(model / hold, 3)
+            } else {
+                "-".into()
+            };
+            table.row([
+                name,
+                seconds(self.times[i]),
+                number(model, 3),
+                number(hold, 3),
+                ratio,
+            ]);
+        }
+        table
+    }
+
+    /// Forces, frequency and wall time.
+    pub fn figure_table(&self) -> Table {
+        let mut table = Table::new(["", "full", "hybrid", "error"]);
+        let text = |v: Option<f64>| v.map_or("-".into(), |v| number(v, 4));
+        let mut row = |name: &str, pair: [Option<f64>; 2], last: String| {
+            table.row([name.to_string(), text(pair[0]), text(pair[1]), last]);
+        };
+        if self.reference.is_some() {
+            row(
+                "mean drag coefficient",
+                pair(self.mean_drag),
+                percent(self.drag_error),
+            );
+            row(
+                "rms lift coefficient",
+                pair(self.lift_rms),
+                percent(self.lift_error),
+            );
+            row(
+                "shedding frequency [1/s]",
+                self.frequency,
+                percent(self.strouhal_error),
+            );
+            row("Strouhal number", self.strouhal, percent(self.strouhal_error));
+        }
+        let gain = match (self.wall_a, self.wall_b) {
+            (Some(a), Some(b)) if b > 0.0 => format!("{} x as fast", number(a / b, 3)),
+            _ => "-".into(),
+        };
+        row("wall time [s]", [self.wall_a, self.wall_b], gain);
+        table
+    }
+
+    /// The comparison as the figures file: errors are relative.
+    pub fn json(&self) -> Result<serde_json::Value> {
+        serde_json::to_value(self).map_err(|e| Error::Internal(format!("figures of a comparison: {e}")))
+    }
+}
+
+/// A time without the digits of rounding.
+pub(crate) fn seconds(time: f64) -> String {
+    format!("{}", (time * 1e9).round() / 1e9)
+}
+
+fn pair(values: Option<[f64; 2]>) -> [Option<f64>; 2] {
+    values.map_or([None; 2], |v| v.map(Some))
+}
+
+fn wall(case: &FoamCase) -> Option<f64> {
+    records::wall_seconds(
+        Path::new(&case.description().path),
+        &case.description().application,
+    )
+}
+
+/// The solved components, cell after cell.
+fn components(field: &[[f64; 3]], directions: &[usize]) -> Vec<f64> {
+    field
+        .iter()
+        .flat_map(|u| directions.iter().map(|&d| u[d]))
+        .collect()
+}
+
+fn same_mesh(a: &mut FoamCase, b: &mut FoamCase) -> Result<()> {
+    let differ = |what: String| {
+        Error::Mesh(format!(
+            "the two cases have different meshes: {what}. Both must be run on the same mesh ({} and {})",
+            a.description().path,
+            b.description().path
+        ))
+    };
+    if a.description().cells != b.description().cells {
+        return Err(differ(format!(
+            "{} and {} cells",
+            a.description().cells,
+            b.description().cells
+        )));
+    }
+    let (ca, cb) = (a.cell_centres()?, b.cell_centres()?);
+    let size = ca.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let far = |(p, q): &(&[f64; 3], &[f64; 3])| (0..3).any(|d| (p[d] - q[d]).abs() > 1e-6 * size);
+    match ca.iter().zip(&cb).position(|pair| far(&pair)) {
+        None => Ok(()),
+        Some(i) => Err(Error::Mesh(format!(
+            "the two cases have different meshes: cell {i} is at {:?} m in {} and at {:?} m in {}. Both must be run on the \
+             same mesh with the same numbering",
+            ca[i],
+            a.description().path,
+            cb[i],
+            b.description().path
+        ))),
+    }
+}
+
+/// Index pair of the field that is held, and the pairs after it.
+type CommonTimes = ((usize, usize), Vec<(usize, usize)>);
+
+fn common_times(a: &FoamCase, b: &FoamCase, takeover: Option<f64>) -> Result<CommonTimes> {
+    let pairs = match_times(&a.description().times, &b.description().times);
+    let time = |p: &(usize, usize)| a.description().times[p.0];
+    let name = |case: &FoamCase| {
+        let d = case.description();
+        match (d.times.first(), d.times.last()) {
+            (Some(first), Some(last)) => {
+                format!("{} has {} times, {first} to {last} s", d.path, d.times.len())
+            }
+            _ => format!("{} has no stored times", d.path),
+        }
+    };
+    let none = || {
+        Error::Input(format!(
+            "fewer than two common times to compare: {}, {}",
+            name(a),
+            name(b)
+        ))
+    };
+    let Some(takeover) = takeover else {
+        // Time 0 holds what the user prescribed, not what a solver computed; U may be missing there.
+        let mut pairs = pairs.into_iter();
+        let hold = pairs.next().ok_or_else(none)?;
+        let rest: Vec<_> = pairs.collect();
+        return if rest.is_empty() {
+            Err(none())
+        } else {
+            Ok((hold, rest))
+        };
+    };
+    let slack = 1e-6 * takeover.abs().max(1e-6);
+    let hold = pairs.iter().copied().rfind(|p| time(p) <= takeover + slack);
+    let after: Vec<_> = pairs
+        .iter()
+        .copied()
+        .filter(|p| time(p) > takeover + slack)
+        .collect();
+    match hold {
+        Some(hold) if !after.is_empty() => Ok((hold, after)),
+        _ => Err(Error::Input(format!(
+            "the surrogate took over at {takeover} s, and there must be common stored times both up to then and after: {}, {}",
+            name(a),
+            name(b)
+        ))),
+    }
+}
+
+/// Pairs of indices of equal times; both lists ascend.
+fn match_times(a: &[f64], b: &[f64]) -> Vec<(usize, usize)> {
+    let (mut i, mut j, mut pairs) = (0, 0, Vec::new());
+    while i < a.len() && j < b.len() {
+        // Time names are written with six digits unless the case says more.
+        if (a[i] - b[j]).abs() <= 2e-6 * a[i].abs().max(b[j].abs()) {
+            pairs.push((i, j));
+            i += 1;
+            j += 1;
+        } else if a[i] < b[j] {
+            i += 1;
+        } else {
+            j += 1;
+        }
+    }
+    pairs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_matched_up_to_the_digits_of_their_names() {
+        let a = [0.0, 0.1, 0.2, 0.3, 0.4];
+        let b = [0.0, 0.2000001, 0.35, 0.4];
+        assert_eq!(match_times(&a, &b), [(0, 0), (2, 1), (4, 3)]);
+        assert!(match_times(&a, &[]).is_empty());
+    }
+
+    #[test]
+    fn only_solved_components_count() {
+        assert_eq!(
+            components(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &[0, 2]),
+            [1.0, 3.0, 4.0, 6.0]
+        );
+    }
+}

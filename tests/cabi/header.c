@@ -1,0 +1,33 @@
+/* m4gn.h is plain C, and a C program can ask for the version and be told what is wrong. */
+
+#include "m4gn.h"
+
+#include <stdio.h>
+#include <string.h>
+
+int main(void)
+{
+    m4gn_session_options options;
+    m4gn_session* session = (m4gn_session*)&options;
+    int failed = 0;
+
+    failed += m4gn_abi_version() != M4GN_ABI_VERSION;
+    failed += strlen(m4gn_version()) < 5;
+    failed += strlen(m4gn_last_error()) != 0;
+
+    m4gn_session_options_init(&options);
+    failed += options.model != NULL || options.modes != -1 || options.tau >= 0 || options.n_threads != 0;
+
+    failed += m4gn_session_new(M4GN_NO_MPI, NULL, &options, &session) != M4GN_ERROR_INPUT;
+    failed += session != NULL;
+    failed += strstr(m4gn_last_error(), "mesh") == NULL;
+
+    m4gn_session_free(NULL);
+    m4gn_recorder_free(NULL);
+
+    if (failed)
+    {
+        fprintf(stderr, "%d checks failed; last error: %s\n", failed, m4gn_last_error());
+    }
+    return failed != 0;
+}

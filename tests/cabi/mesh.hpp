@@ -1,0 +1,238 @@
+// A channel of nx x ny rectangles on [0, nx] x [0, ny] as a host describes it, whole or one rank's strip of it.
+
+#ifndef M4GN_TEST_MESH_HPP
+#define M4GN_TEST_MESH_HPP
+
+#include "m4gn.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+// Unlike assert, there in every build.
+#define REQUIRE(condition)                                                                          \
+    do                                                                                              \
+    {                                                                                               \
+        if (!(condition))                                                                           \
+        {                                                                                           \
+            std::fprintf(stderr, "%s:%d: %s\n  last error: %s\n", __FILE__, __LINE__, #condition,   \
+                m4gn_last_error());                                                                 \
+            std::exit(1);                                                                           \
+        }                                                                                           \
+    } while (false)
+
+class Channel
+{
+public:
+    std::vector<int64_t> cellGlobal, boundaryGlobal, coupledGlobal;
+    std::vector<double> cellCentres, cellVolumes, faceCoeff, boundaryCentres, boundaryArea, boundaryCoeff;
+    std::vector<double> coupledDelta, coupledCoeff;
+    std::vector<int32_t> faceOwner, faceNeighbour, boundaryOwner, boundaryType, boundaryPatch;
+    std::vector<int32_t> coupledOwner, coupledRank;
+    std::vector<const char*> patches{"inlet", "outlet", "walls"};
+    m4gn_mesh_data data{};
+
+    // The columns [nx*rank/size, nx*(rank+1)/size) are this rank's.
+    Channel(int nx, int ny, int rank = 0, int size = 1)
+    :
+        nx_(nx),
+        first_(nx*rank/size),
+        last_(nx*(rank + 1)/size)
+    {
+        for (int j = 0; j < ny; ++j)
+        {
+            for (int i = first_; i < last_; ++i)
+            {
+                cellGlobal.push_back(j*nx + i);
+                append(cellCentres, i + 0.5, j + 0.5);
+                cellVolumes.push_back(1);
+            }
+        }
+        for (int j = 0; j < ny; ++j)
+        {
+            for (int i = first_; i < last_; ++i)
+            {
+                if (i + 1 < last_)
+                {
+                    face(cell(i, j), cell(i + 1, j));
+                }
+                if (j + 1 < ny)
+                {
+                    face(cell(i, j), cell(i, j + 1));
+                }
+            }
+            if (first_ > 0)
+            {
+                coupled(cell(first_, j), owner(first_ - 1, size), j*nx + first_ - 1, -1);
+            }
+            if (last_ < nx)
+            {
+                coupled(cell(last_ - 1, j), owner(last_, size), j*nx + last_, 1);
+            }
+        }
+        // Numbered inlet, outlet, lower wall, upper wall.
+        for (int j = 0; j < ny; ++j)
+        {
+            if (first_ == 0)
+            {
+                boundary(cell(0, j), j, 0, j + 0.5, -1, 0, M4GN_INLET, 0);
+            }
+            if (last_ == nx)
+            {
+                boundary(cell(nx - 1, j), ny + j, nx, j + 0.5, 1, 0, M4GN_OUTLET, 1);
+            }
+        }
+        for (int i = first_; i < last_; ++i)
+        {
+            boundary(cell(i, 0), 2*ny + i, i + 0.5, 0, 0, -1, M4GN_WALL, 2);
+            boundary(cell(i, ny - 1), 2*ny + nx + i, i + 0.5, ny, 0, 1, M4GN_WALL, 2);
+        }
+        describe();
+    }
+
+    Channel(const Channel&) = delete;
+
+    int nCells() const { return data.n_cells; }
+    int nBoundary() const { return data.n_boundary; }
+
+private:
+    int nx_, first_, last_;
+
+    int cell(int i, int j) const { return j*(last_ - first_) + i - first_; }
+
+    int owner(int i, int size) const
+    {
+        int rank = 0;
+        while (nx_*(rank + 1)/size <= i)
+        {
+            ++rank;
+        }
+        return rank;
+    }
+
+    static void append(std::vector<double>& list, double x, double y)
+    {
+        list.push_back(x);
+        list.push_back(y);
+        list.push_back(0.5);
+    }
+
+    void face(int a, int b)
+    {
+        faceOwner.push_back(a);
+        faceNeighbour.push_back(b);
+        faceCoeff.push_back(1);
+    }
+
+    void coupled(int own, int rank, int64_t global, double dx)
+    {
+        coupledOwner.push_back(own);
+        coupledRank.push_back(rank);
+        coupledGlobal.push_back(global);
+        coupledDelta.insert(coupledDelta.end(), {dx, 0, 0});
+        coupledCoeff.push_back(1);
+    }
+
+    void boundary(int own, int global, double x, double y, double ax, double ay, int type, int patch)
+    {
+        boundaryOwner.push_back(own);
+        boundaryGlobal.push_back(global);
+        append(boundaryCentres, x, y);
+        boundaryArea.insert(boundaryArea.end(), {ax, ay, 0});
+        boundaryCoeff.push_back(2);
+        boundaryType.push_back(type);
+        boundaryPatch.push_back(patch);
+    }
+
+    void describe()
+    {
+        data.n_directions = 2;
+        data.directions[0] = 0;
+        data.directions[1] = 1;
+        data.n_cells = static_cast<int32_t>(cellGlobal.size());
+        data.cell_global = cellGlobal.data();
+        data.cell_centres = cellCentres.data();
+        data.cell_volumes = cellVolumes.data();
+        data.n_faces = static_cast<int32_t>(faceOwner.size());
+        data.face_owner = faceOwner.data();
+        data.face_neighbour = faceNeighbour.data();
+        data.face_coeff = faceCoeff.data();
+        data.n_boundary = static_cast<int32_t>(boundaryOwner.size());
+        data.boundary_owner = boundaryOwner.data();
+        data.boundary_global = boundaryGlobal.data();
+        data.boundary_centres = boundaryCentres.data();
+        data.boundary_area = boundaryArea.data();
+        data.boundary_coeff = boundaryCoeff.data();
+        data.boundary_type = boundaryType.data();
+        data.boundary_patch = boundaryPatch.data();
+        data.n_coupled = static_cast<int32_t>(coupledOwner.size());
+        data.coupled_owner = coupledOwner.data();
+        data.coupled_rank = coupledRank.data();
+        data.coupled_global = coupledGlobal.data();
+        data.coupled_delta = coupledDelta.data();
+        data.coupled_coeff = coupledCoeff.data();
+        data.n_patches = static_cast<int32_t>(patches.size());
+        data.patch_names = patches.data();
+    }
+};
+
+// Fields that are the same functions of global numbers on any number of ranks.
+struct Fields
+{
+    std::vector<double> U, UBoundary, p, pBoundary;
+
+    explicit Fields(const Channel& mesh)
+    {
+        for (int64_t g : mesh.cellGlobal)
+        {
+            U.insert(U.end(), {std::sin(0.3*g), std::cos(0.7*g), 5});
+            p.push_back(std::sin(1.1*g));
+        }
+        for (int64_t g : mesh.boundaryGlobal)
+        {
+            UBoundary.insert(UBoundary.end(), {0.1*std::sin(0.2*g), 0, 5});
+            pBoundary.push_back(0.5*std::cos(0.4*g));
+        }
+    }
+
+    std::vector<m4gn_field> in() const
+    {
+        return {{"U", 3, U.data(), UBoundary.data()}, {"p", 1, p.data(), pBoundary.data()}};
+    }
+
+    std::vector<m4gn_field_out> out()
+    {
+        return {{"U", 3, U.data()}, {"p", 1, p.data()}};
+    }
+};
+
+// Runs an action that must throw; returns its status, and its message in `message`.
+template<class Action>
+int32_t failure(std::string& message, const Action& action)
+{
+    try
+    {
+        action();
+    }
+    catch (const m4gn::Error& error)
+    {
+        message = error.what();
+        return error.status();
+    }
+    message.clear();
+    return M4GN_OK;
+}
+
+inline bool contains(const std::string& text, const std::string& part)
+{
+    if (text.find(part) == std::string::npos)
+    {
+        std::fprintf(stderr, "\"%s\" is not in \"%s\"\n", part.c_str(), text.c_str());
+        return false;
+    }
+    return true;
+}
+
+#endif

@@ -1,0 +1,208 @@
+// The surrogate through the C ABI: a step, every kind of refusal, and the host's floating-point traps.
+
+#include "mesh.hpp"
+
+#include <cfenv>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+
+namespace
+{
+
+const std::string model = std::string(M4GN_TEST_DATA) + "/small.safetensors";
+
+void steps()
+{
+    Channel mesh(6, 4);
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(model.c_str()));
+
+    REQUIRE(session.stride() == 0.01);
+    REQUIRE(session.nSegments() == 4);
+    const auto fields = session.fields();
+    REQUIRE(fields.size() == 2);
+    REQUIRE(!std::strcmp(fields[0].name, "U") && fields[0].components == 3 && fields[0].dimensions[1] == 1);
+    REQUIRE(!std::strcmp(fields[1].name, "p") && fields[1].components == 1 && fields[1].dimensions[2] == -2);
+    REQUIRE(fields[0].is_input && fields[0].is_output);
+    m4gn_field_info info;
+    REQUIRE(m4gn_session_field(session.get(), 2, &info) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_session_field(session.get(), -1, &info) == M4GN_ERROR_INPUT);
+
+    const auto segments = session.segments(mesh.nCells());
+    std::vector<int> sizes(4);
+    for (int32_t s : segments)
+    {
+        REQUIRE(s >= 0 && s < 4);
+        ++sizes[s];
+    }
+    for (int size : sizes)
+    {
+        REQUIRE(size > 0);
+    }
+
+    Fields fields1(mesh);
+    const Fields before(mesh);
+    session.step(fields1.in(), fields1.out());
+    double change = 0;
+    for (int c = 0; c < mesh.nCells(); ++c)
+    {
+        REQUIRE(std::isfinite(fields1.U[3*c]) && std::isfinite(fields1.p[c]));
+        REQUIRE(fields1.U[3*c + 2] == 5);
+        change += std::abs(fields1.U[3*c] - before.U[3*c]);
+    }
+    REQUIRE(change > 1e-3);
+
+    // Separate arrays, and segments handed in, give the same.
+    auto options = m4gn::sessionOptions(model.c_str());
+    options.cell_segment = segments.data();
+    options.n_threads = 2;
+    m4gn::Session again(M4GN_NO_MPI, mesh.data, options);
+    Fields fields2(mesh);
+    again.step(before.in(), fields2.out());
+    REQUIRE(fields2.U == fields1.U && fields2.p == fields1.p);
+}
+
+void refusesModels()
+{
+    Channel mesh(6, 4);
+    std::string message;
+    const auto open = [&](const std::string& path)
+    {
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(path.c_str())); });
+    };
+    REQUIRE(open("/no/such/model.safetensors") == M4GN_ERROR_FILE);
+    REQUIRE(contains(message, "/no/such/model.safetensors") && contains(message, "No such file"));
+
+    std::ifstream file(model, std::ios::binary);
+    const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+    const std::string damaged = "damaged-" + std::to_string(bytes.size()) + ".safetensors";
+    for (const std::string& content : {bytes.substr(0, bytes.size() - 7), bytes.substr(0, 20), std::string()})
+    {
+        std::ofstream(damaged, std::ios::binary) << content;
+        REQUIRE(open(damaged) == M4GN_ERROR_FILE);
+        REQUIRE(contains(message, damaged) && contains(message, "truncated"));
+    }
+    std::remove(damaged.c_str());
+
+    REQUIRE(open("") == M4GN_ERROR_FILE);
+    m4gn_session_options none;
+    m4gn_session_options_init(&none);
+    REQUIRE(failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, none); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "model"));
+}
+
+void refusesOptions()
+{
+    Channel mesh(6, 4);
+    std::string message;
+    const auto with = [&](void (*change)(m4gn_session_options&))
+    {
+        auto options = m4gn::sessionOptions(model.c_str());
+        change(options);
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, options); });
+    };
+    REQUIRE(with([](m4gn_session_options& o) { o.segments = 25; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "25") && contains(message, "24"));
+    REQUIRE(with([](m4gn_session_options& o) { o.segments = -1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.n_threads = -1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.tau = NAN; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.backend = "abacus"; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "abacus"));
+    REQUIRE(with([](m4gn_session_options& o) { o.segment_method = "scissors"; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "scissors"));
+    static const std::vector<int32_t> labels(24, 9);
+    REQUIRE(with([](m4gn_session_options& o) { o.cell_segment = labels.data(); }) == M4GN_ERROR_INPUT);
+}
+
+void refusesMeshes()
+{
+    std::string message;
+    const auto with = [&](void (*change)(Channel&))
+    {
+        Channel mesh(6, 4);
+        change(mesh);
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(model.c_str())); });
+    };
+    REQUIRE(with([](Channel& m) { m.data.n_cells = -1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](Channel& m) { m.data.cell_centres = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "cell_centres"));
+    REQUIRE(with([](Channel& m) { m.data.n_directions = 1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](Channel& m) { m.data.n_directions = 3; m.data.directions[2] = 2; }) == M4GN_ERROR_MODEL);
+    REQUIRE(contains(message, "2 dimensions"));
+    REQUIRE(with([](Channel& m) { m.faceOwner[3] = 24; }) == M4GN_ERROR_MESH);
+    REQUIRE(contains(message, "face_owner[3]"));
+    REQUIRE(with([](Channel& m) { m.boundaryOwner[0] = -1; }) == M4GN_ERROR_MESH);
+    REQUIRE(with([](Channel& m) { m.boundaryType[2] = 17; }) == M4GN_ERROR_MESH);
+    REQUIRE(contains(message, "boundary_type[2]"));
+    REQUIRE(with([](Channel& m) { m.boundaryType[0] = M4GN_SYMMETRY; }) == M4GN_ERROR_MODEL);
+    REQUIRE(contains(message, "patch 'inlet' is symmetry"));
+    REQUIRE(with([](Channel& m) { m.boundaryPatch[1] = 3; }) == M4GN_ERROR_MESH);
+    REQUIRE(with([](Channel& m) { m.cellGlobal[1] = 0; }) == M4GN_ERROR_MESH);
+    REQUIRE(with([](Channel& m) { m.cellVolumes[0] = 0; }) == M4GN_ERROR_MESH);
+    REQUIRE(with([](Channel& m) { m.cellCentres[4] = INFINITY; }) == M4GN_ERROR_MESH);
+    REQUIRE(with([](Channel& m) { m.patches[1] = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "patch_names[1]"));
+    // A communicator where there is no MPI.
+    Channel mesh(6, 4);
+    REQUIRE(failure(message, [&] { m4gn::Session(0, mesh.data, m4gn::sessionOptions(model.c_str())); })
+        == M4GN_ERROR_INPUT);
+}
+
+void refusesFields()
+{
+    Channel mesh(6, 4);
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(model.c_str()));
+    std::string message;
+    const auto with = [&](void (*change)(std::vector<m4gn_field>&, std::vector<m4gn_field_out>&))
+    {
+        Fields fields(mesh);
+        const auto before = fields;
+        auto in = fields.in();
+        auto out = fields.out();
+        change(in, out);
+        const int32_t status = failure(message, [&] { session.step(in, out); });
+        REQUIRE(fields.U == before.U && fields.p == before.p);
+        return status;
+    };
+    using In = std::vector<m4gn_field>;
+    using Out = std::vector<m4gn_field_out>;
+    REQUIRE(with([](In& in, Out&) { in.pop_back(); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "'p' is missing"));
+    REQUIRE(with([](In& in, Out&) { in[0].name = "V"; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In& in, Out&) { in[0].name = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In& in, Out&) { in[0].components = 2; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In& in, Out&) { in[0].components = 1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In& in, Out&) { in[1].cells = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In& in, Out&) { in[1].boundary = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In&, Out& out) { out[1].name = "T"; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "does not predict 'T'"));
+    REQUIRE(with([](In&, Out& out) { out[1].cells = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](In&, Out& out) { out.clear(); }) == M4GN_ERROR_INPUT);
+    static std::vector<double> bad(24, NAN);
+    REQUIRE(with([](In& in, Out&) { in[1].cells = bad.data(); }) == M4GN_ERROR_NUMERICAL);
+    static std::vector<double> huge(24, 1e300);
+    REQUIRE(with([](In& in, Out&) { in[1].cells = huge.data(); }) == M4GN_ERROR_NUMERICAL);
+    // Still usable.
+    Fields fields(mesh);
+    session.step(fields.in(), fields.out());
+}
+
+} // namespace
+
+int main()
+{
+    // As OpenFOAM's FOAM_SIGFPE does: a division by zero in here would kill this program.
+    const int traps = FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW;
+    feenableexcept(traps);
+    steps();
+    REQUIRE(fegetexcept() == traps);
+    refusesModels();
+    refusesOptions();
+    refusesMeshes();
+    REQUIRE(fegetexcept() == traps);
+    refusesFields();
+    REQUIRE(fegetexcept() == traps);
+    REQUIRE(std::fetestexcept(FE_DIVBYZERO | FE_INVALID) == 0);
+    std::puts("session: ok");
+    return 0;
+}

@@ -1,0 +1,216 @@
+//! A step on several ranks against the same step on one: run as `mpirun -np P <this binary>` for P = 1, 2, 3.
+//!
+//! Every rank also runs the whole mesh in serial and compares by global numbers. Without mpirun this is a run on one
+//! rank.
+
+use m4gn::mesh::{Mesh, NodeType, sample};
+use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
+use m4gn::parallel::{Comm, finalize};
+use m4gn::step::{Field, FieldMut, Session, SessionOptions};
+use m4gn::{Error, Result};
+use std::process::ExitCode;
+
+/// Sums of neighbours and segments come in another order: a few units in the last place of fp32 a layer.
+const TOLERANCE: f64 = 1e-5;
+
+fn main() -> ExitCode {
+    let comm = match Comm::world() {
+        Ok(comm) => comm,
+        Err(e) => {
+            eprintln!("mpi_engine: {e}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let failures = run(&comm);
+    failures
+        .iter()
+        .for_each(|f| eprintln!("mpi_engine, rank {} of {}: {f}", comm.rank(), comm.size()));
+    let mut count = [failures.len() as i64];
+    comm.sum_i64(&mut count);
+    if comm.is_root() && count[0] == 0 {
+        println!("mpi_engine: ok on {} ranks", comm.size());
+    }
+    drop(comm);
+    finalize();
+    if count[0] == 0 {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}
+
+fn run(comm: &Comm) -> Vec<String> {
+    let mut failures = Vec::new();
+    let size = comm.size();
+    let triangles = sample::triangles(17, 9, 1.6, 0.41);
+    let mut cyclic = sample::rectangle(12, 7, 1.2, 0.7);
+    sample::make_cyclic(&mut cyclic, 1.2);
+    let block = sample::block([6, 5, 4], [1.0, 0.8, 0.6]);
+    for (what, mesh) in [("triangles", &triangles), ("cyclic", &cyclic), ("block", &block)] {
+        let n = mesh.n_cells();
+        let scattered: Vec<i32> = (0..n).map(|c| ((c / 5 * 7919) % size as usize) as i32).collect();
+        let all_on_last = vec![size - 1; n];
+        for (how, ranks) in [
+            ("strips", sample::strips(n, size)),
+            ("scattered", scattered),
+            ("the last rank alone", all_on_last),
+        ] {
+            for (layers_after, overlap, rwse_steps) in [(0, 0, 4), (1, 0, 0), (2, 1, 3)] {
+                let spec = spec(mesh.dim(), layers_after, overlap, rwse_steps);
+                let name = format!("{what}, {how}, {layers_after} layers after, overlap {overlap}");
+                match compare(comm, mesh, &ranks, spec) {
+                    Ok(error) if error < TOLERANCE => {}
+                    Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
+                    Err(e) => failures.push(format!("{name}: {e}")),
+                }
+            }
+        }
+    }
+    if let Err(e) = disagreement(comm, &triangles) {
+        failures.push(e);
+    }
+    failures
+}
+
+/// Largest difference of two steps from serial, relative to the largest value; the labels must be the same.
+fn compare(comm: &Comm, mesh: &Mesh, ranks: &[i32], spec: ModelSpec) -> Result<f64> {
+    let model = Model::random(spec, 21)?;
+    let mut serial = Session::new(Comm::serial(), mesh, &model, &SessionOptions::default())?;
+    let mut expected = State::new(mesh);
+    let part = sample::part(mesh, ranks, comm.rank());
+    let mut session = Session::new(comm.clone(), &part, &model, &SessionOptions::default())?;
+    let mut found = State::new(&part);
+    for _ in 0..2 {
+        expected.step(&mut serial)?;
+        found.step(&mut session)?;
+    }
+    let largest = expected
+        .u
+        .iter()
+        .chain(&expected.p)
+        .fold(0f64, |m, v| m.max(v.abs()));
+    let mut error = 0f64;
+    for (c, &global) in part.cell_global.iter().enumerate() {
+        let g = global as usize;
+        if session.cell_segment()[c] != serial.cell_segment()[g] {
+            return Err(Error::Internal(format!(
+                "cell {g} has another segment than in serial"
+            )));
+        }
+        for i in 0..3 {
+            error = error.max((found.u[3 * c + i] - expected.u[3 * g + i]).abs());
+        }
+        error = error.max((found.p[c] - expected.p[g]).abs());
+    }
+    Ok(error / largest)
+}
+
+/// A bad value on one rank is an error on all, of the class that says where it was.
+fn disagreement(comm: &Comm, mesh: &Mesh) -> std::result::Result<(), String> {
+    let part = sample::part(mesh, &sample::strips(mesh.n_cells(), comm.size()), comm.rank());
+    let model = Model::random(spec(2, 1, 0, 0), 3).map_err(|e| e.to_string())?;
+    let mut session =
+        Session::new(comm.clone(), &part, &model, &SessionOptions::default()).map_err(|e| e.to_string())?;
+    let mut state = State::new(&part);
+    let culprit = comm.rank() == comm.size() - 1;
+    if culprit {
+        state.p[0] = f64::NAN;
+    }
+    match (culprit, state.step(&mut session)) {
+        (true, Err(Error::Numerical(_))) | (false, Err(Error::OtherRank { .. })) => Ok(()),
+        (_, other) => Err(format!("a NaN on the last rank gave {other:?} here")),
+    }
+}
+
+/// Fields that are functions of global numbers.
+struct State {
+    u: Vec<f64>,
+    u_boundary: Vec<f64>,
+    p: Vec<f64>,
+    p_boundary: Vec<f64>,
+}
+
+impl State {
+    fn new(mesh: &Mesh) -> Self {
+        let wave = |g: i64, k: f64| (k * g as f64).sin();
+        let cells = mesh.cell_global.iter();
+        let faces = mesh.boundary.iter().map(|b| b.global);
+        State {
+            u: cells
+                .clone()
+                .flat_map(|&g| [wave(g, 0.3), wave(g, 0.7), wave(g, 0.9)])
+                .collect(),
+            u_boundary: faces.clone().flat_map(|g| [wave(g, 0.2), 0.0, 0.0]).collect(),
+            p: cells.map(|&g| wave(g, 1.1)).collect(),
+            p_boundary: faces.map(|g| wave(g, 0.4)).collect(),
+        }
+    }
+
+    fn step(&mut self, session: &mut Session) -> Result<()> {
+        let (u, p) = (self.u.clone(), self.p.clone());
+        let fields = [
+            Field {
+                name: "U",
+                components: 3,
+                cells: &u,
+                boundary: &self.u_boundary,
+            },
+            Field {
+                name: "p",
+                components: 1,
+                cells: &p,
+                boundary: &self.p_boundary,
+            },
+        ];
+        let mut out = [
+            FieldMut {
+                name: "p",
+                components: 1,
+                cells: &mut self.p,
+            },
+            FieldMut {
+                name: "U",
+                components: 3,
+                cells: &mut self.u,
+            },
+        ];
+        session.step(&fields, &mut out)
+    }
+}
+
+fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> ModelSpec {
+    let field = |name: &str, vector, output| FieldSpec {
+        name: name.into(),
+        vector,
+        dimensions: [0; 7],
+        input: true,
+        output,
+    };
+    ModelSpec {
+        format: 1,
+        dim,
+        stride: 0.01,
+        fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
+        node_types: NodeType::ALL.to_vec(),
+        architecture: Architecture {
+            width: 24,
+            hidden_layers: 1,
+            activation: Activation::Silu,
+            layers_before: 3,
+            layers_after,
+            segment_transformer: Some(MacroSpec {
+                layers: 2,
+                heads: 3,
+                ffn_width: 32,
+                rwse_steps,
+            }),
+        },
+        segments: SegmentSpec {
+            count: 6,
+            modes: 3,
+            overlap,
+            ..SegmentSpec::default()
+        },
+        training: serde_json::Value::Null,
+    }
+}

@@ -1,0 +1,116 @@
+//! A step allocates nothing: a solver calls it thousands of times beside its own work.
+#![allow(unsafe_code)]
+
+use m4gn::mesh::{NodeType, sample};
+use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
+use m4gn::parallel::Comm;
+use m4gn::step::{Field, FieldMut, Session, SessionOptions};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+thread_local! {
+    static COUNT: Cell<usize> = const { Cell::new(0) };
+}
+
+/// The system's allocator, counting what this thread asks for.
+struct Counting;
+
+// SAFETY: all work is the system allocator's.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let _ = COUNT.try_with(|c| c.set(c.get() + 1));
+        // SAFETY: passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn a_step_allocates_nothing() {
+    let field = |name: &str, vector, output| FieldSpec {
+        name: name.into(),
+        vector,
+        dimensions: [0; 7],
+        input: true,
+        output,
+    };
+    for (width, hidden_layers, overlap) in [(64, 1, 0), (128, 2, 1), (20, 0, 0)] {
+        let spec = ModelSpec {
+            format: 1,
+            dim: 2,
+            stride: 0.01,
+            fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
+            node_types: NodeType::ALL.to_vec(),
+            architecture: Architecture {
+                width,
+                hidden_layers,
+                activation: Activation::Silu,
+                layers_before: 2,
+                layers_after: 2,
+                segment_transformer: Some(MacroSpec {
+                    layers: 2,
+                    heads: 4,
+                    ffn_width: 100,
+                    rwse_steps: 3,
+                }),
+            },
+            segments: SegmentSpec {
+                count: 12,
+                overlap,
+                ..SegmentSpec::default()
+            },
+            training: serde_json::Value::Null,
+        };
+        let mesh = sample::triangles(30, 12, 1.6, 0.41);
+        let model = Model::random(spec, 1).unwrap();
+        let mut session = Session::new(Comm::serial(), &mesh, &model, &SessionOptions::default()).unwrap();
+        let (n, b) = (mesh.n_cells(), mesh.boundary.len());
+        let (u, ub, p, pb) = (vec![0.1; 3 * n], vec![0.2; 3 * b], vec![0.3; n], vec![0.4; b]);
+        let (mut u_new, mut p_new) = (vec![0.0; 3 * n], vec![0.0; n]);
+        let mut step = || {
+            let fields = [
+                Field {
+                    name: "U",
+                    components: 3,
+                    cells: &u,
+                    boundary: &ub,
+                },
+                Field {
+                    name: "p",
+                    components: 1,
+                    cells: &p,
+                    boundary: &pb,
+                },
+            ];
+            let mut out = [
+                FieldMut {
+                    name: "U",
+                    components: 3,
+                    cells: &mut u_new,
+                },
+                FieldMut {
+                    name: "p",
+                    components: 1,
+                    cells: &mut p_new,
+                },
+            ];
+            let before = COUNT.get();
+            session.step(&fields, &mut out).unwrap();
+            COUNT.get() - before
+        };
+        // The first product of a thread makes the GEMM library's packing buffer.
+        let first = step();
+        let later = step() + step();
+        assert_eq!(
+            later, 0,
+            "width {width}: the first step allocated {first} times, two later ones {later} times"
+        );
+    }
+}
