@@ -346,7 +346,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
             }
         }
     }
-    Pstream::scatterList(faces);
+    Pstream::scatter(faces);
 
     const labelList& mine = faces[Pstream::myProcNo()];
     forAll(mine, nodei)
