@@ -332,6 +332,54 @@ fn openfoams_own_messages_become_errors() {
     assert!(error.contains("size 1 is not equal to"), "{error}");
 }
 
+#[test]
+fn a_decomposed_case_is_read_without_reconstructing_it() {
+    let _alone = alone();
+    let dir = TempDir::new().unwrap();
+    cube(dir.path(), false, "patch");
+    let values = "inlet{type fixedValue; value uniform (1 0 0);} outlet{type zeroGradient;} sides{type slip;} body{type noSlip;}";
+    let p = "inlet{type zeroGradient;} outlet{type zeroGradient;} body{type zeroGradient;} sides{type zeroGradient;}";
+    for time in ["0", "1"] {
+        field(dir.path(), time, "U", ["(1 0 0)", "(3 0 0)"], values);
+        field(dir.path(), time, "p", ["1", "2"], p);
+    }
+    let whole = open(dir.path()).unwrap().force("body", 1).unwrap();
+    let method = "numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }";
+    put(dir.path(), "system/decomposeParDict", "dictionary", method);
+    let project = std::env::var("WM_PROJECT_DIR").unwrap_or_else(|_| "/usr/share/openfoam".into());
+    let mut command = Command::new("decomposePar");
+    let run = command
+        .args(["-time", "0:1", "-case"])
+        .arg(dir.path())
+        .env("WM_PROJECT_DIR", project)
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stdout));
+    fs::remove_dir_all(dir.path().join("1")).unwrap();
+
+    let mut case = open(dir.path()).unwrap();
+    assert_eq!(
+        (case.description().processors, case.description().times.as_slice()),
+        (2, &[0.0, 1.0][..])
+    );
+    assert_eq!(
+        case.vector_field("U", 1).unwrap(),
+        [[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]
+    );
+    assert_eq!(case.scalar_field("p", 1).unwrap(), [1.0, 2.0]);
+    let force = case.force("body", 1).unwrap();
+    assert!(
+        near(force.pressure, whole.pressure) && near(force.viscous, whole.viscous),
+        "{force:?}, {whole:?}"
+    );
+    assert!(
+        case.vector_field("V", 1)
+            .unwrap_err()
+            .to_string()
+            .contains("processor0/1/V")
+    );
+}
+
 fn m4gn(args: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
     command.args(args).env_remove("WM_PROJECT_DIR").output().unwrap()
@@ -427,7 +475,7 @@ fn compare_refuses_what_cannot_be_compared() {
         let text = String::from_utf8_lossy(&run.stderr).into_owned();
         assert_eq!(run.status.code(), Some(1), "{args:?}: {text}");
         assert!(
-            text.starts_with("error: ") && text.contains(words),
+            text.starts_with("m4gn: ") && text.contains(words),
             "{args:?}: expected '{words}' in '{text}'"
         );
         assert!(!json.exists(), "{args:?} left a file of figures");

@@ -6,7 +6,6 @@ use crate::{
     foam_case::FoamCase,
     report::{percent, write_file},
 };
-use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
@@ -76,16 +75,14 @@ pub fn run(args: Args) -> Result<()> {
         wall_b: args.wall_b,
         snapshots: args.pictures,
     };
-    let bar = ProgressBar::new(0);
-    bar.set_style(
-        ProgressStyle::with_template("comparing {wide_bar} {pos}/{len} times {eta}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    );
+    let bar = super::progress_bar(0, "times");
     let result = compare::compare(&mut a, &mut b, &options, |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
+        if let Some(bar) = &bar {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        }
     });
-    bar.finish_and_clear();
+    bar.iter().for_each(|b| b.finish_and_clear());
     let (comparison, snapshots) = result?;
 
     println!("full    {}", comparison.case_a);
@@ -119,11 +116,7 @@ pub fn run(args: Args) -> Result<()> {
         true => compare::picture(&a.polygons()?, &snapshots),
         false => None,
     };
-    if let Some(path) = &args.json {
-        let text =
-            serde_json::to_string_pretty(&comparison.json()?).map_err(|e| Error::Internal(e.to_string()))?;
-        write_file(path, (text + "\n").as_bytes())?;
-    }
+    super::write_json(args.json.as_deref(), &comparison.json()?)?;
     if let Some(path) = &args.html {
         compare::report(&comparison, picture.as_ref())?.write(path)?;
     }

@@ -8,6 +8,7 @@ mod output;
 mod stop;
 pub mod torch_library;
 pub mod train;
+pub mod validate;
 
 pub use output::{progress_bar, write_json};
 pub use stop::stop_flag;
@@ -33,6 +34,7 @@ enum Command {
     Generate(generate::Args),
     Info(info::Args),
     Train(train::Args),
+    Validate(validate::Args),
     Compare(compare::Args),
     Doctor(doctor::Args),
 }
@@ -45,6 +47,7 @@ pub fn main() -> ExitCode {
         Command::Generate(args) => generate::run(args),
         Command::Info(args) => info::run(args),
         Command::Train(args) => train::run(args),
+        Command::Validate(args) => validate::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Doctor(args) => doctor::run(args),
     };

@@ -50,9 +50,16 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
     if number("replaced_time").is_none_or(|t| t <= 0.0) {
         return Ok(None);
     }
-    let takeover = match number("takeover_time") {
-        Some(t) => t,
-        None => first_row(&folder.join("surrogate.dat"))?,
+    // The table says where the first jump began; the summary, from when on jumps were allowed.
+    let takeover = match (first_jump(folder, number("stride")), number("takeover_time")) {
+        (Some(first), allowed) => first.max(allowed.unwrap_or(f64::NEG_INFINITY)),
+        (None, Some(allowed)) => allowed,
+        (None, None) => {
+            return Err(Error::file(
+                folder,
+                "expected the table of m4gnSurrogate (*.dat) beside its summary.json, found none",
+            ));
+        }
     };
     Ok(Some(Surrogate {
         takeover,
@@ -61,15 +68,21 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
     }))
 }
 
-/// Time of the first row of a table of OpenFOAM's: comments start with #, time is the first column.
-fn first_row(path: &Path) -> Result<f64> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
-    let rows = text.lines().filter(|l| !l.trim_start().starts_with('#'));
-    let time = rows
-        .filter_map(|l| l.split_whitespace().next()?.parse::<f64>().ok())
-        .find(|t| t.is_finite());
-    time.ok_or_else(|| Error::file(path, "expected a row that starts with a time, found none"))
+/// Where the first jump began: the first row of the table beside the summary holds the time at its end and the number
+/// of its steps.
+fn first_jump(folder: &Path, stride: Option<f64>) -> Option<f64> {
+    let tables = std::fs::read_dir(folder).ok()?.flatten().map(|e| e.path());
+    let tables = tables.filter(|p| p.extension().is_some_and(|e| e == "dat"));
+    let starts = tables.filter_map(|path| {
+        let text = std::fs::read_to_string(path).ok()?;
+        let row = text
+            .lines()
+            .find(|l| !l.trim_start().starts_with('#') && !l.trim().is_empty())?;
+        let mut numbers = row.split_whitespace().map(|w| w.parse::<f64>().ok());
+        let (end, steps) = (numbers.next()??, numbers.next()??);
+        Some(end - steps * stride?).filter(|t| t.is_finite())
+    });
+    starts.reduce(f64::min)
 }
 
 fn started(folder: &Path) -> f64 {
@@ -148,26 +161,20 @@ mod tests {
         // Another function object's file is none of ours.
         fs::write(folder("0").join("summary.json"), "{\"other\": 1}").unwrap();
         assert!(surrogate(dir.path()).unwrap().is_none());
-        fs::write(
-            folder("1").join("summary.json"),
-            r#"{"replaced_time": 2.0, "replaced_fraction": 0.8}"#,
-        )
-        .unwrap();
-        assert!(
-            surrogate(dir.path())
-                .unwrap_err()
-                .to_string()
-                .contains("surrogate.dat")
-        );
-        fs::write(
-            folder("1").join("surrogate.dat"),
-            "# Surrogate\n# Time\tseconds\n1.05\t0.1\n1.10\t0.1\n",
-        )
-        .unwrap();
-        let text = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
-        fs::write(folder("3.5").join("summary.json"), text).unwrap();
+        let one = r#"{"replaced_time": 2.0, "replaced_fraction": 0.8, "stride": 0.05}"#;
+        fs::write(folder("1").join("summary.json"), one).unwrap();
+        let missing = surrogate(dir.path()).unwrap_err().to_string();
+        assert!(missing.contains("table of m4gnSurrogate"), "{missing}");
+        // Three steps that ended at 1.2: the first jump began at 1.05.
+        let table = "# Jumps\n# Time\tsteps\tsurrogate(s)\n1.2\t3\t0.1\n1.45\t4\t0.1\n";
+        fs::write(folder("1").join("surrogate.dat"), table).unwrap();
+        let two = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
+        fs::write(folder("3.5").join("summary.json"), two).unwrap();
         let found = surrogate(dir.path()).unwrap().unwrap();
-        assert_eq!((found.takeover, found.replaced_fraction), (1.05, Some(0.9)));
+        assert!(
+            (found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9),
+            "{found:?}"
+        );
         fs::write(folder("3.5").join("summary.json"), "{").unwrap();
         assert!(surrogate(dir.path()).is_err());
     }

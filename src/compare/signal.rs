@@ -154,7 +154,10 @@ fn eliminate<const M: usize>(mut a: [[f64; M]; M], mut b: [f64; M]) -> Option<[f
         for i in k + 1..M {
             let factor = a[i][k] / a[k][k];
             let upper = a[k];
-            a[i].iter_mut().zip(upper).skip(k).for_each(|(v, u)| *v -= factor * u);
+            a[i].iter_mut()
+                .zip(upper)
+                .skip(k)
+                .for_each(|(v, u)| *v -= factor * u);
             b[i] -= factor * b[k];
         }
     }

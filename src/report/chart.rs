@@ -121,8 +121,15 @@ impl Chart {
             for (i, series) in self.series.iter().enumerate() {
                 let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
                 let left = 90 + 160 * i as i32;
-                legend.draw(&PathElement::new([(left, 18), (left + 26, 18)], colour.stroke_width(2)))?;
-                legend.draw(&Text::new(series.name.as_str(), (left + 34, 11), ("sans-serif", 15)))?;
+                legend.draw(&PathElement::new(
+                    [(left, 18), (left + 26, 18)],
+                    colour.stroke_width(2),
+                ))?;
+                legend.draw(&Text::new(
+                    series.name.as_str(),
+                    (left + 34, 11),
+                    ("sans-serif", 15),
+                ))?;
             }
         }
         area.present()
