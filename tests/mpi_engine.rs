@@ -203,6 +203,8 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
                 heads: 3,
                 ffn_width: 32,
                 rwse_steps,
+                centroids: rwse_steps > 0,
+                offsets: layers_after > 0,
             }),
         },
         segments: SegmentSpec {

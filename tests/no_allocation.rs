@@ -59,6 +59,8 @@ fn a_step_allocates_nothing() {
                     heads: 4,
                     ffn_width: 100,
                     rwse_steps: 3,
+                    centroids: true,
+                    offsets: true,
                 }),
             },
             segments: SegmentSpec {

@@ -310,48 +310,41 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
         return;
     }
 
-    // The undecomposed face of each node. Sorted, their places are the
-    // numbers that a serial run gives: patches are in order of faces there.
+    // The undecomposed face of each node. Among all of them in order, its
+    // place is the number that a serial run gives: patches are in order of
+    // faces there.
     List<labelList> faces(Pstream::nProcs());
+    labelList& mine = faces[Pstream::myProcNo()];
+    mine.resize(nBoundary);
+    label nodei = 0;
+    for (const label patchi : valuePatches_)
     {
-        DynamicList<label> mine(nBoundary);
-        for (const label patchi : valuePatches_)
+        const polyPatch& pp = mesh_.boundaryMesh()[patchi];
+        for (label i = 0; i < pp.size(); ++i)
         {
-            const polyPatch& pp = mesh_.boundaryMesh()[patchi];
-            for (label i = 0; i < pp.size(); ++i)
-            {
-                mine.append(mag(faceGlobal[pp.start() + i]) - 1);
-            }
+            mine[nodei++] = mag(faceGlobal[pp.start() + i]) - 1;
         }
-        faces[Pstream::myProcNo()].transfer(mine);
     }
     Pstream::gatherList(faces);
 
+    // Not scatterList: it leaves a rank's own list as the rank has it
+    labelList all;
     if (Pstream::master())
     {
-        DynamicList<label> all;
+        DynamicList<label> collected;
         for (const labelList& some : faces)
         {
-            all.append(some);
+            collected.append(some);
         }
-        std::sort(all.begin(), all.end());
-
-        for (labelList& some : faces)
-        {
-            for (label& facei : some)
-            {
-                facei =
-                    std::lower_bound(all.begin(), all.end(), facei)
-                  - all.begin();
-            }
-        }
+        std::sort(collected.begin(), collected.end());
+        all.transfer(collected);
     }
-    Pstream::scatterList(faces);
+    Pstream::scatter(all);
 
-    const labelList& mine = faces[Pstream::myProcNo()];
-    forAll(mine, nodei)
+    forAll(mine, i)
     {
-        boundaryGlobal_[nodei] = mine[nodei];
+        boundaryGlobal_[i] =
+            std::lower_bound(all.begin(), all.end(), mine[i]) - all.begin();
     }
 }
 

@@ -21,8 +21,11 @@
 //! Files use the 1.10 file format (checksummed metadata), so that h5py, ParaView and any HDF5 since 2016 read
 //! them and flipped bytes are noticed.
 
+mod layout;
 mod recorder;
 mod schema;
+mod source;
+mod space;
 mod trajectory;
 mod writer;
 

@@ -9,6 +9,7 @@
 //! Nothing is allocated in a step on one thread.
 #![allow(unsafe_code)]
 
+mod ends;
 mod kernels;
 mod linear;
 mod passing;
@@ -19,9 +20,10 @@ pub mod torch;
 mod transformer;
 
 use crate::graph::Graph;
-use crate::model::{Model, ModelSpec};
+use crate::model::Model;
 use crate::parallel::{Comm, Halo};
 use crate::{Error, Result};
+use ends::{Decoder, Encoder, normaliser};
 use kernels::Isa;
 use linear::{Norm, Tail, Weight};
 use passing::Layer;
@@ -86,33 +88,6 @@ pub struct Engine {
     nodes: Vec<f32>,
     /// Ws h of all local nodes, ghosts included.
     senders_part: Vec<f32>,
-}
-
-/// f_n of eq. 1, behind the normalisation of the fields.
-#[derive(Debug)]
-struct Encoder {
-    weight: Weight,
-    /// What the features that do not change with time contribute, with the bias: a row of width d a node type, or a
-    /// node where the model reads offsets.
-    fixed: Vec<f32>,
-    /// Row of `fixed` of each owned node.
-    fixed_row: Vec<i32>,
-    tail: Tail,
-    norm: Norm,
-    mean: Vec<f32>,
-    inverse_std: Vec<f32>,
-}
-
-/// The decoder on [h, h_S] (section 3.4.3), with the return to physical values.
-#[derive(Debug)]
-struct Decoder {
-    node: Weight,
-    segment: Option<Weight>,
-    tail: Tail,
-    mean: Vec<f32>,
-    std: Vec<f32>,
-    /// What h_S contributes `[K x d]`.
-    table: Vec<f32>,
 }
 
 impl Engine {
@@ -235,7 +210,14 @@ impl Engine {
                     }
                     weight.apply(&mut part.a, &part.c, n);
                     let a = &mut part.a[..n * d];
-                    kernels::table_activate(isa, a, d, fixed, &fixed_row[tile.nodes.clone()], tail.first_function);
+                    kernels::table_activate(
+                        isa,
+                        a,
+                        d,
+                        fixed,
+                        &fixed_row[tile.nodes.clone()],
+                        tail.first_function,
+                    );
                     let x = tail.run(isa, n, &mut part.a, &mut part.b);
                     let out = &mut nodes[rows(&tile.nodes, part.nodes.start, d)];
                     kernels::layer_norm(isa, x, &tail.last_bias, &norm.gain, &norm.shift, out);
@@ -319,35 +301,20 @@ impl Engine {
         if let (Some(weight), Some(stage)) = (segment, stage) {
             weight.apply(table, stage.latents(), stage.count());
         }
-        let (tail, table, nodes) = (&*tail, &*table, &self.nodes);
-        // Cells are the first nodes, so that the parts' cells are consecutive rows of the output too; a part's
-        // share ends with its last cell.
+        let width = tail.first_bias.len();
+        // Cells are the first nodes: tile after tile, theirs are consecutive rows of the output.
         let mut rest = outputs;
         for part in &mut self.parts {
             for tile in &part.tiles {
                 let cells = tile.nodes.start.min(n_cells)..tile.nodes.end.min(n_cells);
-                if cells.is_empty() {
-                    continue;
-                }
                 let n = cells.len();
-                node.apply(&mut part.a, &nodes[rows(&cells, 0, d)], n);
+                node.apply(&mut part.a, &self.nodes[rows(&cells, 0, d)], n);
+                let a = &mut part.a[..n * width];
                 if let Some(stage) = stage {
                     let row = &stage.member_row()[cells.start..=cells.end];
-                    kernels::add_means(
-                        isa,
-                        &mut part.a[..n * tail.first_bias.len()],
-                        tail.first_bias.len(),
-                        table,
-                        row,
-                        stage.member(),
-                    );
+                    kernels::add_means(isa, a, width, table, row, stage.member());
                 }
-                kernels::bias_activate(
-                    isa,
-                    &mut part.a[..n * tail.first_bias.len()],
-                    &tail.first_bias,
-                    tail.first_function,
-                );
+                kernels::bias_activate(isa, a, &tail.first_bias, tail.first_function);
                 let x = tail.run(isa, n, &mut part.a, &mut part.b);
                 let Some(out) = rest.split_off_mut(..n * m) else {
                     return;
@@ -390,91 +357,6 @@ impl Forward for Engine {
         self.decode(outputs);
         Ok(())
     }
-}
-
-impl Encoder {
-    fn new(model: &Model, graph: &Graph, offsets: &[f32]) -> Result<Self> {
-        let ModelSpec {
-            node_types,
-            architecture,
-            ..
-        } = &model.spec;
-        let (k, d) = (model.spec.n_field_inputs(), architecture.width);
-        let tensor = model.tensor("encoder.node.0.weight")?;
-        let tail = Tail::new(model, "encoder.node")?;
-        // Without hidden layers the first layer's outputs are the last's: d either way.
-        let mut types = Vec::with_capacity(node_types.len() * d);
-        for t in 0..node_types.len() {
-            types.extend((0..d).map(|o| tail.first_bias[o] + tensor.data[o * tensor.shape[1] + k + t]));
-        }
-        let kind: Vec<i32> = graph.node_types[..graph.n_owned]
-            .iter()
-            .map(|&code| {
-                node_types
-                    .iter()
-                    .position(|t| *t as i32 == code)
-                    .map(|t| t as i32)
-                    .ok_or_else(|| {
-                        let known: Vec<_> = node_types.iter().map(|t| t.name()).collect();
-                        let found = crate::mesh::NodeType::from_code(code).map_or("unknown", |t| t.name());
-                        Error::Model(format!(
-                            "the model knows {}; the mesh has a {found} node",
-                            known.join(", ")
-                        ))
-                    })
-            })
-            .collect::<Result<_>>()?;
-        let n = model.spec.n_offset_features();
-        let (fixed, fixed_row) = if n == 0 {
-            (types, kind)
-        } else {
-            let column = k + node_types.len();
-            let mut rows = Vec::with_capacity(kind.len() * d);
-            for (t, offset) in kind.iter().zip(offsets.chunks_exact(n)) {
-                rows.extend((0..d).map(|o| {
-                    let w = &tensor.data[o * tensor.shape[1] + column..][..n];
-                    let shift: f32 = w.iter().zip(offset).map(|(w, x)| w * x).sum();
-                    types[*t as usize * d + o] + shift
-                }));
-            }
-            (rows, (0..kind.len() as i32).collect())
-        };
-        let (mean, inverse_std) = normaliser(model, "node")?;
-        Ok(Encoder {
-            weight: Weight::columns(model, "encoder.node.0", 0..k)?,
-            fixed,
-            fixed_row,
-            tail,
-            norm: Norm::new(model, "encoder.node.norm")?,
-            mean,
-            inverse_std,
-        })
-    }
-}
-
-impl Decoder {
-    fn new(model: &Model, n_segments: usize) -> Result<Self> {
-        let d = model.spec.architecture.width;
-        let with_segments = model.spec.architecture.segment_transformer.is_some();
-        let tail = Tail::new(model, "decoder")?;
-        Ok(Decoder {
-            node: Weight::columns(model, "decoder.0", 0..d)?,
-            segment: with_segments
-                .then(|| Weight::columns(model, "decoder.0", d..2 * d))
-                .transpose()?,
-            table: vec![0.0; n_segments * tail.first_bias.len()],
-            tail,
-            mean: model.tensor("norm.output.mean")?.data.clone(),
-            std: model.tensor("norm.output.std")?.data.clone(),
-        })
-    }
-}
-
-/// Mean and 1/std of a normaliser.
-fn normaliser(model: &Model, name: &str) -> Result<(Vec<f32>, Vec<f32>)> {
-    let mean = model.tensor(&format!("norm.{name}.mean"))?.data.clone();
-    let std = &model.tensor(&format!("norm.{name}.std"))?.data;
-    Ok((mean, std.iter().map(|s| 1.0 / s).collect()))
 }
 
 /// Where rows `range` of width `width` stand in a slice that begins with row `first`.

@@ -298,7 +298,12 @@ fn check(view: &SegmentView, n_owned: usize, spec: &ModelSpec) -> Result<()> {
         .member
         .iter()
         .all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
-    if !rows_fit || !members_fit || view.sizes.len() != k || view.position.len() != encodings || view.offsets.len() != offsets {
+    if !rows_fit
+        || !members_fit
+        || view.sizes.len() != k
+        || view.position.len() != encodings
+        || view.offsets.len() != offsets
+    {
         return Err(Error::Input(format!(
             "segments: expected one or more of {k} for each of {n_owned} nodes, {k} sizes, {encodings} encodings and {offsets} \
              offsets; found {} nodes, {} sizes, {} encodings, {} offsets, segment numbers {} within range",

@@ -22,7 +22,10 @@ pub fn features(spec: &ModelSpec, mesh: &Mesh, segments: &Segmentation, comm: &C
     };
     let walk = segments.rwse(stage.rwse_steps);
     if !stage.centroids && !stage.offsets {
-        return SegmentFeatures { position: walk, offsets: Vec::new() };
+        return SegmentFeatures {
+            position: walk,
+            offsets: Vec::new(),
+        };
     }
     let (k, dim) = (segments.count, mesh.dim());
     let place = |x: &[f64; 3], i: usize| x[mesh.directions[i]];
@@ -39,10 +42,13 @@ pub fn features(spec: &ModelSpec, mesh: &Mesh, segments: &Segmentation, comm: &C
         .flat_map(|row| row[..dim].iter().map(|s| s / row[dim].max(1.0)))
         .collect();
     let total: f64 = sums.chunks_exact(dim + 1).map(|row| row[dim]).sum();
-    let centre: Vec<f64> =
-        (0..dim).map(|i| sums.chunks_exact(dim + 1).map(|row| row[i]).sum::<f64>() / total.max(1.0)).collect();
-    let from_centre: Vec<f64> =
-        centroids.chunks_exact(dim).flat_map(|c| c.iter().zip(&centre).map(|(c, m)| c - m)).collect();
+    let centre: Vec<f64> = (0..dim)
+        .map(|i| sums.chunks_exact(dim + 1).map(|row| row[i]).sum::<f64>() / total.max(1.0))
+        .collect();
+    let from_centre: Vec<f64> = centroids
+        .chunks_exact(dim)
+        .flat_map(|c| c.iter().zip(&centre).map(|(c, m)| c - m))
+        .collect();
     let spread = rms(from_centre.iter().map(|v| v * v).sum(), k as f64);
 
     let cell_offset = |cell: usize, x: &[f64; 3]| -> Vec<f64> {
@@ -62,16 +68,29 @@ pub fn features(spec: &ModelSpec, mesh: &Mesh, segments: &Segmentation, comm: &C
         let steps = stage.rwse_steps;
         (0..k)
             .flat_map(|s| {
-                let centroid = from_centre[s * dim..(s + 1) * dim].iter().map(|v| (v / spread) as f32);
-                walk[s * steps..(s + 1) * steps].iter().copied().chain(centroid).collect::<Vec<_>>()
+                let centroid = from_centre[s * dim..(s + 1) * dim]
+                    .iter()
+                    .map(|v| (v / spread) as f32);
+                walk[s * steps..(s + 1) * steps]
+                    .iter()
+                    .copied()
+                    .chain(centroid)
+                    .collect::<Vec<_>>()
             })
             .collect()
     } else {
         walk
     };
     let offsets = if stage.offsets {
-        let cells = mesh.cell_centres.iter().enumerate().flat_map(|(cell, x)| cell_offset(cell, x));
-        let faces = mesh.boundary.iter().flat_map(|b| cell_offset(b.owner as usize, &b.centre));
+        let cells = mesh
+            .cell_centres
+            .iter()
+            .enumerate()
+            .flat_map(|(cell, x)| cell_offset(cell, x));
+        let faces = mesh
+            .boundary
+            .iter()
+            .flat_map(|b| cell_offset(b.owner as usize, &b.centre));
         cells.chain(faces).map(|v| (v / size) as f32).collect()
     } else {
         Vec::new()

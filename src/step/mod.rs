@@ -5,110 +5,23 @@
 
 mod boundary;
 mod case;
+mod field;
+mod options;
 
 pub use boundary::{copied_faces, impose_boundary};
+pub use field::{Field, FieldMut, OutputShape};
+pub use options::{Backend, SessionOptions};
 
 use crate::engine::torch::TorchBackend;
 use crate::engine::{Engine, Forward, SegmentView};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
-use crate::model::{Model, ModelSpec, Output, SegmentMethod, SegmentSpec};
+use crate::model::{Model, ModelSpec, Output};
 use crate::parallel::Comm;
 use crate::segments;
 use crate::{Error, Result};
-use std::path::{Path, PathBuf};
-
-/// Most threads a rank may be given: a larger number is a slip of the pen.
-const MAX_THREADS: usize = 1024;
-
-/// What runs the network.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Backend {
-    /// This library's own engine.
-    #[default]
-    Native,
-    /// libtorch on this device ("cpu", "cuda:0"), or on one of its choice.
-    Torch(Option<String>),
-}
-
-impl Backend {
-    /// From a dictionary's word: `native`, `torch`, `torch:cpu`, `torch:cuda:0`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for any other word.
-    pub fn parse(word: &str) -> Result<Self> {
-        match word.split_once(':') {
-            None if word == "native" => Ok(Backend::Native),
-            None if word == "torch" => Ok(Backend::Torch(None)),
-            Some(("torch", device)) if !device.is_empty() => Ok(Backend::Torch(Some(device.into()))),
-            _ => Err(Error::Input(format!(
-                "backend '{word}': expected native, torch or torch:DEVICE"
-            ))),
-        }
-    }
-}
-
-/// What a case may set differently from the model; the default changes nothing.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SessionOptions {
-    /// What runs the network.
-    pub backend: Backend,
-    /// Threads of this rank; 0: 1.
-    pub n_threads: usize,
-    /// Number of segments K.
-    pub segments: Option<usize>,
-    /// Number of Laplacian modes m.
-    pub modes: Option<usize>,
-    /// Overlap delta, layers.
-    pub overlap: Option<usize>,
-    /// Largest number of SLIC sweeps.
-    pub slic_iterations: Option<usize>,
-    /// Compactness tau.
-    pub tau: Option<f64>,
-    /// Average cluster size S, m.
-    pub segment_size: Option<f64>,
-    /// METIS alone or with SLIC.
-    pub segment_method: Option<SegmentMethod>,
-    /// Segment of each cell, computed before.
-    pub cell_segment: Option<Vec<i32>>,
-    /// File that the model came from; the torch backend reads it.
-    pub model_path: Option<PathBuf>,
-}
-
-/// A field at one time on this rank. Vectors are three values (x, y, z) a row whatever the solved directions.
-#[derive(Clone, Copy, Debug)]
-pub struct Field<'a> {
-    /// Name, as in the model.
-    pub name: &'a str,
-    /// 1 or 3.
-    pub components: usize,
-    /// `[n_cells x components]`
-    pub cells: &'a [f64],
-    /// `[n_boundary x components]`, face values.
-    pub boundary: &'a [f64],
-}
-
-/// Where a predicted field goes.
-#[derive(Debug)]
-pub struct FieldMut<'a> {
-    /// Name, as in the model.
-    pub name: &'a str,
-    /// 1 or 3.
-    pub components: usize,
-    /// `[n_cells x components]`; components that are not solved stay as they are.
-    pub cells: &'a mut [f64],
-}
-
-/// What an output array is, without the array.
-#[derive(Clone, Copy, Debug)]
-pub struct OutputShape<'a> {
-    /// Name, as in the model.
-    pub name: &'a str,
-    /// 1 or 3.
-    pub components: usize,
-    /// Number of values.
-    pub len: usize,
-}
+use field::expect_shape;
+use std::path::Path;
 
 /// One model on one mesh.
 pub struct Session {
@@ -421,41 +334,6 @@ impl Session {
     }
 }
 
-impl SessionOptions {
-    /// The model's segmentation with what the case sets differently.
-    fn segment_spec(&self, model: &SegmentSpec) -> Result<SegmentSpec> {
-        if self.n_threads > MAX_THREADS {
-            return Err(Error::Input(format!(
-                "n_threads: expected 1 to {MAX_THREADS}, found {}",
-                self.n_threads
-            )));
-        }
-        let spec = SegmentSpec {
-            method: self.segment_method.unwrap_or(model.method),
-            count: self.segments.unwrap_or(model.count),
-            modes: self.modes.unwrap_or(model.modes),
-            tau: self.tau.unwrap_or(model.tau),
-            size: self.segment_size.or(model.size),
-            iterations: self.slic_iterations.unwrap_or(model.iterations),
-            overlap: self.overlap.unwrap_or(model.overlap),
-        };
-        if !spec.tau.is_finite() || spec.tau < 0.0 {
-            return Err(Error::Input(format!(
-                "tau: expected a number that is not negative, found {}",
-                spec.tau
-            )));
-        }
-        if let Some(size) = spec.size
-            && (!size.is_finite() || size <= 0.0)
-        {
-            return Err(Error::Input(format!(
-                "segment size: expected a positive length in m, found {size}"
-            )));
-        }
-        Ok(spec)
-    }
-}
-
 fn network(
     model: &Model,
     graph: &Graph,
@@ -498,23 +376,6 @@ fn preset<'a>(labels: Option<&'a [i32]>, n_cells: usize, comm: &Comm) -> Option<
     } else {
         (any[0] != 0).then_some(&[])
     }
-}
-
-fn expect_shape(name: &str, what: &str, vector: bool, components: usize, len: usize, n: usize) -> Result<()> {
-    let expected = if vector { 3 } else { 1 };
-    if components != expected {
-        let kind = if vector { "a vector" } else { "a scalar" };
-        return Err(Error::Input(format!(
-            "field '{name}': the model has {kind} ({expected} components), found {components} components"
-        )));
-    }
-    if len != n * components {
-        return Err(Error::Input(format!(
-            "field '{name}': expected {} {what} values ({n} x {components}), found {len}",
-            n * components
-        )));
-    }
-    Ok(())
 }
 
 fn place(node: usize, n_cells: usize) -> String {

@@ -3,6 +3,7 @@
 //! Every rank also computes the serial answer of the whole mesh, and compares by global numbers. Without mpirun
 //! this is a run on one rank.
 
+#[path = "mpi_core/checks.rs"]
 mod checks;
 
 use checks::{Checks, compare_modes, compare_segments};

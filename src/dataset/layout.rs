@@ -1,0 +1,142 @@
+//! The datasets and attributes of a file being written.
+
+use super::schema::{NAME, Text, h5_error, h5_text};
+use crate::mesh::Mesh;
+use crate::{Error, Result};
+use hdf5::{Dataset, Group};
+use ndarray::ArrayView2;
+use std::path::Path;
+
+/// Size of the mesh's datasets, bytes (generously); fails for meshes whose labels do not fit.
+pub(super) fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
+    let canonical = mesh.cell_global.iter().enumerate().all(|(i, &g)| g == i as i64);
+    let boundary = mesh
+        .boundary
+        .iter()
+        .enumerate()
+        .all(|(i, f)| f.global == i as i64);
+    if !canonical || !boundary {
+        return Err(Error::Internal(
+            "a mesh is written that is not in global order".into(),
+        ));
+    }
+    let rows = mesh.n_cells() + mesh.face_coeff.len() + mesh.boundary.len() + mesh.coupled.len();
+    Ok(96 * rows as u64)
+}
+
+pub(super) fn frames_dataset(group: &Group, name: &str, rows: usize, c: usize) -> hdf5::Result<Dataset> {
+    // HDF5 refuses empty chunks and fixed dimensions below the chunk's.
+    let rows_extent = if rows == 0 {
+        hdf5::Extent::from(0..)
+    } else {
+        hdf5::Extent::from(rows)
+    };
+    group
+        .new_dataset::<f32>()
+        .shape([hdf5::Extent::from(0..), rows_extent, hdf5::Extent::from(c)])
+        .chunk((1, rows.max(1), c))
+        .shuffle()
+        .deflate(4)
+        .fletcher32()
+        .create(name)
+}
+
+pub(super) fn text<const N: usize>(path: &Path, at: &hdf5::Location, name: &str, value: &str) -> Result<()> {
+    let value: Text<N> = h5_text(value)?;
+    at.new_attr::<Text<N>>()
+        .create(name)
+        .and_then(|a| a.write_scalar(&value))
+        .map_err(h5_error(path, &format!("attribute {name} cannot be written")))
+}
+
+pub(super) fn number(path: &Path, at: &hdf5::Location, name: &str, value: u32) -> Result<()> {
+    at.new_attr::<u32>()
+        .create(name)
+        .and_then(|a| a.write_scalar(&value))
+        .map_err(h5_error(path, &format!("attribute {name} cannot be written")))
+}
+
+pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
+    let names = mesh
+        .patches
+        .iter()
+        .map(|p| h5_text(p))
+        .collect::<Result<Vec<Text<NAME>>>>()?;
+    let directions: Vec<i32> = mesh.directions.iter().map(|&d| d as i32).collect();
+    let write = || -> hdf5::Result<()> {
+        let group = file.create_group("mesh")?;
+        group
+            .new_attr_builder()
+            .with_data(&directions)
+            .create("directions")?;
+        group.new_attr_builder().with_data(&names).create("patch_names")?;
+        vectors(&group, "cell_centres", mesh.cell_centres.iter())?;
+        scalars(&group, "cell_volumes", &mesh.cell_volumes)?;
+        scalars(&group, "face_owner", &mesh.face_owner)?;
+        scalars(&group, "face_neighbour", &mesh.face_neighbour)?;
+        scalars(&group, "face_coeff", &mesh.face_coeff)?;
+        let b = &mesh.boundary;
+        scalars(
+            &group,
+            "boundary_owner",
+            &b.iter().map(|f| f.owner).collect::<Vec<_>>(),
+        )?;
+        scalars(
+            &group,
+            "boundary_type",
+            &b.iter().map(|f| f.kind as i32).collect::<Vec<_>>(),
+        )?;
+        scalars(
+            &group,
+            "boundary_patch",
+            &b.iter().map(|f| f.patch).collect::<Vec<_>>(),
+        )?;
+        scalars(
+            &group,
+            "boundary_coeff",
+            &b.iter().map(|f| f.coeff).collect::<Vec<_>>(),
+        )?;
+        vectors(&group, "boundary_centres", b.iter().map(|f| &f.centre))?;
+        vectors(&group, "boundary_area", b.iter().map(|f| &f.area))?;
+        let c = &mesh.coupled;
+        if !c.is_empty() {
+            scalars(
+                &group,
+                "coupled_owner",
+                &c.iter().map(|f| f.owner).collect::<Vec<_>>(),
+            )?;
+            scalars(
+                &group,
+                "coupled_neighbour",
+                &c.iter().map(|f| f.global).collect::<Vec<_>>(),
+            )?;
+            scalars(
+                &group,
+                "coupled_coeff",
+                &c.iter().map(|f| f.coeff).collect::<Vec<_>>(),
+            )?;
+            vectors(&group, "coupled_delta", c.iter().map(|f| &f.delta))?;
+        }
+        Ok(())
+    };
+    write().map_err(h5_error(path, "the mesh cannot be written"))
+}
+
+fn scalars<T: hdf5::H5Type>(group: &Group, name: &str, values: &[T]) -> hdf5::Result<()> {
+    group
+        .new_dataset_builder()
+        .with_data(values)
+        .create(name)
+        .map(|_| ())
+}
+
+fn vectors<'a>(group: &Group, name: &str, values: impl Iterator<Item = &'a [f64; 3]>) -> hdf5::Result<()> {
+    let flat: Vec<f64> = values.flatten().copied().collect();
+    let view = ArrayView2::from_shape((flat.len() / 3, 3), &flat)
+        .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
+    group
+        .new_dataset_builder()
+        .with_data(view)
+        .create(name)
+        .map(|_| ())
+}

@@ -1,0 +1,295 @@
+//! `m4gn generate` with OpenFOAM's own tools: small cases, resumption, failures, interruption, a full disk.
+//!
+//! Needs gmsh, OpenFOAM and `lib/libm4gnFoam.so` (setup/build.sh).
+
+use m4gn::dataset::{Split, Trajectory};
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+const M4GN: &str = env!("CARGO_BIN_EXE_m4gn");
+
+fn m4gn(arguments: &str, out: &Path) -> Command {
+    let home = env!("CARGO_MANIFEST_DIR");
+    let library = Path::new(home).join("lib/libm4gnFoam.so");
+    assert!(
+        library.is_file(),
+        "{} is missing: run setup/build.sh before the tests",
+        library.display()
+    );
+    let mut command = Command::new(M4GN);
+    command
+        .env("M4GN_HOME", home)
+        .env_remove("WM_PROJECT_DIR")
+        .args(arguments.split_whitespace())
+        .arg("--out")
+        .arg(out);
+    command
+}
+
+/// A quick case: 900 triangles, a few steps.
+const QUICK: &str = "generate cylinder-flow --mesh coarse --frames 2 --spin-up 0.02 --seed 3";
+
+fn text(output: &Output) -> String {
+    format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+/// Names in a folder.
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+/// A folder with a program that stands in for another one in PATH.
+fn stand_in(name: &str, script: &str) -> (tempfile::TempDir, std::ffi::OsString) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join(name);
+    fs::write(&file, script).unwrap();
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    let mut path = vec![folder.path().to_path_buf()];
+    path.extend(std::env::split_paths(&std::env::var_os("PATH").unwrap()));
+    let path = std::env::join_paths(path).unwrap();
+    (folder, path)
+}
+
+#[test]
+fn cases_are_made_once_and_resumed() {
+    let out = tempfile::tempdir().unwrap();
+    let json = out.path().join("figures.json");
+    let run = |extra: &str| {
+        m4gn(&format!("{QUICK} {extra}"), out.path())
+            .arg("--json")
+            .arg(&json)
+            .output()
+            .unwrap()
+    };
+    let first = run("--count 3 --jobs 2");
+    assert!(first.status.success(), "{}", text(&first));
+    assert_eq!(
+        names(out.path()),
+        ["0000.h5", "0001.h5", "0002.h5", "figures.json"]
+    );
+    for (i, split) in [Split::Train, Split::Valid, Split::Test].into_iter().enumerate() {
+        let t = Trajectory::open(out.path().join(format!("000{i}.h5"))).unwrap();
+        assert_eq!(t.split(), split);
+        assert_eq!(t.times().len(), 3);
+        let errors = t
+            .times()
+            .iter()
+            .zip([0.02, 0.03, 0.04])
+            .map(|(a, b)| (a - b).abs());
+        assert!(errors.fold(0.0, f64::max) < 1e-9, "{:?}", t.times());
+        assert_eq!(t.provenance()["index"], i);
+        assert_eq!(t.provenance()["application"], "icoFoam");
+        assert_eq!(t.mesh().directions, [0, 1]);
+        // The inlet's parabola, at every inlet face of the last frame
+        let u0 = t.provenance()["u0"].as_f64().unwrap();
+        let u = t.read_frame("U", 2).unwrap();
+        let inlet = t.mesh().patches.iter().position(|p| p == "inlet").unwrap() as i32;
+        let faces = t
+            .mesh()
+            .boundary
+            .iter()
+            .zip(u.boundary.chunks_exact(2))
+            .filter(|(f, _)| f.patch == inlet);
+        let worst = faces
+            .map(|(f, u)| {
+                (f64::from(u[0]) - 4.0 * u0 * f.centre[1] * (0.41 - f.centre[1]) / (0.41 * 0.41)).abs()
+            })
+            .fold(0.0, f64::max);
+        assert!(worst < 1e-5, "inlet off by {worst} m/s");
+    }
+    let figures: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    assert_eq!(figures["made"].as_array().unwrap().len(), 3);
+
+    // A trajectory that went is made again, the same; the others stay.
+    let old = fs::read(out.path().join("0001.h5")).unwrap();
+    fs::remove_file(out.path().join("0001.h5")).unwrap();
+    let again = run("--count 3");
+    assert!(
+        again.status.success() && text(&again).contains("1 trajectories made"),
+        "{}",
+        text(&again)
+    );
+    let values = |bytes: &[u8]| {
+        let file = out.path().join("copy");
+        fs::write(&file, bytes).unwrap();
+        Trajectory::open(&file).unwrap().read_frame("U", 2).unwrap()
+    };
+    assert_eq!(
+        values(&old),
+        values(&fs::read(out.path().join("0001.h5")).unwrap())
+    );
+
+    let other = run("--count 3 --mesh standard");
+    assert_eq!(
+        other.status.code(),
+        Some(2),
+        "an option given twice is bad usage: {}",
+        text(&other)
+    );
+    let other = m4gn(
+        "generate cylinder-flow --mesh coarse --frames 9 --spin-up 0.02 --seed 3 --count 3",
+        out.path(),
+    );
+    let other = { other }.output().unwrap();
+    assert_eq!(other.status.code(), Some(1));
+    assert!(text(&other).contains("frames 2 instead of 9"), "{}", text(&other));
+}
+
+#[test]
+fn failed_cases_are_reported_and_skipped() {
+    let out = tempfile::tempdir().unwrap();
+    // The solver dies in the second case only.
+    let script = "#!/bin/sh\ncase $PWD in *0001) printf -- '--> FOAM FATAL ERROR: \\nthe flux is wrong\\n'; exit 1;; esac\nexec /usr/bin/icoFoam\n";
+    let solver = m4gn_solver();
+    let (_folder, path) = stand_in("icoFoam", &script.replace("/usr/bin/icoFoam", &solver));
+    let run = m4gn(&format!("{QUICK} --count 2"), out.path())
+        .env("PATH", &path)
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", text(&run));
+    assert!(
+        text(&run).contains("the flux is wrong") && text(&run).contains("1 failed"),
+        "{}",
+        text(&run)
+    );
+    assert_eq!(names(out.path()), ["0000.h5", "cases"]);
+    assert!(out.path().join("cases/0001/log.icoFoam").is_file());
+
+    // All of them: the command fails.
+    let out = tempfile::tempdir().unwrap();
+    let (_folder, path) = stand_in("gmsh", "#!/bin/sh\nkill -9 $$\n");
+    let run = m4gn(&format!("{QUICK} --count 2"), out.path())
+        .env("PATH", &path)
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(1), "{}", text(&run));
+    assert!(
+        text(&run).contains("signal: 9") && text(&run).contains("log.gmsh"),
+        "{}",
+        text(&run)
+    );
+}
+
+fn m4gn_solver() -> String {
+    m4gn::generate::process::find_program("icoFoam")
+        .expect("icoFoam in PATH")
+        .display()
+        .to_string()
+}
+
+#[test]
+fn a_solver_that_hangs_is_ended() {
+    let out = tempfile::tempdir().unwrap();
+    let (_folder, path) = stand_in("icoFoam", "#!/bin/sh\nexec sleep 600\n");
+    let run = m4gn(&format!("{QUICK} --count 1 --timeout 2"), out.path())
+        .env("PATH", &path)
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(1));
+    assert!(text(&run).contains("--timeout"), "{}", text(&run));
+}
+
+#[test]
+fn interruption_leaves_nothing_half_written() {
+    let out = tempfile::tempdir().unwrap();
+    let long = "generate cylinder-flow --mesh coarse --frames 100000 --spin-up 0.02 --count 2 --jobs 2";
+    let mut run = m4gn(long, out.path()).spawn().unwrap();
+    let partial = out.path().join("cases/0000/.trajectory.h5.partial");
+    let start = Instant::now();
+    while !partial.exists() {
+        assert!(
+            start.elapsed() < Duration::from_secs(120),
+            "the recording never began"
+        );
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert!(
+        Command::new("kill")
+            .args(["-TERM", &run.id().to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
+    assert_eq!(run.wait().unwrap().code(), Some(1));
+    assert_eq!(names(out.path()), [] as [&str; 0]);
+    // No tool goes on in the folder.
+    let working = fs::read_dir("/proc")
+        .unwrap()
+        .filter_map(|e| fs::read_link(e.ok()?.path().join("cwd")).ok());
+    assert_eq!(working.filter(|cwd| cwd.starts_with(out.path())).count(), 0);
+}
+
+/// The file size limit stands for a full disk: the solver stops with our message, and no recording is left.
+#[test]
+fn a_full_disk_is_told() {
+    let out = tempfile::tempdir().unwrap();
+    let command = m4gn(
+        &format!("{QUICK} --frames 500 --count 1").replace("--frames 2 ", ""),
+        out.path(),
+    );
+    let mut limited = Command::new("bash");
+    limited
+        .args(["-c", "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\""])
+        .arg(M4GN)
+        .args(command.get_args());
+    for (key, value) in command.get_envs() {
+        match value {
+            Some(value) => limited.env(key, value),
+            None => limited.env_remove(key),
+        };
+    }
+    let run = limited.output().unwrap();
+    assert_eq!(run.status.code(), Some(1), "{}", text(&run));
+    assert!(
+        text(&run).contains("file size limit is reached"),
+        "{}",
+        text(&run)
+    );
+    let case = names(&out.path().join("cases/0000"));
+    assert!(!case.iter().any(|n| n.contains("trajectory")), "{case:?}");
+}
+
+#[test]
+fn what_cannot_work_is_refused_at_once() {
+    let out = tempfile::tempdir().unwrap();
+    let run = m4gn(&format!("{QUICK} --count 1"), out.path())
+        .env("PATH", "/nowhere")
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(1));
+    assert!(
+        text(&run).contains("gmsh, gmshToFoam, changeDictionary, icoFoam not found"),
+        "{}",
+        text(&run)
+    );
+    let blank = m4gn(&format!("{QUICK} --count 1"), &out.path().join("my data"))
+        .output()
+        .unwrap();
+    assert_eq!(blank.status.code(), Some(1));
+    assert!(text(&blank).contains("blanks"), "{}", text(&blank));
+    for bad in [
+        "--count 0",
+        "--count 1 --frame-interval -1",
+        "--count 1 --frame-interval nan",
+        "--count 1 --split x",
+        "",
+    ] {
+        let run = m4gn(&format!("generate cylinder-flow {bad}"), out.path())
+            .output()
+            .unwrap();
+        assert_eq!(run.status.code(), Some(2), "{bad}: {}", text(&run));
+    }
+    assert_eq!(names(out.path()), [] as [&str; 0]);
+}
