@@ -64,7 +64,11 @@ function_object() {
 }
 
 # runs COMMAND...: must end with status 0. The log is log.run.
-runs() { "$@" > log.run 2>&1 || { tail -n 20 log.run; fail "'$*' ended with status $?"; }; }
+runs() {
+    local status=0
+    "$@" > log.run 2>&1 || status=$?
+    [ $status -eq 0 ] || { tail -n 20 log.run; fail "'$*' ended with status $status"; }
+}
 
 # refused TEXT COMMAND...: must end with another status, and say TEXT.
 refused() {
