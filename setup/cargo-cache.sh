@@ -22,12 +22,20 @@ cargo_cache_restore() {
     cp -a --reflink=auto "$kept/." "$release/" || rm -rf "${release:?}"/{deps,build,.fingerprint}
 }
 
+cargo_cache_name() { cat "$M4GN_HOME"/Cargo.{lock,toml} "$M4GN_HOME/.cargo/config.toml" | cksum | cut -d' ' -f1; }
+
+# cargo_cache_has KIND: the dependencies of this checkout are kept already, in this or a fuller build.
+cargo_cache_has() {
+    local path
+    path=$(cargo_cache_dir)/$(cargo_cache_name)
+    [ -d "$path-all" ] || [ -d "$path-$1" ]
+}
+
 # cargo_cache_save KIND: keeps the dependencies of this build, in place of an older one of its kind.
 cargo_cache_save() {
     local release=$CARGO_TARGET_DIR/release dir name tmp
     dir=$(cargo_cache_dir)
-    name=$(cat "$M4GN_HOME"/Cargo.{lock,toml} "$M4GN_HOME/.cargo/config.toml" | cksum | cut -d' ' -f1)
-    if [ -d "$dir/$name-all" ] || [ -d "$dir/$name-$1" ]; then return 0; fi
+    name=$(cargo_cache_name)
     tmp=$dir/$name-$1.tmp$$
     mkdir -p "$tmp"
     # Libraries and build scripts of the registry only: nothing of this checkout's packages, no test programs.

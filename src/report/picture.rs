@@ -165,6 +165,8 @@ impl CellMap {
             for (k, a) in corners.iter().enumerate() {
                 let b = corners[(k + 1) % corners.len()];
                 if (a[1] <= y) != (b[1] <= y) {
+                    // From below whatever the direction: neighbours then agree on their common edge to the last bit.
+                    let (a, b) = if a[1] <= y { (*a, b) } else { (b, *a) };
                     crossings.push(a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
                 }
             }
