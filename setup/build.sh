@@ -42,12 +42,13 @@ build_function_objects() {
     cmake -S openfoam -B target/openfoam -G Ninja -DCMAKE_BUILD_TYPE=Release && cmake --build target/openfoam
 }
 
-if [ ! -e target/release/.fingerprint ]; then step "dependencies built earlier" cargo_cache_restore || true; fi
+if [ ! -e target/release/.fingerprint ]; then step "dependencies kept from earlier" cargo_cache_restore || true; fi
 step "m4gn ($what)" build_crates ||
     die "the Rust part of m4gn did not build" \
         "The compiler's messages are above and in $M4GN_LOGS. With the set-up complete this is a fault of m4gn:" \
         "please report it with that file. If a system library was not found, type setup/debian.sh."
-cargo_cache_save "$what" || warn "the compiled dependencies could not be kept in $M4GN_CACHE"
+cargo_cache_has "$what" || step "dependencies kept for the next clone" cargo_cache_save "$what" ||
+    warn "the compiled dependencies could not be kept in $M4GN_CACHE: a fresh clone will compile them again"
 step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects ||
     die "lib/libm4gnFoam.so did not build against OpenFOAM $M4GN_FOAM_VERSION ($M4GN_FOAM_SRC)" \
         "To see what was probed, type setup/openfoam.sh. To build against Debian's OpenFOAM, run this again in a" \

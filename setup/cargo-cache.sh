@@ -7,34 +7,55 @@
 
 cargo_cache_dir() { printf '%s/cargo/%s' "$M4GN_CACHE" "$(rustc -vV | cksum | cut -d' ' -f1)"; }
 
-# cargo_cache_kept KIND: what is kept of such builds (core, all), newest first.
+# What a build has compiled grows from kind to kind.
+cargo_cache_kinds=(core all tests)
+
+# cargo_cache_fuller KIND: that kind and those that hold more.
+cargo_cache_fuller() { printf '%s\n' "${cargo_cache_kinds[@]}" | sed -n "/^$1\$/,\$p"; }
+
+# cargo_cache_kept KIND: what is kept of such builds, newest first.
 cargo_cache_kept() {
     find "$(cargo_cache_dir)" -mindepth 1 -maxdepth 1 -type d -name "*-$1" -printf '%T@ %p\n' 2>/dev/null |
         sort -rn | cut -d' ' -f2-
 }
 
-# cargo_cache_restore: fills an empty target/release from the newest full build, or else from the newest core build.
+cargo_cache_name() { cat "$M4GN_HOME"/Cargo.{lock,toml} "$M4GN_HOME/.cargo/config.toml" | cksum | cut -d' ' -f1; }
+
+# cargo_cache_has KIND: the dependencies of this checkout are kept already, of this kind or a fuller one.
+cargo_cache_has() {
+    local path kind
+    path=$(cargo_cache_dir)/$(cargo_cache_name)
+    for kind in $(cargo_cache_fuller "$1"); do
+        if [ -d "$path-$kind" ]; then return 0; fi
+    done
+    return 1
+}
+
+# cargo_cache_restore: fills an empty target/release from the fullest kind that is kept, the newest of it.
 cargo_cache_restore() {
-    local release=$CARGO_TARGET_DIR/release kept
-    kept=$({ cargo_cache_kept all; cargo_cache_kept core; } | sed -n 1p)
+    local release=$CARGO_TARGET_DIR/release kind kept=
+    for kind in "${cargo_cache_kinds[@]}"; do
+        kept=$({ cargo_cache_kept "$kind"; echo "$kept"; } | sed -n 1p)
+    done
     if [ -e "$release/.fingerprint" ] || [ -z "$kept" ]; then return 0; fi
     mkdir -p "$release"
     cp -a --reflink=auto "$kept/." "$release/" || rm -rf "${release:?}"/{deps,build,.fingerprint}
 }
 
-# cargo_cache_save KIND: keeps the dependencies of this build, in place of an older one of its kind.
+# cargo_cache_save KIND: keeps the dependencies of this build, in place of all that is kept of this kind or a lesser.
 cargo_cache_save() {
-    local release=$CARGO_TARGET_DIR/release dir name tmp
-    dir=$(cargo_cache_dir)
-    name=$(cat "$M4GN_HOME"/Cargo.{lock,toml} "$M4GN_HOME/.cargo/config.toml" | cksum | cut -d' ' -f1)
-    if [ -d "$dir/$name-all" ] || [ -d "$dir/$name-$1" ]; then return 0; fi
-    tmp=$dir/$name-$1.tmp$$
+    local release=$CARGO_TARGET_DIR/release path tmp kind
+    path=$(cargo_cache_dir)/$(cargo_cache_name)-$1
+    tmp=$path.tmp$$
     mkdir -p "$tmp"
     # Libraries and build scripts of the registry only: nothing of this checkout's packages, no test programs.
     (cd "$release" &&
         { find deps -maxdepth 1 \( -name 'lib*' -o -name '*.d' \) ! -name '*m4gn*' -print0 &&
             find build .fingerprint -mindepth 1 -maxdepth 1 ! -name '*m4gn*' -print0; } |
         xargs -0 cp -a --reflink=auto --parents -t "$tmp") || { rm -rf "$tmp"; return 1; }
-    mv -T "$tmp" "$dir/$name-$1" 2>/dev/null || rm -rf "$tmp"
-    cargo_cache_kept "$1" | sed 1d | xargs -r rm -rf
+    mv -T "$tmp" "$path" 2>/dev/null || rm -rf "$tmp"
+    for kind in "${cargo_cache_kinds[@]}"; do
+        cargo_cache_kept "$kind" | grep -vxF "$path" | xargs -r rm -rf
+        if [ "$kind" = "$1" ]; then break; fi
+    done
 }

@@ -293,3 +293,90 @@ fn what_cannot_work_is_refused_at_once() {
     }
     assert_eq!(names(out.path()), [] as [&str; 0]);
 }
+
+/// Two ranks record what one records: the same mesh in the same order, and the fields up to the solver's tolerance.
+#[test]
+fn two_ranks_record_the_undecomposed_mesh() {
+    let out = tempfile::tempdir().unwrap();
+    let run = m4gn(&format!("{QUICK} --count 1 --keep-cases"), out.path())
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", text(&run));
+    let case = out.path().join("cases/0000");
+    let dictionary = "FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }\n\
+        numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }\n";
+    fs::write(case.join("system/decomposeParDict"), dictionary).unwrap();
+    let tool = |program: &str, arguments: &[&str]| {
+        let output = Command::new(program)
+            .args(arguments)
+            .current_dir(&case)
+            .env(
+                "LD_LIBRARY_PATH",
+                Path::new(env!("CARGO_MANIFEST_DIR")).join("lib"),
+            )
+            .env(
+                "WM_PROJECT_DIR",
+                std::env::var_os("WM_PROJECT_DIR").unwrap_or("/usr/share/openfoam".into()),
+            )
+            .env("OMPI_MCA_btl_vader_single_copy_mechanism", "none")
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{program}: {}", text(&output));
+    };
+    tool("decomposePar", &[]);
+    tool(
+        "mpirun",
+        &[
+            "--allow-run-as-root",
+            "--oversubscribe",
+            "-np",
+            "2",
+            "icoFoam",
+            "-parallel",
+        ],
+    );
+    let serial = Trajectory::open(out.path().join("0000.h5")).unwrap();
+    let parallel = Trajectory::open(case.join("trajectory.h5")).unwrap();
+    assert_eq!(parallel.provenance()["ranks"], 2);
+    let (a, b) = (serial.mesh(), parallel.mesh());
+    assert_eq!(
+        (&a.face_owner, &a.face_neighbour, &a.patches),
+        (&b.face_owner, &b.face_neighbour, &b.patches)
+    );
+    let close = |x: &[f64], y: &[f64], what: &str| {
+        let scale = x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let worst = x.iter().zip(y).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+        // Geometry is computed again from the same points.
+        assert!(
+            x.len() == y.len() && worst <= 1e-9 * scale,
+            "{what}: {worst} of {scale}"
+        );
+    };
+    close(&a.cell_volumes, &b.cell_volumes, "volumes");
+    close(&a.face_coeff, &b.face_coeff, "coefficients");
+    close(
+        a.cell_centres.as_flattened(),
+        b.cell_centres.as_flattened(),
+        "centres",
+    );
+    assert!(
+        a.boundary
+            .iter()
+            .zip(&b.boundary)
+            .all(|(f, g)| (f.owner, f.kind, f.patch) == (g.owner, g.kind, g.patch))
+    );
+    for frame in 0..3 {
+        let (x, y) = (
+            serial.read_frame("U", frame).unwrap(),
+            parallel.read_frame("U", frame).unwrap(),
+        );
+        let pairs = x
+            .cells
+            .iter()
+            .zip(&y.cells)
+            .chain(x.boundary.iter().zip(&y.boundary));
+        let worst = pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+        // p is solved to 1e-6 relative of its own, U to 1e-6; a wrong order would show in metres a second.
+        assert!(worst < 1e-3, "frame {frame}: {worst} m/s apart");
+    }
+}

@@ -28,13 +28,54 @@ const Foam::Enum<int> Foam::m4gnNodeTypes::names
 });
 
 
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+namespace Foam
+{
+
+//- The field as registered, or as stored at this time (post-processing);
+//  nullptr if there is none
+template<class FieldType>
+static const FieldType* find
+(
+    const fvMesh& mesh,
+    const word& name,
+    autoPtr<FieldType>& stored
+)
+{
+    if (mesh.foundObject<regIOobject>(name))
+    {
+        return mesh.findObject<FieldType>(name);
+    }
+
+    IOobject io
+    (
+        name,
+        mesh.time().timeName(),
+        mesh,
+        IOobject::MUST_READ,
+        IOobject::NO_WRITE,
+        false
+    );
+
+    if (io.typeHeaderOk<FieldType>(true))
+    {
+        stored.reset(new FieldType(io, mesh));
+    }
+
+    return stored.get();
+}
+
+} // End namespace Foam
+
+
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::label Foam::m4gnNodeTypes::guess
 (
     const fvPatch& patch,
-    const word& velocityName,
-    const word& pressureName
+    const volVectorField* U,
+    const volScalarField* p
 )
 {
     if (isA<wallFvPatch>(patch))
@@ -46,10 +87,6 @@ Foam::label Foam::m4gnNodeTypes::guess
     {
         return M4GN_SYMMETRY;
     }
-
-    const fvMesh& mesh = patch.boundaryMesh().mesh();
-    const auto* U = mesh.findObject<volVectorField>(velocityName);
-    const auto* p = mesh.findObject<volScalarField>(pressureName);
 
     if (U)
     {
@@ -93,6 +130,11 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     const dictionary given(dict.subOrEmptyDict("nodeTypes"));
     wordHashSet unused(given.toc());
 
+    autoPtr<volVectorField> storedU;
+    autoPtr<volScalarField> storedP;
+    const volVectorField* U = find(mesh, velocityName, storedU);
+    const volScalarField* p = find(mesh, pressureName, storedP);
+
     forAll(mesh.boundary(), patchi)
     {
         const fvPatch& patch = mesh.boundary()[patchi];
@@ -133,7 +175,7 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
 
         if (type < 0)
         {
-            type = guess(patch, velocityName, pressureName);
+            type = guess(patch, U, p);
         }
 
         if (type < 0)

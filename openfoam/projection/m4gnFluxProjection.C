@@ -67,21 +67,6 @@ Foam::m4gnFluxProjection::m4gnFluxProjection
     {
         m4gn::checkAtLeast(own, "nCorrectors", nCorrectors_, 0);
     }
-    else
-    {
-        const dictionary& solution =
-            mesh_.lookupObject<IOdictionary>("fvSolution");
-
-        for (const word algorithm : { "PISO", "PIMPLE", "SIMPLE" })
-        {
-            nCorrectors_ = max
-            (
-                nCorrectors_,
-                solution.subOrEmptyDict(algorithm)
-               .getOrDefault<label>("nNonOrthogonalCorrectors", 0)
-            );
-        }
-    }
 
     if (own.readIfPresent("tolerance", tolerance_))
     {

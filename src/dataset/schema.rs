@@ -89,7 +89,18 @@ pub struct Frame {
 
 /// Turns an HDF5 error into ours, naming the file and what was being done.
 pub(super) fn h5_error(path: &Path, doing: &str) -> impl FnOnce(hdf5::Error) -> Error {
-    move |e| Error::file(path, format!("{doing}: {e}"))
+    move |e| {
+        let text = e.to_string();
+        // Where the system refused, its reason says more than HDF5's path to it.
+        let errno = text
+            .split("errno = ")
+            .nth(1)
+            .and_then(|rest| rest.split(',').next()?.trim().parse().ok());
+        match errno {
+            Some(n) => Error::file(path, format!("{doing}: {}", std::io::Error::from_raw_os_error(n))),
+            None => Error::file(path, format!("{doing}: {text}")),
+        }
+    }
 }
 
 /// HDF5 prints its error stack to stderr by default; every failure is reported once, by us.

@@ -209,11 +209,11 @@ mod tests {
     #[test]
     fn names_and_shapes_of_a_small_network() {
         let shapes = Model::tensor_shapes(&spec());
-        assert_eq!(shapes["encoder.node.0.weight"], [8, 2 + 1 + 4]);
+        assert_eq!(shapes["encoder.node.0.weight"], [8, 2 + 1 + 4 + 2]);
         assert_eq!(shapes["encoder.edge.0.weight"], [8, 3]);
         assert_eq!(shapes["processor.2.edge.0.weight"], [8, 24]);
         assert_eq!(shapes["processor.2.node.1.weight"], [8, 8]);
-        assert_eq!(shapes["segment.position.0.weight"], [8, 5]);
+        assert_eq!(shapes["segment.position.0.weight"], [8, 5 + 2]);
         assert_eq!(shapes["segment.transformer.0.ffn.1.weight"], [8, 12]);
         assert_eq!(shapes["segment.dispatch.weight"], [8, 16]);
         assert_eq!(shapes["decoder.0.weight"], [8, 16]);

@@ -442,7 +442,11 @@ mod tests {
             ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
             ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
             (" steps = 10\n", " steps = 0\n", "training.steps"),
-            ("[training]", "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]", "macro.heads"),
+            (
+                "[training]",
+                "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]",
+                "macro.heads",
+            ),
         ] {
             let text = SMALL.replace(from, to);
             assert_ne!(text, SMALL);

@@ -382,8 +382,11 @@ impl Learner {
     /// Several graphs as one, with their boundary nodes.
     fn union(&self, examples: &[Example]) -> (Topology, Boundary) {
         let samples: Vec<&Sample> = examples.iter().map(|e| &self.train[e.sample]).collect();
-        let hosts: Vec<&HostGraph> =
-            examples.iter().zip(&samples).map(|(e, s)| &*s.hosts[usize::from(e.mirror)]).collect();
+        let hosts: Vec<&HostGraph> = examples
+            .iter()
+            .zip(&samples)
+            .map(|(e, s)| &*s.hosts[usize::from(e.mirror)])
+            .collect();
         let topology = HostGraph::union(&hosts, &self.spec, self.device);
         let mut first = 0;
         let owners: Vec<Tensor> = samples

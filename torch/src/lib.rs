@@ -6,6 +6,7 @@
 pub mod capi;
 pub mod checkpoint;
 pub mod config;
+pub mod fused;
 pub mod inference;
 pub mod journal;
 pub mod learner;

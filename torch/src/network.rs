@@ -1,8 +1,10 @@
 //! The forward pass of M4GN on libtorch: the same function as the engine of the core crate, differentiable.
 //!
 //! The first linear layer of each edge and node MLP acts on a concatenation; here its weight is cut into one
-//! block an operand, so that node blocks are multiplied once a node and gathered after, not once an edge.
+//! block an operand, so that node blocks are multiplied once a node and gathered after, not once an edge. On the
+//! CPU some operations are joined (`fused`); beside each stands the plain way.
 
+use crate::fused;
 use crate::weights::Weights;
 use m4gn::model::{Activation, Architecture, MacroSpec};
 use tch::{Device, Kind, Tensor};
@@ -79,41 +81,58 @@ fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
     )
 }
 
+/// Latent rows: fp32, and in the products' arithmetic (the same tensor where that is fp32).
+struct Rows {
+    full: Tensor,
+    operand: Tensor,
+}
+
 /// The network with its weights, for as many forward passes as the weights live.
 pub struct Network<'a> {
     architecture: &'a Architecture,
     weights: &'a Weights,
+    /// Whether passes over memory are joined ([`crate::fused`]): on the CPU, with the activation it knows.
+    fused: bool,
 }
 
 impl<'a> Network<'a> {
     /// Puts an architecture and weights together.
     pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
+        let fused = weights.device() == Device::Cpu && architecture.activation == Activation::Relu;
         Network {
             architecture,
             weights,
+            fused,
         }
+    }
+
+    /// The same network in libtorch's own operations only, which run anywhere: what the fused ones are tested against.
+    pub fn plain(self) -> Self {
+        Network { fused: false, ..self }
     }
 
     /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
         let a = self.architecture;
-        let mut h = float(&self.mlp("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1)));
-        let mut e = float(&self.mlp("encoder.edge", edges));
+        let mut h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1));
+        let mut e = self.encode("encoder.edge", edges);
         for l in 0..a.layers_before {
             self.message_passing(l, graph, &mut h, &mut e);
         }
         let mut segment_rows = None;
         if let Some(spec) = &a.segment_transformer {
-            let context = self.to_nodes(graph, &self.segment_transformer(spec, graph, &h));
+            let context = self.to_nodes(graph, &self.segment_transformer(spec, graph, &h.full));
             if a.layers_after > 0 {
-                h = &h + float(&self.linear("segment.dispatch", &Tensor::cat(&[&h, &context], 1)));
+                let full =
+                    &h.full + float(&self.linear("segment.dispatch", &Tensor::cat(&[&h.full, &context], 1)));
+                h = self.rows(full);
             }
             segment_rows = Some(context.narrow(0, 0, graph.cells));
         }
         for l in a.layers_before..a.layers_before + a.layers_after {
             self.message_passing(l, graph, &mut h, &mut e);
         }
-        let cells = h.narrow(0, 0, graph.cells);
+        let cells = h.full.narrow(0, 0, graph.cells);
         let input = match segment_rows {
             Some(rows) => Tensor::cat(&[cells, rows], 1),
             None => cells,
@@ -121,25 +140,81 @@ impl<'a> Network<'a> {
         float(&self.mlp("decoder", &input))
     }
 
+    fn encode(&self, name: &str, x: &Tensor) -> Rows {
+        let x = self.hidden(name, self.activate(&self.linear(&format!("{name}.0"), x)));
+        self.add_normed(name, None, &x, None).0
+    }
+
     /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
-    fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Tensor, e: &mut Tensor) {
+    fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
         let (edge, node) = (
             format!("processor.{layer}.edge"),
             format!("processor.{layer}.node"),
         );
         let d = self.architecture.width as i64;
-        let nodes = self.operand(h);
+        let none = None::<&Tensor>;
         let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
-        let bias = self.weights.product(&format!("{edge}.0.bias"));
-        let x = self.operand(e).linear(&blocks[0], Some(bias))
-            + pick(&nodes.linear(&blocks[1], None::<&Tensor>), &graph.senders)
-            + pick(&nodes.linear(&blocks[2], None::<&Tensor>), &graph.receivers);
-        *e = &*e + self.rest(&edge, x);
-        let sum = sum_into(graph.nodes, e, &graph.receivers);
+        let own = e
+            .operand
+            .linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
+        let first = if self.fused {
+            let ends = h.operand.linear(&Tensor::cat(&blocks[1..], 0), none);
+            fused::edge_input(&own, &ends, &graph.senders, &graph.receivers)
+        } else {
+            let senders = pick(&h.operand.linear(&blocks[1], none), &graph.senders);
+            let receivers = pick(&h.operand.linear(&blocks[2], none), &graph.receivers);
+            self.activate(&(own + senders + receivers))
+        };
+        let (rows, sums) = self.add_normed(&edge, Some(e), &self.hidden(&edge, first), Some(graph));
+        *e = rows;
         let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
-        let bias = self.weights.product(&format!("{node}.0.bias"));
-        let x = nodes.linear(&blocks[0], Some(bias)) + self.operand(&sum).linear(&blocks[1], None::<&Tensor>);
-        *h = &*h + self.rest(&node, x);
+        let own = h
+            .operand
+            .linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
+        let first = match sums {
+            Some(sums) => own.addmm(&sums, &blocks[1].tr()),
+            None => own,
+        };
+        *h = self
+            .add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None)
+            .0;
+    }
+
+    /// `residual + layer_norm(x)`, and the sums of these rows over the receivers of `graph`.
+    fn add_normed(
+        &self,
+        name: &str,
+        residual: Option<&Rows>,
+        x: &Tensor,
+        graph: Option<&Topology>,
+    ) -> (Rows, Option<Tensor>) {
+        let (scale, shift) = (format!("{name}.norm.weight"), format!("{name}.norm.bias"));
+        if self.fused {
+            let receivers = graph.map(|g| (&g.receivers, g.nodes));
+            let (scale, shift) = (self.weights.full(&scale), self.weights.full(&shift));
+            let normed = fused::norm(residual.map(|r| &r.full), x, scale, shift, receivers);
+            return (
+                Rows {
+                    full: normed.rows,
+                    operand: normed.operand,
+                },
+                normed.sums,
+            );
+        }
+        let normed = self.layer_norm(&format!("{name}.norm"), x);
+        let full = match residual {
+            Some(residual) => &residual.full + normed,
+            None => float(&normed),
+        };
+        let sums = graph.map(|g| self.operand(&sum_into(g.nodes, &full, &g.receivers)));
+        (self.rows(full), sums)
+    }
+
+    fn rows(&self, full: Tensor) -> Rows {
+        Rows {
+            operand: self.operand(&full),
+            full,
+        }
     }
 
     /// Eq. 9 to 13: segments as means of their nodes, then pre-norm self-attention; `[graphs K x d]`.
@@ -153,7 +228,9 @@ impl<'a> Network<'a> {
             ),
             None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
         };
-        let mut s = float(&self.mlp("segment.encoder", &(sums * &graph.segment_weight)));
+        let mut s = self
+            .encode("segment.encoder", &(sums * &graph.segment_weight))
+            .full;
         if let Some(position) = &graph.position {
             s += float(&self.mlp("segment.position", position));
         }
@@ -192,21 +269,18 @@ impl<'a> Network<'a> {
         }
     }
 
+    /// A whole MLP, without a layer norm.
     fn mlp(&self, name: &str, x: &Tensor) -> Tensor {
-        self.rest(name, self.linear(&format!("{name}.0"), x))
+        self.hidden(name, self.activate(&self.linear(&format!("{name}.0"), x)))
     }
 
-    /// An MLP behind its first linear layer; layer-normalised except for the decoder and the position encoding.
-    fn rest(&self, name: &str, first: Tensor) -> Tensor {
-        let mut x = first;
-        for i in 1..=self.architecture.hidden_layers {
+    /// An MLP behind its first linear layer and activation.
+    fn hidden(&self, name: &str, first: Tensor) -> Tensor {
+        let mut x = self.linear(&format!("{name}.1"), &first);
+        for i in 2..=self.architecture.hidden_layers {
             x = self.linear(&format!("{name}.{i}"), &self.activate(&x));
         }
-        if name == "decoder" || name == "segment.position" {
-            x
-        } else {
-            self.layer_norm(&format!("{name}.norm"), &x)
-        }
+        x
     }
 
     fn linear(&self, name: &str, x: &Tensor) -> Tensor {

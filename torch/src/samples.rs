@@ -185,14 +185,31 @@ impl HostGraph {
     pub fn reflected(&self, spec: &ModelSpec) -> Self {
         let mut graph = self.clone();
         let negate = |values: &mut [f32], width: usize, column: usize| {
-            values.iter_mut().skip(column).step_by(width.max(1)).for_each(|v| *v = -*v);
+            values
+                .iter_mut()
+                .skip(column)
+                .step_by(width.max(1))
+                .for_each(|v| *v = -*v);
         };
         negate(&mut graph.edges, spec.n_edge_features(), 1);
         if spec.n_offset_features() > 0 {
-            negate(&mut graph.fixed, spec.n_static_features(), spec.node_types.len() + 1);
+            negate(
+                &mut graph.fixed,
+                spec.n_static_features(),
+                spec.node_types.len() + 1,
+            );
         }
-        if let Some(stage) = spec.architecture.segment_transformer.as_ref().filter(|m| m.centroids) {
-            negate(&mut graph.position, spec.n_position_features(), stage.rwse_steps + 1);
+        if let Some(stage) = spec
+            .architecture
+            .segment_transformer
+            .as_ref()
+            .filter(|m| m.centroids)
+        {
+            negate(
+                &mut graph.position,
+                spec.n_position_features(),
+                stage.rwse_steps + 1,
+            );
         }
         graph
     }

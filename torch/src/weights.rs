@@ -8,7 +8,7 @@ use m4gn::{Error, Result};
 use rand::RngExt;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// Name, shape and place of each weight in the flat vector; the normalisers are not among them.
 #[derive(Clone, Debug, PartialEq)]
@@ -142,6 +142,11 @@ impl Weights {
     /// The weight that large products use: bfloat16 where asked for.
     pub fn product(&self, name: &str) -> &Tensor {
         self.half.get(name).unwrap_or_else(|| self.full(name))
+    }
+
+    /// Where the weights are.
+    pub fn device(&self) -> Device {
+        self.full.values().next().map_or(Device::Cpu, Tensor::device)
     }
 
     /// Whether large products are in bfloat16.

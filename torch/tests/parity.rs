@@ -1,19 +1,28 @@
-//! The tch model against the native engine on the same weights, and unions of graphs against single ones.
-
-mod common;
+//! The tch model against the native engine on the same weights, its fused operations against plain ones, and unions
+//! of graphs against single ones.
 
 use m4gn::engine::{Engine, Forward, SegmentView};
 use m4gn::graph::Graph;
-use m4gn::mesh::{NodeType, sample};
-use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentMethod, SegmentSpec};
+use m4gn::mesh::{Mesh, NodeType, sample};
+use m4gn::model::{
+    Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentMethod, SegmentSpec,
+};
 use m4gn::parallel::Comm;
 use m4gn::segments;
 use m4gn_torch::inference::Inference;
-use m4gn_torch::samples::Parts;
-use tch::Device;
+use m4gn_torch::network::{Network, Topology};
+use m4gn_torch::samples::{HostGraph, Parts};
+use m4gn_torch::weights::Layout;
+use tch::{Device, Kind, Tensor};
 
 fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
-    let field = |name: &str, vector, output| FieldSpec { name: name.into(), vector, dimensions: [0; 7], input: true, output };
+    let field = |name: &str, vector, output| FieldSpec {
+        name: name.into(),
+        vector,
+        dimensions: [0; 7],
+        input: true,
+        output,
+    };
     ModelSpec {
         format: 1,
         dim: 2,
@@ -21,9 +30,144 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
         fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
         node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
         architecture,
-        segments: SegmentSpec { method: SegmentMethod::Metis, count: 6, overlap, ..Default::default() },
+        segments: SegmentSpec {
+            method: SegmentMethod::Metis,
+            count: 6,
+            overlap,
+            ..Default::default()
+        },
         training: serde_json::Value::Null,
     }
+}
+
+fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
+    let comm = Comm::serial();
+    let mut graph = Graph::new(mesh, &comm).unwrap();
+    let cut = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).unwrap();
+    let features = segments::features(spec, mesh, &cut, &comm);
+    let parts = Parts {
+        n_cells: graph.n_cells,
+        node_types: &graph.node_types[..graph.n_owned],
+        senders: &graph.senders,
+        receivers: &graph.receivers,
+        edge_features: &graph.edge_features,
+        segments: cut.count,
+        member_row: &cut.member_row,
+        member: &cut.member,
+        sizes: &cut.sizes,
+        position: &features.position,
+        offsets: &features.offsets,
+    };
+    HostGraph::new(&parts, spec).unwrap()
+}
+
+/// A network with every part in it.
+fn whole(width: usize) -> ModelSpec {
+    let stage = MacroSpec {
+        layers: 2,
+        heads: 4,
+        ffn_width: 48,
+        rwse_steps: 3,
+        centroids: true,
+        offsets: true,
+    };
+    let architecture = Architecture {
+        width,
+        hidden_layers: 1,
+        activation: Activation::Relu,
+        layers_before: 2,
+        layers_after: 2,
+        segment_transformer: Some(stage),
+    };
+    spec(architecture, 1)
+}
+
+fn fields(nodes: i64) -> Tensor {
+    (Tensor::arange(nodes * 3, (Kind::Float, Device::Cpu)) * 0.37)
+        .sin()
+        .view([nodes, 3])
+}
+
+/// Outputs and the gradient of their mean square, in fused or plain operations.
+fn pass(spec: &ModelSpec, graph: &Topology, half: bool, fused: bool) -> (Tensor, Tensor) {
+    let layout = Layout::new(spec);
+    let model = Model::random(spec.clone(), 7).unwrap();
+    let leaf = Tensor::from_slice(&layout.flatten(&model).unwrap()).set_requires_grad(true);
+    let weights = layout.views(&leaf, half);
+    let network = Network::new(&spec.architecture, &weights);
+    let network = if fused { network } else { network.plain() };
+    let output = network.forward(graph, &fields(graph.nodes), &(&graph.edges * 20.0));
+    output.square().mean(Kind::Float).backward();
+    (output.detach(), leaf.grad())
+}
+
+fn relative(a: &Tensor, b: &Tensor) -> f64 {
+    (a - b).norm().double_value(&[]) / b.norm().double_value(&[])
+}
+
+#[test]
+fn fused_and_plain_operations_agree() {
+    // 64 and 128 have loops of their own, 24 has the general one.
+    for width in [64, 128, 24] {
+        let spec = whole(width);
+        let graph = host(&spec, &sample::triangles(14, 9, 1.6, 0.41));
+        let graph = HostGraph::union(&[&graph], &spec, Device::Cpu);
+        let plain = pass(&spec, &graph, false, false);
+        let fused = pass(&spec, &graph, false, true);
+        // fp32 sums in different orders.
+        assert!(relative(&fused.0, &plain.0) < 1e-5, "outputs, width {width}");
+        assert!(relative(&fused.1, &plain.1) < 1e-4, "gradients, width {width}");
+        // bfloat16 has 8 bits; the fused way rounds less often than the plain one, neither is the truth.
+        let half = pass(&spec, &graph, true, true);
+        assert!(
+            relative(&half.0, &plain.0) < 0.03,
+            "bfloat16 outputs, width {width}"
+        );
+        assert!(
+            relative(&half.1, &plain.1) < 0.1,
+            "bfloat16 gradients, width {width}"
+        );
+    }
+}
+
+#[test]
+fn a_union_of_graphs_is_its_graphs() {
+    let spec = whole(24);
+    let hosts = [
+        sample::triangles(14, 9, 1.6, 0.41),
+        sample::rectangle(7, 5, 1.0, 0.41),
+    ]
+    .map(|m| host(&spec, &m));
+    let union = HostGraph::union(&[&hosts[0], &hosts[1]], &spec, Device::Cpu);
+    let layout = Layout::new(&spec);
+    let model = Model::random(spec.clone(), 7).unwrap();
+    let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);
+    let network = Network::new(&spec.architecture, &weights);
+    let single = hosts.each_ref().map(|h| {
+        let graph = HostGraph::union(&[h], &spec, Device::Cpu);
+        (network.forward(&graph, &fields(graph.nodes), &graph.edges), graph)
+    });
+    // Cells of both, then boundary nodes of both.
+    let part = |cells: bool, (_, graph): &(Tensor, Topology)| {
+        let (first, count) = if cells {
+            (0, graph.cells)
+        } else {
+            (graph.cells, graph.nodes - graph.cells)
+        };
+        fields(graph.nodes).narrow(0, first, count)
+    };
+    let inputs = Tensor::cat(
+        &[
+            part(true, &single[0]),
+            part(true, &single[1]),
+            part(false, &single[0]),
+            part(false, &single[1]),
+        ],
+        0,
+    );
+    let both = network.forward(&union, &inputs, &union.edges);
+    let expected = Tensor::cat(&[&single[0].0, &single[1].0], 0);
+    assert!(relative(&both, &expected) < 1e-5);
 }
 
 /// Largest difference of the two backends, relative to the largest output.
@@ -33,7 +177,7 @@ fn difference(spec: &ModelSpec) -> f64 {
     let mesh = sample::triangles(14, 9, 1.6, 0.41);
     let mut graph = Graph::new(&mesh, &comm).unwrap();
     let cut = segments::segment(&mesh, &mut graph, &spec.segments, &comm, None).unwrap();
-    let features = m4gn::segments::features(&spec, &mesh, &cut, &comm);
+    let features = segments::features(spec, &mesh, &cut, &comm);
     let view = SegmentView {
         count: cut.count,
         member_row: &cut.member_row,
@@ -57,11 +201,23 @@ fn difference(spec: &ModelSpec) -> f64 {
     };
     let inputs: Vec<f32> = (0..graph.n_owned * 3).map(|i| (i as f32 * 0.37).sin()).collect();
     let (mut native, mut torch) = (vec![0f32; graph.n_cells * 3], vec![0f32; graph.n_cells * 3]);
-    Engine::new(&model, &graph, Some(&view), 1).unwrap().forward(&comm, &inputs, &mut native).unwrap();
-    Inference::with_model(&model, &parts, Device::Cpu).unwrap().step(&inputs, &mut torch).unwrap();
+    Engine::new(&model, &graph, Some(&view), 1)
+        .unwrap()
+        .forward(&comm, &inputs, &mut native)
+        .unwrap();
+    Inference::with_model(&model, &parts, Device::Cpu)
+        .unwrap()
+        .step(&inputs, &mut torch)
+        .unwrap();
     let largest = native.iter().fold(0f32, |m, v| m.max(v.abs()));
-    assert!(largest > 1e-3 && largest.is_finite(), "outputs that say nothing: {largest}");
-    let worst = native.iter().zip(&torch).fold(0f32, |m, (a, b)| m.max((a - b).abs()));
+    assert!(
+        largest > 1e-3 && largest.is_finite(),
+        "outputs that say nothing: {largest}"
+    );
+    let worst = native
+        .iter()
+        .zip(&torch)
+        .fold(0f32, |m, (a, b)| m.max((a - b).abs()));
     (worst / largest) as f64
 }
 
@@ -77,7 +233,14 @@ fn native_engine_and_tch_model_agree() {
     };
     let stage = |layers, rwse_steps| {
         let geometry = rwse_steps > 0;
-        Some(MacroSpec { layers, heads: 4, ffn_width: 48, rwse_steps, centroids: geometry, offsets: geometry })
+        Some(MacroSpec {
+            layers,
+            heads: 4,
+            ffn_width: 48,
+            rwse_steps,
+            centroids: geometry,
+            offsets: geometry,
+        })
     };
     for (architecture, overlap) in [
         (network(3, 0, None, Activation::Relu, 1), 0),
@@ -87,6 +250,9 @@ fn native_engine_and_tch_model_agree() {
     ] {
         let relative = difference(&spec(architecture.clone(), overlap));
         // fp32 sums in different orders, over a few layers.
-        assert!(relative < 1e-5, "{relative:e} for {architecture:?}, overlap {overlap}");
+        assert!(
+            relative < 1e-5,
+            "{relative:e} for {architecture:?}, overlap {overlap}"
+        );
     }
 }

@@ -39,7 +39,10 @@ fn run(request: &Request) -> Result<serde_json::Value, Error> {
 /// Everything that the next step depends on.
 fn state(request: &Request) -> (u64, Vec<Vec<f32>>) {
     let c = Checkpoint::read(&request.checkpoint()).unwrap();
-    (c.progress.step, vec![c.weights, c.first, c.second, c.average.unwrap()])
+    (
+        c.progress.step,
+        vec![c.weights, c.first, c.second, c.average.unwrap()],
+    )
 }
 
 #[test]
@@ -78,12 +81,25 @@ fn resumed_training_is_the_uninterrupted_one_bit_for_bit() {
     // The log has each interval once.
     let steps = |r: &Request| -> Vec<String> {
         let text = std::fs::read_to_string(r.log()).unwrap();
-        text.lines().skip(1).map(|l| l.split(',').next().unwrap().to_string()).collect()
+        text.lines()
+            .skip(1)
+            .map(|l| l.split(',').next().unwrap().to_string())
+            .collect()
     };
     assert_eq!(steps(&whole), ["2", "4", "6", "8", "10", "12"]);
     assert_eq!(steps(&parts), ["2", "3", "4", "6", "8", "10", "12"]);
-    let last = |r: &Request| std::fs::read_to_string(r.log()).unwrap().lines().last().map(|l| l.split(',').nth(4).unwrap().to_string());
-    assert_eq!(last(&whole), last(&parts), "the loss of the interval that was interrupted");
+    let last = |r: &Request| {
+        std::fs::read_to_string(r.log())
+            .unwrap()
+            .lines()
+            .last()
+            .map(|l| l.split(',').nth(4).unwrap().to_string())
+    };
+    assert_eq!(
+        last(&whole),
+        last(&parts),
+        "the loss of the interval that was interrupted"
+    );
 }
 
 #[test]
@@ -92,10 +108,15 @@ fn training_lowers_the_loss_and_leaves_a_model() {
     let request = request(folder.path(), "model", "validation_interval = 100", 150);
     let figures = run(&request).unwrap();
     let text = std::fs::read_to_string(request.log()).unwrap();
-    let loss: Vec<f64> = text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
+    let loss: Vec<f64> = text
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').nth(4).unwrap().parse().unwrap())
+        .collect();
     // The first row is the normalisers' warm-up.
     assert!(loss.last().unwrap() < &(0.3 * loss[1]), "{loss:?}");
-    let ratio = figures["model"]["rmse_1"].as_f64().unwrap() / figures["persistence"]["rmse_1"].as_f64().unwrap();
+    let ratio =
+        figures["model"]["rmse_1"].as_f64().unwrap() / figures["persistence"]["rmse_1"].as_f64().unwrap();
     assert!(ratio < 0.7, "one step is no better than persistence: {figures}");
     let model = Model::read(&request.out).unwrap();
     assert_eq!(model.spec.stride, 0.02);
@@ -112,7 +133,11 @@ fn bfloat16_products_train_as_well() {
     let request = request(folder.path(), "half", "precision = \"bf16\"", 60);
     run(&request).unwrap();
     let text = std::fs::read_to_string(request.log()).unwrap();
-    let loss: Vec<f64> = text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
+    let loss: Vec<f64> = text
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').nth(4).unwrap().parse().unwrap())
+        .collect();
     assert!(loss.last().unwrap() < &(0.7 * loss[1]), "{loss:?}");
 }
 
@@ -145,7 +170,13 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     };
     assert!(edit("stride = 0.02", "stride = 0.015").contains("model.stride"));
     assert!(edit("stride = 0.02", "stride = 0.2").contains("at least 41"));
-    assert!(edit("fields = [", "fields = [{ name = \"T\", input = true, output = \"none\" }, ").contains("there are U, p"));
+    assert!(
+        edit(
+            "fields = [",
+            "fields = [{ name = \"T\", input = true, output = \"none\" }, "
+        )
+        .contains("there are U, p")
+    );
     assert!(edit("count = 4", "count = 400").contains("400 segments"));
     assert!(message(&|r| r.device = Some("gpu".into())).contains("cuda:N"));
     assert!(message(&|r| r.data = "nowhere".into()).contains("nowhere"));

@@ -65,7 +65,7 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
     solverSteps_(1),
     timeStart_(-VGREAT),
     timeEnd_(VGREAT),
-    handedBack_(-labelMax/2)
+    handedBack_(runTime.startTimeIndex())
 {
     read(dict);
 }

@@ -11,11 +11,23 @@ pub fn write_data(folder: &Path, count: usize) {
         let mesh = sample::triangles(6, 4, 1.5, 1.0);
         let options = WriteOptions {
             fields: vec![
-                FieldMeta { name: "U".into(), vector: true, dimensions: [0, 1, -1, 0, 0, 0, 0] },
-                FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] },
+                FieldMeta {
+                    name: "U".into(),
+                    vector: true,
+                    dimensions: [0, 1, -1, 0, 0, 0, 0],
+                },
+                FieldMeta {
+                    name: "p".into(),
+                    vector: false,
+                    dimensions: [0, 2, -2, 0, 0, 0, 0],
+                },
             ],
             provenance: serde_json::json!({ "application": "test" }),
-            split: if number + 1 == count { Split::Valid } else { Split::Train },
+            split: if number + 1 == count {
+                Split::Valid
+            } else {
+                Split::Train
+            },
             overwrite: false,
         };
         let mut writer = Writer::create(folder.join(format!("{number:03}.h5")), &mesh, &options).unwrap();
@@ -25,7 +37,10 @@ pub fn write_data(folder: &Path, count: usize) {
             let flow = |x: [f64; 3]| {
                 let r = [x[0] - centre[0], x[1] - centre[1]];
                 let swirl = (-8.0 * (r[0] * r[0] + r[1] * r[1])).exp();
-                ([(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32], -swirl as f32)
+                (
+                    [(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32],
+                    -swirl as f32,
+                )
             };
             let mut frames = vec![Frame::default(), Frame::default()];
             for &x in &mesh.cell_centres {

@@ -1,0 +1,95 @@
+# shellcheck shell=bash
+# Small cases of the cylinder for the end-to-end tests. Sourced; leaves the test in a temporary folder of its own.
+set -euo pipefail
+# shellcheck source=setup/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/../../setup/common.sh"
+# shellcheck source=env.sh
+. "$M4GN_HOME/env.sh"
+mpi_environment
+export LC_ALL=C
+
+# Random weights, stride 0.01 s: enough for the machinery, and nothing has to be trained first
+# shellcheck disable=SC2034  # used by the tests
+small_model=$M4GN_HOME/tests/cabi/small.safetensors
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+# make_case FOLDER: about 900 triangles, icoFoam, 0.002 s a step, ASCII fields every 0.01 s to 0.06 s.
+make_case() {
+    cp -r "$M4GN_HOME/openfoam/templates/cylinderFlow" "$1"
+    cd "$1"
+    sed -i -e 's/@x@/0.31/; s/@y@/0.212/; s/@radius@/0.052/; s/@size@/0.058/; s/@nu@/1e-3/' \
+        -e 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' mesh.geo 0/U constant/transportProperties
+    cat > system/controlDict <<'EOF'
+FoamFile { version 2.0; format ascii; class dictionary; object controlDict; }
+application     icoFoam;
+startFrom       startTime;
+startTime       0;
+stopAt          endTime;
+endTime         0.06;
+deltaT          0.002;
+writeControl    adjustableRunTime;
+writeInterval   0.01;
+writeFormat     ascii;
+writePrecision  12;
+timePrecision   8;
+runTimeModifiable no;
+functions       { #include "functions" }
+EOF
+    cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
+    # Ranks differ in where their linear solvers stop; that is not what is tested
+    sed -i 's/tolerance  *1e-6/tolerance 1e-10/; s/relTol  *0.05/relTol 0/' system/fvSolution
+    : > system/functions
+    { gmsh -nt 1 -3 -format msh2 -o mesh.msh mesh.geo && gmshToFoam mesh.msh && changeDictionary -constant; } \
+        > log.mesh 2>&1 || { tail -n 20 log.mesh; fail "the mesh of the test case"; }
+    cp -r "$M4GN_HOME/openfoam/templates/cylinderFlow/0/." 0
+    sed -i 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' 0/U
+}
+
+# Removes what a run left.
+clean_case() {
+    find . -maxdepth 1 \( -name '[0-9]*' ! -name 0 -o -name 'processor[0-9]*' \) -exec rm -rf {} +
+    rm -rf postProcessing 0/m4gnSegment
+}
+
+# function_object TYPE ENTRIES...: the only function object of the case, called test.
+function_object() {
+    local type=$1
+    shift
+    echo "test { type $type; libs (m4gnFoam); $* }" > system/functions
+}
+
+# runs COMMAND...: must end with status 0. The log is log.run.
+runs() {
+    local status=0
+    "$@" > log.run 2>&1 || status=$?
+    [ $status -eq 0 ] || { tail -n 20 log.run; fail "'$*' ended with status $status"; }
+}
+
+# refused TEXT COMMAND...: must end with another status, and say TEXT.
+refused() {
+    local text=$1 status=0
+    shift
+    "$@" > log.run 2>&1 || status=$?
+    [ "$status" -ne 0 ] || { tail -n 20 log.run; fail "'$*' ended with status 0, expected: $text"; }
+    grep -q -- "$text" log.run || { tail -n 30 log.run; fail "'$*' does not say: $text"; }
+}
+
+on_two_ranks() { runs decomposePar -force; runs mpirun -np 2 "$1" -parallel; }
+
+# difference FILE FILE: largest difference of the internal fields, relative to the largest value of the first.
+difference() {
+    paste <(values "$1") <(values "$2") | awk '
+        NF % 2 { print "different sizes"; exit 1 }
+        { for (i = 1; i <= NF/2; ++i) { d = abs($i - $(i + NF/2)); a = abs($i); if (d > m) m = d; if (a > s) s = a } }
+        function abs(x) { return x < 0 ? -x : x }
+        END { print m/s }'
+}
+values() { awk '/^internalField/ { on = 1; next } /^\)/ { on = 0 } on && (/^\(.* / || /^[-0-9.e]+$/) && n++ { gsub(/[()]/, ""); print }' "$1"; }
+
+# below VALUE LIMIT WHAT
+below() { awk "BEGIN { exit !($1 <= $2) }" || fail "$3: $1, expected at most $2"; echo "$3: $1"; }
