@@ -322,6 +322,7 @@ Foam::m4gnReplace::m4gnReplace
     predicted_(session.outputs().size()),
     replacedTime_(0),
     firstTime_(mesh.time().value()),
+    takeoverTime_(mesh.time().value()),
     surrogateSeconds_(0),
     projectionSeconds_(0),
     nStepsDone_(0),
@@ -346,6 +347,11 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
             time_.value() + stride
           < min(endTime + deltaT, time_.endTime().value()) - 0.5*deltaT;
     };
+
+    if (!nJumps_)
+    {
+        takeoverTime_ = time_.value();
+    }
 
     clockTime timer;
     scalar surrogateSeconds = 0;
@@ -464,7 +470,7 @@ void Foam::m4gnReplace::end() const
         << "  \"replaced_time\": " << replacedTime_ << ",\n"
         << "  \"solver_time\": " << total - replacedTime_ << ",\n"
         << "  \"replaced_fraction\": " << fraction << ",\n"
-        << "  \"takeover_time\": " << firstTime_ << ",\n"
+        << "  \"takeover_time\": " << takeoverTime_ << ",\n"
         << "  \"jumps\": " << nJumps_ << ",\n"
         << "  \"jumps_ended_early\": " << nRefused_ << ",\n"
         << "  \"surrogate_steps\": " << nStepsDone_ << ",\n"
