@@ -17,13 +17,13 @@ sed -i 's/tolerance  *1e-6/tolerance 1e-10/; s/relTol  *0.05/relTol 0/; s/nCorre
     echo 'writeControl adjustableRunTime; writeInterval 0.01; writePrecision 12; timePrecision 8; functions { #include "functions" }'
 } > system/controlDict
 { header dictionary decomposeParDict; echo 'numberOfSubdomains 2; method simple; coeffs { n (2 1 1); }'; } > system/decomposeParDict
-mesh() { # TYPE ENTRIES: of the ends
+mesh() { # TYPE ENTRIES ENTRIES: of the ends, the left and the right one
     {
         header dictionary blockMeshDict
         echo 'vertices ((0 0 0) (1 0 0) (1 0.4 0) (0 0.4 0) (0 0 0.1) (1 0 0.1) (1 0.4 0.1) (0 0.4 0.1));'
         echo 'blocks (hex (0 1 2 3 4 5 6 7) (20 8 1) simpleGrading (1 1 1)); boundary ('
         echo "left { type $1; neighbourPatch right; $2 faces ((0 4 7 3)); }"
-        echo "right { type $1; neighbourPatch left; $2 faces ((1 2 6 5)); }"
+        echo "right { type $1; neighbourPatch left; $3 faces ((1 2 6 5)); }"
         echo 'walls { type wall; faces ((0 1 5 4) (3 7 6 2)); } sides { type empty; faces ((0 3 2 1) (4 5 6 7)); } );'
     } > system/blockMeshDict
     runs blockMesh
@@ -45,7 +45,7 @@ fields() { # TYPE of the ends
     } > 0/p
 }
 { header dictionary transportProperties; echo 'nu 1e-3;'; } > constant/transportProperties
-mesh cyclic ''
+mesh cyclic '' ''
 fields cyclic
 
 function_object m4gnHarvest
@@ -80,11 +80,11 @@ done
 
 clean_case
 : > system/functions
-mesh cyclicAMI ''
+mesh cyclicAMI 'transform translational; separationVector (1 0 0);' 'transform translational; separationVector (-1 0 0);'
 fields cyclicAMI
 function_object m4gnHarvest
 refused 'is of type cyclicAMI, which m4gn does not handle' icoFoam
-mesh symmetryPlane ''
+mesh symmetryPlane '' ''
 fields symmetryPlane
 function_object m4gnHarvest
 runs icoFoam
