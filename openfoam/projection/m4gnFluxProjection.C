@@ -161,6 +161,14 @@ void Foam::m4gnFluxProjection::project
 
     const dictionary controls(solverControls(p.name()));
 
+    // One cell of all ranks: setReference fixes one on each that names one
+    const label first = returnReduce
+    (
+        mesh_.nCells() ? Pstream::myProcNo() : labelMax,
+        minOp<label>()
+    );
+    const label referenceCell = Pstream::myProcNo() == first ? 0 : -1;
+
     for (label corri = 0; corri <= nCorrectors_; ++corri)
     {
         fvScalarMatrix pcorrEqn
@@ -168,7 +176,7 @@ void Foam::m4gnFluxProjection::project
             laplacian.constCast().fvmLaplacian(one, pcorr) == fvc::div(phi)
         );
 
-        pcorrEqn.setReference(0, Zero);
+        pcorrEqn.setReference(referenceCell, Zero);
         pcorrEqn.solve(controls);
 
         if (corri == nCorrectors_)

@@ -41,7 +41,7 @@ void Foam::functionObjects::m4gnHarvest::start()
 
     adapter_.reset(new m4gnMeshAdapter(mesh_, nodeTypes.types()));
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
-    fields_->gather(adapter_());
+    fields_->gather(*adapter_);
 
     std::vector<m4gn_recorder_field> recorded(fields_->size());
     for (label i = 0; i < fields_->size(); ++i)
@@ -240,7 +240,7 @@ bool Foam::functionObjects::m4gnHarvest::write()
 
     if (recorder_)
     {
-        fields_->gather(adapter_());
+        fields_->gather(*adapter_);
     }
     else
     {

@@ -42,11 +42,11 @@ void Foam::functionObjects::m4gnSurrogate::start()
 
     if (mode_ == modeType::REPLACE)
     {
-        replace_.reset(new m4gnReplace(name(), mesh_, dict_, session_()));
+        replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_));
     }
     else
     {
-        observe_.reset(new m4gnObserve(name(), mesh_, dict_, session_()));
+        observe_.reset(new m4gnObserve(name(), mesh_, dict_, *session_));
     }
 }
 
@@ -81,7 +81,7 @@ Foam::functionObjects::m4gnSurrogate::~m4gnSurrogate()
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
-    if (session_.valid())
+    if (session_)
     {
         Log << type() << ' ' << name() << ": goes on as it was begun; changes"
             << " to the dictionary take effect in the next run" << endl;
@@ -166,12 +166,12 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
         return true;
     }
 
-    if (!session_.valid())
+    if (!session_)
     {
         start();
     }
 
-    if (observe_.valid())
+    if (observe_)
     {
         observe_->execute();
     }
@@ -199,11 +199,11 @@ bool Foam::functionObjects::m4gnSurrogate::write()
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {
-    if (observe_.valid())
+    if (observe_)
     {
         observe_->end();
     }
-    if (replace_.valid())
+    if (replace_)
     {
         replace_->end();
     }

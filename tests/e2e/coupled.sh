@@ -1,0 +1,92 @@
+#!/usr/bin/env bash
+# Coupled patches: a cyclic one, whole and cut by processors, in both function objects; couplings that are refused.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+header() { echo "FoamFile { version 2.0; format ascii; class $1; object $2; }"; }
+
+# A channel that is periodic in x, with a jet along its middle
+mkdir -p case/{0,constant,system}
+: > case/system/functions
+cd case
+cp "$M4GN_HOME"/openfoam/templates/cylinderFlow/system/{fvSchemes,fvSolution} system
+sed -i 's/tolerance  *1e-6/tolerance 1e-10/; s/relTol  *0.05/relTol 0/; s/nCorrectors  *2;/nCorrectors 2; pRefCell 0; pRefValue 0;/' system/fvSolution
+{
+    header dictionary controlDict
+    echo 'application icoFoam; startFrom startTime; startTime 0; stopAt endTime; endTime 0.06; deltaT 0.002;'
+    echo 'writeControl adjustableRunTime; writeInterval 0.01; writePrecision 12; timePrecision 8; functions { #include "functions" }'
+} > system/controlDict
+{ header dictionary decomposeParDict; echo 'numberOfSubdomains 2; method simple; coeffs { n (2 1 1); }'; } > system/decomposeParDict
+mesh() { # TYPE ENTRIES ENTRIES: of the ends, the left and the right one
+    {
+        header dictionary blockMeshDict
+        echo 'vertices ((0 0 0) (1 0 0) (1 0.4 0) (0 0.4 0) (0 0 0.1) (1 0 0.1) (1 0.4 0.1) (0 0.4 0.1));'
+        echo 'blocks (hex (0 1 2 3 4 5 6 7) (20 8 1) simpleGrading (1 1 1)); boundary ('
+        echo "left { type $1; neighbourPatch right; $2 faces ((0 4 7 3)); }"
+        echo "right { type $1; neighbourPatch left; $3 faces ((1 2 6 5)); }"
+        echo 'walls { type wall; faces ((0 1 5 4) (3 7 6 2)); } sides { type empty; faces ((0 3 2 1) (4 5 6 7)); } );'
+    } > system/blockMeshDict
+    runs blockMesh
+}
+fields() { # TYPE of the ends
+    {
+        header volVectorField U
+        echo 'dimensions [0 1 -1 0 0 0 0]; internalField nonuniform List<vector> 160 ('
+        for ((i = 0; i < 160; ++i)); do
+            awk "BEGIN { x = 6.2831853*($i % 20 + 0.5)/20; y = (int($i/20) + 0.5)/8
+                printf \"(%.6f %.6f 0)\n\", 4*y*(1 - y), 0.2*sin(x)*y*(1 - y) }"
+        done
+        echo "); boundaryField { \"left|right\" { type $1; } walls { type noSlip; } sides { type empty; } }"
+    } > 0/U
+    {
+        header volScalarField p
+        echo 'dimensions [0 2 -2 0 0 0 0]; internalField uniform 0;'
+        echo "boundaryField { \"left|right\" { type $1; } walls { type zeroGradient; } sides { type empty; } }"
+    } > 0/p
+}
+{ header dictionary transportProperties; echo 'nu 1e-3;'; } > constant/transportProperties
+mesh cyclic '' ''
+fields cyclic
+
+function_object m4gnHarvest
+runs icoFoam
+content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
+file=postProcessing/test/0/trajectory.h5
+content $file
+content $file | grep -q '40 boundary faces, 16 cyclic faces' || fail "the cyclic faces were not recorded as such"
+content $file > ../serial.info
+
+# A cut across the flow leaves the ends on two ranks (processorCyclic), one along it on the same (cyclic)
+for cut in '2 1 1' '1 2 1'; do
+    clean_case
+    sed -i "s/n (.*) *; }/n ($cut); }/" system/decomposeParDict
+    on_two_ranks icoFoam
+    content $file | diff ../serial.info - || fail "cut $cut: two ranks recorded something else than one"
+done
+
+function_object m4gnSurrogate "mode replace; model \"$small_model\"; solverSteps 10; surrogateSteps 2;"
+clean_case
+runs icoFoam
+mkdir ../serial && cp -r 0.* ../serial
+for cut in '2 1 1' '1 2 1'; do
+    clean_case
+    sed -i "s/n (.*) *; }/n ($cut); }/" system/decomposeParDict
+    on_two_ranks icoFoam
+    runs reconstructPar
+    for field in U p; do
+        below "$(difference ../serial/0.04/$field 0.04/$field)" 1e-4 "$field at 0.04, cut $cut"
+    done
+done
+
+clean_case
+: > system/functions
+mesh cyclicAMI 'transform translational; separationVector (1 0 0);' 'transform translational; separationVector (-1 0 0);'
+fields cyclicAMI
+function_object m4gnHarvest
+refused 'is of type cyclicAMI, which m4gn does not handle' icoFoam
+mesh symmetryPlane '' ''
+fields symmetryPlane
+function_object m4gnHarvest
+runs icoFoam
+content $file | grep -q 'left  *8 faces, symmetry' || fail "symmetry planes were not recorded as such"
+echo "coupled: passed"
