@@ -1,12 +1,15 @@
-//! The bridge to OpenFOAM and `m4gn compare`, on cases small enough to know every answer: a cube of two cells.
+//! The bridge to OpenFOAM, on cases small enough to know every answer: a cube of two cells.
 //!
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
+mod common;
+
+use common::{cube, field, put, uniform};
 use m4gn::foam_case::FoamCase;
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::Command,
     sync::{Mutex, MutexGuard},
 };
 use tempfile::TempDir;
@@ -30,109 +33,6 @@ fn bridge() -> PathBuf {
 
 fn open(case: &Path) -> m4gn::Result<FoamCase> {
     FoamCase::open(&bridge(), case)
-}
-
-const HEADER: &str = "FoamFile { version 2.0; format ascii; class CLASS; object OBJECT; }\n";
-
-fn put(case: &Path, name: &str, class: &str, text: &str) {
-    let path = case.join(name);
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    let object = path.file_name().unwrap().to_str().unwrap();
-    fs::write(
-        &path,
-        HEADER.replace("CLASS", class).replace("OBJECT", object) + text,
-    )
-    .unwrap();
-}
-
-/// The unit cube, cut at x = 1/2 into two cells: faces z = 0 and z = 1 in `sides`, the others in `inlet` (x = 0),
-/// `outlet` (x = 1) and `body` (y = 0, y = 1). With `closed`, all ten faces are one wall `body`.
-fn cube(case: &Path, closed: bool, sides: &str) {
-    put(
-        case,
-        "system/controlDict",
-        "dictionary",
-        "application icoFoam; deltaT 0.5; writeInterval 1; endTime 3;",
-    );
-    put(
-        case,
-        "system/fvSchemes",
-        "dictionary",
-        "gradSchemes{} divSchemes{} laplacianSchemes{}",
-    );
-    put(case, "system/fvSolution", "dictionary", "solvers{}");
-    put(
-        case,
-        "constant/transportProperties",
-        "dictionary",
-        "nu [0 2 -1 0 0 0 0] 0.25;",
-    );
-    let mut points = String::from("12(");
-    for x in [0.0, 0.5, 1.0] {
-        for (y, z) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
-            points += &format!("({x} {y} {z})");
-        }
-    }
-    put(case, "constant/polyMesh/points", "vectorField", &(points + ")"));
-    // Point 4 i + j is corner j of the section at x = i/2. Normals point from the owner outwards.
-    let faces = "11(4(4 5 6 7) 4(0 3 2 1) 4(8 9 10 11) 4(0 4 7 3) 4(4 8 11 7) 4(1 2 6 5) 4(5 6 10 9) \
-                 4(0 1 5 4) 4(4 5 9 8) 4(3 7 6 2) 4(7 11 10 6))";
-    // Corners are (0 0)(1 0)(1 1)(0 1) in y, z: faces 3, 4 are y = 0; 5, 6 y = 1; 7, 8 z = 0; 9, 10 z = 1.
-    put(case, "constant/polyMesh/faces", "faceList", faces);
-    put(
-        case,
-        "constant/polyMesh/owner",
-        "labelList",
-        "11(0 0 1 0 1 0 1 0 1 0 1)",
-    );
-    put(case, "constant/polyMesh/neighbour", "labelList", "1(1)");
-    let patch = |name: &str, kind: &str, n: usize, start: usize| {
-        format!("{name}{{type {kind}; nFaces {n}; startFace {start};}}\n")
-    };
-    let patches = if closed {
-        format!("1({})", patch("body", "wall", 10, 1))
-    } else {
-        let ends = patch("inlet", "patch", 1, 1) + &patch("outlet", "patch", 1, 2);
-        format!(
-            "4({ends}{}{})",
-            patch("body", "wall", 4, 3),
-            patch("sides", sides, 4, 7)
-        )
-    };
-    put(case, "constant/polyMesh/boundary", "polyBoundaryMesh", &patches);
-}
-
-fn field(case: &Path, time: &str, name: &str, cells: [&str; 2], boundary: &str) {
-    let (class, kind, dimensions) = match name {
-        "p" => ("volScalarField", "scalar", "[0 2 -2 0 0 0 0]"),
-        _ => ("volVectorField", "vector", "[0 1 -1 0 0 0 0]"),
-    };
-    let text = format!(
-        "dimensions {dimensions}; internalField nonuniform List<{kind}> 2({} {});\nboundaryField {{ {boundary} }}\n",
-        cells[0], cells[1]
-    );
-    put(case, &format!("{time}/{name}"), class, &text);
-}
-
-/// A duct with the same velocity `u` everywhere and pressure 1 on the whole body.
-fn uniform(case: &Path, time: &str, u: f64) {
-    let v = format!("({u} 0 0)");
-    let walls =
-        |value: &str| format!("inlet{{{value}}} outlet{{{value}}} body{{{value}}} sides{{type empty;}}");
-    field(
-        case,
-        time,
-        "U",
-        [&v, &v],
-        &walls(&format!("type fixedValue; value uniform {v};")),
-    );
-    field(
-        case,
-        time,
-        "p",
-        ["1", "1"],
-        &walls("type calculated; value uniform 1;"),
-    );
 }
 
 fn near(a: [f64; 3], b: [f64; 3]) -> bool {
@@ -378,124 +278,4 @@ fn a_decomposed_case_is_read_without_reconstructing_it() {
             .to_string()
             .contains("processor0/1/V")
     );
-}
-
-fn m4gn(args: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-    command.args(args).env_remove("WM_PROJECT_DIR").output().unwrap()
-}
-
-/// Two ducts: the full run's velocity is 1, 2, 3 at t = 1, 2, 3; the hybrid's 1, 2.5, 3.
-fn two_runs() -> (TempDir, String, String) {
-    let dir = TempDir::new().unwrap();
-    for (name, speeds) in [("a", [1.0, 2.0, 3.0]), ("b", [1.0, 2.5, 3.0])] {
-        let case = dir.path().join(name);
-        cube(&case, false, "empty");
-        for (i, u) in speeds.iter().enumerate() {
-            uniform(&case, &(i + 1).to_string(), *u);
-        }
-    }
-    let path = |n: &str| dir.path().join(n).to_str().unwrap().to_string();
-    let (a, b) = (path("a"), path("b"));
-    (dir, a, b)
-}
-
-fn figures(path: &str) -> serde_json::Value {
-    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
-}
-
-#[test]
-fn compare_gives_the_errors_on_paper() {
-    let (dir, a, b) = two_runs();
-    let file = |n: &str| dir.path().join(n).to_str().unwrap().to_string();
-    let (json, html, png) = (file("c.json"), file("c.html"), file("c.png"));
-    let outputs = ["--json", &json, "--html", &html, "--png", &png];
-    let run = m4gn(
-        &[
-            &["compare", &a, &b, "--patch", "body", "--wall-a", "9"],
-            &outputs[..],
-        ]
-        .concat(),
-    );
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
-    let list = |key: &str| -> Vec<f64> {
-        found[key]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|v| v.as_f64().unwrap())
-            .collect()
-    };
-    // One of two components is wrong by 1/2 at the first horizon, none at the second. Held: 1 against 2 and 3.
-    let expected = [
-        (0.5_f64 / 2.0_f64.sqrt(), 1.0 / 2.0_f64.sqrt()),
-        (0.25, (5.0_f64 / 4.0).sqrt()),
-    ];
-    for (i, (model, hold)) in expected.into_iter().enumerate() {
-        assert!((list("velocity_rmse")[i] - model).abs() < 1e-12, "{found}");
-        assert!((list("hold_last_rmse")[i] - hold).abs() < 1e-12, "{found}");
-    }
-    assert_eq!(
-        (list("times"), found["takeover"].as_f64()),
-        (vec![2.0, 3.0], Some(1.0))
-    );
-    assert_eq!(
-        (found["wall_a"].as_f64(), found["wall_b"].as_f64()),
-        (Some(9.0), None)
-    );
-    assert!(found["replaced_fraction"].is_null() && found["strouhal_error"].is_null());
-    assert!(
-        fs::read_to_string(&html)
-            .unwrap()
-            .contains("data:image/png;base64,")
-    );
-    assert!(fs::read(&png).unwrap().starts_with(b"\x89PNG"));
-
-    // A surrogate that says when it took over.
-    let folder = Path::new(&b).join("postProcessing/surrogate/1");
-    fs::create_dir_all(&folder).unwrap();
-    let summary = r#"{"replaced_time": 1.0, "replaced_fraction": 0.5, "takeover_time": 2.0}"#;
-    fs::write(folder.join("summary.json"), summary).unwrap();
-    let run = m4gn(&["compare", &a, &b, "--json", &json]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
-    assert_eq!(
-        (found["times"][0].as_f64(), found["replaced_fraction"].as_f64()),
-        (Some(3.0), Some(0.5))
-    );
-}
-
-#[test]
-fn compare_refuses_what_cannot_be_compared() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json");
-    let fails = |args: &[&str], words: &str| {
-        let run = m4gn(&[&["compare", "--json", json.to_str().unwrap()], args].concat());
-        let text = String::from_utf8_lossy(&run.stderr).into_owned();
-        assert_eq!(run.status.code(), Some(1), "{args:?}: {text}");
-        assert!(
-            text.starts_with("m4gn: ") && text.contains(words),
-            "{args:?}: expected '{words}' in '{text}'"
-        );
-        assert!(!json.exists(), "{args:?} left a file of figures");
-    };
-    fails(&[&a, "/nowhere"], "is not an OpenFOAM case");
-    fails(
-        &[&a, &b, "--patch", "wing"],
-        "its patches are inlet, outlet, body, sides",
-    );
-    fails(&[&a, &b, "--from", "0.5"], "took over at 0.5 s");
-    fails(&[&a, &b, "--from", "3"], "took over at 3 s");
-    fails(&[&a, &b, "--wall-a", "0"], "expected a positive number");
-    // Another mesh.
-    let points =
-        "12((0 0 0)(0 1 0)(0 1 1)(0 0 1)(0.4 0 0)(0.4 1 0)(0.4 1 1)(0.4 0 1)(1 0 0)(1 1 0)(1 1 1)(1 0 1))";
-    put(Path::new(&b), "constant/polyMesh/points", "vectorField", points);
-    fails(&[&a, &b], "different meshes");
-    // A run that blew up.
-    cube(Path::new(&b), false, "empty");
-    uniform(Path::new(&b), "3", f64::NAN);
-    fails(&[&a, &b], "3/U");
-    assert_eq!(m4gn(&["compare", &a]).status.code(), Some(2));
 }

@@ -132,7 +132,8 @@ fn across(flow: [f64; 3], directions: &[usize]) -> [f64; 3] {
         }
     }
     let norm = result.iter().map(|v| v * v).sum::<f64>().sqrt();
-    result.map(|v| v / norm.max(f64::MIN_POSITIVE))
+    // Adding zero makes -0 a plain 0.
+    result.map(|v| v / norm.max(f64::MIN_POSITIVE) + 0.0)
 }
 
 /// Coefficients over time.

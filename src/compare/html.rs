@@ -23,7 +23,8 @@ pub fn picture(polygons: &Polygons, snapshots: &[Snapshot]) -> Option<Raster> {
         return None;
     }
     let most = |of: fn(&Snapshot) -> &Vec<f64>| snapshots.iter().flat_map(of).copied().fold(0.0, f64::max);
-    let speed = most(|s| &s.full).max(most(|s| &s.hybrid));
+    // Of the full run: a hybrid that runs away must not darken the others.
+    let speed = most(|s| &s.full);
     let scales = vec![
         Scale {
             label: "|U| [m/s]".into(),

@@ -191,7 +191,7 @@ fn maximum(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{Rng, RngExt, SeedableRng};
+    use rand::{RngExt, SeedableRng};
 
     fn record(duration: f64, step: f64, signal: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {
         let times: Vec<f64> = (0..=(duration / step).round() as usize)

@@ -1,14 +1,16 @@
 //! What people look at: self-contained HTML pages with tables, charts (SVG) and pictures of fields (PNG).
 
+pub mod cells;
 pub mod chart;
 pub mod page;
 pub mod picture;
 pub mod raster;
 pub mod table;
 
+pub use cells::CellMap;
 pub use chart::{Chart, Series};
 pub use page::Page;
-pub use picture::{CellMap, FieldPicture};
+pub use picture::FieldPicture;
 pub use table::Table;
 
 use crate::{Error, Result};

@@ -135,10 +135,8 @@ fn picture(case: &Case) -> Result<Option<FieldPicture>> {
         return Ok(None);
     };
     let all = || case.errors.snapshots.iter();
-    let speed = all()
-        .flat_map(|s| s.1.iter().chain(&s.2))
-        .copied()
-        .fold(0.0, f64::max);
+    // Of the recorded ones: a model that runs away must not darken the others.
+    let speed = all().flat_map(|s| &s.recorded).copied().fold(0.0, f64::max);
     let scales = vec![
         Scale {
             label: "|U| [m/s]".into(),
@@ -154,16 +152,16 @@ fn picture(case: &Case) -> Result<Option<FieldPicture>> {
         },
     ];
     let rows = all()
-        .map(|(time, recorded, predicted, difference)| {
+        .map(|s| {
             let panel = |name: &str, values: &Vec<f64>, scale| Panel {
-                title: format!("{name}, t = {} s", seconds(*time)),
+                title: format!("{name}, t = {} s", seconds(s.time)),
                 values: values.clone(),
                 scale,
             };
             vec![
-                panel("solver", recorded, 0),
-                panel("model", predicted, 0),
-                panel("difference", difference, 1),
+                panel("solver", &s.recorded, 0),
+                panel("model", &s.predicted, 0),
+                panel("difference", &s.difference, 1),
             ]
         })
         .collect();

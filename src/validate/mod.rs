@@ -12,11 +12,13 @@
 //! first the first frame (for RMSE-1, where the start is the first frame, the two are the same).
 
 mod html;
+pub mod pace;
 pub mod rmse;
 pub mod trajectory;
 
 pub use html::report;
-pub use trajectory::{Errors, Pace};
+pub use pace::Pace;
+pub use trajectory::Errors;
 
 use crate::{
     dataset::Split,

@@ -1,6 +1,6 @@
 //! A model on one recorded trajectory: single steps from every frame, and a rollout from the first.
 
-use super::rmse::SquaredError;
+use super::{pace::Pace, rmse::SquaredError};
 use crate::{
     Error, Result,
     dataset::{FieldMeta, Frame, Trajectory},
@@ -29,74 +29,21 @@ pub struct Errors {
     pub seconds: (f64, usize),
     /// Times of the steps' ends, from the first frame, s.
     pub times: Vec<f64>,
-    /// Speed at chosen steps: recorded and predicted `[cells]`, m/s.
-    pub snapshots: Vec<(f64, Vec<f64>, Vec<f64>, Vec<f64>)>,
+    /// The rollout at chosen steps, for pictures.
+    pub snapshots: Vec<Snapshot>,
 }
 
-/// How the frames of a trajectory and the model's stride fit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pace {
-    /// Time between frames, s.
-    pub interval: f64,
-    /// Frames a step.
-    pub frames: usize,
-    /// Steps that fit.
-    pub steps: usize,
-}
-
-impl Pace {
-    /// Of equidistant `times` and a model's `stride`, s.
-    ///
-    /// # Errors
-    /// [`Error::Model`] when the times are not equidistant, the stride is no multiple of their interval, or there is
-    /// not one step.
-    pub fn new(times: &[f64], stride: f64) -> Result<Self> {
-        let [first, .., last] = *times else {
-            return Err(Error::Model(format!(
-                "a step needs two frames, found {}",
-                times.len()
-            )));
-        };
-        let interval = (last - first) / (times.len() - 1) as f64;
-        // Times are written with some digits only.
-        let slack = 1e-3 * interval;
-        if let Some(i) = times
-            .windows(2)
-            .position(|w| (w[1] - w[0] - interval).abs() > slack)
-        {
-            return Err(Error::Model(format!(
-                "expected frames at equal intervals of {interval} s, found {} s and {} s one after the other",
-                times[i],
-                times[i + 1]
-            )));
-        }
-        let frames = (stride / interval).round();
-        if frames < 1.0 || (frames * interval - stride).abs() > slack * frames {
-            return Err(Error::Model(format!(
-                "the model steps {stride} s and the frames are {interval} s apart: the stride must be a multiple of the interval"
-            )));
-        }
-        let frames = frames as usize;
-        match (times.len() - 1) / frames {
-            0 => Err(Error::Model(format!(
-                "the model steps {stride} s, and the {} frames cover {} s only",
-                times.len(),
-                last - first
-            ))),
-            steps => Ok(Pace {
-                interval,
-                frames,
-                steps,
-            }),
-        }
-    }
-
-    /// Steps that end within `time` from the first frame, s; at least one.
-    pub fn steps_within(&self, time: f64) -> usize {
-        let stride = self.interval * self.frames as f64;
-        // Rounding must not cost a step.
-        ((time / stride + 1e-3) as usize).max(1)
-    }
+/// Speeds of the cells after a step of the rollout, m/s.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    /// Time from the first frame, s.
+    pub time: f64,
+    /// |U| recorded.
+    pub recorded: Vec<f64>,
+    /// |U| predicted.
+    pub predicted: Vec<f64>,
+    /// |U predicted - U recorded|.
+    pub difference: Vec<f64>,
 }
 
 /// Checks that the trajectory holds every field of the model as the model knows it.
@@ -305,12 +252,12 @@ pub fn run(
         {
             let speeds = |v: &[f64]| v.chunks_exact(mesh.dim()).map(norm).collect();
             let difference: Vec<f64> = now.iter().zip(&truth[i + 1]).map(|(a, b)| a - b).collect();
-            errors.snapshots.push((
-                errors.times[i],
-                speeds(&truth[i + 1]),
-                speeds(&now),
-                speeds(&difference),
-            ));
+            errors.snapshots.push(Snapshot {
+                time: errors.times[i],
+                recorded: speeds(&truth[i + 1]),
+                predicted: speeds(&now),
+                difference: speeds(&difference),
+            });
         }
         progress()?;
     }
@@ -353,28 +300,6 @@ fn step(session: &mut Session, tracks: &mut [Track], seconds: &mut (f64, usize))
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn strides_and_frames() {
-        let times: Vec<f64> = (0..11).map(|i| 1.0 + 0.01 * i as f64).collect();
-        let pace = Pace::new(&times, 0.05).unwrap();
-        assert_eq!((pace.frames, pace.steps), (5, 2));
-        assert!((pace.interval - 0.01).abs() < 1e-12);
-        assert_eq!(
-            (
-                pace.steps_within(0.15),
-                pace.steps_within(0.149),
-                pace.steps_within(0.01)
-            ),
-            (3, 2, 1)
-        );
-        let refused = |times: &[f64], stride: f64| Pace::new(times, stride).unwrap_err().to_string();
-        assert!(refused(&times, 0.015).contains("multiple of the interval"));
-        assert!(refused(&times, 0.004).contains("multiple of the interval"));
-        assert!(refused(&times, 0.2).contains("cover"));
-        assert!(refused(&[0.0], 0.1).contains("two frames"));
-        assert!(refused(&[0.0, 0.1, 0.3], 0.1).contains("equal intervals"));
-    }
 
     #[test]
     fn two_dimensional_vectors_become_rows_of_three() {

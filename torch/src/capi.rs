@@ -37,6 +37,17 @@ pub(crate) fn guard(body: impl FnOnce() -> Result<()>) -> i32 {
     error.status()
 }
 
+/// Lets the allocator keep the memory of freed tensors instead of giving it back to the system at every step, which
+/// costs some 5 % of a training step in page faults.
+pub(crate) fn keep_memory() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: mallopt may be called at any time; it changes thresholds only.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, 512 << 20);
+    }
+}
+
 /// Version of this interface.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_torch_abi_version() -> u32 {
@@ -69,6 +80,7 @@ pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *co
             serde_json::from_str(text).map_err(|e| Error::Input(format!("the training request: {e}")))?;
         // SAFETY: not null, lives and is atomic by this function's contract; a u8 is aligned anywhere.
         let stop = unsafe { AtomicU8::from_ptr(stop.cast_mut()) };
+        keep_memory();
         crate::trainer::train(&request, stop).map(|_| ())
     })
 }

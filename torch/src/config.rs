@@ -105,6 +105,9 @@ pub struct TrainingConfig {
     pub decay_steps: u64,
     /// Shape of the decay.
     pub decay: Decay,
+    /// A second decay, from a step with a rate of its own down to `learning_rate_end` at the last step: for the stage
+    /// in which many model steps are unrolled.
+    pub restart: Option<Restart>,
     /// Decay rates of Adam's first and second moments.
     pub betas: [f64; 2],
     /// Largest norm of the gradient; larger ones are scaled down. 0: no limit.
@@ -137,6 +140,16 @@ pub struct TrainingConfig {
     pub log_interval: u64,
 }
 
+/// Where a second decay of the learning rate starts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Restart {
+    /// Its first step.
+    pub step: u64,
+    /// Learning rate there.
+    pub learning_rate: f64,
+}
+
 impl Default for TrainingConfig {
     fn default() -> Self {
         TrainingConfig {
@@ -152,6 +165,7 @@ impl Default for TrainingConfig {
             decay_start: 0,
             decay_steps: 100_000,
             decay: Decay::Exponential,
+            restart: None,
             betas: [0.9, 0.999],
             gradient_clip: 0.0,
             ema_decay: 0.0,
@@ -179,15 +193,16 @@ impl TrainingConfig {
         } else {
             1.0
         };
-        let span = self.decay_steps.max(1) as f64;
-        let part = (step.saturating_sub(self.decay_start) as f64 / span).min(1.0);
+        let (first, from, steps) = match &self.restart {
+            Some(r) if step >= r.step => (r.learning_rate, r.step, self.steps.saturating_sub(r.step)),
+            _ => (self.learning_rate, self.decay_start, self.decay_steps),
+        };
+        let part = (step.saturating_sub(from) as f64 / steps.max(1) as f64).min(1.0);
         let rate = match self.decay {
-            Decay::Exponential => {
-                self.learning_rate * (self.learning_rate_end / self.learning_rate).powf(part)
-            }
+            Decay::Exponential => first * (self.learning_rate_end / first).powf(part),
             Decay::Cosine => {
                 let half = 0.5 * (1.0 + (std::f64::consts::PI * part).cos());
-                self.learning_rate_end + (self.learning_rate - self.learning_rate_end) * half
+                self.learning_rate_end + (first - self.learning_rate_end) * half
             }
         };
         warm * rate
@@ -301,6 +316,9 @@ impl Config {
         }
         positive("training.learning_rate", t.learning_rate)?;
         positive("training.learning_rate_end", t.learning_rate_end)?;
+        if let Some(restart) = &t.restart {
+            positive("training.restart.learning_rate", restart.learning_rate)?;
+        }
         positive("training.validation_horizon", t.validation_horizon)?;
         if let Some(minutes) = t.max_minutes {
             positive("training.max_minutes", minutes)?;
@@ -417,6 +435,19 @@ mod tests {
         assert!((t.learning_rate_at(1500) - 1e-5).abs() < 1e-18);
         assert!((t.learning_rate_at(5000) - 1e-6).abs() < 1e-18);
         assert_eq!((t.unroll_at(19), t.unroll_at(20)), (1, 2));
+    }
+
+    #[test]
+    fn a_restart_decays_to_the_last_step() {
+        let text = SMALL.replace(
+            "steps = 10\n",
+            "steps = 6000\nrestart = { step = 5000, learning_rate = 1e-4 }\n",
+        );
+        let t = Config::parse(&text).unwrap().training;
+        assert!((t.learning_rate_at(4999) - 1e-6).abs() < 1e-18);
+        assert_eq!(t.learning_rate_at(5000), 1e-4);
+        assert!((t.learning_rate_at(5500) - 1e-5).abs() < 1e-18);
+        assert!((t.learning_rate_at(6000) - 1e-6).abs() < 1e-18);
     }
 
     #[test]

@@ -67,15 +67,16 @@ impl Journal {
             "step,samples,seconds,learning_rate,loss,{},gradient_norm,rmse_1,rmse_50,rmse_all,persistence_1,persistence_50,persistence_all\n",
             losses.join(",")
         );
-        if step > 0 {
-            if let Ok(old) = std::fs::read_to_string(path) {
-                for line in old.lines().skip(1) {
-                    let at = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
-                    if at.is_some_and(|at| at <= step) {
-                        text.push_str(line);
-                        text.push('\n');
-                    }
-                }
+        let old = if step > 0 {
+            std::fs::read_to_string(path).unwrap_or_default()
+        } else {
+            String::new()
+        };
+        for line in old.lines().skip(1) {
+            let at = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
+            if at.is_some_and(|at| at <= step) {
+                text.push_str(line);
+                text.push('\n');
             }
         }
         std::fs::write(path, text).map_err(fail)?;

@@ -219,6 +219,7 @@ impl<'a> Network<'a> {
 
     /// Eq. 9 to 13: segments as means of their nodes, then pre-norm self-attention; `[graphs K x d]`.
     fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
+        // Sums here are new tensors: the backward pass needs the old ones.
         let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
         let sums = match &graph.member_node {
             Some(index) => sum_into(
@@ -232,7 +233,7 @@ impl<'a> Network<'a> {
             .encode("segment.encoder", &(sums * &graph.segment_weight))
             .full;
         if let Some(position) = &graph.position {
-            s += float(&self.mlp("segment.position", position));
+            s = &s + float(&self.mlp("segment.position", position));
         }
         let (b, k) = (graph.graphs, graph.segments);
         let scale = 1.0 / ((d / heads) as f64).sqrt();
@@ -251,11 +252,11 @@ impl<'a> Network<'a> {
                 .matmul(&split("v.weight"))
                 .transpose(1, 2)
                 .reshape([b * k, d]);
-            s = s + mixed.linear(w("o.weight"), Some(w("o.bias")));
+            s = &s + mixed.linear(w("o.weight"), Some(w("o.bias")));
             let x = self
                 .layer_norm(&name("norm2"), &s)
                 .linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
-            s = s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
+            s = &s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
         }
         s
     }

@@ -129,7 +129,7 @@ impl Stepper {
         let mut copies = boundary.copies.shallow_clone();
         if let Some(given) = &self.given {
             cells += &next.cells * given;
-            copies = copies * (1.0 - given);
+            copies = &copies * (1.0 - given);
         }
         let boundary = Self::boundary_values(&cells, &boundary.owners, &copies, &next.boundary);
         State { cells, boundary }

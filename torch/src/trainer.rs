@@ -210,13 +210,13 @@ impl Trainer<'_> {
             let step = self.progress.step;
             let out_of_time = t.max_minutes.is_some_and(|most| self.seconds() >= 60.0 * most);
             let last = step == t.steps || out_of_time;
-            let validated = last || step % t.validation_interval == 0;
+            let validated = last || step.is_multiple_of(t.validation_interval);
             let validation = if validated {
                 Some(self.validate(report)?)
             } else {
                 None
             };
-            if validated || step % t.log_interval == 0 {
+            if validated || step.is_multiple_of(t.log_interval) {
                 let row = self.row(validation);
                 if !row.loss.is_finite() {
                     report.end();
@@ -228,7 +228,7 @@ impl Trainer<'_> {
                 report.row(&row);
             }
             report.advance(step);
-            if last || step % t.checkpoint_interval == 0 {
+            if last || step.is_multiple_of(t.checkpoint_interval) {
                 self.save()?;
             }
             if out_of_time {
