@@ -105,9 +105,9 @@ pub struct TrainingConfig {
     pub decay_steps: u64,
     /// Shape of the decay.
     pub decay: Decay,
-    /// A second decay, from a step with a rate of its own down to `learning_rate_end` at the last step: for the stage
-    /// in which many model steps are unrolled.
-    pub restart: Option<Restart>,
+    /// Further decays, each from a step with a rate of its own down to `learning_rate_end` where the next one starts or
+    /// at the last step: for the stages in which many model steps are unrolled. Ascending steps.
+    pub restarts: Vec<Restart>,
     /// Decay rates of Adam's first and second moments.
     pub betas: [f64; 2],
     /// Largest norm of the gradient; larger ones are scaled down. 0: no limit.
@@ -140,7 +140,7 @@ pub struct TrainingConfig {
     pub log_interval: u64,
 }
 
-/// Where a second decay of the learning rate starts.
+/// Where a further decay of the learning rate starts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Restart {
@@ -165,7 +165,7 @@ impl Default for TrainingConfig {
             decay_start: 0,
             decay_steps: 100_000,
             decay: Decay::Exponential,
-            restart: None,
+            restarts: vec![],
             betas: [0.9, 0.999],
             gradient_clip: 0.0,
             ema_decay: 0.0,
@@ -193,9 +193,14 @@ impl TrainingConfig {
         } else {
             1.0
         };
-        let (first, from, steps) = match &self.restart {
-            Some(r) if step >= r.step => (r.learning_rate, r.step, self.steps.saturating_sub(r.step)),
-            _ => (self.learning_rate, self.decay_start, self.decay_steps),
+        let next = self.restarts.partition_point(|r| r.step <= step);
+        let (first, from, steps) = match next.checked_sub(1) {
+            Some(current) => {
+                let r = &self.restarts[current];
+                let end = self.restarts.get(next).map_or(self.steps, |r| r.step);
+                (r.learning_rate, r.step, end.saturating_sub(r.step))
+            }
+            None => (self.learning_rate, self.decay_start, self.decay_steps),
         };
         let part = (step.saturating_sub(from) as f64 / steps.max(1) as f64).min(1.0);
         let rate = match self.decay {
@@ -316,8 +321,11 @@ impl Config {
         }
         positive("training.learning_rate", t.learning_rate)?;
         positive("training.learning_rate_end", t.learning_rate_end)?;
-        if let Some(restart) = &t.restart {
-            positive("training.restart.learning_rate", restart.learning_rate)?;
+        for restart in &t.restarts {
+            positive("training.restarts.learning_rate", restart.learning_rate)?;
+        }
+        if !t.restarts.is_sorted_by(|a, b| a.step < b.step) {
+            return Err(Error::Input("training.restarts: expected ascending steps".into()));
         }
         positive("training.validation_horizon", t.validation_horizon)?;
         if let Some(minutes) = t.max_minutes {
@@ -441,11 +449,12 @@ mod tests {
     fn a_restart_decays_to_the_last_step() {
         let text = SMALL.replace(
             "steps = 10\n",
-            "steps = 6000\nrestart = { step = 5000, learning_rate = 1e-4 }\n",
+            "steps = 6000\nrestarts = [{ step = 2000, learning_rate = 1e-3 }, { step = 5000, learning_rate = 1e-4 }]\n",
         );
         let t = Config::parse(&text).unwrap().training;
-        assert!((t.learning_rate_at(4999) - 1e-6).abs() < 1e-18);
-        assert_eq!(t.learning_rate_at(5000), 1e-4);
+        assert!((t.learning_rate_at(1999) - 1e-6).abs() < 1e-8);
+        assert_eq!((t.learning_rate_at(2000), t.learning_rate_at(5000)), (1e-3, 1e-4));
+        assert!((t.learning_rate_at(4999) - 1e-6).abs() < 1e-8);
         assert!((t.learning_rate_at(5500) - 1e-5).abs() < 1e-18);
         assert!((t.learning_rate_at(6000) - 1e-6).abs() < 1e-18);
     }
