@@ -7,7 +7,6 @@
 pub mod capi;
 pub mod cli;
 pub mod compare;
-pub mod config;
 pub mod dataset;
 pub mod engine;
 pub mod error;
