@@ -41,7 +41,7 @@ enum
     M4GN_ERROR_INTERNAL = -1
 };
 
-/* Node types of the graph (paper, table 2). */
+/* Node types of the graph (paper, table 2); M4GN_FLUID is every cell, of a solid too. */
 enum
 {
     M4GN_FLUID = 0,
@@ -49,7 +49,9 @@ enum
     M4GN_INLET = 2,
     M4GN_OUTLET = 3,
     M4GN_SYMMETRY = 4,
-    M4GN_OBSTACLE = 5
+    M4GN_OBSTACLE = 5,
+    M4GN_HANDLE = 6, /* of a solid: the displacement is prescribed */
+    M4GN_FREE = 7    /* of a solid: a free or loaded surface */
 };
 
 /* Version of this interface that the library was built with; compare with M4GN_ABI_VERSION. */
@@ -85,7 +87,7 @@ typedef struct m4gn_mesh_data
     const double* boundary_centres;  /* [3*n_boundary] m */
     const double* boundary_area;     /* [3*n_boundary] outward area vector, m^2 */
     const double* boundary_coeff;    /* [n_boundary] diagonal contribution of a Dirichlet condition, m */
-    const int32_t* boundary_type;    /* [n_boundary] M4GN_WALL ... M4GN_OBSTACLE */
+    const int32_t* boundary_type;    /* [n_boundary] M4GN_WALL ... M4GN_FREE */
     const int32_t* boundary_patch;   /* [n_boundary] index into patch_names */
 
     int32_t n_coupled;          /* faces of processor and translational cyclic patches, one entry a side */

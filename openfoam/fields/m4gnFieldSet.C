@@ -8,6 +8,7 @@ License
 
 #include "m4gnFieldSet.H"
 #include "m4gnDictionary.H"
+#include "m4gnRate.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -110,6 +111,8 @@ void Foam::m4gnFieldSet::gather(const m4gnMeshAdapter& adapter)
 {
     forAll(names_, fieldi)
     {
+        m4gnRate::provide(mesh_, names_[fieldi]);
+
         if
         (
             !gather<scalar>(fieldi, adapter)

@@ -25,6 +25,8 @@ const Foam::Enum<int> Foam::m4gnNodeTypes::names
     { M4GN_OUTLET, "outlet" },
     { M4GN_SYMMETRY, "symmetry" },
     { M4GN_OBSTACLE, "obstacle" },
+    { M4GN_HANDLE, "handle" },
+    { M4GN_FREE, "free" },
 });
 
 
@@ -75,15 +77,27 @@ Foam::label Foam::m4gnNodeTypes::guess
 (
     const fvPatch& patch,
     const volVectorField* U,
-    const volScalarField* p
+    const volScalarField* p,
+    const volVectorField* D
 )
 {
+    const bool symmetric =
+        isA<symmetryFvPatch>(patch) || isA<symmetryPlaneFvPatch>(patch);
+
+    if (D)
+    {
+        return
+            symmetric ? M4GN_SYMMETRY
+          : D->boundaryField()[patch.index()].fixesValue() ? M4GN_HANDLE
+          : M4GN_FREE;
+    }
+
     if (isA<wallFvPatch>(patch))
     {
         return M4GN_WALL;
     }
 
-    if (isA<symmetryFvPatch>(patch) || isA<symmetryPlaneFvPatch>(patch))
+    if (symmetric)
     {
         return M4GN_SYMMETRY;
     }
@@ -122,7 +136,8 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     const fvMesh& mesh,
     const dictionary& dict,
     const word& velocityName,
-    const word& pressureName
+    const word& pressureName,
+    const word& displacementName
 )
 :
     types_(mesh.boundary().size(), -1)
@@ -134,6 +149,10 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     autoPtr<volScalarField> storedP;
     const volVectorField* U = find(mesh, velocityName, storedU);
     const volScalarField* p = find(mesh, pressureName, storedP);
+
+    // solids4foam registers a velocity and a pressure as well
+    autoPtr<volVectorField> storedD;
+    const volVectorField* D = find(mesh, displacementName, storedD);
 
     forAll(mesh.boundary(), patchi)
     {
@@ -175,7 +194,7 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
 
         if (type < 0)
         {
-            type = guess(patch, U, p);
+            type = guess(patch, U, p, D);
         }
 
         if (type < 0)

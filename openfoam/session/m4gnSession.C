@@ -10,6 +10,7 @@ License
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
+#include "m4gnRate.H"
 #include "clockTime.H"
 #include "OFstream.H"
 #include "OSspecific.H"
@@ -100,7 +101,8 @@ void Foam::m4gnSession::checkFields()
         m4gn_field_info info;
         m4gn::check(m4gn_session_field(session_, i, &info), "m4gnSurrogate");
 
-        const word name(info.name);
+        const word name(info.name, false);
+        m4gnRate::provide(mesh_, name);
         const auto* scalars = mesh_.findObject<volScalarField>(name);
         const auto* vectors = mesh_.findObject<volVectorField>(name);
 
@@ -278,7 +280,8 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
         mesh,
         dict,
         dict.getOrDefault<word>("U", "U"),
-        dict.getOrDefault<word>("p", "p")
+        dict.getOrDefault<word>("p", "p"),
+        dict.getOrDefault<word>("D", "D")
     );
 
     adapter_.reset(new m4gnMeshAdapter(mesh, nodeTypes.types()));
@@ -323,7 +326,7 @@ Foam::wordList Foam::m4gnSession::keys()
     return
     {
         "model", "backend", "nThreads", "nodeTypes", "segments",
-        "writeSegments", "U", "p"
+        "writeSegments", "U", "p", "D"
     };
 }
 

@@ -13,7 +13,7 @@ use crate::{Error, Result};
 #[serde(rename_all = "lowercase")]
 #[repr(i32)]
 pub enum NodeType {
-    /// A cell: the solver's unknown.
+    /// A cell: the solver's unknown, of a solid too.
     Fluid = 0,
     /// A boundary face of a wall.
     Wall = 1,
@@ -25,17 +25,23 @@ pub enum NodeType {
     Symmetry = 4,
     /// A boundary face of a moving or rigid obstacle.
     Obstacle = 5,
+    /// A boundary face of a solid with prescribed displacement.
+    Handle = 6,
+    /// A free or loaded boundary face of a solid.
+    Free = 7,
 }
 
 impl NodeType {
     /// All types, in the order of their codes.
-    pub const ALL: [NodeType; 6] = [
+    pub const ALL: [NodeType; 8] = [
         NodeType::Fluid,
         NodeType::Wall,
         NodeType::Inlet,
         NodeType::Outlet,
         NodeType::Symmetry,
         NodeType::Obstacle,
+        NodeType::Handle,
+        NodeType::Free,
     ];
 
     /// The name used in dictionaries, data sets and models.
@@ -47,6 +53,8 @@ impl NodeType {
             NodeType::Outlet => "outlet",
             NodeType::Symmetry => "symmetry",
             NodeType::Obstacle => "obstacle",
+            NodeType::Handle => "handle",
+            NodeType::Free => "free",
         }
     }
 

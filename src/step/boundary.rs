@@ -8,8 +8,8 @@ const SAME: f32 = 1e-5;
 
 /// For each boundary face, whether it takes its owner cell's value; the others' values are prescribed.
 ///
-/// Vectors (velocity) follow where the flow leaves and on symmetry planes; at walls, inlets and obstacles they are
-/// prescribed. Scalars (pressure) follow on each patch whose recorded values equal the owner's in every frame, which
+/// Vectors (velocity, displacement) follow where the flow leaves, on symmetry planes and on free surfaces; at walls,
+/// inlets, obstacles and handles they are prescribed. Scalars (pressure) follow on each patch whose recorded values equal the owner's in every frame, which
 /// is how a zero gradient is recorded. `frames` are pairs of cell and boundary values `[n_cells]`, `[n_boundary]`.
 pub fn copied_faces<'a>(
     mesh: &Mesh,
@@ -20,7 +20,7 @@ pub fn copied_faces<'a>(
         return mesh
             .boundary
             .iter()
-            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry))
+            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry | NodeType::Free))
             .collect();
     }
     let patches = 1 + mesh

@@ -4,10 +4,7 @@
 # without an error of the surrogate, 0.3 % with a smooth one of 0.02 m/s (32 % if the flux were not projected).
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-mkdir lib
-cc -std=c11 -O2 -Wall -Wextra -Werror -shared -fPIC -I "$M4GN_HOME/cpp/include" -Wl,-soname,libm4gn.so \
-    "$M4GN_HOME/tests/e2e/oracle.c" -o lib/libm4gn.so -lm
-export LD_LIBRARY_PATH=$work/lib:$LD_LIBRARY_PATH ORACLE_FILE=$work/oracle.bin
+make_oracle
 make_case case
 : > any
 

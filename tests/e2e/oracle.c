@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * A libm4gn.so whose surrogate is always right: it records a run in memory order to $ORACLE_FILE and, as a model,
- * gives the recorded fields back a stride later, with a smooth error of $ORACLE_ERROR m/s. One rank, fields U and p.
- * With it, what is left of an error after a jump is that of the hand-over alone.
+ * A libm4gn.so whose surrogate is always right: it records a run in memory order to $ORACLE_FILE and, as a model of the
+ * fields that were recorded, gives the frame $ORACLE_FRAMES later back, with a smooth error of $ORACLE_ERROR in the
+ * first two components of the first field. One rank. With it, what is left of an error after a jump is that of the
+ * hand-over alone.
  */
 #include "m4gn.h"
 
@@ -10,6 +11,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+enum { MAX_FIELDS = 8, NAME = 64 };
+
+/* The file's header, and then its frames: the fields' cells, one after the other */
+struct header
+{
+    int64_t n_cells;
+    int32_t n_fields;
+    int32_t components[MAX_FIELDS];
+    int32_t dimensions[MAX_FIELDS][7];
+    char name[MAX_FIELDS][NAME];
+};
 
 static const char* message = "";
 
@@ -23,12 +36,12 @@ int32_t m4gn_abi_version(void) { return M4GN_ABI_VERSION; }
 const char* m4gn_version(void) { return "oracle"; }
 const char* m4gn_last_error(void) { return message; }
 
-/* ---- recorder: the frames of U and p, one after the other ---- */
+/* ---- recorder ---- */
 
 struct m4gn_recorder
 {
     FILE* file;
-    size_t n_cells;
+    struct header header;
     int64_t n_frames;
 };
 
@@ -36,11 +49,23 @@ int32_t m4gn_recorder_new(
     int32_t comm, const m4gn_mesh_data* mesh, const m4gn_recorder_options* options, m4gn_recorder** recorder)
 {
     (void)comm;
-    (void)options;
-    *recorder = calloc(1, sizeof(**recorder));
-    (*recorder)->n_cells = mesh->n_cells;
-    (*recorder)->file = fopen(variable("ORACLE_FILE", "oracle.bin"), "wb");
-    return (*recorder)->file ? M4GN_OK : M4GN_ERROR_FILE;
+    if (options->n_fields > MAX_FIELDS)
+    {
+        message = "too many fields";
+        return M4GN_ERROR_INPUT;
+    }
+    m4gn_recorder* r = calloc(1, sizeof(*r));
+    r->header.n_cells = mesh->n_cells;
+    r->header.n_fields = options->n_fields;
+    for (int32_t i = 0; i < options->n_fields; ++i)
+    {
+        r->header.components[i] = options->fields[i].components;
+        memcpy(r->header.dimensions[i], options->fields[i].dimensions, sizeof(r->header.dimensions[i]));
+        snprintf(r->header.name[i], NAME, "%s", options->fields[i].name);
+    }
+    r->file = fopen(variable("ORACLE_FILE", "oracle.bin"), "wb");
+    *recorder = r;
+    return r->file && fwrite(&r->header, sizeof(r->header), 1, r->file) == 1 ? M4GN_OK : M4GN_ERROR_FILE;
 }
 
 int32_t m4gn_recorder_append(m4gn_recorder* r, double time, const m4gn_field* fields, int32_t n_fields)
@@ -48,7 +73,7 @@ int32_t m4gn_recorder_append(m4gn_recorder* r, double time, const m4gn_field* fi
     (void)time;
     for (int32_t i = 0; i < n_fields; ++i)
     {
-        const size_t n = fields[i].components*r->n_cells;
+        const size_t n = fields[i].components*r->header.n_cells;
         if (fwrite(fields[i].cells, sizeof(double), n, r->file) != n)
         {
             return M4GN_ERROR_FILE;
@@ -66,10 +91,13 @@ void m4gn_recorder_free(m4gn_recorder* r) { free(r); }
 
 struct m4gn_session
 {
-    size_t n_cells;
+    struct header header;
+    size_t frame; /* doubles of a frame */
+    size_t start[MAX_FIELDS];
+    double size[MAX_FIELDS]; /* largest value of each field */
     long n_frames;
     double* centres;
-    double* frames; /* [n_frames][3*n_cells U, n_cells p] */
+    double* frames;
 };
 
 void m4gn_session_options_init(m4gn_session_options* options) { memset(options, 0, sizeof(*options)); }
@@ -79,25 +107,40 @@ int32_t m4gn_session_new(
 {
     (void)comm;
     (void)options;
+    m4gn_session* s = calloc(1, sizeof(*s));
     FILE* file = fopen(variable("ORACLE_FILE", "oracle.bin"), "rb");
-    if (!file)
+    if (!file || fread(&s->header, sizeof(s->header), 1, file) != 1 || s->header.n_cells != mesh->n_cells)
     {
-        message = "no recording";
+        message = "no recording of this mesh";
         return M4GN_ERROR_FILE;
     }
-    m4gn_session* s = calloc(1, sizeof(*s));
-    s->n_cells = mesh->n_cells;
+    for (int32_t i = 0; i < s->header.n_fields; ++i)
+    {
+        s->start[i] = s->frame;
+        s->frame += s->header.components[i]*s->header.n_cells;
+    }
     fseek(file, 0, SEEK_END);
-    const size_t bytes = ftell(file);
-    rewind(file);
-    s->n_frames = bytes/(4*s->n_cells*sizeof(double));
-    s->frames = malloc(bytes);
-    s->centres = malloc(3*s->n_cells*sizeof(double));
-    memcpy(s->centres, mesh->cell_centres, 3*s->n_cells*sizeof(double));
-    const size_t got = fread(s->frames, 1, bytes, file);
+    const size_t values = (ftell(file) - sizeof(s->header))/sizeof(double);
+    fseek(file, sizeof(s->header), SEEK_SET);
+    s->n_frames = values/s->frame;
+    s->frames = malloc(values*sizeof(double));
+    s->centres = malloc(3*s->header.n_cells*sizeof(double));
+    memcpy(s->centres, mesh->cell_centres, 3*s->header.n_cells*sizeof(double));
+    const size_t got = fread(s->frames, sizeof(double), values, file);
     fclose(file);
+    for (long f = 0; f < s->n_frames; ++f)
+    {
+        for (int32_t i = 0; i < s->header.n_fields; ++i)
+        {
+            const double* values_of = s->frames + f*s->frame + s->start[i];
+            for (size_t j = 0; j < s->header.components[i]*(size_t)s->header.n_cells; ++j)
+            {
+                s->size[i] = fmax(s->size[i], fabs(values_of[j]));
+            }
+        }
+    }
     *session = s;
-    return got == bytes ? M4GN_OK : M4GN_ERROR_FILE;
+    return got == values ? M4GN_OK : M4GN_ERROR_FILE;
 }
 
 void m4gn_session_free(m4gn_session* s)
@@ -114,44 +157,45 @@ double m4gn_session_stride(const m4gn_session* s)
 }
 
 int32_t m4gn_session_n_segments(const m4gn_session* s) { (void)s; return 1; }
-int32_t m4gn_session_n_fields(const m4gn_session* s) { (void)s; return 2; }
+int32_t m4gn_session_n_fields(const m4gn_session* s) { return s->header.n_fields; }
 
 int32_t m4gn_session_field(const m4gn_session* s, int32_t index, m4gn_field_info* info)
 {
-    (void)s;
     memset(info, 0, sizeof(*info));
-    info->name = index ? "p" : "U";
-    info->components = index ? 1 : 3;
-    info->dimensions[1] = index ? 2 : 1;
-    info->dimensions[2] = index ? -2 : -1;
+    info->name = s->header.name[index];
+    info->components = s->header.components[index];
+    memcpy(info->dimensions, s->header.dimensions[index], sizeof(info->dimensions));
     info->is_input = info->is_output = 1;
     return M4GN_OK;
 }
 
 int32_t m4gn_session_segments(const m4gn_session* s, int32_t* cell_segment)
 {
-    memset(cell_segment, 0, s->n_cells*sizeof(*cell_segment));
+    memset(cell_segment, 0, s->header.n_cells*sizeof(*cell_segment));
     return M4GN_OK;
 }
 
 int32_t m4gn_session_step(
     m4gn_session* s, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out)
 {
-    (void)n_in;
-    (void)n_out;
     const long ahead = atol(variable("ORACLE_FRAMES", "25"));
     const double error = atof(variable("ORACLE_ERROR", "0"));
 
-    /* The frame that is nearest to the velocity */
+    /* The frame that is nearest in all fields */
     long nearest = 0;
     double least = INFINITY;
     for (long f = 0; f < s->n_frames; ++f)
     {
-        const double* U = s->frames + 4*s->n_cells*f;
         double sum = 0;
-        for (size_t i = 0; i < 3*s->n_cells; ++i)
+        for (int32_t i = 0; i < n_in; ++i)
         {
-            sum += (in[0].cells[i] - U[i])*(in[0].cells[i] - U[i]);
+            const double* values = s->frames + f*s->frame + s->start[i];
+            const double scale = s->size[i] > 0 ? 1/s->size[i] : 0;
+            for (size_t j = 0; j < in[i].components*(size_t)s->header.n_cells; ++j)
+            {
+                const double difference = scale*(in[i].cells[j] - values[j]);
+                sum += difference*difference;
+            }
         }
         if (sum < least)
         {
@@ -165,15 +209,21 @@ int32_t m4gn_session_step(
         return M4GN_ERROR_NUMERICAL;
     }
 
-    const double* U = s->frames + 4*s->n_cells*(nearest + ahead);
-    const double* p = U + 3*s->n_cells;
-    for (size_t c = 0; c < s->n_cells; ++c)
+    for (int32_t i = 0; i < n_out; ++i)
     {
-        const double x = s->centres[3*c];
-        const double y = s->centres[3*c + 1];
-        out[0].cells[3*c] = U[3*c] + error*sin(15.7*x)*sin(15.3*y);
-        out[0].cells[3*c + 1] = U[3*c + 1] + error*cos(20.9*x)*sin(15.3*y);
-        out[1].cells[c] = p[c];
+        memcpy(
+            out[i].cells, s->frames + (nearest + ahead)*s->frame + s->start[i],
+            out[i].components*s->header.n_cells*sizeof(double));
+    }
+    if (out[0].components == 3)
+    {
+        for (int64_t c = 0; c < s->header.n_cells; ++c)
+        {
+            const double x = s->centres[3*c];
+            const double y = s->centres[3*c + 1];
+            out[0].cells[3*c] += error*sin(15.7*x)*sin(15.3*y);
+            out[0].cells[3*c + 1] += error*cos(20.9*x)*sin(15.3*y);
+        }
     }
     return M4GN_OK;
 }

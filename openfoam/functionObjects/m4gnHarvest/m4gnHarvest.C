@@ -36,7 +36,8 @@ void Foam::functionObjects::m4gnHarvest::start()
         mesh_,
         dict_,
         dict_.getOrDefault<word>("U", "U"),
-        dict_.getOrDefault<word>("p", "p")
+        dict_.getOrDefault<word>("p", "p"),
+        dict_.getOrDefault<word>("D", "D")
     );
 
     adapter_.reset(new m4gnMeshAdapter(mesh_, nodeTypes.types()));
@@ -194,7 +195,7 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
         dict,
         {
             "fields", "file", "overwrite", "split", "provenance", "nodeTypes",
-            "U", "p"
+            "U", "p", "D"
         },
         true
     );

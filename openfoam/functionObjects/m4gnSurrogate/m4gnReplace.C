@@ -8,118 +8,13 @@ License
 
 #include "m4gnReplace.H"
 #include "m4gnCore.H"
-#include "m4gnDictionary.H"
 #include "clockTime.H"
-#include "fixedFluxPressureFvPatchScalarField.H"
 #include "functionObjectList.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "Time.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-Foam::volVectorField& Foam::m4gnReplace::U() const
-{
-    return mesh_.lookupObjectRef<volVectorField>(UName_);
-}
-
-
-Foam::surfaceScalarField& Foam::m4gnReplace::phi() const
-{
-    return mesh_.lookupObjectRef<surfaceScalarField>(phiName_);
-}
-
-
-void Foam::m4gnReplace::checkCase() const
-{
-    if
-    (
-        !mesh_.foundObject<volVectorField>(UName_)
-     || !mesh_.foundObject<volScalarField>(pName_)
-     || !mesh_.foundObject<surfaceScalarField>(phiName_)
-    )
-    {
-        FatalErrorInFunction
-            << "mode replace needs a solver that registers the velocity "
-            << UName_ << ", the pressure " << pName_ << " and the flux "
-            << phiName_ << "; give other names with U, p and phi." << nl
-            << "    Registered: "
-            << m4gn::join(mesh_.sortedNames<volScalarField>()) << ", "
-            << m4gn::join(mesh_.sortedNames<volVectorField>()) << ", "
-            << m4gn::join(mesh_.sortedNames<surfaceScalarField>())
-            << exit(FatalError);
-    }
-
-    if (phi().dimensions() != U().dimensions()*dimArea)
-    {
-        FatalErrorInFunction
-            << "The flux " << phiName_ << " has the dimensions "
-            << phi().dimensions() << "; mode replace needs a volumetric flux "
-            << U().dimensions()*dimArea << " (incompressible solvers)"
-            << exit(FatalError);
-    }
-
-    if (mesh_.moving() || mesh_.changing())
-    {
-        FatalErrorInFunction
-            << "mode replace does not handle a mesh that moves or changes"
-            << exit(FatalError);
-    }
-
-    // The scheme's state must be in the old-time levels of the fields:
-    // CrankNicolson keeps fields of its own, pseudo-time has no real time.
-    const dictionary schemes
-    (
-        mesh_.lookupObject<IOdictionary>("fvSchemes")
-       .subOrEmptyDict("ddtSchemes")
-    );
-    const word key("ddt(" + UName_ + ')');
-    const ITstream& scheme =
-        schemes.lookup(schemes.found(key) ? key : word("default"));
-    const word last(scheme.size() ? scheme.last().wordToken() : word::null);
-
-    if (last != "Euler" && last != "backward")
-    {
-        FatalErrorInFunction
-            << "mode replace does not handle the time scheme of " << UName_
-            << ": " << flatOutput(scheme) << nl
-            << "    Handled: Euler, backward"
-            << exit(FatalError);
-    }
-
-    if (session_.stride() < time_.deltaTValue()*(1 - 1e-6))
-    {
-        FatalErrorInFunction
-            << "The stride of the model " << session_.model() << ", "
-            << session_.stride() << " s, is shorter than the solver's deltaT "
-            << time_.deltaTValue() << " s: nothing can be saved." << nl
-            << "    Train a model of a longer stride, or reduce deltaT"
-            << exit(FatalError);
-    }
-
-    // What else is solved for in time stands still while the surrogate steps
-    DynamicList<word> others;
-    for (const word& name : mesh_.sortedNames<volScalarField>())
-    {
-        if
-        (
-            !session_.outputs().found(name) && name != pName_
-         && mesh_.lookupObject<volScalarField>(name).nOldTimes() > 0
-         && !name.ends_with("_0")
-        )
-        {
-            others.append(name);
-        }
-    }
-    if (others.size())
-    {
-        WarningInFunction
-            << "The solver keeps old times of " << m4gn::join(others)
-            << ", which the model does not advance: they stay as they are"
-            << " during each jump" << endl;
-    }
-}
-
 
 bool Foam::m4gnReplace::predict()
 {
@@ -144,73 +39,6 @@ bool Foam::m4gnReplace::predict()
     }
 
     return session_.step(inputs_.view(), predicted_);
-}
-
-
-template<class Type>
-void Foam::m4gnReplace::impose(const label outputi) const
-{
-    auto& field =
-        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>
-        (
-            session_.outputs()[outputi]
-        );
-
-    // Stores the old time before it gives access
-    Field<Type>& cells = field.primitiveFieldRef();
-
-    const auto* values =
-        reinterpret_cast<const Type*>(predicted_[outputi].cdata());
-
-    std::copy(values, values + cells.size(), cells.begin());
-}
-
-
-void Foam::m4gnReplace::impose()
-{
-    forAll(predicted_, i)
-    {
-        if (session_.outputComponents(i) == 1)
-        {
-            impose<scalar>(i);
-        }
-        else
-        {
-            impose<vector>(i);
-        }
-    }
-
-    U().correctBoundaryConditions();
-    m4gnFluxProjection::interpolate(U(), phi());
-
-    // Conditions that look at phi (inletOutlet) now see the new one
-    forAll(predicted_, i)
-    {
-        const word& name = session_.outputs()[i];
-
-        if (session_.outputComponents(i) == 3)
-        {
-            mesh_.lookupObjectRef<volVectorField>(name)
-           .correctBoundaryConditions();
-            continue;
-        }
-
-        volScalarField& field = mesh_.lookupObjectRef<volScalarField>(name);
-
-        // The solver sets these gradients from the flux before it solves
-        for (fvPatchScalarField& patch : field.boundaryFieldRef())
-        {
-            if (isA<fixedFluxPressureFvPatchScalarField>(patch))
-            {
-                auto& fixedFlux =
-                    refCast<fixedFluxPressureFvPatchScalarField>(patch);
-                const scalarField gradient(fixedFlux.gradient());
-                fixedFlux.updateSnGrad(gradient);
-            }
-        }
-
-        field.correctBoundaryConditions();
-    }
 }
 
 
@@ -247,20 +75,19 @@ void Foam::m4gnReplace::writeLine
 (
     const label nSteps,
     const scalar surrogateSeconds,
-    const scalar projectionSeconds,
-    const scalar divInterpolated,
-    const scalar divProjected
+    const scalar handOverSeconds
 )
 {
-    const tmp<scalarField> magU(mag(U().primitiveField()));
-    const scalar minU = gMin(magU());
-    const scalar maxU = gMax(magU());
+    const List<m4gnSolverState::quantity> quantities(state_->quantities());
 
     Info<< "m4gn: jumped " << nSteps << " steps of " << session_.stride()
         << " s to time " << time_.timeName() << " in "
-        << surrogateSeconds + projectionSeconds << " s; max div(phi) "
-        << divInterpolated << " -> " << divProjected << ", max |" << UName_
-        << "| " << maxU << nl << endl;
+        << surrogateSeconds + handOverSeconds << " s";
+    for (const m4gnSolverState::quantity& q : quantities)
+    {
+        Info<< "; " << q.first() << ' ' << q.second();
+    }
+    Info<< nl << endl;
 
     if (!Pstream::master() || !writeToFile())
     {
@@ -276,11 +103,11 @@ void Foam::m4gnReplace::writeLine
         writeCommented(os, "Time");
         writeTabbed(os, "steps");
         writeTabbed(os, "surrogate(s)");
-        writeTabbed(os, "projection(s)");
-        writeTabbed(os, "maxDivBefore");
-        writeTabbed(os, "maxDivAfter");
-        writeTabbed(os, "minMagU");
-        writeTabbed(os, "maxMagU");
+        writeTabbed(os, "handOver(s)");
+        for (const m4gnSolverState::quantity& q : quantities)
+        {
+            writeTabbed(os, q.first());
+        }
         os  << endl;
         writtenHeader_ = true;
     }
@@ -288,12 +115,12 @@ void Foam::m4gnReplace::writeLine
     os  << time_.timeOutputValue()
         << tab << nSteps
         << tab << surrogateSeconds
-        << tab << projectionSeconds
-        << tab << divInterpolated
-        << tab << divProjected
-        << tab << minU
-        << tab << maxU
-        << endl;
+        << tab << handOverSeconds;
+    for (const m4gnSolverState::quantity& q : quantities)
+    {
+        os  << tab << q.second();
+    }
+    os  << endl;
 }
 
 
@@ -311,26 +138,21 @@ Foam::m4gnReplace::m4gnReplace
     name_(name),
     mesh_(mesh),
     time_(const_cast<Time&>(mesh.time())),
-    UName_(dict.getOrDefault<word>("U", "U")),
-    pName_(dict.getOrDefault<word>("p", "p")),
-    phiName_(dict.getOrDefault<word>("phi", "phi")),
     nSteps_(dict.get<label>("surrogateSteps")),
     executeOthers_(dict.getOrDefault<bool>("executeOthers", true)),
     session_(session),
-    projection_(mesh, dict),
+    state_(m4gnSolverState::New(mesh, dict, session)),
     inputs_(mesh, session.inputs()),
     predicted_(session.outputs().size()),
     replacedTime_(0),
     firstTime_(mesh.time().value()),
     takeoverTime_(mesh.time().value()),
     surrogateSeconds_(0),
-    projectionSeconds_(0),
+    handOverSeconds_(0),
     nStepsDone_(0),
     nJumps_(0),
     nRefused_(0)
-{
-    checkCase();
-}
+{}
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
@@ -355,21 +177,16 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
 
     clockTime timer;
     scalar surrogateSeconds = 0;
-    scalar projectionSeconds = 0;
-    scalar divInterpolated = 0;
+    scalar handOverSeconds = 0;
     label stepi = 0;
-    bool projected = false;
+    bool completed = false;
 
-    const auto project = [&]()
+    const auto complete = [&]()
     {
         timer.timeIncrement();
-        divInterpolated = m4gnFluxProjection::maxDiv(phi());
-        projection_.project
-        (
-            mesh_.lookupObject<volScalarField>(pName_), U(), phi()
-        );
-        projected = true;
-        projectionSeconds += timer.timeIncrement();
+        state_->complete(deltaT);
+        completed = true;
+        handOverSeconds += timer.timeIncrement();
     };
 
     for (; stepi < nSteps_ && fits(); ++stepi)
@@ -387,17 +204,15 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
         executeOthers(stepi > 0, true);
 
         timer.timeIncrement();
-        time_.setDeltaT(stride, false);
-        ++time_;
-        impose();
+        state_->advance(predicted_);
         surrogateSeconds += timer.timeIncrement();
 
         const bool last = stepi + 1 == nSteps_ || !fits();
-        projected = false;
+        completed = false;
 
-        if (last || projection_.every() || time_.writeTime())
+        if (last || state_->completeEach() || time_.writeTime())
         {
-            project();
+            complete();
         }
 
         time_.write();
@@ -408,10 +223,10 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
         return false;
     }
 
-    if (!projected)
+    if (!completed)
     {
         // The jump ended early
-        project();
+        complete();
     }
 
     // Those behind this one follow when it returns
@@ -430,16 +245,9 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
     nStepsDone_ += stepi;
     replacedTime_ += stepi*stride;
     surrogateSeconds_ += surrogateSeconds;
-    projectionSeconds_ += projectionSeconds;
+    handOverSeconds_ += handOverSeconds;
 
-    writeLine
-    (
-        stepi,
-        surrogateSeconds,
-        projectionSeconds,
-        divInterpolated,
-        m4gnFluxProjection::maxDiv(phi())
-    );
+    writeLine(stepi, surrogateSeconds, handOverSeconds);
 
     return true;
 }
@@ -454,7 +262,7 @@ void Foam::m4gnReplace::end() const
         << " s of " << total << " s in " << nJumps_ << " jumps, "
         << nStepsDone_ << " surrogate steps; " << nRefused_
         << " jumps ended early), surrogate " << surrogateSeconds_
-        << " s, projection " << projectionSeconds_ << " s, setup "
+        << " s, hand-over " << handOverSeconds_ << " s, setup "
         << session_.setupSeconds() << " s" << nl << endl;
 
     if (!Pstream::master())
@@ -476,7 +284,7 @@ void Foam::m4gnReplace::end() const
         << "  \"surrogate_steps\": " << nStepsDone_ << ",\n"
         << "  \"stride\": " << session_.stride() << ",\n"
         << "  \"surrogate_seconds\": " << surrogateSeconds_ << ",\n"
-        << "  \"projection_seconds\": " << projectionSeconds_ << ",\n"
+        << "  \"hand_over_seconds\": " << handOverSeconds_ << ",\n"
         << "  \"setup_seconds\": " << session_.setupSeconds() << "\n"
         << "}\n";
 

@@ -12,6 +12,7 @@ License
 #include "m4gnObserve.H"
 #include "m4gnReplace.H"
 #include "m4gnSession.H"
+#include "m4gnFluxProjection.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
@@ -96,7 +97,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     wordList valid
     ({
         "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "phi",
-        "executeOthers", "projection", "writePrecision", "writeToFile",
+        "state", "executeOthers", "projection", "writePrecision", "writeToFile",
         "useUserTime"
     });
     valid.append(m4gnSession::keys());
@@ -123,6 +124,16 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
             dict, "surrogateSteps", dict.get<label>("surrogateSteps"), 1
         );
         const m4gnFluxProjection checked(mesh_, dict);
+
+        const wordList states(m4gnSolverState::names());
+        const word state(dict.getOrDefault<word>("state", states.first()));
+        if (!states.found(state))
+        {
+            FatalIOErrorInFunction(dict)
+                << "Entry state is " << state << "; expected "
+                << m4gn::join(states)
+                << exit(FatalIOError);
+        }
     }
     else
     {

@@ -1,0 +1,165 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnFlowState.H"
+#include "fixedFluxPressureFvPatchScalarField.H"
+
+// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+const char* const Foam::m4gnFlowState::needs =
+    "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
+    " incompressible";
+
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::volVectorField& Foam::m4gnFlowState::U() const
+{
+    return mesh_.lookupObjectRef<volVectorField>(UName_);
+}
+
+
+Foam::surfaceScalarField& Foam::m4gnFlowState::phi() const
+{
+    return mesh_.lookupObjectRef<surfaceScalarField>(phiName_);
+}
+
+
+void Foam::m4gnFlowState::checkCase() const
+{
+    if (phi().dimensions() != U().dimensions()*dimArea)
+    {
+        FatalErrorInFunction
+            << "The flux " << phiName_ << " has the dimensions "
+            << phi().dimensions() << "; mode replace needs a volumetric flux "
+            << U().dimensions()*dimArea << " (incompressible solvers)"
+            << exit(FatalError);
+    }
+
+    // The scheme's state must be in the old-time levels of the fields:
+    // CrankNicolson keeps fields of its own, pseudo-time has no real time.
+    const word used(scheme("ddtSchemes", "ddt(" + UName_ + ')'));
+
+    if (used != "Euler" && used != "backward")
+    {
+        FatalErrorInFunction
+            << "mode replace does not handle the time scheme of " << UName_
+            << ": " << used << nl
+            << "    Handled: Euler, backward"
+            << exit(FatalError);
+    }
+
+    warnOfOthers({pName_});
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
+{
+    return
+        mesh.foundObject<volVectorField>(dict.getOrDefault<word>("U", "U"))
+     && mesh.foundObject<volScalarField>(dict.getOrDefault<word>("p", "p"))
+     && mesh.foundObject<surfaceScalarField>
+        (
+            dict.getOrDefault<word>("phi", "phi")
+        );
+}
+
+
+Foam::m4gnFlowState::m4gnFlowState
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const m4gnSession& session
+)
+:
+    m4gnSolverState(mesh, session),
+    UName_(dict.getOrDefault<word>("U", "U")),
+    pName_(dict.getOrDefault<word>("p", "p")),
+    phiName_(dict.getOrDefault<word>("phi", "phi")),
+    projection_(mesh, dict),
+    divInterpolated_(0),
+    divProjected_(0)
+{
+    checkCase();
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnFlowState::advance(const List<scalarField>& predicted)
+{
+    step(session_.stride());
+
+    forAll(predicted, outputi)
+    {
+        imposeCells(outputi, predicted[outputi]);
+    }
+
+    U().correctBoundaryConditions();
+    m4gnFluxProjection::interpolate(U(), phi());
+
+    // Conditions that look at phi (inletOutlet) now see the new one
+    forAll(predicted, outputi)
+    {
+        const word& name = session_.outputs()[outputi];
+
+        if (session_.outputComponents(outputi) == 3)
+        {
+            mesh_.lookupObjectRef<volVectorField>(name)
+           .correctBoundaryConditions();
+            continue;
+        }
+
+        volScalarField& field = mesh_.lookupObjectRef<volScalarField>(name);
+
+        // The solver sets these gradients from the flux before it solves
+        for (fvPatchScalarField& patch : field.boundaryFieldRef())
+        {
+            if (isA<fixedFluxPressureFvPatchScalarField>(patch))
+            {
+                auto& fixedFlux =
+                    refCast<fixedFluxPressureFvPatchScalarField>(patch);
+                const scalarField gradient(fixedFlux.gradient());
+                fixedFlux.updateSnGrad(gradient);
+            }
+        }
+
+        field.correctBoundaryConditions();
+    }
+}
+
+
+void Foam::m4gnFlowState::complete(const scalar)
+{
+    divInterpolated_ = m4gnFluxProjection::maxDiv(phi());
+    projection_.project
+    (
+        mesh_.lookupObject<volScalarField>(pName_), U(), phi()
+    );
+    divProjected_ = m4gnFluxProjection::maxDiv(phi());
+}
+
+
+Foam::List<Foam::m4gnSolverState::quantity>
+Foam::m4gnFlowState::quantities() const
+{
+    const tmp<scalarField> magU(mag(U().primitiveField()));
+
+    return
+    {
+        quantity("maxDivBefore", divInterpolated_),
+        quantity("maxDivAfter", divProjected_),
+        quantity("minMag" + UName_, gMin(magU())),
+        quantity("maxMag" + UName_, gMax(magU()))
+    };
+}
+
+
+// ************************************************************************* //
