@@ -20,10 +20,7 @@ const ASPECT: f64 = 0.55;
 /// [`Error::Input`] for fewer than 9 nodes or more edges than the graph can number.
 pub fn o_mesh(nodes: usize, comm: &Comm) -> Result<Graph> {
     if !(9..=1 << 28).contains(&nodes) {
-        return Err(Error::Input(format!(
-            "{nodes} nodes: expected 9 to {}",
-            1 << 28
-        )));
+        return Err(Error::Input(format!("{nodes} nodes: expected 9 to {}", 1 << 28)));
     }
     let around = ((nodes as f64).sqrt() * ASPECT).round().max(3.0) as usize;
     let rings = (nodes as f64 / around as f64).round().max(2.0) as usize;
@@ -57,7 +54,12 @@ pub fn o_mesh(nodes: usize, comm: &Comm) -> Result<Graph> {
         let inner = r.checked_sub(1).map(|s| [(s, before), (s, a)]);
         let outer = (r + 1 < rings).then_some([(r + 1, a), (r + 1, after)]);
         let same = [(r, before), (r, after)];
-        for (s, b) in inner.into_iter().flatten().chain(same).chain(outer.into_iter().flatten()) {
+        for (s, b) in inner
+            .into_iter()
+            .flatten()
+            .chain(same)
+            .chain(outer.into_iter().flatten())
+        {
             let (from, to) = (place(s, b), place(r, a));
             let delta = [from[0] - to[0], from[1] - to[1]];
             graph.senders.push((s * around + b) as i32);
@@ -76,10 +78,7 @@ pub fn o_mesh(nodes: usize, comm: &Comm) -> Result<Graph> {
 /// [`Error::Input`] for a number whose graph cannot be numbered.
 pub fn hexahedra(cells: usize) -> Result<Mesh> {
     if !(1..=1 << 27).contains(&cells) {
-        return Err(Error::Input(format!(
-            "{cells} cells: expected 1 to {}",
-            1 << 27
-        )));
+        return Err(Error::Input(format!("{cells} cells: expected 1 to {}", 1 << 27)));
     }
     let n = (cells as f64).cbrt().round().max(1.0) as usize;
     Ok(sample::block([n; 3], [1.0; 3]))
@@ -207,7 +206,12 @@ mod tests {
         let g = o_mesh(1900, &Comm::serial()).unwrap();
         // 24 x 79 points; 3 V - 2 x 24 edges in both directions.
         assert_eq!((g.n_owned, g.senders.len()), (1896, 2 * (3 * 1896 - 48)));
-        let edges: HashSet<(i32, i32)> = g.senders.iter().copied().zip(g.receivers.iter().copied()).collect();
+        let edges: HashSet<(i32, i32)> = g
+            .senders
+            .iter()
+            .copied()
+            .zip(g.receivers.iter().copied())
+            .collect();
         assert_eq!(edges.len(), g.senders.len());
         assert!(edges.iter().all(|&(s, r)| s != r && edges.contains(&(r, s))));
         assert!(g.receivers.windows(2).all(|w| w[0] <= w[1]));
@@ -227,7 +231,10 @@ mod tests {
         assert_eq!(thin.edge_features.len(), 3 * g.n_owned);
         let second = g.row[1] as usize;
         assert_eq!(thin.senders[1], g.senders[second]);
-        assert_eq!(&thin.edge_features[3..6], &g.edge_features[3 * second..3 * second + 3]);
+        assert_eq!(
+            &thin.edge_features[3..6],
+            &g.edge_features[3 * second..3 * second + 3]
+        );
     }
 
     #[test]

@@ -100,9 +100,14 @@ impl Peak {
         };
         let slowest = std::thread::scope(|scope| {
             let handles: Vec<_> = (0..self.threads).map(|_| scope.spawn(worker)).collect();
-            handles.into_iter().filter_map(|h| h.join().ok()).fold(0.0, f64::max)
+            handles
+                .into_iter()
+                .filter_map(|h| h.join().ok())
+                .fold(0.0, f64::max)
         });
-        self.best = self.best.max((2 * N * D * D * REPEATS * self.threads) as f64 / slowest);
+        self.best = self
+            .best
+            .max((2 * N * D * D * REPEATS * self.threads) as f64 / slowest);
         Ok(())
     }
 

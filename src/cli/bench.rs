@@ -173,7 +173,12 @@ impl Workload {
 
     fn native(&self, case: &Case, options: &EngineOptions) -> Result<Box<dyn Forward>> {
         let view = case.segments.as_ref().map(Segments::view);
-        Ok(Box::new(Engine::new(&self.model, &case.graph, view.as_ref(), options)?))
+        Ok(Box::new(Engine::new(
+            &self.model,
+            &case.graph,
+            view.as_ref(),
+            options,
+        )?))
     }
 
     /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
@@ -219,7 +224,11 @@ impl Workload {
     }
 
     fn parameters(&self) -> usize {
-        let weights = self.model.tensors.iter().filter(|(name, _)| !name.starts_with("norm."));
+        let weights = self
+            .model
+            .tensors
+            .iter()
+            .filter(|(name, _)| !name.starts_with("norm."));
         weights.map(|(_, t)| t.data.len()).sum()
     }
 
@@ -412,12 +421,13 @@ fn serve(workload: &Workload, make: impl Fn(&Case) -> Result<Box<dyn Forward>>) 
     network.forward(&workload.comm, &inputs, &mut outputs)?;
     let failed = |e: std::io::Error| Error::file("standard output", e.to_string());
     let mut out = std::io::stdout().lock();
-    let mut say = |line: String| {
-        writeln!(out, "{line}").and_then(|()| out.flush()).map_err(failed)
-    };
+    let mut say = |line: String| writeln!(out, "{line}").and_then(|()| out.flush()).map_err(failed);
     say(workload.describe(&case.graph).to_string())?;
     for line in std::io::stdin().lock().lines() {
-        match line.map_err(|e| Error::file("standard input", e.to_string()))?.trim() {
+        match line
+            .map_err(|e| Error::file("standard input", e.to_string()))?
+            .trim()
+        {
             "run" => {
                 let began = Instant::now();
                 network.forward(&workload.comm, &inputs, &mut outputs)?;
@@ -463,7 +473,10 @@ fn export(workload: &Workload, folder: &Path) -> Result<()> {
         ("senders", integer(&graph.senders)),
         ("receivers", integer(&graph.receivers)),
         ("node_types", integer(&kinds)),
-        ("edge_features", float(&graph.edge_features, spec.n_edge_features())),
+        (
+            "edge_features",
+            float(&graph.edge_features, spec.n_edge_features()),
+        ),
         ("inputs", float(&inputs, n_inputs / graph.n_owned.max(1))),
         ("outputs", float(&outputs, spec.n_outputs())),
     ];
