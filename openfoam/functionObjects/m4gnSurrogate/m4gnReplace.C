@@ -358,17 +358,23 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
     scalar projectionSeconds = 0;
     scalar divInterpolated = 0;
     label stepi = 0;
+    // Tightly enough to be written, to be handed over
     bool projected = false;
+    bool handedOver = false;
 
-    const auto project = [&]()
+    const auto project = [&](const bool handOver)
     {
         timer.timeIncrement();
-        divInterpolated = m4gnFluxProjection::maxDiv(phi());
+        if (!projected)
+        {
+            divInterpolated = m4gnFluxProjection::maxDiv(phi());
+        }
         projection_.project
         (
-            mesh_.lookupObject<volScalarField>(pName_), U(), phi()
+            mesh_.lookupObject<volScalarField>(pName_), U(), phi(), handOver
         );
         projected = true;
+        handedOver = handOver;
         projectionSeconds += timer.timeIncrement();
     };
 
@@ -394,10 +400,11 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
 
         const bool last = stepi + 1 == nSteps_ || !fits();
         projected = false;
+        handedOver = false;
 
         if (last || projection_.every() || time_.writeTime())
         {
-            project();
+            project(last);
         }
 
         time_.write();
@@ -408,10 +415,10 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
         return false;
     }
 
-    if (!projected)
+    if (!handedOver)
     {
         // The jump ended early
-        project();
+        project(true);
     }
 
     // Those behind this one follow when it returns
