@@ -33,7 +33,7 @@ fn figures_of_a_small_network() {
         let options = ["--steps", "3", "--json", json.to_str().unwrap()];
         let text = success(&m4gn(&[&SMALL[..], &options[..], extra].concat()));
         assert!(
-            text.contains("edge block") && text.contains("node encoder"),
+            text.contains("edge blocks") && text.contains("encode nodes"),
             "{text}"
         );
         let found: serde_json::Value =
@@ -62,6 +62,13 @@ fn figures_of_a_small_network() {
             assert!((found["gflop_per_step"].as_f64().unwrap() * 1e9 - flops).abs() < 1e-3);
             let share = found["gflops"].as_f64().unwrap() / found["gemm_peak_gflops"].as_f64().unwrap();
             assert!((found["peak_share"].as_f64().unwrap() - share).abs() < 1e-9);
+            assert!(
+                found["phases"]
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .all(|p| p["ms"].as_f64().unwrap() > 0.0)
+            );
         }
     }
 }
@@ -108,8 +115,9 @@ fn a_worker_answers_line_by_line() {
     assert_eq!(description["nodes"], 60);
     for _ in 0..2 {
         writeln!(to, "run").unwrap();
-        let ms: f64 = from.next().unwrap().unwrap().parse().unwrap();
-        assert!(ms > 0.0);
+        let line = from.next().unwrap().unwrap();
+        let ms: Vec<f64> = line.split(' ').map(|v| v.parse().unwrap()).collect();
+        assert!(ms.len() == 2 && ms[0] > 0.0, "{line}");
     }
     drop(to);
     assert!(worker.wait().unwrap().success());

@@ -84,33 +84,6 @@ pub fn hexahedra(cells: usize) -> Result<Mesh> {
     Ok(sample::block([n; 3], [1.0; 3]))
 }
 
-/// The graph with one edge a node left, its first: what a step costs less on it is what the other edges cost.
-pub fn thinned(graph: &Graph) -> Graph {
-    let width = graph.edge_features.len() / graph.senders.len().max(1);
-    let mut thin = Graph {
-        row: vec![0],
-        senders: Vec::with_capacity(graph.n_owned),
-        receivers: Vec::with_capacity(graph.n_owned),
-        edge_features: Vec::with_capacity(graph.n_owned * width),
-        n_cells: graph.n_cells,
-        n_owned: graph.n_owned,
-        n_local: graph.n_local,
-        node_types: graph.node_types.clone(),
-        halo: graph.halo.clone(),
-    };
-    for node in graph.row.windows(2) {
-        if node[0] < node[1] {
-            let e = node[0] as usize;
-            thin.senders.push(graph.senders[e]);
-            thin.receivers.push(graph.receivers[e]);
-            thin.edge_features
-                .extend_from_slice(&graph.edge_features[e * width..(e + 1) * width]);
-        }
-        thin.row.push(thin.senders.len() as u32);
-    }
-    thin
-}
-
 /// Segments of a graph, owned.
 #[derive(Clone, Debug)]
 pub struct Segments {
@@ -185,11 +158,6 @@ impl Segments {
         }
     }
 
-    /// Number of memberships of nodes in segments.
-    pub fn members(&self) -> usize {
-        self.member.len()
-    }
-
     /// Number of segments K.
     pub fn count(&self) -> usize {
         self.count
@@ -220,21 +188,6 @@ mod tests {
             assert!((f[0].hypot(f[1]) - f[2]).abs() < 1e-6 && f[2] > 0.0);
         }
         assert!(o_mesh(3, &Comm::serial()).is_err());
-    }
-
-    #[test]
-    fn thinning_leaves_one_edge_a_node() {
-        let g = o_mesh(60, &Comm::serial()).unwrap();
-        let thin = thinned(&g);
-        assert_eq!(thin.senders.len(), g.n_owned);
-        assert_eq!(thin.receivers, (0..g.n_owned as i32).collect::<Vec<_>>());
-        assert_eq!(thin.edge_features.len(), 3 * g.n_owned);
-        let second = g.row[1] as usize;
-        assert_eq!(thin.senders[1], g.senders[second]);
-        assert_eq!(
-            &thin.edge_features[3..6],
-            &g.edge_features[3 * second..3 * second + 3]
-        );
     }
 
     #[test]

@@ -1,9 +1,6 @@
 //! What the machine can do, measured: the rate of matrix products and that of the memory.
 
-use crate::Result;
-use crate::engine::EngineOptions;
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use crate::engine::{self, EngineOptions, Isa, Peak};
 use std::fs;
 use std::sync::Barrier;
 use std::time::Instant;
@@ -57,69 +54,24 @@ pub fn bandwidth(threads: usize, rounds: usize) -> f64 {
     (3 * 8 * n * threads) as f64 / best
 }
 
-/// The best rate of n x 128 x 128 products that was seen so far: the ceiling of a network of this width.
-pub struct Peak {
-    threads: usize,
-    best: f64,
-}
-
-impl Peak {
-    /// For the precision, threads and instructions of an engine.
-    ///
-    /// # Errors
-    /// None yet.
-    pub fn new(options: &EngineOptions) -> Result<Self> {
-        Ok(Peak {
-            threads: options.n_threads.max(1),
-            best: 0.0,
-        })
-    }
-
-    /// One measurement of some milliseconds.
-    ///
-    /// # Errors
-    /// None yet.
-    pub fn probe(&mut self) -> Result<()> {
-        const N: usize = 256;
-        const D: usize = 128;
-        const REPEATS: usize = 40;
-        let worker = || {
-            let (x, w, mut y) = (vec![1.0f32; N * D], vec![1.0f32; D * D], vec![0.0f32; N * D]);
-            let began = Instant::now();
-            for _ in 0..REPEATS {
-                matmul(
-                    MatMut::from_row_major_slice_mut(&mut y, N, D),
-                    Accum::Replace,
-                    MatRef::from_row_major_slice(&x, N, D),
-                    MatRef::from_row_major_slice(&w, D, D),
-                    1.0,
-                    Par::Seq,
-                );
-            }
-            began.elapsed().as_secs_f64()
+/// Rates of all threads together, GFLOP/s: what the units give on registers, and a product of `[8192 x 128]` with
+/// `[128 x 128]`, measured at the same time on every thread.
+pub fn peak(options: &EngineOptions) -> Peak {
+    let isa = options.isa.unwrap_or_else(Isa::detect);
+    let threads = options.n_threads.max(1);
+    std::thread::scope(|scope| {
+        let one = || engine::peak(options.precision, isa);
+        let handles: Vec<_> = (0..threads).map(|_| scope.spawn(one)).collect();
+        let found = handles.into_iter().filter_map(|h| h.join().ok());
+        let none = Peak {
+            units: 0.0,
+            product: 0.0,
         };
-        let slowest = std::thread::scope(|scope| {
-            let handles: Vec<_> = (0..self.threads).map(|_| scope.spawn(worker)).collect();
-            handles
-                .into_iter()
-                .filter_map(|h| h.join().ok())
-                .fold(0.0, f64::max)
-        });
-        self.best = self
-            .best
-            .max((2 * N * D * D * REPEATS * self.threads) as f64 / slowest);
-        Ok(())
-    }
-
-    /// The best so far, operations a second.
-    pub fn best(&self) -> f64 {
-        self.best
-    }
-
-    /// Name of the instruction set.
-    pub fn instructions(&self) -> &'static str {
-        "faer"
-    }
+        found.fold(none, |sum, p| Peak {
+            units: sum.units + p.units,
+            product: sum.product + p.product,
+        })
+    })
 }
 
 #[cfg(test)]

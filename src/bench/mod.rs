@@ -7,8 +7,8 @@ pub mod memory;
 mod timing;
 pub mod work;
 
-pub use graph::{Segments, hexahedra, o_mesh, thinned};
-pub use timing::{Runs, Timing, alternate};
+pub use graph::{Segments, hexahedra, o_mesh};
+pub use timing::{Runs, Timing, processor_time};
 
 use crate::mesh::NodeType;
 use crate::model::{Activation, Architecture, FieldSpec, MacroSpec, ModelSpec, Output, SegmentSpec};

@@ -1,19 +1,25 @@
-//! Times of things that are measured by turns.
+//! Times of many runs.
 
 use crate::Result;
+use rustix::time::{ClockId, clock_gettime};
 use std::time::{Duration, Instant};
 
 /// Times of many runs, ms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Timing {
     sorted: Vec<f64>,
+    /// Processor time of all runs over their wall time: the threads that ran, on average.
+    pub busy: f64,
 }
 
 impl Timing {
     /// Of these times, ms.
     pub fn new(mut times: Vec<f64>) -> Self {
         times.sort_by(f64::total_cmp);
-        Timing { sorted: times }
+        Timing {
+            sorted: times,
+            busy: f64::NAN,
+        }
     }
 
     /// Number of runs.
@@ -51,32 +57,38 @@ pub enum Runs {
     For(Duration),
 }
 
-/// Runs several things by turns, so that a machine that slows down does so for all of them, after one run of each
-/// that does not count.
-///
-/// # Errors
-/// The first that one of them returns.
-pub fn alternate(runs: Runs, things: &mut [&mut dyn FnMut() -> Result<()>]) -> Result<Vec<Timing>> {
-    for thing in things.iter_mut() {
+impl Runs {
+    /// Times of a thing that is run so often, after a run that does not count.
+    ///
+    /// # Errors
+    /// The first that it returns.
+    pub fn time(self, mut thing: impl FnMut() -> Result<()>) -> Result<Timing> {
         thing()?;
-    }
-    let mut times = vec![Vec::new(); things.len()];
-    let began = Instant::now();
-    let more = |done: usize| match runs {
-        Runs::Exactly(n) => done < n.max(1),
-        Runs::For(time) => done < 5 || began.elapsed() < time,
-    };
-    while more(times.first().map_or(0, Vec::len)) {
-        for (thing, times) in things.iter_mut().zip(&mut times) {
+        let mut times = Vec::new();
+        let (began, processor) = (Instant::now(), processor_time());
+        loop {
             let start = Instant::now();
             thing()?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-        if things.is_empty() {
-            break;
+            let done = match self {
+                Runs::Exactly(n) => times.len() >= n,
+                Runs::For(time) => times.len() >= 5 && began.elapsed() >= time,
+            };
+            if done {
+                let busy = (processor_time() - processor) / began.elapsed().as_secs_f64();
+                return Ok(Timing {
+                    busy,
+                    ..Timing::new(times)
+                });
+            }
         }
     }
-    Ok(times.into_iter().map(Timing::new).collect())
+}
+
+/// Processor time of all threads of this process so far, s.
+pub fn processor_time() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 #[cfg(test)]
@@ -94,21 +106,19 @@ mod tests {
     }
 
     #[test]
-    fn things_take_turns() {
-        let order = std::cell::RefCell::new(String::new());
-        let mut a = || {
-            order.borrow_mut().push('a');
+    fn one_run_more_than_is_counted() {
+        let mut runs = 0;
+        let found = Runs::Exactly(3).time(|| {
+            runs += 1;
             Ok(())
-        };
-        let mut b = || {
-            order.borrow_mut().push('b');
-            Ok(())
-        };
-        let found = alternate(Runs::Exactly(2), &mut [&mut a, &mut b]).unwrap();
-        assert_eq!(*order.borrow(), "ababab");
-        assert_eq!((found.len(), found[0].count(), found[1].count()), (2, 2, 2));
-        let mut failing = || Err(crate::Error::Input("no".into()));
-        assert!(alternate(Runs::For(Duration::from_secs(1)), &mut [&mut failing]).is_err());
-        assert!(alternate(Runs::Exactly(3), &mut []).unwrap().is_empty());
+        });
+        assert_eq!((found.unwrap().count(), runs), (3, 4));
+        let found = Runs::For(Duration::ZERO).time(|| Ok(()));
+        assert_eq!(found.unwrap().count(), 5);
+        assert!(
+            Runs::Exactly(1)
+                .time(|| Err(crate::Error::Input("no".into())))
+                .is_err()
+        );
     }
 }

@@ -1,9 +1,9 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
-use crate::bench::{self, Runs, Segments, Shape, Timing, machine, memory, memory::Memory, work};
+use crate::bench::{self, Runs, Segments, Shape, machine, memory, memory::Memory, work};
 use crate::dataset::Trajectory;
 use crate::engine::torch::TorchBackend;
-use crate::engine::{Engine, EngineOptions, Forward, Precision};
+use crate::engine::{Engine, EngineOptions, Forward, Isa, Phase, Precision};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::Model;
@@ -66,7 +66,8 @@ pub struct Args {
     /// Write model.safetensors and graph.safetensors with inputs and outputs to this folder, for other programs
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
-    /// Serve another program: a line with a description, then for each line 'run' on standard input the ms of a step
+    /// Serve another program: a line with a description, then for each line 'run' on standard input the wall time and
+    /// the processor time of a step, ms
     #[arg(long, conflicts_with_all = ["json", "export", "steps"])]
     worker: bool,
 }
@@ -122,7 +123,7 @@ pub fn run(args: Args) -> Result<()> {
         Backend::Torch(device) => Some(device.as_deref()),
     };
     match (args.worker, backend) {
-        (true, None) => serve(&workload, |case| workload.native(case, &options)),
+        (true, None) => serve(&workload, |case| workload.engine(case, &options)),
         (true, Some(device)) => serve(&workload, |case| workload.torch(case, device, args.threads)),
         (false, None) => measure(&workload, &args, &options),
         (false, Some(device)) => measure_torch(&workload, &args, device),
@@ -171,18 +172,13 @@ impl Workload {
         Ok(Case { graph, segments })
     }
 
-    fn native(&self, case: &Case, options: &EngineOptions) -> Result<Box<dyn Forward>> {
+    fn engine(&self, case: &Case, options: &EngineOptions) -> Result<Engine> {
         let view = case.segments.as_ref().map(Segments::view);
-        Ok(Box::new(Engine::new(
-            &self.model,
-            &case.graph,
-            view.as_ref(),
-            options,
-        )?))
+        Engine::new(&self.model, &case.graph, view.as_ref(), options)
     }
 
     /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
-    fn torch(&self, case: &Case, device: Option<&str>, threads: usize) -> Result<Box<dyn Forward>> {
+    fn torch(&self, case: &Case, device: Option<&str>, threads: usize) -> Result<TorchBackend> {
         if std::env::var("OMP_NUM_THREADS").ok().as_deref() != Some(&threads.to_string()) {
             return Err(Error::Input(format!(
                 "backend torch takes its threads from the environment: set OMP_NUM_THREADS={threads}"
@@ -199,8 +195,7 @@ impl Workload {
                 path
             }
         };
-        let made = TorchBackend::new(&path, &case.graph, view.as_ref(), lengths, device, &self.comm)?;
-        Ok(Box::new(made))
+        TorchBackend::new(&path, &case.graph, view.as_ref(), lengths, device, &self.comm)
     }
 
     /// Lengths of the inputs and the outputs of a step.
@@ -212,15 +207,14 @@ impl Workload {
         )
     }
 
-    /// Physical inputs of the size that the model was trained on.
-    fn inputs(&self, graph: &Graph) -> Result<Vec<f32>> {
+    /// Physical inputs of the size that the model was trained on, and room for the outputs.
+    fn values(&self, graph: &Graph) -> Result<(Vec<f32>, Vec<f32>)> {
         let mean = &self.model.tensor("norm.node.mean")?.data;
         let std = &self.model.tensor("norm.node.std")?.data;
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
-        let (n, k) = (self.lengths(graph).0, mean.len().max(1));
-        Ok((0..n)
-            .map(|i| mean[i % k] + std[i % k] * rng.random_range(-1.7f32..1.7))
-            .collect())
+        let ((n, m), k) = (self.lengths(graph), mean.len().max(1));
+        let inputs = (0..n).map(|i| mean[i % k] + std[i % k] * rng.random_range(-1.7f32..1.7));
+        Ok((inputs.collect(), vec![0.0; m]))
     }
 
     fn parameters(&self) -> usize {
@@ -244,7 +238,10 @@ impl Workload {
 
 /// Everything about the native engine.
 fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<()> {
-    let spec = &workload.model.spec;
+    let options = EngineOptions {
+        profile: true,
+        ..*options
+    };
     let before = Memory::read();
     memory::restart_peak();
     let case = workload.case()?;
@@ -255,71 +252,79 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         segments: case.segments.as_ref().map_or(0, Segments::count),
     };
     let description = workload.describe(&case.graph);
-    let (inputs, mut outputs) = (
-        workload.inputs(&case.graph)?,
-        vec![0.0; workload.lengths(&case.graph).1],
-    );
-    let mut network = workload.native(&case, options)?;
+    let (inputs, mut outputs) = workload.values(&case.graph)?;
+    let mut network = workload.engine(&case, &options)?;
     // A session keeps no graph beside its network.
     drop(case);
-    network.forward(&workload.comm, &inputs, &mut outputs)?;
-    let after = Memory::read();
-
-    let case = workload.case()?;
-    let thin = Case {
-        graph: bench::thinned(&case.graph),
-        segments: case.segments,
-    };
-    let thin_edges = thin.graph.senders.len();
-    let mut thin_network = workload.native(&thin, options)?;
-    let mut thin_outputs = outputs.clone();
-    drop((thin, case.graph));
-    let mut peak = machine::Peak::new(options)?;
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
-    let timings = bench::alternate(
-        runs,
-        &mut [
-            &mut || network.forward(&workload.comm, &inputs, &mut outputs),
-            &mut || thin_network.forward(&workload.comm, &inputs, &mut thin_outputs),
-            &mut || peak.probe(),
-        ],
-    )?;
-    drop((network, thin_network));
+    let mut peak = machine::peak(&options);
+    let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
+    let after = Memory::read();
+    let held = network.memory();
+    let profile = network.profile().unwrap_or_default();
+    drop(network);
+    // A machine that others use shows what it can do only now and then.
+    for _ in 0..2 {
+        let again = machine::peak(&options);
+        peak.units = peak.units.max(again.units);
+        peak.product = peak.product.max(again.product);
+    }
     let bandwidth = machine::bandwidth(args.threads, 10);
 
-    let phases = work::phases(spec, sizes, storage(options.precision));
-    let flops: f64 = phases.iter().map(|p| p.flops).sum();
-    let bytes: f64 = phases.iter().map(|p| p.bytes).sum();
-    let step = &timings[0];
+    let encoded = held
+        .iter()
+        .any(|(what, bytes)| *what == "encoded edges" && *bytes > 0);
+    let work = work::step(&workload.model.spec, sizes, storage(options.precision), encoded);
+    let gflop = work.iter().map(|w| w.flops).sum::<f64>() * 1e-9;
+    let gbytes = work.iter().map(|w| w.bytes).sum::<f64>() * 1e-9;
     let seconds = step.median() * 1e-3;
-    let layers = spec.architecture.layers_before + spec.architecture.layers_after;
-    // What the edges beyond one a node cost, for all of them.
-    let edge_seconds = (seconds - timings[1].median() * 1e-3) / (sizes.edges - thin_edges).max(1) as f64
-        * sizes.edges as f64;
-    let edge_flops = layers as f64 * sizes.edges as f64 * work::edge_flops(spec);
-    let gemm_peak = peak.best();
+    // Of a thread that does nothing else: its share of the machine's peak, and of the profiled time.
+    let (threads, steps) = (args.threads as f64, profile.steps.max(1) as f64);
+    // What other programs left of the processor while the steps ran: the peak is of moments in which they left all.
+    let available = (step.busy / threads).min(1.0);
+    let phases: Vec<Value> = work
+        .iter()
+        .map(|w| {
+            let ms = profile.phases[w.phase as usize] / steps / threads * 1e3;
+            let gflops = w.flops * 1e-6 / ms;
+            json!({
+                "phase": w.phase.name(), "ms": ms, "gflop": w.flops * 1e-9, "gflops": gflops,
+                "peak_share": gflops / peak.gflops(), "gbytes": w.bytes * 1e-9,
+            })
+        })
+        .collect();
+    let edges = phases.iter().find(|p| p["phase"] == Phase::Edges.name());
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
-    let beyond = after.zip(before).map(|(a, b)| mib(a.peak.saturating_sub(b.now)));
+    let held: Vec<Value> = held
+        .iter()
+        .map(|(what, bytes)| json!({ "what": what, "mib": mib(*bytes as u64) }))
+        .collect();
     let figures = json!({
         "network": description, "precision": options.precision.name(), "threads": args.threads,
-        "instructions": peak.instructions(), "steps": step.count(),
-        "ms_per_step": step.median(), "ms_least": step.least(), "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)],
-        "gflop_per_step": flops * 1e-9, "gflops": flops / seconds * 1e-9,
-        "gemm_peak_gflops": gemm_peak * 1e-9, "peak_share": flops / seconds / gemm_peak,
-        "edge_block_ms": edge_seconds * 1e3, "edge_block_gflops": edge_flops / edge_seconds * 1e-9,
-        "edge_block_share": edge_flops / edge_seconds / gemm_peak,
-        "gbytes_per_step": bytes * 1e-9, "gbytes_per_s": bytes / seconds * 1e-9,
-        "bandwidth_gbytes_per_s": bandwidth * 1e-9, "bandwidth_share": bytes / seconds / bandwidth,
+        "instructions": options.isa.unwrap_or_else(Isa::detect).name(), "steps": step.count(),
+        "ms_per_step": step.median(), "ms_least": step.least(),
+        "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)],
+        "gflop_per_step": gflop, "gflops": gflop / seconds,
+        "gemm_peak_gflops": peak.gflops(), "gemm_product_gflops": peak.product, "peak_share": gflop / seconds / peak.gflops(),
+        "edge_block_share": edges.map(|e| e["peak_share"].clone()),
+        "processor_share": available, "peak_share_of_processor_time": gflop / seconds / peak.gflops() / available,
+        "edge_block_share_of_processor_time":
+            edges.and_then(|e| e["peak_share"].as_f64()).map(|share| share / available),
+        "gbytes_per_step": gbytes, "gbytes_per_s": gbytes / seconds,
+        "bandwidth_gbytes_per_s": bandwidth * 1e-9, "bandwidth_share": gbytes / seconds / (bandwidth * 1e-9),
         "peak_memory_mib": after.map(|m| mib(m.peak)), "mesh_memory_mib": before.map(|m| mib(m.now)),
-        "memory_beyond_mesh_mib": beyond,
-        "phases": phases,
+        "memory_beyond_mesh_mib": after.zip(before).map(|(a, b)| mib(a.peak.saturating_sub(b.now))),
+        "profiled_ms": profile.seconds / steps * 1e3, "phases": phases, "held": held,
     });
-    print(&figures, &phases);
+    print(&figures);
     super::write_json(args.json.as_deref(), &figures)
 }
 
-fn print(f: &Value, phases: &[work::Phase]) {
-    let n = |key: &str| f[key].as_f64().unwrap_or(f64::NAN);
+fn print(f: &Value) {
+    let number = |v: &Value| v.as_f64().unwrap_or(f64::NAN);
+    let n = |key: &str| number(&f[key]);
+    let text = |v: &Value| v.as_str().unwrap_or_default().to_string();
+    let list = |key: &str| f[key].as_array().cloned().unwrap_or_default();
     let network = &f["network"];
     println!(
         "network     {} layers, width {}, {} hidden layers, {} parameters; {} nodes, {} directed edges",
@@ -331,68 +336,74 @@ fn print(f: &Value, phases: &[work::Phase]) {
         network["edges"]
     );
     println!(
-        "run         {} on {} threads, {}, {} steps by turns with the peak's loop",
-        f["precision"].as_str().unwrap_or_default(),
+        "run         {}, threads: {}, instructions: {}",
+        text(&f["precision"]),
         f["threads"],
-        f["instructions"].as_str().unwrap_or_default(),
-        f["steps"]
+        text(&f["instructions"])
     );
     println!(
-        "step        {:.2} ms median; least {:.2}, quartiles {:.2} and {:.2}",
+        "step        {:.2} ms, median of {}; least {:.2}, quartiles {:.2} and {:.2}",
         n("ms_per_step"),
+        f["steps"],
         n("ms_least"),
-        f["ms_quartiles"][0].as_f64().unwrap_or(f64::NAN),
-        f["ms_quartiles"][1].as_f64().unwrap_or(f64::NAN)
+        number(&f["ms_quartiles"][0]),
+        number(&f["ms_quartiles"][1])
     );
+    if n("processor_share") < 0.97 {
+        println!(
+            "            others used the processor: it ran {:.0} % of the time, {:.2} ms a step; of its time, {:.0} % of the \
+             peak, and {:.0} % in the edge blocks",
+            100.0 * n("processor_share"),
+            n("ms_per_step") * n("processor_share"),
+            100.0 * n("peak_share_of_processor_time"),
+            100.0 * n("edge_block_share_of_processor_time")
+        );
+    }
     println!(
-        "products    {:.3} GFLOP: {:.0} GFLOP/s, {:.0} % of the {:.0} GFLOP/s of an n x 128 x 128 product",
+        "products    {:.3} GFLOP, {:.0} GFLOP/s: {:.0} % of the peak of {:.0} GFLOP/s (n x 128 x 128 alone: {:.0})",
         n("gflop_per_step"),
         n("gflops"),
         100.0 * n("peak_share"),
-        n("gemm_peak_gflops")
+        n("gemm_peak_gflops"),
+        n("gemm_product_gflops")
     );
     println!(
-        "edge block  {:.2} ms: {:.0} GFLOP/s, {:.0} % of that peak",
-        n("edge_block_ms"),
-        n("edge_block_gflops"),
-        100.0 * n("edge_block_share")
-    );
-    println!(
-        "memory      {:.3} GB a step: {:.1} GB/s, {:.0} % of the {:.1} GB/s of a triad",
+        "traffic     {:.3} GB, {:.1} GB/s: {:.0} % of the {:.1} GB/s of a triad in memory",
         n("gbytes_per_step"),
         n("gbytes_per_s"),
         100.0 * n("bandwidth_share"),
         n("bandwidth_gbytes_per_s")
     );
     println!(
-        "            {:.0} MiB at most, {:.0} MiB beyond the mesh",
+        "memory      {:.0} MiB at most, {:.0} MiB of it beyond the mesh",
         n("peak_memory_mib"),
         n("memory_beyond_mesh_mib")
     );
-    let total: f64 = phases.iter().map(|p| p.flops).sum();
-    for p in phases {
+    println!("\nphase                ms     GFLOP   GFLOP/s  of peak        GB");
+    for p in list("phases") {
         println!(
-            "  {:<28} {:8.3} GFLOP {:3.0} %  {:8.3} GB",
-            p.name,
-            p.flops * 1e-9,
-            100.0 * p.flops / total,
-            p.bytes * 1e-9
+            "{:<16} {:7.2} {:9.3} {:9.0} {:6.0} % {:9.3}",
+            text(&p["phase"]),
+            number(&p["ms"]),
+            number(&p["gflop"]),
+            number(&p["gflops"]),
+            100.0 * number(&p["peak_share"]),
+            number(&p["gbytes"])
         );
+    }
+    println!("\nheld by the engine     MiB");
+    for h in list("held").iter().filter(|h| number(&h["mib"]) >= 0.05) {
+        println!("{:<18} {:8.1}", text(&h["what"]), number(&h["mib"]));
     }
 }
 
 /// Time and memory of the model on libtorch.
 fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Result<()> {
     let case = workload.case()?;
-    let (inputs, mut outputs) = (
-        workload.inputs(&case.graph)?,
-        vec![0.0; workload.lengths(&case.graph).1],
-    );
+    let (inputs, mut outputs) = workload.values(&case.graph)?;
     let mut network = workload.torch(&case, device, args.threads)?;
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
-    let mut step = || network.forward(&workload.comm, &inputs, &mut outputs);
-    let timings = bench::alternate(runs, &mut [&mut step])?;
-    let step: &Timing = &timings[0];
+    let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
     let peak = Memory::read().map(|m| m.peak as f64 / (1 << 20) as f64);
     println!(
         "step        {:.2} ms median; least {:.2}, quartiles {:.2} and {:.2} (libtorch, {} steps)",
@@ -410,13 +421,10 @@ fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Resu
     super::write_json(args.json.as_deref(), &figures)
 }
 
-/// Answers each `run` with the time of a step, ms, until the input ends.
-fn serve(workload: &Workload, make: impl Fn(&Case) -> Result<Box<dyn Forward>>) -> Result<()> {
+/// Answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
+fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> Result<()> {
     let case = workload.case()?;
-    let (inputs, mut outputs) = (
-        workload.inputs(&case.graph)?,
-        vec![0.0; workload.lengths(&case.graph).1],
-    );
+    let (inputs, mut outputs) = workload.values(&case.graph)?;
     let mut network = make(&case)?;
     network.forward(&workload.comm, &inputs, &mut outputs)?;
     let failed = |e: std::io::Error| Error::file("standard output", e.to_string());
@@ -429,9 +437,10 @@ fn serve(workload: &Workload, make: impl Fn(&Case) -> Result<Box<dyn Forward>>) 
             .trim()
         {
             "run" => {
-                let began = Instant::now();
+                let (began, processor) = (Instant::now(), bench::processor_time());
                 network.forward(&workload.comm, &inputs, &mut outputs)?;
-                say(format!("{:.6}", began.elapsed().as_secs_f64() * 1e3))?;
+                let (wall, processor) = (began.elapsed().as_secs_f64(), bench::processor_time() - processor);
+                say(format!("{:.6} {:.6}", wall * 1e3, processor * 1e3))?;
             }
             "quit" => break,
             other => return Err(Error::Input(format!("expected run or quit, found '{other}'"))),
@@ -445,11 +454,9 @@ fn export(workload: &Workload, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
     let case = workload.case()?;
     let graph = &case.graph;
-    let (n_inputs, n_outputs) = workload.lengths(graph);
-    let inputs = workload.inputs(graph)?;
-    let mut outputs = vec![0.0; n_outputs];
+    let (inputs, mut outputs) = workload.values(graph)?;
     workload
-        .native(&case, &EngineOptions::default())?
+        .engine(&case, &EngineOptions::default())?
         .forward(&workload.comm, &inputs, &mut outputs)?;
     workload.model.write(folder.join("model.safetensors"))?;
     let spec = &workload.model.spec;
@@ -477,7 +484,7 @@ fn export(workload: &Workload, folder: &Path) -> Result<()> {
             "edge_features",
             float(&graph.edge_features, spec.n_edge_features()),
         ),
-        ("inputs", float(&inputs, n_inputs / graph.n_owned.max(1))),
+        ("inputs", float(&inputs, spec.n_field_inputs())),
         ("outputs", float(&outputs, spec.n_outputs())),
     ];
     write_tensors(&folder.join("graph.safetensors"), &tensors)?;
