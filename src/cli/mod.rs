@@ -7,7 +7,6 @@ pub mod generate;
 pub mod info;
 mod output;
 mod stop;
-pub mod torch_library;
 pub mod train;
 pub mod validate;
 

@@ -149,7 +149,7 @@ impl<T: Number + Element> Network<T> {
             edges: Buffer::new(n_edges * columns),
             nodes: Buffer::new(graph.n_owned * columns),
             projected: Buffer::new(graph.n_local * columns),
-            message: Vec::new(),
+            message: Vec::with_capacity(graph.halo.n_sent() * columns),
             profile: None,
             order,
         };

@@ -81,6 +81,11 @@ impl Halo {
         Ok(halo)
     }
 
+    /// Owned rows that are sent, each once for every rank that needs it.
+    pub fn n_sent(&self) -> usize {
+        self.send_rows.len()
+    }
+
     /// Ghost rows.
     pub fn n_ghosts(&self) -> usize {
         self.n_ghosts

@@ -79,3 +79,6 @@ macro_rules! dispatch {
     }};
 }
 use dispatch;
+
+#[cfg(test)]
+mod tests;

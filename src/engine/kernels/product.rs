@@ -150,13 +150,8 @@ pub fn product<T: Number>(
             owner,
             first,
         } => {
-            let inside = |list: &[i32], from: usize, len: usize| {
-                list.len() >= n
-                    && list[..n]
-                        .iter()
-                        .all(|&i| i as usize >= from && (i as usize - from + 1) * columns <= len)
-            };
-            inside(index, 0, senders.len()) && inside(owner, first, receivers.len())
+            rows_within(index, n, 0..senders.len() / columns)
+                && rows_within(owner, n, first..first + receivers.len() / columns)
         }
     };
     assert!(fits, "addend of a product");
@@ -174,6 +169,15 @@ pub fn product<T: Number>(
             out: &mut Output<T>
         ) = (weight, x.as_ptr(), stride, n, addend, function, &mut out)
     )
+}
+
+/// Whether the first n of a list are all in a range.
+pub(super) fn rows_within(list: &[i32], n: usize, rows: std::ops::Range<usize>) -> bool {
+    // Folded, not cut short: this way it is a few vector instructions.
+    list.len() >= n
+        && list[..n]
+            .iter()
+            .fold(true, |good, &i| good & (i >= 0) & rows.contains(&(i as usize)))
 }
 
 /// All panels of columns.

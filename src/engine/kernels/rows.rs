@@ -1,5 +1,6 @@
 //! Layer norms and what goes with them, sums and softmax over rows.
 
+use super::product::rows_within;
 use super::simd::{LANES, Number, Simd, exp};
 use super::{Isa, dispatch, padded};
 
@@ -71,10 +72,7 @@ pub fn layer_norm<T: Number>(isa: Isa, norm: &Norm, x: &[f32], n: usize, mut out
         } => {
             before.is_none_or(|b| b.len() >= n * columns)
                 && edges.len() >= n * columns
-                && owner.len() >= n
-                && owner[..n]
-                    .iter()
-                    .all(|&o| o as usize >= *first && (o as usize - first + 1) * columns <= sums.len())
+                && rows_within(owner, n, *first..*first + sums.len() / columns)
         }
     };
     assert!(fits, "output of a layer norm");
@@ -251,8 +249,10 @@ pub fn add_means(isa: Isa, x: &mut [f32], width: usize, table: &[f32], row: &[u3
         x.len() >= n * width && width.is_multiple_of(LANES),
         "rows of means"
     );
-    let inside = |&k: &i32| (k as usize + 1) * width <= table.len();
-    assert!(members.iter().all(inside), "members of means");
+    assert!(
+        rows_within(members, members.len(), 0..table.len() / width),
+        "members of means"
+    );
     // SAFETY: lengths and indices were checked above.
     dispatch!(
         isa,
@@ -325,7 +325,7 @@ unsafe fn softmax_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
                 let v = S::sub(S::load(p.add(j)), S::splat(largest));
                 S::store(p.add(j), exp::<S>(S::mul(S::splat(scale), v)));
             }
-            row[n..].fill(0.0);
+            std::slice::from_raw_parts_mut(p.add(n), width - n).fill(0.0);
             let mut sum = S::splat(0.0);
             for j in (0..width).step_by(LANES) {
                 sum = S::add(sum, S::load(p.add(j)));
