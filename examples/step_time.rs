@@ -1,7 +1,7 @@
-//! Prints the time of one engine step on a channel of triangles, for the networks that are trained here:
-//! `step_time [CELLS [THREADS]]`.
+//! Prints the time of one engine step on a channel of triangles, for networks of the sizes that are trained here, and
+//! where it goes: `step_time [CELLS [THREADS]]`.
 
-use m4gn::engine::{Engine, Forward, SegmentView};
+use m4gn::engine::{Engine, EngineOptions, Forward, Phase, Precision, Profile, SegmentView};
 use m4gn::graph::Graph;
 use m4gn::mesh::{NodeType, sample};
 use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
@@ -21,20 +21,47 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         graph.n_owned,
         graph.senders.len()
     );
-    println!("width hidden layers activation   ms/step  GFLOP/s");
-    for (width, hidden_layers, layers) in [(64, 1, 8), (64, 2, 8), (128, 1, 8), (128, 2, 7)] {
+    println!(
+        "width hidden layers activation precision  ms/step  GFLOP/s  edge blocks: share of time, GFLOP/s a thread"
+    );
+    for (width, hidden_layers, layers) in [(64, 1, 8), (128, 1, 8), (128, 2, 7), (128, 2, 15)] {
         for activation in [Activation::Relu, Activation::Silu] {
             let model = Model::random(spec(width, hidden_layers, layers, activation), 1)?;
-            let ms = measure(&model, &graph, &comm, threads)?;
-            let rate = work(&graph, width, hidden_layers, layers) / ms / 1e6;
-            println!("{width:5} {hidden_layers:6} {layers:6} {activation:>10?} {ms:9.2} {rate:8.0}");
+            for precision in [Precision::Fp32, Precision::Bf16] {
+                let (ms, profile) = measure(&model, &graph, &comm, threads, precision)?;
+                let rate = profile.flops.iter().sum::<f64>() / ms / 1e6;
+                let share = profile.phases[Phase::Edges as usize] / profile.phases.iter().sum::<f64>();
+                println!(
+                    "{width:5} {hidden_layers:6} {layers:6} {activation:>10?} {:>9} {ms:8.2} {rate:8.0} {:10.0} % {:6.0}",
+                    precision.name(),
+                    100.0 * share,
+                    profile.gflops(Phase::Edges),
+                );
+                if std::env::var_os("PHASES").is_some() {
+                    for phase in Phase::ALL {
+                        let seconds = profile.phases[phase as usize] / profile.steps as f64;
+                        println!(
+                            "{:>40} {:7.3} ms {:6.0} GFLOP/s",
+                            phase.name(),
+                            1e3 * seconds,
+                            profile.gflops(phase)
+                        );
+                    }
+                }
+            }
         }
     }
     Ok(())
 }
 
-/// Best of several runs, ms.
-fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::Result<f64> {
+/// Best of several runs, ms, and the profile of all.
+fn measure(
+    model: &Model,
+    graph: &Graph,
+    comm: &Comm,
+    n_threads: usize,
+    precision: Precision,
+) -> m4gn::Result<(f64, Profile)> {
     const K: usize = 36;
     let member_row: Vec<u32> = (0..=graph.n_owned as u32).collect();
     let member: Vec<i32> = (0..graph.n_owned)
@@ -49,27 +76,22 @@ fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::R
         position: &[],
         offsets: &[],
     };
-    let mut engine = Engine::new(model, graph, Some(&view), threads)?;
+    let options = EngineOptions {
+        n_threads,
+        precision,
+        profile: true,
+        ..EngineOptions::default()
+    };
+    let mut engine = Engine::new(model, graph, Some(&view), &options)?;
     let inputs = vec![0.5; graph.n_owned * model.spec.n_field_inputs()];
     let mut outputs = vec![0.0; graph.n_cells * model.spec.n_outputs()];
     let mut best = f64::MAX;
-    for _ in 0..30 {
+    for _ in 0..50 {
         let start = Instant::now();
         engine.forward(comm, &inputs, &mut outputs)?;
         best = best.min(start.elapsed().as_secs_f64() * 1e3);
     }
-    Ok(best)
-}
-
-/// Floating-point operations of the message passing, which is nearly all.
-fn work(graph: &Graph, width: usize, hidden_layers: usize, layers: usize) -> f64 {
-    let square = (2 * width * width) as f64;
-    let (nodes, edges, h) = (
-        graph.n_owned as f64,
-        graph.senders.len() as f64,
-        hidden_layers as f64,
-    );
-    layers as f64 * square * (edges * (1.0 + h) + nodes * (2.0 + 2.0 + h))
+    Ok((best, engine.profile().unwrap_or_default()))
 }
 
 fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activation) -> ModelSpec {

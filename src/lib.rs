@@ -4,6 +4,7 @@
 //! mesh and fields -> graph -> modes -> segments -> model -> step -> fields back.
 //! `capi` holds the only exported symbols, `ffi` the only callers of foreign C.
 
+pub mod bench;
 pub mod capi;
 pub mod cli;
 pub mod compare;

@@ -3,6 +3,7 @@
 //! Every rank also runs the whole mesh in serial and compares by global numbers. Without mpirun this is a run on one
 //! rank.
 
+use m4gn::engine::Precision;
 use m4gn::mesh::{Mesh, NodeType, sample};
 use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
 use m4gn::parallel::{Comm, finalize};
@@ -12,6 +13,8 @@ use std::process::ExitCode;
 
 /// Sums of neighbours and segments come in another order: a few units in the last place of fp32 a layer.
 const TOLERANCE: f64 = 1e-5;
+/// Where sums differ in the last place, some are rounded to another bf16.
+const TOLERANCE_BF16: f64 = 2e-2;
 
 fn main() -> ExitCode {
     let comm = match Comm::world() {
@@ -58,10 +61,22 @@ fn run(comm: &Comm) -> Vec<String> {
             for (layers_after, overlap, rwse_steps) in [(0, 0, 4), (1, 0, 0), (2, 1, 3)] {
                 let spec = spec(mesh.dim(), layers_after, overlap, rwse_steps);
                 let name = format!("{what}, {how}, {layers_after} layers after, overlap {overlap}");
-                match compare(comm, mesh, &ranks, spec) {
-                    Ok(error) if error < TOLERANCE => {}
-                    Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
-                    Err(e) => failures.push(format!("{name}: {e}")),
+                for (precision, n_threads, tolerance) in [
+                    (Precision::Fp32, 1, TOLERANCE),
+                    (Precision::Fp32, 2, TOLERANCE),
+                    (Precision::Bf16, 1, TOLERANCE_BF16),
+                ] {
+                    let options = SessionOptions {
+                        precision,
+                        n_threads,
+                        ..SessionOptions::default()
+                    };
+                    let name = format!("{name}, {}, {n_threads} threads", precision.name());
+                    match compare(comm, mesh, &ranks, spec.clone(), &options) {
+                        Ok(error) if error < tolerance => {}
+                        Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
+                        Err(e) => failures.push(format!("{name}: {e}")),
+                    }
                 }
             }
         }
@@ -73,12 +88,18 @@ fn run(comm: &Comm) -> Vec<String> {
 }
 
 /// Largest difference of two steps from serial, relative to the largest value; the labels must be the same.
-fn compare(comm: &Comm, mesh: &Mesh, ranks: &[i32], spec: ModelSpec) -> Result<f64> {
+fn compare(
+    comm: &Comm,
+    mesh: &Mesh,
+    ranks: &[i32],
+    spec: ModelSpec,
+    options: &SessionOptions,
+) -> Result<f64> {
     let model = Model::random(spec, 21)?;
-    let mut serial = Session::new(Comm::serial(), mesh, &model, &SessionOptions::default())?;
+    let mut serial = Session::new(Comm::serial(), mesh, &model, options)?;
     let mut expected = State::new(mesh);
     let part = sample::part(mesh, ranks, comm.rank());
-    let mut session = Session::new(comm.clone(), &part, &model, &SessionOptions::default())?;
+    let mut session = Session::new(comm.clone(), &part, &model, options)?;
     let mut found = State::new(&part);
     for _ in 0..2 {
         expected.step(&mut serial)?;

@@ -143,7 +143,11 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted)
 }
 
 
-void Foam::m4gnDisplacementState::complete(const scalar deltaT)
+void Foam::m4gnDisplacementState::complete
+(
+    const scalar deltaT,
+    const bool
+)
 {
     if (dynamic_)
     {

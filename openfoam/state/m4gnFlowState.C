@@ -85,7 +85,8 @@ Foam::m4gnFlowState::m4gnFlowState
     phiName_(dict.getOrDefault<word>("phi", "phi")),
     projection_(mesh, dict),
     divInterpolated_(0),
-    divProjected_(0)
+    divProjected_(0),
+    completed_(false)
 {
     checkCase();
 }
@@ -96,6 +97,7 @@ Foam::m4gnFlowState::m4gnFlowState
 void Foam::m4gnFlowState::advance(const List<scalarField>& predicted)
 {
     step(session_.stride());
+    completed_ = false;
 
     forAll(predicted, outputi)
     {
@@ -136,12 +138,16 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted)
 }
 
 
-void Foam::m4gnFlowState::complete(const scalar)
+void Foam::m4gnFlowState::complete(const scalar, const bool handOver)
 {
-    divInterpolated_ = m4gnFluxProjection::maxDiv(phi());
+    if (!completed_)
+    {
+        divInterpolated_ = m4gnFluxProjection::maxDiv(phi());
+        completed_ = true;
+    }
     projection_.project
     (
-        mesh_.lookupObject<volScalarField>(pName_), U(), phi()
+        mesh_.lookupObject<volScalarField>(pName_), U(), phi(), handOver
     );
     divProjected_ = m4gnFluxProjection::maxDiv(phi());
 }

@@ -101,7 +101,7 @@ fn findings() -> Vec<Finding> {
         ),
         (
             "torch library",
-            library("libm4gn_torch.so"),
+            library(crate::engine::torch::NAME),
             false,
             "only 'm4gn train' and backend torch need it (libm4gn_torch.so); the README says how to build it",
         ),

@@ -1,12 +1,12 @@
 //! The command line `m4gn`: exit status 0 done, 1 failed, 2 bad usage; errors are one paragraph on stderr.
 
+pub mod bench;
 pub mod compare;
 pub mod doctor;
 pub mod generate;
 pub mod info;
 mod output;
 mod stop;
-pub mod torch_library;
 pub mod train;
 pub mod validate;
 
@@ -36,6 +36,7 @@ enum Command {
     Train(train::Args),
     Validate(validate::Args),
     Compare(compare::Args),
+    Bench(bench::Args),
     Doctor(doctor::Args),
 }
 
@@ -49,6 +50,7 @@ pub fn main() -> ExitCode {
         Command::Train(args) => train::run(args),
         Command::Validate(args) => validate::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Bench(args) => bench::run(args),
         Command::Doctor(args) => doctor::run(args),
     };
     let status = match done {

@@ -1,7 +1,7 @@
 //! `m4gn train`: fits a model to a data set, in libm4gn_torch.so.
 
-use super::torch_library::{NAME, TorchLibrary};
 use crate::Result;
+use crate::engine::torch::{NAME, TorchLibrary};
 use std::path::PathBuf;
 
 /// Train a model on recorded trajectories

@@ -1,48 +1,85 @@
-//! The two ends of the network: fields to latents, latents to fields.
+//! The two ends of the network: features to latents, latents to fields.
+//!
+//! Layers that see physical fields compute in fp32 in either precision: the first of an encoder, whose inputs are
+//! the fields, and the last of the decoder, whose outputs are their changes.
 
-use super::linear::{Norm, Tail, Weight};
+use super::kernels::{
+    Addend, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
+};
+use super::linear::{self, Linear, Tail};
+use super::tiles::Scratch;
 use crate::graph::Graph;
 use crate::model::{Model, ModelSpec};
 use crate::{Error, Result};
 
-/// f_n of eq. 1, behind the normalisation of the fields.
+/// A perceptron on features, with a layer norm at the end (eq. 1).
 #[derive(Debug)]
-pub struct Encoder {
-    /// Of the fields `[n_field_inputs x d]`.
-    pub weight: Weight,
-    /// What the features that do not change with time contribute, with the bias: a row of width d a node type, or a
-    /// node where the model reads offsets.
-    pub fixed: Vec<f32>,
-    /// Row of `fixed` of each owned node.
-    pub fixed_row: Vec<i32>,
-    /// Layers behind the first.
-    pub tail: Tail,
-    /// Layer norm at the end.
-    pub norm: Norm,
-    /// Mean of each field input, physical.
-    pub mean: Vec<f32>,
-    /// 1 / standard deviation of each field input.
-    pub inverse_std: Vec<f32>,
+pub struct Encoder<T> {
+    isa: Isa,
+    /// Of the features.
+    first: Packed<f32>,
+    tail: Tail<T>,
+    norm: Norm,
+    columns: usize,
 }
 
-/// The decoder on [h, h_S] (section 3.4.3), with the return to physical values.
-#[derive(Debug)]
-pub struct Decoder {
-    /// Of h.
-    pub node: Weight,
-    /// Of h_S; none without a macro stage.
-    pub segment: Option<Weight>,
-    /// Layers behind the first.
-    pub tail: Tail,
-    /// Mean of each output, physical.
-    pub mean: Vec<f32>,
-    /// Standard deviation of each output.
-    pub std: Vec<f32>,
-    /// What h_S contributes `[K x d]`.
-    pub table: Vec<f32>,
+impl<T: Number> Encoder<T> {
+    /// Perceptron `name` on its first `n` inputs; what the others contribute is left to the caller.
+    pub fn new(isa: Isa, model: &Model, name: &str, n: usize) -> Result<Self> {
+        Ok(Encoder {
+            isa,
+            first: linear::columns(isa, model, &format!("{name}.0"), 0..n)?,
+            tail: Tail::new(isa, model, name)?,
+            norm: linear::norm(model, &format!("{name}.norm"))?,
+            columns: padded(model.spec.architecture.width),
+        })
+    }
+
+    /// Bytes of the weights.
+    pub fn bytes(&self) -> usize {
+        self.first.bytes() + self.tail.bytes()
+    }
+
+    /// Latents of n rows of `features`, normalised and `stride` numbers apart, with `addend` at the first layer; `a`,
+    /// `b` and `c` are buffers.
+    pub fn run(
+        &self,
+        (features, stride): (&[f32], usize),
+        n: usize,
+        addend: Addend<f32>,
+        (a, b, c): (&mut [T], &mut [T], &mut [f32]),
+        out: Normed<T>,
+    ) {
+        let f = self.tail.first_function();
+        let size = n * self.columns;
+        product(
+            self.isa,
+            &self.first,
+            (features, stride),
+            n,
+            addend,
+            f.unwrap_or(Function::Identity),
+            Output::Wide(&mut c[..size]),
+        );
+        if f.is_some() {
+            narrow(self.isa, &c[..size], &mut a[..size]);
+            self.tail.run(self.isa, n, a, b, c);
+        }
+        layer_norm(self.isa, &self.norm, c, n, out);
+    }
 }
 
-impl Encoder {
+/// What the node features that do not change with time contribute to the first layer of the node encoder, with its
+/// bias: a row a node type, or a row a node where the model reads offsets.
+#[derive(Debug)]
+pub struct Fixed {
+    /// Rows of the padded width.
+    pub rows: Vec<f32>,
+    /// Row of each owned node of the graph.
+    pub row: Vec<u32>,
+}
+
+impl Fixed {
     /// For the nodes of this graph and their `offsets [n_owned x n_offset_features]`.
     ///
     /// # Errors
@@ -53,75 +90,192 @@ impl Encoder {
             architecture,
             ..
         } = &model.spec;
-        let (k, d) = (model.spec.n_field_inputs(), architecture.width);
+        let (k, columns) = (model.spec.n_field_inputs(), padded(architecture.width));
         let tensor = model.tensor("encoder.node.0.weight")?;
-        let tail = Tail::new(model, "encoder.node")?;
-        // Without hidden layers the first layer's outputs are the last's: d either way.
-        let mut types = Vec::with_capacity(node_types.len() * d);
+        let bias = linear::bias(model, "encoder.node.0")?;
+        let weight = |output: usize, input: usize| match output < tensor.shape[0] {
+            true => tensor.data[output * tensor.shape[1] + input],
+            false => 0.0,
+        };
+        let mut types = Vec::with_capacity(node_types.len() * columns);
         for t in 0..node_types.len() {
-            types.extend((0..d).map(|o| tail.first_bias[o] + tensor.data[o * tensor.shape[1] + k + t]));
+            types.extend((0..columns).map(|o| bias[o] + weight(o, k + t)));
         }
-        let kind: Vec<i32> = graph.node_types[..graph.n_owned]
-            .iter()
-            .map(|&code| {
-                node_types
-                    .iter()
-                    .position(|t| *t as i32 == code)
-                    .map(|t| t as i32)
-                    .ok_or_else(|| {
-                        let known: Vec<_> = node_types.iter().map(|t| t.name()).collect();
-                        let found = crate::mesh::NodeType::from_code(code).map_or("unknown", |t| t.name());
-                        Error::Model(format!(
-                            "the model knows {}; the mesh has a {found} node",
-                            known.join(", ")
-                        ))
-                    })
+        let kind = |code: &i32| {
+            let known = node_types.iter().position(|t| *t as i32 == *code);
+            known.map(|t| t as u32).ok_or_else(|| {
+                let known: Vec<_> = node_types.iter().map(|t| t.name()).collect();
+                let found = crate::mesh::NodeType::from_code(*code).map_or("unknown", |t| t.name());
+                Error::Model(format!(
+                    "the model knows {}; the mesh has a {found} node",
+                    known.join(", ")
+                ))
             })
+        };
+        let kinds: Vec<u32> = graph.node_types[..graph.n_owned]
+            .iter()
+            .map(kind)
             .collect::<Result<_>>()?;
         let n = model.spec.n_offset_features();
-        let (fixed, fixed_row) = if n == 0 {
-            (types, kind)
-        } else {
-            let column = k + node_types.len();
-            let mut rows = Vec::with_capacity(kind.len() * d);
-            for (t, offset) in kind.iter().zip(offsets.chunks_exact(n)) {
-                rows.extend((0..d).map(|o| {
-                    let w = &tensor.data[o * tensor.shape[1] + column..][..n];
-                    let shift: f32 = w.iter().zip(offset).map(|(w, x)| w * x).sum();
-                    types[*t as usize * d + o] + shift
-                }));
-            }
-            (rows, (0..kind.len() as i32).collect())
-        };
-        let (mean, inverse_std) = normaliser(model, "node")?;
-        Ok(Encoder {
-            weight: Weight::columns(model, "encoder.node.0", 0..k)?,
-            fixed,
-            fixed_row,
-            tail,
-            norm: Norm::new(model, "encoder.node.norm")?,
-            mean,
-            inverse_std,
+        if n == 0 {
+            return Ok(Fixed {
+                rows: types,
+                row: kinds,
+            });
+        }
+        let first = k + node_types.len();
+        let mut rows = Vec::with_capacity(kinds.len() * columns);
+        for (t, offset) in kinds.iter().zip(offsets.chunks_exact(n)) {
+            let own = &types[*t as usize * columns..][..columns];
+            rows.extend(own.iter().enumerate().map(|(o, own)| {
+                let shift: f32 = offset
+                    .iter()
+                    .enumerate()
+                    .map(|(i, x)| weight(o, first + i) * x)
+                    .sum();
+                own + shift
+            }));
+        }
+        Ok(Fixed {
+            rows,
+            row: (0..kinds.len() as u32).collect(),
         })
+    }
+
+    /// Bytes.
+    pub fn bytes(&self) -> usize {
+        4 * (self.rows.capacity() + self.row.capacity())
     }
 }
 
-impl Decoder {
-    /// For `n_segments` segments.
-    pub fn new(model: &Model, n_segments: usize) -> Result<Self> {
-        let d = model.spec.architecture.width;
-        let with_segments = model.spec.architecture.segment_transformer.is_some();
-        let tail = Tail::new(model, "decoder")?;
+/// The decoder on [h, h_S] (section 3.4.3), with the return to physical values.
+#[derive(Debug)]
+pub struct Decoder<T> {
+    isa: Isa,
+    /// On latents, where it is not the last layer.
+    first: Option<Packed<T>>,
+    inner: Vec<Linear<T>>,
+    last: Linear<f32>,
+    function: Function,
+    /// Bias of the first layer.
+    pub bias: Vec<f32>,
+    /// Of h_S in the first layer; none without a macro stage.
+    pub segment: Option<Packed<f32>>,
+    mean: Vec<f32>,
+    std: Vec<f32>,
+}
+
+impl<T: Number> Decoder<T> {
+    /// The decoder of a model.
+    pub fn new(isa: Isa, model: &Model) -> Result<Self> {
+        let a = &model.spec.architecture;
+        let (d, h) = (a.width, a.hidden_layers);
+        let bias = linear::bias(model, "decoder.0")?;
+        let inner = (1..h).map(|i| Linear::new(isa, model, &format!("decoder.{i}")));
+        let (first, last) = match h {
+            0 => {
+                let weight = linear::columns(isa, model, "decoder.0", 0..d)?;
+                (
+                    None,
+                    Linear {
+                        weight,
+                        bias: bias.clone(),
+                    },
+                )
+            }
+            _ => (
+                Some(linear::columns(isa, model, "decoder.0", 0..d)?),
+                Linear::new(isa, model, &format!("decoder.{h}"))?,
+            ),
+        };
+        let segment = a.segment_transformer.is_some();
         Ok(Decoder {
-            node: Weight::columns(model, "decoder.0", 0..d)?,
-            segment: with_segments
-                .then(|| Weight::columns(model, "decoder.0", d..2 * d))
+            isa,
+            first,
+            inner: inner.collect::<Result<_>>()?,
+            last,
+            function: linear::activation(model),
+            bias,
+            segment: segment
+                .then(|| linear::columns(isa, model, "decoder.0", d..2 * d))
                 .transpose()?,
-            table: vec![0.0; n_segments * tail.first_bias.len()],
-            tail,
             mean: model.tensor("norm.output.mean")?.data.clone(),
             std: model.tensor("norm.output.std")?.data.clone(),
         })
+    }
+
+    /// Bytes of the weights.
+    pub fn bytes(&self) -> usize {
+        let inner: usize = self.inner.iter().map(|l| l.weight.bytes()).sum();
+        inner
+            + self.first.as_ref().map_or(0, |w| w.bytes())
+            + self.segment.as_ref().map_or(0, |w| w.bytes())
+            + self.last.weight.bytes()
+    }
+
+    /// Columns of the first layer's output, padded.
+    pub fn columns(&self) -> usize {
+        self.bias.len()
+    }
+
+    /// From n rows of latents in `scratch.c`, and what h_S and the bias add to the first layer in `scratch.sums`, to
+    /// rows of physical outputs in `scratch.raw`; returns how far apart they stand.
+    pub fn run(&self, scratch: &mut Scratch<T>, n: usize) -> usize {
+        let isa = self.isa;
+        let Scratch {
+            x,
+            a,
+            b,
+            c,
+            sums,
+            raw,
+            ..
+        } = scratch;
+        let addend = match &self.first {
+            None => Addend::Rows(sums),
+            Some(first) => {
+                let columns = first.outputs();
+                let size = n * columns;
+                narrow(isa, &c[..size], &mut x[..size]);
+                let (mut from, mut to) = (a, b);
+                let f = self.function;
+                let rows = Addend::Rows(sums);
+                let wide = self.inner.is_empty();
+                let place = match wide {
+                    true => Output::Wide(c),
+                    false => Output::Narrow(from),
+                };
+                product(isa, first, (x, columns), n, rows, f, place);
+                for (i, layer) in self.inner.iter().enumerate() {
+                    let place = match i + 1 == self.inner.len() {
+                        true => Output::Wide(c),
+                        false => Output::Narrow(to),
+                    };
+                    let bias = Addend::Bias(&layer.bias);
+                    product(isa, &layer.weight, (from, columns), n, bias, f, place);
+                    std::mem::swap(&mut from, &mut to);
+                }
+                Addend::Bias(&self.last.bias)
+            }
+        };
+        let stride = padded(self.last.weight.inputs());
+        let identity = Function::Identity;
+        product(
+            isa,
+            &self.last.weight,
+            (c, stride),
+            n,
+            addend,
+            identity,
+            Output::Wide(raw),
+        );
+        let width = self.last.weight.outputs();
+        for x in raw.chunks_exact_mut(width).take(n) {
+            for ((x, mean), std) in x.iter_mut().zip(&self.mean).zip(&self.std) {
+                *x = *x * std + mean;
+            }
+        }
+        width
     }
 }
 

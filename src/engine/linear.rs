@@ -1,192 +1,134 @@
-//! Linear layers and perceptrons over row-major rows `[n x d]`.
+//! Weights of linear layers and perceptrons in the order that the kernels read them.
 
-use super::kernels::{Function, Isa, bias_activate, layer_norm};
+use super::kernels::{Addend, Function, Isa, Norm, Number, Output, Packed, padded, product};
 use crate::Result;
 use crate::model::{Activation, Model};
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use std::ops::Range;
 
-/// `y = x W` or `y += x W`: x `[n x inputs]`, W `[inputs x outputs]`, y `[n x outputs]`, all row-major.
-pub fn multiply(
-    y: &mut [f32],
-    x: &[f32],
-    w: &[f32],
-    n: usize,
-    inputs: usize,
-    outputs: usize,
-    accumulate: bool,
-) {
-    let (y, x) = (&mut y[..n * outputs], &x[..n * inputs]);
-    if inputs == 0 {
-        if !accumulate {
-            y.fill(0.0);
+/// Columns `columns` of tensor `NAME.weight [outputs, all inputs]`.
+pub fn columns<T: Number>(isa: Isa, model: &Model, name: &str, columns: Range<usize>) -> Result<Packed<T>> {
+    let tensor = model.tensor(&format!("{name}.weight"))?;
+    let (outputs, all) = (tensor.shape[0], tensor.shape[1]);
+    Ok(Packed::new(isa, columns.len(), outputs, |i, o| {
+        tensor.data[o * all + columns.start + i]
+    }))
+}
+
+/// All columns.
+pub fn whole<T: Number>(isa: Isa, model: &Model, name: &str) -> Result<Packed<T>> {
+    let inputs = model.tensor(&format!("{name}.weight"))?.shape[1];
+    columns(isa, model, name, 0..inputs)
+}
+
+/// All columns of a layer that reads two latents of width d, each padded to whole vectors.
+pub fn of_two<T: Number>(isa: Isa, model: &Model, name: &str, d: usize) -> Result<Packed<T>> {
+    let tensor = model.tensor(&format!("{name}.weight"))?;
+    let second = padded(d);
+    Ok(Packed::new(isa, second + d, tensor.shape[0], |i, o| {
+        let row = &tensor.data[o * 2 * d..(o + 1) * 2 * d];
+        match i {
+            i if i < d => row[i],
+            i if i < second => 0.0,
+            i => row[d + i - second],
         }
-        return;
+    }))
+}
+
+/// Tensor `NAME.bias`, padded to whole vectors.
+pub fn bias(model: &Model, name: &str) -> Result<Vec<f32>> {
+    let mut bias = model.tensor(&format!("{name}.bias"))?.data.clone();
+    bias.resize(padded(bias.len()), 0.0);
+    Ok(bias)
+}
+
+/// Tensors `NAME.weight` and `NAME.bias` of a layer norm.
+pub fn norm(model: &Model, name: &str) -> Result<Norm> {
+    let gain = &model.tensor(&format!("{name}.weight"))?.data;
+    Ok(Norm::new(gain, &model.tensor(&format!("{name}.bias"))?.data))
+}
+
+/// The kernels' name of the model's activation.
+pub fn activation(model: &Model) -> Function {
+    match model.spec.architecture.activation {
+        Activation::Relu => Function::Relu,
+        Activation::Silu => Function::Silu,
     }
-    let accumulate = if accumulate { Accum::Add } else { Accum::Replace };
-    matmul(
-        MatMut::from_row_major_slice_mut(y, n, outputs),
-        accumulate,
-        MatRef::from_row_major_slice(x, n, inputs),
-        MatRef::from_row_major_slice(w, inputs, outputs),
-        1.0,
-        Par::Seq,
-    );
 }
 
-/// Weights in the order that the product reads: `[inputs x outputs]`.
+/// A linear layer.
 #[derive(Debug)]
-pub struct Weight {
-    data: Vec<f32>,
-    inputs: usize,
-    outputs: usize,
+pub struct Linear<T> {
+    /// Its weight.
+    pub weight: Packed<T>,
+    /// Its bias, padded.
+    pub bias: Vec<f32>,
 }
 
-impl Weight {
-    /// Columns `columns` of tensor `NAME.weight [outputs, all inputs]`, transposed.
-    pub fn columns(model: &Model, name: &str, columns: std::ops::Range<usize>) -> Result<Self> {
-        let tensor = model.tensor(&format!("{name}.weight"))?;
-        let (outputs, all) = (tensor.shape[0], tensor.shape[1]);
-        let inputs = columns.len();
-        let mut data = vec![0.0; inputs * outputs];
-        for o in 0..outputs {
-            for (i, c) in columns.clone().enumerate() {
-                data[i * outputs + o] = tensor.data[o * all + c];
-            }
-        }
-        Ok(Weight {
-            data,
-            inputs,
-            outputs,
+impl<T: Number> Linear<T> {
+    /// Tensors `NAME.weight` and `NAME.bias`.
+    pub fn new(isa: Isa, model: &Model, name: &str) -> Result<Self> {
+        Ok(Linear {
+            weight: whole(isa, model, name)?,
+            bias: bias(model, name)?,
         })
     }
-
-    /// All columns.
-    pub fn whole(model: &Model, name: &str) -> Result<Self> {
-        let inputs = model.tensor(&format!("{name}.weight"))?.shape[1];
-        Self::columns(model, name, 0..inputs)
-    }
-
-    /// Weights side by side: one product gives all their outputs.
-    pub fn beside(parts: &[Weight]) -> Self {
-        let inputs = parts[0].inputs;
-        let outputs = parts.iter().map(|p| p.outputs).sum();
-        let mut data = Vec::with_capacity(inputs * outputs);
-        for i in 0..inputs {
-            for p in parts {
-                data.extend_from_slice(&p.data[i * p.outputs..(i + 1) * p.outputs]);
-            }
-        }
-        Weight {
-            data,
-            inputs,
-            outputs,
-        }
-    }
-
-    /// `y = x W` for n rows.
-    pub fn apply(&self, y: &mut [f32], x: &[f32], n: usize) {
-        multiply(y, x, &self.data, n, self.inputs, self.outputs, false);
-    }
-
-    /// `y += x W` for n rows.
-    pub fn apply_add(&self, y: &mut [f32], x: &[f32], n: usize) {
-        multiply(y, x, &self.data, n, self.inputs, self.outputs, true);
-    }
 }
 
-/// Tensor `NAME.bias`.
-pub fn bias(model: &Model, name: &str) -> Result<Vec<f32>> {
-    Ok(model.tensor(&format!("{name}.bias"))?.data.clone())
-}
-
-/// Gain and shift of a layer norm.
+/// The layers of a perceptron behind its first one, which its callers put together from parts.
 #[derive(Debug)]
-pub struct Norm {
-    /// Tensor `NAME.weight`.
-    pub gain: Vec<f32>,
-    /// Tensor `NAME.bias`.
-    pub shift: Vec<f32>,
-    zeros: Vec<f32>,
-}
-
-impl Norm {
-    /// Tensors `NAME.weight` and `NAME.bias`.
-    pub fn new(model: &Model, name: &str) -> Result<Self> {
-        let gain = model.tensor(&format!("{name}.weight"))?.data.clone();
-        let (shift, zeros) = (bias(model, name)?, vec![0.0; gain.len()]);
-        Ok(Norm { gain, shift, zeros })
-    }
-
-    /// `out = LN(x)` for each row.
-    pub fn apply(&self, isa: Isa, x: &[f32], out: &mut [f32]) {
-        layer_norm(isa, x, &self.zeros, &self.gain, &self.shift, out);
-    }
-}
-
-/// The layers of a perceptron behind its first product, which its callers put together from parts.
-#[derive(Debug)]
-pub struct Tail {
-    /// Bias of the first layer; part of what the caller hands in.
-    pub first_bias: Vec<f32>,
-    /// What the caller applies to the first layer's output (identity when there is only one layer).
-    pub first_function: Function,
-    /// Bias of the last layer, left to the caller; zeros when the first layer is the last.
-    pub last_bias: Vec<f32>,
-    layers: Vec<Weight>,
-    biases: Vec<Vec<f32>>,
+pub struct Tail<T> {
+    layers: Vec<Linear<T>>,
+    /// Between the layers.
     function: Function,
 }
 
-impl Tail {
+impl<T: Number> Tail<T> {
     /// Layers 1 to h of perceptron `name`.
-    pub fn new(model: &Model, name: &str) -> Result<Self> {
-        let function = function(model.spec.architecture.activation);
-        let h = model.spec.architecture.hidden_layers;
-        let first_bias = bias(model, &format!("{name}.0"))?;
-        let layers = (1..=h)
-            .map(|i| Weight::whole(model, &format!("{name}.{i}")))
-            .collect::<Result<Vec<_>>>()?;
-        let biases = (1..=h)
-            .map(|i| bias(model, &format!("{name}.{i}")))
-            .collect::<Result<Vec<_>>>()?;
-        let last_bias = biases
-            .last()
-            .cloned()
-            .unwrap_or_else(|| vec![0.0; first_bias.len()]);
-        let first_function = if h == 0 { Function::Identity } else { function };
+    pub fn new(isa: Isa, model: &Model, name: &str) -> Result<Self> {
         Ok(Tail {
-            first_bias,
-            first_function,
-            last_bias,
-            layers,
-            biases,
-            function,
+            layers: (1..=model.spec.architecture.hidden_layers)
+                .map(|i| Linear::new(isa, model, &format!("{name}.{i}")))
+                .collect::<Result<_>>()?,
+            function: activation(model),
         })
     }
 
-    /// From the first layer's activated output in `x` (n rows) to the last layer's output without its bias, which
-    /// comes back in one of the two buffers.
-    pub fn run<'a>(&self, isa: Isa, n: usize, x: &'a mut [f32], y: &'a mut [f32]) -> &'a mut [f32] {
-        let (mut from, mut to) = (x, y);
-        let last = self.layers.len().saturating_sub(1);
-        let mut outputs = self.first_bias.len();
-        for (i, layer) in self.layers.iter().enumerate() {
-            layer.apply(to, from, n);
-            outputs = layer.outputs;
-            if i < last {
-                bias_activate(isa, &mut to[..n * outputs], &self.biases[i], self.function);
-            }
+    /// What follows the first layer; none when it is the last, whose output then is the perceptron's.
+    pub fn first_function(&self) -> Option<Function> {
+        (!self.layers.is_empty()).then_some(self.function)
+    }
+
+    /// Bytes of the weights.
+    pub fn bytes(&self) -> usize {
+        self.layers.iter().map(|l| l.weight.bytes()).sum()
+    }
+
+    /// From the first layer's activated output in `a` (n rows) to the last layer's in `c`.
+    ///
+    /// Without layers nothing is done: the first layer's output is to stand in `c`.
+    pub fn run(&self, isa: Isa, n: usize, a: &mut [T], b: &mut [T], c: &mut [f32]) {
+        let (mut from, mut to) = (a, b);
+        let Some((last, inner)) = self.layers.split_last() else {
+            return;
+        };
+        for layer in inner {
+            let stride = layer.weight.outputs();
+            let addend = Addend::Bias(&layer.bias);
+            let out = Output::Narrow(to);
+            product(isa, &layer.weight, (from, stride), n, addend, self.function, out);
             std::mem::swap(&mut from, &mut to);
         }
-        &mut from[..n * outputs]
-    }
-}
-
-/// The kernels' name of an activation.
-pub fn function(activation: Activation) -> Function {
-    match activation {
-        Activation::Relu => Function::Relu,
-        Activation::Silu => Function::Silu,
+        let stride = padded(last.weight.inputs());
+        let addend = Addend::Bias(&last.bias);
+        let out = Output::Wide(c);
+        product(
+            isa,
+            &last.weight,
+            (from, stride),
+            n,
+            addend,
+            Function::Identity,
+            out,
+        );
     }
 }

@@ -1,104 +1,199 @@
 //! One message-passing layer: edge network (eq. 3), sum over the edges of a node, node network (eq. 2).
 
-use super::kernels::{self, Isa};
-use super::linear::{Norm, Tail, Weight};
-use super::rows;
-use super::tiles::Part;
+use super::kernels::{
+    Addend, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
+};
+use super::linear::{self, Tail};
+use super::profile::Phase;
+use super::tiles::{Scratch, Tile};
 use crate::Result;
 use crate::model::Model;
 
-/// Weights of a layer, the first ones cut by input.
+/// Weights of a layer, the first one of the edge network cut by input.
 #[derive(Debug)]
-pub struct Layer {
-    edge_edge: Weight,
-    edge_sender: Weight,
-    edge_receiver: Weight,
-    edge_tail: Tail,
+pub struct Layer<T> {
+    isa: Isa,
+    columns: usize,
+    edge_edge: Packed<T>,
+    edge_sender: Packed<T>,
+    edge_receiver: Packed<T>,
+    edge_bias: Vec<f32>,
+    edge_tail: Tail<T>,
     edge_norm: Norm,
-    node_node: Weight,
-    node_sum: Weight,
-    node_tail: Tail,
+    /// Of latents and sums.
+    node_first: Packed<T>,
+    node_bias: Vec<f32>,
+    node_tail: Tail<T>,
     node_norm: Norm,
 }
 
 /// The graph as a sweep reads it.
-pub struct Topology<'a> {
-    /// Edges of owned node i: `row[i]..row[i + 1]`.
-    pub row: &'a [u32],
-    /// Sender of each edge, a local node.
+#[derive(Clone, Copy)]
+pub struct Topology<'a, T> {
+    /// Sender of each edge.
     pub senders: &'a [i32],
     /// Receiver of each edge.
     pub receivers: &'a [i32],
-    /// Ws h of all local nodes.
-    pub senders_part: &'a [f32],
+    /// Ws h of the local nodes; before the halo exchange is over, of the owned ones.
+    pub projected: &'a [T],
 }
 
-impl Layer {
+impl<T: Number> Layer<T> {
     /// Layer `l` of the processor.
-    pub fn new(model: &Model, l: usize) -> Result<Self> {
+    pub fn new(isa: Isa, model: &Model, l: usize) -> Result<Self> {
         let d = model.spec.architecture.width;
         let (edge, node) = (format!("processor.{l}.edge"), format!("processor.{l}.node"));
         let (edge_first, node_first) = (format!("{edge}.0"), format!("{node}.0"));
         Ok(Layer {
-            edge_edge: Weight::columns(model, &edge_first, 0..d)?,
-            edge_sender: Weight::columns(model, &edge_first, d..2 * d)?,
-            edge_receiver: Weight::columns(model, &edge_first, 2 * d..3 * d)?,
-            edge_tail: Tail::new(model, &edge)?,
-            edge_norm: Norm::new(model, &format!("{edge}.norm"))?,
-            node_node: Weight::columns(model, &node_first, 0..d)?,
-            node_sum: Weight::columns(model, &node_first, d..2 * d)?,
-            node_tail: Tail::new(model, &node)?,
-            node_norm: Norm::new(model, &format!("{node}.norm"))?,
+            isa,
+            columns: padded(d),
+            edge_edge: linear::columns(isa, model, &edge_first, 0..d)?,
+            edge_sender: linear::columns(isa, model, &edge_first, d..2 * d)?,
+            edge_receiver: linear::columns(isa, model, &edge_first, 2 * d..3 * d)?,
+            edge_bias: linear::bias(model, &edge_first)?,
+            edge_tail: Tail::new(isa, model, &edge)?,
+            edge_norm: linear::norm(model, &format!("{edge}.norm"))?,
+            node_first: linear::of_two(isa, model, &node_first, d)?,
+            node_bias: linear::bias(model, &node_first)?,
+            node_tail: Tail::new(isa, model, &node)?,
+            node_norm: linear::norm(model, &format!("{node}.norm"))?,
         })
     }
 
-    /// Ws h for n nodes.
-    pub fn project_senders(&self, out: &mut [f32], h: &[f32], n: usize) {
-        self.edge_sender.apply(out, h, n);
+    /// Bytes of the weights.
+    pub fn bytes(&self) -> usize {
+        let parts = [
+            &self.edge_edge,
+            &self.edge_sender,
+            &self.edge_receiver,
+            &self.node_first,
+        ];
+        parts.map(|p| p.bytes()).iter().sum::<usize>() + self.edge_tail.bytes() + self.node_tail.bytes()
     }
 
-    /// Updates the edges and nodes of a part, tile by tile, in place. The receivers of a tile are its own nodes,
-    /// and senders come in as Ws h of before, so that no tile sees another's new values.
+    /// Ws h: from `h`, the rows of some nodes, to `out`, as many.
+    pub fn project(&self, scratch: &mut Scratch<T>, h: &[f32], out: &mut [T]) {
+        scratch.clock.start();
+        let (isa, columns) = (self.isa, self.columns);
+        let n = h.len() / columns;
+        narrow(isa, h, &mut scratch.a[..h.len()]);
+        product(
+            isa,
+            &self.edge_sender,
+            (&scratch.a, columns),
+            n,
+            Addend::Nothing,
+            Function::Identity,
+            Output::Narrow(out),
+        );
+        scratch.clock.stop(Phase::Project);
+    }
+
+    /// Updates the edges and nodes of a tile in place: `edges` and `h` are its rows. `before` gives the edges'
+    /// latents of before where they do not stand in `edges`, which are written only if `keep`.
+    ///
+    /// The receivers of a tile are its own nodes, and senders come in as Ws h of before, so that no tile sees
+    /// another's new values.
+    #[allow(clippy::too_many_arguments)]
     pub fn sweep(
         &self,
-        isa: Isa,
-        d: usize,
-        graph: &Topology,
-        part: &mut Part,
-        nodes: &mut [f32],
-        edges: &mut [f32],
+        graph: &Topology<T>,
+        tile: &Tile,
+        scratch: &mut Scratch<T>,
+        h: &mut [f32],
+        edges: &mut [T],
+        before: Option<&[T]>,
+        keep: bool,
     ) {
-        for tile in &part.tiles {
-            let (n, n_edges) = (tile.nodes.len(), tile.edges.len());
-            let h = &mut nodes[rows(&tile.nodes, part.nodes.start, d)];
-            let e = &mut edges[rows(&tile.edges, part.edges.start, d)];
-            let c = &mut part.c[..n * d];
-
-            let (tail, norm) = (&self.edge_tail, &self.edge_norm);
-            self.edge_receiver.apply(c, h, n);
-            kernels::bias_activate(isa, c, &tail.first_bias, kernels::Function::Identity);
-            self.edge_edge.apply(&mut part.a, e, n_edges);
-            kernels::gather_activate(
-                isa,
-                &mut part.a[..n_edges * d],
-                d,
-                graph.senders_part,
-                &graph.senders[tile.edges.clone()],
-                c,
-                &graph.receivers[tile.edges.clone()],
-                tile.nodes.start,
-                tail.first_function,
-            );
-            let x = tail.run(isa, n_edges, &mut part.a, &mut part.b);
-            kernels::layer_norm_residual(isa, x, &tail.last_bias, &norm.gain, &norm.shift, e);
-
-            let (tail, norm) = (&self.node_tail, &self.node_norm);
-            kernels::sum_edges(isa, e, d, &graph.row[tile.nodes.start..=tile.nodes.end], c);
-            self.node_node.apply(&mut part.a, h, n);
-            self.node_sum.apply_add(&mut part.a, c, n);
-            kernels::bias_activate(isa, &mut part.a[..n * d], &tail.first_bias, tail.first_function);
-            let x = tail.run(isa, n, &mut part.a, &mut part.b);
-            kernels::layer_norm_residual(isa, x, &tail.last_bias, &norm.gain, &norm.shift, h);
+        scratch.clock.start();
+        let (isa, columns, n) = (self.isa, self.columns, tile.nodes.len());
+        let Scratch {
+            x,
+            a,
+            b,
+            c,
+            receivers,
+            sums,
+            clock,
+            ..
+        } = scratch;
+        // Latents left, sums right.
+        for (x, h) in x.chunks_exact_mut(2 * columns).zip(h.chunks_exact(columns)) {
+            narrow(isa, h, &mut x[..columns]);
         }
+        product(
+            isa,
+            &self.edge_receiver,
+            (x, 2 * columns),
+            n,
+            Addend::Bias(&self.edge_bias),
+            Function::Identity,
+            Output::Wide(receivers),
+        );
+        sums[..n * columns].fill(0.0);
+        for chunk in tile.chunks() {
+            let m = chunk.len();
+            let own = (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns;
+            let before = before.map(|b| &b[own.clone()]);
+            let edges = &mut edges[own];
+            let owner = &graph.receivers[chunk.clone()];
+            let first = tile.nodes.start;
+            let ends = Addend::Ends {
+                senders: graph.projected,
+                index: &graph.senders[chunk.clone()],
+                receivers,
+                owner,
+                first,
+            };
+            let from = (before.unwrap_or(edges), columns);
+            match self.edge_tail.first_function() {
+                Some(f) => product(isa, &self.edge_edge, from, m, ends, f, Output::Narrow(a)),
+                None => product(
+                    isa,
+                    &self.edge_edge,
+                    from,
+                    m,
+                    ends,
+                    Function::Identity,
+                    Output::Wide(c),
+                ),
+            }
+            self.edge_tail.run(isa, m, a, b, c);
+            let out = Normed::Edges {
+                before,
+                edges,
+                keep,
+                sums,
+                owner,
+                first,
+            };
+            layer_norm(isa, &self.edge_norm, c, m, out);
+        }
+        clock.stop(Phase::Edges);
+
+        for (x, sum) in x
+            .chunks_exact_mut(2 * columns)
+            .zip(sums.chunks_exact(columns))
+            .take(n)
+        {
+            narrow(isa, sum, &mut x[columns..]);
+        }
+        let bias = Addend::Bias(&self.node_bias);
+        let from = (&x[..], 2 * columns);
+        match self.node_tail.first_function() {
+            Some(f) => product(isa, &self.node_first, from, n, bias, f, Output::Narrow(a)),
+            None => product(
+                isa,
+                &self.node_first,
+                from,
+                n,
+                bias,
+                Function::Identity,
+                Output::Wide(c),
+            ),
+        }
+        self.node_tail.run(isa, n, a, b, c);
+        layer_norm::<T>(isa, &self.node_norm, c, n, Normed::Residual(h));
+        clock.stop(Phase::Nodes);
     }
 }

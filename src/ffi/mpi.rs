@@ -106,16 +106,18 @@ impl Clone for Requests {
 }
 
 impl Requests {
-    /// Sends packed rows to, and receives ghost rows from, every peer; returns when all have arrived.
+    /// Sends packed rows to, and receives ghost rows from, every peer while `work` runs; returns when all have arrived.
+    /// `work` gets a function that moves the messages on, since MPI may do so only when it is called.
     ///
     /// `send` is `[sum of send rows x width]`, `ghosts` is `[sum of receive rows x width]`. Collective over peers.
-    pub fn exchange<T: Equivalence>(
+    pub fn exchange_during<T: Equivalence>(
         &mut self,
         comm: &OwnedCommunicator,
         peers: &[Peer],
         send: &[T],
         ghosts: &mut [T],
         width: usize,
+        work: impl FnOnce(&mut dyn FnMut()),
     ) {
         const TAG: i32 = 4;
         let datatype = T::equivalent_datatype();
@@ -155,7 +157,34 @@ impl Requests {
                 self.0.push(request.assume_init());
             }
         }
-        // SAFETY: every request was written above; statuses are ignored.
+        // Also where `work` panics: the slices must outlive the requests.
+        let mut waiting = Waiting(&mut self.0);
+        work(&mut || waiting.test());
+    }
+}
+
+/// Requests in flight, waited for when this goes.
+struct Waiting<'a>(&'a mut Vec<ffi::MPI_Request>);
+
+impl Waiting<'_> {
+    /// Lets MPI move the messages on.
+    fn test(&mut self) {
+        let mut done = 0;
+        // SAFETY: live requests, or null ones once all are complete; statuses are ignored.
+        unsafe {
+            ffi::MPI_Testall(
+                self.0.len() as Count,
+                self.0.as_mut_ptr(),
+                &mut done,
+                ffi::RSMPI_STATUSES_IGNORE,
+            );
+        }
+    }
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        // SAFETY: as above.
         unsafe {
             ffi::MPI_Waitall(
                 self.0.len() as Count,

@@ -81,6 +81,11 @@ impl Halo {
         Ok(halo)
     }
 
+    /// Owned rows that are sent, each once for every rank that needs it.
+    pub fn n_sent(&self) -> usize {
+        self.send_rows.len()
+    }
+
     /// Ghost rows.
     pub fn n_ghosts(&self) -> usize {
         self.n_ghosts
@@ -96,33 +101,53 @@ impl Halo {
         self.peers.iter().any(|p| p.rank == rank && !p.send.is_empty())
     }
 
+    /// The same exchange where owned row i stands at `place[i]`; ghosts stay where they are.
+    pub fn renumbered(&self, place: &[u32]) -> Self {
+        let mut other = self.clone();
+        for row in &mut other.send_rows {
+            *row = place[*row as usize] as i32;
+        }
+        other
+    }
+
     /// Fills the ghost rows of `values` `[n_local x width]` from their owners. Collective over neighbours.
     pub fn exchange_f32(&mut self, comm: &Comm, values: &mut [f32], width: usize) {
         let mut buffer = std::mem::take(&mut self.buffer_f32);
-        self.exchange(comm, values, width, &mut buffer);
+        self.exchange_during(comm, values, width, &mut buffer, |_, _| ());
         self.buffer_f32 = buffer;
     }
 
     /// Fills the ghost rows of `values` `[n_local x width]` from their owners. Collective over neighbours.
     pub fn exchange_i64(&mut self, comm: &Comm, values: &mut [i64], width: usize) {
         let mut buffer = std::mem::take(&mut self.buffer_i64);
-        self.exchange(comm, values, width, &mut buffer);
+        self.exchange_during(comm, values, width, &mut buffer, |_, _| ());
         self.buffer_i64 = buffer;
     }
 
-    fn exchange<T: Element>(&mut self, comm: &Comm, values: &mut [T], width: usize, buffer: &mut Vec<T>) {
-        let Comm::Mpi(m) = comm else { return };
-        if self.peers.is_empty() {
-            return;
-        }
-        debug_assert_eq!(values.len(), (self.n_owned + self.n_ghosts) * width);
+    /// Fills the ghost rows of `values` `[n_local x width]` from their owners while `work` runs, which gets the owned
+    /// rows and a function that it calls now and then to move the messages on. Collective over neighbours.
+    pub fn exchange_during<T: Element>(
+        &mut self,
+        comm: &Comm,
+        values: &mut [T],
+        width: usize,
+        buffer: &mut Vec<T>,
+        work: impl FnOnce(&[T], &mut dyn FnMut()),
+    ) {
         let (owned, ghosts) = values.split_at_mut(self.n_owned * width);
+        let m = match comm {
+            Comm::Mpi(m) if !self.peers.is_empty() => m,
+            _ => return work(owned, &mut || ()),
+        };
+        debug_assert_eq!(ghosts.len(), self.n_ghosts * width);
         buffer.clear();
         for &row in &self.send_rows {
             let at = row as usize * width;
             buffer.extend_from_slice(&owned[at..at + width]);
         }
         self.requests
-            .exchange(m.owned(), &self.peers, buffer, ghosts, width);
+            .exchange_during(m.owned(), &self.peers, buffer, ghosts, width, |progress| {
+                work(owned, progress)
+            });
     }
 }

@@ -26,6 +26,7 @@ const PIECE: usize = 1 << 28;
 /// Elements that can be sent: numbers of fixed size.
 pub trait Element: Equivalence + Copy + Default {}
 impl Element for u8 {}
+impl Element for u16 {}
 impl Element for i32 {}
 impl Element for i64 {}
 impl Element for f32 {}

@@ -8,15 +8,12 @@ use crate::inference::Inference;
 use crate::pool::panic_message;
 use crate::request::{Request, parse_device};
 use crate::samples::Parts;
-use m4gn::engine::torch::TorchGraph;
+use m4gn::engine::torch::{ABI_VERSION, TorchGraph};
 use m4gn::{Error, Result};
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicU8;
-
-/// Version of this interface; the core crate refuses another one.
-pub const ABI_VERSION: u32 = 1;
 
 thread_local! {
     static LAST_ERROR: RefCell<CString> = RefCell::new(CString::default());

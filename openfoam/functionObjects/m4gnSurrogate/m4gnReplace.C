@@ -179,13 +179,13 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
     scalar surrogateSeconds = 0;
     scalar handOverSeconds = 0;
     label stepi = 0;
-    bool completed = false;
+    bool handedOver = false;
 
-    const auto complete = [&]()
+    const auto complete = [&](const bool handOver)
     {
         timer.timeIncrement();
-        state_->complete(deltaT);
-        completed = true;
+        state_->complete(deltaT, handOver);
+        handedOver = handOver;
         handOverSeconds += timer.timeIncrement();
     };
 
@@ -208,11 +208,11 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
         surrogateSeconds += timer.timeIncrement();
 
         const bool last = stepi + 1 == nSteps_ || !fits();
-        completed = false;
+        handedOver = false;
 
         if (last || state_->completeEach() || time_.writeTime())
         {
-            complete();
+            complete(last);
         }
 
         time_.write();
@@ -223,10 +223,10 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
         return false;
     }
 
-    if (!completed)
+    if (!handedOver)
     {
         // The jump ended early
-        complete();
+        complete(true);
     }
 
     // Those behind this one follow when it returns

@@ -1,0 +1,470 @@
+#!/usr/bin/env python3
+"""A step of m4gn against NVIDIA PhysicsNeMo's MeshGraphNet and the project's own libtorch model.
+
+All contestants are the same network (the same random weights; their outputs are compared first) on the same graph, in
+processes of their own that live through the whole comparison and take turns: start-up is not measured, and a machine
+that slows down slows all of them. PhysicsNeMo is installed into an environment of its own and run in inference mode as
+it comes, with its options for speed (do_concat_trick, torch.compile), and under bf16 autocast.
+
+The figures: fp32_vs_physicsnemo and bf16_vs_physicsnemo are its time as it comes over m4gn's in fp32 and bf16,
+..._vs_physicsnemo_fastest the same for the fastest of its ways in fp32, bf16_vs_physicsnemo_bf16 for the fastest of its
+ways in bf16; fp32_vs_tch and bf16_vs_tch are for the libtorch model.
+"""
+
+import argparse
+import contextlib
+import fcntl
+import importlib.util
+import json
+import os
+import pathlib
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+HOME = pathlib.Path(__file__).resolve().parent.parent
+CACHE = pathlib.Path(
+    os.environ.get("M4GN_CACHE")
+    or pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "m4gn"
+)
+TORCH = "2.11.0"
+PACKAGES = ["nvidia-physicsnemo==2.2.2", f"torch=={TORCH}", "torch-geometric==2.8.1", "setuptools<81", "wheel", "ninja"]
+SCATTER = "torch-scatter==2.1.2"
+CPU_INDEX = "https://download.pytorch.org/whl/cpu"
+
+# PhysicsNeMo's ways to run: as it comes; with the first layer of its edge networks split into three products (its
+# do_concat_trick); that, compiled. Each as (split, compiled).
+VARIANTS = {
+    "as it comes": (False, False),
+    "split": (True, False),
+    "split, compiled": (True, True),
+}
+DEFAULT = "as it comes"
+
+
+class Failure(Exception):
+    """What went wrong and what to do about it."""
+
+
+def main():
+    if sys.argv[1:2] == ["--physicsnemo"]:
+        return physicsnemo_worker(json.loads(sys.argv[2]))
+    args = arguments()
+    try:
+        python = None if args.without_physicsnemo else environment()
+        if args.install_only:
+            print(python)
+            return 0
+        figures = compare(args, python)
+        if args.json:
+            write(args.json, json.dumps(figures, indent=2) + "\n")
+    except (Failure, KeyboardInterrupt) as failure:
+        print(f"compare.py: {failure or 'stopped'}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def arguments():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    add = parser.add_argument
+    add("--layers", type=positive, nargs="+", default=[7, 15], metavar="L", help="message-passing layers (7 15)")
+    add("--threads", type=positive, nargs="+", default=[1, 2], metavar="T", help="threads (1 2)")
+    add("--width", type=positive, default=128, metavar="W", help="latent width (128)")
+    add("--hidden", type=positive, default=2, metavar="H", help="hidden layers of each perceptron (2)")
+    add("--nodes", type=positive, default=1900, metavar="N", help="nodes of the graph (1900)")
+    add("--rounds", type=positive, default=15, metavar="R", help="turns of each contestant (15)")
+    add("--m4gn", type=pathlib.Path, metavar="FILE", help="the program m4gn (of this checkout's target/release, or in PATH)")
+    add("--json", type=pathlib.Path, metavar="FILE", help="write the figures to this file")
+    add("--without-physicsnemo", action="store_true", help="compare with the libtorch model only; installs nothing")
+    add("--without-paper", action="store_true", help="leave out M4GN of the paper's size against the libtorch model")
+    add("--no-compile", action="store_true", help="do not try PhysicsNeMo with torch.compile (a minute or more each)")
+    add("--install-only", action="store_true", help="install PhysicsNeMo, print the environment's Python, and end")
+    return parser.parse_args()
+
+
+def positive(text):
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("expected a positive number")
+    return value
+
+
+# The environment
+
+
+def environment():
+    """Python of an environment with PhysicsNeMo in it, made where it is missing."""
+    folder = CACHE / "venv-physicsnemo"
+    python = folder / "bin" / "python"
+    stamp = folder / ".complete"
+    wanted = "\n".join([sys.version.split()[0], *PACKAGES, SCATTER]) + "\n"
+    CACHE.mkdir(parents=True, exist_ok=True)
+    with open(CACHE / ".venv-physicsnemo.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if stamp.is_file() and stamp.read_text() == wanted:
+            return python
+        if sys.version_info < (3, 11):
+            raise Failure("PhysicsNeMo 2.2.2 needs Python 3.11 or newer; run compare.py with one")
+        for module in ["venv", "ensurepip"]:
+            if importlib.util.find_spec(module) is None:
+                raise Failure(f"this Python has no {module}; type 'apt-get install python3-venv' or use another Python")
+        # As it is unpacked, with the CUDA libraries that the wheels of PyPI are linked to.
+        free = shutil.disk_usage(CACHE).free
+        if free < 8e9:
+            raise Failure(f"{CACHE} has {free / 1e9:.1f} GB free and PhysicsNeMo may need 8; set M4GN_CACHE to another folder")
+        print(f"  installing PhysicsNeMo into {folder} (once; some minutes, up to 3 GB to download)", flush=True)
+        stamp.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        log = CACHE / "venv-physicsnemo.log"
+        with open(log, "w") as out:
+
+            def call(*command, **variables):
+                out.write(f"+ {' '.join(map(str, command))}\n")
+                out.flush()
+                # What the user's shell sets for libtorch must not reach this one.
+                clean = {k: v for k, v in os.environ.items() if k not in ("LD_LIBRARY_PATH", "PYTHONPATH")}
+                done = subprocess.run(command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=clean | variables)
+                return done.returncode == 0
+
+            pip = [python, "-m", "pip", "install", "--no-cache-dir", "--disable-pip-version-check", "--progress-bar", "off"]
+            if not call(sys.executable, "-m", "venv", folder):
+                raise Failure(f"the environment {folder} could not be made; see {log}")
+            # The CPU build is a tenth of the size; not every network lets one reach it.
+            if not call(*pip, "--retries", "0", "--timeout", "10", f"torch=={TORCH}", "--index-url", CPU_INDEX):
+                print("  (the index of CPU builds cannot be reached: torch from PyPI, with CUDA's libraries)", flush=True)
+            if not call(*pip, *PACKAGES):
+                raise Failure(f"PhysicsNeMo could not be installed; check the network and pip's settings, see {log}")
+            flags = {"FORCE_ONLY_CPU": "1", "FORCE_CUDA": "0", "MAX_JOBS": str(len(cores()))}
+            if not call(*pip, "--no-build-isolation", "--no-deps", SCATTER, **flags):
+                raise Failure(f"torch-scatter could not be compiled; it needs g++ and Python's headers, see {log}")
+        stamp.write_text(wanted)
+    return python
+
+
+# Contestants
+
+
+class Process:
+    """A program that answers lines, on cores of its own choice."""
+
+    def __init__(self, name, command, threads, variables=None):
+        self.name = name
+        self.errors = tempfile.TemporaryFile("w+")
+        use = set(cores()[:threads])
+        clean = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "GOMP_", "KMP_", "MKL_"))}
+        self.process = subprocess.Popen(
+            [str(part) for part in command],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self.errors,
+            text=True,
+            env=clean | {"OMP_NUM_THREADS": str(threads)} | (variables or {}),
+            preexec_fn=lambda: os.sched_setaffinity(0, use),
+        )
+        self.description = json.loads(self.line())
+
+    def line(self):
+        line = self.process.stdout.readline()
+        if not line:
+            self.process.wait()
+            self.errors.seek(0)
+            raise Failure(f"{self.name} ended: {self.errors.read().strip()[-2000:]}")
+        return line
+
+    def ask(self, line):
+        with contextlib.suppress(BrokenPipeError):
+            self.process.stdin.write(line + "\n")
+            self.process.stdin.flush()
+        return self.line()
+
+    def close(self):
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        try:
+            self.process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+class Contestant:
+    """A step of a process, and the wall and processor times that it took, ms."""
+
+    def __init__(self, name, process, request="run"):
+        self.name, self.process, self.request = name, process, request
+        self.times = []
+
+    def run(self):
+        wall, processor = map(float, self.process.ask(self.request).split())
+        return wall, processor
+
+    def turn(self):
+        # The first step finds the caches full of the others' data, which no rollout does.
+        self.run()
+        self.times += [self.run() for _ in range(2)]
+
+    def median(self):
+        return statistics.median(wall for wall, _ in self.times)
+
+    def processor(self):
+        return statistics.median(processor for _, processor in self.times)
+
+
+def by_turns(contestants, rounds):
+    contestants = list(dict.fromkeys(contestants))
+    for contestant in contestants:
+        contestant.times = []
+    for _ in range(rounds):
+        for contestant in contestants:
+            contestant.turn()
+            # Threads of the last one may still be spinning.
+            time.sleep(0.02)
+
+
+def cores():
+    return sorted(os.sched_getaffinity(0))
+
+
+def compare(args, python):
+    m4gn = args.m4gn or next(
+        (p for p in [HOME / "target/release/m4gn", shutil.which("m4gn")] if p and pathlib.Path(p).is_file()), None
+    )
+    if m4gn is None or not pathlib.Path(m4gn).is_file():
+        raise Failure("the program m4gn was not found: build it with setup/build.sh, or name it with --m4gn FILE")
+    if max(args.threads) > len(cores()):
+        raise Failure(f"--threads {max(args.threads)}: this machine gives {len(cores())} cores")
+    results = []
+    with tempfile.TemporaryDirectory() as scratch:
+        cases = [(f"MeshGraphNet, {layers} layers", layers, []) for layers in args.layers]
+        if not args.without_paper:
+            cases.append(("M4GN of the paper's size, 7 layers and 4 of the transformer", 7, ["--segments", "36"]))
+        for number, (title, layers, extra) in enumerate(cases):
+            folder = pathlib.Path(scratch) / str(number)
+            shape = ["--layers", layers, "--width", args.width, "--hidden", args.hidden, *extra]
+            network = export(m4gn, folder, [*shape, "--nodes", args.nodes])
+            for threads in args.threads:
+                print(
+                    f"\n{title}, width {args.width}, {network['parameters']} parameters; {network['nodes']} nodes, "
+                    f"{network['edges']} directed edges; {threads} thread{'s' if threads > 1 else ''}",
+                    flush=True,
+                )
+                # PhysicsNeMo has no M4GN.
+                rival = None if extra else python
+                results.append(match(args, m4gn, rival, folder, network, layers, threads))
+                results[-1]["network"] = "m4gn" if extra else "mgn"
+    figures = {"machine": machine(), "width": args.width, "results": results}
+    if len(results) == 1:
+        figures |= {k: v for k, v in results[0].items() if "_vs_" in k}
+    return figures
+
+
+def export(m4gn, folder, options):
+    command = [str(x) for x in [m4gn, "bench", "--export", folder, *options]]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise Failure(done.stderr.strip())
+    return json.loads(done.stdout)
+
+
+def match(args, m4gn, python, folder, network, layers, threads):
+    """One network on one number of threads."""
+    command = [m4gn, "bench", "--worker", "--model", folder / "model.safetensors", "--nodes", args.nodes, "--threads", threads]
+    libtorch = os.environ.get("LIBTORCH") or CACHE / f"libtorch-{TORCH}-cpu"
+    paths = [f"{libtorch}/lib", os.environ.get("LD_LIBRARY_PATH", "")]
+    with contextlib.ExitStack() as stack:
+
+        def start(*process):
+            made = Process(*process)
+            stack.callback(made.close)
+            if made.description["parameters"] != network["parameters"]:
+                found = made.description["parameters"]
+                raise Failure(f"{made.name} has {found} parameters, expected {network['parameters']}")
+            return made
+
+        everybody = {
+            "fp32": Contestant("m4gn, fp32", start("m4gn", [*command, "--precision", "fp32"], threads)),
+            "bf16": Contestant("m4gn, bf16", start("m4gn", [*command, "--precision", "bf16"], threads)),
+        }
+        variables = {"LD_LIBRARY_PATH": ":".join(p for p in paths if p)}
+        process = start("the libtorch model", [*command, "--backend", "torch"], threads, variables)
+        everybody["tch"] = Contestant("libtorch model", process)
+        row = {"layers": layers, "threads": threads}
+        if python:
+            everybody |= physicsnemo(args, python, folder, threads, start, row)
+        by_turns(everybody.values(), args.rounds)
+
+        ms = row["ms"] = {name: c.median() for name, c in everybody.items()}
+        for name in ["fp32", "bf16"]:
+            if python:
+                row[f"{name}_vs_physicsnemo"] = ms["physicsnemo"] / ms[name]
+                row[f"{name}_vs_physicsnemo_fastest"] = ms["physicsnemo_fastest"] / ms[name]
+            row[f"{name}_vs_tch"] = ms["tch"] / ms[name]
+        if python:
+            row["bf16_vs_physicsnemo_bf16"] = ms["physicsnemo_bf16"] / ms["bf16"]
+        row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
+        print(f"  {'':<36} {'ms a step (quartiles)':>29}   over fp32  over bf16   processor ms")
+        for contestant in dict.fromkeys(everybody.values()):
+            low, _, high = statistics.quantiles([wall for wall, _ in contestant.times], n=4)
+            median = contestant.median()
+            print(
+                f"  {contestant.name:<36} {median:8.2f} ({low:8.2f} {high:8.2f})  {median / ms['fp32']:10.2f} "
+                f"{median / ms['bf16']:10.2f} {contestant.processor():14.2f}",
+                flush=True,
+            )
+        return row
+
+
+def physicsnemo(args, python, folder, threads, start, row):
+    """As it comes, and its fastest ways here in fp32 and under bf16 autocast."""
+    names = [name for name, (_, compiled) in VARIANTS.items() if not (compiled and args.no_compile)]
+    request = {"folder": str(folder), "threads": threads, "variants": names}
+    script = [python, pathlib.Path(__file__).resolve(), "--physicsnemo", json.dumps(request)]
+    variables = {"LD_LIBRARY_PATH": "", "CUDA_VISIBLE_DEVICES": "", "TORCHINDUCTOR_CACHE_DIR": str(CACHE / "torchinductor")}
+    process = start("PhysicsNeMo", script, threads, variables)
+    found = row["physicsnemo"] = process.description
+    for name, why in found["failed"].items():
+        print(f"  PhysicsNeMo ({name}) does not run here: {why}", flush=True)
+    errors = ", ".join(f"{name} {error:.0e}" for name, error in found["errors"].items())
+    print(f"  its outputs differ from m4gn's by, relative to the largest: {errors}", flush=True)
+    ways = {
+        kind: {name: Contestant(f"PhysicsNeMo {kind}, {name}", process, f"run {kind} {name}") for name in found[kind]}
+        for kind in ["fp32", "bf16"]
+    }
+    by_turns([way for kind in ways.values() for way in kind.values()], 3)
+    row["physicsnemo_ways"] = {kind: {name: c.median() for name, c in way.items()} for kind, way in ways.items()}
+    for kind, way in row["physicsnemo_ways"].items():
+        print(f"  its ways in {kind}: " + ", ".join(f"{name} {ms:.1f} ms" for name, ms in way.items()), flush=True)
+    fastest = {kind: min(way.values(), key=Contestant.median) for kind, way in ways.items()}
+    return {
+        "physicsnemo": ways["fp32"][DEFAULT],
+        "physicsnemo_fastest": fastest["fp32"],
+        "physicsnemo_bf16": fastest["bf16"],
+    }
+
+
+def machine():
+    with contextlib.suppress(OSError):
+        for line in open("/proc/cpuinfo"):
+            if line.startswith("model name"):
+                return f"{line.split(':', 1)[1].strip()}, {len(cores())} cores"
+    return "unknown"
+
+
+def write(path, text):
+    beside = path.with_name(path.name + ".tmp")
+    try:
+        beside.write_text(text)
+        beside.replace(path)
+    except OSError as error:
+        raise Failure(f"{path} cannot be written: {error}") from error
+
+
+# In PhysicsNeMo's environment
+
+
+def physicsnemo_worker(request):
+    """Describes itself in a line of JSON, then answers each `run KIND VARIANT` with the wall and processor ms of a step."""
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    # What libraries print goes elsewhere.
+    os.dup2(2, 1)
+
+    import torch
+    from physicsnemo.models.meshgraphnet import MeshGraphNet
+    from safetensors.torch import load_file
+    from torch_geometric.data import Data
+
+    torch.set_num_threads(request["threads"])
+    torch.set_num_interop_threads(1)
+    folder = pathlib.Path(request["folder"])
+    weights, graph = load_file(folder / "model.safetensors"), load_file(folder / "graph.safetensors")
+    topology = Data(edge_index=torch.stack([graph["senders"], graph["receivers"]]).long(), num_nodes=len(graph["inputs"]))
+    normed = {k: (graph[v] - weights[f"norm.{k}.mean"]) / weights[f"norm.{k}.std"] for k, v in {"node": "inputs", "edge": "edge_features"}.items()}
+    kinds = weights["encoder.node.0.weight"].shape[1] - normed["node"].shape[1]
+    nodes = torch.cat([normed["node"], torch.nn.functional.one_hot(graph["node_types"].long(), kinds).float()], 1)
+    edges = normed["edge"]
+    layers = sum(name.startswith("processor.") and name.endswith(".edge.0.weight") for name in weights)
+    hidden = sum(name.startswith("decoder.") and name.endswith(".weight") for name in weights) - 1
+    width = len(weights["encoder.node.0.bias"])
+
+    def network(split):
+        sizes = {f"num_layers_{part}": hidden for part in ["node_processor", "edge_processor", "node_encoder", "edge_encoder", "node_decoder"]}
+        sizes |= {f"hidden_dim_{part}": width for part in ["processor", "node_encoder", "edge_encoder", "node_decoder"]}
+        outputs = len(weights[f"decoder.{hidden}.bias"])
+        made = MeshGraphNet(nodes.shape[1], edges.shape[1], outputs, processor_size=layers, do_concat_trick=split, **sizes)
+        made.load_state_dict(translated(weights, layers, hidden, split))
+        return made.eval()
+
+    steps, errors, failed = {"fp32": {}, "bf16": {}}, {}, {}
+    parameters = sum(p.numel() for p in network(False).parameters())
+    expected = graph["outputs"]
+    for name in request["variants"]:
+        split, compiled = VARIANTS[name]
+        for kind in steps:
+            try:
+                model = torch.compile(network(split)) if compiled else network(split)
+
+                def step(model=model, half=kind == "bf16"):
+                    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=half):
+                        return model(nodes, edges, topology)
+
+                found = step().float() * weights["norm.output.std"] + weights["norm.output.mean"]
+                error = ((found - expected).abs().max() / expected.abs().max()).item()
+                if not error < {"fp32": 1e-4, "bf16": 0.2}[kind]:
+                    raise ValueError(f"its outputs differ from m4gn's by {error:.1e}")
+                errors[f"{kind}, {name}"] = float(f"{error:.1e}")
+                step()
+                steps[kind][name] = step
+            except Exception as error:
+                if name == DEFAULT and kind == "fp32":
+                    raise
+                failed[f"{kind}, {name}"] = (str(error).strip().splitlines() or [repr(error)])[0][:200]
+    description = {"parameters": parameters, "torch": torch.__version__, "errors": errors, "failed": failed}
+    answers.write(json.dumps(description | {kind: list(found) for kind, found in steps.items()}) + "\n")
+    for line in sys.stdin:
+        _, kind, name = line.strip().split(" ", 2)
+        began, processor = time.perf_counter(), time.process_time()
+        steps[kind][name]()
+        wall, processor = time.perf_counter() - began, time.process_time() - processor
+        answers.write(f"{wall * 1e3:.6f} {processor * 1e3:.6f}\n")
+
+
+def translated(weights, layers, hidden, split):
+    """m4gn's weights under PhysicsNeMo's names."""
+    import torch
+
+    state = {}
+
+    def perceptron(theirs, ours, norm=True, begin=0):
+        for i in range(begin, hidden + 1):
+            for part in ["weight", "bias"]:
+                state[f"{theirs}.{2 * i - begin}.{part}"] = weights[f"{ours}.{i}.{part}"]
+        for part in ["weight", "bias"] if norm else []:
+            state[f"{theirs}.{2 * hidden + 1 - begin}.{part}"] = weights[f"{ours}.norm.{part}"]
+
+    perceptron("node_encoder.model", "encoder.node")
+    perceptron("edge_encoder.model", "encoder.edge")
+    perceptron("node_decoder.model", "decoder", norm=False)
+    for layer in range(layers):
+        theirs = f"processor.processor_layers.{2 * layer}.edge_mlp"
+        ours = f"processor.{layer}.edge"
+        perceptron(f"{theirs}.model", ours, begin=int(split))
+        if split:
+            parts = weights[f"{ours}.0.weight"].chunk(3, 1)
+            for name, part in zip(["lin_efeat", "lin_src", "lin_dst"], parts):
+                state[f"{theirs}.{name}"] = part.contiguous()
+            state[f"{theirs}.bias"] = weights[f"{ours}.0.bias"]
+        theirs = f"processor.processor_layers.{2 * layer + 1}.node_mlp.model"
+        perceptron(theirs, f"processor.{layer}.node")
+        # Ours reads [h, sum of the edges], theirs [sum, h].
+        own, total = weights[f"processor.{layer}.node.0.weight"].chunk(2, 1)
+        state[f"{theirs}.0.weight"] = torch.cat([total, own], 1)
+    return state
+
+
+if __name__ == "__main__":
+    sys.exit(main())

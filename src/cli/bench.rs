@@ -1,0 +1,523 @@
+//! `m4gn bench`: what a step of a network costs on this machine.
+
+use crate::bench::{self, Runs, Segments, Shape, machine, memory, memory::Memory, work};
+use crate::dataset::Trajectory;
+use crate::engine::torch::TorchBackend;
+use crate::engine::{Engine, EngineOptions, Forward, Isa, Phase, Precision};
+use crate::graph::Graph;
+use crate::mesh::Mesh;
+use crate::model::Model;
+use crate::parallel::Comm;
+use crate::step::Backend;
+use crate::{Error, Result};
+use rand::{RngExt, SeedableRng};
+use safetensors::{Dtype, tensor::TensorView};
+use serde_json::{Value, json};
+use std::io::{BufRead, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Measure a step of a network: time, work, memory, and what part of the machine's peak that is
+///
+/// Without --model, a network with random weights; without --data, a made graph: an O-mesh of triangles with the
+/// points as nodes, or with --hex a cube of hexahedra with the cells as nodes. The peaks of matrix products and of
+/// the memory are measured in the same run.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model (*.safetensors) [default: random weights of the shape below]
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Take the mesh of this trajectory (*.h5)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["nodes", "hex"])]
+    data: Option<PathBuf>,
+    /// Size of the made graph: points, or cells with --hex
+    #[arg(long, value_name = "N", default_value_t = 1900)]
+    nodes: usize,
+    /// A cube of hexahedra, in three dimensions
+    #[arg(long)]
+    hex: bool,
+    /// Message-passing layers
+    #[arg(long, value_name = "L", default_value_t = 7, conflicts_with = "model")]
+    layers: usize,
+    /// Latent width
+    #[arg(long, value_name = "W", default_value_t = 128, conflicts_with = "model")]
+    width: usize,
+    /// Hidden layers of each perceptron
+    #[arg(long, value_name = "H", default_value_t = 2, conflicts_with = "model")]
+    hidden: usize,
+    /// Add the paper's segment transformer, with this many segments (the paper's is 36)
+    #[arg(long, value_name = "K", conflicts_with = "model")]
+    segments: Option<usize>,
+    /// Threads
+    #[arg(long, value_name = "T", default_value_t = 1)]
+    threads: usize,
+    /// fp32 or bf16
+    #[arg(long, value_name = "P", default_value = "fp32")]
+    precision: String,
+    /// What runs the network: native, torch, torch:DEVICE
+    #[arg(long, default_value = "native")]
+    backend: String,
+    /// Steps to time [default: as many as fit into 4 s, at least five]
+    #[arg(long, value_name = "N")]
+    steps: Option<usize>,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write model.safetensors and graph.safetensors with inputs and outputs to this folder, for other programs
+    #[arg(long, value_name = "DIR")]
+    export: Option<PathBuf>,
+    /// Serve another program: a line with a description, then for each line 'run' on standard input the wall time and
+    /// the processor time of a step, ms
+    #[arg(long, conflicts_with_all = ["json", "export", "steps"])]
+    worker: bool,
+}
+
+/// Time of the measurement where the number of steps is not given.
+const SECONDS: Duration = Duration::from_secs(4);
+
+/// Most threads.
+const MAX_THREADS: usize = 1024;
+
+/// A network and a graph to run it on.
+struct Workload {
+    model: Model,
+    /// File of the model, where it has one.
+    path: Option<PathBuf>,
+    mesh: Option<Mesh>,
+    nodes: usize,
+    comm: Comm,
+}
+
+/// A graph with its segments.
+struct Case {
+    graph: Graph,
+    segments: Option<Segments>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// For options that do not go together, a model that does not fit the mesh, or a file that cannot be read or written.
+pub fn run(args: Args) -> Result<()> {
+    if !(1..=MAX_THREADS).contains(&args.threads) {
+        return Err(Error::Input(format!(
+            "--threads {}: expected 1 to {MAX_THREADS}",
+            args.threads
+        )));
+    }
+    if args.steps == Some(0) {
+        return Err(Error::Input("--steps 0: expected a positive number".into()));
+    }
+    let options = EngineOptions {
+        n_threads: args.threads,
+        precision: Precision::parse(&args.precision)?,
+        ..EngineOptions::default()
+    };
+    let backend = Backend::parse(&args.backend)?;
+    let workload = Workload::new(&args)?;
+    if let Some(folder) = &args.export {
+        return export(&workload, folder);
+    }
+    let backend = match &backend {
+        Backend::Native => None,
+        Backend::Torch(device) => Some(device.as_deref()),
+    };
+    match (args.worker, backend) {
+        (true, None) => serve(&workload, |case| workload.engine(case, &options)),
+        (true, Some(device)) => serve(&workload, |case| workload.torch(case, device, args.threads)),
+        (false, None) => measure(&workload, &args, &options),
+        (false, Some(device)) => measure_torch(&workload, &args, device),
+    }
+}
+
+impl Workload {
+    fn new(args: &Args) -> Result<Self> {
+        let comm = Comm::serial();
+        let mesh = match (&args.data, args.hex) {
+            (Some(path), _) => Some(Trajectory::open(path)?.mesh().clone()),
+            (None, true) => Some(bench::hexahedra(args.nodes)?),
+            (None, false) => None,
+        };
+        let model = match &args.model {
+            Some(path) => Model::read(path)?,
+            None => {
+                let shape = Shape {
+                    dim: mesh.as_ref().map_or(2, Mesh::dim),
+                    layers: args.layers,
+                    width: args.width,
+                    hidden_layers: args.hidden,
+                    segments: args.segments,
+                };
+                Model::random(shape.spec(), 1)?
+            }
+        };
+        Ok(Workload {
+            model,
+            path: args.model.clone(),
+            mesh,
+            nodes: args.nodes,
+            comm,
+        })
+    }
+
+    fn case(&self) -> Result<Case> {
+        let spec = &self.model.spec;
+        let Some(mesh) = &self.mesh else {
+            let graph = bench::o_mesh(self.nodes, &self.comm)?;
+            let segments = Segments::consecutive(spec, graph.n_owned)?;
+            return Ok(Case { graph, segments });
+        };
+        let mut graph = Graph::new(mesh, &self.comm)?;
+        let segments = Segments::of_mesh(spec, mesh, &mut graph, &self.comm)?;
+        Ok(Case { graph, segments })
+    }
+
+    fn engine(&self, case: &Case, options: &EngineOptions) -> Result<Engine> {
+        let view = case.segments.as_ref().map(Segments::view);
+        Engine::new(&self.model, &case.graph, view.as_ref(), options)
+    }
+
+    /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
+    fn torch(&self, case: &Case, device: Option<&str>, threads: usize) -> Result<TorchBackend> {
+        if std::env::var("OMP_NUM_THREADS").ok().as_deref() != Some(&threads.to_string()) {
+            return Err(Error::Input(format!(
+                "backend torch takes its threads from the environment: set OMP_NUM_THREADS={threads}"
+            )));
+        }
+        let view = case.segments.as_ref().map(Segments::view);
+        let lengths = self.lengths(&case.graph);
+        let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
+        let path = match &self.path {
+            Some(path) => path.clone(),
+            None => {
+                let path = folder.path().join("model.safetensors");
+                self.model.write(&path)?;
+                path
+            }
+        };
+        TorchBackend::new(&path, &case.graph, view.as_ref(), lengths, device, &self.comm)
+    }
+
+    /// Lengths of the inputs and the outputs of a step.
+    fn lengths(&self, graph: &Graph) -> (usize, usize) {
+        let spec = &self.model.spec;
+        (
+            graph.n_owned * spec.n_field_inputs(),
+            graph.n_cells * spec.n_outputs(),
+        )
+    }
+
+    /// Physical inputs of the size that the model was trained on, and room for the outputs.
+    fn values(&self, graph: &Graph) -> Result<(Vec<f32>, Vec<f32>)> {
+        let mean = &self.model.tensor("norm.node.mean")?.data;
+        let std = &self.model.tensor("norm.node.std")?.data;
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+        let ((n, m), k) = (self.lengths(graph), mean.len().max(1));
+        let inputs = (0..n).map(|i| mean[i % k] + std[i % k] * rng.random_range(-1.7f32..1.7));
+        Ok((inputs.collect(), vec![0.0; m]))
+    }
+
+    fn parameters(&self) -> usize {
+        let weights = self
+            .model
+            .tensors
+            .iter()
+            .filter(|(name, _)| !name.starts_with("norm."));
+        weights.map(|(_, t)| t.data.len()).sum()
+    }
+
+    fn describe(&self, graph: &Graph) -> Value {
+        let a = &self.model.spec.architecture;
+        json!({
+            "nodes": graph.n_owned, "cells": graph.n_cells, "edges": graph.senders.len(),
+            "parameters": self.parameters(), "width": a.width, "hidden_layers": a.hidden_layers,
+            "layers": a.layers_before + a.layers_after,
+        })
+    }
+}
+
+/// Everything about the native engine.
+fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<()> {
+    let options = EngineOptions {
+        profile: true,
+        ..*options
+    };
+    let before = Memory::read();
+    memory::restart_peak();
+    let case = workload.case()?;
+    let sizes = work::Sizes {
+        nodes: case.graph.n_owned,
+        cells: case.graph.n_cells,
+        edges: case.graph.senders.len(),
+        segments: case.segments.as_ref().map_or(0, Segments::count),
+    };
+    let description = workload.describe(&case.graph);
+    let (inputs, mut outputs) = workload.values(&case.graph)?;
+    let mut network = workload.engine(&case, &options)?;
+    // A session keeps no graph beside its network.
+    drop(case);
+    let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
+    let mut peak = machine::peak(&options);
+    let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
+    let after = Memory::read();
+    let held = network.memory();
+    let profile = network.profile().unwrap_or_default();
+    drop(network);
+    // A machine that others use shows what it can do only now and then.
+    for _ in 0..2 {
+        let again = machine::peak(&options);
+        peak.units = peak.units.max(again.units);
+        peak.product = peak.product.max(again.product);
+    }
+    let bandwidth = machine::bandwidth(args.threads, 10);
+
+    let encoded = held
+        .iter()
+        .any(|(what, bytes)| *what == "encoded edges" && *bytes > 0);
+    let work = work::step(&workload.model.spec, sizes, storage(options.precision), encoded);
+    let gflop = work.iter().map(|w| w.flops).sum::<f64>() * 1e-9;
+    let gbytes = work.iter().map(|w| w.bytes).sum::<f64>() * 1e-9;
+    let seconds = step.median() * 1e-3;
+    // Of a thread that does nothing else: its share of the machine's peak, and of the profiled time.
+    let (threads, steps) = (args.threads as f64, profile.steps.max(1) as f64);
+    // What other programs left of the processor while the steps ran: the peak is of moments in which they left all.
+    let available = (step.busy / threads).min(1.0);
+    let phases: Vec<Value> = work
+        .iter()
+        .map(|w| {
+            let ms = profile.phases[w.phase as usize] / steps / threads * 1e3;
+            let gflops = w.flops * 1e-6 / ms;
+            json!({
+                "phase": w.phase.name(), "ms": ms, "gflop": w.flops * 1e-9, "gflops": gflops,
+                "peak_share": gflops / peak.gflops(), "gbytes": w.bytes * 1e-9,
+            })
+        })
+        .collect();
+    let edges = phases.iter().find(|p| p["phase"] == Phase::Edges.name());
+    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+    let held: Vec<Value> = held
+        .iter()
+        .map(|(what, bytes)| json!({ "what": what, "mib": mib(*bytes as u64) }))
+        .collect();
+    let figures = json!({
+        "network": description, "precision": options.precision.name(), "threads": args.threads,
+        "instructions": options.isa.unwrap_or_else(Isa::detect).name(), "steps": step.count(),
+        "ms_per_step": step.median(), "ms_least": step.least(),
+        "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)],
+        "gflop_per_step": gflop, "gflops": gflop / seconds,
+        "gemm_peak_gflops": peak.gflops(), "gemm_product_gflops": peak.product, "peak_share": gflop / seconds / peak.gflops(),
+        "edge_block_share": edges.map(|e| e["peak_share"].clone()),
+        "processor_share": available, "peak_share_of_processor_time": gflop / seconds / peak.gflops() / available,
+        "edge_block_share_of_processor_time":
+            edges.and_then(|e| e["peak_share"].as_f64()).map(|share| share / available),
+        "gbytes_per_step": gbytes, "gbytes_per_s": gbytes / seconds,
+        "bandwidth_gbytes_per_s": bandwidth * 1e-9, "bandwidth_share": gbytes / seconds / (bandwidth * 1e-9),
+        "peak_memory_mib": after.map(|m| mib(m.peak)), "mesh_memory_mib": before.map(|m| mib(m.now)),
+        "memory_beyond_mesh_mib": after.zip(before).map(|(a, b)| mib(a.peak.saturating_sub(b.now))),
+        "profiled_ms": profile.seconds / steps * 1e3, "phases": phases, "held": held,
+    });
+    print(&figures);
+    super::write_json(args.json.as_deref(), &figures)
+}
+
+fn print(f: &Value) {
+    let number = |v: &Value| v.as_f64().unwrap_or(f64::NAN);
+    let n = |key: &str| number(&f[key]);
+    let text = |v: &Value| v.as_str().unwrap_or_default().to_string();
+    let list = |key: &str| f[key].as_array().cloned().unwrap_or_default();
+    let network = &f["network"];
+    println!(
+        "network     {} layers, width {}, {} hidden layers, {} parameters; {} nodes, {} directed edges",
+        network["layers"],
+        network["width"],
+        network["hidden_layers"],
+        network["parameters"],
+        network["nodes"],
+        network["edges"]
+    );
+    println!(
+        "run         {}, threads: {}, instructions: {}",
+        text(&f["precision"]),
+        f["threads"],
+        text(&f["instructions"])
+    );
+    println!(
+        "step        {:.2} ms, median of {}; least {:.2}, quartiles {:.2} and {:.2}",
+        n("ms_per_step"),
+        f["steps"],
+        n("ms_least"),
+        number(&f["ms_quartiles"][0]),
+        number(&f["ms_quartiles"][1])
+    );
+    if n("processor_share") < 0.97 {
+        println!(
+            "            others used the processor: it ran {:.0} % of the time, {:.2} ms a step; of its time, {:.0} % of the \
+             peak, and {:.0} % in the edge blocks",
+            100.0 * n("processor_share"),
+            n("ms_per_step") * n("processor_share"),
+            100.0 * n("peak_share_of_processor_time"),
+            100.0 * n("edge_block_share_of_processor_time")
+        );
+    }
+    println!(
+        "products    {:.3} GFLOP, {:.0} GFLOP/s: {:.0} % of the peak of {:.0} GFLOP/s (n x 128 x 128 alone: {:.0})",
+        n("gflop_per_step"),
+        n("gflops"),
+        100.0 * n("peak_share"),
+        n("gemm_peak_gflops"),
+        n("gemm_product_gflops")
+    );
+    println!(
+        "traffic     {:.3} GB, {:.1} GB/s: {:.0} % of the {:.1} GB/s of a triad in memory",
+        n("gbytes_per_step"),
+        n("gbytes_per_s"),
+        100.0 * n("bandwidth_share"),
+        n("bandwidth_gbytes_per_s")
+    );
+    println!(
+        "memory      {:.0} MiB at most, {:.0} MiB of it beyond the mesh",
+        n("peak_memory_mib"),
+        n("memory_beyond_mesh_mib")
+    );
+    println!("\nphase                ms     GFLOP   GFLOP/s  of peak        GB");
+    for p in list("phases") {
+        println!(
+            "{:<16} {:7.2} {:9.3} {:9.0} {:6.0} % {:9.3}",
+            text(&p["phase"]),
+            number(&p["ms"]),
+            number(&p["gflop"]),
+            number(&p["gflops"]),
+            100.0 * number(&p["peak_share"]),
+            number(&p["gbytes"])
+        );
+    }
+    println!("\nheld by the engine     MiB");
+    for h in list("held").iter().filter(|h| number(&h["mib"]) >= 0.05) {
+        println!("{:<18} {:8.1}", text(&h["what"]), number(&h["mib"]));
+    }
+}
+
+/// Time and memory of the model on libtorch.
+fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Result<()> {
+    let case = workload.case()?;
+    let (inputs, mut outputs) = workload.values(&case.graph)?;
+    let mut network = workload.torch(&case, device, args.threads)?;
+    let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
+    let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
+    let peak = Memory::read().map(|m| m.peak as f64 / (1 << 20) as f64);
+    println!(
+        "step        {:.2} ms median; least {:.2}, quartiles {:.2} and {:.2} (libtorch, {} steps)",
+        step.median(),
+        step.least(),
+        step.quantile(0.25),
+        step.quantile(0.75),
+        step.count()
+    );
+    let figures = json!({
+        "network": workload.describe(&case.graph), "threads": args.threads, "steps": step.count(),
+        "ms_per_step": step.median(), "ms_least": step.least(),
+        "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)], "peak_memory_mib": peak,
+    });
+    super::write_json(args.json.as_deref(), &figures)
+}
+
+/// Answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
+fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> Result<()> {
+    let case = workload.case()?;
+    let (inputs, mut outputs) = workload.values(&case.graph)?;
+    let mut network = make(&case)?;
+    network.forward(&workload.comm, &inputs, &mut outputs)?;
+    let failed = |e: std::io::Error| Error::file("standard output", e.to_string());
+    let mut out = std::io::stdout().lock();
+    let mut say = |line: String| writeln!(out, "{line}").and_then(|()| out.flush()).map_err(failed);
+    say(workload.describe(&case.graph).to_string())?;
+    for line in std::io::stdin().lock().lines() {
+        match line
+            .map_err(|e| Error::file("standard input", e.to_string()))?
+            .trim()
+        {
+            "run" => {
+                let (began, processor) = (Instant::now(), bench::processor_time());
+                network.forward(&workload.comm, &inputs, &mut outputs)?;
+                let (wall, processor) = (began.elapsed().as_secs_f64(), bench::processor_time() - processor);
+                say(format!("{:.6} {:.6}", wall * 1e3, processor * 1e3))?;
+            }
+            "quit" => break,
+            other => return Err(Error::Input(format!("expected run or quit, found '{other}'"))),
+        }
+    }
+    Ok(())
+}
+
+/// The model, the graph, inputs, and what the plain path of the engine makes of them.
+fn export(workload: &Workload, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
+    let case = workload.case()?;
+    let graph = &case.graph;
+    let (inputs, mut outputs) = workload.values(graph)?;
+    workload
+        .engine(&case, &EngineOptions::default())?
+        .forward(&workload.comm, &inputs, &mut outputs)?;
+    workload.model.write(folder.join("model.safetensors"))?;
+    let spec = &workload.model.spec;
+    let kinds: Vec<i32> = graph.node_types[..graph.n_owned]
+        .iter()
+        .map(|&code| {
+            let at = spec.node_types.iter().position(|t| *t as i32 == code);
+            at.map(|i| i as i32)
+                .ok_or_else(|| Error::Model(format!("the model does not know node type {code}")))
+        })
+        .collect::<Result<_>>()?;
+    let float = |data: &[f32], width: usize| {
+        let bytes = data.iter().flat_map(|v| v.to_le_bytes()).collect();
+        (Dtype::F32, vec![data.len() / width.max(1), width], bytes)
+    };
+    let integer = |data: &[i32]| {
+        let bytes = data.iter().flat_map(|v| v.to_le_bytes()).collect();
+        (Dtype::I32, vec![data.len()], bytes)
+    };
+    let tensors = [
+        ("senders", integer(&graph.senders)),
+        ("receivers", integer(&graph.receivers)),
+        ("node_types", integer(&kinds)),
+        (
+            "edge_features",
+            float(&graph.edge_features, spec.n_edge_features()),
+        ),
+        ("inputs", float(&inputs, spec.n_field_inputs())),
+        ("outputs", float(&outputs, spec.n_outputs())),
+    ];
+    write_tensors(&folder.join("graph.safetensors"), &tensors)?;
+    println!("{}", workload.describe(graph));
+    Ok(())
+}
+
+/// Tensors as type, shape and little-endian values.
+fn write_tensors(path: &Path, tensors: &[(&str, (Dtype, Vec<usize>, Vec<u8>))]) -> Result<()> {
+    let failed = |e: &dyn std::fmt::Display| Error::file(path, format!("cannot be written: {e}"));
+    let views = tensors
+        .iter()
+        .map(|(name, (kind, shape, data))| {
+            let view = TensorView::new(*kind, shape.clone(), data);
+            view.map(|v| (*name, v)).map_err(|e| failed(&e))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let bytes = safetensors::serialize(views, None).map_err(|e| failed(&e))?;
+    std::fs::write(path, bytes).map_err(|e| failed(&e))
+}
+
+/// What the engine keeps of latents in memory.
+fn storage(precision: Precision) -> work::Storage {
+    match precision {
+        Precision::Fp32 => work::Storage {
+            edge: 4,
+            node: 4,
+            sender: 4,
+        },
+        Precision::Bf16 => work::Storage {
+            edge: 2,
+            node: 4,
+            sender: 2,
+        },
+    }
+}

@@ -1,0 +1,84 @@
+//! Loops over latent rows `[n x d]`, written once and compiled for each instruction set.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod buffer;
+mod portable;
+mod product;
+mod rows;
+mod simd;
+
+pub use super::options::Isa;
+use super::options::Level;
+pub use buffer::Buffer;
+pub use product::{Addend, Output, Packed, padded, product, registers};
+pub use rows::*;
+pub use simd::{Bf16, Number};
+
+/// What stands between two linear layers, or after the first one when there is only one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Function {
+    /// x
+    Identity,
+    /// max(0, x)
+    Relu,
+    /// x / (1 + exp(-x))
+    Silu,
+}
+
+impl Isa {
+    /// Vectors of a panel of columns: what the registers hold.
+    fn panel(self) -> usize {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 | Level::Avx512Bf16 => 4,
+            _ => 1,
+        }
+    }
+}
+
+/// Calls `name::<S, T, MR, WIDE>(arguments)` compiled for the instruction set of an [`Isa`]: `S` its vectors, `MR`
+/// the rows of a product's tile, `WIDE` whether a panel has several vectors.
+///
+/// The callee is unsafe; the caller keeps its promises.
+macro_rules! dispatch {
+    ($isa:expr, $t:ident, $name:ident($($arg:ident: $kind:ty),*) $(-> $result:ty)? = ($($value:expr),*)) => {{
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512bf16,avx2,fma")]
+        unsafe fn avx512_bf16<$t: Number>($($arg: $kind),*) $(-> $result)? {
+            // SAFETY: passed on.
+            unsafe { $name::<$crate::engine::kernels::avx512::Avx512<true>, $t, 6, true>($($arg),*) }
+        }
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
+        unsafe fn avx512<$t: Number>($($arg: $kind),*) $(-> $result)? {
+            // SAFETY: passed on.
+            unsafe { $name::<$crate::engine::kernels::avx512::Avx512<false>, $t, 6, true>($($arg),*) }
+        }
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2,fma")]
+        unsafe fn avx2<$t: Number>($($arg: $kind),*) $(-> $result)? {
+            // SAFETY: passed on.
+            unsafe { $name::<$crate::engine::kernels::avx2::Avx2, $t, 6, false>($($arg),*) }
+        }
+        use $crate::engine::options::Level;
+        // SAFETY: an Isa of a level exists only where the processor has its features; the rest is the caller's.
+        unsafe {
+            match $isa.0 {
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx512Bf16 => avx512_bf16::<$t>($($value),*),
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx512 => avx512::<$t>($($value),*),
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx2 => avx2::<$t>($($value),*),
+                Level::Portable => $name::<$crate::engine::kernels::portable::Portable, $t, 2, false>($($value),*),
+            }
+        }
+    }};
+}
+use dispatch;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,402 @@
+//! Rows times packed weights, with what follows a linear layer done while the result is in registers.
+
+use super::buffer::Buffer;
+use super::simd::{LANES, Number, Simd, silu};
+use super::{Function, Isa, dispatch};
+
+/// Most vectors of a panel of columns.
+const PANEL: usize = 4;
+
+/// Most rows of a tile in registers.
+const ROWS: usize = 6;
+
+/// A weight `[inputs x outputs]` in the order that products read it: panels of up to four vectors of outputs, in
+/// each of them input after input (with bf16 pair after pair). Outputs are padded with zeros to whole vectors.
+#[derive(Debug)]
+pub struct Packed<T> {
+    data: Buffer<T>,
+    inputs: usize,
+    outputs: usize,
+    /// Outputs, padded.
+    columns: usize,
+    /// Vectors of each panel.
+    panels: Vec<usize>,
+}
+
+/// `width` padded to whole vectors.
+pub fn padded(width: usize) -> usize {
+    width.next_multiple_of(LANES)
+}
+
+impl<T: Number> Packed<T> {
+    /// From `weight(input, output)`.
+    pub fn new(isa: Isa, inputs: usize, outputs: usize, weight: impl Fn(usize, usize) -> f32) -> Self {
+        let mut packed = Self::zero(isa, inputs, outputs);
+        packed.fill(weight);
+        packed
+    }
+
+    /// To be filled later.
+    pub fn zero(isa: Isa, inputs: usize, outputs: usize) -> Self {
+        let vectors = padded(outputs) / LANES;
+        let most = isa.panel().min(PANEL);
+        // As even as they come: five vectors are 3 and 2.
+        let n = vectors.div_ceil(most);
+        let panels: Vec<usize> = (0..n).map(|i| vectors * (i + 1) / n - vectors * i / n).collect();
+        Packed {
+            data: Buffer::new(inputs.next_multiple_of(T::STEP) * vectors * LANES),
+            inputs,
+            outputs,
+            columns: vectors * LANES,
+            panels,
+        }
+    }
+
+    /// Other weights of the same shape.
+    pub fn fill(&mut self, weight: impl Fn(usize, usize) -> f32) {
+        let steps = self.inputs.div_ceil(T::STEP);
+        let (mut at, mut first) = (0, 0);
+        for &panel in &self.panels {
+            for step in 0..steps {
+                for column in first..first + panel * LANES {
+                    for k in step * T::STEP..(step + 1) * T::STEP {
+                        if k < self.inputs && column < self.outputs {
+                            self.data[at] = T::from_f32(weight(k, column));
+                        }
+                        at += 1;
+                    }
+                }
+            }
+            first += panel * LANES;
+        }
+    }
+
+    /// Inputs.
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Outputs, padded.
+    pub fn outputs(&self) -> usize {
+        self.columns
+    }
+
+    /// Bytes.
+    pub fn bytes(&self) -> usize {
+        self.data.bytes()
+    }
+}
+
+/// What is added to a product, in rows of the padded number of outputs.
+#[derive(Clone, Copy, Debug)]
+pub enum Addend<'a, T> {
+    /// Nothing.
+    Nothing,
+    /// One row.
+    Bias(&'a [f32]),
+    /// Row i to row i.
+    Rows(&'a [f32]),
+    /// Row i gets `senders[index[i]] + receivers[owner[i] - first]`: the parts of an edge's first layer that are
+    /// computed once a node.
+    Ends {
+        senders: &'a [T],
+        index: &'a [i32],
+        receivers: &'a [f32],
+        owner: &'a [i32],
+        first: usize,
+    },
+    /// What stands in the output, and one row.
+    Output(&'a [f32]),
+}
+
+/// Where a product goes: rows of the padded number of outputs.
+#[derive(Debug)]
+pub enum Output<'a, T> {
+    /// As it is.
+    Wide(&'a mut [f32]),
+    /// Rounded to what activations are made of.
+    Narrow(&'a mut [T]),
+}
+
+/// `out[i] = f(x[i] W + addend[i])` for n rows of x, which stand `stride` numbers apart.
+pub fn product<T: Number>(
+    isa: Isa,
+    weight: &Packed<T>,
+    (x, stride): (&[T], usize),
+    n: usize,
+    addend: Addend<T>,
+    function: Function,
+    mut out: Output<T>,
+) {
+    if n == 0 {
+        return;
+    }
+    let columns = weight.columns;
+    let read = weight.inputs.next_multiple_of(T::STEP);
+    assert!(x.len() >= (n - 1) * stride + read, "rows of a product");
+    let space = match &out {
+        Output::Wide(out) => out.len(),
+        Output::Narrow(out) => out.len(),
+    };
+    assert!(space >= n * columns, "output of a product");
+    let fits = match addend {
+        Addend::Nothing => true,
+        Addend::Bias(row) | Addend::Output(row) => row.len() >= columns,
+        Addend::Rows(rows) => rows.len() >= n * columns,
+        Addend::Ends {
+            senders,
+            index,
+            receivers,
+            owner,
+            first,
+        } => {
+            rows_within(index, n, 0..senders.len() / columns)
+                && rows_within(owner, n, first..first + receivers.len() / columns)
+        }
+    };
+    assert!(fits, "addend of a product");
+    // SAFETY: lengths and indices were checked above.
+    dispatch!(
+        isa,
+        T,
+        panels(
+            weight: &Packed<T>,
+            x: *const T,
+            stride: usize,
+            n: usize,
+            addend: Addend<T>,
+            function: Function,
+            out: &mut Output<T>
+        ) = (weight, x.as_ptr(), stride, n, addend, function, &mut out)
+    )
+}
+
+/// Whether the first n of a list are all in a range.
+pub(super) fn rows_within(list: &[i32], n: usize, rows: std::ops::Range<usize>) -> bool {
+    // Folded, not cut short: this way it is a few vector instructions.
+    list.len() >= n
+        && list[..n]
+            .iter()
+            .fold(true, |good, &i| good & (i >= 0) & rows.contains(&(i as usize)))
+}
+
+/// All panels of columns.
+///
+/// # Safety
+/// As [`product`] checks.
+#[inline(always)]
+unsafe fn panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    weight: &Packed<T>,
+    x: *const T,
+    stride: usize,
+    n: usize,
+    addend: Addend<T>,
+    function: Function,
+    out: &mut Output<T>,
+) {
+    let mut w = weight.data.as_ptr();
+    let mut column = 0;
+    let steps = weight.inputs.div_ceil(T::STEP);
+    for &vectors in &weight.panels {
+        // SAFETY: the panel's weights are `steps * vectors` vectors from w.
+        unsafe {
+            let place = (column, weight.columns);
+            match vectors {
+                1 => panel::<S, T, MR, 1>(w, steps, place, x, stride, n, addend, function, out),
+                2 if WIDE => panel::<S, T, MR, 2>(w, steps, place, x, stride, n, addend, function, out),
+                3 if WIDE => panel::<S, T, MR, 3>(w, steps, place, x, stride, n, addend, function, out),
+                4 if WIDE => panel::<S, T, MR, 4>(w, steps, place, x, stride, n, addend, function, out),
+                _ => unreachable!("panels were packed for another instruction set"),
+            }
+            w = w.add(steps * vectors * LANES * T::STEP);
+        }
+        column += vectors * LANES;
+    }
+}
+
+/// One panel of columns, MR rows at a time.
+///
+/// # Safety
+/// As [`product`] checks.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+unsafe fn panel<S: Simd, T: Number, const MR: usize, const NR: usize>(
+    w: *const T,
+    steps: usize,
+    (column, columns): (usize, usize),
+    x: *const T,
+    stride: usize,
+    n: usize,
+    addend: Addend<T>,
+    function: Function,
+    out: &mut Output<T>,
+) {
+    let mut start = 0;
+    while start < n {
+        // Past the end the last row is done again, to the same effect.
+        let row: [usize; MR] = std::array::from_fn(|i| (start + i).min(n - 1));
+        // SAFETY: rows and columns are within what product() checked.
+        unsafe {
+            let x: [*const T; MR] = std::array::from_fn(|i| x.add(row[i] * stride));
+            let mut acc = [[S::splat(0.0); NR]; MR];
+            let mut w = w;
+            for step in 0..steps {
+                T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
+                w = w.add(NR * LANES * T::STEP);
+            }
+            match addend {
+                Addend::Nothing => {}
+                Addend::Bias(bias) => {
+                    for j in 0..NR {
+                        let b = S::load(bias.as_ptr().add(column + j * LANES));
+                        (0..MR).for_each(|i| acc[i][j] = S::add(acc[i][j], b));
+                    }
+                }
+                Addend::Rows(rows) => {
+                    for i in 0..MR {
+                        let from = rows.as_ptr().add(row[i] * columns + column);
+                        for j in 0..NR {
+                            acc[i][j] = S::add(acc[i][j], S::load(from.add(j * LANES)));
+                        }
+                    }
+                }
+                Addend::Ends {
+                    senders,
+                    index,
+                    receivers,
+                    owner,
+                    first,
+                } => {
+                    for i in 0..MR {
+                        let s = *index.get_unchecked(row[i]) as usize;
+                        let r = *owner.get_unchecked(row[i]) as usize - first;
+                        let s = senders.as_ptr().add(s * columns + column);
+                        let r = receivers.as_ptr().add(r * columns + column);
+                        for j in 0..NR {
+                            let ends = S::add(T::load::<S>(s.add(j * LANES)), S::load(r.add(j * LANES)));
+                            acc[i][j] = S::add(acc[i][j], ends);
+                        }
+                    }
+                }
+                Addend::Output(bias) => {
+                    let Output::Wide(out) = out else {
+                        unreachable!("only wide outputs are added to")
+                    };
+                    for i in 0..MR {
+                        let from = out.as_ptr().add(row[i] * columns + column);
+                        for j in 0..NR {
+                            let b = S::load(bias.as_ptr().add(column + j * LANES));
+                            acc[i][j] = S::add(acc[i][j], S::add(b, S::load(from.add(j * LANES))));
+                        }
+                    }
+                }
+            }
+            match function {
+                Function::Identity => {}
+                Function::Relu => {
+                    let zero = S::splat(0.0);
+                    for i in 0..MR {
+                        for j in 0..NR {
+                            acc[i][j] = S::at_least(acc[i][j], zero);
+                        }
+                    }
+                }
+                // Through memory: unrolled it would be too long, and as a loop over registers there is none.
+                Function::Silu => {
+                    let mut tile = acc;
+                    silu_each::<S>(tile.as_mut_ptr().cast(), MR * NR);
+                    acc = tile;
+                }
+            }
+            match out {
+                Output::Wide(out) => {
+                    for i in 0..MR {
+                        let to = out.as_mut_ptr().add(row[i] * columns + column);
+                        (0..NR).for_each(|j| S::store(to.add(j * LANES), acc[i][j]));
+                    }
+                }
+                Output::Narrow(out) => {
+                    for i in 0..MR {
+                        let to = out.as_mut_ptr().add(row[i] * columns + column);
+                        (0..NR).for_each(|j| T::store::<S>(to.add(j * LANES), acc[i][j]));
+                    }
+                }
+            }
+        }
+        start += MR;
+    }
+}
+
+/// # Safety
+/// `v` points to n vectors.
+#[inline(always)]
+unsafe fn silu_each<S: Simd>(v: *mut S::V, n: usize) {
+    let mut i = 0;
+    while i < n {
+        // SAFETY: within the n vectors.
+        unsafe { *v.add(i) = silu::<S>(*v.add(i)) };
+        i += 1;
+    }
+}
+
+/// Steps of a product on a tile in registers with operands in the first-level cache; returns the operations.
+pub fn registers<T: Number>(isa: Isa, rounds: usize) -> f64 {
+    let x: Buffer<T> = Buffer::new(ROWS * T::STEP * 8);
+    let w: Buffer<T> = Buffer::new(PANEL * LANES * T::STEP * 8);
+    let mut out: Buffer<f32> = Buffer::new(ROWS * PANEL * LANES);
+    let (x, w, out) = (x.as_ptr(), w.as_ptr(), out.as_mut_ptr());
+    // SAFETY: the buffers hold eight steps of the largest tile.
+    let steps = dispatch!(
+        isa,
+        T,
+        steps(x: *const T, w: *const T, out: *mut f32, rounds: usize) -> f64 = (x, w, out, rounds)
+    );
+    steps * 2.0 * (LANES * T::STEP) as f64
+}
+
+/// # Safety
+/// As [`registers`] says. Returns products of vectors.
+#[inline(always)]
+unsafe fn steps<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    x: *const T,
+    w: *const T,
+    out: *mut f32,
+    rounds: usize,
+) -> f64 {
+    // SAFETY: passed on.
+    unsafe {
+        if WIDE {
+            steps_of::<S, T, MR, PANEL>(x, w, out, rounds)
+        } else {
+            steps_of::<S, T, MR, 1>(x, w, out, rounds)
+        }
+    }
+}
+
+/// # Safety
+/// As [`registers`] says.
+#[inline(always)]
+unsafe fn steps_of<S: Simd, T: Number, const MR: usize, const NR: usize>(
+    x: *const T,
+    w: *const T,
+    out: *mut f32,
+    rounds: usize,
+) -> f64 {
+    // SAFETY: within the buffers.
+    unsafe {
+        let x: [*const T; MR] = std::array::from_fn(|i| x.add(i * 8 * T::STEP));
+        let mut acc = [[S::splat(0.0); NR]; MR];
+        for _ in 0..rounds {
+            for step in 0..8 {
+                let w = w.add(step * NR * LANES * T::STEP);
+                T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
+            }
+        }
+        for i in 0..MR {
+            for j in 0..NR {
+                S::store(out.add((i * NR + j) * LANES), acc[i][j]);
+            }
+        }
+    }
+    (rounds * 8 * MR * NR) as f64
+}

@@ -1,0 +1,339 @@
+//! Layer norms and what goes with them, sums and softmax over rows.
+
+use super::product::rows_within;
+use super::simd::{LANES, Number, Simd, exp};
+use super::{Isa, dispatch, padded};
+
+/// Stabilises the division of a layer norm, as in PyTorch.
+const NORM_EPSILON: f32 = 1e-5;
+
+/// Gain and shift of a layer norm over `width` numbers, padded with zeros.
+#[derive(Debug)]
+pub struct Norm {
+    width: usize,
+    gain: Vec<f32>,
+    shift: Vec<f32>,
+    /// One for numbers, zero for the padding.
+    mask: Vec<f32>,
+}
+
+impl Norm {
+    /// Of a gain and a shift of one width.
+    pub fn new(gain: &[f32], shift: &[f32]) -> Self {
+        let pad = |x: &[f32]| {
+            let mut x = x.to_vec();
+            x.resize(padded(x.len()), 0.0);
+            x
+        };
+        Norm {
+            width: gain.len(),
+            mask: pad(&vec![1.0; gain.len()]),
+            gain: pad(gain),
+            shift: pad(shift),
+        }
+    }
+}
+
+/// Where a layer norm goes, rows of the padded width.
+#[derive(Debug)]
+pub enum Normed<'a, T> {
+    /// `out[i] = y`
+    Wide(&'a mut [f32]),
+    /// `out[i] = y`, rounded.
+    Narrow(&'a mut [T]),
+    /// `out[i] += y`: a residual layer's end.
+    Residual(&'a mut [f32]),
+    /// The end of an edge block (eq. 3): `e = before[i] + y` (or `edges[i] + y` where before is none) goes to
+    /// `edges[i]` if `keep`, and is added to `sums[owner[i] - first]`.
+    Edges {
+        before: Option<&'a [T]>,
+        edges: &'a mut [T],
+        keep: bool,
+        sums: &'a mut [f32],
+        owner: &'a [i32],
+        first: usize,
+    },
+}
+
+/// y = LN(x[i]) * gain + shift (Ba et al. 2016, variance without Bessel's correction) for n rows of the padded width.
+pub fn layer_norm<T: Number>(isa: Isa, norm: &Norm, x: &[f32], n: usize, mut out: Normed<T>) {
+    let columns = norm.gain.len();
+    assert!(x.len() >= n * columns, "rows of a layer norm");
+    let fits = match &out {
+        Normed::Wide(out) | Normed::Residual(out) => out.len() >= n * columns,
+        Normed::Narrow(out) => out.len() >= n * columns,
+        Normed::Edges {
+            before,
+            edges,
+            sums,
+            owner,
+            first,
+            ..
+        } => {
+            before.is_none_or(|b| b.len() >= n * columns)
+                && edges.len() >= n * columns
+                && rows_within(owner, n, *first..*first + sums.len() / columns)
+        }
+    };
+    assert!(fits, "output of a layer norm");
+    // SAFETY: lengths and indices were checked above.
+    dispatch!(
+        isa,
+        T,
+        norms(norm: &Norm, x: *const f32, n: usize, out: &mut Normed<T>) = (norm, x.as_ptr(), n, &mut out)
+    )
+}
+
+/// Rows in fours, whose chains of additions the processor then overlaps.
+///
+/// # Safety
+/// As [`layer_norm`] checks.
+#[inline(always)]
+unsafe fn norms<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    norm: &Norm,
+    x: *const f32,
+    n: usize,
+    out: &mut Normed<T>,
+) {
+    let mut i = 0;
+    // SAFETY: rows up to n.
+    unsafe {
+        while WIDE && i + 4 <= n {
+            norm_rows::<S, T, 4>(norm, x, i, out);
+            i += 4;
+        }
+        while i < n {
+            norm_rows::<S, T, 1>(norm, x, i, out);
+            i += 1;
+        }
+    }
+}
+
+/// Rows `at..at + R`.
+///
+/// # Safety
+/// As [`layer_norm`] checks.
+#[inline(always)]
+unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
+    norm: &Norm,
+    x: *const f32,
+    at: usize,
+    out: &mut Normed<T>,
+) {
+    let columns = norm.gain.len();
+    let last = columns - LANES;
+    let inverse = 1.0 / norm.width as f32;
+    let (gain, shift) = (norm.gain.as_ptr(), norm.shift.as_ptr());
+    // SAFETY: rows are within what layer_norm() checked.
+    unsafe {
+        let x: [*const f32; R] = std::array::from_fn(|i| x.add((at + i) * columns));
+        let mut sum = [S::splat(0.0); R];
+        for j in (0..columns).step_by(LANES) {
+            for i in 0..R {
+                sum[i] = S::add(sum[i], S::load(x[i].add(j)));
+            }
+        }
+        let mut mean = sum;
+        for i in 0..R {
+            mean[i] = S::splat(S::sum(sum[i]) * inverse);
+        }
+        // The padding is not part of the variance.
+        let mask = S::load(norm.mask.as_ptr().add(last));
+        let mut squares = [S::splat(0.0); R];
+        for i in 0..R {
+            let v = S::mul(S::sub(S::load(x[i].add(last)), mean[i]), mask);
+            squares[i] = S::mul(v, v);
+        }
+        for j in (0..last).step_by(LANES) {
+            for i in 0..R {
+                let v = S::sub(S::load(x[i].add(j)), mean[i]);
+                squares[i] = S::fma(v, v, squares[i]);
+            }
+        }
+        let mut scale = squares;
+        for i in 0..R {
+            scale[i] = S::splat(1.0 / (S::sum(squares[i]) * inverse + NORM_EPSILON).sqrt());
+        }
+        let y = |i: usize, j: usize| {
+            let v = S::mul(S::sub(S::load(x[i].add(j)), mean[i]), scale[i]);
+            S::fma(v, S::load(gain.add(j)), S::load(shift.add(j)))
+        };
+        match out {
+            Normed::Wide(out) => {
+                let out = out.as_mut_ptr().add(at * columns);
+                for j in (0..columns).step_by(LANES) {
+                    (0..R).for_each(|i| S::store(out.add(i * columns + j), y(i, j)));
+                }
+            }
+            Normed::Narrow(out) => {
+                let out = out.as_mut_ptr().add(at * columns);
+                for j in (0..columns).step_by(LANES) {
+                    (0..R).for_each(|i| T::store::<S>(out.add(i * columns + j), y(i, j)));
+                }
+            }
+            Normed::Residual(out) => {
+                let out = out.as_mut_ptr().add(at * columns);
+                for j in (0..columns).step_by(LANES) {
+                    for i in 0..R {
+                        let out = out.add(i * columns + j);
+                        S::store(out, S::add(S::load(out), y(i, j)));
+                    }
+                }
+            }
+            Normed::Edges {
+                before,
+                edges,
+                keep,
+                sums,
+                owner,
+                first,
+            } => {
+                let edge = edges.as_mut_ptr().add(at * columns);
+                let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
+                let sums = sums.as_mut_ptr();
+                let mut sum = [sums; R];
+                for (i, sum) in sum.iter_mut().enumerate() {
+                    *sum = sums.add((*owner.get_unchecked(at + i) as usize - *first) * columns);
+                }
+                for j in (0..columns).step_by(LANES) {
+                    for i in 0..R {
+                        let e = S::add(T::load::<S>(before.add(i * columns + j)), y(i, j));
+                        if *keep {
+                            T::store::<S>(edge.add(i * columns + j), e);
+                        }
+                        let sum = sum[i].add(j);
+                        S::store(sum, S::add(S::load(sum), e));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// `out[i] = x[i]`, rounded to what activations are made of; a whole number of vectors.
+pub fn narrow<T: Number>(isa: Isa, x: &[f32], out: &mut [T]) {
+    assert!(
+        out.len() == x.len() && x.len().is_multiple_of(LANES),
+        "rows to be rounded"
+    );
+    let n = x.len();
+    // SAFETY: both have n numbers, whole vectors.
+    dispatch!(
+        isa,
+        T,
+        narrow_all(x: *const f32, out: *mut T, n: usize) = (x.as_ptr(), out.as_mut_ptr(), n)
+    )
+}
+
+/// # Safety
+/// As [`narrow`] checks.
+#[inline(always)]
+unsafe fn narrow_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    x: *const f32,
+    out: *mut T,
+    n: usize,
+) {
+    for i in (0..n).step_by(LANES) {
+        // SAFETY: i + LANES <= n.
+        unsafe { T::store::<S>(out.add(i), S::load(x.add(i))) };
+    }
+}
+
+/// `x[i] += mean of table[k] over k in member[row[i]..row[i + 1]]`, rows of `width` numbers, a whole number of
+/// vectors.
+pub fn add_means(isa: Isa, x: &mut [f32], width: usize, table: &[f32], row: &[u32], member: &[i32]) {
+    type T = f32;
+    let n = row.len() - 1;
+    let members = &member[row[0] as usize..row[n] as usize];
+    assert!(
+        x.len() >= n * width && width.is_multiple_of(LANES),
+        "rows of means"
+    );
+    assert!(
+        rows_within(members, members.len(), 0..table.len() / width),
+        "members of means"
+    );
+    // SAFETY: lengths and indices were checked above.
+    dispatch!(
+        isa,
+        T,
+        means(x: *mut f32, width: usize, table: *const f32, row: &[u32], member: &[i32])
+            = (x.as_mut_ptr(), width, table.as_ptr(), row, member)
+    )
+}
+
+/// # Safety
+/// As [`add_means`] checks.
+#[inline(always)]
+unsafe fn means<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    x: *mut f32,
+    width: usize,
+    table: *const f32,
+    row: &[u32],
+    member: &[i32],
+) {
+    for (i, bounds) in row.windows(2).enumerate() {
+        let list = &member[bounds[0] as usize..bounds[1] as usize];
+        // SAFETY: row i and the members' rows are within what add_means() checked.
+        unsafe {
+            let weight = S::splat(1.0 / list.len() as f32);
+            for j in (0..width).step_by(LANES) {
+                let to = x.add(i * width + j);
+                let mut sum = S::load(to);
+                for &k in list {
+                    sum = S::fma(weight, S::load(table.add(k as usize * width + j)), sum);
+                }
+                S::store(to, sum);
+            }
+        }
+    }
+}
+
+/// Softmax of `scale * x[i]` over the first n numbers of each row of `width`, a whole number of vectors, in place
+/// (eq. 11).
+pub fn softmax(isa: Isa, x: &mut [f32], width: usize, n: usize, scale: f32) {
+    type T = f32;
+    assert!(
+        width.is_multiple_of(LANES) && x.len().is_multiple_of(width) && 0 < n && n <= width,
+        "rows of a softmax"
+    );
+    // SAFETY: whole rows of whole vectors.
+    dispatch!(
+        isa,
+        T,
+        softmax_rows(x: &mut [f32], width: usize, n: usize, scale: f32) = (x, width, n, scale)
+    )
+}
+
+/// # Safety
+/// As [`softmax`] checks.
+#[inline(always)]
+unsafe fn softmax_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    x: &mut [f32],
+    width: usize,
+    n: usize,
+    scale: f32,
+) {
+    for row in x.chunks_exact_mut(width) {
+        // Whatever stands in the padding, it leaves as zero.
+        row[n..].fill(f32::NEG_INFINITY);
+        let largest = row.iter().fold(f32::NEG_INFINITY, |m, &v| m.max(v));
+        let p = row.as_mut_ptr();
+        // SAFETY: the row has `width` numbers.
+        unsafe {
+            for j in (0..width).step_by(LANES) {
+                let v = S::sub(S::load(p.add(j)), S::splat(largest));
+                S::store(p.add(j), exp::<S>(S::mul(S::splat(scale), v)));
+            }
+            std::slice::from_raw_parts_mut(p.add(n), width - n).fill(0.0);
+            let mut sum = S::splat(0.0);
+            for j in (0..width).step_by(LANES) {
+                sum = S::add(sum, S::load(p.add(j)));
+            }
+            let inverse = S::splat(1.0 / S::sum(sum));
+            for j in (0..width).step_by(LANES) {
+                S::store(p.add(j), S::mul(S::load(p.add(j)), inverse));
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Where a step's time goes.
+
+use std::time::Instant;
+
+/// Parts of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Fields to node latents.
+    EncodeNodes,
+    /// Features to edge latents, where they are computed anew in each step.
+    EncodeEdges,
+    /// The senders' part of the edge networks, once a node.
+    Project,
+    /// Edge networks, layer norms, residuals and sums into the receivers, with the receivers' part.
+    Edges,
+    /// Node networks.
+    Nodes,
+    /// Segment sums, encoder, transformer, dispatch.
+    Segments,
+    /// Latents to fields.
+    Decode,
+    /// Packing for and waiting for other ranks.
+    Halo,
+}
+
+impl Phase {
+    /// All, in the order of a step.
+    pub const ALL: [Phase; 8] = [
+        Phase::EncodeNodes,
+        Phase::EncodeEdges,
+        Phase::Project,
+        Phase::Edges,
+        Phase::Nodes,
+        Phase::Segments,
+        Phase::Decode,
+        Phase::Halo,
+    ];
+
+    /// For tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::EncodeNodes => "encode nodes",
+            Phase::EncodeEdges => "encode edges",
+            Phase::Project => "project senders",
+            Phase::Edges => "edge blocks",
+            Phase::Nodes => "node blocks",
+            Phase::Segments => "segments",
+            Phase::Decode => "decode",
+            Phase::Halo => "halo",
+        }
+    }
+}
+
+/// What the steps so far took, summed; made when [`EngineOptions::profile`](super::EngineOptions::profile) is set.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Profile {
+    /// Steps.
+    pub steps: u64,
+    /// Wall time of the steps, s.
+    pub seconds: f64,
+    /// Time of each phase of [`Phase::ALL`], summed over threads, s.
+    pub phases: [f64; 8],
+    /// Multiplications and additions of the products of each phase in one step, each counted as one operation.
+    pub flops: [f64; 8],
+}
+
+impl Profile {
+    /// Rate of a phase's products on one thread, GFLOP/s: its operations over its time, everything else that it does
+    /// included; 0 where it did not run.
+    pub fn gflops(&self, phase: Phase) -> f64 {
+        match self.phases[phase as usize] {
+            0.0 => 0.0,
+            seconds => self.flops[phase as usize] * self.steps as f64 / seconds * 1e-9,
+        }
+    }
+}
+
+/// A thread's clock. Off, it costs a branch.
+#[derive(Debug)]
+pub struct Clock {
+    on: bool,
+    last: Instant,
+    /// Time of each phase so far, s.
+    pub phases: [f64; 8],
+}
+
+impl Clock {
+    /// Stopped; it never starts unless `on`.
+    pub fn new(on: bool) -> Self {
+        Clock {
+            on,
+            last: Instant::now(),
+            phases: [0.0; 8],
+        }
+    }
+
+    /// Starts a phase.
+    pub fn start(&mut self) {
+        if self.on {
+            self.last = Instant::now();
+        }
+    }
+
+    /// Books the time since the last call on this phase.
+    pub fn stop(&mut self, phase: Phase) {
+        if self.on {
+            let now = Instant::now();
+            self.phases[phase as usize] += (now - self.last).as_secs_f64();
+            self.last = now;
+        }
+    }
+}

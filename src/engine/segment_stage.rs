@@ -1,0 +1,281 @@
+//! The macro stage: segment features (eq. 9), positional encoding (eq. 10), segment transformer (eq. 11 to 13).
+//!
+//! Segment sums are made over all ranks in fp64; from there on every rank computes the same K rows, in fp32 in either
+//! precision.
+
+use super::SegmentView;
+use super::ends::Encoder;
+use super::kernels::{Addend, Buffer, Function, Isa, Normed, Output, Packed, padded, product};
+use super::linear::{self, Tail};
+use super::pool::{Parts, Pool};
+use super::tiles::{block, blocks};
+use super::transformer::{self, TransformerLayer};
+use crate::model::{Model, ModelSpec};
+use crate::parallel::Comm;
+use crate::{Error, Result};
+
+/// Weights, members and buffers of the macro stage.
+#[derive(Debug)]
+pub struct SegmentStage {
+    isa: Isa,
+    count: usize,
+    columns: usize,
+    /// Segments of the node at each place, as in [`SegmentView`].
+    pub member_row: Vec<u32>,
+    /// As in [`SegmentView`].
+    pub member: Vec<i32>,
+    /// Members of segment s on this rank: `place[place_row[s]..place_row[s + 1]]`, ascending.
+    place_row: Vec<u32>,
+    place: Vec<u32>,
+    inverse_sizes: Vec<f64>,
+
+    encoder: Encoder<f32>,
+    encoder_bias: Vec<f32>,
+    /// f_sp of the positional encoding, the same in every step.
+    position: Option<Vec<f32>>,
+    layers: Vec<TransformerLayer>,
+    dispatch: Option<Dispatch>,
+
+    sums: Buffer<f64>,
+    means: Buffer<f32>,
+    /// h_S
+    latents: Buffer<f32>,
+    heads: transformer::Heads,
+    scratch: Vec<transformer::Scratch>,
+}
+
+/// h += dispatch([h, h_S]), where the model carries on after the macro stage.
+#[derive(Debug)]
+struct Dispatch {
+    segment: Packed<f32>,
+    bias: Vec<f32>,
+    table: Buffer<f32>,
+}
+
+impl SegmentStage {
+    /// The macro stage of a model for these segments; `node` is the graph's node at each place of the engine's order.
+    pub fn new(isa: Isa, model: &Model, view: &SegmentView, node: &[u32], n_threads: usize) -> Result<Self> {
+        let Some(spec) = &model.spec.architecture.segment_transformer else {
+            return Err(Error::Model("the model has no segment_transformer".into()));
+        };
+        check(view, node.len(), &model.spec)?;
+        let (k, d) = (view.count, model.spec.architecture.width);
+        let columns = padded(d);
+        let layers: Vec<_> = (0..spec.layers)
+            .map(|l| TransformerLayer::new(isa, model, l))
+            .collect::<Result<_>>()?;
+        let dispatch = match model.spec.architecture.layers_after {
+            0 => None,
+            _ => Some(Dispatch {
+                segment: linear::columns(isa, model, "segment.dispatch", d..2 * d)?,
+                bias: linear::bias(model, "segment.dispatch")?,
+                table: Buffer::new(k * columns),
+            }),
+        };
+        let (member_row, member) = reordered(view, node);
+        let (place_row, place) = inverted(k, &member_row, &member);
+        Ok(SegmentStage {
+            isa,
+            count: k,
+            columns,
+            member_row,
+            member,
+            place_row,
+            place,
+            inverse_sizes: view.sizes.iter().map(|s| 1.0 / s.max(1.0)).collect(),
+            encoder: Encoder::new(isa, model, "segment.encoder", d)?,
+            encoder_bias: linear::bias(model, "segment.encoder.0")?,
+            position: (model.spec.n_position_features() > 0)
+                .then(|| encode_position(isa, model, view))
+                .transpose()?,
+            layers,
+            dispatch,
+            sums: Buffer::new(k * columns),
+            means: Buffer::new(k * columns),
+            latents: Buffer::new(k * columns),
+            heads: transformer::Heads::new(isa, k, d, spec.heads),
+            scratch: (0..n_threads)
+                .map(|_| transformer::Scratch::new(k, d, spec))
+                .collect(),
+        })
+    }
+
+    /// K.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// h_S, rows of the padded width.
+    pub fn latents(&self) -> &[f32] {
+        &self.latents
+    }
+
+    /// Bytes of weights, and of all the rest.
+    pub fn bytes(&self) -> (usize, usize) {
+        let weights = self.encoder.bytes()
+            + self.layers.iter().map(|l| l.bytes()).sum::<usize>()
+            + self.dispatch.as_ref().map_or(0, |d| d.segment.bytes());
+        let lists = 4 * (self.member_row.len() + self.member.len() + self.place_row.len() + self.place.len());
+        let rows = self.sums.bytes() + self.means.bytes() + self.latents.bytes();
+        let table = self.dispatch.as_ref().map_or(0, |d| d.table.bytes());
+        let position = self.position.as_ref().map_or(0, |p| 4 * p.len());
+        let scratch: usize = self.scratch.iter().map(|s| s.bytes()).sum();
+        (
+            weights,
+            lists + rows + table + position + scratch + self.heads.bytes(),
+        )
+    }
+
+    /// From node latents, in the engine's order, to h_S. Collective.
+    pub fn run(&mut self, comm: &Comm, pool: &Pool, nodes: &[f32]) {
+        let (isa, k, columns) = (self.isa, self.count, self.columns);
+        let sums = Parts::new(&mut self.sums);
+        let (row, place) = (&self.place_row, &self.place);
+        let add = |_: &mut transformer::Scratch, s: usize| {
+            // SAFETY: task s has row s.
+            let sum = unsafe { sums.rows(&(s..s + 1), columns) };
+            sum.fill(0.0);
+            for &p in &place[row[s] as usize..row[s + 1] as usize] {
+                let h = &nodes[p as usize * columns..(p as usize + 1) * columns];
+                sum.iter_mut().zip(h).for_each(|(sum, h)| *sum += f64::from(*h));
+            }
+        };
+        pool.run(&mut self.scratch, k, add, || ());
+        comm.sum_f64(&mut self.sums);
+        let rows = self.means.chunks_exact_mut(columns);
+        for ((mean, sum), inverse) in rows.zip(self.sums.chunks_exact(columns)).zip(&self.inverse_sizes) {
+            mean.iter_mut()
+                .zip(sum)
+                .for_each(|(m, s)| *m = (s * inverse) as f32);
+        }
+
+        let (means, position) = (&self.means, self.position.as_deref());
+        let (encoder, bias) = (&self.encoder, &self.encoder_bias);
+        let latents = Parts::new(&mut self.latents);
+        let encode = |scratch: &mut transformer::Scratch, i: usize| {
+            let rows = block(i, k);
+            // SAFETY: blocks are disjoint.
+            let out = unsafe { latents.rows(&rows, columns) };
+            let transformer::Scratch { a, b, c, .. } = scratch;
+            let from = (&means[rows.start * columns..], columns);
+            encoder.run(
+                from,
+                rows.len(),
+                Addend::Bias(bias),
+                (a, b, c),
+                Normed::Wide(&mut *out),
+            );
+            if let Some(position) = position {
+                let own = &position[rows.start * columns..rows.end * columns];
+                out.iter_mut().zip(own).for_each(|(x, p)| *x += p);
+            }
+        };
+        pool.run(&mut self.scratch, blocks(k).len(), encode, || ());
+        for layer in &self.layers {
+            layer.run(pool, &mut self.scratch, &mut self.heads, &mut self.latents);
+        }
+        if let Some(dispatch) = &mut self.dispatch {
+            product(
+                isa,
+                &dispatch.segment,
+                (&self.latents, columns),
+                k,
+                Addend::Bias(&dispatch.bias),
+                Function::Identity,
+                Output::Wide(&mut dispatch.table),
+            );
+        }
+    }
+
+    /// The segments' part of the dispatch, W_S h_S + b, a row a segment; none when the model ends with the macro
+    /// stage.
+    pub fn dispatched(&self) -> Option<&[f32]> {
+        self.dispatch.as_ref().map(|d| &d.table[..])
+    }
+}
+
+/// The view's memberships with nodes in another order.
+fn reordered(view: &SegmentView, node: &[u32]) -> (Vec<u32>, Vec<i32>) {
+    let mut row = Vec::with_capacity(node.len() + 1);
+    let mut member = Vec::with_capacity(view.member.len());
+    row.push(0);
+    for &i in node {
+        let own = view.member_row[i as usize] as usize..view.member_row[i as usize + 1] as usize;
+        member.extend_from_slice(&view.member[own]);
+        row.push(member.len() as u32);
+    }
+    (row, member)
+}
+
+/// For each of k segments the places that are members.
+fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32>, Vec<u32>) {
+    let mut row = vec![0u32; k + 1];
+    member.iter().for_each(|&s| row[s as usize + 1] += 1);
+    (0..k).for_each(|s| row[s + 1] += row[s]);
+    let mut next = row.clone();
+    let mut place = vec![0; member.len()];
+    for (p, bounds) in member_row.windows(2).enumerate() {
+        for &s in &member[bounds[0] as usize..bounds[1] as usize] {
+            place[next[s as usize] as usize] = p as u32;
+            next[s as usize] += 1;
+        }
+    }
+    (row, place)
+}
+
+/// f_sp(p) of every segment (section 3.4.1), rows of the padded width.
+fn encode_position(isa: Isa, model: &Model, view: &SegmentView) -> Result<Vec<f32>> {
+    let (k, n) = (view.count, model.spec.n_position_features());
+    let size = k * padded(model.spec.architecture.width);
+    let first: Packed<f32> = linear::whole(isa, model, "segment.position.0")?;
+    let bias = linear::bias(model, "segment.position.0")?;
+    let tail = Tail::new(isa, model, "segment.position")?;
+    let (mut a, mut b, mut c) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
+    let f = tail.first_function();
+    let out = match f {
+        Some(_) => &mut a,
+        None => &mut c,
+    };
+    product(
+        isa,
+        &first,
+        (view.position, n),
+        k,
+        Addend::Bias(&bias),
+        f.unwrap_or(Function::Identity),
+        Output::Wide(out),
+    );
+    tail.run(isa, k, &mut a, &mut b, &mut c);
+    Ok(c)
+}
+
+fn check(view: &SegmentView, n_owned: usize, spec: &ModelSpec) -> Result<()> {
+    let k = view.count;
+    let encodings = k * spec.n_position_features();
+    let offsets = n_owned * spec.n_offset_features();
+    let rows_fit = view.member_row.len() == n_owned + 1
+        && view.member_row[0] == 0
+        && view.member_row.windows(2).all(|w| w[0] < w[1])
+        && view.member_row[n_owned] as usize == view.member.len();
+    let members_fit = view
+        .member
+        .iter()
+        .all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
+    if !rows_fit
+        || !members_fit
+        || view.sizes.len() != k
+        || view.position.len() != encodings
+        || view.offsets.len() != offsets
+    {
+        return Err(Error::Input(format!(
+            "segments: expected one or more of {k} for each of {n_owned} nodes, {k} sizes, {encodings} encodings and {offsets} \
+             offsets; found {} nodes, {} sizes, {} encodings, {} offsets, segment numbers {} within range",
+            view.member_row.len().saturating_sub(1),
+            view.sizes.len(),
+            view.position.len(),
+            view.offsets.len(),
+            if members_fit { "all" } else { "not all" }
+        )));
+    }
+    Ok(())
+}

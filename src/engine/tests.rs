@@ -1,0 +1,282 @@
+//! The engine against the plain network, in every instruction set that this processor has.
+
+use super::*;
+use crate::mesh::sample;
+use crate::model::{Activation, MacroSpec, ModelSpec, tests::spec};
+
+/// Segments of a graph: enough of a view, with nodes of two segments where there is overlap.
+struct Segments {
+    member_row: Vec<u32>,
+    member: Vec<i32>,
+    sizes: Vec<f64>,
+    position: Vec<f32>,
+    offsets: Vec<f32>,
+}
+
+const K: usize = 5;
+
+impl Segments {
+    fn new(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Self {
+        let (mut member_row, mut member, mut sizes) = (vec![0u32], Vec::new(), vec![0.0; K]);
+        for i in 0..graph.n_owned {
+            let own = i * K / graph.n_owned;
+            let mut list = vec![own as i32];
+            if overlap && i % 3 == 0 {
+                list.push(((own + 2) % K) as i32);
+            }
+            list.iter().for_each(|&s| sizes[s as usize] += 1.0);
+            member.extend(list);
+            member_row.push(member.len() as u32);
+        }
+        let wave = |n: usize, step: f32| -> Vec<f32> { (0..n).map(|i| (i as f32 * step).fract()).collect() };
+        Segments {
+            member_row,
+            member,
+            sizes,
+            position: wave(K * spec.n_position_features(), 0.37),
+            offsets: wave(graph.n_owned * spec.n_offset_features(), 0.73),
+        }
+    }
+
+    fn view(&self) -> SegmentView<'_> {
+        SegmentView {
+            count: K,
+            member_row: &self.member_row,
+            member: &self.member,
+            sizes: &self.sizes,
+            position: &self.position,
+            offsets: &self.offsets,
+        }
+    }
+}
+
+/// A model on a channel of triangles.
+struct Case {
+    model: Model,
+    graph: Graph,
+    segments: Option<Segments>,
+    inputs: Vec<f32>,
+}
+
+impl Case {
+    fn new(spec: ModelSpec, overlap: bool) -> Self {
+        let graph = Graph::new(&sample::triangles(9, 7, 1.6, 0.41), &Comm::serial()).unwrap();
+        let n = graph.n_owned * spec.n_field_inputs();
+        Case {
+            segments: spec
+                .architecture
+                .segment_transformer
+                .is_some()
+                .then(|| Segments::new(&spec, &graph, overlap)),
+            model: Model::random(spec, 5).unwrap(),
+            graph,
+            inputs: (0..n).map(|i| (i as f32 * 0.7).sin()).collect(),
+        }
+    }
+
+    fn plain(&self) -> Vec<f64> {
+        let view = self.segments.as_ref().map(|s| s.view());
+        let expected = plain::forward(&self.model, &self.graph, view.as_ref(), &self.inputs);
+        let largest = expected.iter().fold(0f64, |m, v| m.max(v.abs()));
+        let least = expected.iter().fold(f64::MAX, |m, v| m.min(*v));
+        assert!(
+            largest - least > 1e-2 * largest,
+            "the network gives the same everywhere: nothing is tested"
+        );
+        expected
+    }
+
+    fn run(&self, options: &EngineOptions, keep_encoded: usize) -> Vec<f32> {
+        let view = self.segments.as_ref().map(|s| s.view());
+        let mut engine =
+            Engine::with_limit(&self.model, &self.graph, view.as_ref(), options, keep_encoded).unwrap();
+        let mut outputs = vec![0f32; self.graph.n_cells * self.model.spec.n_outputs()];
+        // Twice: nothing of the first step may leak into the second.
+        for _ in 0..2 {
+            outputs.fill(f32::NAN);
+            engine
+                .forward(&Comm::serial(), &self.inputs, &mut outputs)
+                .unwrap();
+        }
+        outputs
+    }
+}
+
+/// Largest difference, relative to the largest value.
+fn difference(found: &[f32], expected: &[f64]) -> f64 {
+    let largest = expected.iter().fold(0f64, |m, v| m.max(v.abs()));
+    let pairs = found.iter().zip(expected);
+    pairs.fold(0f64, |m, (a, b)| m.max((f64::from(*a) - b).abs())) / largest
+}
+
+fn options(isa: Isa, precision: Precision) -> EngineOptions {
+    EngineOptions {
+        isa: Some(isa),
+        precision,
+        ..EngineOptions::default()
+    }
+}
+
+fn instruction_sets() -> Vec<Isa> {
+    let available = Isa::available();
+    for name in ["avx2", "avx512", "avx512-bf16"] {
+        if !available.iter().any(|isa| isa.name() == name) {
+            println!("{name}: not tested, this processor does not have it");
+        }
+    }
+    available
+}
+
+/// Networks of all kinds: each entry of the lists with each.
+fn specs() -> Vec<(ModelSpec, bool)> {
+    let mut all = Vec::new();
+    for hidden_layers in [0, 1, 2, 3] {
+        for activation in [Activation::Relu, Activation::Silu] {
+            for (layers_after, width) in [(0, 8), (1, 20), (2, 64), (0, 128), (1, 81)] {
+                let mut s = spec();
+                s.architecture.width = width;
+                s.architecture.hidden_layers = hidden_layers;
+                s.architecture.activation = activation;
+                s.architecture.layers_after = layers_after;
+                let rwse_steps = if width == 64 { 5 } else { 0 };
+                s.architecture.segment_transformer = Some(MacroSpec {
+                    layers: 2,
+                    heads: if width == 81 { 3 } else { 4 },
+                    ffn_width: 24,
+                    rwse_steps,
+                    centroids: layers_after == 1,
+                    offsets: layers_after > 0,
+                });
+                all.push((s, layers_after > 0));
+            }
+        }
+    }
+    let mut s = spec();
+    s.architecture.segment_transformer = None;
+    s.architecture.layers_after = 0;
+    all.push((s.clone(), false));
+    s.fields[0].input = false;
+    s.fields[0].output = crate::model::Output::Value;
+    all.push((s, false));
+    all
+}
+
+#[test]
+fn fp32_is_the_plain_network_to_rounding() {
+    // fp32 sums of up to 128 terms through about 20 layers: measured 1e-7 to 2e-6.
+    let mut worst = 0f64;
+    for (spec, overlap) in specs() {
+        let case = Case::new(spec, overlap);
+        let expected = case.plain();
+        for isa in instruction_sets() {
+            let found = case.run(&options(isa, Precision::Fp32), usize::MAX);
+            let error = difference(&found, &expected);
+            worst = worst.max(error);
+            let shape = &case.model.spec.architecture;
+            assert!(error < 1e-5, "{}: {error:e} with {shape:?}", isa.name());
+        }
+    }
+    println!("worst {worst:e}");
+}
+
+#[test]
+fn bf16_is_the_plain_network_to_its_rounding_on_every_instruction_set() {
+    // A bf16 is good to 4e-3; random networks keep the size of what goes through them.
+    let (mut worst, mut apart) = (0f64, 0f64);
+    for (spec, overlap) in specs() {
+        let case = Case::new(spec, overlap);
+        let expected = case.plain();
+        let portable = case.run(&options(Isa::portable(), Precision::Bf16), usize::MAX);
+        let reference: Vec<f64> = portable.iter().map(|&v| f64::from(v)).collect();
+        for isa in instruction_sets() {
+            let found = case.run(&options(isa, Precision::Bf16), usize::MAX);
+            let shape = &case.model.spec.architecture;
+            let error = difference(&found, &expected);
+            worst = worst.max(error);
+            assert!(error < 0.06, "{}: {error:e} with {shape:?}", isa.name());
+            // The instruction sets round the same numbers; where sums differ in the last place, few round apart.
+            let error = difference(&found, &reference);
+            apart = apart.max(error);
+            assert!(
+                error < 0.02,
+                "{} from portable: {error:e} with {shape:?}",
+                isa.name()
+            );
+        }
+    }
+    println!("worst {worst:e}, apart {apart:e}");
+}
+
+#[test]
+fn threads_and_the_place_of_encoded_edges_do_not_change_a_bit() {
+    for (spec, overlap) in specs().into_iter().step_by(7) {
+        let case = Case::new(spec, overlap);
+        for precision in [Precision::Fp32, Precision::Bf16] {
+            let one = options(Isa::detect(), precision);
+            let expected = case.run(&one, usize::MAX);
+            assert_eq!(case.run(&one, 0), expected);
+            for n_threads in [2, 3] {
+                assert_eq!(
+                    case.run(&EngineOptions { n_threads, ..one }, usize::MAX),
+                    expected
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn memory_and_profile_add_up() {
+    let case = Case::new(spec(), true);
+    let options = EngineOptions {
+        profile: true,
+        ..options(Isa::detect(), Precision::Bf16)
+    };
+    let view = case.segments.as_ref().map(|s| s.view());
+    let mut engine = Engine::new(&case.model, &case.graph, view.as_ref(), &options).unwrap();
+    let mut outputs = vec![0f32; case.graph.n_cells * case.model.spec.n_outputs()];
+    for _ in 0..3 {
+        engine
+            .forward(&Comm::serial(), &case.inputs, &mut outputs)
+            .unwrap();
+    }
+    let profile = engine.profile().unwrap();
+    assert_eq!(profile.steps, 3);
+    let sum: f64 = profile.phases.iter().sum();
+    assert!(sum > 0.0 && sum <= profile.seconds, "{profile:?}");
+    assert!(profile.gflops(Phase::Edges) > 0.0);
+    // Width 8 is padded to 16; bf16.
+    let edges = engine
+        .memory()
+        .iter()
+        .find(|(n, _)| *n == "edge latents")
+        .unwrap()
+        .1;
+    assert_eq!(edges, (case.graph.senders.len() * 16 * 2).next_multiple_of(64));
+}
+
+#[test]
+fn graphs_and_lengths_that_do_not_fit_are_refused() {
+    let mut case = Case::new(spec(), false);
+    let view = case.segments.as_ref().map(|s| s.view());
+    let options = EngineOptions::default();
+    let mut engine = Engine::new(&case.model, &case.graph, view.as_ref(), &options).unwrap();
+    assert!(matches!(
+        engine.forward(&Comm::serial(), &case.inputs[1..], &mut []),
+        Err(Error::Input(_))
+    ));
+    assert!(matches!(
+        Engine::new(&case.model, &case.graph, None, &options),
+        Err(Error::Model(_))
+    ));
+    case.graph.senders[0] = case.graph.n_local as i32;
+    assert!(matches!(
+        Engine::new(&case.model, &case.graph, view.as_ref(), &options),
+        Err(Error::Internal(_))
+    ));
+    case.graph.edge_features.pop();
+    assert!(matches!(
+        Engine::new(&case.model, &case.graph, view.as_ref(), &options),
+        Err(Error::Model(_))
+    ));
+}
