@@ -6,6 +6,7 @@
 mod geometry;
 mod overlap;
 mod partition;
+pub mod ranks;
 mod slic;
 mod walk;
 
