@@ -6,10 +6,13 @@
 mod geometry;
 mod overlap;
 mod partition;
+mod quality;
+pub mod ranks;
 mod slic;
 mod walk;
 
 pub use geometry::{SegmentFeatures, features};
+pub use quality::{Dissimilarity, Quality, quality};
 
 use crate::graph::Graph;
 use crate::mesh::Mesh;
@@ -36,6 +39,11 @@ pub struct Segmentation {
     /// `[K x K]` directed edges from members of one segment to members of another, over all ranks (eq. 10); the
     /// diagonal counts a segment's inner edges.
     pub adjacency: Vec<f64>,
+    /// Cells that each SLIC sweep moved, over all ranks: its length is the number of sweeps, and it ends with 0 if
+    /// they converged. Empty for METIS alone and for labels that were handed in.
+    pub sweeps: Vec<usize>,
+    /// Cells that were given to another segment so that every segment is connected, over all ranks.
+    pub reassigned: usize,
 }
 
 /// Cuts the mesh into `spec.count` segments. Collective; all ranks fail together.
@@ -77,7 +85,7 @@ pub fn segment(
             let labels = partition::partition(mesh, graph, spec.count, comm)?;
             match spec.method {
                 SegmentMethod::Metis => labels,
-                SegmentMethod::Slic => slic::refine(mesh, graph, spec, comm, labels)?,
+                _ => slic::refine(mesh, graph, spec, comm, labels)?,
             }
         }
     };

@@ -10,6 +10,9 @@ use std::sync::Mutex;
 /// Seed of METIS's random choices: the partition is a function of the mesh alone.
 const SEED: i32 = 1;
 
+/// METIS draws from C's rand, which threads share: together they would spoil each other's sequence.
+pub(super) static METIS_TURN: Mutex<()> = Mutex::new(());
+
 /// The part (0 to count - 1, none empty) of each of this rank's cells. Collective.
 pub(super) fn partition(mesh: &Mesh, graph: &mut Graph, count: usize, comm: &Comm) -> Result<Vec<i32>> {
     let pairs = global_pairs(mesh, graph, comm);
@@ -113,9 +116,7 @@ impl CellGraph {
             return Ok((0..n as i32).collect());
         }
         let mut parts = vec![0i32; n];
-        // METIS draws from C's rand, which threads share: together they would spoil each other's sequence.
-        static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-        let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+        let _turn = METIS_TURN.lock().unwrap_or_else(|e| e.into_inner());
         // METIS refuses contiguous parts of a graph that is not connected.
         let connected = self.breadth_first(0, |_| true).len() == n;
         metis::Graph::new(1, count as i32, &self.row, &self.column)
