@@ -3,7 +3,7 @@
 //! The graph of these figures has the cells as its nodes and the faces between cells as its edges: what was cut.
 //! Boundary faces always lie with their cell and would only dilute the figures.
 
-use super::preset_labels;
+use super::{everywhere, preset_labels};
 use crate::Result;
 use crate::graph::Graph;
 use crate::mesh::Mesh;
@@ -209,13 +209,6 @@ fn hash(x: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// All ranks' lists after each other, on all ranks. Collective.
-fn everywhere<T: crate::parallel::Element>(comm: &Comm, local: &[T]) -> Vec<T> {
-    let mut all = comm.gather(local).map(|lists| lists.concat()).unwrap_or_default();
-    comm.broadcast(&mut all);
-    all
-}
-
 /// (b - a) / max(a, b) from the sums of a cell's distances to the members of each segment.
 fn silhouette(own: usize, sums: &[f64], sizes: &[i64]) -> f64 {
     if sizes[own] < 2 {
@@ -356,7 +349,10 @@ mod tests {
             vectors: vec![vec![0.0, 3.0]],
         };
         let points = Points::new(&mesh, Dissimilarity::Features(&modes), &comm);
-        assert_eq!(points.coordinates, [vec![1.0, 3.0], vec![1.0, 1.0], vec![0.0, 3.0]]);
+        assert_eq!(
+            points.coordinates,
+            [vec![1.0, 3.0], vec![1.0, 1.0], vec![0.0, 3.0]]
+        );
         let found = quality(
             &mesh,
             &mut graph,
