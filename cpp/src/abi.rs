@@ -229,8 +229,7 @@ pub unsafe extern "C" fn m4gn_foam_write(
             (false, _) => unsafe { std::slice::from_raw_parts(data, count) },
         };
         let done = || -> Result<(), cxx::Exception> {
-            case.foam
-                .write_start_fields(&write.fields, &write.note, values)?;
+            case.foam.write_start_fields(&write.fields, &write.note, values)?;
             write
                 .remove
                 .iter()

@@ -43,7 +43,12 @@ impl FoamCase {
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of values; OpenFOAM's message when a file cannot be written.
-    pub fn write_fields(&mut self, fields: &[(String, Vec<f64>)], note: &str, remove: &[String]) -> Result<()> {
+    pub fn write_fields(
+        &mut self,
+        fields: &[(String, Vec<f64>)],
+        note: &str,
+        remove: &[String],
+    ) -> Result<()> {
         let cells = self.description.cells;
         if let Some((name, values)) = fields.iter().find(|(_, v)| v.len() != cells) {
             return Err(Error::Input(format!(

@@ -31,15 +31,33 @@ impl PointCloud<'_> {
              header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{n}\">\n<PointData>\n"
         );
         for (name, values) in self.fields {
-            array(&mut text, "Float64", &super::page::escape(name), 1, bytes(values.iter().map(|v| v.to_le_bytes())));
+            array(
+                &mut text,
+                "Float64",
+                &super::page::escape(name),
+                1,
+                bytes(values.iter().map(|v| v.to_le_bytes())),
+            );
         }
         text += "</PointData>\n<Points>\n";
         let flat = self.points.iter().flatten().map(|v| v.to_le_bytes());
         array(&mut text, "Float64", "Points", 3, bytes(flat));
         // A vertex a point: without cells ParaView draws nothing.
         text += "</Points>\n<Cells>\n";
-        array(&mut text, "Int64", "connectivity", 1, bytes((0..n as i64).map(i64::to_le_bytes)));
-        array(&mut text, "Int64", "offsets", 1, bytes((1..=n as i64).map(i64::to_le_bytes)));
+        array(
+            &mut text,
+            "Int64",
+            "connectivity",
+            1,
+            bytes((0..n as i64).map(i64::to_le_bytes)),
+        );
+        array(
+            &mut text,
+            "Int64",
+            "offsets",
+            1,
+            bytes((1..=n as i64).map(i64::to_le_bytes)),
+        );
         array(&mut text, "UInt8", "types", 1, vec![1; n]);
         text += "</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
         Ok(text)
@@ -79,8 +97,14 @@ mod tests {
         assert_eq!(data[8..16], 0f64.to_le_bytes());
         assert_eq!(data[16..], 1f64.to_le_bytes());
         assert!(text.contains("NumberOfPoints=\"2\" NumberOfCells=\"2\""));
-        assert_eq!(text.matches("<DataArray").count(), text.matches("</DataArray>").count());
-        let short = PointCloud { points: cloud.points, fields: &[("a".into(), vec![1.0])] };
+        assert_eq!(
+            text.matches("<DataArray").count(),
+            text.matches("</DataArray>").count()
+        );
+        let short = PointCloud {
+            points: cloud.points,
+            fields: &[("a".into(), vec![1.0])],
+        };
         assert!(short.vtu().is_err());
     }
 }

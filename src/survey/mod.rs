@@ -9,6 +9,7 @@ mod tables;
 
 pub use memory::{peak, reset_peak};
 pub use picture::{Pictured, picture};
+pub use tables::cost_text;
 
 use crate::graph::Graph;
 use crate::mesh::Mesh;

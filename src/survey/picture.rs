@@ -9,27 +9,27 @@ use crate::report::{
 };
 
 /// What a picture shows.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Pictured {
-    /// Segmentations with this K.
-    pub count: usize,
+    /// Segmentations with these K, a row each.
+    pub counts: Vec<usize>,
     /// Most modes.
     pub modes: usize,
 }
 
-/// A row with the segments of each method, and rows of the same width with the first modes. No two segments that
+/// For each K a row with the segments of each method, and rows of the same width with the first modes. No two segments that
 /// touch have the same colour, as long as there are enough; modes are blue where negative, red where positive.
-pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: Pictured) -> Raster {
-    let segments: Vec<Panel> = survey
-        .entries
-        .iter()
-        .filter(|e| e.count == what.count)
-        .map(|e| Panel {
-            title: format!("{}, {} segments", e.method, e.count),
-            values: colours(e, mesh).into_iter().map(|c| c as f64).collect(),
-            scale: 0,
-        })
-        .collect();
+pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> Raster {
+    let panel = |e: &Entry| Panel {
+        title: format!("{}, {} segments", e.method, e.count),
+        values: colours(e, mesh).into_iter().map(|c| c as f64).collect(),
+        scale: 0,
+    };
+    let row = |&count: &usize| -> Vec<Panel> {
+        let entries = survey.entries.iter().filter(|e| e.count == count);
+        entries.map(panel).collect()
+    };
+    let mut rows: Vec<Vec<Panel>> = what.counts.iter().map(row).collect();
     let modes = &survey.modes;
     let largest = modes
         .vectors
@@ -49,7 +49,7 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: Pictured) -> Ra
             scale: 1,
         })
         .collect();
-    let scale = |label: &str, high, palette| Scale {
+    let scale = |label: &str, high: f64, palette| Scale {
         label: label.into(),
         low: -high,
         high,
@@ -59,9 +59,8 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: Pictured) -> Ra
     if !shapes.is_empty() {
         scales.push(scale("modes, rms 1", largest, Palette::Diverging));
     }
-    let columns = segments.len().max(1);
-    let mut rows = vec![segments];
-    rows.extend(shapes.chunks(columns.max(2)).map(<[Panel]>::to_vec));
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0).max(2);
+    rows.extend(shapes.chunks(columns).map(<[Panel]>::to_vec));
     FieldPicture { map, scales, rows }.raster()
 }
 

@@ -77,12 +77,7 @@ impl Survey {
                 .iter()
                 .filter_map(|&method| self.suggestion(method));
             let best: Vec<String> = best
-                .map(|e| {
-                    format!(
-                        "{} for {} ({:.4})",
-                        e.count, e.method, e.quality.silhouette
-                    )
-                })
+                .map(|e| format!("{} for {} ({:.4})", e.count, e.method, e.quality.silhouette))
                 .collect();
             text += &format!("suggested K, by the largest silhouette: {}\n", best.join(", "));
         }

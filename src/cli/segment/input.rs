@@ -77,7 +77,12 @@ impl Input {
     /// # Errors
     /// What reading the model fails with.
     pub fn model(&self) -> Result<Option<ModelSpec>> {
-        let Some(name) = self.function_object()?.get("model").and_then(Value::as_str).map(PathBuf::from) else {
+        let Some(name) = self
+            .function_object()?
+            .get("model")
+            .and_then(Value::as_str)
+            .map(PathBuf::from)
+        else {
             return Ok(None);
         };
         // As the function object looks for it.
@@ -87,7 +92,10 @@ impl Input {
             Input::Case(case) => PathBuf::from(&case.description().path),
             Input::Data(_) => return Ok(None),
         };
-        let found = std::iter::once(case).chain(homes).map(|f| f.join(&name)).find(|f| f.is_file());
+        let found = std::iter::once(case)
+            .chain(homes)
+            .map(|f| f.join(&name))
+            .find(|f| f.is_file());
         found.map(|file| Ok(Model::read(&file)?.spec)).transpose()
     }
 
@@ -107,7 +115,10 @@ impl Input {
                     "entry segments.{key} of the case's function object is {text}: expected {expected}"
                 ))
             };
-            let count = || text.parse::<usize>().map_err(|_| wrong("a whole number, not negative"));
+            let count = || {
+                text.parse::<usize>()
+                    .map_err(|_| wrong("a whole number, not negative"))
+            };
             let number = || text.parse::<f64>().map_err(|_| wrong("a number"));
             match key.as_str() {
                 "count" => spec.count = count()?,
@@ -211,7 +222,11 @@ impl Input {
                 }
                 case.write_fields(&fields, &format!("{MARK} {note}"), &stale)?;
                 let list: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
-                Ok(format!("{} in {}", list.join(", "), case.start_folder().display()))
+                Ok(format!(
+                    "{} in {}",
+                    list.join(", "),
+                    case.start_folder().display()
+                ))
             }
             Input::Data(_) => {
                 let cloud = PointCloud {

@@ -23,6 +23,9 @@ const NETWORK: plan::Network = plan::Network {
 /// Width of one panel of the picture, pixels.
 const PANEL: usize = 420;
 
+/// Most numbers of segments in the picture; of more only the one that is written.
+const PICTURED_COUNTS: usize = 3;
+
 /// Most modes in the picture.
 const PICTURED_MODES: usize = 8;
 
@@ -189,7 +192,14 @@ pub fn run(args: Args) -> Result<()> {
     let mut figures = survey.json();
     if !args.plan.is_empty() {
         let network = network(&args, model.as_ref());
-        let plans = plan::plans(&mesh, &mut graph, &written.labels, written.count, &args.plan, network)?;
+        let plans = plan::plans(
+            &mesh,
+            &mut graph,
+            &written.labels,
+            written.count,
+            &args.plan,
+            network,
+        )?;
         println!(
             "\nA step of width {}, {} layers, with the {} segments of {}:\n\n{}",
             network.width,
@@ -209,10 +219,13 @@ pub fn run(args: Args) -> Result<()> {
             ))
         })?;
         let what = Pictured {
-            count: written.count,
+            counts: match options.counts.len() {
+                0..=PICTURED_COUNTS => options.counts.clone(),
+                _ => vec![written.count],
+            },
             modes: PICTURED_MODES,
         };
-        write_file(path, &survey::picture(&survey, &mesh, map, what).png()?)?;
+        write_file(path, &survey::picture(&survey, &mesh, map, &what).png()?)?;
         println!("wrote {}", path.display());
     }
     if !args.no_write {
