@@ -63,7 +63,7 @@ fn numbers_of_segments_and_methods() {
         error.contains("101 segments for 100 cells: expected 1 to 100"),
         "{error}"
     );
-    assert!(options("case --tau -1", &mesh).is_err());
+    assert!(options("case --tau=-1", &mesh).is_err());
     let error = options("case --obstacle wing", &mesh).unwrap_err().to_string();
     assert!(error.contains("wing is no patch"), "{error}");
 }
