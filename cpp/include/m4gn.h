@@ -23,7 +23,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 1
+#define M4GN_ABI_VERSION 2
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -134,6 +134,7 @@ typedef struct m4gn_session_options
     double segment_size;        /* S, m; <= 0: the model's */
     const char* segment_method; /* "metis", "slic"; NULL: the model's */
     const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    const char* precision;      /* "fp32" (NULL) or "bf16": of the native backend's products */
 } m4gn_session_options;
 
 /* Fills in "as the model was trained" everywhere; set model afterwards. */

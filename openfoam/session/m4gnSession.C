@@ -44,6 +44,7 @@ void Foam::m4gnSession::open
 
     const word backend(dict.getOrDefault<word>("backend", word::null));
     const word method(own.getOrDefault<word>("method", word::null));
+    const word precision(dict.getOrDefault<word>("precision", word::null));
 
     m4gn_session_options options;
     m4gn_session_options_init(&options);
@@ -51,6 +52,7 @@ void Foam::m4gnSession::open
     options.model = model_.c_str();
     options.backend = textOrNull(backend);
     options.n_threads = dict.getOrDefault<label>("nThreads", 1);
+    options.precision = textOrNull(precision);
     options.segments = own.getOrDefault<label>("count", 0);
     options.modes = own.getOrDefault<label>("modes", -1);
     options.overlap = own.getOrDefault<label>("overlap", -1);
@@ -322,8 +324,8 @@ Foam::wordList Foam::m4gnSession::keys()
 {
     return
     {
-        "model", "backend", "nThreads", "nodeTypes", "segments",
-        "writeSegments", "U", "p"
+        "model", "backend", "nThreads", "precision", "nodeTypes",
+        "segments", "writeSegments", "U", "p"
     };
 }
 
@@ -355,6 +357,14 @@ void Foam::m4gnSession::checkDictionary
     {
         FatalIOErrorInFunction(dict)
             << "Entry backend is " << backend << "; expected native or torch"
+            << exit(FatalIOError);
+    }
+
+    const word precision(dict.getOrDefault<word>("precision", "fp32"));
+    if (precision != "fp32" && precision != "bf16")
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry precision is " << precision << "; expected fp32 or bf16"
             << exit(FatalIOError);
     }
 

@@ -1,6 +1,7 @@
 //! Exports: the surrogate.
 
 use super::raw::{self, FieldData, FieldOut, MeshData};
+use crate::engine::Precision;
 use crate::mesh::Mesh;
 use crate::model::{Output, SegmentMethod};
 use crate::parallel::Comm;
@@ -25,6 +26,7 @@ pub struct SessionOptionsData {
     pub segment_size: f64,
     pub segment_method: *const c_char,
     pub cell_segment: *const i32,
+    pub precision: *const c_char,
 }
 
 /// `m4gn_field_info`
@@ -61,17 +63,19 @@ impl SessionOptionsData {
         segment_size: 0.0,
         segment_method: std::ptr::null(),
         cell_segment: std::ptr::null(),
+        precision: std::ptr::null(),
     };
 
     /// # Safety
     /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
     unsafe fn read(&self, n_cells: usize) -> Result<(PathBuf, SessionOptions)> {
         // SAFETY: passed on to the caller.
-        let (model, backend, method, labels) = unsafe {
+        let (model, backend, method, precision, labels) = unsafe {
             (
                 raw::text("model", self.model)?,
                 raw::optional_text("backend", self.backend)?,
                 raw::optional_text("segment_method", self.segment_method)?,
+                raw::optional_text("precision", self.precision)?,
                 match self.cell_segment.is_null() {
                     true => None,
                     false => Some(raw::slice("cell_segment", self.cell_segment, n_cells)?.to_vec()),
@@ -83,6 +87,7 @@ impl SessionOptionsData {
         let segments = raw::count("segments", self.segments)?;
         let options = SessionOptions {
             backend: backend.map_or(Ok(Backend::default()), Backend::parse)?,
+            precision: precision.map_or(Ok(Precision::default()), Precision::parse)?,
             n_threads: raw::count("n_threads", self.n_threads)?,
             segments: (segments > 0).then_some(segments),
             modes: given(self.modes),

@@ -1,5 +1,6 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
+use crate::modes::ModeCount;
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
@@ -85,7 +86,7 @@ pub struct SegmentSpec {
     pub count: usize,
     /// Number of Laplacian modes used as features, m; with `energy` the largest number.
     pub modes: usize,
-    /// As many modes as have this share of the energy, in (0, 1], see [`crate::modes`]; none: exactly `modes`.
+    /// As many modes as hold this share, in (0, 1], of the energy of `modes` ([`ModeCount::Energy`]); none: `modes`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<f64>,
     /// Compactness tau of eq. 8.
@@ -128,6 +129,17 @@ impl Default for SegmentSpec {
 }
 
 impl SegmentSpec {
+    /// The number of modes as a modal solution takes it.
+    pub fn mode_count(&self) -> ModeCount {
+        match self.energy {
+            Some(share) => ModeCount::Energy {
+                share,
+                most: self.modes,
+            },
+            None => ModeCount::Fixed(self.modes),
+        }
+    }
+
     /// Checks what does not need a mesh.
     ///
     /// # Errors

@@ -295,7 +295,7 @@ mod tests {
     use crate::graph::Graph;
     use crate::mesh::sample;
     use crate::model::SegmentMethod;
-    use crate::modes::laplacian_modes;
+    use crate::modes::{ModalOptions, laplacian_modes};
 
     fn spec(count: usize, modes: usize) -> SegmentSpec {
         SegmentSpec {
@@ -308,7 +308,7 @@ mod tests {
     fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> {
         let comm = Comm::serial();
         let mut graph = Graph::new(mesh, &comm)?;
-        let modes = laplacian_modes(mesh, &mut graph, &comm, spec.modes)?;
+        let modes = laplacian_modes(mesh, &mut graph, &comm, &ModalOptions::fixed(spec.modes))?;
         refine(mesh, spec, &modes, &comm, labels.to_vec()).map(|r| r.labels)
     }
 
@@ -339,7 +339,7 @@ mod tests {
         let comm = Comm::serial();
         let mesh = sample::triangles(24, 9, 1.6, 0.41);
         let mut graph = Graph::new(&mesh, &comm).unwrap();
-        let modes = laplacian_modes(&mesh, &mut graph, &comm, 5).unwrap();
+        let modes = laplacian_modes(&mesh, &mut graph, &comm, &ModalOptions::fixed(5)).unwrap();
         for method in SegmentMethod::ALL {
             for (count, tau, size) in [
                 (7, 1.0, None),

@@ -105,6 +105,7 @@ void refusesOptions()
     REQUIRE(contains(message, "25") && contains(message, "24"));
     REQUIRE(with([](m4gn_session_options& o) { o.segments = -1; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](m4gn_session_options& o) { o.n_threads = -1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.precision = "fp16"; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](m4gn_session_options& o) { o.tau = NAN; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](m4gn_session_options& o) { o.backend = "abacus"; }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "abacus"));
