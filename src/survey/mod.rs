@@ -14,7 +14,7 @@ pub use tables::cost_text;
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::{SegmentMethod, SegmentSpec};
-use crate::modes::{self, Modes};
+use crate::modes::{self, ModalOptions, Modes};
 use crate::parallel::Comm;
 use crate::segments::{self, Dissimilarity, Quality};
 use crate::{Error, Result};
@@ -25,6 +25,8 @@ use std::time::Instant;
 pub struct Options {
     /// Everything but `method` and `count`, the same for all.
     pub spec: SegmentSpec,
+    /// The way to the modes; their number is `spec`'s.
+    pub modal: ModalOptions,
     /// Methods, each once.
     pub methods: Vec<SegmentMethod>,
     /// Numbers of segments, ascending, each once.
@@ -127,7 +129,11 @@ impl Survey {
     ) -> Result<Survey> {
         let total = options.methods.len() * options.counts.len() + 1;
         progress(0, total, "modes")?;
-        let (modes, modes_cost) = Cost::of(|| modes::laplacian_modes(mesh, graph, comm, options.spec.modes))?;
+        let modal = ModalOptions {
+            count: options.spec.mode_count(),
+            ..options.modal.clone()
+        };
+        let (modes, modes_cost) = Cost::of(|| modes::laplacian_modes(mesh, graph, comm, &modal))?;
         let mut survey = Survey {
             n_cells: mesh.n_cells(),
             modes,

@@ -7,6 +7,7 @@ fn options(methods: &[SegmentMethod], counts: &[usize], modes: usize) -> Options
             modes,
             ..SegmentSpec::default()
         },
+        modal: ModalOptions::default(),
         methods: methods.to_vec(),
         counts: counts.to_vec(),
     }

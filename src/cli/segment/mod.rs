@@ -5,6 +5,7 @@ mod input;
 use crate::graph::Graph;
 use crate::mesh::{Mesh, NodeType};
 use crate::model::{Model, ModelSpec, SegmentMethod, SegmentSpec};
+use crate::modes::{ModalOptions, ModalSolver};
 use crate::parallel::Comm;
 use crate::report::write_file;
 use crate::segments::MAX_SEGMENTS;
@@ -62,6 +63,12 @@ pub struct Args {
     /// As many modes as have this share of the energy, at most --modes
     #[arg(long, value_name = "SHARE")]
     energy: Option<f64>,
+    /// The way to the modes: auto, direct or iterative
+    #[arg(long, value_name = "SOLVER", default_value = "auto", value_parser = modal_solver)]
+    modal_solver: ModalSolver,
+    /// Options for PETSc and SLEPc, with the prefix m4gn_: "-m4gn_eps_tol 1e-9"
+    #[arg(long, value_name = "OPTIONS", default_value = "", allow_hyphen_values = true)]
+    petsc: String,
     /// Weight tau of positions against modes [default: 1]
     #[arg(long, value_name = "TAU")]
     tau: Option<f64>,
@@ -134,6 +141,10 @@ fn within(text: &str, most: usize) -> std::result::Result<usize, String> {
 
 fn method(text: &str) -> std::result::Result<SegmentMethod, String> {
     SegmentMethod::parse(text.trim()).map_err(|e| e.to_string())
+}
+
+fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {
+    ModalSolver::parse(text).map_err(|e| e.to_string())
 }
 
 fn node_type(text: &str) -> std::result::Result<(String, NodeType), String> {
@@ -358,6 +369,11 @@ impl Wanted {
         };
         Ok(Options {
             spec,
+            modal: ModalOptions {
+                solver: args.modal_solver,
+                petsc: args.petsc.clone(),
+                ..ModalOptions::default()
+            },
             methods,
             counts,
         })
