@@ -204,7 +204,7 @@ Foam::m4gnSegmentation::m4gnSegmentation
     Info<< "m4gn: " << count_ << " segments ";
     if (stored)
     {
-        Info<< "read from " << from_ << endl;
+        Info<< "read from " << from_.c_str() << endl;
     }
     else
     {

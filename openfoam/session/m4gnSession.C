@@ -201,7 +201,7 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
     fileName from;
     if (m4gn::readSegments(mesh, stored, from))
     {
-        Info<< "m4gn: segments read from " << from << endl;
+        Info<< "m4gn: segments read from " << from.c_str() << endl;
     }
 
     open(dict, stored);

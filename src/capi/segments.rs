@@ -120,16 +120,22 @@ unsafe fn new(
     let spec = request.spec(&comm)?;
     let mut graph = Graph::new(&mesh, &comm)?;
     let modes = match request.with_modes {
-        true => laplacian_modes(&mesh, &mut graph, &comm, spec.modes)?,
-        false => Modes {
+        true => Some(laplacian_modes(&mesh, &mut graph, &comm, spec.modes)?),
+        false => None,
+    };
+    let mut preset = [i64::from(request.labels.is_some())];
+    comm.max_i64(&mut preset);
+    let segmentation = match &modes {
+        // Not solved for a second time.
+        Some(modes) if preset[0] == 0 => segments::segment_by_modes(&mesh, &mut graph, &spec, modes, &comm)?,
+        _ => segments::segment(&mesh, &mut graph, &spec, &comm, request.labels.as_deref())?,
+    };
+    Ok(SegmentsHandle {
+        segmentation,
+        modes: modes.unwrap_or(Modes {
             eigenvalues: Vec::new(),
             vectors: Vec::new(),
-        },
-    };
-    let preset = request.labels.as_deref();
-    Ok(SegmentsHandle {
-        segmentation: segments::segment(&mesh, &mut graph, &spec, &comm, preset)?,
-        modes,
+        }),
         n_cells: mesh.n_cells(),
     })
 }

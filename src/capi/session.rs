@@ -79,16 +79,7 @@ impl SessionOptionsData {
             )
         };
         let given = |value: i32| usize::try_from(value).ok();
-        let segment_method = match method {
-            None => None,
-            Some("metis") => Some(SegmentMethod::Metis),
-            Some("slic") => Some(SegmentMethod::Slic),
-            Some(other) => {
-                return Err(Error::Input(format!(
-                    "segment_method: expected metis or slic, found '{other}'"
-                )));
-            }
-        };
+        let segment_method = method.map(SegmentMethod::parse).transpose()?;
         let segments = raw::count("segments", self.segments)?;
         let options = SessionOptions {
             backend: backend.map_or(Ok(Backend::default()), Backend::parse)?,
@@ -105,6 +96,10 @@ impl SessionOptionsData {
                 Some(self.segment_size)
             },
             segment_method,
+            energy: None,
+            connected: None,
+            distance_scale: None,
+            obstacles: None,
             cell_segment: labels,
             model_path: None,
         };

@@ -1,5 +1,6 @@
 use super::*;
 use crate::mesh::sample;
+use crate::model::SegmentMethod;
 
 fn cut(mesh: &Mesh, spec: &SegmentSpec, preset: Option<&[i32]>) -> Result<Segmentation> {
     let comm = Comm::serial();
