@@ -183,6 +183,64 @@ int32_t m4gn_session_step(
     const m4gn_field_out* out,
     int32_t n_out);
 
+/* ---- segments ----------------------------------------------------------------------------------- */
+
+/* Segments of a mesh without a model, and its Laplacian modes. */
+typedef struct m4gn_segments m4gn_segments;
+
+typedef struct m4gn_segment_options
+{
+    const char* model;          /* model file whose segmentation is meant; NULL: m4gn's defaults */
+    const char* spec;           /* JSON object with entries that differ, by the names of a model's description:
+                                   {"method": "slic", "count": 36, "modes": 6, "tau": 1.0, ...}; NULL: {} */
+    const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    int32_t with_modes;         /* 0: m4gn_segments_n_modes is 0, and with cell_segment nothing is solved */
+} m4gn_segment_options;
+
+/* Collective. Cuts the mesh; on failure *segments is NULL. */
+int32_t m4gn_segments_new(
+    int32_t comm,
+    const m4gn_mesh_data* mesh,
+    const m4gn_segment_options* options,
+    m4gn_segments** segments);
+
+void m4gn_segments_free(m4gn_segments* segments);
+
+/* Segments K. */
+int32_t m4gn_segments_count(const m4gn_segments* segments);
+
+/* Segment of each of this rank's cells [n_cells], 0 to K-1. */
+int32_t m4gn_segments_cells(const m4gn_segments* segments, int32_t* cell_segment);
+
+/* Over all ranks: nodes (cells and boundary faces) of each segment [K], and edges from one segment to another [K*K];
+ * two segments that share n faces have n edges each way. */
+int32_t m4gn_segments_graph(const m4gn_segments* segments, double* sizes, double* adjacency);
+
+/* Modes: as many as spec says, more if the last eigenvalue is repeated. */
+int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
+
+/* Mode index (0 to n-1, by ascending eigenvalue): eigenvalue, 1/m^2, and the mode in this rank's cells [n_cells],
+ * scaled to sum V phi^2 = sum V. */
+int32_t m4gn_segments_mode(const m4gn_segments* segments, int32_t index, double* eigenvalue, double* cells);
+
+typedef struct m4gn_rank_report
+{
+    double cut;                 /* faces between segments of different ranks */
+    double imbalance;           /* largest load over its rank's share; 1: perfect */
+} m4gn_rank_report;
+
+/* Not collective; a function of its arguments alone. The rank of each segment, so that every rank has at least one,
+ * loads are balanced and few faces lie between ranks. n_segments < n_ranks is an error. */
+int32_t m4gn_segment_ranks(
+    int32_t n_segments,
+    const double* sizes,        /* [n_segments] nodes, or any other work */
+    const double* adjacency,    /* [n_segments*n_segments] as m4gn_segments_graph gives it */
+    int32_t n_ranks,
+    const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
+    const int32_t* fixed,       /* [n_segments] rank that a segment is bound to, -1: free; NULL: all free */
+    int32_t* segment_rank,      /* [n_segments] */
+    m4gn_rank_report* report);  /* may be NULL */
+
 /* ---- recorder ----------------------------------------------------------------------------------- */
 
 typedef struct m4gn_recorder m4gn_recorder;

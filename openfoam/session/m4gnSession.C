@@ -10,18 +10,15 @@ License
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
+#include "m4gnSegmentField.H"
 #include "clockTime.H"
-#include "OFstream.H"
 #include "OSspecific.H"
 #include "Time.H"
-#include "zeroGradientFvPatchFields.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 namespace
 {
-
-const char* const segmentName = "m4gnSegment";
 
 //- Entry as C takes it; nullptr: the model's own
 const char* textOrNull(const Foam::word& text)
@@ -163,55 +160,7 @@ void Foam::m4gnSession::checkFields()
 }
 
 
-Foam::List<int32_t> Foam::m4gnSession::readSegments() const
-{
-    const Time& time = mesh_.time();
-
-    for
-    (
-        const word& instance
-      : wordList({Time::timeName(time.startTime().value()), "0", time.constant()})
-    )
-    {
-        IOobject io
-        (
-            segmentName,
-            instance,
-            mesh_,
-            IOobject::MUST_READ,
-            IOobject::NO_WRITE,
-            false
-        );
-
-        if
-        (
-            returnReduce
-            (
-                io.typeHeaderOk<volScalarField>(true, false),
-                andOp<bool>()
-            )
-        )
-        {
-            const volScalarField stored(io, mesh_);
-
-            List<int32_t> segments(stored.size());
-            forAll(segments, celli)
-            {
-                segments[celli] = int32_t(std::lround(stored[celli]));
-            }
-
-            Info<< "m4gn: segments read from " << instance << '/'
-                << segmentName << endl;
-
-            return segments;
-        }
-    }
-
-    return List<int32_t>();
-}
-
-
-void Foam::m4gnSession::writeSegments() const
+Foam::List<int32_t> Foam::m4gnSession::segments() const
 {
     List<int32_t> segments(mesh_.nCells());
     m4gn::check
@@ -219,42 +168,7 @@ void Foam::m4gnSession::writeSegments() const
         m4gn_session_segments(session_, segments.data()),
         "m4gnSurrogate"
     );
-
-    volScalarField field
-    (
-        IOobject
-        (
-            segmentName,
-            Time::timeName(mesh_.time().startTime().value()),
-            mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
-        mesh_,
-        dimensionedScalar(dimless, Zero),
-        zeroGradientFvPatchScalarField::typeName
-    );
-
-    forAll(field, celli)
-    {
-        field[celli] = segments[celli];
-    }
-    field.correctBoundaryConditions();
-
-    // field.write() would put it into a folder of the current time
-    const fileName dir(mesh_.time().path()/field.instance()/mesh_.dbDir());
-    mkDir(dir);
-    OFstream os(dir/segmentName);
-    os.format(mesh_.time().writeFormat());
-    field.writeHeader(os);
-    field.writeData(os);
-
-    if (!os.good())
-    {
-        FatalErrorInFunction
-            << "Cannot write " << os.name() << exit(FatalError);
-    }
+    return segments;
 }
 
 
@@ -285,18 +199,24 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
 
     adapter_.reset(new m4gnMeshAdapter(mesh, nodeTypes.types()));
 
-    const List<int32_t> segments(readSegments());
+    List<int32_t> stored;
+    fileName from;
+    if (m4gn::readSegments(mesh, stored, from))
+    {
+        Info<< "m4gn: segments read from " << from.c_str() << endl;
+    }
 
-    open(dict, segments);
+    open(dict, stored);
     checkFields();
 
     if
     (
-        returnReduce(segments.empty(), andOp<bool>())
+        from.empty()
+     && m4gn_session_n_segments(session_) > 0
      && dict.getOrDefault<bool>("writeSegments", true)
     )
     {
-        writeSegments();
+        m4gn::writeSegments(mesh, segments());
     }
 
     setupSeconds_ = timer.elapsedTime();

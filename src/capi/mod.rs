@@ -9,10 +9,12 @@
 mod door;
 mod raw;
 mod recorder;
+mod segments;
 mod session;
 
 pub use raw::{FieldData, FieldOut, MeshData};
 pub use recorder::{RecorderField, RecorderOptions};
+pub use segments::{RankReport, SegmentOptionsData};
 pub use session::{FieldInfo, SessionOptionsData};
 
 use std::ffi::c_char;

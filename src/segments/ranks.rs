@@ -40,8 +40,24 @@ pub struct Report {
 /// [`Error::Input`] if there are fewer segments than ranks, if lengths do not fit, or if a number is not finite, a
 /// size or an edge count is negative, or a rank's weight is not positive.
 pub fn assign(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<Vec<i32>> {
-    let graph = SegmentGraph::new(sizes, adjacency, rank_weights)?;
+    assign_with(sizes, adjacency, rank_weights, &vec![-1; sizes.len()])
+}
+
+/// [`assign`] with some segments bound to a rank: `fixed` `[K]` gives it, -1 for a free segment.
+///
+/// # Errors
+/// As [`assign`]; [`Error::Input`] too if a rank of `fixed` is none, or if the free segments are too few for the ranks
+/// to which none is bound.
+pub fn assign_with(
+    sizes: &[f64],
+    adjacency: &[f64],
+    rank_weights: &[f64],
+    fixed: &[i32],
+) -> Result<Vec<i32>> {
+    let mut graph = SegmentGraph::new(sizes, adjacency, rank_weights)?;
     let (k, np) = (sizes.len(), rank_weights.len());
+    check_fixed(fixed, k, np)?;
+    graph.fixed = fixed;
     if np == 1 {
         return Ok(vec![0; k]);
     }
@@ -51,6 +67,7 @@ pub fn assign(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<
         candidates.extend(graph.metis()?);
     }
     let judged = candidates.into_iter().map(|mut ranks| {
+        graph.respect_fixed(&mut ranks);
         graph.fill_empty(&mut ranks);
         graph.balance(&mut ranks);
         let report = graph.report(&ranks);
@@ -89,6 +106,8 @@ pub fn report(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64], ranks: &[i
 /// The undirected graph of segments in compressed rows, and each rank's share of the nodes.
 struct SegmentGraph<'a> {
     sizes: &'a [f64],
+    /// Rank that a segment is bound to, -1 for none.
+    fixed: &'a [i32],
     /// Nodes that each rank should have.
     shares: Vec<f64>,
     row: Vec<usize>,
@@ -105,6 +124,7 @@ impl<'a> SegmentGraph<'a> {
         let weights: f64 = rank_weights.iter().sum();
         let mut graph = SegmentGraph {
             sizes,
+            fixed: &[],
             shares: rank_weights.iter().map(|w| total * w / weights).collect(),
             row: Vec::with_capacity(k + 1),
             column: Vec::new(),
@@ -199,6 +219,45 @@ impl<'a> SegmentGraph<'a> {
         ranks
     }
 
+    fn is_free(&self, segment: usize) -> bool {
+        self.fixed[segment] < 0
+    }
+
+    /// Renames the ranks so that bound segments are mostly where they belong, and moves the others there.
+    fn respect_fixed(&self, ranks: &mut [i32]) {
+        let np = self.shares.len();
+        let bound: Vec<usize> = (0..ranks.len()).filter(|&s| !self.is_free(s)).collect();
+        if bound.is_empty() {
+            return;
+        }
+        // Nodes that part `from` has of what belongs to rank `to`; only parts of the same share are exchanged.
+        let mut overlap: Vec<(f64, usize, usize)> = Vec::new();
+        for &s in &bound {
+            let (from, to) = (ranks[s] as usize, self.fixed[s] as usize);
+            match overlap.iter_mut().find(|o| (o.1, o.2) == (from, to)) {
+                Some(o) => o.0 += self.sizes[s],
+                None => overlap.push((self.sizes[s], from, to)),
+            }
+        }
+        overlap.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut name: Vec<usize> = (0..np).collect();
+        let mut settled = vec![false; np];
+        for (_, from, to) in overlap {
+            let other = name.iter().position(|&n| n == to).unwrap_or(from);
+            let same_share = (self.shares[name[from]] - self.shares[to]).abs() <= 1e-9 * self.shares[to];
+            if !settled[from] && !settled[other] && same_share {
+                name.swap(from, other);
+                settled[from] = true;
+            }
+        }
+        for (s, rank) in ranks.iter_mut().enumerate() {
+            *rank = match self.is_free(s) {
+                true => name[*rank as usize] as i32,
+                false => self.fixed[s],
+            };
+        }
+    }
+
     /// Gives each rank without a segment one of a rank that has several, with the least new cut.
     fn fill_empty(&self, ranks: &mut [i32]) {
         let mut counts = vec![0usize; self.shares.len()];
@@ -207,13 +266,17 @@ impl<'a> SegmentGraph<'a> {
             if counts[empty] > 0 {
                 continue;
             }
-            let most = counts.iter().copied().max().unwrap_or(0);
             let held = |s: usize| -> f64 {
                 let own = self.neighbours(s).filter(|&(o, _)| ranks[o] == ranks[s]);
                 own.map(|(_, w)| w).sum()
             };
-            let movable = (0..ranks.len()).filter(|&s| counts[ranks[s] as usize] == most);
-            let Some(segment) = movable.min_by(|&a, &b| held(a).total_cmp(&held(b)).then(a.cmp(&b))) else {
+            let rich = |s: usize| counts[ranks[s] as usize];
+            let movable = (0..ranks.len()).filter(|&s| self.is_free(s) && rich(s) > 1);
+            let order = |a: &usize, b: &usize| {
+                let most = rich(*b).cmp(&rich(*a));
+                most.then(held(*a).total_cmp(&held(*b))).then(a.cmp(b))
+            };
+            let Some(segment) = movable.min_by(order) else {
                 return;
             };
             counts[ranks[segment] as usize] -= 1;
@@ -243,7 +306,7 @@ impl<'a> SegmentGraph<'a> {
                     best = Some((load, cut, segment, to, back));
                 }
             };
-            let leaving = (0..ranks.len()).filter(|&s| ranks[s] as usize == full);
+            let leaving = (0..ranks.len()).filter(|&s| ranks[s] as usize == full && self.is_free(s));
             for segment in leaving {
                 let size = self.sizes[segment];
                 if report.segments[full] > 1 {
@@ -252,7 +315,8 @@ impl<'a> SegmentGraph<'a> {
                         consider(load, self.added_cut(ranks, segment, to), segment, to, None);
                     }
                 }
-                let smaller = (0..ranks.len()).filter(|&o| ranks[o] as usize != full && self.sizes[o] < size);
+                let smaller = (0..ranks.len())
+                    .filter(|&o| ranks[o] as usize != full && self.is_free(o) && self.sizes[o] < size);
                 for other in smaller {
                     let (to, change) = (ranks[other] as usize, size - self.sizes[other]);
                     let load = relative(full, -change).max(relative(to, change));
@@ -300,6 +364,24 @@ impl<'a> SegmentGraph<'a> {
         report.imbalance = relative.fold(0.0, f64::max);
         report
     }
+}
+
+fn check_fixed(fixed: &[i32], k: usize, np: usize) -> Result<()> {
+    if fixed.len() != k || fixed.iter().any(|&r| r < -1 || r >= np as i32) {
+        return Err(Error::Input(format!(
+            "segments bound to ranks: expected {k} numbers from -1 (free) to {}",
+            np - 1
+        )));
+    }
+    let free = fixed.iter().filter(|&&r| r < 0).count();
+    let without = (0..np as i32).filter(|r| !fixed.contains(r)).count();
+    if free < without {
+        return Err(Error::Input(format!(
+            "{without} of {np} ranks have no segment bound to them and only {free} segments are free: raise segments, \
+             or bind fewer of them"
+        )));
+    }
+    Ok(())
 }
 
 fn check(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<()> {
@@ -416,6 +498,29 @@ mod tests {
         let report = report(&vec![7.0; k], &a, &[1.0; 4], &ranks).unwrap();
         assert!(report.imbalance <= TOLERANCE, "{report:?}");
         assert!(report.cut <= 20.0, "{report:?}");
+    }
+
+    #[test]
+    fn bound_segments_stay_where_they_are_bound() {
+        // Opposite ends of the ring, and a pair whose cheapest place would be with them.
+        let mut fixed = vec![-1; 12];
+        (fixed[0], fixed[1], fixed[6]) = (2, 2, 0);
+        let ranks = assign_with(&[10.0; 12], &ring(12, 5.0), &[1.0; 3], &fixed).unwrap();
+        assert_eq!((ranks[0], ranks[1], ranks[6]), (2, 2, 0));
+        let found = report(&[10.0; 12], &ring(12, 5.0), &[1.0; 3], &ranks).unwrap();
+        assert_eq!((found.loads, found.cut), (vec![40.0; 3], 15.0));
+        // All on one rank but one: the other rank has that one.
+        let fixed = [0, 0, 0, -1];
+        assert_eq!(
+            assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &fixed).unwrap(),
+            [0, 0, 0, 1]
+        );
+        let refused = assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 3], &fixed).unwrap_err();
+        assert!(
+            refused.to_string().contains("only 1 segments are free"),
+            "{refused}"
+        );
+        assert!(assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &[0, 0, 2, -1]).is_err());
     }
 
     #[test]
