@@ -22,7 +22,7 @@ const LIBRARIES: [&str; 6] = [
 ];
 
 /// Sources of the bridge, and those that it shares with the function objects: one way to turn an fvMesh into arrays.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 9] = [
     "src/FoamCase.C",
     "src/FoamFields.C",
     "src/FoamMesh.C",
@@ -30,16 +30,20 @@ const SOURCES: [&str; 7] = [
     "../openfoam/mesh/m4gnMeshAdapter.C",
     "../openfoam/mesh/m4gnNodeTypes.C",
     "../openfoam/dictionary/m4gnDictionary.C",
+    "../openfoam/fields/m4gnFieldFiles.C",
+    "../openfoam/segments/m4gnSegmentField.C",
 ];
 
 /// What they include.
-const HEADERS: [&str; 6] = [
+const HEADERS: [&str; 8] = [
     "src/FoamCase.H",
     "src/FoamData.H",
     "include/m4gn.h",
     "../openfoam/mesh/m4gnMeshAdapter.H",
     "../openfoam/mesh/m4gnNodeTypes.H",
     "../openfoam/dictionary/m4gnDictionary.H",
+    "../openfoam/fields/m4gnFieldFiles.H",
+    "../openfoam/segments/m4gnSegmentField.H",
 ];
 
 fn stop(message: &str) -> ! {
@@ -85,7 +89,8 @@ fn main() {
     let mut build = cxx_build::bridge("src/lib.rs");
     build
         .files(SOURCES)
-        .includes(["src", "include", "../openfoam/mesh", "../openfoam/dictionary"])
+        .includes(["src", "include"])
+        .includes(["mesh", "dictionary", "fields", "segments"].map(|folder| format!("../openfoam/{folder}")))
         .warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {

@@ -182,7 +182,7 @@ fn bad_input_writes_nothing() {
         &case,
         "--segments 2 --json figures.json",
         1,
-        "was not written by 'm4gn segment'",
+        "was not written by m4gn",
     );
     assert_eq!(fs::read(case.join("1/m4gnSegment")).unwrap(), theirs);
     assert_eq!((names(&case.join("1")).len(), names(dir.path()).len()), (3, 1));

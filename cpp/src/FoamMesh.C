@@ -33,8 +33,8 @@ rust::Vec<double> numbers(const T* values, std::size_t n)
 Foam::dictionary m4gn::FoamCase::Data::function_object() const
 {
     const Foam::dictionary functions(time.controlDict().subOrEmptyDict("functions"));
-    // The surrogate's entries rule a run; those of a recording the data that a model was trained with.
-    for (const Foam::word type : {"m4gnSurrogate", "m4gnHarvest"})
+    // What rules a run comes first.
+    for (const Foam::word type : {"m4gnSurrogate", "m4gnSegments", "m4gnHarvest"})
     {
         for (const Foam::entry& e : functions)
         {

@@ -37,7 +37,8 @@ mod foam {
         processors: usize,
         /// Name of the folder that a run of the case starts from, `0`.
         start: String,
-        /// The case's function object `m4gnSurrogate`, else `m4gnHarvest`, as a JSON object; `{}` if it has neither.
+        /// The case's function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnHarvest`, as a JSON object; `{}`
+        /// if it has none.
         function_object: String,
         /// Times that are stored, s, ascending.
         times: Vec<f64>,

@@ -4,7 +4,7 @@ use super::raw::{self, MeshData};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::{Model, SegmentSpec};
-use crate::modes::{Modes, laplacian_modes};
+use crate::modes::{ModalOptions, Modes, laplacian_modes};
 use crate::parallel::Comm;
 use crate::segments::{self, Segmentation, ranks};
 use crate::{Error, Result};
@@ -120,7 +120,13 @@ unsafe fn new(
     let spec = request.spec(&comm)?;
     let mut graph = Graph::new(&mesh, &comm)?;
     let modes = match request.with_modes {
-        true => Some(laplacian_modes(&mesh, &mut graph, &comm, spec.modes)?),
+        true => {
+            let modal = ModalOptions {
+                count: spec.mode_count(),
+                ..ModalOptions::default()
+            };
+            Some(laplacian_modes(&mesh, &mut graph, &comm, &modal)?)
+        }
         false => None,
     };
     let mut preset = [i64::from(request.labels.is_some())];

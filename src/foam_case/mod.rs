@@ -41,7 +41,8 @@ pub struct Description {
     pub processors: usize,
     /// Name of the folder that a run starts from (`startFrom`, `startTime`): `0`.
     pub start: String,
-    /// Its function object `m4gnSurrogate`, else `m4gnHarvest`, as a JSON object; `{}` if it has neither.
+    /// Its function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnHarvest`, as a JSON object; `{}` if it has
+    /// none.
     pub function_object: String,
     /// Stored times, s, ascending.
     pub times: Vec<f64>,

@@ -43,10 +43,11 @@ fn entry(e: &Entry) -> Value {
         "smallest": e.cells[0],
         "largest": e.cells[1],
         "seconds": e.cost.seconds,
+        "cpu_seconds": e.cost.cpu_seconds,
         "peak_memory_bytes": e.cost.peak_memory,
     })
 }
 
 fn cost(cost: &Cost) -> Value {
-    json!({ "seconds": cost.seconds, "peak_memory_bytes": cost.peak_memory })
+    json!({ "seconds": cost.seconds, "cpu_seconds": cost.cpu_seconds, "peak_memory_bytes": cost.peak_memory })
 }

@@ -2,12 +2,11 @@
 //! segments that the silhouette suggests (paper, appendix C.3 and D.2).
 
 mod json;
-mod memory;
 mod picture;
 pub mod plan;
 mod tables;
+mod usage;
 
-pub use memory::{peak, reset_peak};
 pub use picture::{Pictured, picture};
 pub use tables::cost_text;
 
@@ -38,6 +37,8 @@ pub struct Options {
 pub struct Cost {
     /// Wall time, s.
     pub seconds: f64,
+    /// Processor time, s, where the system says.
+    pub cpu_seconds: Option<f64>,
     /// Largest resident memory of the process while it was done, bytes, where the system says.
     pub peak_memory: Option<u64>,
 }
@@ -45,17 +46,15 @@ pub struct Cost {
 impl Cost {
     /// Of `work`.
     pub fn of<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, Cost)> {
-        reset_peak();
-        let start = Instant::now();
+        usage::reset_peak();
+        let (start, before) = (Instant::now(), usage::cpu_seconds());
         let result = work()?;
-        let seconds = start.elapsed().as_secs_f64();
-        Ok((
-            result,
-            Cost {
-                seconds,
-                peak_memory: peak(),
-            },
-        ))
+        let cost = Cost {
+            seconds: start.elapsed().as_secs_f64(),
+            cpu_seconds: usage::cpu_seconds().zip(before).map(|(after, before)| after - before),
+            peak_memory: usage::peak(),
+        };
+        Ok((result, cost))
     }
 }
 

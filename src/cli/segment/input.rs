@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 const SEGMENT: &str = "m4gnSegment";
 /// Fields of the modes: m4gnMode1, m4gnMode2, ...
 const MODE: &str = "m4gnMode";
-/// What the notes of our own files begin with.
-const MARK: &str = "m4gn segment:";
+/// What the notes of m4gn's own files begin with.
+const MARK: &str = "m4gn";
 
 /// An OpenFOAM case, or a recorded trajectory.
 pub enum Input {
@@ -181,8 +181,8 @@ impl Input {
             if !overwrite && case.stored(&name, MARK)? == Stored::Foreign {
                 return Err(Error::file(
                     case.start_folder().join(&name),
-                    "is there already and was not written by 'm4gn segment': give --overwrite to replace it, \
-                     --no-write to leave it, or move it away",
+                    "is there already and was not written by m4gn: give --overwrite to replace it, --no-write to \
+                     leave it, or move it away",
                 ));
             }
         }
@@ -220,7 +220,7 @@ impl Input {
                         _ => break,
                     }
                 }
-                case.write_fields(&fields, &format!("{MARK} {note}"), &stale)?;
+                case.write_fields(&fields, &format!("{MARK} segment: {note}"), &stale)?;
                 let list: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
                 Ok(format!(
                     "{} in {}",

@@ -40,7 +40,8 @@ const PICTURED_MODES: usize = 8;
 /// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate and 'method m4gn' of decomposePar find them; for a
 /// trajectory as points with values (*.vtu).
 ///
-/// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, else m4gnHarvest),
+/// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
+/// m4gnHarvest),
 /// then from the model that it names or that --model names.
 #[derive(Debug, clap::Args)]
 pub struct Args {
