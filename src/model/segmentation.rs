@@ -98,8 +98,8 @@ pub struct SegmentSpec {
     /// Whether pieces that do not hang together with the largest of their segment go to a neighbour. False
     /// is the paper's algorithm.
     pub connected: bool,
-    /// Length l over which the distance to the obstacle is taken, m: the feature is S log(d/l) or S exp(-d/l).
-    /// None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
+    /// Length l over which the distance d to the obstacle is taken, m: the feature is S log(d/l), to which l does not
+    /// matter, or S exp(-d/l). None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distance_scale: Option<f64>,
     /// Patches that are the obstacle, by name. Empty: the faces of node type obstacle; where there are none, the
