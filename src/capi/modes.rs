@@ -46,7 +46,10 @@ impl CsrData {
         let what = |part: &str| format!("{name}, {part}");
         // SAFETY: passed on to the caller.
         let offsets = unsafe { raw::slice(&what("row"), self.row, n + 1)? };
-        let row = offsets.iter().map(|&r| usize::try_from(r)).collect::<std::result::Result<Vec<_>, _>>();
+        let row = offsets
+            .iter()
+            .map(|&r| usize::try_from(r))
+            .collect::<std::result::Result<Vec<_>, _>>();
         let row = row.map_err(|_| Error::Input(format!("{}: an offset is negative", what("row"))))?;
         let entries = row.last().copied().unwrap_or(0);
         // SAFETY: as above; the header gives the length.

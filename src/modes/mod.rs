@@ -54,7 +54,11 @@ pub(crate) fn is_plane(unknowns: i64, entries: i64, block: usize) -> bool {
 /// at these sizes the factor takes some 3 GB, over all ranks.
 #[cfg(feature = "slepc")]
 pub(crate) fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
-    let limit = if is_plane(unknowns, entries, block) { 4_000_000 } else { 400_000 };
+    let limit = if is_plane(unknowns, entries, block) {
+        4_000_000
+    } else {
+        400_000
+    };
     unknowns > limit
 }
 
@@ -180,13 +184,16 @@ impl<'a> Solution<'a> {
                     .then(|| select::whole_clusters(values, wanted, zero))
                     .flatten()
             };
-            large::eigenpairs(comm, &large::Request {
-                problem,
-                shift: problem.shift.unwrap_or(-1e-10 * size),
-                wanted,
-                taken: &taken,
-                options: self.options,
-            })?
+            large::eigenpairs(
+                comm,
+                &large::Request {
+                    problem,
+                    shift: problem.shift.unwrap_or(-1e-10 * size),
+                    wanted,
+                    taken: &taken,
+                    options: self.options,
+                },
+            )?
         };
         let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
         pairs.truncate(count);

@@ -248,7 +248,9 @@ pub(super) fn same_on_all_ranks(comm: &Comm, values: &[(&str, i64)]) -> Result<(
     comm.max_i64(&mut extremes);
     for (pair, (name, _)) in extremes.chunks_exact(2).zip(values) {
         if pair[0] != -pair[1] {
-            return Err(Error::Input(format!("{name}: the ranks differ; expected the same on all")));
+            return Err(Error::Input(format!(
+                "{name}: the ranks differ; expected the same on all"
+            )));
         }
     }
     Ok(())

@@ -26,7 +26,11 @@ pub(crate) fn eigenpairs(comm: &Comm, request: &Request) -> Result<Vec<Pair>> {
     let problem = request.problem;
     let mut total = [problem.stiffness.n() as i64];
     comm.sum_i64(&mut total);
-    let input = |what: &str| Err(Error::Input(format!("{what} needs PETSc and SLEPc, which this build has not")));
+    let input = |what: &str| {
+        Err(Error::Input(format!(
+            "{what} needs PETSc and SLEPc, which this build has not"
+        )))
+    };
     if !request.options.petsc.trim().is_empty() {
         return input("a PETSc option");
     }
