@@ -2,6 +2,7 @@
 
 use crate::engine::{EngineOptions, Precision};
 use crate::model::{SegmentMethod, SegmentSpec};
+use crate::modes::ModalOptions;
 use crate::{Error, Result};
 use std::path::PathBuf;
 
@@ -66,6 +67,8 @@ pub struct SessionOptions {
     pub distance_scale: Option<f64>,
     /// Patches that are the obstacle.
     pub obstacles: Option<Vec<String>>,
+    /// The way to the modes; their number is that of `modes` and `energy`.
+    pub modal: ModalOptions,
     /// Segment of each cell, computed before.
     pub cell_segment: Option<Vec<i32>>,
     /// File that the model came from; the torch backend reads it.
