@@ -20,7 +20,7 @@ pub use session::{FieldInfo, SessionOptionsData};
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 1;
+pub const ABI_VERSION: i32 = 2;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

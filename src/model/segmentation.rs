@@ -1,5 +1,6 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
+use crate::modes::ModeCount;
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
@@ -85,7 +86,7 @@ pub struct SegmentSpec {
     pub count: usize,
     /// Number of Laplacian modes used as features, m; with `energy` the largest number.
     pub modes: usize,
-    /// As many modes as have this share of the energy, in (0, 1], see [`crate::modes`]; none: exactly `modes`.
+    /// As many modes as hold this share, in (0, 1], of the energy of `modes` ([`ModeCount::Energy`]); none: `modes`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<f64>,
     /// Compactness tau of eq. 8.
@@ -97,8 +98,8 @@ pub struct SegmentSpec {
     /// Whether pieces that do not hang together with the largest of their segment go to a neighbour. False
     /// is the paper's algorithm.
     pub connected: bool,
-    /// Length l over which the distance to the obstacle is taken, m: the feature is S log(d/l) or S exp(-d/l).
-    /// None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
+    /// Length l over which the distance d to the obstacle is taken, m: the feature is S log(d/l), to which l does not
+    /// matter, or S exp(-d/l). None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distance_scale: Option<f64>,
     /// Patches that are the obstacle, by name. Empty: the faces of node type obstacle; where there are none, the
@@ -128,6 +129,17 @@ impl Default for SegmentSpec {
 }
 
 impl SegmentSpec {
+    /// The number of modes as a modal solution takes it.
+    pub fn mode_count(&self) -> ModeCount {
+        match self.energy {
+            Some(share) => ModeCount::Energy {
+                share,
+                most: self.modes,
+            },
+            None => ModeCount::Fixed(self.modes),
+        }
+    }
+
     /// Checks what does not need a mesh.
     ///
     /// # Errors

@@ -22,7 +22,7 @@ pub use quality::{Dissimilarity, Quality, quality};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::SegmentSpec;
-use crate::modes::{self, Modes};
+use crate::modes::{self, ModalOptions, Modes};
 use crate::parallel::{Comm, Element};
 use crate::{Error, Result};
 use cell_graph::Root;
@@ -70,6 +70,21 @@ pub fn segment(
     comm: &Comm,
     preset: Option<&[i32]>,
 ) -> Result<Segmentation> {
+    segment_with(mesh, graph, spec, &ModalOptions::default(), comm, preset)
+}
+
+/// As [`segment`], with the way to the modes; their number is `spec`'s. Collective; all ranks fail together.
+///
+/// # Errors
+/// As [`segment`], and those of [`modes::laplacian_modes`].
+pub fn segment_with(
+    mesh: &Mesh,
+    graph: &mut Graph,
+    spec: &SegmentSpec,
+    modal: &ModalOptions,
+    comm: &Comm,
+    preset: Option<&[i32]>,
+) -> Result<Segmentation> {
     let total = check(mesh, spec, comm)?;
     let mut any_preset = [preset.is_some() as i64];
     comm.max_i64(&mut any_preset);
@@ -83,7 +98,13 @@ pub fn segment(
         ))),
         None => {
             let modes = match needs_modes(spec, total) {
-                true => Some(modes::laplacian_modes(mesh, graph, comm, spec.modes)?),
+                true => {
+                    let modal = ModalOptions {
+                        count: spec.mode_count(),
+                        ..modal.clone()
+                    };
+                    Some(modes::laplacian_modes(mesh, graph, comm, &modal)?)
+                }
                 false => None,
             };
             compute(mesh, graph, spec, modes.as_ref(), comm)

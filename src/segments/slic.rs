@@ -1,5 +1,9 @@
 //! SLIC on modes, positions and the distance to the obstacle (eq. 7, 8, 14, Algorithm 2), in whole numbers.
 //!
+//! The distance of a cell from a centroid is |f - f_C| + tau |x - x_C| with f the distance to the obstacle and the
+//! modes in one vector, as Algorithm 2 (line 27) and appendix B.4, which defines the variants, have it; eq. 8 adds a norm
+//! of its own for the obstacle. Without the obstacle (SLIC-MD) the two are the same.
+//!
 //! Features are rounded to multiples of a quantum before use: sums over any number of ranks are then exact, and
 //! the rounding noise of eigenvectors (which does depend on the ranks) is far below what moves a cell.
 
@@ -17,10 +21,12 @@ const QUANTUM: f64 = 1e-7;
 /// are instead of following the last bit of an eigenvector.
 const MARGIN: f64 = 1e-5;
 
-/// Features of this rank's cells in quanta: distance to the obstacle, modes, positions.
+/// Features of this rank's cells in quanta.
 struct Features {
-    /// Features a cell of each of the three norms of eq. 8, in this order.
-    widths: [usize; 3],
+    /// Physics-guided features f a cell: distance to the obstacle, modes.
+    guided: usize,
+    /// Features a cell: the guided ones and the position in the solved directions.
+    width: usize,
     /// `[n_cells x width]`, whole numbers.
     values: Vec<f64>,
     /// S in quanta.
@@ -102,7 +108,7 @@ impl Features {
         let quantum = (QUANTUM * size)
             .max((largest[0] / room).log2().ceil().exp2())
             .max(f64::MIN_POSITIVE);
-        let width = obstacle.len().min(1) + modes.len() + mesh.dim();
+        let width = usize::from(spec.method.uses_obstacle()) + modes.len() + mesh.dim();
         let mut values = Vec::with_capacity(mesh.n_cells() * width);
         for (cell, x) in mesh.cell_centres.iter().enumerate() {
             let position = mesh.directions.iter().map(|&d| x[d] - extent.low[d]);
@@ -116,20 +122,16 @@ impl Features {
             values.extend(all.map(|f| (f / quantum).round()));
         }
         Ok(Features {
-            widths: [usize::from(spec.method.uses_obstacle()), modes.len(), mesh.dim()],
+            guided: width - mesh.dim(),
+            width,
             values,
             size: size / quantum,
             tau: spec.tau,
         })
     }
 
-    fn width(&self) -> usize {
-        self.widths.iter().sum()
-    }
-
     fn of(&self, cell: usize) -> &[f64] {
-        let width = self.width();
-        &self.values[cell * width..(cell + 1) * width]
+        &self.values[cell * self.width..(cell + 1) * self.width]
     }
 
     fn sweep(&self, mesh: &Mesh, comm: &Comm, spec: &SegmentSpec, mut labels: Vec<i32>) -> Refined {
@@ -151,7 +153,7 @@ impl Features {
 
     /// Means of each segment's features `[count x width]` (eq. 7). Collective.
     fn centroids(&self, comm: &Comm, count: usize, labels: &[i32]) -> Vec<f64> {
-        let stride = self.width() + 1;
+        let stride = self.width + 1;
         let mut sums = vec![0i64; count * stride];
         for (cell, &label) in labels.iter().enumerate() {
             let sum = &mut sums[label as usize * stride..(label as usize + 1) * stride];
@@ -167,23 +169,23 @@ impl Features {
             .collect()
     }
 
-    /// Distance of eq. 8 between two sets of features, in quanta.
+    /// Distance of Algorithm 2 (line 27) between two sets of features, in quanta.
     fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
-        let norm = |from: usize, n: usize| {
-            let pairs = a[from..from + n].iter().zip(&b[from..from + n]);
-            pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+        let norm = |a: &[f64], b: &[f64]| {
+            let squares = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
+            squares.sum::<f64>().sqrt()
         };
-        let [obstacle, modes, positions] = self.widths;
-        norm(0, obstacle) + norm(obstacle, modes) + self.tau * norm(obstacle + modes, positions)
+        let ((f, x), (g, y)) = (a.split_at(self.guided), b.split_at(self.guided));
+        norm(f, g) + self.tau * norm(x, y)
     }
 
     /// The segment that each cell goes to: of the centroids within S of it and nearer than its own by the margin
     /// the nearest (those within the margin of that one: the first), else its own.
     ///
-    /// Only centroids near the cell's own are looked at: eq. 8 is a metric, so that a centroid farther from the
+    /// Only centroids near the cell's own are looked at: the distance is a metric, so that a centroid farther from the
     /// own one than the sum of the cell's distances to both cannot be.
     fn nearest(&self, labels: &[i32], centroids: &[f64]) -> Vec<i32> {
-        let (width, margin) = (self.width(), MARGIN * self.size);
+        let (width, margin) = (self.width, MARGIN * self.size);
         let centroid = |k: usize| &centroids[k * width..(k + 1) * width];
         let own: Vec<f64> = labels
             .iter()
@@ -217,8 +219,7 @@ impl Features {
             .enumerate()
             .map(|(cell, &current)| {
                 let (own, x) = (own[cell], self.of(cell));
-                let most = limit(own);
-                let mut bound = most;
+                let mut bound = limit(own);
                 candidates.clear();
                 for &(apart, j) in &near[current as usize] {
                     if apart > reach(own, bound) {
@@ -252,7 +253,6 @@ impl Features {
         before: &[i32],
         next: &mut [i32],
     ) {
-        let width = self.width();
         // A cell that is given back may leave another segment empty; each round settles at least one for good.
         for _ in 0..count {
             let mut sizes = vec![0i64; count];
@@ -264,7 +264,7 @@ impl Features {
             // Whole quanta: comparable between ranks.
             let steps = |cell: usize| {
                 let k = before[cell] as usize;
-                self.distance(self.of(cell), &centroids[k * width..(k + 1) * width])
+                self.distance(self.of(cell), &centroids[k * self.width..(k + 1) * self.width])
                     .round() as i64
             };
             let empty = |cell: usize| sizes[before[cell] as usize] == 0;
@@ -290,153 +290,4 @@ impl Features {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::graph::Graph;
-    use crate::mesh::sample;
-    use crate::model::SegmentMethod;
-    use crate::modes::laplacian_modes;
-
-    fn spec(count: usize, modes: usize) -> SegmentSpec {
-        SegmentSpec {
-            count,
-            modes,
-            ..Default::default()
-        }
-    }
-
-    fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> {
-        let comm = Comm::serial();
-        let mut graph = Graph::new(mesh, &comm)?;
-        let modes = laplacian_modes(mesh, &mut graph, &comm, spec.modes)?;
-        refine(mesh, spec, &modes, &comm, labels.to_vec()).map(|r| r.labels)
-    }
-
-    /// The rule of [`Features::nearest`] with every centroid looked at.
-    fn plain_nearest(features: &Features, labels: &[i32], centroids: &[f64]) -> Vec<i32> {
-        let margin = MARGIN * features.size;
-        let width = features.width();
-        let one = |(cell, &current): (usize, &i32)| {
-            let distances: Vec<f64> = centroids
-                .chunks_exact(width)
-                .map(|c| features.distance(features.of(cell), c))
-                .collect();
-            let own = distances[current as usize];
-            let open = |d: f64| d <= features.size && d < own - margin;
-            let least = distances
-                .iter()
-                .copied()
-                .filter(|&d| open(d))
-                .fold(f64::INFINITY, f64::min);
-            let first = distances.iter().position(|&d| open(d) && d <= least + margin);
-            first.map_or(current, |k| k as i32)
-        };
-        labels.iter().enumerate().map(one).collect()
-    }
-
-    #[test]
-    fn looking_at_near_centroids_alone_changes_nothing() {
-        let comm = Comm::serial();
-        let mesh = sample::triangles(24, 9, 1.6, 0.41);
-        let mut graph = Graph::new(&mesh, &comm).unwrap();
-        let modes = laplacian_modes(&mesh, &mut graph, &comm, 5).unwrap();
-        for method in SegmentMethod::ALL {
-            for (count, tau, size) in [
-                (7, 1.0, None),
-                (40, 0.3, None),
-                (20, 0.0, Some(0.2)),
-                (60, 2.0, Some(0.05)),
-            ] {
-                let spec = SegmentSpec {
-                    method,
-                    tau,
-                    size,
-                    ..spec(count, 5)
-                };
-                let features = Features::new(&mesh, &spec, &comm, &modes.vectors).unwrap();
-                let mut labels: Vec<i32> = (0..mesh.n_cells()).map(|c| (c * 7 % count) as i32).collect();
-                for _ in 0..6 {
-                    let centroids = features.centroids(&comm, count, &labels);
-                    let next = features.nearest(&labels, &centroids);
-                    assert_eq!(next, plain_nearest(&features, &labels, &centroids));
-                    labels = next;
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn two_blobs_are_found_from_a_poor_start() {
-        let mut mesh = sample::chain(8, 8.0);
-        // Two groups of four cells, 10 m apart.
-        mesh.cell_centres[4..].iter_mut().for_each(|x| x[0] += 10.0);
-        let spec = SegmentSpec {
-            size: Some(20.0),
-            ..spec(2, 0)
-        };
-        assert_eq!(
-            refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(),
-            [0, 0, 0, 0, 1, 1, 1, 1]
-        );
-        // One sweep on paper: centroids 11.2 / 4 + ..., all cells farther than S stay.
-        let spec = SegmentSpec {
-            size: Some(1e-3),
-            ..spec
-        };
-        assert_eq!(
-            refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(),
-            [0, 0, 0, 1, 0, 1, 1, 1]
-        );
-    }
-
-    #[test]
-    fn the_sign_change_of_the_second_mode_cuts_a_chain_in_half() {
-        let mesh = sample::chain(10, 1.0);
-        let spec = SegmentSpec {
-            tau: 0.0,
-            size: Some(1.0),
-            ..spec(2, 2)
-        };
-        let labels = refined(&mesh, &spec, &[0, 0, 0, 0, 0, 0, 0, 1, 1, 1]).unwrap();
-        assert_eq!(labels, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]);
-    }
-
-    #[test]
-    fn a_segment_keeps_its_nearest_cell() {
-        // Segment 1 has cells 0 and 5 and its centroid in the middle of segment 0: all would leave it.
-        let mesh = sample::chain(6, 6.0);
-        let spec = SegmentSpec {
-            size: Some(10.0),
-            iterations: 1,
-            ..spec(3, 0)
-        };
-        let labels = refined(&mesh, &spec, &[1, 0, 0, 2, 2, 1]).unwrap();
-        assert!((0..3).all(|k| labels.contains(&k)), "{labels:?}");
-    }
-
-    #[test]
-    fn sizes_beyond_numbers() {
-        let mesh = sample::chain(6, 6.0);
-        let start = [0, 0, 0, 1, 1, 1];
-        for size in [1e-320, 1e-12, 1e200] {
-            let spec = SegmentSpec {
-                size: Some(size),
-                ..spec(2, 2)
-            };
-            let found = refined(&mesh, &spec, &start).unwrap();
-            assert!(found.contains(&0) && found.contains(&1), "{size}: {found:?}");
-        }
-        let spec = SegmentSpec {
-            size: Some(1.7e308),
-            ..spec(2, 2)
-        };
-        assert!(matches!(refined(&mesh, &spec, &start), Err(Error::Input(_))));
-    }
-
-    #[test]
-    fn the_default_size_is_that_of_the_paper() {
-        let mesh = sample::rectangle(16, 4, 1.6, 0.41);
-        let extent = Extent::of(&mesh, &Comm::serial());
-        assert!((default_size(&mesh, &extent, 36) - (0.656f64 / 36.0).sqrt()).abs() < 1e-12);
-    }
-}
+mod tests;

@@ -1,6 +1,8 @@
 //! What a case may set differently from the model.
 
+use crate::engine::{EngineOptions, Precision};
 use crate::model::{SegmentMethod, SegmentSpec};
+use crate::modes::ModalOptions;
 use crate::{Error, Result};
 use std::path::PathBuf;
 
@@ -41,6 +43,8 @@ pub struct SessionOptions {
     pub backend: Backend,
     /// Threads of this rank; 0: 1.
     pub n_threads: usize,
+    /// Of the native engine's products; libtorch computes in fp32.
+    pub precision: Precision,
     /// Number of segments K.
     pub segments: Option<usize>,
     /// Number of Laplacian modes m.
@@ -63,6 +67,8 @@ pub struct SessionOptions {
     pub distance_scale: Option<f64>,
     /// Patches that are the obstacle.
     pub obstacles: Option<Vec<String>>,
+    /// The way to the modes; their number is that of `modes` and `energy`.
+    pub modal: ModalOptions,
     /// Segment of each cell, computed before.
     pub cell_segment: Option<Vec<i32>>,
     /// File that the model came from; the torch backend reads it.
@@ -70,6 +76,15 @@ pub struct SessionOptions {
 }
 
 impl SessionOptions {
+    /// What the native engine is made with.
+    pub(super) fn engine(&self) -> EngineOptions {
+        EngineOptions {
+            n_threads: self.n_threads.max(1),
+            precision: self.precision,
+            ..EngineOptions::default()
+        }
+    }
+
     /// The model's segmentation with what the case sets differently.
     ///
     /// # Errors
