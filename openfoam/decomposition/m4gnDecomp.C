@@ -74,7 +74,7 @@ void Foam::m4gnDecomp::read()
 }
 
 
-Foam::labelList Foam::m4gnDecomp::segments(const polyMesh& mesh) const
+const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
 {
     const auto* fv = dynamic_cast<const fvMesh*>(&mesh);
 
@@ -86,24 +86,7 @@ Foam::labelList Foam::m4gnDecomp::segments(const polyMesh& mesh) const
             << "    Use hierarchical or simple here." << exit(FatalError);
     }
 
-    const m4gnSegmentation segmentation(*fv, coeffs_, countKey, false);
-
-    if (segmentation.computed())
-    {
-        m4gn::writeSegments
-        (
-            *fv,
-            segmentation.cells(),
-            mesh.time().timeName()
-        );
-    }
-
-    labelList labels(mesh.nCells());
-    forAll(labels, celli)
-    {
-        labels[celli] = segmentation.cells()[celli];
-    }
-    return labels;
+    return *fv;
 }
 
 
@@ -288,13 +271,20 @@ Foam::labelList Foam::m4gnDecomp::decompose
             << exit(FatalError);
     }
 
-    const labelList labels(segments(mesh));
-
-    return distribute
+    const m4gnSegmentation segmentation
     (
-        labels,
-        m4gnSegmentGraph(mesh, labels, pointWeights)
+        volumeMesh(mesh), coeffs_, countKey, false
     );
+    const labelList segments(segmentation.cells());
+
+    const labelList decomposition
+    (
+        distribute(segments, m4gnSegmentGraph(mesh, segments, pointWeights))
+    );
+
+    segmentation.store(mesh.time().timeName());
+
+    return decomposition;
 }
 
 
@@ -324,17 +314,21 @@ Foam::labelList Foam::m4gnDecomp::decompose
     const List<labelPair>& explicitConnections
 ) const
 {
-    const labelList labels(segments(mesh));
+    const m4gnSegmentation segmentation
+    (
+        volumeMesh(mesh), coeffs_, countKey, false
+    );
+    const labelList segments(segmentation.cells());
 
     const labelList decomposition
     (
         distribute
         (
-            labels,
+            segments,
             m4gnSegmentGraph
             (
                 mesh,
-                labels,
+                segments,
                 cellWeights,
                 blockedFace,
                 specifiedProcessorFaces,
@@ -353,6 +347,8 @@ Foam::labelList Foam::m4gnDecomp::decompose
         explicitConnections,
         decomposition
     );
+
+    segmentation.store(mesh.time().timeName());
 
     return decomposition;
 }

@@ -68,20 +68,25 @@ static bool readOwn
         false
     );
 
+    // A rank without cells, as redistributePar has them, may be without the
+    // file
+    const bool found = io.typeHeaderOk<volScalarField>(true, false);
+
     if
     (
-        !returnReduce
-        (
-            io.typeHeaderOk<volScalarField>(true, false),
-            andOp<bool>()
-        )
+        !returnReduce(found || mesh.nCells() == 0, andOp<bool>())
+     || !returnReduce(found, orOp<bool>())
     )
     {
         return false;
     }
 
-    const volScalarField stored(io, mesh);
-    round(stored.primitiveField(), segments);
+    segments.clear();
+    if (found)
+    {
+        const volScalarField stored(io, mesh);
+        round(stored.primitiveField(), segments);
+    }
     from = fileName(instance)/m4gn::segmentName;
 
     return true;
@@ -267,8 +272,11 @@ bool Foam::m4gn::cellAddressing(const fvMesh& mesh, labelList& global)
 
     return returnReduce
     (
-        addressing.headerClassName() == labelIOList::typeName
-     && addressing.size() == mesh.nCells(),
+        mesh.nCells() == 0
+     || (
+            addressing.headerClassName() == labelIOList::typeName
+         && addressing.size() == mesh.nCells()
+        ),
         andOp<bool>()
     );
 }

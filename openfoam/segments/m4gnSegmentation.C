@@ -149,7 +149,7 @@ void Foam::m4gnSegmentation::count
     if (lowest < 0 || min(sizes) == 0)
     {
         FatalErrorInFunction
-            << from_ << " is no segmentation: expected the labels 0 to "
+            << from_.c_str() << " is no segmentation: expected the labels 0 to "
             << highest << ", and all of them to occur" << nl
             << "    Remove the file to have segments computed anew."
             << exit(FatalError);
@@ -161,7 +161,7 @@ void Foam::m4gnSegmentation::count
     if (wanted != count_)
     {
         FatalErrorInFunction
-            << from_ << " has " << count_ << " segments, but "
+            << from_.c_str() << " has " << count_ << " segments, but "
             << dict.dictName() << " says " << countKey << ' ' << wanted << nl
             << "    Remove the file to have segments computed anew, or the"
             << " entry to take those that are stored."
@@ -254,6 +254,15 @@ void Foam::m4gnSegmentation::checkDictionary
     atLeast("tau", 0);
     atLeast("size", VSMALL);
     atLeast("iterations", 0);
+}
+
+
+void Foam::m4gnSegmentation::store(const word& instance) const
+{
+    if (computed())
+    {
+        m4gn::writeSegments(mesh_, cells_, instance);
+    }
 }
 
 

@@ -25,7 +25,12 @@ scatter() {
 eigenvalues() { sed -n 's/^m4gn: eigenvalue .* = \(.*\) 1\/m^2/\1/p' log.run; }
 
 # Number of segments with cells in more than one processor folder
-straddling() { for p in processor*; do values "$p/0/m4gnSegment" | sort -u; done | sort | uniq -d | wc -l; }
+straddling() {
+    for p in processor*; do
+        # A processor with one segment has a uniform field
+        { sed -n 's/^internalField *uniform \(.*\);/\1/p' "$p/0/m4gnSegment"; values "$p/0/m4gnSegment"; } | sort -u
+    done | sort | uniq -d | wc -l
+}
 
 # The serial answer, kept in ../serial
 reference() {
@@ -56,7 +61,7 @@ same_answer() {
     echo "$what: the same segments, eigenvalues to $(cat ../worst)"
 }
 
-# all_decompositions NAME
+# all_decompositions NAME K
 all_decompositions() {
     local np cells
     printf 'type m4gnSegments; libs (m4gnFoam); recompute yes; segments { count %s; modes 6; }\n' "$2" > system/m4gnSegments

@@ -103,10 +103,7 @@ bool Foam::functionObjects::m4gnSegments::write()
     }
     written_ = true;
 
-    if (segmentation_->computed())
-    {
-        m4gn::writeSegments(mesh_, segmentation_->cells());
-    }
+    segmentation_->store();
 
     for (label modei = 0; modei < segmentation_->nModes(); ++modei)
     {
