@@ -4,6 +4,7 @@ use crate::dataset::{self, Trajectory};
 use crate::foam_case::{FoamCase, Stored};
 use crate::mesh::{Mesh, NodeType};
 use crate::model::{Model, ModelSpec, SegmentMethod, SegmentSpec};
+use crate::modes::{ModalOptions, ModalSolver};
 use crate::report::{CellMap, PointCloud, write_file};
 use crate::{Error, Result};
 use serde_json::Value;
@@ -99,14 +100,18 @@ impl Input {
         found.map(|file| Ok(Model::read(&file)?.spec)).transpose()
     }
 
-    /// `spec` with what the `segments` entry of a case's function object says.
+    /// `spec` and `modal` with what the `segments` entry of a case's function object says.
     ///
     /// # Errors
     /// [`Error::Input`] for an entry that is no such number or word.
-    pub fn dictionary(&self, mut spec: SegmentSpec) -> Result<SegmentSpec> {
+    pub fn dictionary(
+        &self,
+        mut spec: SegmentSpec,
+        mut modal: ModalOptions,
+    ) -> Result<(SegmentSpec, ModalOptions)> {
         let object = self.function_object()?;
         let Some(entries) = object.get("segments").and_then(Value::as_object) else {
-            return Ok(spec);
+            return Ok((spec, modal));
         };
         for (key, value) in entries {
             let text = value.as_str().map_or_else(|| value.to_string(), str::to_string);
@@ -142,11 +147,13 @@ impl Input {
                     let names = names.trim_matches(['(', ')', ' ']);
                     spec.obstacles = names.split_whitespace().map(str::to_string).collect();
                 }
-                // Those that a run knows and that do not change the segments.
+                "modalSolver" => modal.solver = ModalSolver::parse(&text)?,
+                "petscOptions" => modal.petsc = text,
+                // A run knows them all, and refuses others.
                 _ => {}
             }
         }
-        Ok(spec)
+        Ok((spec, modal))
     }
 
     fn function_object(&self) -> Result<Value> {

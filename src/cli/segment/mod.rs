@@ -64,12 +64,12 @@ pub struct Args {
     /// As many modes as have this share of the energy, at most --modes
     #[arg(long, value_name = "SHARE")]
     energy: Option<f64>,
-    /// The way to the modes: auto, direct or iterative
-    #[arg(long, value_name = "SOLVER", default_value = "auto", value_parser = modal_solver)]
-    modal_solver: ModalSolver,
+    /// The way to the modes: auto, direct or iterative [default: auto, by size]
+    #[arg(long, value_name = "SOLVER", value_parser = modal_solver)]
+    modal_solver: Option<ModalSolver>,
     /// Options for PETSc and SLEPc, with the prefix m4gn_: "-m4gn_eps_tol 1e-9"
-    #[arg(long, value_name = "OPTIONS", default_value = "", allow_hyphen_values = true)]
-    petsc: String,
+    #[arg(long, value_name = "OPTIONS", allow_hyphen_values = true)]
+    petsc: Option<String>,
     /// Weight tau of positions against modes [default: 1]
     #[arg(long, value_name = "TAU")]
     tau: Option<f64>,
@@ -173,7 +173,7 @@ pub fn run(args: Args) -> Result<()> {
         Some(path) => Some(Model::read(path)?.spec),
         None => input.model()?,
     };
-    let wanted = Wanted::new(&args, model.as_ref(), |spec| input.dictionary(spec))?;
+    let wanted = Wanted::new(&args, model.as_ref(), |spec, modal| input.dictionary(spec, modal))?;
     let mesh = input.mesh(&args.node_type)?;
     let options = wanted.options(&args, &mesh)?;
     let outputs = [&args.json, &args.picture].into_iter().flatten();
@@ -281,6 +281,8 @@ fn compute(mesh: &Mesh, graph: &mut Graph, options: &Options, comm: &Comm) -> Re
 /// What the user asked for, before the mesh is known.
 struct Wanted {
     spec: SegmentSpec,
+    /// The way to the modes.
+    modal: ModalOptions,
     /// K, where anybody says so.
     count: Option<usize>,
     /// Methods that are compared; empty: all.
@@ -294,7 +296,7 @@ impl Wanted {
     fn new(
         args: &Args,
         model: Option<&ModelSpec>,
-        dictionary: impl Fn(SegmentSpec) -> Result<SegmentSpec>,
+        dictionary: impl Fn(SegmentSpec, ModalOptions) -> Result<(SegmentSpec, ModalOptions)>,
     ) -> Result<Self> {
         let trained = model
             .filter(|m| m.architecture.segment_transformer.is_some())
@@ -304,7 +306,7 @@ impl Wanted {
             count: 0,
             ..SegmentSpec::default()
         };
-        let case = dictionary(trained.unwrap_or(none))?;
+        let (case, modal) = dictionary(trained.unwrap_or(none), ModalOptions::default())?;
         let mut spec = SegmentSpec {
             method: args.method.first().copied().unwrap_or(case.method),
             count: args.segments.unwrap_or(case.count),
@@ -332,6 +334,11 @@ impl Wanted {
         }
         Ok(Wanted {
             few_modes: args.modes.is_none(),
+            modal: ModalOptions {
+                solver: args.modal_solver.unwrap_or(modal.solver),
+                petsc: args.petsc.clone().unwrap_or(modal.petsc),
+                ..modal
+            },
             spec,
             count,
             methods,
@@ -370,11 +377,7 @@ impl Wanted {
         };
         Ok(Options {
             spec,
-            modal: ModalOptions {
-                solver: args.modal_solver,
-                petsc: args.petsc.clone(),
-                ..ModalOptions::default()
-            },
+            modal: self.modal.clone(),
             methods,
             counts,
         })
