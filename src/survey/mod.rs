@@ -51,7 +51,9 @@ impl Cost {
         let result = work()?;
         let cost = Cost {
             seconds: start.elapsed().as_secs_f64(),
-            cpu_seconds: usage::cpu_seconds().zip(before).map(|(after, before)| after - before),
+            cpu_seconds: usage::cpu_seconds()
+                .zip(before)
+                .map(|(after, before)| after - before),
             peak_memory: usage::peak(),
         };
         Ok((result, cost))

@@ -1,5 +1,5 @@
 use super::*;
-use crate::mesh::sample;
+use crate::mesh::{NodeType, sample};
 use clap::Parser;
 
 #[derive(Debug, Parser)]
