@@ -17,9 +17,8 @@ for format in ascii binary; do
     rm -rf VTK && runs foamToVTK -time 0 -ascii
     grep -q m4gnMode6 log.run && grep -q m4gnSegment log.run || { cat log.run; fail "foamToVTK does not know the fields"; }
 done
-cmp ../ascii.json ../binary.json > /dev/null && fail "times are in the figures: they cannot be the same to the byte"
 [ "$(head -c 8 ../ascii.png | od -An -tx1 | tr -d ' \n')" = 89504e470d0a1a0a ] || fail "no PNG"
-[ "$(json ../ascii.json 'len(d["eigenvalues"]), len(d["methods"]), d["skipped"]')" = "(6, 8, [])" ] ||
+[ "$(json ../ascii.json 'len(d["eigenvalues"]), len(d["methods"]), d["skipped"]')" = "6 8 []" ] ||
     fail "$(json ../ascii.json d)"
 json ../ascii.json 'all(a["conductance"] > 0 and 0 < a["edge_cut_ratio"] < 1 and -1 <= a["silhouette"] <= 1 for a in d["methods"])' |
     grep -q True || fail "figures out of range"
@@ -80,7 +79,7 @@ clean_fields
 rm -f 0/m4gn*
 if [ "$(id -u)" -eq 0 ]; then
     chmod -R go+rX "$work"
-    refused 'cannot write' setpriv --reuid=65534 --regid=65534 --clear-groups "$(command -v m4gn)" segment . --segments 16
+    refused 'Cannot write' setpriv --reuid=65534 --regid=65534 --clear-groups "$(command -v m4gn)" segment . --segments 16
     [ "$(ls 0)" = "$(printf 'U\np')" ] || { ls -la 0; fail "something was left in 0"; }
 fi
 refused 'is neither an OpenFOAM case' m4gn segment constant
