@@ -228,6 +228,13 @@ impl Wanted {
         if self.few_modes {
             spec.modes = spec.modes.min(n.saturating_sub(1));
         }
+        if spec.modes >= n {
+            return Err(Error::Input(format!(
+                "{} modes of {n} cells: expected at most {} (--modes)",
+                spec.modes,
+                n.saturating_sub(1)
+            )));
+        }
         let mut counts = args.sweep.clone();
         counts.extend(match (self.count, counts.is_empty()) {
             (Some(k), _) => Some(k),

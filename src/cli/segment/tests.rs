@@ -74,8 +74,13 @@ fn two_cells_have_one_mode() {
     let o = options("case --segments 2", &mesh).unwrap();
     assert_eq!(o.spec.modes, 1);
     // Who asks for more is told.
-    let o = options("case --segments 2 --modes 6", &mesh).unwrap();
-    assert_eq!(o.spec.modes, 6);
+    let error = options("case --segments 2 --modes 2", &mesh)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("2 modes of 2 cells: expected at most 1"),
+        "{error}"
+    );
 }
 
 #[test]
