@@ -174,6 +174,13 @@ fn bad_input_writes_nothing() {
     assert_eq!(names(&case.join("0")), before);
     assert_eq!(names(dir.path()), ["case"]);
 
+    // Pictures are of 2-D meshes.
+    let solid = dir.path().join("solid");
+    cube(&solid, true, "");
+    refused(&solid, "--segments 2 --picture p.png", 1, "2-D meshes only");
+    assert_eq!(names(&solid), ["constant", "system"]);
+    fs::remove_dir_all(&solid).unwrap();
+
     // Somebody else's field.
     uniform(&case, "1", 2.0);
     fs::copy(case.join("0/p"), case.join("1/m4gnSegment")).unwrap();

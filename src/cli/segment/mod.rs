@@ -46,6 +46,9 @@ pub fn run(args: Args) -> Result<()> {
     let wanted = Wanted::new(&args, model.as_ref(), |spec, modal| input.dictionary(spec, modal))?;
     let mesh = input.mesh(&args.node_type)?;
     let options = wanted.options(&args, &mesh)?;
+    if let Some(path) = args.picture.as_ref().filter(|_| mesh.dim() != 2) {
+        return Err(no_picture(path));
+    }
     let outputs = [&args.json, &args.picture].into_iter().flatten();
     outputs.map(PathBuf::as_path).try_for_each(check_folder)?;
     let vtu = args.vtu.clone().unwrap_or_else(|| default_vtu(&args.path));
@@ -94,12 +97,7 @@ pub fn run(args: Args) -> Result<()> {
         figures["network"] = serde_json::json!({ "width": network.width, "layers": network.layers });
     }
     if let Some(path) = &args.picture {
-        let map = input.map(&mesh, PANEL)?.ok_or_else(|| {
-            Error::Input(format!(
-                "{}: pictures are drawn of 2-D meshes only; open the written fields in ParaView",
-                path.display()
-            ))
-        })?;
+        let map = input.map(&mesh, PANEL)?.ok_or_else(|| no_picture(path))?;
         let what = Pictured {
             counts: match options.counts.len() {
                 0..=PICTURED_COUNTS => options.counts.clone(),
@@ -271,6 +269,13 @@ impl Wanted {
             .or_else(|| survey.suggestion(method))
             .unwrap_or(&survey.entries[0])
     }
+}
+
+fn no_picture(path: &Path) -> Error {
+    Error::Input(format!(
+        "{}: pictures are drawn of 2-D meshes only; open the written fields in ParaView",
+        path.display()
+    ))
 }
 
 fn network(args: &Args, model: Option<&ModelSpec>) -> plan::Network {
