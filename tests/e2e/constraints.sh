@@ -107,7 +107,7 @@ refuses '16 segments, for 17 subdomains' 17
 refuses 'expected 0 to 2' 3 'constraints { keep { type singleProcessorFaceSets; sets ((corner 3)); } }'
 rm 0/m4gnSegment
 refuses '2 segments, for 3 subdomains' 3 'm4gnCoeffs { segments 2; }'
-refuses 'unknown variant .slick., expected one of' 3 'm4gnCoeffs { method slick; }'
+refuses 'method is slick; expected one of' 3 'm4gnCoeffs { method slick; }'
 [ ! -e 0/m4gnSegment ] || fail "a refused decomposition left segments"
 echo "bad input: refused"
 echo "constraints: passed"
