@@ -42,7 +42,8 @@ void Foam::m4gnDecomp::read()
     if (coeffs_.dictName() == typeName + "Coeffs")
     {
         wordList valid(m4gnSegmentation::keys(countKey));
-        valid.append({"model", "processorWeights"});
+        valid.append("model");
+        valid.append("processorWeights");
         m4gn::checkKeys(coeffs_, valid, false);
     }
 
