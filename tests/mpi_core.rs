@@ -5,6 +5,8 @@
 
 #[path = "mpi_core/checks.rs"]
 mod checks;
+#[path = "mpi_core/pairs.rs"]
+mod pairs;
 #[path = "mpi_core/segments.rs"]
 mod segments;
 
@@ -40,6 +42,7 @@ fn main() -> ExitCode {
     }
     cyclic(&mut checks);
     segments::check(&mut checks);
+    pairs::pairs(&mut checks);
     broken_meshes(&mut checks);
 
     for failure in &checks.failures {

@@ -7,8 +7,8 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnSegmentField.H"
+#include "m4gnFieldFiles.H"
 #include "IFstream.H"
-#include "OFstream.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
@@ -212,38 +212,39 @@ static void writeUndecomposed
         UIndirectList<scalar>(whole, cells[proci]) = values[proci];
     }
 
-    mkDir(instance/mesh.dbDir());
-    OFstream os(instance/mesh.dbDir()/field.name());
-    os.format(time.writeFormat());
-    field.writeHeader(os, volScalarField::typeName);
-    os.writeEntry("dimensions", field.dimensions());
-    os  << nl;
-    whole.writeEntry("internalField", os);
-    os  << nl;
-    os.beginBlock("boundaryField");
-    for (const polyPatch& pp : mesh.boundaryMesh())
-    {
-        if (!isA<processorPolyPatch>(pp))
+    m4gnFieldFiles files;
+    files.write
+    (
+        time,
+        instance/mesh.dbDir()/field.name(),
+        [&](Ostream& os)
         {
-            os.beginBlock(pp.name());
-            os.writeEntry
-            (
-                "type",
-                polyPatch::constraintType(pp.type())
-              ? pp.type()
-              : zeroGradientFvPatchScalarField::typeName
-            );
+            field.writeHeader(os, volScalarField::typeName);
+            os.writeEntry("dimensions", field.dimensions());
+            os  << nl;
+            whole.writeEntry("internalField", os);
+            os  << nl;
+            os.beginBlock("boundaryField");
+            for (const polyPatch& pp : mesh.boundaryMesh())
+            {
+                if (!isA<processorPolyPatch>(pp))
+                {
+                    os.beginBlock(pp.name());
+                    os.writeEntry
+                    (
+                        "type",
+                        polyPatch::constraintType(pp.type())
+                      ? pp.type()
+                      : zeroGradientFvPatchScalarField::typeName
+                    );
+                    os.endBlock();
+                }
+            }
             os.endBlock();
+            IOobject::writeEndDivider(os);
         }
-    }
-    os.endBlock();
-    IOobject::writeEndDivider(os);
-
-    if (!os.good())
-    {
-        FatalErrorInFunction
-            << "Cannot write " << os.name() << exit(FatalError);
-    }
+    );
+    files.rename();
 }
 
 } // End namespace Foam
@@ -288,17 +289,21 @@ Foam::tmp<Foam::volScalarField> Foam::m4gn::cellField
     const word& instance
 )
 {
+    IOobject io
+    (
+        name,
+        instance,
+        mesh,
+        IOobject::NO_READ,
+        IOobject::NO_WRITE,
+        false
+    );
+    // Such a file may be replaced by us
+    io.note() = "m4gn";
+
     return tmp<volScalarField>::New
     (
-        IOobject
-        (
-            name,
-            instance,
-            mesh,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
+        io,
         mesh,
         dimensionedScalar(dimless, Zero),
         zeroGradientFvPatchScalarField::typeName
@@ -308,24 +313,9 @@ Foam::tmp<Foam::volScalarField> Foam::m4gn::cellField
 
 void Foam::m4gn::writeToInstance(const volScalarField& field)
 {
-    const Time& time = field.time();
-
-    // field.write() would put it into a folder of the current time
-    const fileName dir
-    (
-        time.path()/field.instance()/field.mesh().dbDir()
-    );
-    mkDir(dir);
-    OFstream os(dir/field.name());
-    os.format(time.writeFormat());
-    field.writeHeader(os);
-    field.writeData(os);
-
-    if (!os.good())
-    {
-        FatalErrorInFunction
-            << "Cannot write " << os.name() << exit(FatalError);
-    }
+    m4gnFieldFiles files;
+    files.write(field);
+    files.rename();
 }
 
 

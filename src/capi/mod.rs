@@ -7,11 +7,13 @@
 
 #[macro_use]
 mod door;
+mod modes;
 mod raw;
 mod recorder;
 mod segments;
 mod session;
 
+pub use modes::{CsrData, ModesOptionsData};
 pub use raw::{FieldData, FieldOut, MeshData};
 pub use recorder::{RecorderField, RecorderOptions};
 pub use segments::{RankReport, SegmentOptionsData};

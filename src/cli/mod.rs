@@ -5,6 +5,7 @@ pub mod doctor;
 pub mod generate;
 pub mod info;
 mod output;
+pub mod segment;
 mod stop;
 pub mod torch_library;
 pub mod train;
@@ -36,6 +37,7 @@ enum Command {
     Train(train::Args),
     Validate(validate::Args),
     Compare(compare::Args),
+    Segment(segment::Args),
     Doctor(doctor::Args),
 }
 
@@ -49,6 +51,7 @@ pub fn main() -> ExitCode {
         Command::Train(args) => train::run(args),
         Command::Validate(args) => validate::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Segment(args) => segment::run(args),
         Command::Doctor(args) => doctor::run(args),
     };
     let status = match done {

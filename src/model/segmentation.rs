@@ -129,6 +129,16 @@ impl Default for SegmentSpec {
 }
 
 impl SegmentSpec {
+    /// The description that a training left in a model or a checkpoint, where `connected` may be missing: it was not
+    /// done then.
+    ///
+    /// # Errors
+    /// For entries that are no description.
+    pub fn of_training(mut entries: serde_json::Map<String, serde_json::Value>) -> serde_json::Result<Self> {
+        entries.entry("connected").or_insert(false.into());
+        serde_json::from_value(entries.into())
+    }
+
     /// The number of modes as a modal solution takes it.
     pub fn mode_count(&self) -> ModeCount {
         match self.energy {
@@ -175,13 +185,11 @@ impl SegmentSpec {
     }
 }
 
-/// The segmentation of a model file, where `connected` may be missing: it was not done then.
+/// The segmentation of a model file.
 pub(super) fn of_model_file<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> std::result::Result<SegmentSpec, D::Error> {
-    let mut entries = serde_json::Map::deserialize(deserializer)?;
-    entries.entry("connected").or_insert(false.into());
-    serde_json::from_value(entries.into()).map_err(serde::de::Error::custom)
+    SegmentSpec::of_training(serde_json::Map::deserialize(deserializer)?).map_err(serde::de::Error::custom)
 }
 
 #[cfg(test)]

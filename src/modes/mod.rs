@@ -12,25 +12,55 @@ mod assemble;
 mod canonical;
 mod dense;
 mod frame;
+mod gathered;
 mod options;
 mod pair;
 mod problem;
 mod select;
+#[cfg(not(feature = "slepc"))]
+mod serial;
+#[cfg(any(test, not(feature = "slepc")))]
+mod sparse;
 
 pub use frame::Extent;
 pub use options::{ModalOptions, ModalSolver, ModeCount};
 pub(crate) use pair::Pair;
 pub use problem::{Mass, Problem, Rows};
 
-use crate::ffi::petsc::{self, Request};
+use crate::Result;
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::parallel::Comm;
-use crate::{Error, Result};
 use frame::Frame;
+
+#[cfg(feature = "slepc")]
+use crate::ffi::petsc as large;
+#[cfg(not(feature = "slepc"))]
+use serial as large;
 
 /// Problems of at most this many unknowns are solved densely: Krylov spaces are no smaller there.
 const DENSE: usize = 100;
+
+/// Whether the graph of K is that of a plane mesh: rows of at most six entries an unknown of a point (four of
+/// triangles, five of quads; hexahedra have seven). `unknowns` and `entries` of all ranks.
+#[cfg(feature = "slepc")]
+pub(crate) fn is_plane(unknowns: i64, entries: i64, block: usize) -> bool {
+    entries <= 6 * unknowns * block as i64
+}
+
+/// Whether [`ModalSolver::Auto`] does without a factorisation: above 4 million unknowns of a plane mesh, 400,000 else.
+///
+/// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, its work like n^(3/2) and n^2;
+/// at these sizes the factor takes some 3 GB, over all ranks.
+#[cfg(feature = "slepc")]
+pub(crate) fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
+    let limit = if is_plane(unknowns, entries, block) {
+        4_000_000
+    } else {
+        400_000
+    };
+    unknowns > limit
+}
 
 /// Modes, by ascending eigenvalue.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,14 +73,24 @@ pub struct Modes {
     pub vectors: Vec<Vec<f64>>,
 }
 
+/// The pair of matrices of the Laplacian modes, eq. 6. Collective; all ranks fail together.
+///
+/// # Errors
+/// [`crate::Error::Mesh`] for coupled faces whose other side is not found.
+pub fn laplacian(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Problem> {
+    let (mut problem, _) = assemble::laplacian(mesh, graph, comm)?;
+    problem.positions.clone_from(&mesh.cell_centres);
+    Ok(problem)
+}
+
 /// The first Laplacian modes. Collective; all ranks fail together.
 ///
 /// If the last eigenvalue is repeated, its whole cluster is returned: there may be more modes than asked for, never
 /// fewer. Without Dirichlet boundaries (all cyclic) the first mode is the constant one with eigenvalue 0.
 ///
 /// # Errors
-/// [`Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
-/// [`Error::Numerical`] if the solver fails.
+/// [`crate::Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
+/// [`crate::Error::Numerical`] if the solver fails.
 pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     let (problem, frame) = assemble::laplacian(mesh, graph, comm)?;
     Solution::new(&problem, frame, comm, options)?.modes(false)
@@ -65,10 +105,10 @@ pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &Mo
 /// vibration any more.
 ///
 /// # Errors
-/// [`Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
-/// unknowns, or wrong options; [`Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
+/// [`crate::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
+/// unknowns, or wrong options; [`crate::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
 pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
-    comm.agree(problem.check(comm))?;
+    problem.check(comm)?;
     Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(false)
 }
 
@@ -77,7 +117,7 @@ pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<M
 /// # Errors
 /// As [`solve`].
 pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
-    comm.agree(problem.check(comm))?;
+    problem.check(comm)?;
     Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(true)
 }
 
@@ -117,6 +157,7 @@ impl<'a> Solution<'a> {
             options,
             total: total[0] as usize,
         };
+        options.same_on_all_ranks(comm)?;
         comm.agree(select::check(options.count, solution.total))?;
         Ok(solution)
     }
@@ -138,19 +179,25 @@ impl<'a> Solution<'a> {
         let mut pairs = if plain || self.total <= DENSE {
             dense::eigenpairs(problem, problem.shift.unwrap_or(-1e-4 * size), comm)?
         } else {
-            let enough = |values: &[f64]| select::whole_clusters(values, wanted, zero).is_some();
-            let request = Request {
-                problem,
-                shift: problem.shift.unwrap_or(-1e-10 * size),
-                wanted,
-                enough: &enough,
-                options: self.options,
+            let taken = |values: &[f64]| {
+                (values.len() >= wanted)
+                    .then(|| select::whole_clusters(values, wanted, zero))
+                    .flatten()
             };
-            petsc::eigenpairs(comm, &request)?
+            large::eigenpairs(
+                comm,
+                &large::Request {
+                    problem,
+                    shift: problem.shift.unwrap_or(-1e-10 * size),
+                    wanted,
+                    taken: &taken,
+                    options: self.options,
+                },
+            )?
         };
-        pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
         let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
         pairs.truncate(count);
+        pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
         let total = problem.scale(comm, &mut pairs);
         for cluster in select::clusters(&pairs, zero) {
             canonical::choose_basis(&self.frame, problem.block, total, comm, &mut pairs[cluster]);
