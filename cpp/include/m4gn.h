@@ -199,8 +199,10 @@ typedef struct m4gn_segment_options
 {
     const char* model;          /* model file whose segmentation is meant; NULL: m4gn's defaults */
     const char* spec;           /* JSON object with entries that differ, by the names of a model's description:
-                                   {"method": "slic", "count": 36, "modes": 6, "tau": 1.0, ...}; NULL: {} */
+                                   {"method": "slic-md", "count": 36, "modes": 6, "tau": 1.0, ...}; NULL: {} */
     const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    const char* modal_solver;   /* as in m4gn_session_options */
+    const char* petsc_options;  /* as in m4gn_session_options */
     int32_t with_modes;         /* 0: m4gn_segments_n_modes is 0, and with cell_segment nothing is solved */
 } m4gn_segment_options;
 

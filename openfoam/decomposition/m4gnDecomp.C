@@ -21,12 +21,14 @@ namespace Foam
 {
     defineTypeNameAndDebug(m4gnDecomp, 0);
     addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionary);
+    #ifdef M4GN_DECOMPOSITION_REGION_TABLE
     addToRunTimeSelectionTable
     (
         decompositionMethod,
         m4gnDecomp,
         dictionaryRegion
     );
+    #endif
 }
 
 static const char* const countKey = "segments";
@@ -40,6 +42,7 @@ void Foam::m4gnDecomp::read()
     if (coeffs_.dictName() == typeName + "Coeffs")
     {
         wordList valid(m4gnSegmentation::keys(countKey));
+        valid.append("model");
         valid.append("processorWeights");
         m4gn::checkKeys(coeffs_, valid, false);
     }
@@ -223,6 +226,7 @@ Foam::labelList Foam::m4gnDecomp::distribute
 
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
+#ifdef M4GN_DECOMPOSITION_REGION_TABLE
 Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict)
 :
     decompositionMethod(decompDict),
@@ -230,6 +234,7 @@ Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict)
 {
     read();
 }
+#endif
 
 
 Foam::m4gnDecomp::m4gnDecomp
@@ -288,12 +293,7 @@ Foam::labelList Foam::m4gnDecomp::decompose
 }
 
 
-Foam::labelList Foam::m4gnDecomp::decompose
-(
-    const labelListList&,
-    const pointField&,
-    const scalarField&
-) const
+Foam::labelList Foam::m4gnDecomp::withoutMesh() const
 {
     FatalErrorInFunction
         << "Method " << type() << " needs a mesh; it cannot decompose a"

@@ -14,6 +14,7 @@ License
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
+#include "wallFvPatch.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -41,16 +42,33 @@ std::string Foam::m4gnSegmentation::spec
             add(key, std::to_string(dict.get<label>(key)));
         }
     }
-    for (const char* key : {"tau", "size"})
+    for (const char* key : {"tau", "size", "energy"})
     {
         if (dict.found(key))
         {
             add(key, m4gn::text(dict.get<scalar>(key)));
         }
     }
+    if (dict.found("distanceScale"))
+    {
+        add("distance_scale", m4gn::text(dict.get<scalar>("distanceScale")));
+    }
+    if (dict.found("connected"))
+    {
+        add("connected", dict.get<bool>("connected") ? "true" : "false");
+    }
     if (dict.found("method"))
     {
         add("method", '"' + dict.get<word>("method") + '"');
+    }
+    if (dict.found("obstacles"))
+    {
+        std::string list;
+        for (const word& patch : dict.get<wordList>("obstacles"))
+        {
+            list += (list.empty() ? "\"" : ", \"") + patch + '"';
+        }
+        add("obstacles", '[' + list + ']');
     }
 
     return object + '}';
@@ -64,12 +82,18 @@ void Foam::m4gnSegmentation::compute
     const bool withModes
 )
 {
-    // What a boundary face stands for makes no difference to segments
-    const m4gnMeshAdapter adapter
-    (
-        mesh_,
-        labelList(mesh_.boundary().size(), label(M4GN_WALL))
-    );
+    // Of what a boundary face stands for, walls alone make a difference to
+    // segments, as obstacles
+    labelList types(mesh_.boundary().size(), label(M4GN_INLET));
+    forAll(types, patchi)
+    {
+        if (isA<wallFvPatch>(mesh_.boundary()[patchi]))
+        {
+            types[patchi] = M4GN_WALL;
+        }
+    }
+
+    const m4gnMeshAdapter adapter(mesh_, types);
 
     std::string entries(spec(dict, countKey));
     if (!computed())
@@ -87,7 +111,15 @@ void Foam::m4gnSegmentation::compute
       : fileName()
     );
 
-    m4gn_segment_options options;
+    const word solver(dict.getOrDefault<word>("modalSolver", "auto"));
+    const string petsc
+    (
+        dict.getOrDefault<string>("petscOptions", string::null)
+    );
+
+    m4gn_segment_options options = {};
+    options.modal_solver = solver.c_str();
+    options.petsc_options = petsc.c_str();
     options.model = model.empty() ? nullptr : model.c_str();
     options.spec = entries.c_str();
     options.with_modes = withModes;
@@ -230,7 +262,9 @@ Foam::wordList Foam::m4gnSegmentation::keys(const word& countKey)
 {
     return
     {
-        "model", countKey, "modes", "tau", "size", "iterations", "method"
+        countKey, "modes", "energy", "tau", "size", "iterations", "method",
+        "connected", "distanceScale", "obstacles", "modalSolver",
+        "petscOptions"
     };
 }
 
@@ -249,11 +283,33 @@ void Foam::m4gnSegmentation::checkDictionary
         );
     };
 
+    const auto checkWord = [&](const word& key, const wordList& valid)
+    {
+        const word given(dict.getOrDefault<word>(key, valid.first()));
+        if (!valid.found(given))
+        {
+            FatalIOErrorInFunction(dict)
+                << "Entry " << key << " is " << given << "; expected one of "
+                << m4gn::join(valid) << exit(FatalIOError);
+        }
+    };
+
     atLeast(countKey, 1);
     atLeast("modes", 0);
+    atLeast("energy", VSMALL);
     atLeast("tau", 0);
     atLeast("size", VSMALL);
     atLeast("iterations", 0);
+    atLeast("distanceScale", 0);
+    dict.getOrDefault<bool>("connected", true);
+    dict.getOrDefault<wordList>("obstacles", wordList());
+    dict.getOrDefault<string>("petscOptions", string::null);
+    checkWord
+    (
+        "method",
+        {"metis", "slic-md", "slic-mdodl", "slic-mdode", "slic"}
+    );
+    checkWord("modalSolver", {"auto", "direct", "iterative"});
 }
 
 

@@ -11,6 +11,7 @@ License
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnSegmentField.H"
+#include "m4gnSegmentation.H"
 #include "clockTime.H"
 #include "OSspecific.H"
 #include "Time.H"
@@ -306,62 +307,14 @@ void Foam::m4gnSession::checkDictionary
 
     const dictionary own(dict.subOrEmptyDict("segments"));
 
-    m4gn::checkKeys
-    (
-        own,
-        {
-            "count", "modes", "energy", "tau", "size", "overlap", "iterations",
-            "method", "connected", "distanceScale", "obstacles", "modalSolver",
-            "petscOptions"
-        },
-        false
-    );
-
-    m4gn::checkAtLeast(own, "count", own.getOrDefault<label>("count", 1), 1);
-    m4gn::checkAtLeast(own, "modes", own.getOrDefault<label>("modes", 0), 0);
-    m4gn::checkAtLeast(own, "tau", own.getOrDefault<scalar>("tau", 0), 0);
-    m4gn::checkAtLeast
-    (
-        own, "size", own.getOrDefault<scalar>("size", 1), VSMALL
-    );
+    wordList valid(m4gnSegmentation::keys("count"));
+    valid.append("overlap");
+    m4gn::checkKeys(own, valid, false);
+    m4gnSegmentation::checkDictionary(own, "count");
     m4gn::checkAtLeast
     (
         own, "overlap", own.getOrDefault<label>("overlap", 0), 0
     );
-    m4gn::checkAtLeast
-    (
-        own, "iterations", own.getOrDefault<label>("iterations", 0), 0
-    );
-
-    m4gn::checkAtLeast
-    (
-        own, "energy", own.getOrDefault<scalar>("energy", 1), VSMALL
-    );
-    m4gn::checkAtLeast
-    (
-        own, "distanceScale", own.getOrDefault<scalar>("distanceScale", 0), 0
-    );
-    own.getOrDefault<bool>("connected", true);
-    own.getOrDefault<wordList>("obstacles", wordList());
-    own.getOrDefault<string>("petscOptions", string::null);
-
-    const auto checkWord = [&](const word& key, const wordList& valid)
-    {
-        const word given(own.getOrDefault<word>(key, valid.first()));
-        if (!valid.found(given))
-        {
-            FatalIOErrorInFunction(own)
-                << "Entry " << key << " is " << given << "; expected one of "
-                << m4gn::join(valid) << exit(FatalIOError);
-        }
-    };
-
-    checkWord
-    (
-        "method",
-        {"metis", "slic-md", "slic-mdodl", "slic-mdode", "slic"}
-    );
-    checkWord("modalSolver", {"auto", "direct", "iterative"});
 }
 
 

@@ -4,7 +4,7 @@ use super::raw::{self, MeshData};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::{Model, SegmentSpec};
-use crate::modes::{ModalOptions, Modes, laplacian_modes};
+use crate::modes::{ModalOptions, ModalSolver, Modes, laplacian_modes};
 use crate::parallel::Comm;
 use crate::segments::{self, Segmentation, ranks};
 use crate::{Error, Result};
@@ -19,6 +19,8 @@ pub struct SegmentOptionsData {
     pub model: *const c_char,
     pub spec: *const c_char,
     pub cell_segment: *const i32,
+    pub modal_solver: *const c_char,
+    pub petsc_options: *const c_char,
     pub with_modes: i32,
 }
 
@@ -43,6 +45,7 @@ struct Request {
     model: Option<PathBuf>,
     spec: String,
     labels: Option<Vec<i32>>,
+    modal: ModalOptions,
     with_modes: bool,
 }
 
@@ -58,6 +61,14 @@ impl SegmentOptionsData {
                 labels: match self.cell_segment.is_null() {
                     true => None,
                     false => Some(raw::slice("cell_segment", self.cell_segment, n_cells)?.to_vec()),
+                },
+                modal: ModalOptions {
+                    solver: raw::optional_text("modal_solver", self.modal_solver)?
+                        .map_or(Ok(ModalSolver::Auto), ModalSolver::parse)?,
+                    petsc: raw::optional_text("petsc_options", self.petsc_options)?
+                        .unwrap_or_default()
+                        .to_owned(),
+                    ..ModalOptions::default()
                 },
                 with_modes: self.with_modes != 0,
             })
@@ -119,22 +130,23 @@ unsafe fn new(
     let (mesh, request) = comm.agree(read())?;
     let spec = request.spec(&comm)?;
     let mut graph = Graph::new(&mesh, &comm)?;
+    let modal = ModalOptions {
+        count: spec.mode_count(),
+        ..request.modal
+    };
     let modes = match request.with_modes {
-        true => {
-            let modal = ModalOptions {
-                count: spec.mode_count(),
-                ..ModalOptions::default()
-            };
-            Some(laplacian_modes(&mesh, &mut graph, &comm, &modal)?)
-        }
+        true => Some(laplacian_modes(&mesh, &mut graph, &comm, &modal)?),
         false => None,
     };
-    let mut preset = [i64::from(request.labels.is_some())];
-    comm.max_i64(&mut preset);
+    let preset = request.labels.as_deref();
+    let mut any_preset = [i64::from(preset.is_some())];
+    comm.max_i64(&mut any_preset);
     let segmentation = match &modes {
         // Not solved for a second time.
-        Some(modes) if preset[0] == 0 => segments::segment_by_modes(&mesh, &mut graph, &spec, modes, &comm)?,
-        _ => segments::segment(&mesh, &mut graph, &spec, &comm, request.labels.as_deref())?,
+        Some(modes) if any_preset[0] == 0 => {
+            segments::segment_by_modes(&mesh, &mut graph, &spec, modes, &comm)?
+        }
+        _ => segments::segment_with(&mesh, &mut graph, &spec, &modal, &comm, preset)?,
     };
     Ok(SegmentsHandle {
         segmentation,

@@ -44,7 +44,7 @@ fn layouts_are_those_of_the_header() {
     );
     assert_eq!(
         (size_of::<SegmentOptionsData>(), size_of::<RankReport>()),
-        (32, 16)
+        (48, 16)
     );
 }
 

@@ -107,7 +107,29 @@ refuses '16 segments, for 17 subdomains' 17
 refuses 'expected 0 to 2' 3 'constraints { keep { type singleProcessorFaceSets; sets ((corner 3)); } }'
 rm 0/m4gnSegment
 refuses '2 segments, for 3 subdomains' 3 'm4gnCoeffs { segments 2; }'
-refuses 'unknown variant .slick., expected one of' 3 'm4gnCoeffs { method slick; }'
+refuses 'method is slick; expected one of' 3 'm4gnCoeffs { method slick; }'
 [ ! -e 0/m4gnSegment ] || fail "a refused decomposition left segments"
 echo "bad input: refused"
+
+# Baffles where the belt was: two faces in one place, and cells on both sides that must stay together
+cat > system/createBafflesDict << EOD
+$head
+internalFacesOnly true;
+baffles
+{
+    belt
+    {
+        type faceZone; zoneName belt;
+        patches { master { name baffles; type wall; } slave { name baffles; type wall; } }
+    }
+}
+EOD
+runs createBaffles -overwrite
+rm -f 0/*
+decomposes 3 'm4gnCoeffs { segments 16; } constraints { keep { type preserveBaffles; } }'
+grep -q 'groups (preserveBaffles)' log.run || fail "the baffles hold nothing together"
+for j in $(seq 0 11); do
+    [ "$(rank_of $((40*j + 19)))" = "$(rank_of $((40*j + 20)))" ] || fail "row $j: the baffle is torn"
+done
+echo "baffles: held together"
 echo "constraints: passed"

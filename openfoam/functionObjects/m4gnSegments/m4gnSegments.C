@@ -52,7 +52,9 @@ bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
     m4gn::checkKeys(dict, {"segments", "modes", "recompute"}, true);
 
     const dictionary own(dict.subOrEmptyDict("segments"));
-    m4gn::checkKeys(own, m4gnSegmentation::keys(countKey), false);
+    wordList valid(m4gnSegmentation::keys(countKey));
+    valid.append("model");
+    m4gn::checkKeys(own, valid, false);
     m4gnSegmentation::checkDictionary(own, countKey);
     dict.getOrDefault<bool>("modes", true);
     dict.getOrDefault<bool>("recompute", false);
