@@ -1,8 +1,15 @@
-//! Generates the PETSc and SLEPc bindings and links both.
-
-use std::{env, path::PathBuf};
+//! Generates the PETSc and SLEPc bindings and links both, unless the feature `slepc` is off.
 
 fn main() {
+    println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn.so");
+    #[cfg(feature = "slepc")]
+    slepc();
+}
+
+#[cfg(feature = "slepc")]
+fn slepc() {
+    use std::{env, path::PathBuf};
+
     println!("cargo:rerun-if-changed=cpp/slepc_wrapper.h");
     let slepc = pkg_config::Config::new()
         .cargo_metadata(false)
@@ -29,7 +36,6 @@ fn main() {
     }
     println!("cargo:rustc-link-lib=dylib=slepc_real");
     println!("cargo:rustc-link-lib=dylib=petsc_real");
-    println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn.so");
 
     let includes = [&slepc, &petsc, &mpi].into_iter().flat_map(|l| &l.include_paths);
     let bindings = bindgen::Builder::default()
@@ -39,14 +45,14 @@ fn main() {
         .allowlist_function("(Slepc|Petsc)(Initialize|Initialized|Finalize|InitializeNoArguments)")
         .allowlist_function("PetscInitialized|PetscFinalized|PetscErrorMessage|PetscPopErrorHandler")
         .allowlist_function(
-            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|InsertString|ClearValue)",
+            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|ClearValue|HasName|Used)",
         )
         .allowlist_function(
             "Mat(Create|CreateAIJ|Destroy|SetSizes|SetType|SetUp|SetOption|SetValues|SetFromOptions)",
         )
         .allowlist_function("Mat(MPIAIJSetPreallocation|SeqAIJSetPreallocation|XAIJSetPreallocation)")
         .allowlist_function(
-            "Mat(AssemblyBegin|AssemblyEnd|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
+            "Mat(Mult|SetBlockSize|SetNearNullSpace|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
         )
         .allowlist_function("Vec(Destroy|GetArrayRead|RestoreArrayRead|GetLocalSize|Norm)")
         .allowlist_function("ST(Set.*|Get.*)")

@@ -21,6 +21,31 @@ const LIBRARIES: [&str; 6] = [
     "Pstream",
 ];
 
+/// Sources of the bridge, and those that it shares with the function objects: one way to turn an fvMesh into arrays.
+const SOURCES: [&str; 9] = [
+    "src/FoamCase.C",
+    "src/FoamFields.C",
+    "src/FoamMesh.C",
+    "src/FoamWrite.C",
+    "../openfoam/mesh/m4gnMeshAdapter.C",
+    "../openfoam/mesh/m4gnNodeTypes.C",
+    "../openfoam/dictionary/m4gnDictionary.C",
+    "../openfoam/fields/m4gnFieldFiles.C",
+    "../openfoam/segments/m4gnSegmentField.C",
+];
+
+/// What they include.
+const HEADERS: [&str; 8] = [
+    "src/FoamCase.H",
+    "src/FoamData.H",
+    "include/m4gn.h",
+    "../openfoam/mesh/m4gnMeshAdapter.H",
+    "../openfoam/mesh/m4gnNodeTypes.H",
+    "../openfoam/dictionary/m4gnDictionary.H",
+    "../openfoam/fields/m4gnFieldFiles.H",
+    "../openfoam/segments/m4gnSegmentField.H",
+];
+
 fn stop(message: &str) -> ! {
     eprintln!("error: the OpenFOAM bridge cannot be built: {message}.\n{HINT}");
     exit(1)
@@ -32,13 +57,7 @@ fn variable(name: &str) -> Option<String> {
 }
 
 fn main() {
-    for file in [
-        "src/lib.rs",
-        "src/FoamCase.H",
-        "src/FoamData.H",
-        "src/FoamCase.C",
-        "src/FoamFields.C",
-    ] {
+    for file in SOURCES.iter().chain(&HEADERS).chain(&["src/lib.rs"]) {
         println!("cargo:rerun-if-changed={file}");
     }
     let Some(includes) = variable("M4GN_FOAM_INCLUDES") else {
@@ -69,8 +88,9 @@ fn main() {
 
     let mut build = cxx_build::bridge("src/lib.rs");
     build
-        .files(["src/FoamCase.C", "src/FoamFields.C"])
-        .include("src")
+        .files(SOURCES)
+        .includes(["src", "include"])
+        .includes(["mesh", "dictionary", "fields", "segments"].map(|folder| format!("../openfoam/{folder}")))
         .warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {

@@ -22,6 +22,7 @@ pub mod parallel;
 pub mod report;
 pub mod segments;
 pub mod step;
+pub mod survey;
 pub mod validate;
 
 pub use error::{Error, Result};

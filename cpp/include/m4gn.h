@@ -134,9 +134,16 @@ typedef struct m4gn_session_options
     int32_t slic_iterations;    /* < 0: the model's */
     double tau;                 /* < 0: the model's */
     double segment_size;        /* S, m; <= 0: the model's */
-    const char* segment_method; /* "metis", "slic"; NULL: the model's */
+    const char* segment_method; /* "metis", "slic-md", "slic-mdodl", "slic-mdode"; NULL: the model's */
     const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     const char* precision;      /* "fp32" (NULL) or "bf16": of the native backend's products */
+    double energy;              /* share of the energy that as many modes hold, (0, 1]; modes is then the most;
+                                   <= 0: the model's */
+    int32_t connected;          /* every segment connected, 1 yes, 0 no; < 0: the model's */
+    double distance_scale;      /* length of the distance to the obstacle, m; 0: off (the paper); < 0: the model's */
+    const char* obstacles;      /* patches that are the obstacle, "a, b"; NULL: the model's */
+    const char* modal_solver;   /* "auto" (NULL), "direct" or "iterative" */
+    const char* petsc_options;  /* for the modes, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
 } m4gn_session_options;
 
 /* Fills in "as the model was trained" everywhere; set model afterwards. */
@@ -184,6 +191,119 @@ int32_t m4gn_session_step(
     int32_t n_in,
     const m4gn_field_out* out,
     int32_t n_out);
+
+/* ---- segments ----------------------------------------------------------------------------------- */
+
+/* Segments of a mesh without a model, and its Laplacian modes. */
+typedef struct m4gn_segments m4gn_segments;
+
+typedef struct m4gn_segment_options
+{
+    const char* model;          /* model file whose segmentation is meant; NULL: m4gn's defaults */
+    const char* spec;           /* JSON object with entries that differ, by the names of a model's description:
+                                   {"method": "slic-md", "count": 36, "modes": 6, "tau": 1.0, ...}; NULL: {} */
+    const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    const char* modal_solver;   /* as in m4gn_session_options */
+    const char* petsc_options;  /* as in m4gn_session_options */
+    int32_t with_modes;         /* 0: m4gn_segments_n_modes is 0, and with cell_segment nothing is solved */
+} m4gn_segment_options;
+
+/* Collective. Cuts the mesh; on failure *segments is NULL. */
+int32_t m4gn_segments_new(
+    int32_t comm,
+    const m4gn_mesh_data* mesh,
+    const m4gn_segment_options* options,
+    m4gn_segments** segments);
+
+void m4gn_segments_free(m4gn_segments* segments);
+
+/* Segments K. */
+int32_t m4gn_segments_count(const m4gn_segments* segments);
+
+/* Segment of each of this rank's cells [n_cells], 0 to K-1. */
+int32_t m4gn_segments_cells(const m4gn_segments* segments, int32_t* cell_segment);
+
+/* Over all ranks: nodes (cells and boundary faces) of each segment [K], and edges from one segment to another [K*K];
+ * two segments that share n faces have n edges each way. */
+int32_t m4gn_segments_graph(const m4gn_segments* segments, double* sizes, double* adjacency);
+
+/* Modes: as many as spec says, more if the last eigenvalue is repeated. */
+int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
+
+/* Mode index (0 to n-1, by ascending eigenvalue): eigenvalue, 1/m^2, and the mode in this rank's cells [n_cells],
+ * scaled to sum V phi^2 = sum V. */
+int32_t m4gn_segments_mode(const m4gn_segments* segments, int32_t index, double* eigenvalue, double* cells);
+
+typedef struct m4gn_rank_report
+{
+    double cut;                 /* faces between segments of different ranks */
+    double imbalance;           /* largest load over its rank's share; 1: perfect */
+} m4gn_rank_report;
+
+/* Not collective; a function of its arguments alone. The rank of each segment, so that every rank has at least one,
+ * loads are balanced and few faces lie between ranks. n_segments < n_ranks is an error. */
+int32_t m4gn_segment_ranks(
+    int32_t n_segments,
+    const double* sizes,        /* [n_segments] nodes, or any other work */
+    const double* adjacency,    /* [n_segments*n_segments] as m4gn_segments_graph gives it */
+    int32_t n_ranks,
+    const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
+    const int32_t* fixed,       /* [n_segments] rank that a segment is bound to, -1: free; NULL: all free */
+    int32_t* segment_rank,      /* [n_segments] */
+    m4gn_rank_report* report);  /* may be NULL */
+
+/* ---- modes -------------------------------------------------------------------------------------- */
+
+/* Modes of a solver's own pair of matrices: K phi = lambda M phi. */
+typedef struct m4gn_modes m4gn_modes;
+
+/* This rank's rows of a distributed square matrix. Rows and columns are numbered over all ranks, the rows of rank 0
+ * first, then those of rank 1, and so on. */
+typedef struct m4gn_csr
+{
+    int32_t n_rows;             /* rows of this rank; may be 0 */
+    const int64_t* row;         /* [n_rows+1] row i holds entries row[i] to row[i+1]-1; row[0] is 0 */
+    const int64_t* column;      /* [row[n_rows]] columns, in any order within a row; entries of one place add up */
+    const double* value;        /* [row[n_rows]] */
+} m4gn_csr;
+
+typedef struct m4gn_modes_options
+{
+    int32_t modes;              /* how many; default 6. Repeated eigenvalues are taken whole: there may be more */
+    int32_t symmetric;          /* default 1: K and M are symmetric and positive semi-definite, M may be singular.
+                                   0: a pair that is not, solved as it is for the eigenvalues nearest to the shift */
+    int32_t block;              /* unknowns a point, in consecutive rows; default 1 */
+    double energy;              /* > 0: only as many modes as hold this share, at most 1, of the sum of 1/lambda over
+                                   the first `modes`; default 0: all of them */
+    double shift;               /* a number a little below the eigenvalues wanted; NAN (default): estimated */
+    const double* positions;    /* [3*n_rows/block] where the points are, m: signs of modes then do not depend on the
+                                   numbering. NULL (default) on all ranks: chosen by numbers */
+    const char* solver;         /* "auto" (NULL) by size, "direct" (factorisation), "iterative" (multigrid) */
+    const char* petsc;          /* options of PETSc and SLEPc, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
+} m4gn_modes_options;
+
+/* Fills in the defaults. */
+void m4gn_modes_options_init(m4gn_modes_options* options);
+
+/* Collective. Solves for the modes; `mass` NULL is the identity. On failure *modes is NULL. */
+int32_t m4gn_modes_new(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
+    const m4gn_csr* stiffness,
+    const m4gn_csr* mass,
+    const m4gn_modes_options* options,
+    m4gn_modes** modes);
+
+void m4gn_modes_free(m4gn_modes* modes);
+
+/* Number of modes found. */
+int32_t m4gn_modes_count(const m4gn_modes* modes);
+
+/* Eigenvalues [count], ascending. */
+int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* eigenvalues);
+
+/* Mode `index`, 0 to count-1, of this rank's rows [n_rows]; scaled to phi^T M phi = (sum of the entries of M)/block,
+ * a root mean square of 1. */
+int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector);
 
 /* ---- recorder ----------------------------------------------------------------------------------- */
 

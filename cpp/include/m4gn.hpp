@@ -130,6 +130,138 @@ private:
     std::unique_ptr<m4gn_session, Free> session_;
 };
 
+// Segments of a mesh without a model. Made by all ranks together.
+class Segments
+{
+public:
+    Segments(int32_t comm, const m4gn_mesh_data& mesh, const m4gn_segment_options& options)
+    {
+        checkVersion();
+        m4gn_segments* segments = nullptr;
+        check(m4gn_segments_new(comm, &mesh, &options, &segments));
+        segments_.reset(segments);
+    }
+
+    // Segments K.
+    int32_t count() const { return m4gn_segments_count(segments_.get()); }
+
+    // Segment of each of this rank's nCells cells.
+    std::vector<int32_t> cells(std::size_t nCells) const
+    {
+        std::vector<int32_t> cellSegment(nCells + 1);
+        check(m4gn_segments_cells(segments_.get(), cellSegment.data()));
+        cellSegment.pop_back();
+        return cellSegment;
+    }
+
+    // Nodes of each segment, and edges between them (K*K), over all ranks.
+    void graph(std::vector<double>& sizes, std::vector<double>& adjacency) const
+    {
+        const auto k = static_cast<std::size_t>(count());
+        sizes.resize(k);
+        adjacency.resize(k*k);
+        check(m4gn_segments_graph(segments_.get(), sizes.data(), adjacency.data()));
+    }
+
+    int32_t nModes() const { return m4gn_segments_n_modes(segments_.get()); }
+
+    // Eigenvalue of mode i (1/m^2), and its values in this rank's nCells cells.
+    double mode(int32_t i, std::size_t nCells, std::vector<double>& cells) const
+    {
+        double eigenvalue = 0;
+        cells.resize(nCells + 1);
+        check(m4gn_segments_mode(segments_.get(), i, &eigenvalue, cells.data()));
+        cells.pop_back();
+        return eigenvalue;
+    }
+
+    // The rank of each segment. rankWeights may be empty: equal; so may fixed: all free.
+    static std::vector<int32_t> ranks
+    (
+        const std::vector<double>& sizes,
+        const std::vector<double>& adjacency,
+        int32_t nRanks,
+        const std::vector<double>& rankWeights = {},
+        const std::vector<int32_t>& fixed = {},
+        m4gn_rank_report* report = nullptr
+    )
+    {
+        std::vector<int32_t> rank(sizes.size());
+        check
+        (
+            m4gn_segment_ranks
+            (
+                static_cast<int32_t>(sizes.size()),
+                sizes.data(),
+                adjacency.data(),
+                nRanks,
+                rankWeights.empty() ? nullptr : rankWeights.data(),
+                fixed.empty() ? nullptr : fixed.data(),
+                rank.data(),
+                report
+            )
+        );
+        return rank;
+
+// Six modes of a symmetric pair with one unknown a point.
+inline m4gn_modes_options modesOptions()
+{
+    m4gn_modes_options options;
+    m4gn_modes_options_init(&options);
+    return options;
+}
+
+// Modes of a solver's own pair of matrices. Made by all ranks together.
+class Modes
+{
+public:
+    // mass: NULL is the identity.
+    Modes(int32_t comm, const m4gn_csr& stiffness, const m4gn_csr* mass, const m4gn_modes_options& options)
+    :
+        nRows_(static_cast<std::size_t>(stiffness.n_rows))
+    {
+        checkVersion();
+        m4gn_modes* modes = nullptr;
+        check(m4gn_modes_new(comm, &stiffness, mass, &options, &modes));
+        modes_.reset(modes);
+    }
+
+    int32_t size() const { return m4gn_modes_count(modes_.get()); }
+
+    // Ascending.
+    std::vector<double> eigenvalues() const
+    {
+        // One more than needed, here and below, so that an empty list has a pointer too.
+        std::vector<double> values(static_cast<std::size_t>(size()) + 1);
+        check(m4gn_modes_eigenvalues(modes_.get(), values.data()));
+        values.pop_back();
+        return values;
+    }
+
+    // One mode, this rank's rows.
+    std::vector<double> vector(int32_t index) const
+    {
+        std::vector<double> values(nRows_ + 1);
+        check(m4gn_modes_vector(modes_.get(), index, values.data()));
+        values.pop_back();
+        return values;
+    }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
+    };
+
+    std::unique_ptr<m4gn_segments, Free> segments_;
+
+        void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
+    };
+
+    std::size_t nRows_;
+    std::unique_ptr<m4gn_modes, Free> modes_;
+};
+
 // A trajectory being recorded. Made and destroyed by all ranks together; without finish() nothing is left behind.
 class Recorder
 {

@@ -4,6 +4,7 @@
 #include "FoamData.H"
 
 #include "emptyPolyPatch.H"
+#include "m4gnDictionary.H"
 #include "messageStream.H"
 
 #include <algorithm>
@@ -190,6 +191,8 @@ m4gn::Description m4gn::FoamCase::describe() const
     result.application = rust::String(control.lookupOrDefault<Foam::word>("application", Foam::word::null));
     result.delta_t = control.lookupOrDefault<Foam::scalar>("deltaT", 0);
     result.processors = data_->databases.size();
+    result.start = rust::String(data_->start_name());
+    result.function_object = rust::String(Foam::m4gn::json(data_->function_object()));
     for (const Foam::instant& t : data_->times) { result.times.push_back(t.value()); }
     result.cells = mesh.nCells();
     const Foam::Vector<Foam::label>& solved = mesh.solutionD();

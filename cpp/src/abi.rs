@@ -1,7 +1,7 @@
-//! The C interface that m4gn loads, version 1. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
+//! The C interface that m4gn loads, version 2. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
 //!
-//! Everything is said with two calls on an open case: `m4gn_foam_describe` gives a JSON object, and
-//! `m4gn_foam_query` answers a JSON request with numbers. A thread that opens a case must also use and close it:
+//! Everything is said with three calls on an open case: `m4gn_foam_describe` gives a JSON object, `m4gn_foam_query`
+//! answers a JSON request with numbers, and `m4gn_foam_write` writes fields. A thread that opens a case must also use and close it:
 //! OpenFOAM is not thread-safe.
 #![allow(unsafe_code)]
 
@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Version of this interface; m4gn refuses a library of another.
-const ABI_VERSION: u32 = 1;
+const ABI_VERSION: u32 = 2;
 
 /// An open case and what it was last asked.
 pub struct Case {
@@ -45,6 +45,27 @@ enum Query {
     Force { patch: String, time: usize },
     /// Flux, area, integral of U: `[5]`
     Flow { patch: String, time: usize },
+    /// Nothing; prepares the mesh for [`Query::MeshPart`]. Pairs of patch or group and node type, which go before
+    /// those of the case's function object.
+    NodeTypes { types: Vec<(String, String)> },
+    /// An array of `m4gn_mesh_data` (m4gn.h) by its name there, or `value_patches`: the indices, into the patches of
+    /// the description, that `boundary_patch` counts.
+    MeshPart { name: String },
+    /// A field in the folder of the start time: 0 there is none, 1 the note in its header begins with `mark`, 2 it
+    /// does not.
+    StartField { name: String, mark: String },
+}
+
+/// What [`m4gn_foam_write`] does.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Write {
+    /// Names of the volScalarFields, written to the folder of the start time: all or none.
+    fields: Vec<String>,
+    /// Note in their headers.
+    note: String,
+    /// Fields in that folder to remove afterwards.
+    remove: Vec<String>,
 }
 
 thread_local! {
@@ -184,6 +205,40 @@ pub unsafe extern "C" fn m4gn_foam_query(
     })
 }
 
+/// Writes what a [`Write`] given as JSON says; `data` holds `count` doubles, the cells of one field after the other.
+///
+/// # Safety
+/// `case` comes from [`m4gn_foam_open`], `request` is a C string, `data` points to `count` doubles.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_foam_write(
+    case: *mut Case,
+    request: *const c_char,
+    data: *const f64,
+    count: usize,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: null or an open case that nobody else uses during the call, by this function's contract.
+        let case = unsafe { case.as_mut() }.ok_or("expected an open case, found a null pointer")?;
+        // SAFETY: this function's contract.
+        let request = unsafe { utf8(request) }?;
+        let write: Write = serde_json::from_str(request).map_err(|e| format!("write {request}: {e}"))?;
+        let values = match (data.is_null(), count) {
+            (_, 0) => &[],
+            (true, _) => return Err("expected values, found a null pointer".into()),
+            // SAFETY: not null, and `count` doubles by this function's contract.
+            (false, _) => unsafe { std::slice::from_raw_parts(data, count) },
+        };
+        let done = || -> Result<(), cxx::Exception> {
+            case.foam.write_start_fields(&write.fields, &write.note, values)?;
+            write
+                .remove
+                .iter()
+                .try_for_each(|name| case.foam.remove_start_field(name))
+        };
+        done().map_err(|e| e.to_string())
+    })
+}
+
 fn as_json(case: &foam::Description) -> serde_json::Value {
     let patch = |p: &foam::Patch| json!({ "name": p.name, "kind": p.kind, "faces": p.faces, "lower": p.lower, "upper": p.upper });
     json!({
@@ -191,6 +246,8 @@ fn as_json(case: &foam::Description) -> serde_json::Value {
         "application": case.application,
         "delta_t": case.delta_t,
         "processors": case.processors,
+        "start": case.start,
+        "function_object": case.function_object,
         "times": case.times,
         "cells": case.cells,
         "directions": case.directions,
@@ -222,6 +279,20 @@ fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx:
         Query::Flow { patch, time } => {
             let flow = case.flow(&patch, time)?;
             [flow.flux, flow.area].into_iter().chain(flow.velocity).collect()
+        }
+        Query::NodeTypes { types } => {
+            let (keys, types) = types.into_iter().unzip();
+            case.set_node_types(&keys, &types)?;
+            Vec::new()
+        }
+        Query::MeshPart { name } => case.mesh_part(&name)?,
+        Query::StartField { name, mark } => {
+            let note = case.start_note(&name)?;
+            vec![match (note.is_empty(), note.starts_with(&mark)) {
+                (true, _) => 0.0,
+                (_, true) => 1.0,
+                (_, false) => 2.0,
+            }]
         }
     })
 }

@@ -1,5 +1,5 @@
-//! OpenFOAM cases, read through OpenFOAM's own libraries (`Time`, `fvMesh`, `volVectorField`): ASCII, binary,
-//! compressed, undecomposed and decomposed cases alike, and no parser of our own.
+//! OpenFOAM cases, read and written through OpenFOAM's own libraries (`Time`, `fvMesh`, `volVectorField`): ASCII,
+//! binary, compressed, undecomposed and decomposed cases alike, and no parser of our own.
 //!
 //! libOpenFOAM reads its `etc/controlDict` while it is being loaded and ends the process when `WM_PROJECT_DIR` is
 //! not set. So nothing links this library: m4gn sets the variable, loads it when a command reads a case, and talks
@@ -35,6 +35,11 @@ mod foam {
         delta_t: f64,
         /// Number of processor folders that the fields are read from; 0: the case's own time folders.
         processors: usize,
+        /// Name of the folder that a run of the case starts from, `0`.
+        start: String,
+        /// The case's function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnHarvest`, as a JSON object; `{}`
+        /// if it has none.
+        function_object: String,
         /// Times that are stored, s, ascending.
         times: Vec<f64>,
         /// Number of cells.
@@ -86,5 +91,10 @@ mod foam {
         fn vector_field(self: Pin<&mut FoamCase>, name: &str, time: usize) -> Result<Vec<f64>>;
         fn force(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Force>;
         fn flow(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Flow>;
+        fn set_node_types(self: Pin<&mut FoamCase>, keys: &Vec<String>, types: &Vec<String>) -> Result<()>;
+        fn mesh_part(&self, name: &str) -> Result<Vec<f64>>;
+        fn start_note(&self, name: &str) -> Result<String>;
+        fn remove_start_field(&self, name: &str) -> Result<()>;
+        fn write_start_fields(&self, names: &Vec<String>, note: &str, values: &[f64]) -> Result<()>;
     }
 }

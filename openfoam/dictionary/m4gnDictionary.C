@@ -94,6 +94,15 @@ Foam::word Foam::m4gn::join(const wordList& words)
 }
 
 
+std::string Foam::m4gn::text(const scalar value)
+{
+    OStringStream os;
+    os.precision(17);
+    os << value;
+    return os.str();
+}
+
+
 std::string Foam::m4gn::json(const std::string& text)
 {
     scalar number;

@@ -142,8 +142,11 @@ Foam::labelList Foam::m4gnMeshAdapter::procAddressing
     (
         !returnReduce
         (
-            addressing.headerClassName() == labelIOList::typeName
-         && addressing.size() == size,
+            size == 0
+         || (
+                addressing.headerClassName() == labelIOList::typeName
+             && addressing.size() == size
+            ),
             andOp<bool>()
         )
     )

@@ -11,18 +11,16 @@ License
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnRate.H"
+#include "m4gnSegmentField.H"
+#include "m4gnSegmentation.H"
 #include "clockTime.H"
-#include "OFstream.H"
 #include "OSspecific.H"
 #include "Time.H"
-#include "zeroGradientFvPatchFields.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 namespace
 {
-
-const char* const segmentName = "m4gnSegment";
 
 //- Entry as C takes it; nullptr: the model's own
 const char* textOrNull(const Foam::word& text)
@@ -45,6 +43,15 @@ void Foam::m4gnSession::open
 
     const word backend(dict.getOrDefault<word>("backend", word::null));
     const word method(own.getOrDefault<word>("method", word::null));
+    const word obstacles
+    (
+        m4gn::join(own.getOrDefault<wordList>("obstacles", wordList()))
+    );
+    const word modalSolver(own.getOrDefault<word>("modalSolver", word::null));
+    const string petscOptions
+    (
+        own.getOrDefault<string>("petscOptions", string::null)
+    );
     const word precision(dict.getOrDefault<word>("precision", word::null));
 
     m4gn_session_options options;
@@ -61,6 +68,13 @@ void Foam::m4gnSession::open
     options.tau = own.getOrDefault<scalar>("tau", -1);
     options.segment_size = own.getOrDefault<scalar>("size", 0);
     options.segment_method = textOrNull(method);
+    options.energy = own.getOrDefault<scalar>("energy", 0);
+    options.connected =
+        own.found("connected") ? int(own.get<bool>("connected")) : -1;
+    options.distance_scale = own.getOrDefault<scalar>("distanceScale", -1);
+    options.obstacles = textOrNull(obstacles);
+    options.modal_solver = textOrNull(modalSolver);
+    options.petsc_options = petscOptions.c_str();
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
@@ -165,55 +179,7 @@ void Foam::m4gnSession::checkFields()
 }
 
 
-Foam::List<int32_t> Foam::m4gnSession::readSegments() const
-{
-    const Time& time = mesh_.time();
-
-    for
-    (
-        const word& instance
-      : wordList({Time::timeName(time.startTime().value()), "0", time.constant()})
-    )
-    {
-        IOobject io
-        (
-            segmentName,
-            instance,
-            mesh_,
-            IOobject::MUST_READ,
-            IOobject::NO_WRITE,
-            false
-        );
-
-        if
-        (
-            returnReduce
-            (
-                io.typeHeaderOk<volScalarField>(true, false),
-                andOp<bool>()
-            )
-        )
-        {
-            const volScalarField stored(io, mesh_);
-
-            List<int32_t> segments(stored.size());
-            forAll(segments, celli)
-            {
-                segments[celli] = int32_t(std::lround(stored[celli]));
-            }
-
-            Info<< "m4gn: segments read from " << instance << '/'
-                << segmentName << endl;
-
-            return segments;
-        }
-    }
-
-    return List<int32_t>();
-}
-
-
-void Foam::m4gnSession::writeSegments() const
+Foam::List<int32_t> Foam::m4gnSession::segments() const
 {
     List<int32_t> segments(mesh_.nCells());
     m4gn::check
@@ -221,42 +187,7 @@ void Foam::m4gnSession::writeSegments() const
         m4gn_session_segments(session_, segments.data()),
         "m4gnSurrogate"
     );
-
-    volScalarField field
-    (
-        IOobject
-        (
-            segmentName,
-            Time::timeName(mesh_.time().startTime().value()),
-            mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
-        mesh_,
-        dimensionedScalar(dimless, Zero),
-        zeroGradientFvPatchScalarField::typeName
-    );
-
-    forAll(field, celli)
-    {
-        field[celli] = segments[celli];
-    }
-    field.correctBoundaryConditions();
-
-    // field.write() would put it into a folder of the current time
-    const fileName dir(mesh_.time().path()/field.instance()/mesh_.dbDir());
-    mkDir(dir);
-    OFstream os(dir/segmentName);
-    os.format(mesh_.time().writeFormat());
-    field.writeHeader(os);
-    field.writeData(os);
-
-    if (!os.good())
-    {
-        FatalErrorInFunction
-            << "Cannot write " << os.name() << exit(FatalError);
-    }
+    return segments;
 }
 
 
@@ -288,18 +219,24 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
 
     adapter_.reset(new m4gnMeshAdapter(mesh, nodeTypes.types()));
 
-    const List<int32_t> segments(readSegments());
+    List<int32_t> stored;
+    fileName from;
+    if (m4gn::readSegments(mesh, stored, from))
+    {
+        Info<< "m4gn: segments read from " << from.c_str() << endl;
+    }
 
-    open(dict, segments);
+    open(dict, stored);
     checkFields();
 
     if
     (
-        returnReduce(segments.empty(), andOp<bool>())
+        from.empty()
+     && m4gn_session_n_segments(session_) > 0
      && dict.getOrDefault<bool>("writeSegments", true)
     )
     {
-        writeSegments();
+        m4gn::writeSegments(mesh, segments());
     }
 
     setupSeconds_ = timer.elapsedTime();
@@ -373,36 +310,14 @@ void Foam::m4gnSession::checkDictionary
 
     const dictionary own(dict.subOrEmptyDict("segments"));
 
-    m4gn::checkKeys
-    (
-        own,
-        {"count", "modes", "tau", "size", "overlap", "iterations", "method"},
-        false
-    );
-
-    m4gn::checkAtLeast(own, "count", own.getOrDefault<label>("count", 1), 1);
-    m4gn::checkAtLeast(own, "modes", own.getOrDefault<label>("modes", 0), 0);
-    m4gn::checkAtLeast(own, "tau", own.getOrDefault<scalar>("tau", 0), 0);
-    m4gn::checkAtLeast
-    (
-        own, "size", own.getOrDefault<scalar>("size", 1), VSMALL
-    );
+    wordList valid(m4gnSegmentation::keys("count"));
+    valid.append("overlap");
+    m4gn::checkKeys(own, valid, false);
+    m4gnSegmentation::checkDictionary(own, "count");
     m4gn::checkAtLeast
     (
         own, "overlap", own.getOrDefault<label>("overlap", 0), 0
     );
-    m4gn::checkAtLeast
-    (
-        own, "iterations", own.getOrDefault<label>("iterations", 0), 0
-    );
-
-    const word method(own.getOrDefault<word>("method", "slic"));
-    if (method != "slic" && method != "metis")
-    {
-        FatalIOErrorInFunction(own)
-            << "Entry method is " << method << "; expected slic or metis"
-            << exit(FatalIOError);
-    }
 }
 
 

@@ -7,12 +7,16 @@
 
 #[macro_use]
 mod door;
+mod modes;
 mod raw;
 mod recorder;
+mod segments;
 mod session;
 
+pub use modes::{CsrData, ModesOptionsData};
 pub use raw::{FieldData, FieldOut, MeshData};
 pub use recorder::{RecorderField, RecorderOptions};
+pub use segments::{RankReport, SegmentOptionsData};
 pub use session::{FieldInfo, SessionOptionsData};
 
 use std::ffi::c_char;

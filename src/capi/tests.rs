@@ -32,7 +32,7 @@ fn layouts_are_those_of_the_header() {
             size_of::<SessionOptionsData>(),
             offset_of!(SessionOptionsData, tau)
         ),
-        (80, 40)
+        (128, 40)
     );
     assert_eq!(
         (size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)),
@@ -41,6 +41,10 @@ fn layouts_are_those_of_the_header() {
     assert_eq!(
         (size_of::<RecorderField>(), size_of::<RecorderOptions>()),
         (40, 48)
+    );
+    assert_eq!(
+        (size_of::<SegmentOptionsData>(), size_of::<RankReport>()),
+        (48, 16)
     );
 }
 

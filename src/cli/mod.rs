@@ -6,6 +6,7 @@ pub mod doctor;
 pub mod generate;
 pub mod info;
 mod output;
+pub mod segment;
 mod stop;
 pub mod train;
 pub mod validate;
@@ -37,6 +38,7 @@ enum Command {
     Validate(validate::Args),
     Compare(compare::Args),
     Bench(bench::Args),
+    Segment(segment::Args),
     Doctor(doctor::Args),
 }
 
@@ -51,6 +53,7 @@ pub fn main() -> ExitCode {
         Command::Validate(args) => validate::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Segment(args) => segment::run(args),
         Command::Doctor(args) => doctor::run(args),
     };
     let status = match done {

@@ -5,11 +5,11 @@ use crate::{
     Result,
     foam_case::Polygons,
     report::{
-        CellMap, Chart, FieldPicture, Page, Series,
+        CellMap, Chart, Page, Series, VelocityRow,
         chart::{BLUE, GREY, ORANGE},
         number, percent,
-        picture::{Palette, Panel, Scale},
         raster::Raster,
+        velocity,
     },
 };
 
@@ -22,43 +22,16 @@ pub fn picture(polygons: &Polygons, snapshots: &[Snapshot]) -> Option<Raster> {
     if snapshots.is_empty() {
         return None;
     }
-    let most = |of: fn(&Snapshot) -> &Vec<f64>| snapshots.iter().flat_map(of).copied().fold(0.0, f64::max);
-    // Of the full run: a hybrid that runs away must not darken the others.
-    let speed = most(|s| &s.full);
-    let scales = vec![
-        Scale {
-            label: "|U| [m/s]".into(),
-            low: 0.0,
-            high: speed,
-            palette: Palette::Viridis,
-        },
-        Scale {
-            label: "|U hybrid - U full| [m/s]".into(),
-            low: 0.0,
-            high: 0.5 * speed,
-            palette: Palette::Heat,
-        },
-    ];
-    let row = |s: &Snapshot| {
-        let panel = |name: &str, values: &Vec<f64>, scale| Panel {
-            title: format!("{name}, t = {} s", seconds(s.time)),
-            values: values.clone(),
-            scale,
-        };
-        vec![
-            panel("full", &s.full, 0),
-            panel("hybrid", &s.hybrid, 0),
-            panel("difference", &s.difference, 1),
-        ]
-    };
-    Some(
-        FieldPicture {
-            map,
-            scales,
-            rows: snapshots.iter().map(row).collect(),
-        }
-        .raster(),
-    )
+    let rows: Vec<VelocityRow> = snapshots
+        .iter()
+        .map(|s| VelocityRow {
+            time: seconds(s.time),
+            reference: &s.full,
+            other: &s.hybrid,
+            difference: &s.difference,
+        })
+        .collect();
+    Some(velocity::picture(map, ["full", "hybrid"], &rows).raster())
 }
 
 /// The report.

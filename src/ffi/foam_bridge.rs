@@ -1,4 +1,4 @@
-//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`cpp/src/abi.rs`, version 1).
+//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`cpp/src/abi.rs`, version 2).
 #![allow(unsafe_code)]
 
 use crate::{Error, Result};
@@ -11,7 +11,7 @@ use std::{
 };
 
 /// Version of the C interface that this code speaks.
-const ABI_VERSION: u32 = 1;
+const ABI_VERSION: u32 = 2;
 
 /// Where OpenFOAM keeps `etc/controlDict` when the user has not sourced an OpenFOAM of their own.
 const PROJECT_DIR: &str = match option_env!("M4GN_FOAM_PROJECT_DIR") {
@@ -24,6 +24,8 @@ type Close = unsafe extern "C" fn(*mut c_void);
 type Describe = unsafe extern "C" fn(*mut c_void, *mut *const c_char) -> i32;
 type Query = unsafe extern "C" fn(*mut c_void, *const c_char, *mut *const f64, *mut usize) -> i32;
 
+type Write = unsafe extern "C" fn(*mut c_void, *const c_char, *const f64, usize) -> i32;
+
 /// The loaded library. It is never unloaded: OpenFOAM's tables and signal handlers would outlive it.
 pub struct FoamBridge {
     _library: Library,
@@ -32,6 +34,7 @@ pub struct FoamBridge {
     close: Symbol<Close>,
     describe: Symbol<Describe>,
     query: Symbol<Query>,
+    write: Symbol<Write>,
 }
 
 static LOADED: OnceLock<Result<FoamBridge>> = OnceLock::new();
@@ -90,6 +93,7 @@ impl FoamBridge {
                 close: library.get(b"m4gn_foam_close").map_err(failed)?,
                 describe: library.get(b"m4gn_foam_describe").map_err(failed)?,
                 query: library.get(b"m4gn_foam_query").map_err(failed)?,
+                write: library.get(b"m4gn_foam_write").map_err(failed)?,
                 _library: library,
             })
         }
@@ -148,6 +152,15 @@ impl CaseHandle {
         }
         // SAFETY: status 0 means `count` doubles that are valid until the next call on this case.
         Ok(unsafe { std::slice::from_raw_parts(data, count) }.to_vec())
+    }
+
+    /// Writes fields, all of them or none.
+    pub fn write(&mut self, request: &serde_json::Value, values: &[f64]) -> Result<()> {
+        let request = text(&request.to_string())?;
+        // SAFETY: an open case, a C string and as many doubles as are counted.
+        let status =
+            unsafe { (self.bridge.write)(self.handle, request.as_ptr(), values.as_ptr(), values.len()) };
+        self.bridge.check(status)
     }
 }
 

@@ -1,4 +1,9 @@
-//! A finished OpenFOAM case, read with OpenFOAM's own libraries through `libm4gn_foam_bridge.so`.
+//! An OpenFOAM case, read and written with OpenFOAM's own libraries through `libm4gn_foam_bridge.so`.
+
+mod fields;
+mod mesh;
+
+pub use fields::Stored;
 
 use crate::{
     Error, Result,
@@ -34,6 +39,11 @@ pub struct Description {
     pub delta_t: f64,
     /// Number of processor folders that its fields come from; 0: its own time folders.
     pub processors: usize,
+    /// Name of the folder that a run starts from (`startFrom`, `startTime`): `0`.
+    pub start: String,
+    /// Its function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnHarvest`, as a JSON object; `{}` if it has
+    /// none.
+    pub function_object: String,
     /// Stored times, s, ascending.
     pub times: Vec<f64>,
     /// Number of cells.

@@ -4,6 +4,7 @@ use super::{
     picture::Scale,
     raster::{PAPER, Raster},
 };
+use crate::mesh::{BoundaryFace, Mesh};
 
 /// Samples a pixel has in each direction; their mean smooths edges.
 const SAMPLES: usize = 2;
@@ -61,6 +62,23 @@ impl CellMap {
             }
         }
         Some(map)
+    }
+
+    /// From a 2-D mesh that comes without the shapes of its cells, as [`CellMap::from_centres`]. None in 3-D.
+    pub fn from_mesh(mesh: &Mesh, width: usize) -> Option<Self> {
+        let [i, j] = mesh.directions[..] else {
+            return None;
+        };
+        let flat = |p: &[f64; 3]| [p[i], p[j]];
+        let centres: Vec<[f64; 2]> = mesh.cell_centres.iter().map(flat).collect();
+        let face = |b: &BoundaryFace| {
+            // Outward as seen from the owner, whatever the file says: a picture must not fall to pieces over a sign.
+            let (centre, owner, area) = (flat(&b.centre), centres[b.owner as usize], flat(&b.area));
+            let sign = ((centre[0] - owner[0]) * area[0] + (centre[1] - owner[1]) * area[1]).signum();
+            (centre, area.map(|a| sign * a))
+        };
+        let boundary: Vec<_> = mesh.boundary.iter().map(face).collect();
+        Self::from_centres(&centres, &boundary, width)
     }
 
     fn blank(points: &[[f64; 2]], width: usize) -> Option<(Self, Grid)> {

@@ -1,4 +1,5 @@
-//! What people look at: self-contained HTML pages with tables, charts (SVG) and pictures of fields (PNG).
+//! What people look at: self-contained HTML pages with tables, charts (SVG) and pictures of fields (PNG), and files
+//! for ParaView.
 
 pub mod cells;
 pub mod chart;
@@ -6,12 +7,16 @@ pub mod page;
 pub mod picture;
 pub mod raster;
 pub mod table;
+pub mod velocity;
+pub mod vtu;
 
 pub use cells::CellMap;
 pub use chart::{Chart, Series};
 pub use page::Page;
 pub use picture::FieldPicture;
 pub use table::Table;
+pub use velocity::VelocityRow;
+pub use vtu::PointCloud;
 
 use crate::{Error, Result};
 use std::path::Path;

@@ -78,7 +78,14 @@ impl Session {
         let segmentation = match spec.architecture.segment_transformer {
             Some(_) => {
                 let preset = preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm);
-                Some(segments::segment(mesh, &mut graph, &segment_spec, &comm, preset)?)
+                Some(segments::segment_with(
+                    mesh,
+                    &mut graph,
+                    &segment_spec,
+                    &options.modal,
+                    &comm,
+                    preset,
+                )?)
             }
             None => None,
         };

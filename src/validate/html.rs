@@ -5,13 +5,11 @@ use crate::{
     Result,
     compare::seconds,
     dataset::{Split, Trajectory},
-    mesh::BoundaryFace,
     model::ModelSpec,
     report::{
-        CellMap, Chart, FieldPicture, Page, Series,
+        CellMap, Chart, FieldPicture, Page, Series, VelocityRow,
         chart::{BLUE, GREY, ORANGE},
-        number,
-        picture::{Palette, Panel, Scale},
+        number, velocity,
     },
 };
 
@@ -118,52 +116,19 @@ fn chosen(cases: &[Case]) -> Vec<&Case> {
 
 fn picture(case: &Case) -> Result<Option<FieldPicture>> {
     let trajectory = Trajectory::open(&case.path)?;
-    let mesh = trajectory.mesh();
-    let [i, j] = mesh.directions[..] else {
+    let Some(map) = CellMap::from_mesh(trajectory.mesh(), PANEL) else {
         return Ok(None);
     };
-    let flat = |p: &[f64; 3]| [p[i], p[j]];
-    let centres: Vec<[f64; 2]> = mesh.cell_centres.iter().map(flat).collect();
-    let face = |b: &BoundaryFace| {
-        // Outward as seen from the owner, whatever the file says: a picture must not fall to pieces over a sign.
-        let (centre, owner, area) = (flat(&b.centre), centres[b.owner as usize], flat(&b.area));
-        let sign = ((centre[0] - owner[0]) * area[0] + (centre[1] - owner[1]) * area[1]).signum();
-        (centre, area.map(|a| sign * a))
-    };
-    let boundary: Vec<_> = mesh.boundary.iter().map(face).collect();
-    let Some(map) = CellMap::from_centres(&centres, &boundary, PANEL) else {
-        return Ok(None);
-    };
-    let all = || case.errors.snapshots.iter();
-    // Of the recorded ones: a model that runs away must not darken the others.
-    let speed = all().flat_map(|s| &s.recorded).copied().fold(0.0, f64::max);
-    let scales = vec![
-        Scale {
-            label: "|U| [m/s]".into(),
-            low: 0.0,
-            high: speed,
-            palette: Palette::Viridis,
-        },
-        Scale {
-            label: "|U model - U solver| [m/s]".into(),
-            low: 0.0,
-            high: 0.5 * speed,
-            palette: Palette::Heat,
-        },
-    ];
-    let rows = all()
-        .map(|s| {
-            let panel = |name: &str, values: &Vec<f64>, scale| Panel {
-                title: format!("{name}, t = {} s", seconds(s.time)),
-                values: values.clone(),
-                scale,
-            };
-            vec![
-                panel("solver", &s.recorded, 0),
-                panel("model", &s.predicted, 0),
-                panel("difference", &s.difference, 1),
-            ]
+    let rows: Vec<VelocityRow> = case
+        .errors
+        .snapshots
+        .iter()
+        .map(|s| VelocityRow {
+            time: seconds(s.time),
+            reference: &s.recorded,
+            other: &s.predicted,
+            difference: &s.difference,
         })
         .collect();
-    Ok(Some(FieldPicture { map, scales, rows }))
+    Ok(Some(velocity::picture(map, ["solver", "model"], &rows)))
 }

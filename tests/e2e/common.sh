@@ -91,6 +91,15 @@ difference() {
 }
 values() { awk '/^internalField/ { on = 1; next } /^\)/ { on = 0 } on && (/^\(.* / || /^[-0-9.e]+$/) && n++ { gsub(/[()]/, ""); print }' "$1"; }
 
+# labels FILE: those of the internal field, each once.
+labels() {
+    if grep -q '^internalField *uniform' "$1"; then
+        sed -n 's/^internalField *uniform \(.*\);/\1/p' "$1"
+    else
+        values "$1" | sort -u
+    fi
+}
+
 # below VALUE LIMIT WHAT
 below() { awk "BEGIN { exit !($1 <= $2) }" || fail "$3: $1, expected at most $2"; echo "$3: $1"; }
 

@@ -1,342 +1,378 @@
-//! The smallest eigenpairs of K x = lambda B x, K symmetric and B diagonal, by Krylov-Schur with shift-and-invert.
+//! Eigenpairs of K x = lambda M x nearest to a shift, by Krylov-Schur with shift-and-invert.
 
+use super::database::{Options, PREFIX};
+use super::method::Method;
+use super::objects::{Matrix, Solver, Vector};
 use super::{Quiet, c, check, raw, start};
+use crate::modes::{Mass, ModalOptions, Pair, Problem};
 use crate::parallel::Comm;
 use crate::{Error, Result};
-use std::ffi::CStr;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 
-/// This rank's rows of a distributed symmetric matrix. Rows are numbered rank after rank.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SymmetricRows {
-    /// Row i holds entries `row[i]..row[i + 1]`; one more than the rows of this rank.
-    pub row: Vec<i32>,
-    /// Column of each entry, ascending within a row, in the numbering of all ranks.
-    pub column: Vec<i32>,
-    /// Value of each entry.
-    pub value: Vec<f64>,
+/// Most sweeps that look for copies of repeated eigenvalues, or for the end of a cluster.
+const SWEEPS: usize = 40;
+
+/// Most restarts of a sweep.
+const ITERATIONS: i32 = 1000;
+
+/// Residual of the sweep that only looks whether something was missed, and the margin that its eigenvalue then has.
+const PROBE: (f64, f64) = (1e-3, 1e-2);
+
+/// Residuals above this, relative to the terms of K x = lambda M x, are no solution.
+const RESIDUAL: f64 = 1e-3;
+
+/// What is asked of the solver.
+pub(crate) struct Request<'a> {
+    /// Whether both matrices are symmetric.
+    pub symmetric: bool,
+    /// Unknowns a point.
+    pub block: usize,
+    /// Below the eigenvalues wanted: K - shift M is positive definite where both are symmetric.
+    pub shift: f64,
+    /// Pairs wanted at first.
+    pub wanted: usize,
+    /// How many of these eigenvalues, nearest to the shift first, are taken; none: more have to be seen.
+    pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
+    /// The way to them.
+    pub options: &'a ModalOptions,
 }
 
-impl SymmetricRows {
-    /// Rows of this rank.
-    pub fn n(&self) -> usize {
-        self.row.len().saturating_sub(1)
-    }
+/// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
+pub(crate) struct Matrices {
+    k: Matrix,
+    m: Matrix,
+    diagonal_mass: bool,
+    /// Unknowns and entries of K over all ranks.
+    pub(super) unknowns: i64,
+    pub(super) entries: i64,
 }
 
-/// An eigenvalue and this rank's part of its eigenvector.
-pub type Eigenpair = (f64, Vec<f64>);
-
-/// Relative residual at which an eigenpair counts as converged: far below the quantum that SLIC sees (1e-7).
-const TOLERANCE: f64 = 1e-11;
-
-/// Most sweeps that look for copies of repeated eigenvalues.
-const SWEEPS: usize = 20;
-
-macro_rules! owned {
-    ($name:ident, $type:ty, $destroy:path) => {
-        struct $name($type);
-        impl $name {
-            fn null() -> Self {
-                Self(std::ptr::null_mut())
-            }
-        }
-        impl Drop for $name {
-            fn drop(&mut self) {
-                if !self.0.is_null() {
-                    // SAFETY: created by PETSc and destroyed once, here.
-                    unsafe { $destroy(&mut self.0) };
-                }
-            }
-        }
-    };
-}
-owned!(Matrix, c::Mat, c::MatDestroy);
-owned!(Vector, c::Vec, c::VecDestroy);
-owned!(Solver, c::EPS, c::EPSDestroy);
-
-impl Matrix {
-    fn new(comm: &Comm, rows: &SymmetricRows) -> Result<Self> {
-        let n = rows.n() as c::PetscInt;
-        let mut matrix = Matrix::null();
-        // SAFETY: the arrays have n + 1 and row[n] entries and are copied; the matrix is destroyed on drop.
-        unsafe {
-            check(c::MatCreate(raw(comm), &mut matrix.0))?;
-            check(c::MatSetSizes(matrix.0, n, n, c::PETSC_DECIDE, c::PETSC_DECIDE))?;
-            check(c::MatSetType(matrix.0, c"aij".as_ptr()))?;
-            let (row, column, value) = (rows.row.as_ptr(), rows.column.as_ptr(), rows.value.as_ptr());
-            // Each is ignored by the type that the other is for.
-            check(c::MatSeqAIJSetPreallocationCSR(matrix.0, row, column, value))?;
-            check(c::MatMPIAIJSetPreallocationCSR(matrix.0, row, column, value))?;
-            check(c::MatSetOption(
-                matrix.0,
-                c::MatOption_MAT_SYMMETRIC,
-                c::PetscBool_PETSC_TRUE,
-            ))?;
-            check(c::MatSetOption(
-                matrix.0,
-                c::MatOption_MAT_SYMMETRY_ETERNAL,
-                c::PetscBool_PETSC_TRUE,
-            ))?;
-        }
-        Ok(matrix)
-    }
-
-    fn diagonal(comm: &Comm, values: &[f64]) -> Result<Self> {
-        let first = comm.exclusive_scan_i64(values.len() as i64) as i32;
-        let n = values.len() as i32;
-        Matrix::new(
-            comm,
-            &SymmetricRows {
-                row: (0..=n).collect(),
-                column: (first..first + n).collect(),
-                value: values.to_vec(),
-            },
-        )
-    }
-
-    fn vector(&self) -> Result<Vector> {
-        let mut vector = Vector::null();
-        // SAFETY: a vector of the matrix's layout; the other result is not asked for.
-        check(unsafe { c::MatCreateVecs(self.0, &mut vector.0, std::ptr::null_mut()) })?;
-        Ok(vector)
-    }
-}
-
-impl Vector {
-    fn values(&self, n: usize) -> Result<Vec<f64>> {
-        let mut data = std::ptr::null();
-        // SAFETY: PETSc lends its local array, of n values in this layout, until the restore.
-        unsafe {
-            check(c::VecGetArrayRead(self.0, &mut data))?;
-            let values = match n {
-                0 => Vec::new(),
-                _ => std::slice::from_raw_parts(data, n).to_vec(),
-            };
-            check(c::VecRestoreArrayRead(self.0, &mut data))?;
-            Ok(values)
-        }
-    }
-}
-
-impl Solver {
-    fn new(
-        comm: &Comm,
-        k: &Matrix,
-        b: &Matrix,
-        shift: f64,
-        factorisation: &CStr,
-        package: &CStr,
-    ) -> Result<Self> {
-        let mut eps = Solver::null();
-        // SAFETY: objects are live; the strings are C strings; ST, KSP and PC are borrowed from the solver.
-        unsafe {
-            check(c::EPSCreate(raw(comm), &mut eps.0))?;
-            check(c::EPSSetOptionsPrefix(eps.0, c"m4gn_".as_ptr()))?;
-            check(c::EPSSetOperators(eps.0, k.0, b.0))?;
-            check(c::EPSSetProblemType(eps.0, c::EPSProblemType_EPS_GHEP))?;
-            check(c::EPSSetType(eps.0, c"krylovschur".as_ptr()))?;
-            check(c::EPSSetTarget(eps.0, shift))?;
-            check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_TARGET_MAGNITUDE))?;
-            check(c::EPSSetTolerances(eps.0, TOLERANCE, 1000))?;
-            let mut st = std::ptr::null_mut();
-            check(c::EPSGetST(eps.0, &mut st))?;
-            check(c::STSetType(st, c"sinvert".as_ptr()))?;
-            check(c::STSetShift(st, shift))?;
-            let (mut ksp, mut pc) = (std::ptr::null_mut(), std::ptr::null_mut());
-            check(c::STGetKSP(st, &mut ksp))?;
-            check(c::KSPSetType(ksp, c"preonly".as_ptr()))?;
-            check(c::KSPGetPC(ksp, &mut pc))?;
-            check(c::PCSetType(pc, factorisation.as_ptr()))?;
-            check(c::PCFactorSetMatSolverType(pc, package.as_ptr()))?;
-            if package == c"petsc" {
-                // Nested dissection; PETSc's default for Cholesky is no reordering, which fills in.
-                check(c::PCFactorSetMatOrderingType(pc, c"nd".as_ptr()))?;
-            }
-            check(c::EPSSetFromOptions(eps.0))?;
-        }
-        Ok(eps)
-    }
-
-    /// Eigenpairs found in one run, at least `wanted` of them, with `known` ones kept out.
-    fn solve(
-        &self,
-        k: &Matrix,
-        n: usize,
-        wanted: usize,
-        known: &[Vector],
-    ) -> Result<Vec<(f64, Vector, Vec<f64>)>> {
-        let mut converged = 0;
-        // SAFETY: the solver is live; PETSc copies the vectors of the deflation space.
-        unsafe {
-            check(c::EPSSetDimensions(
-                self.0,
-                wanted as i32,
-                c::PETSC_DEFAULT,
-                c::PETSC_DEFAULT,
-            ))?;
-            if !known.is_empty() {
-                let mut handles: Vec<c::Vec> = known.iter().map(|v| v.0).collect();
-                check(c::EPSSetDeflationSpace(
-                    self.0,
-                    handles.len() as i32,
-                    handles.as_mut_ptr(),
-                ))?;
-            }
-            check(c::EPSSolve(self.0))?;
-            check(c::EPSGetConverged(self.0, &mut converged))?;
-        }
-        if (converged as usize) < wanted {
-            return Err(Error::Numerical(format!(
-                "{converged} of {wanted} Laplacian modes converged: ask for fewer modes, or look at the mesh for \
-                 badly scaled cells (option -m4gn_eps_monitor shows the progress)"
-            )));
-        }
-        (0..converged)
-            .map(|i| {
-                let vector = k.vector()?;
-                let (mut value, mut imaginary) = (0.0, 0.0);
-                // SAFETY: i is below the number of converged pairs; the imaginary vector is not asked for.
-                check(unsafe {
-                    c::EPSGetEigenpair(
-                        self.0,
-                        i,
-                        &mut value,
-                        &mut imaginary,
-                        vector.0,
-                        std::ptr::null_mut(),
-                    )
-                })?;
-                let values = vector.values(n)?;
-                Ok((value, vector, values))
+impl Matrices {
+    /// Copies the problem's. Collective; all ranks fail together.
+    pub(crate) fn new(comm: &Comm, problem: &Problem) -> Result<Self> {
+        let _turn = turn();
+        comm.agree(start(comm))?;
+        let _quiet = Quiet::new();
+        let mut sizes = [
+            problem.stiffness.n() as i64,
+            problem.stiffness.column.len() as i64,
+        ];
+        comm.sum_i64(&mut sizes);
+        let make = || {
+            Ok(Matrices {
+                k: Matrix::new(comm, &problem.stiffness, problem.symmetric, problem.block)?,
+                m: match &problem.mass {
+                    Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
+                    Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
+                },
+                diagonal_mass: matches!(problem.mass, Mass::Diagonal(_)),
+                unknowns: sizes[0],
+                entries: sizes[1],
             })
-            .collect()
+        };
+        comm.agree(make())
     }
 }
 
-/// At least `wanted` smallest eigenpairs of K x = lambda B x, ascending, B-orthonormal. Collective.
-///
-/// `shift` lies below the spectrum, so that K - shift B is positive definite. A Krylov method started from one
-/// vector sees a repeated eigenvalue once; further sweeps with the found vectors deflated look for copies until
-/// nothing new lies within the range found.
-pub fn smallest_eigenpairs(
-    comm: &Comm,
-    k: &SymmetricRows,
-    b: &[f64],
-    shift: f64,
-    wanted: usize,
-) -> Result<Vec<Eigenpair>> {
-    // PETSc keeps global state and is not thread-safe.
+/// PETSc keeps global state and is not thread-safe.
+fn turn() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
-    comm.agree(start(comm))?;
+    ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
+}
+
+/// Eigenpairs by ascending distance from the shift, those that are taken and a few more. Collective; all ranks fail
+/// together.
+///
+/// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies until
+/// nothing new lies within the range that is taken: with the found vectors deflated where the matrices are symmetric,
+/// else from other start vectors.
+pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Request) -> Result<Vec<Pair>> {
+    let _turn = turn();
     let _quiet = Quiet::new();
-    let mut last = Error::Internal("no factorisation was tried".into());
-    // On one rank PETSc's own factors are some five times quicker here than MUMPS.
-    let package = if comm.size() == 1 { c"petsc" } else { c"mumps" };
-    // K - shift B is positive definite, so Cholesky; LU is the second chance where rounding has spoilt that.
-    for factorisation in [c"cholesky", c"lu"] {
-        let result = attempt(comm, k, b, shift, wanted, factorisation, package);
-        match comm.agree(result) {
-            Ok(pairs) => return Ok(pairs),
-            Err(e) => last = e,
+    let mut last = Error::Internal("no method was tried".into());
+    for &method in Method::of(comm, matrices, request) {
+        let mut options = comm.agree(Options::new(&request.options.petsc))?;
+        let mut run = || {
+            options.defaults(method.defaults())?;
+            let found = Search::new(comm, matrices, request, method)?.run()?;
+            // The solver with its factor is gone by now.
+            found
+                .into_iter()
+                .map(|f| f.into_pair(comm, &matrices.m))
+                .collect()
+        };
+        let found = run();
+        match comm.agree(found) {
+            Ok(pairs) => {
+                comm.agree(options.all_used())?;
+                return Ok(pairs);
+            }
+            Err(e) => last = options.explain(e),
         }
     }
     Err(last)
 }
 
-fn attempt(
-    comm: &Comm,
-    k: &SymmetricRows,
-    b: &[f64],
-    shift: f64,
-    wanted: usize,
-    factorisation: &CStr,
-    package: &CStr,
-) -> Result<Vec<Eigenpair>> {
-    let n = k.n();
-    let mut total = [n as i64];
-    comm.sum_i64(&mut total);
-    let total = total[0] as usize;
-    let stiffness = Matrix::new(comm, k)?;
-    let mass = Matrix::diagonal(comm, b)?;
-    let solver = Solver::new(comm, &stiffness, &mass, shift, factorisation, package)?;
-    let mut pairs: Vec<Eigenpair> = Vec::new();
-    let mut known: Vec<Vector> = Vec::new();
-    let mut ask = wanted.min(total);
-    for _ in 0..SWEEPS {
-        let found = solver.solve(&stiffness, n, ask, &known)?;
-        let largest = pairs.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
-        let fresh = known.is_empty() || found.iter().any(|f| f.0 < largest);
-        for (value, vector, values) in found {
-            if !value.is_finite() || values.iter().any(|x| !x.is_finite()) {
-                return Err(Error::Numerical(
-                    "a Laplacian mode is not finite: look at the mesh for cells of extreme size or coefficients".into(),
-                ));
-            }
-            pairs.push((value, values));
-            known.push(vector);
-        }
-        ask = 2.min(total - known.len());
-        if !fresh || ask == 0 {
-            break;
-        }
-    }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(pairs)
+/// An eigenvalue and its vector; of a complex pair, the real part for the first and the imaginary part for the second.
+pub(super) struct Found {
+    pub(super) value: f64,
+    pub(super) imaginary: f64,
+    pub(super) vector: Vector,
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Rows of tridiag(-1, 2, -1).
-    fn second_difference(n: i32) -> SymmetricRows {
-        let mut rows = SymmetricRows {
-            row: vec![0],
-            ..Default::default()
+impl Found {
+    fn into_pair(self, comm: &Comm, m: &Matrix) -> Result<Pair> {
+        let pair = Pair {
+            value: self.value,
+            imaginary: self.imaginary,
+            weighted: m.times(&self.vector)?.values()?,
+            vector: self.vector.values()?,
         };
-        for i in 0..n {
-            for j in (i - 1).max(0)..=(i + 1).min(n - 1) {
-                rows.column.push(j);
-                rows.value.push(if i == j { 2.0 } else { -1.0 });
+        let finite = match pair.value.is_finite() && pair.vector.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(Error::Numerical(
+                "a mode is not finite: look at the mesh for cells of extreme size or coefficients".into(),
+            )),
+        };
+        comm.agree(finite)?;
+        Ok(pair)
+    }
+}
+
+struct Search<'a> {
+    comm: &'a Comm,
+    request: &'a Request<'a>,
+    matrices: &'a Matrices,
+    eps: Solver,
+    /// As set by the method or the options.
+    tolerance: f64,
+    /// Sizes of the subspace as set by the options, or PETSc's default.
+    space: (i32, i32),
+    found: Vec<Found>,
+}
+
+impl<'a> Search<'a> {
+    fn new(comm: &'a Comm, matrices: &'a Matrices, request: &'a Request<'a>, method: Method) -> Result<Self> {
+        let kind = match request.symmetric {
+            true => c::EPSProblemType_EPS_GHEP,
+            false => c::EPSProblemType_EPS_GNHEP,
+        };
+        let mut eps = Solver::null();
+        let (mut tolerance, mut space) = (0.0, (0, 0));
+        // SAFETY: objects are live; the strings are C strings; ST and KSP are borrowed from the solver.
+        unsafe {
+            check(c::EPSCreate(raw(comm), &mut eps.0))?;
+            check(c::EPSSetOptionsPrefix(eps.0, PREFIX.as_ptr()))?;
+            check(c::EPSSetOperators(eps.0, matrices.k.0, matrices.m.0))?;
+            check(c::EPSSetProblemType(eps.0, kind))?;
+            check(c::EPSSetType(eps.0, c"krylovschur".as_ptr()))?;
+            check(c::EPSSetTarget(eps.0, request.shift))?;
+            check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_TARGET_MAGNITUDE))?;
+            check(c::EPSSetTolerances(eps.0, method.tolerance(), ITERATIONS))?;
+            let (mut st, mut ksp) = (std::ptr::null_mut(), std::ptr::null_mut());
+            check(c::EPSGetST(eps.0, &mut st))?;
+            check(c::STSetType(st, c"sinvert".as_ptr()))?;
+            check(c::STSetShift(st, request.shift))?;
+            if matrices.diagonal_mass {
+                check(c::STSetMatStructure(st, c::MatStructure_SUBSET_NONZERO_PATTERN))?;
             }
-            rows.row.push(rows.column.len() as i32);
+            check(c::STGetKSP(st, &mut ksp))?;
+            method.set(ksp)?;
+            check(c::EPSSetFromOptions(eps.0))?;
+            let mut ignored = 0;
+            check(c::EPSGetTolerances(eps.0, &mut tolerance, &mut ignored))?;
+            check(c::EPSGetDimensions(
+                eps.0,
+                &mut ignored,
+                &mut space.0,
+                &mut space.1,
+            ))?;
         }
-        rows
+        Ok(Search {
+            comm,
+            request,
+            matrices,
+            eps,
+            tolerance,
+            space,
+            found: Vec::new(),
+        })
     }
 
-    #[test]
-    fn eigenvalues_of_the_second_difference() {
-        let pairs =
-            smallest_eigenpairs(&Comm::serial(), &second_difference(40), &[0.5; 40], -1e-3, 3).unwrap();
-        for (k, (value, vector)) in pairs.iter().take(3).enumerate() {
-            let exact = 4.0 * (2.0 - 2.0 * ((k + 1) as f64 * std::f64::consts::PI / 41.0).cos()) / 2.0;
-            assert!((value / exact - 1.0).abs() < 1e-10);
-            let norm: f64 = vector.iter().map(|x| 0.5 * x * x).sum();
-            assert!((norm - 1.0).abs() < 1e-10);
+    fn run(mut self) -> Result<Vec<Found>> {
+        let symmetric = self.request.symmetric;
+        let total = self.matrices.unknowns as usize;
+        let mut ask = (self.request.wanted + 2).min(total);
+        for _ in 0..SWEEPS {
+            let first = self.found.is_empty();
+            let bound = self.bound();
+            let run = self.sweep(ask)?;
+            let new = match symmetric {
+                true => run,
+                false => super::subspace::independent(self.comm, &self.found, run)?,
+            };
+            let fresh = first || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
+            self.found.extend(new);
+            let mut found = std::mem::take(&mut self.found);
+            // Stable: the two of a complex pair stay together.
+            found.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
+            self.found = found;
+            let done = !fresh && self.bound().is_some();
+            if done || self.found.len() >= total || (symmetric && self.nothing_missed()?) {
+                return Ok(self.found);
+            }
+            ask = match symmetric {
+                true => 2.min(total - self.found.len()),
+                // All over again, from another start; wider while the end of a cluster is not seen.
+                false if self.bound().is_none() => (2 * ask).min(total),
+                false => ask,
+            };
         }
+        Err(Error::Numerical(format!(
+            "{} modes did not suffice to find the end of a cluster of repeated eigenvalues: ask for fewer or more modes",
+            self.found.len()
+        )))
     }
 
-    #[test]
-    fn a_matrix_that_cannot_be_solved_is_an_error() {
-        let mut rows = second_difference(40);
-        rows.value[6] = f64::NAN; // a diagonal entry: only half of the others is read
-        let error = smallest_eigenpairs(&Comm::serial(), &rows, &[1.0; 40], 0.0, 3).unwrap_err();
-        assert!(
-            matches!(&error, Error::Numerical(m) if m.contains("PETSc error") || m.contains("not finite")),
-            "{error}"
-        );
-        let empty = SymmetricRows {
-            column: vec![9; 40],
-            ..second_difference(40)
+    fn distance(&self, f: &Found) -> f64 {
+        (f.value - self.request.shift).hypot(f.imaginary)
+    }
+
+    /// Distance from the shift of the farthest pair that is taken, once that can be said.
+    fn bound(&self) -> Option<f64> {
+        let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
+        let taken = (self.request.taken)(&values)?;
+        Some(self.found[..taken].last().map_or(0.0, |f| self.distance(f)))
+    }
+
+    /// Whether a look, as rough as it can be, at what remains besides the known vectors sees nothing within the range
+    /// that is taken.
+    fn nothing_missed(&self) -> Result<bool> {
+        let Some(bound) = self.bound() else {
+            return Ok(false);
         };
-        let error = smallest_eigenpairs(&Comm::serial(), &empty, &[1.0; 40], 0.0, 3).unwrap_err();
-        assert!(
-            matches!(&error, Error::Numerical(m) if m.contains("PETSc error")),
-            "{error}"
+        self.set_up(1, PROBE.0)?;
+        let (mut value, mut converged) = (0.0, 0);
+        // SAFETY: the solver is live and set up; vectors and the imaginary part are not asked for.
+        unsafe {
+            check(c::EPSSolve(self.eps.0))?;
+            check(c::EPSGetConverged(self.eps.0, &mut converged))?;
+            if converged < 1 {
+                return Ok(false);
+            }
+            check(c::EPSGetEigenvalue(
+                self.eps.0,
+                0,
+                &mut value,
+                std::ptr::null_mut(),
+            ))?;
+        }
+        Ok((value - self.request.shift) * (1.0 - PROBE.1) > bound)
+    }
+
+    /// Prepares the solver for `wanted` pairs with the known ones kept out.
+    fn set_up(&self, wanted: usize, tolerance: f64) -> Result<()> {
+        let default = c::PETSC_DEFAULT;
+        // The options' sizes of the subspace are those of the first run.
+        let (ncv, mpd) = if self.found.is_empty() {
+            self.space
+        } else {
+            (default, default)
+        };
+        let mut handles: Vec<c::Vec> = match self.request.symmetric {
+            true => self.found.iter().map(|f| f.vector.0).collect(),
+            false => Vec::new(),
+        };
+        // SAFETY: the solver is live; PETSc copies the vectors of the deflation space.
+        unsafe {
+            check(c::EPSSetDimensions(self.eps.0, wanted as i32, ncv, mpd))?;
+            check(c::EPSSetTolerances(self.eps.0, tolerance, ITERATIONS))?;
+            if !handles.is_empty() {
+                let n = handles.len() as i32;
+                check(c::EPSSetDeflationSpace(self.eps.0, n, handles.as_mut_ptr()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// One run of the solver.
+    fn sweep(&self, wanted: usize) -> Result<Vec<Found>> {
+        self.set_up(wanted, self.tolerance)?;
+        let mut converged = 0;
+        // SAFETY: the solver is live.
+        unsafe {
+            check(c::EPSSolve(self.eps.0))?;
+            check(c::EPSGetConverged(self.eps.0, &mut converged))?;
+        }
+        let left = self.matrices.unknowns as usize - self.found.len();
+        if (converged as usize) < wanted.min(left) {
+            return Err(Error::Numerical(format!(
+                "{converged} of {wanted} modes converged: are there as many finite eigenvalues (the rank of M)? Ask \
+                 for fewer modes, or look at the mesh for badly scaled cells (option -m4gn_eps_monitor shows the \
+                 progress)"
+            )));
+        }
+        let mut found = Vec::with_capacity(converged as usize);
+        let mut i = 0;
+        while i < converged {
+            let (x, y) = (self.matrices.k.vector()?, self.matrices.k.vector()?);
+            let (mut value, mut imaginary) = (0.0, 0.0);
+            // SAFETY: i is below the number of converged pairs; both vectors have the matrix's layout.
+            check(unsafe { c::EPSGetEigenpair(self.eps.0, i, &mut value, &mut imaginary, x.0, y.0) })?;
+            i += 1;
+            found.push(Found {
+                value,
+                imaginary,
+                vector: x,
+            });
+            if imaginary != 0.0 {
+                // Its conjugate is the next one.
+                i += 1;
+                found.push(Found {
+                    value,
+                    imaginary: -imaginary,
+                    vector: y,
+                });
+            } else if let Some(last) = found.last_mut() {
+                self.judge(last)?;
+            }
+        }
+        Ok(found)
+    }
+
+    /// Sets a symmetric pair's eigenvalue to its Rayleigh quotient, whose error is the square of the vector's, and
+    /// looks at the residual. Collective.
+    fn judge(&self, found: &mut Found) -> Result<()> {
+        let (x, kx, mx) = (
+            found.vector.values()?,
+            self.matrices.k.times(&found.vector)?.values()?,
+            self.matrices.m.times(&found.vector)?.values()?,
         );
-        // And PETSc still works.
-        eigenvalues_of_the_second_difference();
+        let mut sums = [0.0; 5];
+        for i in 0..x.len() {
+            let terms = [
+                x[i] * kx[i],
+                x[i] * mx[i],
+                kx[i] * kx[i],
+                mx[i] * mx[i],
+                (kx[i] - found.value * mx[i]).powi(2),
+            ];
+            sums.iter_mut().zip(terms).for_each(|(s, t)| *s += t);
+        }
+        self.comm.sum_f64(&mut sums);
+        let [k, m, kk, mm, residual] = sums;
+        if self.request.symmetric && m > 0.0 {
+            found.value = k / m;
+        }
+        let size = kk.sqrt() + (found.value.abs() + self.request.shift.abs()) * mm.sqrt();
+        if residual.sqrt() > RESIDUAL * size {
+            return Err(Error::Numerical(format!(
+                "the mode of eigenvalue {:e} has a relative residual of {:.1e}: the matrices are too badly scaled for \
+                 this method, or a symmetric pair was announced that is none",
+                found.value,
+                residual.sqrt() / size
+            )));
+        }
+        Ok(())
     }
 }

@@ -1,0 +1,131 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnSegments.H"
+#include "addToRunTimeSelectionTable.H"
+#include "m4gnDictionary.H"
+#include "m4gnSegmentField.H"
+
+// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+namespace Foam
+{
+namespace functionObjects
+{
+    defineTypeNameAndDebug(m4gnSegments, 0);
+    addToRunTimeSelectionTable(functionObject, m4gnSegments, dictionary);
+}
+}
+
+static const char* const countKey = "count";
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::functionObjects::m4gnSegments::m4gnSegments
+(
+    const word& name,
+    const Time& runTime,
+    const dictionary& dict
+)
+:
+    fvMeshFunctionObject(name, runTime, dict),
+    dict_(),
+    segmentation_(),
+    written_(false)
+{
+    read(dict);
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
+{
+    fvMeshFunctionObject::read(dict);
+
+    m4gn::checkKeys(dict, {"segments", "modes", "recompute"}, true);
+
+    const dictionary own(dict.subOrEmptyDict("segments"));
+    wordList valid(m4gnSegmentation::keys(countKey));
+    valid.append("model");
+    m4gn::checkKeys(own, valid, false);
+    m4gnSegmentation::checkDictionary(own, countKey);
+    dict.getOrDefault<bool>("modes", true);
+    dict.getOrDefault<bool>("recompute", false);
+
+    dict_ = dict;
+
+    return true;
+}
+
+
+bool Foam::functionObjects::m4gnSegments::execute()
+{
+    if (segmentation_)
+    {
+        return true;
+    }
+
+    segmentation_.reset
+    (
+        new m4gnSegmentation
+        (
+            mesh_,
+            dict_.subOrEmptyDict("segments"),
+            countKey,
+            dict_.getOrDefault<bool>("modes", true),
+            dict_.getOrDefault<bool>("recompute", false)
+        )
+    );
+
+    scalarField cells;
+    for (label modei = 0; modei < segmentation_->nModes(); ++modei)
+    {
+        const scalar eigenvalue = segmentation_->mode(modei, cells);
+
+        Log << "m4gn: eigenvalue " << modei + 1 << " = "
+            << m4gn::text(eigenvalue).c_str() << " 1/m^2" << endl;
+    }
+
+    return true;
+}
+
+
+bool Foam::functionObjects::m4gnSegments::write()
+{
+    if (!segmentation_ || written_)
+    {
+        return true;
+    }
+    written_ = true;
+
+    segmentation_->store();
+
+    for (label modei = 0; modei < segmentation_->nModes(); ++modei)
+    {
+        tmp<volScalarField> tfield
+        (
+            m4gn::cellField
+            (
+                mesh_,
+                "m4gnMode" + Foam::name(modei + 1),
+                Time::timeName(time_.startTime().value())
+            )
+        );
+        volScalarField& field = tfield.ref();
+        segmentation_->mode(modei, field.primitiveFieldRef());
+        field.correctBoundaryConditions();
+        m4gn::writeToInstance(field);
+    }
+
+    return true;
+}
+
+
+// ************************************************************************* //

@@ -1,0 +1,309 @@
+//! `m4gn segment`: segments and modes of a mesh, their quality, and what they cost.
+
+mod args;
+mod input;
+
+pub use args::Args;
+
+use crate::graph::Graph;
+use crate::mesh::Mesh;
+use crate::model::{Model, ModelSpec, SegmentMethod, SegmentSpec};
+use crate::modes::ModalOptions;
+use crate::parallel::Comm;
+use crate::report::write_file;
+use crate::survey::{self, Options, Pictured, Survey, plan};
+use crate::{Error, Result};
+use input::Input;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+/// Width and layers of a plan when no model says: the paper's.
+const NETWORK: plan::Network = plan::Network {
+    width: 128,
+    layers: 7,
+};
+
+/// Width of one panel of the picture, pixels.
+const PANEL: usize = 400;
+
+/// Most numbers of segments in the picture; of more only the one that is written.
+const PICTURED_COUNTS: usize = 3;
+
+/// Most modes in the picture.
+const PICTURED_MODES: usize = 8;
+
+/// Runs the command.
+///
+/// # Errors
+/// For an input that is no case and no trajectory, values out of range, and files that cannot be written. Nothing is
+/// written then, unless it is the writing that fails.
+pub fn run(args: Args) -> Result<()> {
+    let mut input = Input::open(&args.path)?;
+    let model = match &args.model {
+        Some(path) => Some(Model::read(path)?.spec),
+        None => input.model()?,
+    };
+    let wanted = Wanted::new(&args, model.as_ref(), |spec, modal| input.dictionary(spec, modal))?;
+    let mesh = input.mesh(&args.node_type)?;
+    let options = wanted.options(&args, &mesh)?;
+    if let Some(path) = args.picture.as_ref().filter(|_| mesh.dim() != 2) {
+        return Err(no_picture(path));
+    }
+    let outputs = [&args.json, &args.picture].into_iter().flatten();
+    outputs.map(PathBuf::as_path).try_for_each(check_folder)?;
+    let vtu = args.vtu.clone().unwrap_or_else(|| default_vtu(&args.path));
+    if !args.no_write {
+        input.check_fields(options.spec.modes, args.overwrite)?;
+        if matches!(input, Input::Data(_)) {
+            check_folder(&vtu)?;
+        }
+    }
+
+    let comm = Comm::serial();
+    let (mut graph, set_up) = survey::Cost::of(|| Graph::new(&mesh, &comm))?;
+    println!(
+        "{}: {} cells, {} boundary faces, graph in {}",
+        input.name(),
+        mesh.n_cells(),
+        mesh.boundary.len(),
+        survey::cost_text(&set_up)
+    );
+    let survey = compute(&mesh, &mut graph, &options, &comm)?;
+    print!("{}", survey.modes_text());
+    println!("\n{}", survey.table());
+    print!("{}", survey.notes());
+
+    let written = wanted.written(&survey);
+    let mut figures = survey.json();
+    if !args.plan.is_empty() {
+        let network = network(&args, model.as_ref());
+        let plans = plan::plans(
+            &mesh,
+            &mut graph,
+            &written.labels,
+            written.count,
+            &args.plan,
+            network,
+        )?;
+        println!(
+            "\nA step of width {}, {} layers, with the {} segments of {}:\n\n{}",
+            network.width,
+            network.layers,
+            written.count,
+            written.method,
+            plan::table(&plans)
+        );
+        figures["plan"] = plan::json(&plans);
+        figures["network"] = serde_json::json!({ "width": network.width, "layers": network.layers });
+    }
+    if let Some(path) = &args.picture {
+        let map = input.map(&mesh, PANEL)?.ok_or_else(|| no_picture(path))?;
+        let what = Pictured {
+            counts: match options.counts.len() {
+                0..=PICTURED_COUNTS => options.counts.clone(),
+                _ => vec![written.count],
+            },
+            modes: PICTURED_MODES,
+        };
+        write_file(path, &survey::picture(&survey, &mesh, map, &what).png()?)?;
+        println!("wrote {}", path.display());
+    }
+    if !args.no_write {
+        let note = format!(
+            "method {}, K {}, {} modes, tau {}",
+            written.method,
+            written.count,
+            survey.modes.vectors.len(),
+            options.spec.tau
+        );
+        let modes = &survey.modes.vectors;
+        let done = input.write(&mesh, &written.labels, modes, &note, &vtu, args.overwrite)?;
+        println!("wrote {done} ({note})");
+        if input.is_decomposed() {
+            println!("The case is decomposed: 'decomposePar -fields' hands them to the processor folders.");
+        }
+        figures["written"] = serde_json::json!({ "method": written.method.name(), "k": written.count });
+    }
+    super::write_json(args.json.as_deref(), &figures)
+}
+
+/// The survey with a progress bar, or plain lines where there is more than a little to wait for.
+fn compute(mesh: &Mesh, graph: &mut Graph, options: &Options, comm: &Comm) -> Result<Survey> {
+    let bar = super::progress_bar(0, "segmentations");
+    let stop = super::stop_flag()?;
+    let result = Survey::run(mesh, graph, options, comm, |done, of, what| {
+        if let Some(bar) = &bar {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+            bar.set_message(what.to_string());
+        }
+        match stop.load(Ordering::Relaxed) {
+            0 => Ok(()),
+            _ => Err(Error::Interrupted("stopped; nothing was written".into())),
+        }
+    });
+    bar.iter().for_each(|b| b.finish_and_clear());
+    result
+}
+
+/// What the user asked for, before the mesh is known.
+struct Wanted {
+    spec: SegmentSpec,
+    /// The way to the modes.
+    modal: ModalOptions,
+    /// K, where anybody says so.
+    count: Option<usize>,
+    /// Methods that are compared; empty: all.
+    methods: Vec<SegmentMethod>,
+    /// Whether the number of modes may be lowered for a small mesh.
+    few_modes: bool,
+}
+
+impl Wanted {
+    /// Command line before `dictionary`, which changes what it is given, before model, before defaults.
+    fn new(
+        args: &Args,
+        model: Option<&ModelSpec>,
+        dictionary: impl Fn(SegmentSpec, ModalOptions) -> Result<(SegmentSpec, ModalOptions)>,
+    ) -> Result<Self> {
+        let trained = model
+            .filter(|m| m.architecture.segment_transformer.is_some())
+            .map(|m| m.segments.clone());
+        // 0: nobody says.
+        let none = SegmentSpec {
+            count: 0,
+            ..SegmentSpec::default()
+        };
+        let (case, modal) = dictionary(trained.unwrap_or(none), ModalOptions::default())?;
+        let mut spec = SegmentSpec {
+            method: args.method.first().copied().unwrap_or(case.method),
+            count: args.segments.unwrap_or(case.count),
+            modes: args.modes.unwrap_or(case.modes),
+            energy: args.energy.or(case.energy),
+            tau: args.tau.unwrap_or(case.tau),
+            size: args.size.or(case.size),
+            iterations: args.iterations.unwrap_or(case.iterations),
+            connected: case.connected && !args.no_connect,
+            distance_scale: args.distance_scale.or(case.distance_scale),
+            overlap: args.overlap.unwrap_or(case.overlap),
+            obstacles: match args.obstacle.is_empty() {
+                true => case.obstacles,
+                false => args.obstacle.clone(),
+            },
+        };
+        let count = Some(spec.count).filter(|&k| k > 0);
+        spec.count = count.unwrap_or(SegmentSpec::default().count);
+        spec.check()?;
+        let mut methods = Vec::new();
+        for m in &args.method {
+            if !methods.contains(m) {
+                methods.push(*m);
+            }
+        }
+        Ok(Wanted {
+            few_modes: args.modes.is_none(),
+            modal: ModalOptions {
+                solver: args.modal_solver.unwrap_or(modal.solver),
+                petsc: args.petsc.clone().unwrap_or(modal.petsc),
+                ..modal
+            },
+            spec,
+            count,
+            methods,
+        })
+    }
+
+    /// What is to be compared on this mesh.
+    fn options(&self, args: &Args, mesh: &Mesh) -> Result<Options> {
+        let n = mesh.n_cells();
+        let mut spec = self.spec.clone();
+        if let Some(name) = spec.obstacles.iter().find(|o| !mesh.patches.contains(o)) {
+            return Err(Error::Input(format!(
+                "the obstacle {name} is no patch of this mesh; its patches with values: {}",
+                mesh.patches.join(", ")
+            )));
+        }
+        if self.few_modes {
+            spec.modes = spec.modes.min(n.saturating_sub(1));
+        }
+        if spec.modes >= n {
+            return Err(Error::Input(format!(
+                "{} modes of {n} cells: expected at most {} (--modes)",
+                spec.modes,
+                n.saturating_sub(1)
+            )));
+        }
+        let mut counts = args.sweep.clone();
+        counts.extend(match (self.count, counts.is_empty()) {
+            (Some(k), _) => Some(k),
+            (None, true) => Some(spec.count),
+            (None, false) => None,
+        });
+        counts.sort_unstable();
+        counts.dedup();
+        if let Some(k) = counts.iter().find(|&&k| k > n) {
+            return Err(Error::Input(format!(
+                "{k} segments for {n} cells: expected 1 to {n} (--segments, --sweep)"
+            )));
+        }
+        let methods = match self.methods.is_empty() {
+            true => SegmentMethod::ALL.to_vec(),
+            false => self.methods.clone(),
+        };
+        Ok(Options {
+            spec,
+            modal: self.modal.clone(),
+            methods,
+            counts,
+        })
+    }
+
+    /// The segmentation that is written, pictured and planned with: of the wanted method, where it applies.
+    fn written<'a>(&self, survey: &'a Survey) -> &'a survey::Entry {
+        let method = match survey.entries.iter().any(|e| e.method == self.spec.method) {
+            true => self.spec.method,
+            false => survey.entries[0].method,
+        };
+        let named = self.count.and_then(|k| survey.find(method, k));
+        named
+            .or_else(|| survey.suggestion(method))
+            .unwrap_or(&survey.entries[0])
+    }
+}
+
+fn no_picture(path: &Path) -> Error {
+    Error::Input(format!(
+        "{}: pictures are drawn of 2-D meshes only; open the written fields in ParaView",
+        path.display()
+    ))
+}
+
+fn network(args: &Args, model: Option<&ModelSpec>) -> plan::Network {
+    let trained = model.map_or(NETWORK, |m| plan::Network {
+        width: m.architecture.width,
+        layers: m.architecture.layers_before + m.architecture.layers_after,
+    });
+    plan::Network {
+        width: args.width.unwrap_or(trained.width),
+        layers: args.layers.unwrap_or(trained.layers),
+    }
+}
+
+fn default_vtu(path: &Path) -> PathBuf {
+    let name = path.file_stem().unwrap_or("trajectory".as_ref());
+    PathBuf::from(format!("{}.segments.vtu", name.to_string_lossy()))
+}
+
+/// Fails where a file could not be put, before anything is computed.
+fn check_folder(file: &Path) -> Result<()> {
+    let folder = match file.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    tempfile::NamedTempFile::new_in(folder)
+        .map(|_| ())
+        .map_err(|e| Error::file(file, format!("cannot be written: {e}")))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,89 @@
+#!/usr/bin/env bash
+# m4gn segment: figures, fields that OpenFOAM's own tools read and a later run finds, the same answer from a recording.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+here=$work/case
+
+# json FILE EXPRESSION: of Python, over the figures d
+json() { python3 -c "import json, sys; d = json.load(open(sys.argv[1])); print($2)" "$1"; }
+
+for format in ascii binary; do
+    sed -i "s/^writeFormat .*/writeFormat $format;/" system/controlDict
+    runs m4gn segment . --sweep 9,16 --segments 16 --json ../$format.json --picture ../$format.png --plan 1,4,64
+    grep -q 'wrote m4gnSegment, m4gnMode1, .*m4gnMode6 in .*/case/0 (method slic-md, K 16' log.run || { cat log.run; fail "what was written"; }
+    grep -q "format  *$format;" 0/m4gnSegment || fail "0/m4gnSegment is not $format"
+    # OpenFOAM reads what was written
+    rm -rf VTK && runs foamToVTK -time 0 -ascii
+    grep -q m4gnMode6 log.run && grep -q m4gnSegment log.run || { cat log.run; fail "foamToVTK does not know the fields"; }
+done
+[ "$(head -c 8 ../ascii.png | od -An -tx1 | tr -d ' \n')" = 89504e470d0a1a0a ] || fail "no PNG"
+[ "$(json ../ascii.json 'len(d["eigenvalues"]), len(d["methods"]), d["skipped"]')" = "6 8 []" ] ||
+    fail "$(json ../ascii.json d)"
+json ../ascii.json 'all(a["conductance"] > 0 and 0 < a["edge_cut_ratio"] < 1 and -1 <= a["silhouette"] <= 1 for a in d["methods"])' |
+    grep -q True || fail "figures out of range"
+json ../ascii.json 'd["plan"][0]["ghosts_max"] == 0 and d["plan"][1]["whole_segments"] and not d["plan"][2]["whole_segments"]' |
+    grep -q True || fail "the plan"
+find . -name '*.unfinished' | grep . && fail "an unfinished file was left"
+
+# What was written is found by a run, and by its two ranks
+rm -rf VTK
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments { count 16; }"
+runs icoFoam
+grep -q 'segments read from 0/m4gnSegment' log.run || fail "the run did not read the segments"
+clean_fields() { find . -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; rm -rf postProcessing processor*; }
+clean_fields
+on_two_ranks icoFoam
+grep -q 'segments read from 0/m4gnSegment' log.run || fail "the ranks did not read the segments"
+grep -q 'decomposePar -fields' <(m4gn segment .) || fail "it is not said that the case is decomposed"
+clean_fields
+
+# They are the ones that a run computes, and the entries of the function object are the defaults
+cp 0/m4gnSegment ../by-command && rm 0/m4gn*
+sed -i "s/^writeFormat .*/writeFormat ascii;/" system/controlDict
+runs icoFoam
+cp 0/m4gnSegment ../by-run && rm 0/m4gn*
+runs m4gn segment .
+grep -q 'K 16' log.run || fail "count 16 of the function object was not taken"
+[ "$(difference ../by-run 0/m4gnSegment)" = 0 ] || fail "a run computes other segments"
+clean_fields
+
+# The mesh of a recording is the mesh of the case
+function_object m4gnHarvest
+sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
+runs icoFoam
+runs m4gn segment . --segments 16 --json ../case.json --no-write
+(cd .. && runs m4gn segment case/postProcessing/test/0/trajectory.h5 --segments 16 --json data.json --picture data.png)
+[ -f ../trajectory.segments.vtu ] || fail "no file for ParaView"
+python3 - ../case.json ../data.json <<'PYTHON' || fail "the recording gives other figures than the case"
+import json, sys
+a, b = (json.load(open(f)) for f in sys.argv[1:])
+assert all(abs(x - y) <= 1e-10 * x for x, y in zip(a["eigenvalues"], b["eigenvalues"])), (a, b)
+for x, y in zip(a["methods"], b["methods"], strict=True):
+    assert x["method"] == y["method"] and abs(x["silhouette"] - y["silhouette"]) < 1e-9, (x, y)
+    assert x["edge_cut_ratio"] == y["edge_cut_ratio"], (x, y)
+PYTHON
+python3 - ../trajectory.segments.vtu <<'PYTHON' || fail "the .vtu is not what it should be"
+import base64, struct, sys, xml.etree.ElementTree as xml
+piece = xml.parse(sys.argv[1]).getroot().find("UnstructuredGrid/Piece")
+n = int(piece.get("NumberOfPoints"))
+names = [a.get("Name") for a in piece.find("PointData")]
+assert names == ["m4gnSegment"] + [f"m4gnMode{i}" for i in range(1, 7)], names
+data = base64.b64decode(piece.find("PointData")[0].text)
+assert struct.unpack("<Q", data[:8])[0] == 8 * n == len(data) - 8
+assert set(struct.unpack(f"<{n}d", data[8:])) == set(range(16))
+PYTHON
+
+# Somebody without the right to write gets a message, and nothing is left behind
+clean_fields
+rm -f 0/m4gn*
+if [ "$(id -u)" -eq 0 ]; then
+    chmod -R go+rX "$work"
+    refused 'Cannot write' setpriv --reuid=65534 --regid=65534 --clear-groups "$(command -v m4gn)" segment . --segments 16
+    [ "$(ls 0)" = "$(printf 'U\np')" ] || { ls -la 0; fail "something was left in 0"; }
+fi
+refused 'is neither an OpenFOAM case' m4gn segment constant
+refused 'expected a number from 1' m4gn segment . --segments 0
+refused 'segments for' m4gn segment . --segments 5000
+cd "$here"
+echo "segment: passed"
