@@ -74,7 +74,8 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
         *data_->mesh,
         dict,
         dict.lookupOrDefault<Foam::word>("U", "U"),
-        dict.lookupOrDefault<Foam::word>("p", "p")
+        dict.lookupOrDefault<Foam::word>("p", "p"),
+        dict.lookupOrDefault<Foam::word>("D", "D")
     );
     data_->adapter.reset();
     data_->adapter.reset(new Foam::m4gnMeshAdapter(*data_->mesh, nodes.types()));
