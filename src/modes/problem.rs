@@ -92,7 +92,7 @@ impl Problem {
                 finite("M", values)?;
             }
         }
-        if self.block == 0 || n % self.block != 0 {
+        if self.block == 0 || !n.is_multiple_of(self.block) {
             return Err(Error::Input(format!(
                 "{n} rows with {} unknowns a point: expected whole points on every rank",
                 self.block
