@@ -39,14 +39,14 @@ fn main() {
         .allowlist_function("(Slepc|Petsc)(Initialize|Initialized|Finalize|InitializeNoArguments)")
         .allowlist_function("PetscInitialized|PetscFinalized|PetscErrorMessage|PetscPopErrorHandler")
         .allowlist_function(
-            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|InsertString|ClearValue)",
+            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|ClearValue|Used)",
         )
         .allowlist_function(
             "Mat(Create|CreateAIJ|Destroy|SetSizes|SetType|SetUp|SetOption|SetValues|SetFromOptions)",
         )
         .allowlist_function("Mat(MPIAIJSetPreallocation|SeqAIJSetPreallocation|XAIJSetPreallocation)")
         .allowlist_function(
-            "Mat(AssemblyBegin|AssemblyEnd|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
+            "Mat(Mult|SetBlockSize|SetNearNullSpace|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
         )
         .allowlist_function("Vec(Destroy|GetArrayRead|RestoreArrayRead|GetLocalSize|Norm)")
         .allowlist_function("ST(Set.*|Get.*)")

@@ -10,7 +10,7 @@ use checks::{Checks, compare_modes, compare_segments};
 use m4gn::graph::Graph;
 use m4gn::mesh::{Mesh, sample};
 use m4gn::model::{SegmentMethod, SegmentSpec};
-use m4gn::modes::{Modes, laplacian_modes, reference};
+use m4gn::modes::{ModalOptions, Modes, laplacian_modes, laplacian_reference};
 use m4gn::parallel::{Comm, finalize};
 use m4gn::segments::{Segmentation, segment};
 use m4gn::{Error, Result};
@@ -89,14 +89,14 @@ struct Whole {
 fn whole_modes(mesh: &Mesh) -> Result<Modes> {
     let serial = Comm::serial();
     let mut graph = Graph::new(mesh, &serial)?;
-    laplacian_modes(mesh, &mut graph, &serial, 6)
+    laplacian_modes(mesh, &mut graph, &serial, &ModalOptions::default())
 }
 
 impl Whole {
     fn new(mesh: &Mesh) -> Result<Self> {
         let serial = Comm::serial();
         let mut graph = Graph::new(mesh, &serial)?;
-        let modes = laplacian_modes(mesh, &mut graph, &serial, 6)?;
+        let modes = laplacian_modes(mesh, &mut graph, &serial, &ModalOptions::default())?;
         let segments = specs(mesh)
             .iter()
             .map(|spec| segment(mesh, &mut graph, spec, &serial, None))
@@ -145,7 +145,10 @@ fn decompositions(checks: &mut Checks, name: &str, mesh: &Mesh) {
     let Some(expected) = checks.value(Whole::new(mesh), name) else {
         return;
     };
-    if let Some(dense) = checks.value(reference(mesh, 6), name) {
+    if let Some(dense) = checks.value(
+        laplacian_reference(mesh, &Comm::serial(), &ModalOptions::default()),
+        name,
+    ) {
         compare_modes(checks, &format!("{name}, dense"), mesh, &expected.modes, &dense);
     }
     for (deal, ranks) in deals(mesh.n_cells(), checks.comm.size()) {
@@ -282,7 +285,7 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
         edges[0] as usize == expected.n_edges,
         format!("{name}: number of edges"),
     );
-    let modes = laplacian_modes(&part, &mut graph, &comm, 6);
+    let modes = laplacian_modes(&part, &mut graph, &comm, &ModalOptions::default());
     let Some(modes) = checks.value(modes, name) else {
         return;
     };

@@ -1,9 +1,11 @@
-//! PETSc and SLEPc: started once a process, errors turned into ours, and the symmetric eigenproblem.
+//! PETSc and SLEPc: started once a process, errors turned into ours, options, and the eigenproblem.
 //!
 //! PETSc is joined if it is up and ended only if we started it. Its signal handlers stay off (the host has its
 //! own) and its errors neither print nor abort while one of our calls is running.
 
+mod database;
 mod eigen;
+mod objects;
 
 /// What bindgen makes of `slepceps.h`.
 mod c {
@@ -18,7 +20,7 @@ mod c {
     include!(concat!(env!("OUT_DIR"), "/slepc.rs"));
 }
 
-pub use eigen::{Eigenpair, SymmetricRows, smallest_eigenpairs};
+pub(crate) use eigen::{Request, eigenpairs};
 
 use crate::parallel::Comm;
 use crate::{Error, Result};

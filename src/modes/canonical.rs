@@ -1,7 +1,7 @@
 //! One basis for each eigenspace, chosen by positions alone.
 
-use super::assemble::System;
-use crate::mesh::Mesh;
+use super::frame::Frame;
+use super::pair::Pair;
 use crate::parallel::Comm;
 
 /// Test functions tried at most.
@@ -10,24 +10,26 @@ const CANDIDATES: usize = 24;
 /// Below this fraction of the largest possible overlap a test function decides nothing: rounding would.
 const DECISIVE: f64 = 1e-3;
 
-/// Replaces an orthonormal basis of an eigenspace by one that does not depend on it, and scales it to
-/// sum V phi^2 = sum V. Collective.
+/// Replaces a basis of an eigenspace by one that does not depend on it, and scales it to phi^T M phi = `total`.
+/// Collective.
 ///
 /// The first mode is the projection of a fixed function of position onto the space, the second that of another
 /// one made orthogonal to the first, and so on; functions that nearly vanish there are passed over. For a simple
 /// eigenvalue this fixes the sign. The functions are smooth and live on the mesh's bounding box, so that similar
-/// meshes get similar modes.
-pub(super) fn choose_basis(mesh: &Mesh, system: &System, comm: &Comm, space: &mut [Vec<f64>]) {
+/// meshes get similar modes. With several unknowns a point, each has its own functions.
+pub(super) fn choose_basis(frame: &Frame, block: usize, total: f64, comm: &Comm, space: &mut [Pair]) {
     let size = space.len();
-    let total = system.volume.sqrt();
-    orthonormalise(system, comm, space);
-    // Overlaps <phi_i, g_j>_V of all candidates in one reduction.
+    let total = total.sqrt();
+    orthonormalise(comm, space);
+    // Overlaps phi_i^T M g_j of all candidates in one reduction.
     let mut overlaps = vec![0.0; CANDIDATES * size];
-    for (cell, x) in mesh.cell_centres.iter().enumerate() {
+    let n = space.first().map_or(0, |p| p.vector.len());
+    for unknown in 0..n {
+        let x = frame.position(unknown / block);
         for j in 0..CANDIDATES {
-            let g = test_function(mesh, system, j, x) * system.v[cell];
-            for (i, phi) in space.iter().enumerate() {
-                overlaps[j * size + i] += phi[cell] * g;
+            let g = test_function(frame, j, &x) * component(j, unknown % block);
+            for (i, pair) in space.iter().enumerate() {
+                overlaps[j * size + i] += pair.weighted[unknown] * g;
             }
         }
     }
@@ -44,17 +46,18 @@ pub(super) fn choose_basis(mesh: &Mesh, system: &System, comm: &Comm, space: &mu
         let unit: Vec<f64> = (0..size).map(|k| if k == i { 1.0 } else { 0.0 }).collect();
         add_direction(&mut basis, size, &unit, 0.1 / size as f64);
     }
-    let n = system.v.len();
-    let chosen: Vec<Vec<f64>> = basis
-        .iter()
-        .map(|b| {
-            (0..n)
-                .map(|cell| total * space.iter().zip(b).map(|(phi, w)| phi[cell] * w).sum::<f64>())
-                .collect()
-        })
-        .collect();
-    for (phi, new) in space.iter_mut().zip(chosen) {
-        *phi = new;
+    let turn = |of: fn(&Pair) -> &Vec<f64>| -> Vec<Vec<f64>> {
+        basis
+            .iter()
+            .map(|b| {
+                let sum = |i: usize| space.iter().zip(b).map(|(p, w)| of(p)[i] * w).sum::<f64>();
+                (0..n).map(|i| total * sum(i)).collect()
+            })
+            .collect()
+    };
+    let (vectors, weighted) = (turn(|p| &p.vector), turn(|p| &p.weighted));
+    for ((pair, v), w) in space.iter_mut().zip(vectors).zip(weighted) {
+        (pair.vector, pair.weighted) = (v, w);
     }
 }
 
@@ -77,43 +80,46 @@ fn add_direction(basis: &mut Vec<Vec<f64>>, size: usize, candidate: &[f64], thre
     }
 }
 
-/// V-orthonormal to rounding, whatever the solver's tolerance was.
-fn orthonormalise(system: &System, comm: &Comm, space: &mut [Vec<f64>]) {
+/// M-orthonormal to rounding, whatever the solver's tolerance was.
+fn orthonormalise(comm: &Comm, space: &mut [Pair]) {
     for i in 0..space.len() {
         let (before, rest) = space.split_at_mut(i);
-        let phi = &mut rest[0];
+        let pair = &mut rest[0];
         for b in before.iter() {
-            let along = inner(system, comm, phi, b);
-            phi.iter_mut().zip(b).for_each(|(x, y)| *x -= along * y);
+            pair.remove(inner(comm, pair, b), b);
         }
-        let length = inner(system, comm, phi, phi).sqrt();
+        let length = inner(comm, pair, pair).max(0.0).sqrt();
         if length > 0.0 {
-            phi.iter_mut().for_each(|x| *x /= length);
+            pair.scale(1.0 / length);
         }
     }
 }
 
-fn inner(system: &System, comm: &Comm, a: &[f64], b: &[f64]) -> f64 {
-    let mut sum = [a
-        .iter()
-        .zip(b)
-        .zip(&system.v)
-        .map(|((x, y), v)| x * y * v)
-        .sum::<f64>()];
+/// a^T M b, by the symmetric part of M.
+fn inner(comm: &Comm, a: &Pair, b: &Pair) -> f64 {
+    let mut sum = [0.0];
+    for i in 0..a.vector.len() {
+        sum[0] += a.vector[i] * b.weighted[i] + b.vector[i] * a.weighted[i];
+    }
     comm.sum_f64(&mut sum);
-    sum[0]
+    0.5 * sum[0]
 }
 
 /// A smooth function without symmetry on the bounding box, different for each j, of magnitude about 1.
-fn test_function(mesh: &Mesh, system: &System, j: usize, x: &[f64; 3]) -> f64 {
+fn test_function(frame: &Frame, j: usize, x: &[f64; 3]) -> f64 {
     let mut g = 1.0;
-    for (axis, &d) in mesh.directions.iter().enumerate() {
-        let extent = system.high[d] - system.low[d];
+    for (axis, &d) in frame.axes.iter().enumerate() {
+        let extent = frame.extent.high[d] - frame.extent.low[d];
         if extent > 0.0 {
-            let s = (x[d] - system.low[d]) / extent;
+            let s = (x[d] - frame.extent.low[d]) / extent;
             let frequency = 0.9 + 1.3 * j as f64 + 0.377 * axis as f64 * (1.0 + j as f64);
             g *= (frequency * s + 0.31 + 0.73 * axis as f64 * (j as f64 + 0.5)).cos();
         }
     }
     g
+}
+
+/// Weight of unknown `c` of a point in test function j; 1 for the first.
+fn component(j: usize, c: usize) -> f64 {
+    (c as f64 * (1.1 + 0.83 * j as f64)).cos()
 }

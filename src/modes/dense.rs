@@ -1,97 +1,156 @@
-//! Dense solution with faer: the plain reference, and the solver of tiny meshes.
+//! Dense solution with faer on the root: the plain reference, and the solver of small problems.
 
-use super::assemble::{self, System};
-use super::{Modes, finish, whole_clusters};
-use crate::ffi::petsc::Eigenpair;
-use crate::graph::Graph;
-use crate::mesh::Mesh;
+use super::pair::Pair;
+use super::problem::{Mass, Problem, Rows};
 use crate::parallel::Comm;
 use crate::{Error, Result};
-use faer::{Mat, Side};
+use faer::linalg::solvers::Solve;
+use faer::{Mat, MatRef, Side};
 
-/// The first `n` modes of an undecomposed mesh by a dense eigen-decomposition: n^3 work, n^2 memory.
-///
-/// The same modes as [`super::laplacian_modes`], which it serves to test.
-pub fn reference(mesh: &Mesh, n: usize) -> Result<Modes> {
-    let comm = Comm::serial();
-    let mut graph = Graph::new(mesh, &comm)?;
-    let system = assemble::assemble(mesh, &mut graph, &comm)?;
-    if n == 0 || n >= system.n_global {
-        return Err(Error::Input(format!(
-            "{n} modes of {} cells: expected 1 to one fewer",
-            system.n_global
-        )));
-    }
-    let pairs = eigenpairs(&system, mesh, &comm)?;
-    let count = whole_clusters(&pairs, n, system.scale, system.n_global).unwrap_or(n);
-    Ok(finish(mesh, &system, &comm, pairs, count))
+/// A pair of matrices, whole.
+struct Whole {
+    k: Mat<f64>,
+    m: Mat<f64>,
 }
 
-/// All eigenpairs, ascending; the root solves in the canonical numbering and tells the others. Collective.
-pub(super) fn eigenpairs(system: &System, mesh: &Mesh, comm: &Comm) -> Result<Vec<Eigenpair>> {
-    // Rows are numbered rank after rank: this list translates.
-    let mut canonical: Vec<i64> = comm
-        .gather(&mesh.cell_global)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .collect();
-    comm.broadcast(&mut canonical);
-    let mut places = Vec::new();
-    for i in 0..system.k.n() {
-        for e in system.k.row[i] as usize..system.k.row[i + 1] as usize {
-            places.extend([mesh.cell_global[i], canonical[system.k.column[e] as usize]]);
-        }
-    }
-    let gathered = (
-        comm.gather(&places),
-        comm.gather(&system.k.value),
-        comm.gather(&mesh.cell_global),
-    );
-    let volumes = comm.gather(&system.v);
-    let n = system.n_global;
-    let solved = match (gathered, volumes) {
-        ((Some(places), Some(values), Some(cells)), Some(volumes)) => {
-            let mut root_v = vec![0.0; n];
-            for (&cell, &v) in cells.iter().flatten().zip(volumes.iter().flatten()) {
-                root_v[cell as usize] = v.sqrt();
-            }
-            let places: Vec<i64> = places.into_iter().flatten().collect();
-            solve(&places, values.into_iter().flatten(), &root_v)
-        }
+/// All finite eigenpairs, those nearest to `shift` first; the root solves and tells the others. Collective.
+///
+/// n^3 work, n^2 memory.
+pub(super) fn eigenpairs(problem: &Problem, shift: f64, comm: &Comm) -> Result<Vec<Pair>> {
+    let n = problem.stiffness.n();
+    let first = comm.exclusive_scan_i64(n as i64) as usize;
+    let mut total = [n as i64];
+    comm.sum_i64(&mut total);
+    let total = total[0] as usize;
+    let mass = match &problem.mass {
+        Mass::Matrix(rows) => gather(rows, total, comm),
+        Mass::Diagonal(values) => comm.gather(values).map(|parts| {
+            let mut m = Mat::zeros(total, total);
+            let values = parts.into_iter().flatten().enumerate();
+            values.for_each(|(i, v)| m[(i, i)] = v);
+            m
+        }),
+    };
+    let stiffness = gather(&problem.stiffness, total, comm);
+    let solved = match (stiffness, mass) {
+        (Some(k), Some(m)) => match problem.symmetric {
+            true => symmetric(Whole { k, m }, shift),
+            false => general(Whole { k, m }, shift),
+        },
         _ => Ok(Vec::new()),
     };
     let mut flat = comm.agree(solved)?;
     comm.broadcast(&mut flat);
     Ok(flat
-        .chunks_exact(n + 1)
-        .map(|pair| {
-            (
-                pair[0],
-                mesh.cell_global.iter().map(|&g| pair[1 + g as usize]).collect(),
-            )
+        .chunks_exact(2 + 2 * total)
+        .map(|pair| Pair {
+            value: pair[0],
+            imaginary: pair[1],
+            vector: pair[2 + first..2 + first + n].to_vec(),
+            weighted: pair[2 + total + first..2 + total + first + n].to_vec(),
         })
         .collect())
 }
 
-/// Eigenpairs of V^-1/2 K V^-1/2, flattened: value, then phi = V^-1/2 y in canonical order.
-fn solve(places: &[i64], values: impl Iterator<Item = f64>, root_v: &[f64]) -> Result<Vec<f64>> {
-    let n = root_v.len();
-    let mut a = Mat::<f64>::zeros(n, n);
-    for (place, value) in places.chunks_exact(2).zip(values) {
-        let (i, j) = (place[0] as usize, place[1] as usize);
-        a[(i, j)] += value / (root_v[i] * root_v[j]);
+/// The whole matrix on the root. Collective.
+fn gather(rows: &Rows, total: usize, comm: &Comm) -> Option<Mat<f64>> {
+    let counts: Vec<i64> = rows.row.windows(2).map(|w| (w[1] - w[0]) as i64).collect();
+    let (counts, columns, values) = (
+        comm.gather(&counts),
+        comm.gather(&rows.column),
+        comm.gather(&rows.value),
+    );
+    let mut places = columns?.into_iter().flatten().zip(values?.into_iter().flatten());
+    let mut a = Mat::zeros(total, total);
+    for (i, count) in counts?.into_iter().flatten().enumerate() {
+        for (j, v) in places.by_ref().take(count as usize) {
+            a[(i, j as usize)] += v;
+        }
     }
-    let eigen = a.self_adjoint_eigen(Side::Lower).map_err(|e| {
+    Some(a)
+}
+
+/// With K - shift M = L L^T: the eigenvalues of L^-1 M L^-T are 1 / (lambda - shift), also for a singular M.
+fn symmetric(Whole { k, m }: Whole, shift: f64) -> Result<Vec<f64>> {
+    let n = k.nrows();
+    let shifted = &k - faer::Scale(shift) * &m;
+    let factor = shifted.llt(Side::Lower).map_err(|_| {
         Error::Numerical(format!(
-            "the dense eigen-decomposition of {n} cells failed: {e:?}"
+            "K - ({shift:e}) M of {n} unknowns is not positive definite: expected a symmetric pair with K and M \
+             positive semi-definite and no vector that both make 0; give a shift below the spectrum, or declare \
+             the pair non-symmetric"
         ))
     })?;
-    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-    let mut flat = Vec::with_capacity(n * (n + 1));
-    for i in 0..n {
-        flat.push(values[i]);
-        flat.extend((0..n).map(|c| vectors[(c, i)] / root_v[c]));
+    let l = factor.L();
+    let mut a = m.clone();
+    l.solve_lower_triangular_in_place(a.as_mut());
+    let mut a = a.transpose().to_owned();
+    l.solve_lower_triangular_in_place(a.as_mut());
+    let eigen = a.self_adjoint_eigen(Side::Lower).map_err(failed(n))?;
+    let (theta, mut y) = (eigen.S().column_vector(), eigen.U().to_owned());
+    l.transpose().solve_upper_triangular_in_place(y.as_mut());
+    let theta = (0..n).map(|i| (theta[i], 0.0)).collect();
+    Ok(flatten(theta, y.as_ref(), &m, shift))
+}
+
+/// Eigenvalues of (K - shift M)^-1 M are 1 / (lambda - shift).
+fn general(Whole { k, m }: Whole, shift: f64) -> Result<Vec<f64>> {
+    let n = k.nrows();
+    let shifted = &k - faer::Scale(shift) * &m;
+    let a = shifted.partial_piv_lu().solve(&m);
+    if a.col_iter().any(|c| c.iter().any(|x| !x.is_finite())) {
+        return Err(Error::Numerical(format!(
+            "K - ({shift:e}) M of {n} unknowns is singular: is there a row of zeros in both? Otherwise give another \
+             shift"
+        )));
     }
-    Ok(flat)
+    let eigen = a.eigen().map_err(failed(n))?;
+    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
+    let mut theta: Vec<(f64, f64)> = (0..n).map(|i| (values[i].re, values[i].im)).collect();
+    let mut y = Mat::zeros(n, n);
+    let mut i = 0;
+    while i < n {
+        let paired = theta[i].1 != 0.0 && i + 1 < n;
+        for row in 0..n {
+            y[(row, i)] = vectors[(row, i)].re;
+            if paired {
+                y[(row, i + 1)] = vectors[(row, i)].im;
+            }
+        }
+        if paired {
+            theta[i + 1] = (theta[i].0, -theta[i].1);
+            i += 1;
+        }
+        i += 1;
+    }
+    Ok(flatten(theta, y.as_ref(), &m, shift))
+}
+
+/// Value, imaginary part, vector, and M times the vector, pair after pair; infinite eigenvalues are left out.
+fn flatten(theta: Vec<(f64, f64)>, vectors: MatRef<f64>, m: &Mat<f64>, shift: f64) -> Vec<f64> {
+    let n = vectors.nrows();
+    let size = |t: &(f64, f64)| t.0.hypot(t.1);
+    let largest = theta.iter().map(size).fold(0.0, f64::max);
+    let mut order: Vec<usize> = (0..n)
+        .filter(|&i| size(&theta[i]) > n as f64 * f64::EPSILON * largest)
+        .collect();
+    // Stable, so that the two of a complex pair stay together.
+    order.sort_by(|&a, &b| size(&theta[b]).total_cmp(&size(&theta[a])));
+    let weighted = m * vectors;
+    let mut flat = Vec::with_capacity(order.len() * (2 + 2 * n));
+    for i in order {
+        let square = size(&theta[i]).powi(2);
+        flat.extend([shift + theta[i].0 / square, -theta[i].1 / square]);
+        flat.extend(vectors.col(i).iter());
+        flat.extend(weighted.col(i).iter());
+    }
+    flat
+}
+
+fn failed<E: std::fmt::Debug>(n: usize) -> impl Fn(E) -> Error {
+    move |e| {
+        Error::Numerical(format!(
+            "the dense eigen-decomposition of {n} unknowns failed: {e:?}"
+        ))
+    }
 }

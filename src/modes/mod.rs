@@ -1,99 +1,163 @@
-//! Laplacian modes of a mesh (Algorithm 1, fluid): K phi = lambda V phi with Dirichlet conditions (eq. 6).
+//! Modes of a mesh (Algorithm 1): K phi = lambda M phi.
 //!
-//! K is the solver's own finite-volume Laplacian (off-diagonal -c of each face, every boundary face a Dirichlet
-//! one), V the cell volumes; eigenvalues are in 1/m^2, modes without unit. Two traps are closed here: the sign of
-//! an eigenvector, and the basis of a repeated eigenvalue's space, are chosen by a rule that looks at positions
-//! alone (`canonical.rs`), so that they depend neither on the ranks nor on the solver's start vector.
+//! Fluid: K is the solver's own finite-volume Laplacian (off-diagonal -c of each face, every boundary face a
+//! Dirichlet one, eq. 6), M the cell volumes; eigenvalues are in 1/m^2. Solid: stiffness and mass (eq. 5), with
+//! several unknowns a point; eigenvalues are in 1/s^2. Any solver can hand in its own pair as a [`Problem`].
+//!
+//! Two traps are closed here: the sign of an eigenvector, and the basis of a repeated eigenvalue's space, are chosen
+//! by a rule that looks at positions alone (`canonical.rs`), so that they depend neither on the ranks nor on the
+//! solver's start vector.
 
 mod assemble;
 mod canonical;
 mod dense;
+mod frame;
+mod options;
+mod pair;
+mod problem;
+mod select;
 
-pub use assemble::Extent;
-pub use dense::reference;
+pub use frame::Extent;
+pub use options::{ModalOptions, ModalSolver, ModeCount};
+pub(crate) use pair::Pair;
+pub use problem::{Mass, Problem, Rows};
 
-use crate::ffi::petsc::{Eigenpair, smallest_eigenpairs};
+use crate::ffi::petsc::{self, Request};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::parallel::Comm;
 use crate::{Error, Result};
+use frame::Frame;
 
-/// Eigenvalues closer than this, relatively, are one repeated eigenvalue.
-const CLUSTER: f64 = 1e-6;
-
-/// Meshes of at most this many cells are solved densely: Krylov spaces are no smaller there.
+/// Problems of at most this many unknowns are solved densely: Krylov spaces are no smaller there.
 const DENSE: usize = 100;
 
-/// Modes of the Laplacian, ascending.
+/// Modes, by ascending eigenvalue.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Modes {
-    /// Eigenvalues, 1/m^2.
+    /// Eigenvalues; of the Laplacian in 1/m^2.
     pub eigenvalues: Vec<f64>,
-    /// For each mode its value in each of this rank's cells; sum over all ranks of V phi^2 = sum of V.
+    /// For each mode its value for each of this rank's unknowns. Scaled to phi^T M phi = (sum of the entries of M) /
+    /// block: the root mean square over the mesh, weighted by M, is 1 whatever the mesh's size; for the Laplacian
+    /// sum over all ranks of V phi^2 = sum of V.
     pub vectors: Vec<Vec<f64>>,
 }
 
-/// The first `n` Laplacian modes. Collective; all ranks fail together.
+/// The first Laplacian modes. Collective; all ranks fail together.
 ///
-/// If the n-th eigenvalue is repeated, its whole cluster is returned: there may be more than `n` modes, never
+/// If the last eigenvalue is repeated, its whole cluster is returned: there may be more modes than asked for, never
 /// fewer. Without Dirichlet boundaries (all cyclic) the first mode is the constant one with eigenvalue 0.
-/// Errors: [`Error::Input`] if `n` is not below the number of cells, [`Error::Numerical`] if the solver fails.
-pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, n: usize) -> Result<Modes> {
-    let system = assemble::assemble(mesh, graph, comm)?;
-    if n >= system.n_global {
-        return Err(Error::Input(format!(
-            "{n} modes of {} cells: expected at most {}; set modes in the dictionary",
-            system.n_global,
-            system.n_global - 1
-        )));
-    }
-    if n == 0 {
-        return Ok(Modes {
-            eigenvalues: Vec::new(),
-            vectors: Vec::new(),
-        });
-    }
-    let mut extra = 2;
-    loop {
-        let wanted = (n + extra).min(system.n_global);
-        let pairs = match system.n_global <= DENSE {
-            true => dense::eigenpairs(&system, mesh, comm)?,
-            // Just below the spectrum: K may be singular, K - shift V never is.
-            false => smallest_eigenpairs(comm, &system.k, &system.v, -0.01 * system.scale, wanted)?,
+///
+/// # Errors
+/// [`Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
+/// [`Error::Numerical`] if the solver fails.
+pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    let (problem, frame) = assemble::laplacian(mesh, graph, comm)?;
+    Solution::new(&problem, frame, comm, options)?.modes(false)
+}
+
+/// The first modes of a pair of matrices. Collective; all ranks fail together.
+///
+/// Symmetric pairs have K and M positive semi-definite, and no vector that both make 0; M may be singular, its null
+/// space has no finite eigenvalues. Of non-symmetric pairs the eigenvalues nearest to the shift are taken, which lies
+/// just below 0 if none is given; they are sorted by real part. A complex pair a +- ib counts as one repeated
+/// eigenvalue a with the real and the imaginary part of its vector; with |b| > |a| / 10 it is an error, as it is no
+/// vibration any more.
+///
+/// # Errors
+/// [`Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
+/// unknowns, or wrong options; [`Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
+pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    comm.agree(problem.check(comm))?;
+    Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(false)
+}
+
+/// The same modes as [`solve`] by a dense eigen-decomposition, which it serves to test.
+///
+/// # Errors
+/// As [`solve`].
+pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    comm.agree(problem.check(comm))?;
+    Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(true)
+}
+
+/// The same modes as [`laplacian_modes`] by a dense eigen-decomposition, which it serves to test.
+///
+/// # Errors
+/// As [`laplacian_modes`].
+pub fn laplacian_reference(mesh: &Mesh, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    let mut graph = Graph::new(mesh, comm)?;
+    let (problem, frame) = assemble::laplacian(mesh, &mut graph, comm)?;
+    Solution::new(&problem, frame, comm, options)?.modes(true)
+}
+
+/// One run.
+struct Solution<'a> {
+    problem: &'a Problem,
+    frame: Frame<'a>,
+    comm: &'a Comm,
+    options: &'a ModalOptions,
+    /// Unknowns of all ranks.
+    total: usize,
+}
+
+impl<'a> Solution<'a> {
+    fn new(
+        problem: &'a Problem,
+        frame: Frame<'a>,
+        comm: &'a Comm,
+        options: &'a ModalOptions,
+    ) -> Result<Self> {
+        let mut total = [problem.stiffness.n() as i64];
+        comm.sum_i64(&mut total);
+        let solution = Solution {
+            problem,
+            frame,
+            comm,
+            options,
+            total: total[0] as usize,
         };
-        match whole_clusters(&pairs, n, system.scale, system.n_global) {
-            Some(count) => return Ok(finish(mesh, &system, comm, pairs, count)),
-            None => extra *= 2,
+        comm.agree(select::check(options.count, solution.total))?;
+        Ok(solution)
+    }
+
+    fn modes(&self, plain: bool) -> Result<Modes> {
+        let (problem, comm) = (self.problem, self.comm);
+        let wanted = select::candidates(self.options.count, self.total);
+        if wanted == 0 {
+            return Ok(Modes {
+                eigenvalues: Vec::new(),
+                vectors: Vec::new(),
+            });
         }
-    }
-}
-
-/// How many pairs make the first `n` with the cluster of the n-th whole; none if that cannot be seen yet.
-fn whole_clusters(pairs: &[Eigenpair], n: usize, scale: f64, n_global: usize) -> Option<usize> {
-    let mut count = n;
-    while count < pairs.len() && same(pairs[count - 1].0, pairs[count].0, scale) {
-        count += 1;
-    }
-    (count < pairs.len() || count == n_global).then_some(count)
-}
-
-fn same(a: f64, b: f64, scale: f64) -> bool {
-    (b - a).abs() <= CLUSTER * a.abs().max(b.abs()).max(scale)
-}
-
-/// Chooses bases and signs, and scales.
-fn finish(mesh: &Mesh, system: &assemble::System, comm: &Comm, pairs: Vec<Eigenpair>, count: usize) -> Modes {
-    let (eigenvalues, mut vectors): (Vec<f64>, Vec<Vec<f64>>) = pairs.into_iter().take(count).unzip();
-    let mut first = 0;
-    while first < count {
-        let mut end = first + 1;
-        while end < count && same(eigenvalues[end - 1], eigenvalues[end], system.scale) {
-            end += 1;
+        let size = comm.agree(problem.eigenvalue_size(comm))?;
+        // Eigenvalues that are 0 come out smaller than this.
+        let zero = problem
+            .shift
+            .map_or(1e-13 * size, |s| (1e-4 * s.abs()).max(1e-14 * size));
+        let mut pairs = if plain || self.total <= DENSE {
+            dense::eigenpairs(problem, problem.shift.unwrap_or(-1e-4 * size), comm)?
+        } else {
+            let enough = |values: &[f64]| select::whole_clusters(values, wanted, zero).is_some();
+            let request = Request {
+                problem,
+                shift: problem.shift.unwrap_or(-1e-10 * size),
+                wanted,
+                enough: &enough,
+                options: self.options,
+            };
+            petsc::eigenpairs(comm, &request)?
+        };
+        pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
+        let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
+        pairs.truncate(count);
+        let total = problem.scale(comm, &mut pairs);
+        for cluster in select::clusters(&pairs, zero) {
+            canonical::choose_basis(&self.frame, problem.block, total, comm, &mut pairs[cluster]);
         }
-        canonical::choose_basis(mesh, system, comm, &mut vectors[first..end]);
-        first = end;
+        let (eigenvalues, vectors) = pairs.into_iter().map(|p| (p.value, p.vector)).unzip();
+        Ok(Modes { eigenvalues, vectors })
     }
-    Modes { eigenvalues, vectors }
 }
 
 #[cfg(test)]

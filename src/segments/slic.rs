@@ -6,7 +6,7 @@
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::SegmentSpec;
-use crate::modes::{Extent, laplacian_modes};
+use crate::modes::{Extent, ModalOptions, laplacian_modes};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 
@@ -50,7 +50,7 @@ pub(super) fn refine(
     if spec.count == 1 || spec.count as i64 == total[0] {
         return Ok(labels);
     }
-    let modes = laplacian_modes(mesh, graph, comm, spec.modes)?;
+    let modes = laplacian_modes(mesh, graph, comm, &ModalOptions::fixed(spec.modes))?;
     let features = Features::new(mesh, spec, comm, &modes.vectors, total[0]);
     Ok(features.sweep(mesh, comm, spec, labels))
 }

@@ -1,0 +1,35 @@
+//! What solvers return: an eigenvalue with this rank's part of its vector.
+
+/// An eigenvalue, its vector, and M times it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Pair {
+    /// The eigenvalue; of a complex pair, the real part.
+    pub value: f64,
+    /// Imaginary part; 0 for symmetric pairs of matrices.
+    pub imaginary: f64,
+    /// This rank's part of the eigenvector; of a complex pair, its real part for the first and its imaginary part
+    /// for the second.
+    pub vector: Vec<f64>,
+    /// This rank's part of M times `vector`.
+    pub weighted: Vec<f64>,
+}
+
+impl Pair {
+    /// Subtracts `along` times another one.
+    pub fn remove(&mut self, along: f64, other: &Pair) {
+        for (x, y) in self.vector.iter_mut().zip(&other.vector) {
+            *x -= along * y;
+        }
+        for (x, y) in self.weighted.iter_mut().zip(&other.weighted) {
+            *x -= along * y;
+        }
+    }
+
+    /// Multiplies both vectors.
+    pub fn scale(&mut self, by: f64) {
+        self.vector
+            .iter_mut()
+            .chain(&mut self.weighted)
+            .for_each(|x| *x *= by);
+    }
+}

@@ -1,0 +1,224 @@
+//! A pair of matrices as distributed rows.
+
+use super::pair::Pair;
+use crate::parallel::Comm;
+use crate::{Error, Result};
+
+/// This rank's rows of a distributed square matrix (CSR). Rows are numbered rank after rank.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rows {
+    /// Row i holds entries `row[i]..row[i + 1]`; one more than the rows of this rank.
+    pub row: Vec<usize>,
+    /// Column of each entry in the numbering of all ranks, in any order; entries of one place add up.
+    pub column: Vec<i64>,
+    /// Value of each entry.
+    pub value: Vec<f64>,
+}
+
+impl Rows {
+    /// Rows of this rank.
+    pub fn n(&self) -> usize {
+        self.row.len().saturating_sub(1)
+    }
+}
+
+/// The right-hand matrix of K phi = lambda M phi.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Mass {
+    /// A diagonal matrix: cell volumes, lumped masses.
+    Diagonal(Vec<f64>),
+    /// A consistent mass matrix, distributed as the stiffness.
+    Matrix(Rows),
+}
+
+/// K phi = lambda M phi on this rank.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// K.
+    pub stiffness: Rows,
+    /// M.
+    pub mass: Mass,
+    /// Whether both are symmetric; a non-symmetric pair is solved as such.
+    pub symmetric: bool,
+    /// Unknowns a point, 1 or more: rows `block * p` to `block * p + block - 1` belong to point p of this rank.
+    pub block: usize,
+    /// Position of each point of this rank, m. Signs, and bases of repeated eigenvalues, are chosen by them and so
+    /// depend on no numbering. Empty on all ranks: chosen by row numbers.
+    pub positions: Vec<[f64; 3]>,
+    /// A number a little below the eigenvalues wanted; none: estimated from the entries.
+    pub shift: Option<f64>,
+}
+
+impl Problem {
+    /// Whether this rank's arrays are what the types say. Collective: counts the unknowns of all ranks, also where
+    /// this rank's part is wrong.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the array, where it is wrong, and what was expected.
+    pub(super) fn check(&self, comm: &Comm) -> Result<()> {
+        let n = self.stiffness.n();
+        let mut total = [n as i64, self.positions.len() as i64];
+        comm.sum_i64(&mut total);
+        if total[0] > i64::from(i32::MAX) {
+            return Err(Error::Input(format!(
+                "{} unknowns: PETSc's integers count to {}",
+                total[0],
+                i32::MAX
+            )));
+        }
+        self.stiffness.check("K", n, total[0])?;
+        match &self.mass {
+            Mass::Matrix(rows) => rows.check("M", n, total[0])?,
+            Mass::Diagonal(values) => {
+                if values.len() != n {
+                    return Err(Error::Input(format!(
+                        "M has {} diagonal entries, K {n} rows: expected as many",
+                        values.len()
+                    )));
+                }
+                finite("M", values)?;
+            }
+        }
+        if self.block == 0 || n % self.block != 0 {
+            return Err(Error::Input(format!(
+                "{n} rows with {} unknowns a point: expected whole points on every rank",
+                self.block
+            )));
+        }
+        if total[1] > 0 && self.positions.len() * self.block != n {
+            return Err(Error::Input(format!(
+                "{} positions for {n} rows of {} unknowns a point: expected one a point, or none on all ranks",
+                self.positions.len(),
+                self.block
+            )));
+        }
+        if let Some(p) = self.positions.iter().flatten().find(|x| !x.is_finite()) {
+            return Err(Error::Input(format!(
+                "a position of a point is {p}: expected finite numbers"
+            )));
+        }
+        match self.shift {
+            Some(s) if !s.is_finite() => Err(Error::Input(format!(
+                "shift: expected a finite number, found {s}"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Size of the largest eigenvalues: the largest K_ii / M_ii where M has a diagonal. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if M has no diagonal entry above 0.
+    pub(super) fn eigenvalue_size(&self, comm: &Comm) -> Result<f64> {
+        let (k, m) = (self.stiffness.diagonal(comm), self.mass.diagonal(comm));
+        let mut largest = [m.iter().copied().fold(0.0, f64::max)];
+        comm.max_f64(&mut largest);
+        if largest[0] <= 0.0 {
+            return Err(Error::Input(
+                "the mass matrix M has no diagonal entry above 0: expected masses or volumes".into(),
+            ));
+        }
+        let weighty = k.iter().zip(&m).filter(|(_, m)| **m > 1e-12 * largest[0]);
+        let mut size = [weighty.map(|(k, m)| (k / m).abs()).fold(0.0, f64::max)];
+        comm.max_f64(&mut size);
+        // K = 0 has the eigenvalue 0 only; any size will do.
+        Ok(if size[0] > 0.0 { size[0] } else { 1.0 })
+    }
+
+    /// phi^T M phi of the modes' scale: the sum of the entries of M over the unknowns of a point. Where that, or
+    /// phi^T M phi of a pair, is not positive, M makes no scale: it is then replaced by 1 in the pairs. Collective.
+    pub(super) fn scale(&self, comm: &Comm, pairs: &mut [Pair]) -> f64 {
+        let mut sums = vec![
+            match &self.mass {
+                Mass::Diagonal(values) => values.iter().sum::<f64>(),
+                Mass::Matrix(rows) => rows.value.iter().sum(),
+            },
+            self.stiffness.n() as f64,
+        ];
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+        for p in pairs.iter() {
+            sums.extend([
+                dot(&p.vector, &p.weighted),
+                dot(&p.vector, &p.vector),
+                dot(&p.weighted, &p.weighted),
+            ]);
+        }
+        comm.sum_f64(&mut sums);
+        let positive = |s: &[f64]| s[0] > 1e-12 * (s[1] * s[2]).sqrt();
+        if sums[0] > 0.0 && sums[2..].chunks_exact(3).all(positive) {
+            return sums[0] / self.block as f64;
+        }
+        pairs.iter_mut().for_each(|p| p.weighted.clone_from(&p.vector));
+        sums[1] / self.block as f64
+    }
+}
+
+impl Mass {
+    fn diagonal(&self, comm: &Comm) -> Vec<f64> {
+        match self {
+            Mass::Diagonal(values) => values.clone(),
+            Mass::Matrix(rows) => rows.diagonal(comm),
+        }
+    }
+}
+
+impl Rows {
+    fn check(&self, name: &str, n: usize, total: i64) -> Result<()> {
+        let (rows, columns, values) = (&self.row, &self.column, &self.value);
+        if rows.len() != n + 1 || n + 1 == 0 {
+            return Err(Error::Input(format!(
+                "{name}: {} row offsets for {n} rows: expected one more than rows",
+                rows.len()
+            )));
+        }
+        if rows[0] != 0 || rows[n] != columns.len() || columns.len() != values.len() {
+            return Err(Error::Input(format!(
+                "{name}: row offsets from {} to {}, {} columns, {} values: expected offsets from 0 to the number of \
+                 entries, and as many columns as values",
+                rows[0],
+                rows[n],
+                columns.len(),
+                values.len()
+            )));
+        }
+        if let Some(i) = rows.windows(2).position(|w| w[0] > w[1]) {
+            return Err(Error::Input(format!(
+                "{name}: the offset of row {i} of this rank is {}, the next {}: expected them not to fall",
+                rows[i],
+                rows[i + 1]
+            )));
+        }
+        if let Some(c) = columns.iter().find(|c| !(0..total).contains(c)) {
+            return Err(Error::Input(format!(
+                "{name}: column {c}: expected 0 to {}",
+                total - 1
+            )));
+        }
+        finite(name, values)
+    }
+
+    /// The diagonal entries of this rank's rows. Collective.
+    fn diagonal(&self, comm: &Comm) -> Vec<f64> {
+        let first = comm.exclusive_scan_i64(self.n() as i64);
+        let entry = |(i, w): (usize, &[usize])| {
+            let columns = &self.column[w[0]..w[1]];
+            let entries = columns.iter().zip(&self.value[w[0]..w[1]]);
+            entries
+                .filter(|(c, _)| **c == first + i as i64)
+                .map(|(_, v)| v)
+                .sum()
+        };
+        self.row.windows(2).enumerate().map(entry).collect()
+    }
+}
+
+fn finite(name: &str, values: &[f64]) -> Result<()> {
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(i) => Err(Error::Input(format!(
+            "entry {i} of {name} on this rank is {}: expected finite numbers; look for cells of zero volume or \
+             properties that were not read",
+            values[i]
+        ))),
+    }
+}
