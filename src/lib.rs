@@ -10,6 +10,7 @@ pub mod compare;
 pub mod dataset;
 pub mod engine;
 pub mod error;
+pub mod fem;
 pub mod ffi;
 pub mod foam_case;
 pub mod generate;
