@@ -1,6 +1,6 @@
 use super::sample::{Flat, Kind};
 use super::*;
-use crate::modes::{ModalSolver, ModeCount, Rows};
+use crate::modes::{ModeCount, Rows};
 use std::f64::consts::PI;
 
 const STEEL: Material = Material {
@@ -190,7 +190,7 @@ fn a_box_on_rollers_converges_with_second_order_also_at_nu_near_one_half() {
                 let mesh = sample::block(kind, [n, n, n], l);
                 largest_error(&mesh, l, material, &options(3), 3)
             };
-            let errors = [error(4), error(8)];
+            let errors = [error(3), error(6)];
             let order = (errors[0] / errors[1]).log2();
             println!("{kind:?} {poisson}: {errors:?}, order {order}");
             assert!(errors[1] < bound, "{kind:?} {poisson}: {errors:?}");
@@ -258,8 +258,8 @@ fn beam(kind: Kind, n: [usize; 3], poisson: f64) -> [f64; 2] {
         .collect();
     let materials = vec![material; mesh.n_cells];
     let found = modes(&mesh, &materials, &clamped, &options(2), &Comm::serial()).unwrap();
-    let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * PI * 0.36) * (1000f64 / 12.0).sqrt() * side / 10f64.sqrt();
-    [0, 1].map(|i| found.frequencies()[i] / (exact * 10f64.sqrt() / 10f64.sqrt()))
+    let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * PI * 0.36) * side * (1000f64 / 12.0).sqrt();
+    [0, 1].map(|i| found.frequencies()[i] / exact)
 }
 
 #[test]
