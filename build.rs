@@ -39,7 +39,7 @@ fn main() {
         .allowlist_function("(Slepc|Petsc)(Initialize|Initialized|Finalize|InitializeNoArguments)")
         .allowlist_function("PetscInitialized|PetscFinalized|PetscErrorMessage|PetscPopErrorHandler")
         .allowlist_function(
-            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|ClearValue|Used)",
+            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|ClearValue|HasName|Used)",
         )
         .allowlist_function(
             "Mat(Create|CreateAIJ|Destroy|SetSizes|SetType|SetUp|SetOption|SetValues|SetFromOptions)",

@@ -5,7 +5,9 @@
 
 mod database;
 mod eigen;
+mod method;
 mod objects;
+mod subspace;
 
 /// What bindgen makes of `slepceps.h`.
 mod c {

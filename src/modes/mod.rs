@@ -22,15 +22,31 @@ pub use options::{ModalOptions, ModalSolver, ModeCount};
 pub(crate) use pair::Pair;
 pub use problem::{Mass, Problem, Rows};
 
+use crate::Result;
 use crate::ffi::petsc::{self, Request};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::parallel::Comm;
-use crate::{Error, Result};
 use frame::Frame;
 
 /// Problems of at most this many unknowns are solved densely: Krylov spaces are no smaller there.
 const DENSE: usize = 100;
+
+/// Whether [`ModalSolver::Auto`] does without a factorisation: `unknowns` and `entries` of K over all ranks.
+///
+/// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, and its work like n^(3/2) and
+/// n^2. Rows of more than six entries (five quads' or four triangles' in the plane, seven of hexahedra) tell space from
+/// plane.
+pub(crate) fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
+    let plane = entries <= 6 * unknowns * block as i64;
+    unknowns > if plane { PLANE } else { SPACE }
+}
+
+/// Unknowns of a plane mesh up to which a factorisation is made by [`ModalSolver::Auto`].
+const PLANE: i64 = 4_000_000;
+
+/// As [`PLANE`], in space.
+const SPACE: i64 = 100_000;
 
 /// Modes, by ascending eigenvalue.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,8 +65,8 @@ pub struct Modes {
 /// fewer. Without Dirichlet boundaries (all cyclic) the first mode is the constant one with eigenvalue 0.
 ///
 /// # Errors
-/// [`Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
-/// [`Error::Numerical`] if the solver fails.
+/// [`crate::Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
+/// [`crate::Error::Numerical`] if the solver fails.
 pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     let (problem, frame) = assemble::laplacian(mesh, graph, comm)?;
     Solution::new(&problem, frame, comm, options)?.modes(false)
@@ -65,8 +81,8 @@ pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &Mo
 /// vibration any more.
 ///
 /// # Errors
-/// [`Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
-/// unknowns, or wrong options; [`Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
+/// [`crate::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
+/// unknowns, or wrong options; [`crate::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
 pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     comm.agree(problem.check(comm))?;
     Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(false)
@@ -138,19 +154,23 @@ impl<'a> Solution<'a> {
         let mut pairs = if plain || self.total <= DENSE {
             dense::eigenpairs(problem, problem.shift.unwrap_or(-1e-4 * size), comm)?
         } else {
-            let enough = |values: &[f64]| select::whole_clusters(values, wanted, zero).is_some();
+            let taken = |values: &[f64]| {
+                (values.len() >= wanted)
+                    .then(|| select::whole_clusters(values, wanted, zero))
+                    .flatten()
+            };
             let request = Request {
                 problem,
                 shift: problem.shift.unwrap_or(-1e-10 * size),
                 wanted,
-                enough: &enough,
+                taken: &taken,
                 options: self.options,
             };
             petsc::eigenpairs(comm, &request)?
         };
-        pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
         let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
         pairs.truncate(count);
+        pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
         let total = problem.scale(comm, &mut pairs);
         for cluster in select::clusters(&pairs, zero) {
             canonical::choose_basis(&self.frame, problem.block, total, comm, &mut pairs[cluster]);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::Error;
 use crate::mesh::sample;
 use std::f64::consts::PI;
 

@@ -2,14 +2,15 @@
 
 use super::{c, check};
 use crate::{Error, Result};
-use std::ffi::{CString, c_char};
+use std::ffi::{CStr, CString, c_char};
 
 /// Prefix of our solvers' options.
-pub(super) const PREFIX: &std::ffi::CStr = c"m4gn_";
+pub(super) const PREFIX: &CStr = c"m4gn_";
 
 /// Options that are in the database while this lives.
 pub(super) struct Options {
     names: Vec<CString>,
+    defaults: Vec<CString>,
     text: String,
 }
 
@@ -21,6 +22,7 @@ impl Options {
     pub(super) fn new(text: &str) -> Result<Self> {
         let mut options = Options {
             names: Vec::new(),
+            defaults: Vec::new(),
             text: text.into(),
         };
         for (name, value) in parse(text)? {
@@ -36,6 +38,28 @@ impl Options {
             options.names.push(name);
         }
         Ok(options)
+    }
+
+    /// Puts those into the database that nobody else has set.
+    pub(super) fn defaults(&mut self, defaults: &[(&CStr, &CStr)]) -> Result<()> {
+        for &(name, value) in defaults {
+            let null = std::ptr::null_mut();
+            let mut given = c::PetscBool_PETSC_FALSE;
+            // SAFETY: C strings that PETSc copies; one flag is written.
+            unsafe {
+                check(c::PetscOptionsHasName(
+                    null,
+                    std::ptr::null(),
+                    name.as_ptr(),
+                    &mut given,
+                ))?;
+                if given == c::PetscBool_PETSC_FALSE {
+                    check(c::PetscOptionsSetValue(null, name.as_ptr(), value.as_ptr()))?;
+                    self.defaults.push(name.to_owned());
+                }
+            }
+        }
+        Ok(())
     }
 
     /// After a solution: every option must have been looked at.
@@ -71,7 +95,7 @@ impl Options {
 
 impl Drop for Options {
     fn drop(&mut self) {
-        for name in &self.names {
+        for name in self.names.iter().chain(&self.defaults) {
             // SAFETY: a C string; clearing what is not there is allowed.
             unsafe { c::PetscOptionsClearValue(std::ptr::null_mut(), name.as_ptr()) };
         }

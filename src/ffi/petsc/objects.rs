@@ -28,8 +28,8 @@ owned!(Vector, c::Vec, c::VecDestroy);
 owned!(Solver, c::EPS, c::EPSDestroy);
 
 impl Matrix {
-    /// A matrix of these rows. Collective.
-    pub(super) fn new(comm: &Comm, rows: &Rows, symmetric: bool) -> Result<Self> {
+    /// A matrix of these rows, `block` of them a point. Collective.
+    pub(super) fn new(comm: &Comm, rows: &Rows, symmetric: bool, block: usize) -> Result<Self> {
         let (row, column, value) = compress(rows);
         let n = rows.n() as c::PetscInt;
         let mut matrix = Matrix::null();
@@ -38,6 +38,7 @@ impl Matrix {
             check(c::MatCreate(raw(comm), &mut matrix.0))?;
             check(c::MatSetSizes(matrix.0, n, n, c::PETSC_DECIDE, c::PETSC_DECIDE))?;
             check(c::MatSetType(matrix.0, c"aij".as_ptr()))?;
+            check(c::MatSetBlockSize(matrix.0, block as c::PetscInt))?;
             let (row, column, value) = (row.as_ptr(), column.as_ptr(), value.as_ptr());
             // Each is ignored by the type that the other is for.
             check(c::MatSeqAIJSetPreallocationCSR(matrix.0, row, column, value))?;
@@ -52,14 +53,14 @@ impl Matrix {
     }
 
     /// A diagonal matrix. Collective.
-    pub(super) fn diagonal(comm: &Comm, values: &[f64]) -> Result<Self> {
+    pub(super) fn diagonal(comm: &Comm, values: &[f64], block: usize) -> Result<Self> {
         let first = comm.exclusive_scan_i64(values.len() as i64);
         let rows = Rows {
             row: (0..=values.len()).collect(),
             column: (first..first + values.len() as i64).collect(),
             value: values.to_vec(),
         };
-        Matrix::new(comm, &rows, true)
+        Matrix::new(comm, &rows, true, block)
     }
 
     /// A vector of the matrix's layout. Collective.

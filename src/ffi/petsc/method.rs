@@ -1,0 +1,118 @@
+//! How the shifted systems are solved.
+
+use super::eigen::Request;
+use super::{c, check};
+use crate::Result;
+use crate::modes::ModalSolver;
+use crate::parallel::Comm;
+use std::ffi::CStr;
+
+/// A solver of (K - shift M) x = b.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Method {
+    /// Factorisation by this package.
+    Factor {
+        /// L L^T or, without symmetry, L U.
+        cholesky: bool,
+        /// PETSc's name of the package.
+        package: &'static CStr,
+    },
+    /// Conjugate gradients, or GMRES without symmetry, preconditioned by algebraic multigrid.
+    Multigrid {
+        /// Whether the matrices are.
+        symmetric: bool,
+    },
+}
+
+const PETSC: Method = Method::Factor {
+    cholesky: true,
+    package: c"petsc",
+};
+const MUMPS: Method = Method::Factor {
+    cholesky: true,
+    package: c"mumps",
+};
+const MUMPS_LU: Method = Method::Factor {
+    cholesky: false,
+    package: c"mumps",
+};
+
+impl Method {
+    /// What is tried, one after the other. Collective.
+    pub(super) fn of(comm: &Comm, request: &Request) -> &'static [Method] {
+        let problem = request.problem;
+        let mut sizes = [
+            problem.stiffness.n() as i64,
+            problem.stiffness.column.len() as i64,
+        ];
+        comm.sum_i64(&mut sizes);
+        let iterative = match request.options.solver {
+            ModalSolver::Direct => false,
+            ModalSolver::Iterative => true,
+            ModalSolver::Auto => crate::modes::prefers_iterative(sizes[0], sizes[1], problem.block),
+        };
+        match (iterative, problem.symmetric, comm.size()) {
+            (true, true, _) => &[Method::Multigrid { symmetric: true }],
+            (true, false, _) => &[Method::Multigrid { symmetric: false }],
+            // K - shift M is positive definite, so Cholesky; LU with pivoting is the second chance where rounding
+            // has spoilt that.
+            (false, true, 1) => &[PETSC, MUMPS_LU],
+            (false, true, _) => &[MUMPS, MUMPS_LU],
+            (false, false, _) => &[MUMPS_LU],
+        }
+    }
+
+    /// Relative residual at which an eigenpair counts as converged: far below the quantum that SLIC sees (1e-7). The
+    /// Rayleigh quotient squares it for the eigenvalue.
+    pub(super) fn tolerance(self) -> f64 {
+        match self {
+            Method::Factor { .. } => 1e-11,
+            Method::Multigrid { .. } => 1e-9,
+        }
+    }
+
+    /// Options that hold unless others are given.
+    pub(super) fn defaults(self) -> &'static [(&'static CStr, &'static CStr)] {
+        match self {
+            Method::Factor { .. } => &[],
+            Method::Multigrid { .. } => &[
+                (c"-m4gn_st_pc_hypre_type", c"boomeramg"),
+                (c"-m4gn_st_pc_hypre_boomeramg_coarsen_type", c"HMIS"),
+                (c"-m4gn_st_pc_hypre_boomeramg_interp_type", c"ext+i"),
+                (c"-m4gn_st_pc_hypre_boomeramg_P_max", c"4"),
+            ],
+        }
+    }
+
+    /// Sets the linear solver up so.
+    ///
+    /// # Safety
+    /// `ksp` is a live solver.
+    pub(super) unsafe fn set(self, ksp: c::KSP) -> Result<()> {
+        let mut pc = std::ptr::null_mut();
+        // SAFETY: as promised by the caller; PC is borrowed from it; the strings are C strings.
+        unsafe {
+            check(c::KSPGetPC(ksp, &mut pc))?;
+            match self {
+                Method::Factor { cholesky, package } => {
+                    check(c::KSPSetType(ksp, c"preonly".as_ptr()))?;
+                    let kind = if cholesky { c"cholesky" } else { c"lu" };
+                    check(c::PCSetType(pc, kind.as_ptr()))?;
+                    check(c::PCFactorSetMatSolverType(pc, package.as_ptr()))?;
+                    if package == c"petsc" {
+                        // Nested dissection; PETSc's default for Cholesky is no reordering, which fills in.
+                        check(c::PCFactorSetMatOrderingType(pc, c"nd".as_ptr()))?;
+                    }
+                }
+                Method::Multigrid { symmetric } => {
+                    let kind = if symmetric { c"cg" } else { c"gmres" };
+                    check(c::KSPSetType(ksp, kind.as_ptr()))?;
+                    let default = f64::from(c::PETSC_DEFAULT);
+                    check(c::KSPSetTolerances(ksp, 1e-10, default, default, 500))?;
+                    check(c::PCSetType(pc, c"hypre".as_ptr()))?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
