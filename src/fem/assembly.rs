@@ -103,9 +103,9 @@ pub(super) fn rows(
         block[0] += cell.mass[i * cell.points.len() + j];
     });
     (
-        scalar(&stiffness, dim, &seen, movable, Held::Diagonal, |block, a, b| block[a * dim + b]),
+        scalar(&stiffness, dim, &seen, movable, Held::Diagonal, |block, a, b| Some(block[a * dim + b])),
         scalar(&mass, dim, &seen, movable, Held::Nothing, |block, a, b| {
-            if a == b { block[0] } else { 0.0 }
+            (a == b).then_some(block[0])
         }),
     )
 }
@@ -186,7 +186,7 @@ fn scalar(
     seen: &Seen,
     movable: &Movable,
     held: Held,
-    entry: impl Fn(&[f64], usize, usize) -> f64,
+    entry: impl Fn(&[f64], usize, usize) -> Option<f64>,
 ) -> Rows {
     let size = blocks.value.len() / blocks.column.len().max(1);
     let mut rows = Rows {
@@ -203,8 +203,8 @@ fn scalar(
                     let diagonal = a == b && seen.moved[p] == here;
                     let free = !movable.held[i][a] && !seen.held[p][b];
                     if free || diagonal && held == Held::Diagonal {
-                        let value = entry(block, a, b);
-                        if value != 0.0 || diagonal {
+                        // Zeros too: PETSc's orderings need a symmetric pattern.
+                        if let Some(value) = entry(block, a, b) {
                             rows.column.push(seen.moved[p] * dim as i64 + b as i64);
                             rows.value.push(value);
                         }

@@ -24,7 +24,7 @@ pub use material::{Material, Plane};
 pub use mesh::PointMesh;
 pub use shape::Shape;
 
-use crate::modes::{self, Mass, ModalOptions, ModalSolver, Problem};
+use crate::modes::{self, Mass, ModalOptions, Problem};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 use mesh::Cell;
@@ -197,18 +197,8 @@ pub fn modes(
     comm: &Comm,
 ) -> Result<SolidModes> {
     let system = assemble(mesh, materials, fixed, options, comm)?;
-    let found = modes::solve(&system.problem, comm, &solver(&options.modal))?;
+    let found = modes::solve(&system.problem, comm, &options.modal)?;
     comm.agree(system.displacements(found, comm))
-}
-
-/// MUMPS on one rank too: it joins the unknowns of a point, and orders them in time that does not grow with the
-/// square of their number.
-fn solver(options: &ModalOptions) -> ModalOptions {
-    let mut options = options.clone();
-    if options.solver != ModalSolver::Iterative {
-        options.petsc = format!("-m4gn_st_pc_factor_mat_solver_type mumps {}", options.petsc);
-    }
-    options
 }
 
 impl System {
