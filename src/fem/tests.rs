@@ -167,78 +167,61 @@ fn of_box(l: &[f64], lambda: f64, mu: f64, density: f64, n: usize) -> Vec<f64> {
     values
 }
 
-fn largest_error(mesh: &PointMesh, l: [f64; 3], material: Material, options: &Options, n: usize) -> f64 {
-    let materials = vec![material; mesh.n_cells];
-    let found = modes(mesh, &materials, &rollers(mesh, l), options, &Comm::serial()).unwrap();
-    let (lambda, mu) = material.moduli(mesh.dim(), options.plane);
-    let exact = of_box(&l[..mesh.dim()], lambda, mu, material.density, n);
-    found
-        .eigenvalues
-        .iter()
-        .zip(&exact)
-        .map(|(v, e)| (v / e - 1.0).abs())
-        .fold(0.0, f64::max)
+fn largest_error(found: &SolidModes, exact: &[f64]) -> f64 {
+    let pairs = found.eigenvalues.iter().zip(exact);
+    pairs.map(|(v, e)| (v / e - 1.0).abs()).fold(0.0, f64::max)
 }
 
 #[test]
-fn a_box_on_rollers_converges_with_second_order_also_at_nu_near_one_half() {
+fn a_box_on_rollers_converges_with_second_order_and_does_not_lock() {
     let l = [1.0, 1.3, 0.8];
+    let mut failures = Vec::new();
     for kind in Kind::ALL {
-        for (poisson, bound) in [(0.3, 0.05), (0.4999, 0.08)] {
+        let error = |n: usize, poisson: f64| {
+            let mesh = sample::block(kind, [n, n, n], l);
             let material = Material { poisson, ..STEEL };
-            let error = |n: usize| {
-                let mesh = sample::block(kind, [n, n, n], l);
-                largest_error(&mesh, l, material, &options(3), 3)
-            };
-            let errors = [error(3), error(6)];
-            let order = (errors[0] / errors[1]).log2();
-            println!("{kind:?} {poisson}: {errors:?}, order {order}");
-            assert!(errors[1] < bound, "{kind:?} {poisson}: {errors:?}");
-            assert!(order > 1.6, "{kind:?} {poisson}: order {order}, {errors:?}");
+            let materials = vec![material; mesh.n_cells];
+            let found = modes(&mesh, &materials, &rollers(&mesh, l), &options(3), &Comm::serial()).unwrap();
+            let (lambda, mu) = material.moduli(3, Plane::Strain);
+            largest_error(&found, &of_box(&l, lambda, mu, material.density, 3))
+        };
+        let (errors, near_half) = ([error(4, 0.3), error(8, 0.3)], error(6, 0.4999));
+        let order = (errors[0] / errors[1]).log2();
+        println!("{kind:?}: {errors:?}, order {order:.2}, nu 0.4999: {near_half}");
+        if errors[1] > 0.02 || order < 1.7 || near_half > 0.06 {
+            failures.push(format!("{kind:?}: {errors:?}, order {order}, nu 0.4999: {near_half}"));
         }
     }
+    assert!(failures.is_empty(), "{failures:#?}");
 }
 
 #[test]
 fn a_rectangle_on_rollers_converges_in_plane_strain_and_plane_stress() {
-    let l = [1.0, 0.7, 0.0];
+    let l = [1.0, 0.7];
+    let mut failures = Vec::new();
     for kind in Flat::ALL {
         for (plane, poisson) in [(Plane::Strain, 0.3), (Plane::Strain, 0.4999), (Plane::Stress, 0.4999)] {
-            let material = Material { poisson, ..STEEL };
-            let error = |n: usize, mass: MassKind| {
-                let mesh = sample::rectangle(kind, n, n, l[0], l[1]);
-                let options = Options {
-                    plane,
-                    mass,
-                    ..options(4)
-                };
-                // Front and back may slide: rollers at x and y only.
-                let sides = [l[0], l[1], f64::INFINITY];
-                let materials = vec![material; mesh.n_cells];
-                let held: Vec<Fixed> = rollers(&mesh, sides)
-                    .into_iter()
-                    .map(|mut f| {
-                        f.components[2] = false;
-                        f
-                    })
-                    .collect();
-                let found = modes(&mesh, &materials, &held, &options, &Comm::serial()).unwrap();
-                let (lambda, mu) = material.moduli(2, plane);
-                of_box(&l[..2], lambda, mu, material.density, 4)
-                    .iter()
-                    .zip(&found.eigenvalues)
-                    .map(|(e, v)| (v / e - 1.0).abs())
-                    .fold(0.0, f64::max)
-            };
             for mass in [MassKind::Consistent, MassKind::Lumped] {
-                let errors = [error(8, mass), error(16, mass)];
+                let material = Material { poisson, ..STEEL };
+                let error = |n: usize| {
+                    let mesh = sample::rectangle(kind, n, n, l[0], l[1]);
+                    let options = Options { plane, mass, ..options(4) };
+                    let held = rollers(&mesh, [l[0], l[1], f64::INFINITY]);
+                    let materials = vec![material; mesh.n_cells];
+                    let found = modes(&mesh, &materials, &held, &options, &Comm::serial()).unwrap();
+                    let (lambda, mu) = material.moduli(2, plane);
+                    largest_error(&found, &of_box(&l, lambda, mu, material.density, 4))
+                };
+                let errors = [error(12), error(24)];
                 let order = (errors[0] / errors[1]).log2();
-                println!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order}");
-                assert!(errors[1] < 0.05, "{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}");
-                assert!(order > 1.5, "{kind:?} {plane:?} {poisson} {mass:?}: {order}, {errors:?}");
+                println!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order:.2}");
+                if errors[1] > 0.03 || order < 1.7 {
+                    failures.push(format!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order}"));
+                }
             }
         }
     }
+    assert!(failures.is_empty(), "{failures:#?}");
 }
 
 /// First frequency of a beam of 0.6 m clamped at x = 0, over Euler-Bernoulli's.
