@@ -1,8 +1,15 @@
-//! Generates the PETSc and SLEPc bindings and links both.
-
-use std::{env, path::PathBuf};
+//! Generates the PETSc and SLEPc bindings and links both, unless the feature `slepc` is off.
 
 fn main() {
+    println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn.so");
+    #[cfg(feature = "slepc")]
+    slepc();
+}
+
+#[cfg(feature = "slepc")]
+fn slepc() {
+    use std::{env, path::PathBuf};
+
     println!("cargo:rerun-if-changed=cpp/slepc_wrapper.h");
     let slepc = pkg_config::Config::new()
         .cargo_metadata(false)
@@ -29,7 +36,6 @@ fn main() {
     }
     println!("cargo:rustc-link-lib=dylib=slepc_real");
     println!("cargo:rustc-link-lib=dylib=petsc_real");
-    println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn.so");
 
     let includes = [&slepc, &petsc, &mpi].into_iter().flat_map(|l| &l.include_paths);
     let bindings = bindgen::Builder::default()

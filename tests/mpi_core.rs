@@ -5,6 +5,8 @@
 
 #[path = "mpi_core/checks.rs"]
 mod checks;
+#[path = "mpi_core/pairs.rs"]
+mod pairs;
 
 use checks::{Checks, compare_modes, compare_segments};
 use m4gn::graph::Graph;
@@ -37,6 +39,7 @@ fn main() -> ExitCode {
         decompositions(&mut checks, name, &mesh);
     }
     cyclic(&mut checks);
+    pairs::pairs(&mut checks);
     broken_meshes(&mut checks);
 
     for failure in &checks.failures {

@@ -182,6 +182,59 @@ int32_t m4gn_session_step(
     const m4gn_field_out* out,
     int32_t n_out);
 
+/* ---- modes -------------------------------------------------------------------------------------- */
+
+/* Modes of a solver's own pair of matrices: K phi = lambda M phi. */
+typedef struct m4gn_modes m4gn_modes;
+
+/* This rank's rows of a distributed square matrix. Rows and columns are numbered over all ranks, the rows of rank 0
+ * first, then those of rank 1, and so on. */
+typedef struct m4gn_csr
+{
+    int32_t n_rows;             /* rows of this rank; may be 0 */
+    const int64_t* row;         /* [n_rows+1] row i holds entries row[i] to row[i+1]-1; row[0] is 0 */
+    const int64_t* column;      /* [row[n_rows]] columns, in any order within a row; entries of one place add up */
+    const double* value;        /* [row[n_rows]] */
+} m4gn_csr;
+
+typedef struct m4gn_modes_options
+{
+    int32_t modes;              /* how many; default 6. Repeated eigenvalues are taken whole: there may be more */
+    int32_t symmetric;          /* default 1: K and M are symmetric and positive semi-definite, M may be singular.
+                                   0: a pair that is not, solved as it is for the eigenvalues nearest to the shift */
+    int32_t block;              /* unknowns a point, in consecutive rows; default 1 */
+    double energy;              /* > 0: only as many modes as hold this share, at most 1, of the sum of 1/lambda over
+                                   the first `modes`; default 0: all of them */
+    double shift;               /* a number a little below the eigenvalues wanted; NAN (default): estimated */
+    const double* positions;    /* [3*n_rows/block] where the points are, m: signs of modes then do not depend on the
+                                   numbering. NULL (default) on all ranks: chosen by numbers */
+    const char* solver;         /* "auto" (NULL) by size, "direct" (factorisation), "iterative" (multigrid) */
+    const char* petsc;          /* options of PETSc and SLEPc, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
+} m4gn_modes_options;
+
+/* Fills in the defaults. */
+void m4gn_modes_options_init(m4gn_modes_options* options);
+
+/* Collective. Solves for the modes; `mass` NULL is the identity. On failure *modes is NULL. */
+int32_t m4gn_modes_new(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
+    const m4gn_csr* stiffness,
+    const m4gn_csr* mass,
+    const m4gn_modes_options* options,
+    m4gn_modes** modes);
+
+void m4gn_modes_free(m4gn_modes* modes);
+
+/* Number of modes found. */
+int32_t m4gn_modes_count(const m4gn_modes* modes);
+
+/* Eigenvalues [count], ascending. */
+int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* eigenvalues);
+
+/* Mode `index`, 0 to count-1, of this rank's rows [n_rows]; scaled to phi^T M phi = (sum of the entries of M)/block,
+ * a root mean square of 1. */
+int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector);
+
 /* ---- recorder ----------------------------------------------------------------------------------- */
 
 typedef struct m4gn_recorder m4gn_recorder;

@@ -130,6 +130,60 @@ private:
     std::unique_ptr<m4gn_session, Free> session_;
 };
 
+// Six modes of a symmetric pair with one unknown a point.
+inline m4gn_modes_options modesOptions()
+{
+    m4gn_modes_options options;
+    m4gn_modes_options_init(&options);
+    return options;
+}
+
+// Modes of a solver's own pair of matrices. Made by all ranks together.
+class Modes
+{
+public:
+    // mass: NULL is the identity.
+    Modes(int32_t comm, const m4gn_csr& stiffness, const m4gn_csr* mass, const m4gn_modes_options& options)
+    :
+        nRows_(static_cast<std::size_t>(stiffness.n_rows))
+    {
+        checkVersion();
+        m4gn_modes* modes = nullptr;
+        check(m4gn_modes_new(comm, &stiffness, mass, &options, &modes));
+        modes_.reset(modes);
+    }
+
+    int32_t size() const { return m4gn_modes_count(modes_.get()); }
+
+    // Ascending.
+    std::vector<double> eigenvalues() const
+    {
+        // One more than needed, here and below, so that an empty list has a pointer too.
+        std::vector<double> values(static_cast<std::size_t>(size()) + 1);
+        check(m4gn_modes_eigenvalues(modes_.get(), values.data()));
+        values.pop_back();
+        return values;
+    }
+
+    // One mode, this rank's rows.
+    std::vector<double> vector(int32_t index) const
+    {
+        std::vector<double> values(nRows_ + 1);
+        check(m4gn_modes_vector(modes_.get(), index, values.data()));
+        values.pop_back();
+        return values;
+    }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
+    };
+
+    std::size_t nRows_;
+    std::unique_ptr<m4gn_modes, Free> modes_;
+};
+
 // A trajectory being recorded. Made and destroyed by all ranks together; without finish() nothing is left behind.
 class Recorder
 {

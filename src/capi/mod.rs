@@ -7,10 +7,12 @@
 
 #[macro_use]
 mod door;
+mod modes;
 mod raw;
 mod recorder;
 mod session;
 
+pub use modes::{CsrData, ModesOptionsData};
 pub use raw::{FieldData, FieldOut, MeshData};
 pub use recorder::{RecorderField, RecorderOptions};
 pub use session::{FieldInfo, SessionOptionsData};

@@ -271,7 +271,7 @@ unsafe fn patches(data: &MeshData) -> Result<Vec<String>> {
 ///
 /// # Safety
 /// As [`slice`], for 3 n values.
-unsafe fn vectors<'a>(what: &str, pointer: *const f64, n: usize) -> Result<&'a [[f64; 3]]> {
+pub(super) unsafe fn vectors<'a>(what: &str, pointer: *const f64, n: usize) -> Result<&'a [[f64; 3]]> {
     // SAFETY: passed on to the caller.
     Ok(unsafe { slice(what, pointer, 3 * n)? }.as_chunks::<3>().0)
 }

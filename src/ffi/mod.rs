@@ -6,6 +6,7 @@
 pub mod foam_bridge;
 pub mod fpe;
 pub mod mpi;
+#[cfg(feature = "slepc")]
 pub mod petsc;
 
 /// Has what we started ended at the end of the process, or when this library is unloaded before.

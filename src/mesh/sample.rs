@@ -147,6 +147,47 @@ pub fn chain(n: usize, length: f64) -> Mesh {
     mesh
 }
 
+/// A disk in polar cells: `rings` rings of `sectors` >= 3 each, cell (i, j) is `i * sectors + j` from the centre out,
+/// 1 m thick, a wall around it.
+///
+/// Faces are arcs and radii: lines between centres cross them at right angles and in the middle, so that coefficients
+/// (face length over distance along the grid lines) are consistent and the Laplacian is of second order. Innermost
+/// cells have no face at the centre, whose length is 0.
+pub fn disk(rings: usize, sectors: usize, radius: f64) -> Mesh {
+    let (dr, da) = (radius / rings as f64, std::f64::consts::TAU / sectors as f64);
+    let mut mesh = empty(vec![0, 1]);
+    for c in 0..rings * sectors {
+        let (r, a) = (
+            ((c / sectors) as f64 + 0.5) * dr,
+            ((c % sectors) as f64 + 0.5) * da,
+        );
+        mesh.cell_global.push(c as i64);
+        mesh.cell_centres.push([r * a.cos(), r * a.sin(), 0.0]);
+        mesh.cell_volumes.push(r * da * dr);
+    }
+    for c in 0..rings * sectors {
+        let (i, j) = (c / sectors, c % sectors);
+        let r = (i as f64 + 0.5) * dr;
+        let beside = i * sectors + (j + 1) % sectors;
+        face(&mut mesh, c.min(beside), c.max(beside), dr / (r * da));
+        let outer = (i + 1) as f64 * dr * da;
+        if i + 1 < rings {
+            face(&mut mesh, c, c + sectors, outer / dr);
+        } else {
+            let (sin, cos) = ((j as f64 + 0.5) * da).sin_cos();
+            boundary(
+                &mut mesh,
+                c,
+                [radius * cos, radius * sin, 0.0],
+                [outer * cos, outer * sin, 0.0],
+                2.0 * outer / dr,
+                2,
+            );
+        }
+    }
+    mesh
+}
+
 /// A ring of n >= 3 cells of volume 1 on a circle, coefficients 1, without boundary: a singular Laplacian.
 pub fn ring(n: usize, radius: f64) -> Mesh {
     let mut mesh = empty(vec![0, 1]);

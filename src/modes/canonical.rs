@@ -21,24 +21,34 @@ pub(super) fn choose_basis(frame: &Frame, block: usize, total: f64, comm: &Comm,
     let size = space.len();
     let total = total.sqrt();
     orthonormalise(comm, space);
-    // Overlaps phi_i^T M g_j of all candidates in one reduction.
-    let mut overlaps = vec![0.0; CANDIDATES * size];
     let n = space.first().map_or(0, |p| p.vector.len());
-    for unknown in 0..n {
-        let x = frame.position(unknown / block);
-        for j in 0..CANDIDATES {
-            let g = test_function(frame, j, &x) * component(j, unknown % block);
-            for (i, pair) in space.iter().enumerate() {
-                overlaps[j * size + i] += pair.weighted[unknown] * g;
+    // phi_i^T M g_j of the j-th test function. Most often the first few decide.
+    let mut known: Vec<Vec<f64>> = Vec::new();
+    let mut overlaps = |j: usize| -> Vec<f64> {
+        if let Some(found) = known.get(j) {
+            return found.clone();
+        }
+        let mut sums = vec![0.0; size];
+        for point in 0..n / block {
+            let g = test_function(frame, j, &frame.position(point));
+            for c in 0..block {
+                let g = g * component(j, c);
+                for (sum, pair) in sums.iter_mut().zip(space.iter()) {
+                    *sum += pair.weighted[point * block + c] * g;
+                }
             }
         }
-    }
-    comm.sum_f64(&mut overlaps);
+        comm.sum_f64(&mut sums);
+        known.push(sums.clone());
+        sums
+    };
 
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(size);
     for threshold in [DECISIVE, 1e-2 * DECISIVE] {
-        for candidate in overlaps.chunks_exact(size) {
-            add_direction(&mut basis, size, candidate, threshold * total);
+        for j in 0..CANDIDATES {
+            if basis.len() < size {
+                add_direction(&mut basis, size, &overlaps(j), threshold * total);
+            }
         }
     }
     // Nothing decided: any completion is as good as another.

@@ -1,77 +1,60 @@
 //! Dense solution with faer on the root: the plain reference, and the solver of small problems.
 
+use super::gathered::{self, Gathered, Triplet};
 use super::pair::Pair;
-use super::problem::{Mass, Problem, Rows};
+use super::problem::Problem;
 use crate::parallel::Comm;
 use crate::{Error, Result};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 
-/// A pair of matrices, whole.
-struct Whole {
-    k: Mat<f64>,
-    m: Mat<f64>,
-}
+/// Entries of a symmetric matrix may differ from their mirror images by this, relative to the largest entry.
+const ASYMMETRY: f64 = 1e-8;
 
 /// All finite eigenpairs, those nearest to `shift` first; the root solves and tells the others. Collective.
 ///
 /// n^3 work, n^2 memory.
 pub(super) fn eigenpairs(problem: &Problem, shift: f64, comm: &Comm) -> Result<Vec<Pair>> {
-    let n = problem.stiffness.n();
-    let first = comm.exclusive_scan_i64(n as i64) as usize;
-    let mut total = [n as i64];
-    comm.sum_i64(&mut total);
-    let total = total[0] as usize;
-    let mass = match &problem.mass {
-        Mass::Matrix(rows) => gather(rows, total, comm),
-        Mass::Diagonal(values) => comm.gather(values).map(|parts| {
-            let mut m = Mat::zeros(total, total);
-            let values = parts.into_iter().flatten().enumerate();
-            values.for_each(|(i, v)| m[(i, i)] = v);
-            m
-        }),
+    let solved = match Gathered::of(problem, comm) {
+        None => Ok(Vec::new()),
+        Some(pair) => {
+            let (k, m) = (matrix(pair.n, &pair.k), matrix(pair.n, &pair.m));
+            match problem.symmetric {
+                true => symmetric(k, m, shift),
+                false => general(k, m, shift),
+            }
+        }
     };
-    let stiffness = gather(&problem.stiffness, total, comm);
-    let solved = match (stiffness, mass) {
-        (Some(k), Some(m)) => match problem.symmetric {
-            true => symmetric(Whole { k, m }, shift),
-            false => general(Whole { k, m }, shift),
-        },
-        _ => Ok(Vec::new()),
-    };
-    let mut flat = comm.agree(solved)?;
-    comm.broadcast(&mut flat);
-    Ok(flat
-        .chunks_exact(2 + 2 * total)
-        .map(|pair| Pair {
-            value: pair[0],
-            imaginary: pair[1],
-            vector: pair[2 + first..2 + first + n].to_vec(),
-            weighted: pair[2 + total + first..2 + total + first + n].to_vec(),
-        })
-        .collect())
+    gathered::share(problem, comm, solved)
 }
 
-/// The whole matrix on the root. Collective.
-fn gather(rows: &Rows, total: usize, comm: &Comm) -> Option<Mat<f64>> {
-    let counts: Vec<i64> = rows.row.windows(2).map(|w| (w[1] - w[0]) as i64).collect();
-    let (counts, columns, values) = (
-        comm.gather(&counts),
-        comm.gather(&rows.column),
-        comm.gather(&rows.value),
-    );
-    let mut places = columns?.into_iter().flatten().zip(values?.into_iter().flatten());
-    let mut a = Mat::zeros(total, total);
-    for (i, count) in counts?.into_iter().flatten().enumerate() {
-        for (j, v) in places.by_ref().take(count as usize) {
-            a[(i, j as usize)] += v;
+fn matrix(n: usize, entries: &[Triplet]) -> Mat<f64> {
+    let mut a = Mat::zeros(n, n);
+    entries.iter().for_each(|&(i, j, v)| a[(i, j)] += v);
+    a
+}
+
+fn check_symmetry(name: &str, a: &Mat<f64>) -> Result<()> {
+    let largest = a.norm_max();
+    for j in 0..a.ncols() {
+        for i in 0..j {
+            if (a[(i, j)] - a[(j, i)]).abs() > ASYMMETRY * largest {
+                return Err(Error::Input(format!(
+                    "{name} is not symmetric: entry ({i}, {j}) is {:e}, entry ({j}, {i}) {:e}; declare the pair \
+                     non-symmetric",
+                    a[(i, j)],
+                    a[(j, i)]
+                )));
+            }
         }
     }
-    Some(a)
+    Ok(())
 }
 
 /// With K - shift M = L L^T: the eigenvalues of L^-1 M L^-T are 1 / (lambda - shift), also for a singular M.
-fn symmetric(Whole { k, m }: Whole, shift: f64) -> Result<Vec<f64>> {
+fn symmetric(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
+    check_symmetry("K", &k)?;
+    check_symmetry("M", &m)?;
     let n = k.nrows();
     let shifted = &k - faer::Scale(shift) * &m;
     let factor = shifted.llt(Side::Lower).map_err(|_| {
@@ -94,7 +77,7 @@ fn symmetric(Whole { k, m }: Whole, shift: f64) -> Result<Vec<f64>> {
 }
 
 /// Eigenvalues of (K - shift M)^-1 M are 1 / (lambda - shift).
-fn general(Whole { k, m }: Whole, shift: f64) -> Result<Vec<f64>> {
+fn general(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
     let n = k.nrows();
     let shifted = &k - faer::Scale(shift) * &m;
     let a = shifted.partial_piv_lu().solve(&m);
@@ -140,9 +123,8 @@ fn flatten(theta: Vec<(f64, f64)>, vectors: MatRef<f64>, m: &Mat<f64>, shift: f6
     let mut flat = Vec::with_capacity(order.len() * (2 + 2 * n));
     for i in order {
         let square = size(&theta[i]).powi(2);
-        flat.extend([shift + theta[i].0 / square, -theta[i].1 / square]);
-        flat.extend(vectors.col(i).iter());
-        flat.extend(weighted.col(i).iter());
+        let value = (shift + theta[i].0 / square, -theta[i].1 / square);
+        gathered::push(&mut flat, value, vectors.col(i).iter(), weighted.col(i).iter());
     }
     flat
 }

@@ -12,10 +12,15 @@ mod assemble;
 mod canonical;
 mod dense;
 mod frame;
+mod gathered;
 mod options;
 mod pair;
 mod problem;
 mod select;
+#[cfg(not(feature = "slepc"))]
+mod serial;
+#[cfg(any(test, not(feature = "slepc")))]
+mod sparse;
 
 pub use frame::Extent;
 pub use options::{ModalOptions, ModalSolver, ModeCount};
@@ -23,30 +28,39 @@ pub(crate) use pair::Pair;
 pub use problem::{Mass, Problem, Rows};
 
 use crate::Result;
-use crate::ffi::petsc::{self, Request};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::parallel::Comm;
 use frame::Frame;
 
+#[cfg(feature = "slepc")]
+use crate::ffi::petsc as large;
+#[cfg(not(feature = "slepc"))]
+use serial as large;
+
 /// Problems of at most this many unknowns are solved densely: Krylov spaces are no smaller there.
 const DENSE: usize = 100;
 
-/// Whether [`ModalSolver::Auto`] does without a factorisation: `unknowns` and `entries` of K over all ranks.
-///
-/// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, and its work like n^(3/2) and
-/// n^2. Rows of more than six entries (five quads' or four triangles' in the plane, seven of hexahedra) tell space from
-/// plane.
-pub(crate) fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
-    let plane = entries <= 6 * unknowns * block as i64;
-    unknowns > if plane { PLANE } else { SPACE }
+/// Whether the graph of K is that of a plane mesh: rows of at most six entries an unknown of a point (four of
+/// triangles, five of quads; hexahedra have seven). `unknowns` and `entries` of all ranks.
+#[cfg(feature = "slepc")]
+pub(crate) fn is_plane(unknowns: i64, entries: i64, block: usize) -> bool {
+    entries <= 6 * unknowns * block as i64
 }
 
-/// Unknowns of a plane mesh up to which a factorisation is made by [`ModalSolver::Auto`].
-const PLANE: i64 = 4_000_000;
-
-/// As [`PLANE`], in space.
-const SPACE: i64 = 100_000;
+/// Whether [`ModalSolver::Auto`] does without a factorisation: above 4 million unknowns of a plane mesh, 400,000 else.
+///
+/// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, its work like n^(3/2) and n^2;
+/// at these sizes the factor takes some 3 GB, over all ranks.
+#[cfg(feature = "slepc")]
+pub(crate) fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
+    let limit = if is_plane(unknowns, entries, block) {
+        4_000_000
+    } else {
+        400_000
+    };
+    unknowns > limit
+}
 
 /// Modes, by ascending eigenvalue.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,6 +71,16 @@ pub struct Modes {
     /// block: the root mean square over the mesh, weighted by M, is 1 whatever the mesh's size; for the Laplacian
     /// sum over all ranks of V phi^2 = sum of V.
     pub vectors: Vec<Vec<f64>>,
+}
+
+/// The pair of matrices of the Laplacian modes, eq. 6. Collective; all ranks fail together.
+///
+/// # Errors
+/// [`crate::Error::Mesh`] for coupled faces whose other side is not found.
+pub fn laplacian(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Problem> {
+    let (mut problem, _) = assemble::laplacian(mesh, graph, comm)?;
+    problem.positions.clone_from(&mesh.cell_centres);
+    Ok(problem)
 }
 
 /// The first Laplacian modes. Collective; all ranks fail together.
@@ -84,7 +108,7 @@ pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &Mo
 /// [`crate::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
 /// unknowns, or wrong options; [`crate::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
 pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
-    comm.agree(problem.check(comm))?;
+    problem.check(comm)?;
     Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(false)
 }
 
@@ -93,7 +117,7 @@ pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<M
 /// # Errors
 /// As [`solve`].
 pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
-    comm.agree(problem.check(comm))?;
+    problem.check(comm)?;
     Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(true)
 }
 
@@ -133,6 +157,7 @@ impl<'a> Solution<'a> {
             options,
             total: total[0] as usize,
         };
+        options.same_on_all_ranks(comm)?;
         comm.agree(select::check(options.count, solution.total))?;
         Ok(solution)
     }
@@ -159,14 +184,16 @@ impl<'a> Solution<'a> {
                     .then(|| select::whole_clusters(values, wanted, zero))
                     .flatten()
             };
-            let request = Request {
-                problem,
-                shift: problem.shift.unwrap_or(-1e-10 * size),
-                wanted,
-                taken: &taken,
-                options: self.options,
-            };
-            petsc::eigenpairs(comm, &request)?
+            large::eigenpairs(
+                comm,
+                &large::Request {
+                    problem,
+                    shift: problem.shift.unwrap_or(-1e-10 * size),
+                    wanted,
+                    taken: &taken,
+                    options: self.options,
+                },
+            )?
         };
         let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
         pairs.truncate(count);

@@ -1,6 +1,9 @@
 //! How many modes, and how they are solved for.
 
+use super::problem::same_on_all_ranks;
+use crate::parallel::Comm;
 use crate::{Error, Result};
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// How many modes are taken. Either way the cluster of the last one is taken whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,5 +81,24 @@ impl ModalOptions {
             solver: ModalSolver::Auto,
             petsc: String::new(),
         }
+    }
+
+    /// An input error unless all ranks have the same. Collective.
+    pub(super) fn same_on_all_ranks(&self, comm: &Comm) -> Result<()> {
+        let (n, share) = match self.count {
+            ModeCount::Fixed(n) => (n, 0.0),
+            ModeCount::Energy { share, most } => (most, share),
+        };
+        let mut petsc = DefaultHasher::new();
+        self.petsc.hash(&mut petsc);
+        same_on_all_ranks(
+            comm,
+            &[
+                ("number of modes", n as i64),
+                ("share of the energy", (f64::to_bits(share) >> 2) as i64),
+                ("modal solver", self.solver as i64),
+                ("PETSc options", (petsc.finish() >> 2) as i64),
+            ],
+        )
     }
 }

@@ -50,12 +50,25 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Whether this rank's arrays are what the types say. Collective: counts the unknowns of all ranks, also where
-    /// this rank's part is wrong.
+    /// Whether the arrays are what the types say, and the pair is of one kind on all ranks. Collective; all ranks fail
+    /// together.
     ///
     /// # Errors
     /// [`Error::Input`] naming the array, where it is wrong, and what was expected.
     pub(super) fn check(&self, comm: &Comm) -> Result<()> {
+        let diagonal = matches!(self.mass, Mass::Diagonal(_));
+        let kind = [
+            ("symmetric", i64::from(self.symmetric)),
+            ("whether the mass is diagonal", i64::from(diagonal)),
+            ("unknowns a point", self.block as i64),
+            ("shift", self.shift.map_or(0, |s| 1 + (s.to_bits() >> 2) as i64)),
+        ];
+        same_on_all_ranks(comm, &kind)?;
+        comm.agree(self.check_here(comm))
+    }
+
+    /// As `check`, of this rank. Collective: counts the unknowns of all ranks first.
+    fn check_here(&self, comm: &Comm) -> Result<()> {
         let n = self.stiffness.n();
         let mut total = [n as i64, self.positions.len() as i64];
         comm.sum_i64(&mut total);
@@ -102,6 +115,23 @@ impl Problem {
                 "shift: expected a finite number, found {s}"
             ))),
             _ => Ok(()),
+        }
+    }
+
+    /// Makes a mass matrix that is diagonal on all ranks a [`Mass::Diagonal`], which costs less. Collective.
+    pub fn simplify(&mut self, comm: &Comm) {
+        let first = comm.exclusive_scan_i64(self.stiffness.n() as i64);
+        let diagonal = match &self.mass {
+            Mass::Diagonal(_) => true,
+            Mass::Matrix(m) => {
+                let own = |(i, c): (usize, &i64)| *c == first + i as i64;
+                m.row.iter().enumerate().all(|(i, r)| i == *r) && m.column.iter().enumerate().all(own)
+            }
+        };
+        let mut all = [i64::from(diagonal)];
+        comm.min_i64(&mut all);
+        if let (1, Mass::Matrix(m)) = (all[0], &mut self.mass) {
+            self.mass = Mass::Diagonal(std::mem::take(&mut m.value));
         }
     }
 
@@ -210,6 +240,20 @@ impl Rows {
         };
         self.row.windows(2).enumerate().map(entry).collect()
     }
+}
+
+/// An input error unless these values, none below 0, are those of all other ranks. Collective.
+pub(super) fn same_on_all_ranks(comm: &Comm, values: &[(&str, i64)]) -> Result<()> {
+    let mut extremes: Vec<i64> = values.iter().flat_map(|&(_, v)| [v, -v]).collect();
+    comm.max_i64(&mut extremes);
+    for (pair, (name, _)) in extremes.chunks_exact(2).zip(values) {
+        if pair[0] != -pair[1] {
+            return Err(Error::Input(format!(
+                "{name}: the ranks differ; expected the same on all"
+            )));
+        }
+    }
+    Ok(())
 }
 
 fn finite(name: &str, values: &[f64]) -> Result<()> {

@@ -33,6 +33,7 @@ pub fn start() -> Result<()> {
 ///
 /// Every communicator of ours must have been dropped, or be dropped afterwards (then it is not freed).
 pub fn finalize() {
+    #[cfg(feature = "slepc")]
     crate::ffi::petsc::finalize();
     let universe = UNIVERSE.lock().unwrap_or_else(|e| e.into_inner()).take();
     if !is_finalized() {

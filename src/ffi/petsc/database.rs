@@ -69,8 +69,8 @@ impl Options {
     pub(super) fn all_used(&self) -> Result<()> {
         for name in &self.names {
             let mut used = c::PetscBool_PETSC_FALSE;
-            // SAFETY: a C string; one flag is written.
-            check(unsafe { c::PetscOptionsUsed(std::ptr::null_mut(), name.as_ptr(), &mut used) })?;
+            // SAFETY: a C string, past the hyphen, which this call does not want; one flag is written.
+            check(unsafe { c::PetscOptionsUsed(std::ptr::null_mut(), name.as_ptr().add(1), &mut used) })?;
             if used == c::PetscBool_PETSC_FALSE {
                 return Err(Error::Input(format!(
                     "PETSc option {} was not used: expected an option of the solver that ran; -m4gn_eps_view shows it, \

@@ -28,6 +28,10 @@ const PETSC: Method = Method::Factor {
     cholesky: true,
     package: c"petsc",
 };
+const CHOLMOD: Method = Method::Factor {
+    cholesky: true,
+    package: c"cholmod",
+};
 const MUMPS: Method = Method::Factor {
     cholesky: true,
     package: c"mumps",
@@ -51,12 +55,15 @@ impl Method {
             ModalSolver::Iterative => true,
             ModalSolver::Auto => crate::modes::prefers_iterative(sizes[0], sizes[1], problem.block),
         };
+        let plane = crate::modes::is_plane(sizes[0], sizes[1], problem.block);
         match (iterative, problem.symmetric, comm.size()) {
             (true, true, _) => &[Method::Multigrid { symmetric: true }],
             (true, false, _) => &[Method::Multigrid { symmetric: false }],
             // K - shift M is positive definite, so Cholesky; LU with pivoting is the second chance where rounding
             // has spoilt that.
-            (false, true, 1) => &[PETSC, MUMPS_LU],
+            // On one rank PETSc's own factors are the quickest of plane meshes; CHOLMOD's supernodes win in space.
+            (false, true, 1) if plane => &[PETSC, MUMPS_LU],
+            (false, true, 1) => &[CHOLMOD, PETSC, MUMPS_LU],
             (false, true, _) => &[MUMPS, MUMPS_LU],
             (false, false, _) => &[MUMPS_LU],
         }

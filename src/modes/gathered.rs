@@ -1,0 +1,90 @@
+//! Matrices gathered on the root, and eigenpairs handed out from there.
+
+use super::pair::Pair;
+use super::problem::{Mass, Problem, Rows};
+use crate::Result;
+use crate::parallel::Comm;
+
+/// (row, column, value); entries of one place add up.
+pub(super) type Triplet = (usize, usize, f64);
+
+/// K and M, whole.
+pub(super) struct Gathered {
+    pub k: Vec<Triplet>,
+    pub m: Vec<Triplet>,
+    /// Unknowns.
+    pub n: usize,
+}
+
+impl Gathered {
+    /// On the root, none elsewhere. Collective.
+    pub fn of(problem: &Problem, comm: &Comm) -> Option<Self> {
+        let mut total = [problem.stiffness.n() as i64];
+        comm.sum_i64(&mut total);
+        let k = rows(&problem.stiffness, comm);
+        let m = match &problem.mass {
+            Mass::Matrix(m) => rows(m, comm),
+            Mass::Diagonal(values) => comm.gather(values).map(|parts| {
+                let values = parts.into_iter().flatten().enumerate();
+                values.map(|(i, v)| (i, i, v)).collect()
+            }),
+        };
+        Some(Gathered {
+            k: k?,
+            m: m?,
+            n: total[0] as usize,
+        })
+    }
+}
+
+fn rows(rows: &Rows, comm: &Comm) -> Option<Vec<Triplet>> {
+    let counts: Vec<i64> = rows.row.windows(2).map(|w| (w[1] - w[0]) as i64).collect();
+    let (counts, columns, values) = (
+        comm.gather(&counts),
+        comm.gather(&rows.column),
+        comm.gather(&rows.value),
+    );
+    let mut entries = columns?.into_iter().flatten().zip(values?.into_iter().flatten());
+    let mut all = Vec::new();
+    for (i, count) in counts?.into_iter().flatten().enumerate() {
+        all.extend(
+            entries
+                .by_ref()
+                .take(count as usize)
+                .map(|(j, v)| (i, j as usize, v)),
+        );
+    }
+    Some(all)
+}
+
+/// Appends an eigenpair to the list that [`share`] hands out.
+pub(super) fn push<'a>(
+    flat: &mut Vec<f64>,
+    value: (f64, f64),
+    vector: impl Iterator<Item = &'a f64>,
+    weighted: impl Iterator<Item = &'a f64>,
+) {
+    flat.extend([value.0, value.1]);
+    flat.extend(vector);
+    flat.extend(weighted);
+}
+
+/// Every rank's part of the root's eigenpairs. Collective.
+pub(super) fn share(problem: &Problem, comm: &Comm, solved: Result<Vec<f64>>) -> Result<Vec<Pair>> {
+    let mut flat = comm.agree(solved)?;
+    comm.broadcast(&mut flat);
+    let n = problem.stiffness.n();
+    let first = comm.exclusive_scan_i64(n as i64) as usize;
+    let mut total = [n as i64];
+    comm.sum_i64(&mut total);
+    let total = total[0] as usize;
+    Ok(flat
+        .chunks_exact(2 + 2 * total)
+        .map(|pair| Pair {
+            value: pair[0],
+            imaginary: pair[1],
+            vector: pair[2 + first..2 + first + n].to_vec(),
+            weighted: pair[2 + total + first..2 + total + first + n].to_vec(),
+        })
+        .collect())
+}

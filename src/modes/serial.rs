@@ -1,0 +1,45 @@
+//! What stands in for SLEPc in builds without it: faer on the root.
+
+use super::{ModalOptions, ModalSolver, Pair, Problem, dense, sparse};
+use crate::parallel::Comm;
+use crate::{Error, Result};
+
+/// Most unknowns of a non-symmetric pair: it is solved densely.
+const DENSE: i64 = 2000;
+
+/// As the solver of `ffi::petsc` is asked.
+pub(crate) struct Request<'a> {
+    /// The matrices.
+    pub problem: &'a Problem,
+    /// Below the eigenvalues wanted.
+    pub shift: f64,
+    /// Pairs wanted at first.
+    pub wanted: usize,
+    /// How many of these eigenvalues are taken; none: more have to be seen.
+    pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
+    /// The way to them.
+    pub options: &'a ModalOptions,
+}
+
+/// Eigenpairs, nearest to the shift first. Collective.
+pub(crate) fn eigenpairs(comm: &Comm, request: &Request) -> Result<Vec<Pair>> {
+    let problem = request.problem;
+    let mut total = [problem.stiffness.n() as i64];
+    comm.sum_i64(&mut total);
+    let input = |what: &str| {
+        Err(Error::Input(format!(
+            "{what} needs PETSc and SLEPc, which this build has not"
+        )))
+    };
+    if !request.options.petsc.trim().is_empty() {
+        return input("a PETSc option");
+    }
+    if request.options.solver == ModalSolver::Iterative {
+        return input("the iterative modal solver");
+    }
+    match problem.symmetric {
+        true => sparse::eigenpairs(problem, request.shift, request.wanted, request.taken, comm),
+        false if total[0] <= DENSE => dense::eigenpairs(problem, request.shift, comm),
+        false => input(&format!("a non-symmetric pair of more than {DENSE} unknowns")),
+    }
+}

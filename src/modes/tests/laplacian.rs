@@ -1,0 +1,156 @@
+use super::super::*;
+use crate::Error;
+use crate::mesh::sample;
+use std::f64::consts::PI;
+
+fn modes(mesh: &Mesh, n: usize) -> Result<Modes> {
+    let comm = Comm::serial();
+    let mut graph = Graph::new(mesh, &comm)?;
+    laplacian_modes(mesh, &mut graph, &comm, &ModalOptions::fixed(n))
+}
+
+/// Eigenvalues of the finite-volume Laplacian of a rectangle of quads: exact, not only in the limit.
+fn discrete(nx: usize, ny: usize, lx: f64, ly: f64, n: usize) -> Vec<f64> {
+    let axis =
+        |k: usize, n: usize, l: f64| (2.0 * n as f64 / l * (k as f64 * PI / (2 * n) as f64).sin()).powi(2);
+    let mut all: Vec<f64> = (1..=nx)
+        .flat_map(|k| (1..=ny).map(move |l| axis(k, nx, lx) + axis(l, ny, ly)))
+        .collect();
+    all.sort_by(f64::total_cmp);
+    all.truncate(n);
+    all
+}
+
+#[test]
+fn a_chain_has_the_eigenvalues_on_paper() {
+    // Both ways to solve: dense (12 cells) and SLEPc (150).
+    for n in [12, 150] {
+        let m = modes(&sample::chain(n, 2.0), 5).unwrap();
+        let h = 2.0 / n as f64;
+        for (k, value) in m.eigenvalues.iter().enumerate() {
+            let exact = (2.0 / h * ((k + 1) as f64 * PI / (2 * n) as f64).sin()).powi(2);
+            assert!((value / exact - 1.0).abs() < 1e-9, "{n}: {value} {exact}");
+        }
+    }
+}
+
+#[test]
+fn every_copy_of_repeated_eigenvalues_of_a_square_is_found() {
+    let m = modes(&sample::rectangle(24, 24, 1.0, 1.0), 12).unwrap();
+    let exact = discrete(24, 24, 1.0, 1.0, m.eigenvalues.len());
+    for (value, exact) in m.eigenvalues.iter().zip(&exact) {
+        assert!(
+            (value / exact - 1.0).abs() < 1e-9,
+            "{:?}\n{exact:?}",
+            m.eigenvalues
+        );
+    }
+    // The second eigenvalue is double: asking for two gives three.
+    assert_eq!(
+        modes(&sample::rectangle(24, 24, 1.0, 1.0), 2)
+            .unwrap()
+            .eigenvalues
+            .len(),
+        3
+    );
+}
+
+#[test]
+fn modes_are_scaled_orthogonal_and_equal_to_the_dense_ones() {
+    let mesh = sample::triangles(12, 10, 1.0, 1.0);
+    let (m, r) = (
+        modes(&mesh, 6).unwrap(),
+        laplacian_reference(&mesh, &Comm::serial(), &ModalOptions::fixed(6)).unwrap(),
+    );
+    assert_eq!(m.eigenvalues.len(), r.eigenvalues.len());
+    let inner = |a: &[f64], b: &[f64]| -> f64 {
+        a.iter()
+            .zip(b)
+            .zip(&mesh.cell_volumes)
+            .map(|((x, y), v)| x * y * v)
+            .sum()
+    };
+    for i in 0..m.vectors.len() {
+        for j in 0..=i {
+            let expected = if i == j { 1.0 } else { 0.0 };
+            assert!((inner(&m.vectors[i], &m.vectors[j]) - expected).abs() < 1e-9);
+        }
+        assert!((m.eigenvalues[i] / r.eigenvalues[i] - 1.0).abs() < 1e-10);
+        for (x, y) in m.vectors[i].iter().zip(&r.vectors[i]) {
+            assert!((x - y).abs() < 1e-7, "mode {i}: {x} {y}");
+        }
+    }
+}
+
+#[test]
+fn a_ring_without_boundary_starts_with_the_constant() {
+    for n in [16, 128] {
+        let m = modes(&sample::ring(n, 1.0), 2).unwrap();
+        // 2 - 2 cos(2 pi k / n): 0 once, then pairs.
+        assert_eq!(m.eigenvalues.len(), 3);
+        assert!(m.eigenvalues[0].abs() < 1e-9);
+        let second = 2.0 - 2.0 * (2.0 * PI / n as f64).cos();
+        assert!((m.eigenvalues[1] / second - 1.0).abs() < 1e-8);
+        assert!(m.vectors[0].iter().all(|x| (x.abs() - 1.0).abs() < 1e-8));
+    }
+}
+
+#[test]
+fn a_cyclic_channel_equals_a_ring_of_rows() {
+    let mut mesh = sample::rectangle(16, 8, 2.0, 1.0);
+    sample::make_cyclic(&mut mesh, 2.0);
+    let m = modes(&mesh, 3).unwrap();
+    let across = (2.0 * 8.0 * (PI / 16.0).sin()).powi(2);
+    let along = (2.0 * 8.0 * (PI / 16.0).sin()).powi(2);
+    for (value, exact) in m.eigenvalues.iter().zip([across, across + along, across + along]) {
+        assert!((value / exact - 1.0).abs() < 1e-9, "{:?}", m.eigenvalues);
+    }
+}
+
+#[test]
+fn as_many_modes_as_cells_is_an_error_that_says_so() {
+    let mesh = sample::chain(5, 1.0);
+    assert_eq!(modes(&mesh, 4).unwrap().eigenvalues.len(), 4);
+    assert_eq!(modes(&mesh, 0).unwrap().vectors.len(), 0);
+    let error = modes(&mesh, 5).unwrap_err();
+    assert!(
+        matches!(&error, Error::Input(m) if m.contains("at most 4")),
+        "{error}"
+    );
+}
+
+#[test]
+fn two_cells_have_one_mode() {
+    let m = modes(&sample::chain(2, 1.0), 1).unwrap();
+    // h = 1/2: 4 / h^2 sin^2(pi / 4) = 8; both cells alike.
+    assert!((m.eigenvalues[0] - 8.0).abs() < 1e-9);
+    assert!((m.vectors[0][0] - m.vectors[0][1]).abs() < 1e-12 && (m.vectors[0][0].abs() - 1.0).abs() < 1e-12);
+    assert!(matches!(modes(&sample::chain(2, 1.0), 2), Err(Error::Input(_))));
+}
+
+#[test]
+fn the_energy_chooses_the_number_of_modes() {
+    let comm = Comm::serial();
+    let energy = |mesh: &Mesh, share, most| {
+        let mut graph = Graph::new(mesh, &comm).unwrap();
+        let options = ModalOptions {
+            count: ModeCount::Energy { share, most },
+            ..Default::default()
+        };
+        laplacian_modes(mesh, &mut graph, &comm, &options).map(|m| m.eigenvalues.len())
+    };
+    // A chain's 1 / lambda goes as 1, 1/4, 1/9, 1/16 (up to 0.1 % here): 0.702, 0.878, 0.956, 1 of the sum.
+    for n in [60, 300] {
+        let chain = sample::chain(n, 1.0);
+        let counts = [0.5, 0.75, 0.9, 0.99, 1.0].map(|share| energy(&chain, share, 4).unwrap());
+        assert_eq!(counts, [1, 2, 3, 4, 4]);
+        for (share, most) in [(0.0, 4), (1.1, 4), (f64::NAN, 4), (0.5, 0)] {
+            assert!(matches!(energy(&chain, share, most), Err(Error::Input(_))));
+        }
+    }
+    // A square's second and third are a pair: 1, 2/5, 2/5 of the first.
+    assert_eq!(energy(&sample::rectangle(20, 20, 1.0, 1.0), 0.6, 3).unwrap(), 3);
+    // More candidates than cells are cut; the constant of a ring holds nothing and is there nevertheless.
+    assert_eq!(energy(&sample::chain(3, 1.0), 1.0, 50).unwrap(), 2);
+    assert_eq!(energy(&sample::ring(128, 1.0), 0.4, 3).unwrap(), 3);
+}

@@ -1,0 +1,284 @@
+//! General pairs of matrices with eigenvalues known on paper, by the dense and by the sparse solver.
+
+use super::super::*;
+use crate::Error;
+use std::f64::consts::PI;
+
+/// A matrix of constant bands below, on and above the diagonal, one such band matrix for each unknown of a point.
+fn bands(points: usize, band: [f64; 3], weight: &[f64]) -> Rows {
+    let mut rows = Rows {
+        row: vec![0],
+        ..Default::default()
+    };
+    for i in 0..points as i64 {
+        for (c, w) in weight.iter().enumerate() {
+            for (j, b) in (i - 1..=i + 1).zip(band) {
+                if (0..points as i64).contains(&j) && b != 0.0 {
+                    rows.column.push(j * weight.len() as i64 + c as i64);
+                    rows.value.push(b * w);
+                }
+            }
+            rows.row.push(rows.column.len());
+        }
+    }
+    rows
+}
+
+fn problem(stiffness: Rows, mass: Option<Rows>) -> Problem {
+    Problem {
+        mass: match mass {
+            Some(rows) => Mass::Matrix(rows),
+            None => Mass::Diagonal(vec![1.0; stiffness.n()]),
+        },
+        stiffness,
+        symmetric: true,
+        block: 1,
+        positions: Vec::new(),
+        shift: None,
+    }
+}
+
+fn modes(problem: &Problem, n: usize) -> Result<Modes> {
+    solve(problem, &Comm::serial(), &ModalOptions::fixed(n))
+}
+
+fn close(found: &[f64], exact: impl IntoIterator<Item = f64>, relative: f64) {
+    for (i, (x, y)) in found.iter().zip(exact).enumerate() {
+        assert!(
+            (x - y).abs() <= relative * y.abs(),
+            "eigenvalue {i}: {x}, expected {y}"
+        );
+    }
+}
+
+fn times(a: &Rows, x: &[f64]) -> Vec<f64> {
+    let row = |w: &[usize]| (w[0]..w[1]).map(|e| a.value[e] * x[a.column[e] as usize]).sum();
+    a.row.windows(2).map(row).collect()
+}
+
+#[test]
+fn a_bar_with_a_consistent_mass() {
+    for n in [40, 400] {
+        let h = 1.0 / (n + 1) as f64;
+        let m = bands(n, [h / 6.0, 4.0 * h / 6.0, h / 6.0], &[1.0]);
+        let found = modes(
+            &problem(bands(n, [-1.0 / h, 2.0 / h, -1.0 / h], &[1.0]), Some(m.clone())),
+            5,
+        )
+        .unwrap();
+        let exact = |k: usize| {
+            let c = (k as f64 * PI * h).cos();
+            6.0 / (h * h) * (1.0 - c) / (2.0 + c)
+        };
+        assert_eq!(found.eigenvalues.len(), 5);
+        close(&found.eigenvalues, (1..=5).map(exact), 1e-9);
+        // phi^T M phi is the sum of all entries of M.
+        let sum: f64 = m.value.iter().sum();
+        for phi in &found.vectors {
+            let square: f64 = times(&m, phi).iter().zip(phi).map(|(x, y)| x * y).sum();
+            assert!((square / sum - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_non_symmetric_pair_is_solved_as_it_is() {
+    // Convection and diffusion; symmetrised, the eigenvalues would be those of c = 0.
+    let c: f64 = 0.02;
+    for n in [60, 300] {
+        let k = bands(n, [-1.0 - c, 2.0, -1.0 + c], &[1.0]);
+        let pair = Problem {
+            symmetric: false,
+            ..problem(k.clone(), None)
+        };
+        let found = modes(&pair, 4).unwrap();
+        let exact = |k: usize| 2.0 - 2.0 * (1.0 - c * c).sqrt() * (k as f64 * PI / (n + 1) as f64).cos();
+        assert_eq!(found.eigenvalues.len(), 4);
+        close(&found.eigenvalues, (1..=4).map(exact), 1e-7);
+        for (phi, value) in found.vectors.iter().zip(&found.eigenvalues) {
+            let off = times(&k, phi)
+                .iter()
+                .zip(phi)
+                .map(|(x, y)| (x - value * y).powi(2))
+                .sum::<f64>();
+            assert!(off.sqrt() < 1e-8 * phi.iter().map(|x| x * x).sum::<f64>().sqrt());
+        }
+        let dense = reference(&pair, &Comm::serial(), &ModalOptions::fixed(4)).unwrap();
+        close(&found.eigenvalues, dense.eigenvalues, 1e-7);
+    }
+}
+
+#[test]
+fn a_non_symmetric_pair_announced_as_symmetric_is_refused() {
+    for n in [60, 300] {
+        let error = modes(&problem(bands(n, [-1.3, 2.0, -0.7], &[1.0]), None), 4).unwrap_err();
+        assert!(error.to_string().contains("symmetric"), "{error}");
+    }
+}
+
+#[test]
+fn copies_of_non_symmetric_eigenvalues_are_all_found() {
+    // Three unknowns a point with the same matrix: every eigenvalue three times.
+    let c: f64 = 0.02;
+    for n in [20, 120] {
+        let pair = Problem {
+            symmetric: false,
+            block: 3,
+            ..problem(bands(n, [-1.0 - c, 2.0, -1.0 + c], &[1.0; 3]), None)
+        };
+        let found = modes(&pair, 4).unwrap();
+        let exact = |k: usize| 2.0 - 2.0 * (1.0 - c * c).sqrt() * (k as f64 * PI / (n + 1) as f64).cos();
+        assert_eq!(found.eigenvalues.len(), 6, "{:?}", found.eigenvalues);
+        close(&found.eigenvalues, [1, 1, 1, 2, 2, 2].map(exact), 1e-6);
+        // Independent: orthonormal within each cluster.
+        for i in 0..3 {
+            for j in 0..i {
+                let dot: f64 = found.vectors[i]
+                    .iter()
+                    .zip(&found.vectors[j])
+                    .map(|(x, y)| x * y)
+                    .sum();
+                assert!(dot.abs() < 1e-6 * n as f64);
+            }
+        }
+    }
+}
+
+#[test]
+fn complex_pairs_are_one_repeated_eigenvalue_unless_they_turn() {
+    // Two unknowns a point, coupled by +-b: lambda_k +- ib.
+    let turning = |n: usize, b: f64| {
+        let mut k = bands(n, [-1.0, 2.0, -1.0], &[1.0, 1.0]);
+        let mut rows = Rows {
+            row: vec![0],
+            ..Default::default()
+        };
+        for i in 0..2 * n {
+            let (from, to) = (k.row[i], k.row[i + 1]);
+            rows.column.extend(k.column.drain(..to - from));
+            rows.value.extend(k.value.drain(..to - from));
+            rows.column.push((i ^ 1) as i64);
+            rows.value.push(if i % 2 == 0 { b } else { -b });
+            rows.row.push(rows.column.len());
+        }
+        Problem {
+            symmetric: false,
+            block: 2,
+            ..problem(rows, None)
+        }
+    };
+    for n in [30, 100] {
+        let exact = |k: usize| 2.0 - 2.0 * (k as f64 * PI / (n + 1) as f64).cos();
+        let found = modes(&turning(n, 1e-3 * exact(1)), 3).unwrap();
+        assert_eq!(found.eigenvalues.len(), 4);
+        close(&found.eigenvalues, [1, 1, 2, 2].map(exact), 1e-7);
+        let error = modes(&turning(n, exact(1)), 3).unwrap_err();
+        assert!(
+            matches!(&error, Error::Numerical(m) if m.contains("complex")),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn massless_unknowns_have_no_modes_of_their_own() {
+    // Masses at every second node of a chain of springs: the springs between masses have half the stiffness.
+    for masses in [30, 150] {
+        let n = 2 * masses + 1;
+        let pair = Problem {
+            mass: Mass::Diagonal((0..n).map(|i| (i % 2) as f64).collect()),
+            ..problem(bands(n, [-1.0, 2.0, -1.0], &[1.0]), None)
+        };
+        let found = modes(&pair, 5).unwrap();
+        let exact = |k: usize| 1.0 - (k as f64 * PI / (masses + 1) as f64).cos();
+        close(&found.eigenvalues, (1..=5).map(exact), 1e-8);
+        if masses == 30 {
+            let error = modes(&pair, 31).unwrap_err();
+            assert!(
+                matches!(&error, Error::Numerical(m) if m.contains("only 30")),
+                "{error}"
+            );
+        }
+    }
+}
+
+#[test]
+fn unknowns_of_a_point_and_free_parts_make_repeated_eigenvalues() {
+    // Two free chains, not joined: 0 twice, and all else twice.
+    for n in [30, 90] {
+        let mut k = bands(n, [-1.0, 2.0, -1.0], &[1.0, 1.0]);
+        for i in [0, 1, 2 * n - 2, 2 * n - 1] {
+            for e in k.row[i]..k.row[i + 1] {
+                if k.column[e] == i as i64 {
+                    k.value[e] = 1.0;
+                }
+            }
+        }
+        let pair = Problem {
+            block: 2,
+            positions: (0..n).map(|i| [i as f64, 0.3, 0.0]).collect(),
+            ..problem(k, None)
+        };
+        let found = modes(&pair, 3).unwrap();
+        assert_eq!(found.eigenvalues.len(), 4);
+        let exact = 2.0 - 2.0 * (PI / n as f64).cos();
+        assert!(
+            found.eigenvalues[..2].iter().all(|v| v.abs() < 1e-10),
+            "{:?}",
+            found.eigenvalues
+        );
+        close(&found.eigenvalues[2..], [exact, exact], 1e-7);
+        // Each of the first two is constant in each part.
+        for phi in &found.vectors[..2] {
+            for point in phi.chunks_exact(2) {
+                assert!((point[0] - phi[0]).abs() < 1e-6 && (point[1] - phi[1]).abs() < 1e-6);
+            }
+        }
+    }
+}
+
+#[test]
+fn wrong_pairs_are_refused() {
+    let good = problem(bands(40, [-1.0, 2.0, -1.0], &[1.0]), None);
+    type Damage = fn(&mut Problem);
+    let damages: [(&str, Damage); 12] = [
+        ("finite", |p| p.stiffness.value[7] = f64::NAN),
+        ("finite", |p| p.mass = Mass::Diagonal(vec![f64::INFINITY; 40])),
+        ("column 40", |p| p.stiffness.column[5] = 40),
+        ("column -1", |p| p.stiffness.column[5] = -1),
+        ("offset", |p| p.stiffness.row[3] = 1),
+        ("offsets", |p| p.stiffness.row[40] = 7),
+        ("as many", |p| p.mass = Mass::Diagonal(vec![1.0; 39])),
+        ("above 0", |p| p.mass = Mass::Diagonal(vec![0.0; 40])),
+        ("points", |p| p.block = 3),
+        ("points", |p| p.block = 0),
+        ("positions", |p| p.positions = vec![[0.0; 3]; 3]),
+        ("shift", |p| p.shift = Some(f64::NAN)),
+    ];
+    for (word, damage) in damages {
+        let mut bad = good.clone();
+        damage(&mut bad);
+        let error = modes(&bad, 3).unwrap_err();
+        assert!(
+            matches!(&error, Error::Input(m) if m.contains(word)),
+            "{word}: {error}"
+        );
+    }
+    assert!(matches!(modes(&good, 40), Err(Error::Input(_))));
+    assert_eq!(modes(&good, 0).unwrap().vectors.len(), 0);
+    // A row of zeros in both.
+    for n in [40, 140] {
+        let mut bad = problem(bands(n, [-1.0, 2.0, -1.0], &[1.0]), None);
+        for e in 0..bad.stiffness.value.len() {
+            let in_row = (bad.stiffness.row[20]..bad.stiffness.row[21]).contains(&e);
+            if in_row || bad.stiffness.column[e] == 20 {
+                bad.stiffness.value[e] = 0.0;
+            }
+        }
+        if let Mass::Diagonal(m) = &mut bad.mass {
+            m[20] = 0.0;
+        }
+        let error = modes(&bad, 3).unwrap_err();
+        assert!(matches!(&error, Error::Numerical(_)), "{error}");
+    }
+}

@@ -1,0 +1,202 @@
+//! Pairs of matrices and the ways to their modes, on several ranks.
+
+use crate::checks::Checks;
+use m4gn::graph::Graph;
+use m4gn::mesh::sample;
+use m4gn::modes::{Mass, ModalOptions, ModalSolver, ModeCount, Modes, Problem, Rows, laplacian_modes, solve};
+use m4gn::parallel::Comm;
+use m4gn::{Error, Result};
+use std::f64::consts::PI;
+
+/// Rank `rank` of `size`'s rows of a matrix of constant bands, the same for each of `block` unknowns of a point.
+/// The last rank has no point where there is more than one.
+fn bands(comm: &Comm, points: i64, band: [f64; 3], block: i64) -> Rows {
+    let ranks = i64::from(comm.size() - 1).max(1);
+    let first = |r: i64| points * r.min(ranks) / ranks;
+    let rank = i64::from(comm.rank());
+    let mut rows = Rows {
+        row: vec![0],
+        ..Default::default()
+    };
+    for i in first(rank)..first(rank + 1) {
+        for c in 0..block {
+            for (j, b) in (i - 1..=i + 1).zip(band) {
+                if (0..points).contains(&j) {
+                    rows.column.push(j * block + c);
+                    rows.value.push(b);
+                }
+            }
+            rows.row.push(rows.column.len());
+        }
+    }
+    rows
+}
+
+fn pair(stiffness: Rows, mass: Option<Rows>, symmetric: bool, block: usize) -> Problem {
+    Problem {
+        mass: match mass {
+            Some(rows) => Mass::Matrix(rows),
+            None => Mass::Diagonal(vec![1.0; stiffness.n()]),
+        },
+        stiffness,
+        symmetric,
+        block,
+        positions: Vec::new(),
+        shift: None,
+    }
+}
+
+/// All that is checked here.
+pub fn pairs(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    for n in [30, 300] {
+        on_paper(checks, &comm, n);
+    }
+    ways(checks);
+    energy(checks);
+    refusals(checks);
+}
+
+/// Eigenvalues to 1e-8 of those on paper.
+fn expect(checks: &mut Checks, name: &str, found: Result<Modes>, exact: &[f64], tolerance: f64) {
+    let Some(found) = checks.value(found, name) else {
+        return;
+    };
+    checks.that(
+        found.eigenvalues.len() == exact.len(),
+        format!("{name}: number of modes"),
+    );
+    for (x, y) in found.eigenvalues.iter().zip(exact) {
+        checks.that(
+            (x / y - 1.0).abs() < tolerance,
+            format!("{name}: {x}, expected {y}"),
+        );
+    }
+}
+
+fn on_paper(checks: &mut Checks, comm: &Comm, n: i64) {
+    let h = 1.0 / (n + 1) as f64;
+    let cos = |k: f64| (k * PI * h).cos();
+    let options = ModalOptions::fixed(4);
+    let (k, m) = (
+        bands(comm, n, [-1.0 / h, 2.0 / h, -1.0 / h], 1),
+        bands(comm, n, [h / 6.0, 4.0 * h / 6.0, h / 6.0], 1),
+    );
+    let exact = [1.0, 2.0, 3.0, 4.0].map(|k| 6.0 / (h * h) * (1.0 - cos(k)) / (2.0 + cos(k)));
+    let found = solve(&pair(k, Some(m), true, 1), comm, &options);
+    expect(checks, &format!("bar of {n}"), found, &exact, 1e-8);
+
+    let c: f64 = 0.02;
+    let exact = |k: f64| 2.0 - 2.0 * (1.0 - c * c).sqrt() * cos(k);
+    let k = bands(comm, n, [-1.0 - c, 2.0, -1.0 + c], 2);
+    let found = solve(&pair(k, None, false, 2), comm, &ModalOptions::fixed(3));
+    let name = format!("two convections of {n}");
+    expect(checks, &name, found, &[1.0, 1.0, 2.0, 2.0].map(exact), 1e-7);
+}
+
+/// Factorisation and multigrid, on the ranks and on one, give the same modes.
+fn ways(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    let serial = Comm::serial();
+    let mut closed = sample::rectangle(20, 11, 2.0, 1.0);
+    closed.boundary.clear();
+    for (name, mesh) in [
+        ("block", sample::block([8, 7, 6], [1.0, 0.9, 0.7])),
+        ("disk", sample::disk(8, 24, 1.0)),
+        ("closed", closed),
+    ] {
+        let whole = Graph::new(&mesh, &serial)
+            .and_then(|mut graph| laplacian_modes(&mesh, &mut graph, &serial, &ModalOptions::default()));
+        let Some(whole) = checks.value(whole, name) else {
+            continue;
+        };
+        let ranks = sample::strips(mesh.n_cells(), comm.size());
+        let part = sample::part(&mesh, &ranks, comm.rank());
+        for solver in [ModalSolver::Direct, ModalSolver::Iterative] {
+            let options = ModalOptions {
+                solver,
+                ..Default::default()
+            };
+            let found = Graph::new(&part, &comm)
+                .and_then(|mut graph| laplacian_modes(&part, &mut graph, &comm, &options));
+            let name = format!("{name}, {solver:?}");
+            let Some(found) = checks.value(found, &name) else {
+                continue;
+            };
+            checks.that(
+                found.eigenvalues.len() == whole.eigenvalues.len(),
+                format!("{name}: number of modes"),
+            );
+            for (i, (x, y)) in found.eigenvalues.iter().zip(&whole.eigenvalues).enumerate() {
+                checks.that(
+                    (x - y).abs() <= 1e-8 * y.abs().max(1e-2),
+                    format!("{name}: {x}, serial {y}"),
+                );
+                let off = part.cell_global.iter().zip(&found.vectors[i]);
+                let off = off
+                    .map(|(&g, v)| (v - whole.vectors[i][g as usize]).abs())
+                    .fold(0.0, f64::max);
+                checks.that(off < 1e-6, format!("{name}: mode {i} differs by {off:e}"));
+            }
+        }
+    }
+}
+
+fn energy(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    let options = ModalOptions {
+        count: ModeCount::Energy { share: 0.75, most: 4 },
+        ..Default::default()
+    };
+    // 1 / lambda goes as 1, 1/4, 1/9, 1/16: the first holds 0.70, two hold 0.88.
+    let found = solve(
+        &pair(bands(&comm, 200, [-1.0, 2.0, -1.0], 1), None, true, 1),
+        &comm,
+        &options,
+    );
+    if let Some(found) = checks.value(found, "energy") {
+        checks.that(
+            found.eigenvalues.len() == 2,
+            "two modes hold three quarters of the energy",
+        );
+    }
+}
+
+/// What is wrong on one rank is an error on all.
+fn refusals(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    let first = comm.is_root();
+    let good = || pair(bands(&comm, 150, [-1.0, 2.0, -1.0], 1), None, true, 1);
+    type Damage = fn(&mut Problem);
+    let damages: [(&str, Damage); 5] = [
+        ("a value that is none", |p| p.stiffness.value[2] = f64::NAN),
+        ("a column out of range", |p| p.stiffness.column[2] = 150),
+        ("offsets that fall", |p| p.stiffness.row[2] = 1),
+        ("a mass too few", |p| p.mass = Mass::Diagonal(vec![1.0; 3])),
+        ("another kind of mass", |p| {
+            p.mass = Mass::Matrix(p.stiffness.clone())
+        }),
+    ];
+    for (name, damage) in damages {
+        let mut bad = good();
+        if first {
+            damage(&mut bad);
+        }
+        let found = solve(&bad, &comm, &ModalOptions::default());
+        let harmless = comm.size() == 1 && name.contains("kind");
+        checks.that(
+            found.is_err() != harmless,
+            format!("{name} is an error on every rank"),
+        );
+        let class = matches!(found, Ok(_) | Err(Error::Input(_) | Error::OtherRank { .. }));
+        checks.that(class, format!("{name}: class of the error"));
+    }
+    let count = if first { 3 } else { 4 };
+    let found = solve(&good(), &comm, &ModalOptions::fixed(count));
+    checks.that(
+        found.is_err() == (comm.size() > 1),
+        "ranks that ask for different modes",
+    );
+    let found = solve(&good(), &comm, &ModalOptions::default());
+    checks.that(found.is_ok(), "a good pair after bad ones");
+}
