@@ -11,11 +11,13 @@ mod modes;
 mod raw;
 mod recorder;
 mod session;
+mod solids;
 
 pub use modes::{CsrData, ModesOptionsData};
 pub use raw::{FieldData, FieldOut, MeshData};
 pub use recorder::{RecorderField, RecorderOptions};
 pub use session::{FieldInfo, SessionOptionsData};
+pub use solids::SolidData;
 
 use std::ffi::c_char;
 

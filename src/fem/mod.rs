@@ -255,4 +255,8 @@ impl System {
 }
 
 #[cfg(test)]
+mod reference;
+#[cfg(test)]
+mod refusals;
+#[cfg(test)]
 mod tests;
