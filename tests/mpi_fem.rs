@@ -93,7 +93,10 @@ const RUBBER: Material = Material {
 fn held(mesh: &PointMesh, length: f64, other: [bool; 3]) -> Vec<Fixed> {
     let at = |p: usize| mesh.points[p][0];
     let points = 0..mesh.points.len();
-    let clamped = points.clone().filter(|&p| at(p) < 1e-9).map(|p| Fixed::all(p as i32));
+    let clamped = points
+        .clone()
+        .filter(|&p| at(p) < 1e-9)
+        .map(|p| Fixed::all(p as i32));
     let guided = points.filter(|&p| at(p) > length - 1e-9).map(|p| Fixed {
         point: p as i32,
         components: other,
@@ -106,7 +109,9 @@ fn bodies() -> Vec<Body> {
     for kind in Kind::ALL {
         let mut mesh = sample::block(kind, [7, 3, 3], [1.0, 0.4, 0.3]);
         sample::distort(&mut mesh, 0.01);
-        let materials = (0..mesh.n_cells).map(|c| if c % 5 < 3 { SOFT } else { RUBBER }).collect();
+        let materials = (0..mesh.n_cells)
+            .map(|c| if c % 5 < 3 { SOFT } else { RUBBER })
+            .collect();
         list.push(Body {
             name: format!("{kind:?}"),
             fixed: held(&mesh, 1.0, [false, true, false]),
@@ -124,8 +129,16 @@ fn bodies() -> Vec<Body> {
             materials: vec![RUBBER; mesh.n_cells],
             mesh,
             options: Options {
-                plane: if kind == Flat::Triangles { Plane::Stress } else { Plane::Strain },
-                mass: if kind == Flat::Polygons { MassKind::Lumped } else { MassKind::Consistent },
+                plane: if kind == Flat::Triangles {
+                    Plane::Stress
+                } else {
+                    Plane::Strain
+                },
+                mass: if kind == Flat::Polygons {
+                    MassKind::Lumped
+                } else {
+                    MassKind::Consistent
+                },
                 ..first(6)
             },
         });
@@ -178,7 +191,13 @@ fn part(body: &Body, ranks: &[i32], rank: i32) -> (PointMesh, Vec<Material>, Vec
 
 fn decompositions(checks: &mut Checks, body: &Body) {
     let comm = checks.comm.clone();
-    let serial = modes(&body.mesh, &body.materials, &body.fixed, &body.options, &Comm::serial());
+    let serial = modes(
+        &body.mesh,
+        &body.materials,
+        &body.fixed,
+        &body.options,
+        &Comm::serial(),
+    );
     let whole = match comm.agree(serial) {
         Ok(whole) => whole,
         Err(e) => return checks.that(false, format!("{}: {e}", body.name)),
@@ -204,7 +223,10 @@ fn compare(checks: &mut Checks, name: &str, mesh: &PointMesh, found: &SolidModes
     for (i, (f, e)) in found.eigenvalues.iter().zip(&whole.eigenvalues).enumerate() {
         // Rigid motions have 0 to rounding.
         let bound = 1e-8 * e.abs().max(1e-3 * largest);
-        checks.that((f - e).abs() < bound, format!("{name}: eigenvalue {i}: {f}, expected {e}"));
+        checks.that(
+            (f - e).abs() < bound,
+            format!("{name}: eigenvalue {i}: {f}, expected {e}"),
+        );
     }
     for (i, (f, e)) in found.vectors.iter().zip(&whole.vectors).enumerate() {
         let off = mesh
@@ -220,7 +242,9 @@ fn compare(checks: &mut Checks, name: &str, mesh: &PointMesh, found: &SolidModes
 /// 60 x 4 x 4 cells, clamped: Euler and Bernoulli's frequency 0.851 Hz.
 fn beam(checks: &mut Checks) {
     let comm = checks.comm.clone();
-    let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * std::f64::consts::PI * 0.36) * 0.06 * (1000f64 / 12.0).sqrt();
+    let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * std::f64::consts::PI * 0.36)
+        * 0.06
+        * (1000f64 / 12.0).sqrt();
     for (kind, poisson, bound) in [(Kind::Hexahedra, 0.3, 0.015), (Kind::WedgesAcross, 0.49, 0.03)] {
         let mesh = sample::block(kind, [60, 4, 4], [0.6, 0.06, 0.06]);
         let body = Body {
@@ -264,7 +288,9 @@ fn errors_are_shared(checks: &mut Checks) {
         ("density", |_, m, _| m[0].density = -1.0),
         ("not finite", |mesh, _, _| mesh.points[2][0] = f64::NAN),
         ("label", |mesh, _, _| mesh.face_points[0] = 1 << 20),
-        ("inverted", |mesh, _, _| mesh.points.iter_mut().for_each(|x| x[2] = -x[2])),
+        ("inverted", |mesh, _, _| {
+            mesh.points.iter_mut().for_each(|x| x[2] = -x[2])
+        }),
         ("global numbers", |mesh, _, _| mesh.point_global[0] = 1 << 40),
         ("fixed", |_, _, f| f.push(Fixed::all(1 << 20))),
     ];

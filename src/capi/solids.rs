@@ -99,8 +99,16 @@ impl SolidData {
                 materials: materials.collect(),
                 fixed: fixed.collect(),
                 options: Options {
-                    mass: if self.lumped_mass != 0 { MassKind::Lumped } else { MassKind::Consistent },
-                    plane: if self.plane_stress != 0 { Plane::Stress } else { Plane::Strain },
+                    mass: if self.lumped_mass != 0 {
+                        MassKind::Lumped
+                    } else {
+                        MassKind::Consistent
+                    },
+                    plane: if self.plane_stress != 0 {
+                        Plane::Stress
+                    } else {
+                        Plane::Strain
+                    },
                     free_body: self.free_body != 0,
                     ..Default::default()
                 },
@@ -128,7 +136,11 @@ unsafe fn new(comm: i32, body: *const SolidData, options: *const ModesOptionsDat
         n_rows: 3 * body.mesh.points.len(),
         modes: Modes {
             eigenvalues: found.eigenvalues,
-            vectors: found.vectors.into_iter().map(|v| v.into_iter().flatten().collect()).collect(),
+            vectors: found
+                .vectors
+                .into_iter()
+                .map(|v| v.into_iter().flatten().collect())
+                .collect(),
         },
     })
 }

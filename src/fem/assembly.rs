@@ -19,7 +19,9 @@ pub(super) struct Movable {
 impl Movable {
     /// Takes out the points whose `dim` components are all held. Collective.
     pub fn new(held: &[[bool; 3]], dim: usize, comm: &Comm) -> Self {
-        let own: Vec<usize> = (0..held.len()).filter(|&i| !held[i][..dim].iter().all(|h| *h)).collect();
+        let own: Vec<usize> = (0..held.len())
+            .filter(|&i| !held[i][..dim].iter().all(|h| *h))
+            .collect();
         let first = comm.exclusive_scan_i64(own.len() as i64);
         let mut all: Vec<f64> = held
             .iter()
@@ -67,7 +69,10 @@ impl Seen {
         Seen {
             numbers,
             moved: found.chunks_exact(4).map(|f| f[0] as i64).collect(),
-            held: found.chunks_exact(4).map(|f| [f[1] != 0.0, f[2] != 0.0, f[3] != 0.0]).collect(),
+            held: found
+                .chunks_exact(4)
+                .map(|f| [f[1] != 0.0, f[2] != 0.0, f[3] != 0.0])
+                .collect(),
         }
     }
 
@@ -87,7 +92,10 @@ pub(super) fn rows(
     movable: &Movable,
     comm: &Comm,
 ) -> (Rows, Rows) {
-    let names = strains.iter().flat_map(|s| s.points()).chain(masses.iter().flat_map(|m| m.points()));
+    let names = strains
+        .iter()
+        .flat_map(|s| s.points())
+        .chain(masses.iter().flat_map(|m| m.points()));
     let seen = Seen::new(names.copied().collect(), numbering, movable, comm);
     let stiffness = blocks(strains, dim * dim, &seen, movable, |strain, i, j, block| {
         let (gi, gj) = (&strain.gradients[i], &strain.gradients[j]);
@@ -103,7 +111,9 @@ pub(super) fn rows(
         block[0] += cell.mass[i * cell.points.len() + j];
     });
     (
-        scalar(&stiffness, dim, &seen, movable, Held::Diagonal, |block, a, b| Some(block[a * dim + b])),
+        scalar(&stiffness, dim, &seen, movable, Held::Diagonal, |block, a, b| {
+            Some(block[a * dim + b])
+        }),
         scalar(&mass, dim, &seen, movable, Held::Nothing, |block, a, b| {
             (a == b).then_some(block[0])
         }),

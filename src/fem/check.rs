@@ -10,9 +10,16 @@ fn fail<T>(message: String) -> Result<T> {
 /// Everything that one rank can see.
 pub(super) fn local(mesh: &PointMesh) -> Result<()> {
     let limit = i32::MAX as usize / 4;
-    let sizes = [mesh.points.len(), mesh.face_points.len(), mesh.n_cells, mesh.n_faces()];
+    let sizes = [
+        mesh.points.len(),
+        mesh.face_points.len(),
+        mesh.n_cells,
+        mesh.n_faces(),
+    ];
     if let Some(n) = sizes.into_iter().find(|&n| n > limit) {
-        return fail(format!("{n} points, faces or cells on one rank: at most {limit}; use more ranks"));
+        return fail(format!(
+            "{n} points, faces or cells on one rank: at most {limit}; use more ranks"
+        ));
     }
     let mut directions = mesh.directions.clone();
     directions.sort_unstable();
@@ -103,7 +110,10 @@ fn cells(mesh: &PointMesh) -> Result<()> {
     let mut edges: Vec<(i32, i32, bool)> = Vec::new();
     for (cell, faces) in mesh.cell_faces().into_iter().enumerate() {
         if faces.len() < 4 {
-            return fail(format!("cell {cell} has {} faces: expected at least 4", faces.len()));
+            return fail(format!(
+                "cell {cell} has {} faces: expected at least 4",
+                faces.len()
+            ));
         }
         edges.clear();
         for (f, outward) in faces {

@@ -53,7 +53,11 @@ pub(super) fn held(
         let point = representative[f.point as usize];
         if let Some(number) = point.and_then(|p| numbering.number[p]) {
             numbers.push(number);
-            flags.extend(mesh.directions.iter().map(|&d| f64::from(u8::from(f.components[d]))));
+            flags.extend(
+                mesh.directions
+                    .iter()
+                    .map(|&d| f64::from(u8::from(f.components[d]))),
+            );
         }
     }
     let sums = numbering.sum_at_owner(comm, &numbers, &flags, dim);
@@ -63,17 +67,18 @@ pub(super) fn held(
         .collect();
     let mut count = [held.iter().flatten().filter(|h| **h).count() as i64];
     comm.sum_i64(&mut count);
-    if count[0] == 0 && !free_body {
-        return Err(Error::Input(
+    let problem = if count[0] == 0 && !free_body {
+        Err(Error::Input(
             "no displacement is held on any rank: expected the points of at least one fixed patch (fixedDisplacement, \
              or fixedValue for D); check the patches' names and types, or ask for a free body's modes"
                 .into(),
-        ));
-    }
-    if count[0] == numbering.total() * dim as i64 {
-        return Err(Error::Input(
+        ))
+    } else if count[0] == numbering.total() * dim as i64 {
+        Err(Error::Input(
             "all displacements of all points are held: expected a body that can move".into(),
-        ));
-    }
-    Ok(held)
+        ))
+    } else {
+        Ok(held)
+    };
+    comm.agree(problem)
 }

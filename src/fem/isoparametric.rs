@@ -33,11 +33,15 @@ pub(super) fn strains(
         let corners: Vec<[f64; 3]> = order.iter().map(|&p| x[cell.points[p]]).collect();
         let mut mass = vec![0.0; n * n];
         for sample in samples(shape).ok_or_else(|| no_element(c, shape))? {
-            let (volume, gradients) = map(shape, &corners, &sample).map_err(|found| inverted(c, shape, found))?;
+            let (volume, gradients) =
+                map(shape, &corners, &sample).map_err(|found| inverted(c, shape, found))?;
             strains.push(Strain {
                 lambda: lambda * volume,
                 mu: mu * volume,
-                points: order.iter().map(|&p| numbering.number[cell.points[p]].unwrap_or(-1)).collect(),
+                points: order
+                    .iter()
+                    .map(|&p| numbering.number[cell.points[p]].unwrap_or(-1))
+                    .collect(),
                 gradients,
             });
         }
@@ -70,7 +74,11 @@ fn inverted(cell: usize, shape: Shape, found: f64) -> Error {
 }
 
 /// Volume of a quadrature point, and gradients of the shape functions there.
-fn map(shape: Shape, corners: &[[f64; 3]], sample: &Sample) -> std::result::Result<(f64, Vec<[f64; 3]>), f64> {
+fn map(
+    shape: Shape,
+    corners: &[[f64; 3]],
+    sample: &Sample,
+) -> std::result::Result<(f64, Vec<[f64; 3]>), f64> {
     let mut j = [[0.0; 3]; 3];
     for (x, slope) in corners.iter().zip(&sample.slopes) {
         for (row, s) in j.iter_mut().zip(slope) {
@@ -90,7 +98,8 @@ fn map(shape: Shape, corners: &[[f64; 3]], sample: &Sample) -> std::result::Resu
     if !(det > 0.0 && det.is_finite()) {
         return Err(det);
     }
-    let gradient = |slope: &[f64; 3]| [0, 1, 2].map(|d| (0..3).map(|a| slope[a] * minor(a, d)).sum::<f64>() / det);
+    let gradient =
+        |slope: &[f64; 3]| [0, 1, 2].map(|d| (0..3).map(|a| slope[a] * minor(a, d)).sum::<f64>() / det);
     Ok((sample.weight * det, sample.slopes.iter().map(gradient).collect()))
 }
 
@@ -108,10 +117,16 @@ fn samples(shape: Shape) -> Option<Vec<Sample>> {
 fn mass_samples(shape: Shape) -> Option<Vec<Sample>> {
     let g = 1.0 / 3f64.sqrt();
     let pair = [-g, g];
-    let third = [[1.0 / 6.0, 1.0 / 6.0], [2.0 / 3.0, 1.0 / 6.0], [1.0 / 6.0, 2.0 / 3.0]];
+    let third = [
+        [1.0 / 6.0, 1.0 / 6.0],
+        [2.0 / 3.0, 1.0 / 6.0],
+        [1.0 / 6.0, 2.0 / 3.0],
+    ];
     let each = |points: &[[f64; 3]], at: fn([f64; 3]) -> Sample| points.iter().map(|&p| at(p)).collect();
     let product = |a: &[[f64; 2]], z: &[f64]| -> Vec<[f64; 3]> {
-        z.iter().flat_map(|&z| a.iter().map(move |p| [p[0], p[1], z])).collect()
+        z.iter()
+            .flat_map(|&z| a.iter().map(move |p| [p[0], p[1], z]))
+            .collect()
     };
     let square: Vec<[f64; 2]> = pair.iter().flat_map(|&y| pair.map(|x| [x, y])).collect();
     Some(match shape {
@@ -160,7 +175,12 @@ fn tetrahedron([a, b, c]: [f64; 3], weight: f64) -> Sample {
     Sample {
         weight,
         values: vec![1.0 - a - b - c, a, b, c],
-        slopes: vec![[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        slopes: vec![
+            [-1.0, -1.0, -1.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+        ],
     }
 }
 
@@ -175,7 +195,9 @@ fn layered(flat: &Sample, z: f64, weight: f64) -> Sample {
         let h = 0.5 * (1.0 + side * z);
         sample.values.extend(flat.values.iter().map(|v| v * h));
         let slope = |(v, s): (&f64, &[f64; 3])| [s[0] * h, s[1] * h, 0.5 * side * v];
-        sample.slopes.extend(flat.values.iter().zip(&flat.slopes).map(slope));
+        sample
+            .slopes
+            .extend(flat.values.iter().zip(&flat.slopes).map(slope));
     }
     sample
 }
@@ -197,5 +219,9 @@ fn pyramid([x, y, z]: [f64; 3], weight: f64) -> Sample {
     values.push(apex(&cube.values));
     let mut slopes = cube.slopes[..4].to_vec();
     slopes.push([0, 1, 2].map(|d| cube.slopes[4..].iter().map(|s| s[d]).sum()));
-    Sample { weight, values, slopes }
+    Sample {
+        weight,
+        values,
+        slopes,
+    }
 }

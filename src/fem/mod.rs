@@ -133,16 +133,18 @@ pub fn assemble(
             let constraint = volume::constraints(&cells, &mesh.point_global, &numbering, comm);
             smoothing::strains(&cells, &x, &moduli, &numbering, &constraint, comm)?
         }
-        Formulation::Isoparametric => {
-            comm.agree(isoparametric::strains(&cells, &x, &moduli, &numbering))?
-        }
+        Formulation::Isoparametric => comm.agree(isoparametric::strains(&cells, &x, &moduli, &numbering))?,
     };
     let masses: Vec<CellMass> = cells
         .iter()
         .zip(units)
         .zip(materials)
         .map(|((cell, unit), material)| CellMass {
-            points: cell.points.iter().map(|&p| numbering.number[p].unwrap_or(-1)).collect(),
+            points: cell
+                .points
+                .iter()
+                .map(|&p| numbering.number[p].unwrap_or(-1))
+                .collect(),
             mass: unit.iter().map(|m| m * material.density).collect(),
         })
         .collect();
@@ -152,7 +154,8 @@ pub fn assemble(
     let strains = strain::to_owners(strains, &numbering, comm);
     let masses = strain::to_owners(masses, &numbering, comm);
     let movable = assembly::Movable::new(&held, dim, comm);
-    let lumped = (options.mass == MassKind::Lumped).then(|| assembly::lumped(&masses, dim, &numbering, &movable));
+    let lumped =
+        (options.mass == MassKind::Lumped).then(|| assembly::lumped(&masses, dim, &numbering, &movable));
     let (stiffness, consistent) = assembly::rows(&strains, &masses, dim, &numbering, &movable, comm);
     let owned_points: Vec<usize> = movable.own.iter().map(|&i| numbering.owned[i]).collect();
     Ok(System {
@@ -162,7 +165,7 @@ pub fn assemble(
             symmetric: true,
             block: dim,
             positions: owned_points.iter().map(|&p| x[p]).collect(),
-            shift: None,
+            shift: Some(shift(mesh, &x, materials, comm)),
         },
         owned_points,
         mass: mass[0],
@@ -171,6 +174,24 @@ pub fn assemble(
         representative,
         directions: mesh.directions.clone(),
     })
+}
+
+/// A little below 0, measured by shear waves across the body: near enough for slender bodies, far enough for the
+/// rigid motions of free ones not to drown the others in rounding. 1/s^2. Collective.
+fn shift(mesh: &PointMesh, x: &[[f64; 3]], materials: &[Material], comm: &Comm) -> f64 {
+    let mut most = [f64::NEG_INFINITY; 7];
+    for x in x {
+        for d in 0..3 {
+            most[d] = most[d].max(x[d]);
+            most[3 + d] = most[3 + d].max(-x[d]);
+        }
+    }
+    for m in materials {
+        most[6] = most[6].max(m.moduli(mesh.dim(), Plane::Strain).1 / m.density);
+    }
+    comm.max_f64(&mut most);
+    let square: f64 = (0..mesh.dim()).map(|d| (most[d] + most[3 + d]).powi(2)).sum();
+    -1e-3 * most[6] / square
 }
 
 /// Cells, and for each local point the one that carries its unknowns.

@@ -65,7 +65,12 @@ impl Numbering {
         let number = (0..mesh.points.len())
             .map(|p| (carries[p] && numbers[p] >= 0).then_some(numbers[p]))
             .collect();
-        Ok(Numbering { number, first, owned, rank })
+        Ok(Numbering {
+            number,
+            first,
+            owned,
+            rank,
+        })
     }
 
     /// Rank that owns a number.
@@ -97,7 +102,9 @@ impl Numbering {
             .iter()
             .map(|list| {
                 let at = |&n: &i64| (n - self.first_own()) as usize * width;
-                list.iter().flat_map(|n| own[at(n)..at(n) + width].iter().copied()).collect()
+                list.iter()
+                    .flat_map(|n| own[at(n)..at(n) + width].iter().copied())
+                    .collect()
             })
             .collect();
         let answers = comm.all_to_all(&answers);
@@ -118,9 +125,16 @@ impl Numbering {
         }
         let (to, data) = (comm.all_to_all(&to), comm.all_to_all(&data));
         let mut sum = vec![0.0; self.owned.len() * width];
-        for (n, values) in to.iter().flatten().zip(data.iter().flat_map(|d| d.chunks_exact(width))) {
+        for (n, values) in to
+            .iter()
+            .flatten()
+            .zip(data.iter().flat_map(|d| d.chunks_exact(width)))
+        {
             let at = (n - self.first_own()) as usize * width;
-            sum[at..at + width].iter_mut().zip(values).for_each(|(s, v)| *s += v);
+            sum[at..at + width]
+                .iter_mut()
+                .zip(values)
+                .for_each(|(s, v)| *s += v);
         }
         sum
     }
@@ -228,7 +242,11 @@ impl Directory {
             .iter()
             .map(|list| list.iter().map(|&(at, _)| kept[at]).collect())
             .collect();
-        let mut answers: Vec<_> = comm.all_to_all(&answers).into_iter().map(Vec::into_iter).collect();
+        let mut answers: Vec<_> = comm
+            .all_to_all(&answers)
+            .into_iter()
+            .map(Vec::into_iter)
+            .collect();
         globals
             .iter()
             .map(|&g| answers[(g / self.block) as usize].next().unwrap_or(-1))

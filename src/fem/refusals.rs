@@ -38,11 +38,17 @@ fn materials_out_of_range_are_refused() {
         (0.5 - 1e-12, "within 1e-7 of 0.5"),
     ] {
         let found = message(|_, m, _| m[5].poisson = poisson);
-        assert!(found.contains("Poisson's ratio of cell 5") && found.contains(text), "{found}");
+        assert!(
+            found.contains("Poisson's ratio of cell 5") && found.contains(text),
+            "{found}"
+        );
     }
     for young in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let found = message(|_, m, _| m[0].young = young);
-        assert!(found.contains("Young's modulus of cell 0") && found.contains("positive"), "{found}");
+        assert!(
+            found.contains("Young's modulus of cell 0") && found.contains("positive"),
+            "{found}"
+        );
     }
     let found = message(|_, m, _| m[11].density = 0.0);
     assert!(found.contains("density of cell 11 is 0 kg/m^3"), "{found}");
@@ -92,7 +98,10 @@ fn broken_meshes_are_refused() {
     });
     assert!(found.contains("not a closed surface"), "{found}");
     let found = message(|m, _, _| m.point_global[3] = 4);
-    assert!(found.contains("holds 4 twice") || found.contains("number 3"), "{found}");
+    assert!(
+        found.contains("holds 4 twice") || found.contains("number 3"),
+        "{found}"
+    );
     let found = message(|m, _, _| m.point_global[3] = i64::MAX);
     assert!(found.contains("point_global holds"), "{found}");
     let found = message(|m, _, _| {
@@ -119,7 +128,10 @@ fn broken_meshes_are_refused() {
 #[test]
 fn bodies_that_nothing_or_everything_holds_are_refused() {
     let found = message(|_, _, f| f.clear());
-    assert!(found.contains("no displacement is held") && found.contains("patch"), "{found}");
+    assert!(
+        found.contains("no displacement is held") && found.contains("patch"),
+        "{found}"
+    );
     let found = message(|m, _, f| *f = (0..m.points.len() as i32).map(Fixed::all).collect());
     assert!(found.contains("all displacements"), "{found}");
     let found = message(|_, _, f| f.push(Fixed::all(36)));

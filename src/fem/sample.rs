@@ -140,7 +140,13 @@ fn cut(kind: Kind, brick: &[usize; 8], points: &mut Vec<[f64; 3]>) -> Vec<Vec<Ve
             .map(|f| f.iter().map(|&i| brick[corners[i]]).collect())
             .collect()
     };
-    const WEDGE: [&[usize]; 5] = [&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]];
+    const WEDGE: [&[usize]; 5] = [
+        &[0, 2, 1],
+        &[3, 4, 5],
+        &[0, 1, 4, 3],
+        &[1, 2, 5, 4],
+        &[2, 0, 3, 5],
+    ];
     const TETRAHEDRON: [&[usize]; 4] = [&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]];
     match kind {
         Kind::WedgesAlong => [[0, 3, 7, 1, 2, 6], [0, 7, 4, 1, 6, 5]]
@@ -262,7 +268,8 @@ fn extrude(flat: &[[f64; 2]], polygons: &[Vec<usize>], layers: usize, l: f64) ->
 
 /// Moves every point by up to `amount` in the directions where it is not on the box's boundary, by its position only.
 pub fn distort(mesh: &mut PointMesh, amount: f64) {
-    let extreme = |d: usize, f: fn(f64, f64) -> f64, start: f64| mesh.points.iter().map(|x| x[d]).fold(start, f);
+    let extreme =
+        |d: usize, f: fn(f64, f64) -> f64, start: f64| mesh.points.iter().map(|x| x[d]).fold(start, f);
     let low = [0, 1, 2].map(|d| extreme(d, f64::min, f64::INFINITY));
     let high = [0, 1, 2].map(|d| extreme(d, f64::max, f64::NEG_INFINITY));
     let directions = mesh.directions.clone();

@@ -51,13 +51,21 @@ pub(super) fn strains(
     constraint: &[bool],
     comm: &Comm,
 ) -> Result<(Vec<Strain>, Vec<Vec<f64>>)> {
-    let parts: Result<Vec<Parts>> = cells.iter().enumerate().map(|(c, cell)| parts(c, cell, x)).collect();
+    let parts: Result<Vec<Parts>> = cells
+        .iter()
+        .enumerate()
+        .map(|(c, cell)| parts(c, cell, x))
+        .collect();
     let parts = comm.agree(parts)?;
     let mut strains = Vec::new();
     let mut shared: Vec<Domain> = Vec::new();
     let mut masses = Vec::with_capacity(cells.len());
     for ((cell, part), &(lambda, mu)) in cells.iter().zip(parts).zip(moduli) {
-        let numbers: Vec<i64> = cell.points.iter().map(|&p| numbering.number[p].unwrap_or(-1)).collect();
+        let numbers: Vec<i64> = cell
+            .points
+            .iter()
+            .map(|&p| numbering.number[p].unwrap_or(-1))
+            .collect();
         let low = if lambda > LIMIT * mu { LIMIT * mu } else { lambda };
         let whole = Domain {
             key: [-1, -1],
@@ -85,7 +93,9 @@ pub(super) fn strains(
         masses.push(part.mass);
     }
     // An edge's cells may be on several ranks: the owner of one end brings them together.
-    let shared = send(shared, comm, |domain: &Domain, ranks| ranks.push(numbering.owner(domain.key[0])));
+    let shared = send(shared, comm, |domain: &Domain, ranks| {
+        ranks.push(numbering.owner(domain.key[0]))
+    });
     for domain in merge(shared) {
         let share = if domain.key[1] < 0 { 1.0 } else { EDGES };
         strains.push(domain.strain(share));
@@ -94,7 +104,13 @@ pub(super) fn strains(
 }
 
 /// A cell's share in the averages around its points.
-fn around_points(cell: &Cell, numbers: &[i64], part: &Parts, lambda: f64, constraint: &[bool]) -> Vec<Domain> {
+fn around_points(
+    cell: &Cell,
+    numbers: &[i64],
+    part: &Parts,
+    lambda: f64,
+    constraint: &[bool],
+) -> Vec<Domain> {
     let n = numbers.len();
     let own: Vec<bool> = cell.points.iter().map(|&p| constraint[p]).collect();
     let count = own.iter().filter(|&&k| k).count().max(1) as f64;
@@ -322,5 +338,9 @@ fn simplex(x: &[[f64; 3]]) -> (f64, Vec<[f64; 3]>) {
 }
 
 fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }

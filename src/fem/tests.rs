@@ -28,7 +28,11 @@ fn free(formulation: Formulation) -> Options {
 }
 
 fn times(rows: &Rows, u: &[f64]) -> Vec<f64> {
-    let entries = |w: &[usize]| (w[0]..w[1]).map(|e| rows.value[e] * u[rows.column[e] as usize]).sum();
+    let entries = |w: &[usize]| {
+        (w[0]..w[1])
+            .map(|e| rows.value[e] * u[rows.column[e] as usize])
+            .sum()
+    };
     rows.row.windows(2).map(entries).collect()
 }
 
@@ -181,7 +185,14 @@ fn a_box_on_rollers_converges_with_second_order_and_does_not_lock() {
             let mesh = sample::block(kind, [n, n, n], l);
             let material = Material { poisson, ..STEEL };
             let materials = vec![material; mesh.n_cells];
-            let found = modes(&mesh, &materials, &rollers(&mesh, l), &options(3), &Comm::serial()).unwrap();
+            let found = modes(
+                &mesh,
+                &materials,
+                &rollers(&mesh, l),
+                &options(3),
+                &Comm::serial(),
+            )
+            .unwrap();
             let (lambda, mu) = material.moduli(3, Plane::Strain);
             largest_error(&found, &of_box(&l, lambda, mu, material.density, 3))
         };
@@ -190,7 +201,9 @@ fn a_box_on_rollers_converges_with_second_order_and_does_not_lock() {
         println!("{kind:?}: {errors:?}, order {order:.2}, nu 0.4999: {near_half}");
         // Six- and seven-sided prisms are halved at the boundary: first order there.
         if errors[1] > 0.02 || order < 1.4 || near_half > 0.06 {
-            failures.push(format!("{kind:?}: {errors:?}, order {order}, nu 0.4999: {near_half}"));
+            failures.push(format!(
+                "{kind:?}: {errors:?}, order {order}, nu 0.4999: {near_half}"
+            ));
         }
     }
     assert!(failures.is_empty(), "{failures:#?}");
@@ -201,12 +214,20 @@ fn a_rectangle_on_rollers_converges_in_plane_strain_and_plane_stress() {
     let l = [1.0, 0.7];
     let mut failures = Vec::new();
     for kind in Flat::ALL {
-        for (plane, poisson) in [(Plane::Strain, 0.3), (Plane::Strain, 0.4999), (Plane::Stress, 0.4999)] {
+        for (plane, poisson) in [
+            (Plane::Strain, 0.3),
+            (Plane::Strain, 0.4999),
+            (Plane::Stress, 0.4999),
+        ] {
             for mass in [MassKind::Consistent, MassKind::Lumped] {
                 let material = Material { poisson, ..STEEL };
                 let error = |n: usize| {
                     let mesh = sample::rectangle(kind, n, n, l[0], l[1]);
-                    let options = Options { plane, mass, ..options(4) };
+                    let options = Options {
+                        plane,
+                        mass,
+                        ..options(4)
+                    };
                     let held = rollers(&mesh, [l[0], l[1], f64::INFINITY]);
                     let materials = vec![material; mesh.n_cells];
                     let found = modes(&mesh, &materials, &held, &options, &Comm::serial()).unwrap();
@@ -218,7 +239,9 @@ fn a_rectangle_on_rollers_converges_in_plane_strain_and_plane_stress() {
                 println!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order:.2}");
                 // Below that, errors of different signs make no order.
                 if errors[1] > 0.03 || (order < 1.5 && errors[1] > 0.004) {
-                    failures.push(format!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order}"));
+                    failures.push(format!(
+                        "{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order}"
+                    ));
                 }
             }
         }
@@ -249,7 +272,12 @@ fn beam(kind: Kind, n: [usize; 3], poisson: f64) -> [f64; 2] {
 
 #[test]
 fn a_clamped_beam_bends_at_the_frequency_of_euler_and_bernoulli() {
-    for kind in [Kind::Hexahedra, Kind::WedgesAlong, Kind::WedgesAcross, Kind::Tetrahedra] {
+    for kind in [
+        Kind::Hexahedra,
+        Kind::WedgesAlong,
+        Kind::WedgesAcross,
+        Kind::Tetrahedra,
+    ] {
         for (poisson, bound) in [(0.3, 0.015), (0.4, 0.03), (0.49, 0.03)] {
             let ratios = beam(kind, [60, 4, 4], poisson);
             println!("{kind:?} {poisson}: {ratios:?}");
