@@ -42,6 +42,10 @@ fn layouts_are_those_of_the_header() {
         (size_of::<RecorderField>(), size_of::<RecorderOptions>()),
         (40, 48)
     );
+    assert_eq!(
+        (size_of::<SolidData>(), offset_of!(SolidData, fixed_components)),
+        (152, 128)
+    );
 }
 
 /// A mesh's arrays as a host has them.
