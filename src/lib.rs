@@ -11,6 +11,7 @@ pub mod compare;
 pub mod dataset;
 pub mod engine;
 pub mod error;
+pub mod fem;
 pub mod ffi;
 pub mod foam_case;
 pub mod generate;

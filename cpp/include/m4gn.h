@@ -305,6 +305,49 @@ int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* eigenvalues);
  * a root mean square of 1. */
 int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector);
 
+/* ---- modes of elastic bodies --------------------------------------------------------------------- */
+
+/* This rank's part of an elastic body: isotropic, linear, with its displacements on the points of the mesh. Finite
+ * elements for cells of any shape; docs/solids.md says which. Labels are local; all zero but what is needed is fine. */
+typedef struct m4gn_solid
+{
+    int32_t n_directions;       /* 3, or 2 on a mesh that is one cell thick in the third */
+    int32_t directions[3];      /* which: 0 x, 1 y, 2 z */
+
+    int32_t n_points;
+    const int64_t* point_global;/* [n_points] number of the point, 0 to N-1, the same on every rank that has it */
+    const double* points;       /* [3*n_points] m */
+
+    int32_t n_faces;            /* internal faces first */
+    int32_t n_internal_faces;
+    const int32_t* face_start;  /* [n_faces+1] points of face f: face_points[face_start[f]] to [face_start[f+1]-1] */
+    const int32_t* face_points; /* around each face; the right-hand normal leaves the owner */
+    const int32_t* face_owner;  /* [n_faces] cell */
+    const int32_t* face_neighbour; /* [n_internal_faces] cell */
+
+    int32_t n_cells;
+    const double* young;        /* [n_cells] Young's modulus, Pa */
+    const double* poisson;      /* [n_cells] Poisson's ratio, above -1 and below 0.5 */
+    const double* density;      /* [n_cells] kg/m^3 */
+
+    int32_t n_fixed;            /* held points; one that any rank holds is held */
+    const int32_t* fixed_point; /* [n_fixed] */
+    const int32_t* fixed_components; /* [n_fixed] sum of 1 (x), 2 (y), 4 (z); NULL: all three */
+
+    int32_t plane_stress;       /* 2-D: 0 plane strain, 1 plane stress */
+    int32_t lumped_mass;        /* 0 consistent, 1 lumped */
+    int32_t free_body;          /* 1: nothing needs to be held; 0: that is an error */
+} m4gn_solid;
+
+/* Collective. Modes K phi = omega^2 M phi: eigenvalues in 1/s^2; m4gn_modes_vector gives the displacement (x, y, z) of
+ * each point, [3*n_points], scaled to a root mean square of 1 over the body. Of `options`, modes, energy, solver and
+ * petsc count. On failure *modes is NULL. */
+int32_t m4gn_solid_modes_new(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
+    const m4gn_solid* body,
+    const m4gn_modes_options* options,
+    m4gn_modes** modes);
+
 /* ---- recorder ----------------------------------------------------------------------------------- */
 
 typedef struct m4gn_recorder m4gn_recorder;

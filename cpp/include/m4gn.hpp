@@ -226,6 +226,17 @@ public:
         modes_.reset(modes);
     }
 
+    // Of an elastic body: each vector has the displacement (x, y, z) of each of this rank's points.
+    Modes(int32_t comm, const m4gn_solid& body, const m4gn_modes_options& options)
+    :
+        nRows_(3*static_cast<std::size_t>(body.n_points))
+    {
+        checkVersion();
+        m4gn_modes* modes = nullptr;
+        check(m4gn_solid_modes_new(comm, &body, &options, &modes));
+        modes_.reset(modes);
+    }
+
     int32_t size() const { return m4gn_modes_count(modes_.get()); }
 
     // Ascending.

@@ -12,12 +12,14 @@ mod raw;
 mod recorder;
 mod segments;
 mod session;
+mod solids;
 
 pub use modes::{CsrData, ModesOptionsData};
 pub use raw::{FieldData, FieldOut, MeshData};
 pub use recorder::{RecorderField, RecorderOptions};
 pub use segments::{RankReport, SegmentOptionsData};
 pub use session::{FieldInfo, SessionOptionsData};
+pub use solids::SolidData;
 
 use std::ffi::c_char;
 

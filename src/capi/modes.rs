@@ -34,8 +34,8 @@ pub struct ModesOptionsData {
 
 /// `m4gn_modes`
 pub struct ModesHandle {
-    modes: Modes,
-    n_rows: usize,
+    pub(super) modes: Modes,
+    pub(super) n_rows: usize,
 }
 
 impl CsrData {
@@ -77,7 +77,7 @@ impl ModesOptionsData {
 
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
-    unsafe fn read(&self) -> Result<ModalOptions> {
+    pub(super) unsafe fn read(&self) -> Result<ModalOptions> {
         let modes = raw::count("modes", self.modes)?;
         // SAFETY: passed on to the caller.
         let (solver, petsc) = unsafe {

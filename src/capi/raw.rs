@@ -157,6 +157,20 @@ pub unsafe fn text<'a>(what: &str, pointer: *const c_char) -> Result<&'a str> {
         .ok_or_else(|| Error::Input(format!("{what}: expected a string, found a null pointer")))
 }
 
+/// Solved directions: 2 or 3 of 0, 1, 2.
+pub fn directions(n: i32, which: [i32; 3]) -> Result<Vec<usize>> {
+    if !matches!(n, 2 | 3) {
+        return Err(Error::Input(format!("n_directions: expected 2 or 3, found {n}")));
+    }
+    let direction = |&d: &i32| match d {
+        0..=2 => Ok(d as usize),
+        _ => Err(Error::Input(format!(
+            "directions: expected 0 (x), 1 (y) or 2 (z), found {d}"
+        ))),
+    };
+    which[..n as usize].iter().map(direction).collect()
+}
+
 /// A copy of the host's mesh. Labels are checked when the graph is made.
 ///
 /// # Safety
@@ -164,21 +178,7 @@ pub unsafe fn text<'a>(what: &str, pointer: *const c_char) -> Result<&'a str> {
 pub unsafe fn mesh(data: &MeshData) -> Result<Mesh> {
     // SAFETY: the lengths are those that the header gives for each array; the host keeps them valid for the call.
     unsafe {
-        let n_directions = count("n_directions", data.n_directions)?;
-        if !matches!(n_directions, 2 | 3) {
-            return Err(Error::Input(format!(
-                "n_directions: expected 2 or 3, found {n_directions}"
-            )));
-        }
-        let directions = data.directions[..n_directions]
-            .iter()
-            .map(|&d| match d {
-                0..=2 => Ok(d as usize),
-                _ => Err(Error::Input(format!(
-                    "directions: expected 0 (x), 1 (y) or 2 (z), found {d}"
-                ))),
-            })
-            .collect::<Result<_>>()?;
+        let directions = directions(data.n_directions, data.directions)?;
         let n = count("n_cells", data.n_cells)?;
         let faces = count("n_faces", data.n_faces)?;
         Ok(Mesh {

@@ -46,6 +46,10 @@ fn layouts_are_those_of_the_header() {
         (size_of::<SegmentOptionsData>(), size_of::<RankReport>()),
         (48, 16)
     );
+    assert_eq!(
+        (size_of::<SolidData>(), offset_of!(SolidData, fixed_components)),
+        (152, 128)
+    );
 }
 
 /// A mesh's arrays as a host has them.

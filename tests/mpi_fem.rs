@@ -1,0 +1,308 @@
+//! Finite elements on several ranks against those on one: run as `mpirun -np P <this binary>` for P = 1, 2, 3, 4.
+//!
+//! Every rank also computes the serial answer of the whole mesh, and compares by global numbers.
+
+use m4gn::fem::sample::{self, Flat, Kind};
+use m4gn::fem::{Fixed, MassKind, Material, Options, Plane, PointMesh, SolidModes, modes};
+use m4gn::modes::{ModalOptions, ModeCount};
+use m4gn::parallel::{Comm, finalize};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let comm = match Comm::world() {
+        Ok(comm) => comm,
+        Err(e) => {
+            eprintln!("mpi_fem: {e}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let mut checks = Checks {
+        comm: comm.clone(),
+        count: 0,
+        failures: Vec::new(),
+    };
+    for body in bodies() {
+        decompositions(&mut checks, &body);
+    }
+    beam(&mut checks);
+    errors_are_shared(&mut checks);
+    for failure in &checks.failures {
+        eprintln!("mpi_fem: rank {}: {failure}", comm.rank());
+    }
+    let mut failed = [checks.failures.len() as i64];
+    comm.sum_i64(&mut failed);
+    if comm.is_root() && failed[0] == 0 {
+        println!("mpi_fem: {} checks passed at np {}", checks.count, comm.size());
+    }
+    drop(checks);
+    drop(comm);
+    finalize();
+    match failed[0] {
+        0 => ExitCode::SUCCESS,
+        _ => ExitCode::FAILURE,
+    }
+}
+
+struct Checks {
+    comm: Comm,
+    count: usize,
+    failures: Vec<String>,
+}
+
+impl Checks {
+    fn that(&mut self, holds: bool, what: impl Into<String>) {
+        self.count += 1;
+        if !holds {
+            self.failures.push(what.into());
+        }
+    }
+}
+
+struct Body {
+    name: String,
+    mesh: PointMesh,
+    materials: Vec<Material>,
+    fixed: Vec<Fixed>,
+    options: Options,
+}
+
+fn first(n: usize) -> Options {
+    Options {
+        modal: ModalOptions {
+            count: ModeCount::Fixed(n),
+            ..Default::default()
+        },
+        ..Default::default()
+    }
+}
+
+const SOFT: Material = Material {
+    young: 1e6,
+    poisson: 0.3,
+    density: 1000.0,
+};
+
+/// Stiffer and nearly incompressible.
+const RUBBER: Material = Material {
+    young: 3e6,
+    poisson: 0.49,
+    density: 1200.0,
+};
+
+/// Points at x = 0 held in all directions, those at the other end along `other`.
+fn held(mesh: &PointMesh, length: f64, other: [bool; 3]) -> Vec<Fixed> {
+    let at = |p: usize| mesh.points[p][0];
+    let points = 0..mesh.points.len();
+    let clamped = points
+        .clone()
+        .filter(|&p| at(p) < 1e-9)
+        .map(|p| Fixed::all(p as i32));
+    let guided = points.filter(|&p| at(p) > length - 1e-9).map(|p| Fixed {
+        point: p as i32,
+        components: other,
+    });
+    clamped.chain(guided).collect()
+}
+
+fn bodies() -> Vec<Body> {
+    let mut list = Vec::new();
+    for kind in Kind::ALL {
+        let mut mesh = sample::block(kind, [7, 3, 3], [1.0, 0.4, 0.3]);
+        sample::distort(&mut mesh, 0.01);
+        let materials = (0..mesh.n_cells)
+            .map(|c| if c % 5 < 3 { SOFT } else { RUBBER })
+            .collect();
+        list.push(Body {
+            name: format!("{kind:?}"),
+            fixed: held(&mesh, 1.0, [false, true, false]),
+            materials,
+            mesh,
+            options: first(6),
+        });
+    }
+    for kind in Flat::ALL {
+        let mut mesh = sample::rectangle(kind, 9, 5, 1.0, 0.5);
+        sample::distort(&mut mesh, 0.01);
+        list.push(Body {
+            name: format!("{kind:?}"),
+            fixed: held(&mesh, 1.0, [true, false, false]),
+            materials: vec![RUBBER; mesh.n_cells],
+            mesh,
+            options: Options {
+                plane: if kind == Flat::Triangles {
+                    Plane::Stress
+                } else {
+                    Plane::Strain
+                },
+                mass: if kind == Flat::Polygons {
+                    MassKind::Lumped
+                } else {
+                    MassKind::Consistent
+                },
+                ..first(6)
+            },
+        });
+    }
+    let mesh = sample::block(Kind::Hexahedra, [4, 4, 4], [1.0, 1.0, 1.0]);
+    list.push(Body {
+        name: "a free cube with repeated eigenvalues".into(),
+        materials: vec![SOFT; mesh.n_cells],
+        fixed: Vec::new(),
+        mesh,
+        options: Options {
+            free_body: true,
+            ..first(9)
+        },
+    });
+    list
+}
+
+/// Ways to deal cells to ranks: runs, one by one (every cell at a rank boundary), and all to the last rank.
+fn deals(n: usize, size: i32) -> Vec<(&'static str, Vec<i32>)> {
+    vec![
+        ("runs", (0..n).map(|c| (c * size as usize / n) as i32).collect()),
+        ("one by one", (0..n).map(|c| c as i32 % size).collect()),
+        ("all on the last rank", vec![size - 1; n]),
+    ]
+}
+
+/// This rank's part of a body; a held point is named by the rank of one cell only, not by all that share it.
+fn part(body: &Body, ranks: &[i32], rank: i32) -> (PointMesh, Vec<Material>, Vec<Fixed>) {
+    let mesh = sample::part(&body.mesh, ranks, rank);
+    let here = |(c, m): (usize, &Material)| (ranks[c] == rank).then_some(*m);
+    let materials = body.materials.iter().enumerate().filter_map(here).collect();
+    let mut teller = vec![i32::MAX; body.mesh.points.len()];
+    for f in 0..body.mesh.n_faces() {
+        for &p in body.mesh.face(f) {
+            let to = &mut teller[p as usize];
+            *to = (*to).min(ranks[body.mesh.face_owner[f] as usize]);
+        }
+    }
+    let local = |f: &Fixed| {
+        let at = mesh.point_global.iter().position(|&g| g == i64::from(f.point))?;
+        (teller[f.point as usize] == rank).then_some(Fixed {
+            point: at as i32,
+            components: f.components,
+        })
+    };
+    let fixed = body.fixed.iter().filter_map(local).collect();
+    (mesh, materials, fixed)
+}
+
+fn decompositions(checks: &mut Checks, body: &Body) {
+    let comm = checks.comm.clone();
+    let serial = modes(
+        &body.mesh,
+        &body.materials,
+        &body.fixed,
+        &body.options,
+        &Comm::serial(),
+    );
+    let whole = match comm.agree(serial) {
+        Ok(whole) => whole,
+        Err(e) => return checks.that(false, format!("{}: {e}", body.name)),
+    };
+    for (deal, ranks) in deals(body.mesh.n_cells, comm.size()) {
+        let name = format!("{}, {deal}", body.name);
+        let (mesh, materials, fixed) = part(body, &ranks, comm.rank());
+        match modes(&mesh, &materials, &fixed, &body.options, &comm) {
+            Ok(found) => compare(checks, &name, &mesh, &found, &whole),
+            Err(e) => checks.that(false, format!("{name}: {e}")),
+        }
+    }
+}
+
+/// Eigenvalues to 1e-8, modes to 1e-6.
+fn compare(checks: &mut Checks, name: &str, mesh: &PointMesh, found: &SolidModes, whole: &SolidModes) {
+    let n = whole.eigenvalues.len();
+    checks.that(
+        found.eigenvalues.len() == n,
+        format!("{name}: {} modes, expected {n}", found.eigenvalues.len()),
+    );
+    let largest = whole.eigenvalues[n - 1];
+    for (i, (f, e)) in found.eigenvalues.iter().zip(&whole.eigenvalues).enumerate() {
+        // Rigid motions have 0 to rounding.
+        let bound = 1e-8 * e.abs().max(1e-3 * largest);
+        checks.that(
+            (f - e).abs() < bound,
+            format!("{name}: eigenvalue {i}: {f}, expected {e}"),
+        );
+    }
+    for (i, (f, e)) in found.vectors.iter().zip(&whole.vectors).enumerate() {
+        let off = mesh
+            .point_global
+            .iter()
+            .zip(f)
+            .flat_map(|(&g, u)| u.iter().zip(e[g as usize]).map(|(a, b)| (a - b).abs()))
+            .fold(0.0, f64::max);
+        checks.that(off < 1e-6, format!("{name}: mode {i} differs by {off:e}"));
+    }
+}
+
+/// 60 x 4 x 4 cells, clamped: Euler and Bernoulli's frequency 0.851 Hz.
+fn beam(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * std::f64::consts::PI * 0.36)
+        * 0.06
+        * (1000f64 / 12.0).sqrt();
+    for (kind, poisson, bound) in [(Kind::Hexahedra, 0.3, 0.015), (Kind::WedgesAcross, 0.49, 0.03)] {
+        let mesh = sample::block(kind, [60, 4, 4], [0.6, 0.06, 0.06]);
+        let body = Body {
+            name: format!("beam of {kind:?}"),
+            materials: vec![Material { poisson, ..SOFT }; mesh.n_cells],
+            fixed: held(&mesh, 0.6, [false; 3]),
+            mesh,
+            options: first(2),
+        };
+        // Slices across the beam: its cells run along it.
+        let ranks: Vec<i32> = (0..body.mesh.n_cells)
+            .map(|c| {
+                let column = c * 960 / body.mesh.n_cells % 60;
+                (column * comm.size() as usize / 60) as i32
+            })
+            .collect();
+        let (mesh, materials, fixed) = part(&body, &ranks, comm.rank());
+        match modes(&mesh, &materials, &fixed, &body.options, &comm) {
+            Ok(found) => {
+                let ratio = found.frequencies()[0] / exact;
+                checks.that((ratio - 1.0).abs() < bound, format!("{}: {ratio}", body.name));
+                if comm.is_root() {
+                    println!("{} nu {poisson}: {:.12} Hz", body.name, found.frequencies()[0]);
+                }
+            }
+            Err(e) => checks.that(false, format!("{}: {e}", body.name)),
+        }
+    }
+}
+
+/// One rank's bad input ends the call on all.
+fn errors_are_shared(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    let list = bodies();
+    let body = &list[0];
+    let (_, ranks) = deals(body.mesh.n_cells, comm.size()).remove(0);
+    let culprit = comm.rank() == comm.size() - 1;
+    type Change = fn(&mut PointMesh, &mut Vec<Material>, &mut Vec<Fixed>);
+    let changes: [(&str, Change); 7] = [
+        ("nu", |_, m, _| m[0].poisson = 0.5),
+        ("density", |_, m, _| m[0].density = -1.0),
+        ("not finite", |mesh, _, _| mesh.points[2][0] = f64::NAN),
+        ("label", |mesh, _, _| mesh.face_points[0] = 1 << 20),
+        ("inverted", |mesh, _, _| {
+            mesh.points.iter_mut().for_each(|x| x[2] = -x[2])
+        }),
+        ("global numbers", |mesh, _, _| mesh.point_global[0] = 1 << 40),
+        ("fixed", |_, _, f| f.push(Fixed::all(1 << 20))),
+    ];
+    for (name, change) in changes {
+        let (mut mesh, mut materials, mut fixed) = part(body, &ranks, comm.rank());
+        if culprit {
+            change(&mut mesh, &mut materials, &mut fixed);
+        }
+        let found = modes(&mesh, &materials, &fixed, &body.options, &comm);
+        checks.that(found.is_err(), format!("{name}: an error on one rank"));
+    }
+    let (mesh, materials, _) = part(body, &ranks, comm.rank());
+    let found = modes(&mesh, &materials, &[], &body.options, &comm);
+    checks.that(found.is_err(), "nothing held");
+}
