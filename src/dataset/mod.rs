@@ -18,10 +18,14 @@
 //!   cells [T,N,c] f32           boundary [T,B,c] f32     chunk = one frame, shuffle, deflate 4, fletcher32
 //! ```
 //!
+//! Deforming bodies are recorded at mesh points, in version 2: see `points`.
+//!
 //! Files use the 1.10 file format (checksummed metadata), so that h5py, ParaView and any HDF5 since 2016 read
 //! them and flipped bytes are noticed.
 
 mod layout;
+mod points;
+mod rows;
 mod recorder;
 mod schema;
 mod source;
@@ -32,6 +36,7 @@ mod writer;
 #[cfg(test)]
 mod tests;
 
+pub use points::{Body, Csr, Material, Obstacle, PointType, SolidFrame, SolidTrajectory};
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use trajectory::{Trajectory, list};
