@@ -34,9 +34,11 @@ mod trajectory;
 mod writer;
 
 #[cfg(test)]
+mod points_tests;
+#[cfg(test)]
 mod tests;
 
-pub use points::{Body, Csr, Material, Obstacle, PointType, SolidFrame, SolidTrajectory};
+pub use points::{Body, Csr, Material, Obstacle, PointType, Recorded, SolidFrame, SolidTrajectory};
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use trajectory::{Trajectory, list};

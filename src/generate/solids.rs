@@ -26,6 +26,15 @@ impl Family {
             Family::DeformingBeam => "deforming-beam",
         }
     }
+
+    /// Points of a body of the paper's sets, about.
+    pub fn usual_points(self, large: bool) -> u32 {
+        match (self, large) {
+            (Family::DeformingPlate, _) => 1271,
+            (Family::DeformingBeam, false) => 1542,
+            (Family::DeformingBeam, true) => 4540,
+        }
+    }
 }
 
 /// Everything that makes a case.
@@ -39,6 +48,8 @@ pub struct Request {
     pub seed: u64,
     /// Number of the case in the set.
     pub index: u64,
+    /// About how many points the body has; None: as many as in the paper.
+    pub points: Option<u32>,
     /// What the trajectory is for.
     pub split: Split,
     /// Frames after the first one.
@@ -87,7 +98,7 @@ impl Request {
     fn write(&self, folder: &Path) -> Result<()> {
         let request = serde_json::json!({
             "family": self.family.name(), "large": self.large, "seed": self.seed, "index": self.index,
-            "split": self.split, "frames": self.frames, "interval": self.interval, "command": self.command,
+            "points": self.points, "split": self.split, "frames": self.frames, "interval": self.interval, "command": self.command,
         });
         let path = folder.join("case.json");
         std::fs::create_dir_all(folder)
@@ -133,10 +144,14 @@ impl Case for Request {
         let trajectory = SolidTrajectory::open(existing)?;
         let provenance = trajectory.provenance();
         let family = &provenance["family"];
+        let points = &provenance["parameters"]["body"]["points"];
+        let wanted = self.points.unwrap_or(self.family.usual_points(self.large));
         let difference = if family != self.family.name() {
             Some(format!("family {family} instead of \"{}\"", self.family.name()))
         } else if provenance["large"] != self.large {
             Some(format!("large {} instead of {}", provenance["large"], self.large))
+        } else if *points != wanted {
+            Some(format!("about {points} points instead of {wanted}"))
         } else {
             let numbers = [
                 ("seed", self.seed as f64),

@@ -271,7 +271,7 @@ mod tests {
     use super::*;
 
     /// The element of unit size in its usual place.
-    pub(crate) fn unit(kind: ElementKind) -> Vec<Vector> {
+    fn unit(kind: ElementKind) -> Vec<Vector> {
         let square = [[0., 0.], [1., 0.], [1., 1.], [0., 1.]];
         let at = |z: f64, n: usize| square[..n].iter().map(move |p| [p[0], p[1], z]);
         let triangle = |z: f64| [[0., 0., z], [1., 0., z], [0., 1., z]].into_iter();
@@ -328,7 +328,7 @@ mod tests {
         assert_eq!(wedges.skin().len(), 8);
         assert_eq!(wedges.edges().len(), 14);
         let positions = unit(ElementKind::Hexahedron);
-        assert_eq!(wedges.measures(&positions), [0.5, 0.5]);
+        assert!(wedges.measures(&positions).iter().all(|v| (v - 0.5).abs() < 1e-15));
         // Outward normals: the skin's volume is the brick's
         let mut volume = 0.0;
         for face in wedges.skin() {

@@ -1,6 +1,7 @@
 """python -m m4gn_solids: makes the trajectory that case.json in the working folder asks for.
 
-case.json: family, large, seed, index, frames, interval (s), split, command. What comes out: trajectory.h5 and, for
+case.json: family, large, seed, index, points (about how many; null: as many as in the paper), frames, interval (s),
+split, command. What comes out: trajectory.h5 and, for
 the figures, result.json. A draw that has no quasi-static path, cannot be meshed or lets the obstacle sink in is drawn
 again; every such failure is kept in both files.
 """
@@ -59,7 +60,7 @@ def main():
     family, large, seed, index = (case[key] for key in ("family", "large", "seed", "index"))
     redraws = []
     for number in range(ATTEMPTS):
-        parameters = draws.draw(draws.generator(family, large, seed, index, number), family, large)
+        parameters = draws.draw(draws.generator(family, large, seed, index, number), family, large, case["points"])
         began = time.process_time()
         try:
             recording, figures = attempt(case, parameters)

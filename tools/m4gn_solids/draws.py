@@ -19,9 +19,12 @@ def generator(family, large, seed, index, attempt):
     return np.random.default_rng([FAMILIES.index(family), int(large), seed, index, attempt])
 
 
-def draw(random, family, large):
-    """All parameters of a trajectory; numbers, text and lists only."""
-    return _beam(random, large) if family == "deforming-beam" else _plate(random)
+def draw(random, family, large, points=None):
+    """All parameters of a trajectory; numbers, text and lists only. `points`: another size of mesh than the usual."""
+    parameters = _beam(random, large) if family == "deforming-beam" else _plate(random)
+    if points:
+        parameters["body"]["points"] = points
+    return parameters
 
 
 def _choice(random, shares):

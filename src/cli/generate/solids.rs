@@ -41,6 +41,9 @@ pub(super) struct BeamArgs {
 
 #[derive(Debug, clap::Args)]
 struct SolidArgs {
+    /// About how many points a body has [default: as many as in the paper]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    points: Option<u32>,
     /// Frames after the first one; the obstacle's whole way is divided by them
     #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
@@ -71,9 +74,10 @@ fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Resul
     environment.push(("PYTHONPATH".to_string(), package()?.into()));
     environment.push(("PYTHONDONTWRITEBYTECODE".to_string(), "1".into()));
     let command = format!(
-        "m4gn generate {}{} --count {} --seed {} --split {} --frames {} --frame-interval {}",
+        "m4gn generate {}{}{} --count {} --seed {} --split {} --frames {} --frame-interval {}",
         family.name(),
         if large { " --large" } else { "" },
+        solid.points.map_or(String::new(), |n| format!(" --points {n}")),
         common.count,
         common.seed,
         common.split,
@@ -85,6 +89,7 @@ fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Resul
         large,
         seed: common.seed,
         index,
+        points: solid.points,
         split,
         frames: solid.frames,
         interval: solid.frame_interval,
