@@ -25,8 +25,8 @@
 
 mod layout;
 mod points;
-mod rows;
 mod recorder;
+mod rows;
 mod schema;
 mod source;
 mod space;

@@ -135,7 +135,11 @@ impl SolidTrajectory {
         let obstacle = obstacle(&source, &file)?;
         source.check_frames(&file, "displacement", &[times.len(), n, 3])?;
         if let Some(o) = &obstacle {
-            source.check_frames(&file, "obstacle/displacement", &[times.len(), o.positions.len(), 3])?;
+            source.check_frames(
+                &file,
+                "obstacle/displacement",
+                &[times.len(), o.positions.len(), 3],
+            )?;
         }
         let has_von_mises = file.link_exists("von_mises");
         if has_von_mises {
@@ -331,13 +335,16 @@ fn body(source: &Source, file: &hdf5::File) -> Result<Body> {
     let types = types.iter().enumerate().map(|(i, &t)| match t {
         6 => Ok(PointType::Body),
         7 => Ok(PointType::Handle),
-        _ => Err(source.damaged(format!("/points/type[{i}] is {t}, expected 6 (body) or 7 (handle)"))),
+        _ => Err(source.damaged(format!(
+            "/points/type[{i}] is {t}, expected 6 (body) or 7 (handle)"
+        ))),
     });
     let types = types.collect::<Result<_>>()?;
     let kind: Vec<i32> = source.values(file, "elements/kind", &[None])?;
     let c = kind.len();
     let kind = kind.iter().enumerate().map(|(i, &k)| {
-        let kind = ElementKind::from_code(k).map_err(|e| source.damaged(format!("/elements/kind[{i}]: {e}")))?;
+        let kind =
+            ElementKind::from_code(k).map_err(|e| source.damaged(format!("/elements/kind[{i}]: {e}")))?;
         if kind.dim() == 3 {
             Ok(kind)
         } else {
@@ -377,7 +384,11 @@ fn body(source: &Source, file: &hdf5::File) -> Result<Body> {
 fn check_body(source: &Source, body: &Body) -> Result<()> {
     for (e, m) in body.material.iter().enumerate() {
         if m.young <= 0.0 || m.density <= 0.0 || !(-1.0..0.5).contains(&m.poisson) {
-            let Material { young, poisson, density } = m;
+            let Material {
+                young,
+                poisson,
+                density,
+            } = m;
             return Err(source.damaged(format!(
                 "element {e} has E {young} Pa, nu {poisson}, rho {density} kg/m^3, expected E and rho above 0 and nu \
                  below 0.5"

@@ -33,7 +33,10 @@ fn message(change: impl FnOnce(&hdf5::File)) -> String {
 #[test]
 fn what_python_wrote_is_read() {
     let t = SolidTrajectory::open(FILE).unwrap();
-    assert_eq!((t.split(), t.times()), (Split::Test, &[0.0, 0.01, 0.02, 0.03][..]));
+    assert_eq!(
+        (t.split(), t.times()),
+        (Split::Test, &[0.0, 0.01, 0.02, 0.03][..])
+    );
     assert_eq!(t.provenance()["family"], "bar");
     let body = t.body();
     assert_eq!((body.positions.len(), body.elements.len()), (12, 4));
@@ -54,8 +57,17 @@ fn what_python_wrote_is_read() {
     assert!(frames[0].displacement.as_flattened().iter().all(|&u| u == 0.0));
     // Pressed down, held at the handle; the obstacle goes down 1 mm a frame
     assert!(frames[3].displacement.iter().any(|u| u[1] < -5e-4));
-    assert!(frames.iter().all(|f| handles.iter().all(|&p| f.displacement[p] == [0.0; 3])));
-    assert!(frames[2].obstacle.iter().all(|u| (u[1] + 2e-3).abs() < 1e-9 && u[0] == 0.0));
+    assert!(
+        frames
+            .iter()
+            .all(|f| handles.iter().all(|&p| f.displacement[p] == [0.0; 3]))
+    );
+    assert!(
+        frames[2]
+            .obstacle
+            .iter()
+            .all(|u| (u[1] + 2e-3).abs() < 1e-9 && u[0] == 0.0)
+    );
     assert!(frames[3].von_mises.as_ref().unwrap().iter().all(|&s| s >= 0.0));
     assert_eq!(t.read_frame(3).unwrap(), frames[3]);
     assert!(t.read_frame(4).unwrap_err().to_string().contains("4 frames"));
@@ -69,7 +81,11 @@ fn matrices_know_rigid_motions() {
     let x = &t.body().positions;
     let product = |a: &Csr, v: &[f64]| -> Vec<f64> {
         (0..36)
-            .map(|r| (a.start[r]..a.start[r + 1]).map(|e| a.value[e] * v[a.column[e] as usize]).sum())
+            .map(|r| {
+                (a.start[r]..a.start[r + 1])
+                    .map(|e| a.value[e] * v[a.column[e] as usize])
+                    .sum()
+            })
             .collect()
     };
     let largest = k.value.iter().fold(0.0f64, |s, v| s.max(v.abs()));
@@ -95,7 +111,10 @@ fn persistence_and_the_worst_gap() {
     let scores = holding::score(&t, 1).unwrap();
     let gap = scores.worst_gap.unwrap().cells;
     let recorded = t.provenance()["worst_gap"].as_f64().unwrap();
-    assert!((recorded - 1e-9..0.15).contains(&gap), "{gap}, recorded {recorded}");
+    assert!(
+        (recorded - 1e-9..0.15).contains(&gap),
+        "{gap}, recorded {recorded}"
+    );
     let (a, b) = (scores.persistence, scores.hold_first);
     assert!(0.0 < a.rmse && a.rmse < b.rmse, "{a:?} {b:?}");
     assert!(0.0 < a.quality.gf_h && a.quality.gf_h < b.quality.gf_h);
@@ -201,7 +220,11 @@ fn every_truncation_is_an_error() {
     let path = dir.path().join("a.h5");
     for length in (0..whole.len()).step_by(1777) {
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(read_all(&path).is_err(), "truncated to {length} of {} bytes", whole.len());
+        assert!(
+            read_all(&path).is_err(),
+            "truncated to {length} of {} bytes",
+            whole.len()
+        );
     }
 }
 

@@ -10,7 +10,13 @@ const LARGEST_RATIO: u64 = 64;
 
 impl Source<'_> {
     /// Rows of `width` labels, flat, each checked to be in `0..end`.
-    pub(super) fn label_rows(&self, file: &hdf5::Group, name: &str, width: usize, end: usize) -> Result<Vec<i32>> {
+    pub(super) fn label_rows(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        width: usize,
+        end: usize,
+    ) -> Result<Vec<i32>> {
         let labels = self.values(file, name, &[None, Some(width)])?;
         self.in_range(name, labels, end)
     }
@@ -31,7 +37,8 @@ impl Source<'_> {
             match usize::try_from(s) {
                 Ok(s) if s >= least && size.is_none_or(|size| s - least == size) => starts.push(s),
                 _ => {
-                    let expected = size.map_or(format!("{least} or more"), |size| format!("{}", least + size));
+                    let expected =
+                        size.map_or(format!("{least} or more"), |size| format!("{}", least + size));
                     return Err(self.damaged(format!("/{name}[{i}] is {s}, expected {expected}")));
                 }
             }
@@ -40,14 +47,21 @@ impl Source<'_> {
     }
 
     /// A compressed dataset of `length` values.
-    pub(super) fn packed<T: hdf5::H5Type>(&self, file: &hdf5::Group, name: &str, length: usize) -> Result<Vec<T>> {
+    pub(super) fn packed<T: hdf5::H5Type>(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        length: usize,
+    ) -> Result<Vec<T>> {
         let dataset = file
             .dataset(name)
             .map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
         let found = dataset.shape();
         let bytes = (length as u64).saturating_mul(size_of::<T>() as u64);
         if found != [length] || bytes > self.bytes().saturating_mul(LARGEST_RATIO) {
-            return Err(self.damaged(format!("dataset /{name} has shape {found:?}, expected [{length}]")));
+            return Err(self.damaged(format!(
+                "dataset /{name} has shape {found:?}, expected [{length}]"
+            )));
         }
         dataset
             .read_raw()
@@ -55,7 +69,13 @@ impl Source<'_> {
     }
 
     /// A compressed dataset of labels in `0..end`.
-    pub(super) fn packed_labels(&self, file: &hdf5::Group, name: &str, length: usize, end: usize) -> Result<Vec<i32>> {
+    pub(super) fn packed_labels(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        length: usize,
+        end: usize,
+    ) -> Result<Vec<i32>> {
         let labels = self.packed(file, name, length)?;
         self.in_range(name, labels, end)
     }
@@ -63,13 +83,21 @@ impl Source<'_> {
     /// Refuses values that are not finite.
     pub(super) fn check_finite(&self, name: &str, values: &[f64]) -> Result<()> {
         match values.iter().position(|v| !v.is_finite()) {
-            Some(i) => Err(self.damaged(format!("value {i} of /{name} is {}, expected a finite one", values[i]))),
+            Some(i) => Err(self.damaged(format!(
+                "value {i} of /{name} is {}, expected a finite one",
+                values[i]
+            ))),
             None => Ok(()),
         }
     }
 
     /// Opens a dataset of frames and checks its shape.
-    pub(super) fn check_frames(&self, file: &hdf5::Group, name: &str, shape: &[usize]) -> Result<hdf5::Dataset> {
+    pub(super) fn check_frames(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        shape: &[usize],
+    ) -> Result<hdf5::Dataset> {
         let dataset = file
             .dataset(name)
             .map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
@@ -81,13 +109,26 @@ impl Source<'_> {
     }
 
     /// Values of one frame, flat, all finite. Its size is that of arrays of the file that were read already.
-    pub(super) fn frame(&self, file: &hdf5::Group, name: &str, shape: &[usize], frame: usize) -> Result<Vec<f32>> {
+    pub(super) fn frame(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        shape: &[usize],
+        frame: usize,
+    ) -> Result<Vec<f32>> {
         let dataset = self.check_frames(file, name, shape)?;
         let values = match shape.len() {
-            2 => dataset.read_slice::<f32, _, Ix1>((frame, ..)).map(|v| v.into_raw_vec_and_offset().0),
-            _ => dataset.read_slice::<f32, _, Ix2>((frame, .., ..)).map(|v| v.into_raw_vec_and_offset().0),
+            2 => dataset
+                .read_slice::<f32, _, Ix1>((frame, ..))
+                .map(|v| v.into_raw_vec_and_offset().0),
+            _ => dataset
+                .read_slice::<f32, _, Ix2>((frame, .., ..))
+                .map(|v| v.into_raw_vec_and_offset().0),
         };
-        let values = values.map_err(h5_error(self.path, &format!("frame {frame} of /{name} is damaged")))?;
+        let values = values.map_err(h5_error(
+            self.path,
+            &format!("frame {frame} of /{name} is damaged"),
+        ))?;
         if values.iter().any(|v| !v.is_finite()) {
             let message = format!("frame {frame} of /{name} holds a value that is not finite");
             return Err(Error::file(self.path, message));

@@ -180,7 +180,12 @@ impl<'a> Source<'a> {
             .map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
     }
 
-    pub(super) fn vectors(&self, file: &hdf5::Group, name: &str, rows: Option<usize>) -> Result<Vec<[f64; 3]>> {
+    pub(super) fn vectors(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        rows: Option<usize>,
+    ) -> Result<Vec<[f64; 3]>> {
         let flat: Vec<f64> = self.values(file, name, &[rows, Some(3)])?;
         Ok(flat.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect())
     }

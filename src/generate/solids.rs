@@ -164,3 +164,77 @@ impl Case for Request {
         Ok((trajectory.split(), difference))
     }
 }
+
+/// The Python with FElupe: the one that `M4GN_SOLIDS_PYTHON` names, or that `setup/solids.sh` made in the cache.
+///
+/// # Errors
+/// [`Error::Input`] that says where it was looked for.
+pub fn find_python() -> Result<String> {
+    let variable = |name: &str| {
+        std::env::var_os(name)
+            .filter(|v| !v.is_empty())
+            .map(PathBuf::from)
+    };
+    let cache = variable("M4GN_CACHE")
+        .or_else(|| Some(variable("XDG_CACHE_HOME")?.join("m4gn")))
+        .or_else(|| Some(variable("HOME")?.join(".cache/m4gn")));
+    let places: Vec<PathBuf> = variable("M4GN_SOLIDS_PYTHON")
+        .into_iter()
+        .chain(cache.map(|c| c.join("solids/bin/python")))
+        .collect();
+    let found = places.iter().find(|p| p.is_file()).and_then(|p| p.to_str());
+    found.map(str::to_string).ok_or_else(|| {
+        let tried: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
+        Error::Input(format!(
+            "the Python environment with FElupe is not there (looked for {}): 'setup/solids.sh' makes it, once, with \
+             a network",
+            tried.join(", ")
+        ))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request() -> Request {
+        Request {
+            family: Family::DeformingBeam,
+            large: false,
+            seed: 5,
+            index: 2,
+            points: None,
+            split: Split::Valid,
+            frames: 3,
+            interval: 0.5,
+            command: "m4gn generate".into(),
+            python: String::new(),
+        }
+    }
+
+    #[test]
+    fn the_request_says_everything() {
+        let dir = tempfile::tempdir().unwrap();
+        request().write(&dir.path().join("new")).unwrap();
+        let text = std::fs::read_to_string(dir.path().join("new/case.json")).unwrap();
+        let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let expected = serde_json::json!({
+            "family": "deforming-beam", "large": false, "seed": 5, "index": 2, "points": null, "split": "valid",
+            "frames": 3, "interval": 0.5, "command": "m4gn generate",
+        });
+        assert_eq!(found, expected);
+    }
+
+    /// The trajectory of the tests was not generated: it differs, and says in what.
+    #[test]
+    fn other_trajectories_are_told_apart() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/solid.h5");
+        let (split, difference) = request().compare(Path::new(file)).unwrap();
+        assert_eq!(split, Split::Test);
+        assert_eq!(
+            difference.unwrap(),
+            "family \"bar\" instead of \"deforming-beam\""
+        );
+        assert!(request().compare(Path::new("/nowhere.h5")).is_err());
+    }
+}

@@ -54,16 +54,13 @@ impl ElementKind {
     /// # Errors
     /// [`Error::Mesh`] for a code that is none.
     pub fn from_code(code: i32) -> Result<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|k| *k as i32 == code)
-            .ok_or_else(|| {
-                let known = Self::ALL.map(|k| format!("{} ({})", k as i32, k.name()));
-                Error::Mesh(format!(
-                    "element code {code}, expected one of {}",
-                    known.join(", ")
-                ))
-            })
+        Self::ALL.into_iter().find(|k| *k as i32 == code).ok_or_else(|| {
+            let known = Self::ALL.map(|k| format!("{} ({})", k as i32, k.name()));
+            Error::Mesh(format!(
+                "element code {code}, expected one of {}",
+                known.join(", ")
+            ))
+        })
     }
 
     /// Number of points.
@@ -297,7 +294,12 @@ mod tests {
             assert!((kind.measure(&mirrored) - sign * size).abs() < 1e-15, "{kind:?}");
             assert_eq!(ElementKind::from_code(kind as i32).unwrap(), kind);
         }
-        assert!(ElementKind::from_code(4).unwrap_err().to_string().contains("13 (wedges)"));
+        assert!(
+            ElementKind::from_code(4)
+                .unwrap_err()
+                .to_string()
+                .contains("13 (wedges)")
+        );
     }
 
     /// A hexahedron whose top is twisted by bilinear faces: the volume is the integral of its Jacobian.
@@ -328,7 +330,12 @@ mod tests {
         assert_eq!(wedges.skin().len(), 8);
         assert_eq!(wedges.edges().len(), 14);
         let positions = unit(ElementKind::Hexahedron);
-        assert!(wedges.measures(&positions).iter().all(|v| (v - 0.5).abs() < 1e-15));
+        assert!(
+            wedges
+                .measures(&positions)
+                .iter()
+                .all(|v| (v - 0.5).abs() < 1e-15)
+        );
         // Outward normals: the skin's volume is the brick's
         let mut volume = 0.0;
         for face in wedges.skin() {

@@ -23,8 +23,7 @@ impl Nearest {
             }
             let axis = widest(&tree.points[from..to]);
             let middle = (from + to) / 2;
-            tree.points[from..to]
-                .select_nth_unstable_by(middle - from, |a, b| a[axis].total_cmp(&b[axis]));
+            tree.points[from..to].select_nth_unstable_by(middle - from, |a, b| a[axis].total_cmp(&b[axis]));
             tree.axis[middle] = axis as u8;
             ranges.extend([(from, middle), (middle + 1, to)]);
         }
@@ -59,7 +58,9 @@ impl Nearest {
 pub(super) fn widest(points: &[Vector]) -> usize {
     let extent = |axis: usize| {
         let values = points.iter().map(|p| p[axis]);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(v), b.max(v))
+        });
         high - low
     };
     (0..3)

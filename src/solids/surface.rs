@@ -42,7 +42,11 @@ pub fn check_closed(triangles: &[[i32; 3]]) -> Result<()> {
             *entry += 1000 + sign;
         }
     }
-    let mut open: Vec<_> = edges.into_iter().filter(|(_, n)| *n != 2000).map(|(e, _)| e).collect();
+    let mut open: Vec<_> = edges
+        .into_iter()
+        .filter(|(_, n)| *n != 2000)
+        .map(|(e, _)| e)
+        .collect();
     open.sort_unstable();
     match open.first() {
         _ if triangles.is_empty() => Err(Error::Mesh("a surface has no triangles".into())),
@@ -61,7 +65,11 @@ impl Surface {
     pub fn new(points: &[Vector], triangles: &[[i32; 3]]) -> Result<Self> {
         check_closed(triangles)?;
         let end = points.len();
-        if let Some(bad) = triangles.as_flattened().iter().find(|&&p| usize::try_from(p).map_or(true, |p| p >= end)) {
+        if let Some(bad) = triangles
+            .as_flattened()
+            .iter()
+            .find(|&&p| usize::try_from(p).map_or(true, |p| p >= end))
+        {
             return Err(Error::Mesh(format!("a triangle has the point {bad} of {end}")));
         }
         let mut order: Vec<usize> = (0..triangles.len()).collect();
@@ -237,8 +245,18 @@ pub(crate) mod tests {
     pub(crate) fn brick(size: Vector) -> (Vec<Vector>, Vec<[i32; 3]>) {
         let points = (0..8i32).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from));
         let points = points.map(|p| std::array::from_fn(|i| p[i] * size[i])).collect();
-        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-        let triangles = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+        let quads = [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ];
+        let triangles = quads
+            .iter()
+            .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
+            .collect();
         (points, triangles)
     }
 
@@ -254,12 +272,22 @@ pub(crate) mod tests {
         let (points, mut triangles) = brick([1.0; 3]);
         assert!(check_closed(&triangles).is_ok());
         triangles[0].swap(0, 1);
-        assert!(Surface::new(&points, &triangles).unwrap_err().to_string().contains("between points"));
+        assert!(
+            Surface::new(&points, &triangles)
+                .unwrap_err()
+                .to_string()
+                .contains("between points")
+        );
         triangles.remove(0);
         assert!(check_closed(&triangles).is_err());
         assert!(check_closed(&[]).is_err());
         let (points, triangles) = brick([1.0; 3]);
-        assert!(Surface::new(&points[..7], &triangles).unwrap_err().to_string().contains("point 7 of 7"));
+        assert!(
+            Surface::new(&points[..7], &triangles)
+                .unwrap_err()
+                .to_string()
+                .contains("point 7 of 7")
+        );
     }
 
     proptest! {

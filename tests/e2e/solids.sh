@@ -35,6 +35,7 @@ for family in deforming-plate deforming-beam; do
     runs $generate
     grep -q '1 trajectories made' log.run || fail "$family does not go on"
     runs m4gn info $family
+    grep -q 'redraws, worst gap' log.run || fail "info does not count redraws"
     runs m4gn info $family/0001.h5 --metrics
     grep -q 'persistence' log.run || fail "no metrics"
 done

@@ -155,7 +155,10 @@ impl Common {
         let seconds = start.elapsed().as_secs_f64();
         let (line, extra) = whole(&tally.made);
         println!("{}{line}", tally.summary(&queue.folder, seconds));
-        write_json(self.json.as_deref(), &tally.figures(self.count, self.seed, seconds, extra))?;
+        write_json(
+            self.json.as_deref(),
+            &tally.figures(self.count, self.seed, seconds, extra),
+        )?;
         result?;
         tally.fail_if_all(self.count)
     }

@@ -4,7 +4,7 @@ use super::super::library_places;
 use super::{Common, absolute, one_thread, positive};
 use crate::generate::process::find_program;
 use crate::generate::queue::Made;
-use crate::generate::solids::{Family, Figures, Request};
+use crate::generate::solids::{Family, Figures, Request, find_python};
 use crate::{Error, Result};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -69,7 +69,12 @@ pub(super) fn run_beam(args: BeamArgs) -> Result<()> {
 }
 
 fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
-    let python = python()?;
+    if find_program("gmsh").is_none() {
+        return Err(Error::Input(
+            "gmsh not found in PATH: install it (Debian: apt-get install gmsh)".into(),
+        ));
+    }
+    let python = find_python()?;
     let mut environment = one_thread();
     environment.push(("PYTHONPATH".to_string(), package()?.into()));
     environment.push(("PYTHONDONTWRITEBYTECODE".to_string(), "1".into()));
@@ -111,12 +116,19 @@ fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
         made.bytes as f64 * 1e-6,
         made.seconds
     );
-    (line, json!({"index": case.index, "split": case.split.name(), "result": made}))
+    (
+        line,
+        json!({"index": case.index, "split": case.split.name(), "result": made}),
+    )
 }
 
 /// Redraws, worst gap and median times of what was made now.
 fn whole(made: &[Value]) -> (String, Value) {
-    let of = |key: &str| made.iter().filter_map(|m| m["result"][key].as_f64()).collect::<Vec<_>>();
+    let of = |key: &str| {
+        made.iter()
+            .filter_map(|m| m["result"][key].as_f64())
+            .collect::<Vec<_>>()
+    };
     let redraws: usize = made
         .iter()
         .filter_map(|m| Some(m["result"]["redraws"].as_array()?.len()))
@@ -138,34 +150,11 @@ fn whole(made: &[Value]) -> (String, Value) {
     (line, figures)
 }
 
-/// The Python that setup/solids.sh made: where `M4GN_SOLIDS_PYTHON` says, or in the cache.
-fn python() -> Result<String> {
-    let gmsh = find_program("gmsh").ok_or_else(|| {
-        Error::Input("gmsh not found in PATH: install it (Debian: apt-get install gmsh)".into())
-    });
-    gmsh?;
-    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let cache = variable("M4GN_CACHE")
-        .or_else(|| Some(variable("XDG_CACHE_HOME")?.join("m4gn")))
-        .or_else(|| Some(variable("HOME")?.join(".cache/m4gn")));
-    let places: Vec<PathBuf> = variable("M4GN_SOLIDS_PYTHON")
-        .into_iter()
-        .chain(cache.map(|c| c.join("solids/bin/python")))
-        .collect();
-    let found = places.iter().find(|p| p.is_file()).and_then(|p| p.to_str());
-    found.map(str::to_string).ok_or_else(|| {
-        let tried: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
-        Error::Input(format!(
-            "the Python environment with FElupe is not there (looked for {}): 'setup/solids.sh' makes it, once, with \
-             a network",
-            tried.join(", ")
-        ))
-    })
-}
-
 /// The folder that holds the package `m4gn_solids`: beside the libraries.
 fn package() -> Result<PathBuf> {
-    let folders = library_places().into_iter().filter_map(|p| Some(p.parent()?.join("tools")));
+    let folders = library_places()
+        .into_iter()
+        .filter_map(|p| Some(p.parent()?.join("tools")));
     let folders: Vec<PathBuf> = folders.collect();
     let is_there = |p: &&PathBuf| Path::new(p).join("m4gn_solids/__main__.py").is_file();
     folders.iter().find(is_there).cloned().ok_or_else(|| {

@@ -207,10 +207,14 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
         train + valid + test,
         megabytes(bytes)
     );
-    let figures = json!({
+    let mut figures = json!({
         "kind": "dataset", "path": path, "bytes": bytes, "train": train, "valid": valid, "test": test,
-        "trajectories": rows,
     });
+    if let Some((line, generated)) = solid::generated(&rows) {
+        let _ = writeln!(text, "{line}");
+        figures["generated"] = generated;
+    }
+    figures["trajectories"] = rows.into();
     Ok((text, figures))
 }
 

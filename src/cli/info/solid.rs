@@ -35,8 +35,14 @@ pub(super) fn describe(t: &SolidTrajectory, bytes: u64, metrics: bool) -> Result
     );
     let range = |of: fn(&crate::dataset::Material) -> f64| {
         let values = body.material.iter().map(of);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-        if low == high { format!("{low}") } else { format!("{low} to {high}") }
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(v), b.max(v))
+        });
+        if low == high {
+            format!("{low}")
+        } else {
+            format!("{low} to {high}")
+        }
     };
     let _ = writeln!(
         text,
@@ -46,18 +52,41 @@ pub(super) fn describe(t: &SolidTrajectory, bytes: u64, metrics: bool) -> Result
         range(|m| m.density)
     );
     if let Some(o) = t.obstacle() {
-        let _ = writeln!(text, "obstacle    {} points, {} triangles", o.positions.len(), o.triangles.len());
+        let _ = writeln!(
+            text,
+            "obstacle    {} points, {} triangles",
+            o.positions.len(),
+            o.triangles.len()
+        );
     }
     let times = t.times();
     let (first, last) = (times[0], times[times.len() - 1]);
-    let _ = writeln!(text, "frames      {} from {} to {} s", times.len(), short(first), short(last));
+    let _ = writeln!(
+        text,
+        "frames      {} from {} to {} s",
+        times.len(),
+        short(first),
+        short(last)
+    );
     let frame = t.read_frame(times.len() - 1)?;
-    let largest = frame.displacement.as_flattened().iter().fold(0f32, |m, v| m.max(v.abs()));
-    let _ = writeln!(text, "last frame  largest displacement {largest:.4} m in a direction");
+    let largest = frame
+        .displacement
+        .as_flattened()
+        .iter()
+        .fold(0f32, |m, v| m.max(v.abs()));
+    let _ = writeln!(
+        text,
+        "last frame  largest displacement {largest:.4} m in a direction"
+    );
     let mut recorded = Vec::new();
     for (name, matrix) in [("stiffness", t.stiffness()?), ("mass", t.mass()?)] {
         if let Some(m) = matrix {
-            let _ = writeln!(text, "{name:<11} {} rows, {} entries", m.start.len() - 1, m.value.len());
+            let _ = writeln!(
+                text,
+                "{name:<11} {} rows, {} entries",
+                m.start.len() - 1,
+                m.value.len()
+            );
             recorded.push(name);
         }
     }
@@ -74,16 +103,21 @@ pub(super) fn describe(t: &SolidTrajectory, bytes: u64, metrics: bool) -> Result
     if metrics {
         let scores = score(t, 1)?;
         if let Some(gap) = scores.worst_gap {
-            let _ = writeln!(text, "worst gap   {:+.4} cell sizes to the obstacle's surface", gap.cells);
+            let _ = writeln!(
+                text,
+                "worst gap   {:+.4} cell sizes to the obstacle's surface",
+                gap.cells
+            );
         }
         let _ = writeln!(
             text,
             "{:<11} {:>10} {:>10} {:>10} {:>10} {:>10}",
             "prediction", "rmse m", "gf_h m", "gf_c m2", "mc", "ar"
         );
-        for (name, Score { rmse, quality: q }) in
-            [("persistence", scores.persistence), ("hold first", scores.hold_first)]
-        {
+        for (name, Score { rmse, quality: q }) in [
+            ("persistence", scores.persistence),
+            ("hold first", scores.hold_first),
+        ] {
             let _ = writeln!(
                 text,
                 "{name:<11} {rmse:>10.3e} {:>10.3e} {:>10.3e} {:>10.3e} {:>10.3e}",
@@ -93,4 +127,33 @@ pub(super) fn describe(t: &SolidTrajectory, bytes: u64, metrics: bool) -> Result
         figures["holding"] = json!(scores);
     }
     Ok((text, figures))
+}
+
+/// What the generator recorded of a folder's trajectories, together; None where it recorded none of them.
+pub(super) fn generated(rows: &[Value]) -> Option<(String, Value)> {
+    let of = |key: &str| {
+        let values = rows.iter().filter_map(|r| r["provenance"][key].as_f64());
+        let mut values: Vec<f64> = values.collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let (gaps, seconds) = (of("worst_gap"), of("cpu_seconds"));
+    let (worst, median) = (*gaps.first()?, *seconds.get(seconds.len() / 2)?);
+    let redraws: Vec<&Value> = rows
+        .iter()
+        .filter_map(|r| r["provenance"]["redraws"].as_array())
+        .flatten()
+        .collect();
+    let lost: f64 = redraws.iter().filter_map(|r| r["cpu_seconds"].as_f64()).sum();
+    let line = format!(
+        "{} redraws, worst gap {worst:+.4} cell sizes, median {median:.1} s of processor time ({:.1} to {:.1}), redraws \
+         {lost:.0} s in all",
+        redraws.len(),
+        seconds[0],
+        seconds[seconds.len() - 1]
+    );
+    let figures = json!({
+        "redraws": redraws.len(), "worst_gap": worst, "median_cpu_seconds": median, "redraw_cpu_seconds": lost,
+    });
+    Some((line, figures))
 }
