@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from . import elements
 from .contact import Contact
 
-PENALTY = 10.0
+PENALTY = 30.0
 """Contact stiffness at a sample, in E times the cell size."""
 BLEND = 0.03
 """Where contact starts to be felt, in cell sizes."""
