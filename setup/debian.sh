@@ -12,7 +12,7 @@ packages=(
     gmsh g++ make cmake ninja-build pkg-config libclang-dev bzip2 ca-certificates
 )
 foam_sourced || packages+=(openfoam)
-if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip); fi
+if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv); fi
 
 # package:upstream series that m4gn is built and tested with
 series=(

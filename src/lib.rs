@@ -22,6 +22,7 @@ pub mod modes;
 pub mod parallel;
 pub mod report;
 pub mod segments;
+pub mod solids;
 pub mod step;
 pub mod survey;
 pub mod validate;

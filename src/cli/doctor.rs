@@ -124,6 +124,12 @@ fn findings() -> Vec<Finding> {
             false,
             "only 'm4gn generate' needs it: 'apt-get install gmsh'",
         ),
+        (
+            "FElupe",
+            crate::generate::solids::find_python().ok(),
+            false,
+            "only 'm4gn generate deforming-plate' and 'deforming-beam' need it: 'setup/solids.sh' makes its environment",
+        ),
     ];
     list.into_iter()
         .map(|(what, found, needed, mend)| Finding {

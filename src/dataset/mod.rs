@@ -18,11 +18,15 @@
 //!   cells [T,N,c] f32           boundary [T,B,c] f32     chunk = one frame, shuffle, deflate 4, fletcher32
 //! ```
 //!
+//! Deforming bodies are recorded at mesh points, in version 2: see `points`.
+//!
 //! Files use the 1.10 file format (checksummed metadata), so that h5py, ParaView and any HDF5 since 2016 read
 //! them and flipped bytes are noticed.
 
 mod layout;
+mod points;
 mod recorder;
+mod rows;
 mod schema;
 mod source;
 mod space;
@@ -30,8 +34,11 @@ mod trajectory;
 mod writer;
 
 #[cfg(test)]
+mod points_tests;
+#[cfg(test)]
 mod tests;
 
+pub use points::{Body, Csr, Material, Obstacle, PointType, Recorded, SolidFrame, SolidTrajectory};
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use trajectory::{Trajectory, list};

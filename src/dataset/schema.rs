@@ -7,8 +7,10 @@ use std::str::FromStr;
 
 /// Value of the root attribute `format`.
 pub(super) const FORMAT: &str = "m4gn-trajectory";
-/// Highest schema version this code reads, and the one it writes.
+/// Schema version of trajectories at cells; the one the recorder writes.
 pub(super) const VERSION: u32 = 1;
+/// Schema version of trajectories at points, the highest this code reads.
+pub(super) const POINTS_VERSION: u32 = 2;
 
 /// What a trajectory is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, clap::ValueEnum)]

@@ -1,6 +1,6 @@
 //! What is found in a file, checked before it is believed: sizes against the file's, labels against ranges.
 
-use super::schema::{FORMAT, FieldMeta, NAME, Text, VERSION, quiet};
+use super::schema::{FORMAT, FieldMeta, LONG, NAME, POINTS_VERSION, Split, Text, quiet};
 use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
 use crate::{Error, Result};
 use std::io::Read;
@@ -41,6 +41,11 @@ impl<'a> Source<'a> {
         Ok(Source { path, bytes })
     }
 
+    /// Length of the file.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
     pub(super) fn damaged(&self, what: String) -> Error {
         Error::file(self.path, format!("{what}. The file is damaged, record it again"))
     }
@@ -59,11 +64,11 @@ impl<'a> Source<'a> {
             ));
         }
         let version = self.number(root, "version")?;
-        if version == 0 || version > VERSION {
+        if version == 0 || version > POINTS_VERSION {
             return Err(Error::file(
                 self.path,
                 format!(
-                    "schema version {version}, this m4gn reads up to {VERSION}: update m4gn or record again"
+                    "schema version {version}, this m4gn reads up to {POINTS_VERSION}: update m4gn or record again"
                 ),
             ));
         }
@@ -74,6 +79,45 @@ impl<'a> Source<'a> {
             ));
         }
         Ok(())
+    }
+
+    /// Whether the values stand on mesh points; those of version 1 stand on cells.
+    pub(super) fn is_at_points(&self, root: &hdf5::Group) -> Result<bool> {
+        if root.attr("location").is_err() {
+            return Ok(false);
+        }
+        match self.text::<NAME>(root, "location")?.as_str() {
+            "points" => Ok(true),
+            "cells" => Ok(false),
+            other => Err(self.damaged(format!("location \"{other}\", expected \"points\" or \"cells\""))),
+        }
+    }
+
+    /// Split and provenance.
+    pub(super) fn origin(&self, root: &hdf5::Group) -> Result<(Split, serde_json::Value)> {
+        let provenance = self.text::<LONG>(root, "provenance")?;
+        let provenance = serde_json::from_str(&provenance)
+            .map_err(|e| Error::file(self.path, format!("attribute provenance is not JSON: {e}")))?;
+        let split = self
+            .text::<NAME>(root, "split")?
+            .parse()
+            .map_err(|e: Error| Error::file(self.path, e.to_string()))?;
+        Ok((split, provenance))
+    }
+
+    /// The frames' times, finite and increasing.
+    pub(super) fn times(&self, file: &hdf5::File) -> Result<Vec<f64>> {
+        let times: Vec<f64> = self.values(file, "times", &[None])?;
+        if let Some(i) = (1..times.len()).find(|&i| times[i] <= times[i - 1]) {
+            let (a, b) = (times[i - 1], times[i]);
+            return Err(self.damaged(format!(
+                "times must increase, but frame {i} is at {b} s after {a} s"
+            )));
+        }
+        if times.iter().any(|t| !t.is_finite()) {
+            return Err(self.damaged("a time is not finite".into()));
+        }
+        Ok(times)
     }
 
     fn attribute(&self, at: &hdf5::Location, name: &str) -> Result<hdf5::Attribute> {
@@ -136,14 +180,28 @@ impl<'a> Source<'a> {
             .map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
     }
 
-    fn vectors(&self, file: &hdf5::Group, name: &str, rows: Option<usize>) -> Result<Vec<[f64; 3]>> {
+    pub(super) fn vectors(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        rows: Option<usize>,
+    ) -> Result<Vec<[f64; 3]>> {
         let flat: Vec<f64> = self.values(file, name, &[rows, Some(3)])?;
         Ok(flat.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect())
     }
 
     /// Labels, checked to be in `0..end`.
-    fn labels(&self, file: &hdf5::Group, name: &str, rows: Option<usize>, end: usize) -> Result<Vec<i32>> {
-        let labels: Vec<i32> = self.values(file, name, &[rows])?;
+    pub(super) fn labels(
+        &self,
+        file: &hdf5::Group,
+        name: &str,
+        rows: Option<usize>,
+        end: usize,
+    ) -> Result<Vec<i32>> {
+        self.in_range(name, self.values(file, name, &[rows])?, end)
+    }
+
+    pub(super) fn in_range(&self, name: &str, labels: Vec<i32>, end: usize) -> Result<Vec<i32>> {
         match labels
             .iter()
             .position(|&l| usize::try_from(l).map_or(true, |l| l >= end))

@@ -277,7 +277,7 @@ fn files_that_are_no_trajectories() {
     assert!(make(&|f| f.delete_attr("format").unwrap()).contains("not a trajectory"));
     let newer = make(&|f| f.attr("version").unwrap().write_scalar(&9u32).unwrap());
     assert!(
-        newer.contains("version 9") && newer.contains("up to 1"),
+        newer.contains("version 9") && newer.contains("up to 2"),
         "{newer}"
     );
     let gone = make(&|f| f.unlink("mesh/face_owner").unwrap());

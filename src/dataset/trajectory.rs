@@ -1,6 +1,6 @@
 //! Reading trajectories. Whatever is in a file, the answer is values or an error that names the file.
 
-use super::schema::{FieldMeta, Frame, LONG, NAME, Split, h5_error};
+use super::schema::{FieldMeta, Frame, Split, h5_error};
 use super::source::{Source, open_file};
 use crate::mesh::Mesh;
 use crate::{Error, Result};
@@ -32,24 +32,15 @@ impl Trajectory {
         let source = Source::new(path)?;
         let root = file.group("/").map_err(h5_error(path, "no root group"))?;
         source.check_header(&root)?;
-        let provenance = source.text::<LONG>(&root, "provenance")?;
-        let provenance = serde_json::from_str(&provenance)
-            .map_err(|e| Error::file(path, format!("attribute provenance is not JSON: {e}")))?;
-        let split = source
-            .text::<NAME>(&root, "split")?
-            .parse()
-            .map_err(|e: Error| Error::file(path, e.to_string()))?;
+        if source.is_at_points(&root)? {
+            return Err(Error::file(
+                path,
+                "is a trajectory at points (a deforming body), expected one at cells (a flow)",
+            ));
+        }
+        let (split, provenance) = source.origin(&root)?;
         let mesh = source.mesh(&file)?;
-        let times: Vec<f64> = source.values(&file, "times", &[None])?;
-        if let Some(i) = (1..times.len()).find(|&i| times[i] <= times[i - 1]) {
-            let (a, b) = (times[i - 1], times[i]);
-            return Err(source.damaged(format!(
-                "times must increase, but frame {i} is at {b} s after {a} s"
-            )));
-        }
-        if times.iter().any(|t| !t.is_finite()) {
-            return Err(source.damaged("a time is not finite".into()));
-        }
+        let times = source.times(&file)?;
         let fields = source.fields(&file, &mesh, times.len())?;
         Ok(Trajectory {
             path: path.to_path_buf(),

@@ -1,61 +1,48 @@
-//! One case from nothing to a trajectory: mesh, patches, solver, check, final name.
+//! One cylinder case from nothing to a trajectory: mesh, patches, solver, check.
 
 use super::cylinder::{CaseFiles, RECORDING};
 use super::process::Surroundings;
-use crate::dataset::Trajectory;
+use super::queue::Case;
+use crate::dataset::{Split, Trajectory};
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Programs that a case needs, in the order of their use.
 pub const PROGRAMS: [&str; 4] = ["gmsh", "gmshToFoam", "changeDictionary", "icoFoam"];
 
-/// A trajectory that was made.
+/// What there is to say about a trajectory that was made.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct Made {
-    /// Its file.
-    pub path: PathBuf,
+pub struct Figures {
     /// Number of cells.
     pub cells: usize,
     /// Number of frames.
     pub frames: usize,
-    /// Size of the file, bytes.
-    pub bytes: u64,
-    /// Wall time, s.
-    pub seconds: f64,
     /// Largest Courant number that the solver reported.
     pub courant: Option<f64>,
 }
 
-/// Makes the trajectory `target` in the case folder `folder`, which is removed afterwards unless `keep`.
-///
-/// # Errors
-/// [`Error::Interrupted`] when the user stops (the folder is removed); otherwise [`Error::File`], and the folder
-/// with its logs stays.
-pub fn make(
-    files: &CaseFiles,
-    folder: &Path,
-    target: &Path,
-    keep: bool,
-    tools: &Surroundings,
-) -> Result<Made> {
-    let start = Instant::now();
-    let result = run(files, folder, target, tools);
-    let interrupted = matches!(result, Err(Error::Interrupted(_)));
-    if interrupted || (result.is_ok() && !keep) {
-        let _ = std::fs::remove_dir_all(folder);
+impl Case for CaseFiles {
+    type Figures = Figures;
+
+    fn index(&self) -> u64 {
+        self.index
     }
-    result.map(|made| Made {
-        seconds: start.elapsed().as_secs_f64(),
-        ..made
-    })
+
+    fn split(&self) -> Split {
+        self.split
+    }
+
+    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
+        run(self, folder, tools)
+    }
+
+    fn compare(&self, existing: &Path) -> Result<(Split, Option<String>)> {
+        let trajectory = Trajectory::open(existing)?;
+        Ok((trajectory.split(), self.difference(trajectory.provenance())))
+    }
 }
 
-fn run(files: &CaseFiles, folder: &Path, target: &Path, tools: &Surroundings) -> Result<Made> {
-    if folder.exists() {
-        std::fs::remove_dir_all(folder)
-            .map_err(|e| Error::file(folder, format!("cannot be replaced: {e}")))?;
-    }
+fn run(files: &CaseFiles, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
     files.write(folder)?;
     tools.run(
         folder,
@@ -81,19 +68,12 @@ fn run(files: &CaseFiles, folder: &Path, target: &Path, tools: &Surroundings) ->
             format!("{found} frames were recorded, expected {expected}"),
         ));
     }
-    let bytes = recorded.metadata().map_or(0, |m| m.len());
-    let cells = trajectory.mesh().n_cells();
-    std::fs::rename(&recorded, target)
-        .map_err(|e| Error::file(target, format!("cannot be given its final name: {e}")))?;
-    let courant = largest_courant(&folder.join("log.icoFoam"));
-    Ok(Made {
-        path: target.to_path_buf(),
-        cells,
+    let figures = Figures {
+        cells: trajectory.mesh().n_cells(),
         frames: found,
-        bytes,
-        seconds: 0.0,
-        courant,
-    })
+        courant: largest_courant(&folder.join("log.icoFoam")),
+    };
+    Ok((recorded, figures))
 }
 
 /// Largest of the solver's "Courant Number mean: ... max: ..." lines.

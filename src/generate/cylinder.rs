@@ -242,15 +242,7 @@ impl CaseFiles {
         if mesh != self.mesh.name() {
             return Some(format!("mesh {mesh} instead of \"{}\"", self.mesh.name()));
         }
-        let same = |found: &serde_json::Value, wanted: f64| {
-            found
-                .as_f64()
-                .is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs().max(1.0))
-        };
-        numbers
-            .iter()
-            .find(|(key, wanted)| !same(&provenance[*key], *wanted))
-            .map(|(key, wanted)| format!("{key} {} instead of {wanted}", provenance[*key]))
+        super::queue::other_number(provenance, &numbers)
     }
 }
 

@@ -1,11 +1,14 @@
-//! Making training data: random cases of a family, run with OpenFOAM's own tools and recorded by m4gnHarvest.
+//! Making training data: random cases of a family.
 //!
-//! [`cylinder`] draws the parameters and writes a case, [`case`] runs its tools, [`queue`] runs many at once.
+//! [`queue`] runs many at once, whatever they are; [`process`] runs their programs. Flow: [`cylinder`] draws the
+//! parameters and writes a case, [`case`] runs OpenFOAM's own tools, and m4gnHarvest records. Solids: [`solids`] asks
+//! the Python package in `tools/`, which draws, simulates and records.
 
 pub mod case;
 pub mod cylinder;
 pub mod process;
 pub mod queue;
+pub mod solids;
 
 use crate::dataset::Split;
 

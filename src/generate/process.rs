@@ -23,13 +23,14 @@ impl Surroundings {
         self.stop.load(Ordering::Relaxed) != 0
     }
 
-    /// Runs `program` in `folder` and waits for it; its output goes to `log.<program>` there.
+    /// Runs `program` (a name, or a path) in `folder` and waits for it; its output goes to `log.<name>` there.
     ///
     /// # Errors
     /// [`Error::Interrupted`] when the user stops; [`Error::File`], naming the log, when the program cannot be
     /// started, fails or takes too long. The program is not running any more then.
     pub fn run(&self, folder: &Path, program: &str, arguments: &[&str]) -> Result<()> {
-        let log = folder.join(format!("log.{program}"));
+        let name = program.rsplit('/').next().unwrap_or(program);
+        let log = folder.join(format!("log.{name}"));
         let unwritable = |e: std::io::Error| Error::file(&log, format!("cannot be written: {e}"));
         let output = std::fs::File::create(&log).map_err(unwritable)?;
         let errors = output.try_clone().map_err(unwritable)?;
@@ -51,11 +52,11 @@ impl Surroundings {
                     let seconds = self.timeout.as_secs();
                     break Err(Error::file(
                         &log,
-                        format!("{program} was ended after {seconds} s (--timeout)"),
+                        format!("{name} was ended after {seconds} s (--timeout)"),
                     ));
                 }
                 Ok(None) => std::thread::sleep(Duration::from_millis(20)),
-                Err(e) => break Err(Error::file(&log, format!("{program} cannot be waited for: {e}"))),
+                Err(e) => break Err(Error::file(&log, format!("{name} cannot be waited for: {e}"))),
             }
         };
         let status = match ended {
@@ -75,7 +76,7 @@ impl Surroundings {
         }
         Err(Error::file(
             &log,
-            format!("{program} failed ({status}){}", reason(&log)),
+            format!("{name} failed ({status}){}", reason(&log)),
         ))
     }
 }

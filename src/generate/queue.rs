@@ -1,19 +1,42 @@
 //! Many cases at once: what is there is kept, what fails is reported and skipped.
 
-use super::case::{Made, make};
-use super::cylinder::CaseFiles;
 use super::process::Surroundings;
-use crate::dataset::{Split, Trajectory};
+use crate::dataset::Split;
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
+use std::time::Instant;
+
+/// A case of a data set, of whatever family.
+pub trait Case: Sync {
+    /// What there is to say about a trajectory that was made.
+    type Figures: Send;
+
+    /// Number of the case in the set.
+    fn index(&self) -> u64;
+
+    /// What its trajectory is for.
+    fn split(&self) -> Split;
+
+    /// Makes the trajectory in the folder, which does not exist yet; where it is there, and its figures.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when the user stops; otherwise [`Error::File`].
+    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Self::Figures)>;
+
+    /// The split of an existing trajectory, and in what it differs from this case.
+    ///
+    /// # Errors
+    /// [`Error::File`] when it is damaged or no trajectory.
+    fn compare(&self, existing: &Path) -> Result<(Split, Option<String>)>;
+}
 
 /// What to make and how.
 #[derive(Clone, Debug)]
-pub struct Queue {
+pub struct Queue<C> {
     /// Cases in order.
-    pub cases: Vec<CaseFiles>,
+    pub cases: Vec<C>,
     /// Folder of the data set; cases run in its folder `cases`.
     pub folder: PathBuf,
     /// Whether the split was asked for; then an existing trajectory must have it.
@@ -26,25 +49,39 @@ pub struct Queue {
     pub tools: Surroundings,
 }
 
+/// A trajectory that was made.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Made<F> {
+    /// Its file.
+    pub path: PathBuf,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+    /// Wall time, s.
+    pub seconds: f64,
+    /// What its family says.
+    #[serde(flatten)]
+    pub figures: F,
+}
+
 /// What became of one case.
 #[derive(Clone, Debug)]
-pub enum Outcome {
+pub enum Outcome<F> {
     /// It was made.
-    Made(Made),
+    Made(Made<F>),
     /// A whole trajectory of the same parameters was there.
     There(PathBuf),
     /// It failed.
     Failed(Error),
 }
 
-impl Queue {
+impl<C: Case> Queue<C> {
     /// Name of a case's trajectory.
-    pub fn target(&self, case: &CaseFiles) -> PathBuf {
-        self.folder.join(format!("{:04}.h5", case.index))
+    pub fn target(&self, case: &C) -> PathBuf {
+        self.folder.join(format!("{:04}.h5", case.index()))
     }
 
-    fn case_folder(&self, case: &CaseFiles) -> PathBuf {
-        self.folder.join("cases").join(format!("{:04}", case.index))
+    fn case_folder(&self, case: &C) -> PathBuf {
+        self.folder.join("cases").join(format!("{:04}", case.index()))
     }
 
     /// Runs all cases; `report` is called as each ends, on the calling thread.
@@ -52,7 +89,7 @@ impl Queue {
     /// # Errors
     /// [`Error::Interrupted`] when the user stops. [`Error::File`] when the folder cannot be made, or holds a
     /// trajectory of the same name and other parameters: nothing is run then. Failed cases are only reported.
-    pub fn run(&self, mut report: impl FnMut(&CaseFiles, &Outcome)) -> Result<()> {
+    pub fn run(&self, mut report: impl FnMut(&C, &Outcome<C::Figures>)) -> Result<()> {
         std::fs::create_dir_all(self.folder.join("cases"))
             .map_err(|e| Error::file(&self.folder, format!("cannot be made: {e}")))?;
         let mut missing = Vec::new();
@@ -77,7 +114,7 @@ impl Queue {
         Ok(())
     }
 
-    fn run_missing(&self, missing: &[&CaseFiles], report: &mut impl FnMut(&CaseFiles, &Outcome)) {
+    fn run_missing(&self, missing: &[&C], report: &mut impl FnMut(&C, &Outcome<C::Figures>)) {
         let next = AtomicUsize::new(0);
         let (sender, outcomes) = mpsc::channel();
         std::thread::scope(|scope| {
@@ -88,8 +125,7 @@ impl Queue {
                         let Some(case) = missing.get(next.fetch_add(1, Ordering::Relaxed)) else {
                             break;
                         };
-                        let (folder, target) = (self.case_folder(case), self.target(case));
-                        let outcome = match make(case, &folder, &target, self.keep_cases, &self.tools) {
+                        let outcome = match self.make(case) {
                             Ok(made) => Outcome::Made(made),
                             Err(Error::Interrupted(_)) => break,
                             Err(e) => Outcome::Failed(e),
@@ -107,10 +143,36 @@ impl Queue {
         });
     }
 
-    fn check_existing(&self, case: &CaseFiles, target: &Path) -> Result<()> {
-        let trajectory = Trajectory::open(target)?;
-        let difference = case.difference(trajectory.provenance()).or_else(|| {
-            let (found, wanted) = (trajectory.split(), self.split?);
+    /// Makes one trajectory. The case's folder is removed afterwards unless it is to be kept or the case failed.
+    fn make(&self, case: &C) -> Result<Made<C::Figures>> {
+        let (start, folder) = (Instant::now(), self.case_folder(case));
+        if folder.exists() {
+            std::fs::remove_dir_all(&folder)
+                .map_err(|e| Error::file(&folder, format!("cannot be replaced: {e}")))?;
+        }
+        let result = case.run(&folder, &self.tools).and_then(|(recorded, figures)| {
+            let target = self.target(case);
+            let bytes = recorded.metadata().map_or(0, |m| m.len());
+            std::fs::rename(&recorded, &target)
+                .map_err(|e| Error::file(&target, format!("cannot be given its final name: {e}")))?;
+            Ok(Made {
+                path: target,
+                bytes,
+                seconds: start.elapsed().as_secs_f64(),
+                figures,
+            })
+        });
+        let interrupted = matches!(result, Err(Error::Interrupted(_)));
+        if interrupted || (result.is_ok() && !self.keep_cases) {
+            let _ = std::fs::remove_dir_all(&folder);
+        }
+        result
+    }
+
+    fn check_existing(&self, case: &C, target: &Path) -> Result<()> {
+        let (found, difference) = case.compare(target)?;
+        let difference = difference.or_else(|| {
+            let wanted = self.split?;
             (found != wanted).then(|| format!("split {} instead of {}", found.name(), wanted.name()))
         });
         match difference {
@@ -121,4 +183,17 @@ impl Queue {
             )),
         }
     }
+}
+
+/// The first number of a trajectory's provenance that is not the wanted one.
+pub(super) fn other_number(provenance: &serde_json::Value, wanted: &[(&str, f64)]) -> Option<String> {
+    let same = |found: &serde_json::Value, wanted: f64| {
+        found
+            .as_f64()
+            .is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs().max(1.0))
+    };
+    wanted
+        .iter()
+        .find(|(key, wanted)| !same(&provenance[*key], *wanted))
+        .map(|(key, wanted)| format!("{key} {} instead of {wanted}", provenance[*key]))
 }

@@ -1,7 +1,9 @@
 //! `m4gn info`: what is in a trajectory, a data set or a model.
 
+mod solid;
+
 use super::write_json;
-use crate::dataset::{Frame, Split, Trajectory, list};
+use crate::dataset::{Frame, Recorded, Split, Trajectory, list};
 use crate::mesh::NodeType;
 use crate::model::Model;
 use crate::{Error, Result};
@@ -14,6 +16,10 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Trajectory (*.h5), folder of trajectories, or model (*.safetensors)
     path: PathBuf,
+    /// Of a deforming body's trajectory: also the worst gap to the obstacle in all frames, and what holding the last
+    /// or the first frame scores in the mesh metrics
+    #[arg(long)]
+    metrics: bool,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -32,7 +38,10 @@ pub fn run(args: Args) -> Result<()> {
     } else if is_model {
         model(path)?
     } else {
-        trajectory(path)?
+        match Recorded::open(path)? {
+            Recorded::Cells(t) => trajectory(&t)?,
+            Recorded::Points(t) => solid::describe(&t, path.metadata().map_or(0, |m| m.len()), args.metrics)?,
+        }
     };
     print!("{text}");
     write_json(args.json.as_deref(), &figures)?;
@@ -46,8 +55,8 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
-fn trajectory(path: &Path) -> Result<(String, Value)> {
-    let t = Trajectory::open(path)?;
+fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
+    let path = t.path();
     let mesh = t.mesh();
     let bytes = path.metadata().map_or(0, |m| m.len());
     let mut text = format!(
@@ -131,20 +140,23 @@ fn trajectory(path: &Path) -> Result<(String, Value)> {
 
 /// A row a trajectory; damaged files are rows too.
 fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
+    let files = list(path)?;
+    let solid = matches!(files.first().map(Recorded::open), Some(Ok(Recorded::Points(_))));
+    let other = if solid { "points" } else { "boundary" };
     let mut text = format!(
         "{:<20} {:<6} {:>8} {:>9} {:>7}  {:<18} {:>8}\n",
-        "file", "split", "cells", "boundary", "frames", "times (s)", "MB"
+        "file", "split", "cells", other, "frames", "times (s)", "MB"
     );
     let mut rows = Vec::new();
     let mut count = [0usize; 3];
     let mut bytes = 0;
-    for file in list(path)? {
+    for file in files {
         let name = file
             .file_name()
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned();
-        let t = match Trajectory::open(&file) {
+        let t = match Recorded::open(&file) {
             Ok(t) => t,
             Err(e) => {
                 let _ = writeln!(text, "{name:<20} damaged");
@@ -154,25 +166,39 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
             }
         };
         let size = file.metadata().map_or(0, |m| m.len());
-        let (cells, boundary, frames) = (t.mesh().n_cells(), t.mesh().boundary.len(), t.times().len());
+        let (frames, split) = (t.times().len(), t.split());
         let (first, last) = (
             t.times().first().copied().unwrap_or(0.0),
             t.times().last().copied().unwrap_or(0.0),
         );
-        let split = t.split();
+        let mut row = json!({
+            "file": name, "split": split, "frames": frames, "first_time": first, "last_time": last, "bytes": size,
+            "provenance": t.provenance(),
+        });
+        let (large, small) = match &t {
+            Recorded::Cells(t) => {
+                let (cells, boundary) = (t.mesh().n_cells(), t.mesh().boundary.len());
+                row["cells"] = cells.into();
+                row["boundary_faces"] = boundary.into();
+                (cells, boundary)
+            }
+            Recorded::Points(t) => {
+                let (cells, points) = (t.body().elements.len(), t.body().positions.len());
+                row["elements"] = cells.into();
+                row["points"] = points.into();
+                (cells, points)
+            }
+        };
         bytes += size;
         count[split as usize] += 1;
         let _ = writeln!(
             text,
-            "{name:<20} {:<6} {cells:>8} {boundary:>9} {frames:>7}  {:<18} {:>8.1}",
+            "{name:<20} {:<6} {large:>8} {small:>9} {frames:>7}  {:<18} {:>8.1}",
             split.name(),
             format!("{} to {}", short(first), short(last)),
             megabytes(size)
         );
-        rows.push(json!({
-            "file": name, "split": split, "cells": cells, "boundary_faces": boundary, "frames": frames,
-            "first_time": first, "last_time": last, "bytes": size, "provenance": t.provenance(),
-        }));
+        rows.push(row);
     }
     let [train, valid, test] = [Split::Train, Split::Valid, Split::Test].map(|s| count[s as usize]);
     let _ = writeln!(
@@ -181,10 +207,14 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
         train + valid + test,
         megabytes(bytes)
     );
-    let figures = json!({
+    let mut figures = json!({
         "kind": "dataset", "path": path, "bytes": bytes, "train": train, "valid": valid, "test": test,
-        "trajectories": rows,
     });
+    if let Some((line, generated)) = solid::generated(&rows) {
+        let _ = writeln!(text, "{line}");
+        figures["generated"] = generated;
+    }
+    figures["trajectories"] = rows.into();
     Ok((text, figures))
 }
 

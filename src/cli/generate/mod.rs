@@ -1,0 +1,177 @@
+//! `m4gn generate`: training data by running solvers.
+
+mod cylinder;
+mod solids;
+mod tally;
+
+use super::{progress_bar, stop_flag, write_json};
+use crate::dataset::Split;
+use crate::generate::automatic_split;
+use crate::generate::process::Surroundings;
+use crate::generate::queue::{Case, Made, Outcome, Queue};
+use crate::{Error, Result};
+use serde_json::Value;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use tally::Tally;
+
+/// Make training data by simulating cases with random parameters
+///
+/// One trajectory (an HDF5 file) a case, several cases at once. Case i of a seed is the same whatever the count.
+/// What is there already is kept, so that the same command goes on where it was stopped.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    family: Family,
+}
+
+/// Families of cases.
+#[derive(Debug, clap::Subcommand)]
+enum Family {
+    CylinderFlow(cylinder::Args),
+    DeformingPlate(solids::PlateArgs),
+    DeformingBeam(solids::BeamArgs),
+}
+
+/// Options of every family.
+#[derive(Debug, clap::Args)]
+struct Common {
+    /// Number of cases
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    count: u64,
+    /// Seed of the random parameters
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder of the data set: 0000.h5, 0001.h5, ...
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Cases at once [default: number of cores]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    jobs: Option<u64>,
+    /// What the trajectories are for; auto: of ten in a row one for validation, one for test
+    #[arg(long, default_value = "auto", value_parser = ["auto", "train", "valid", "test"])]
+    split: String,
+    /// Longest time for one program of one case, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 3600)]
+    timeout: u64,
+    /// Keep the folders of the cases (DIR/cases)
+    #[arg(long)]
+    keep_cases: bool,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn positive(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() && v >= 1e-6 => Ok(v),
+        Ok(v) => Err(format!("{v} is not a time of at least 1e-6 s")),
+        Err(e) => Err(e.to_string()),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Missing programs, a folder that cannot be used, interruption, or that every case failed.
+pub fn run(args: Args) -> Result<()> {
+    match args.family {
+        Family::CylinderFlow(args) => cylinder::run(args),
+        Family::DeformingPlate(args) => solids::run_plate(args),
+        Family::DeformingBeam(args) => solids::run_beam(args),
+    }
+}
+
+impl Common {
+    /// The split that was asked for; None: automatic.
+    fn asked_split(&self) -> Result<Option<Split>> {
+        match self.split.as_str() {
+            "auto" => Ok(None),
+            name => Ok(Some(name.parse()?)),
+        }
+    }
+
+    /// Makes the cases `case(index, split)` in `folder`. `describe` gives the line that a made case prints and its
+    /// entry among the figures; `whole` the figures of the family as a whole.
+    fn make<C: Case>(
+        &self,
+        folder: PathBuf,
+        environment: Vec<(String, OsString)>,
+        case: impl Fn(u64, Split) -> C,
+        describe: impl Fn(&C, &Made<C::Figures>) -> (String, Value),
+        whole: impl Fn(&[Value]) -> (String, Value),
+    ) -> Result<()> {
+        let split = self.asked_split()?;
+        let jobs = self.jobs.map_or_else(
+            || std::thread::available_parallelism().map_or(1, usize::from),
+            |j| j as usize,
+        );
+        let cases = (0..self.count)
+            .map(|index| case(index, split.unwrap_or_else(|| automatic_split(index, self.count))))
+            .collect();
+        let queue = Queue {
+            cases,
+            folder,
+            split,
+            jobs,
+            keep_cases: self.keep_cases,
+            tools: Surroundings {
+                stop: stop_flag()?,
+                timeout: Duration::from_secs(self.timeout),
+                environment,
+            },
+        };
+        let start = Instant::now();
+        let mut tally = Tally::default();
+        let bar = progress_bar(self.count, "trajectories");
+        let result = queue.run(|case, outcome| {
+            let line = match outcome {
+                Outcome::Made(made) => {
+                    let (line, entry) = describe(case, made);
+                    tally.made(made.bytes, entry);
+                    Some(line)
+                }
+                Outcome::There(_) => {
+                    tally.there();
+                    None
+                }
+                Outcome::Failed(error) => Some(tally.failed(case.index(), error)),
+            };
+            match (&bar, line) {
+                (Some(bar), line) => {
+                    bar.inc(1);
+                    if let (Some(line), Outcome::Failed(_)) = (line, outcome) {
+                        bar.suspend(|| eprintln!("{line}"));
+                    }
+                }
+                (None, Some(line)) => eprintln!("{line}"),
+                (None, None) => {}
+            }
+        });
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        let (line, extra) = whole(&tally.made);
+        println!("{}{line}", tally.summary(&queue.folder, seconds));
+        write_json(
+            self.json.as_deref(),
+            &tally.figures(self.count, self.seed, seconds, extra),
+        )?;
+        result?;
+        tally.fail_if_all(self.count)
+    }
+}
+
+/// The folder's full path.
+fn absolute(folder: &Path) -> Result<PathBuf> {
+    std::path::absolute(folder).map_err(|e| Error::file(folder, format!("is no path: {e}")))
+}
+
+/// One thread a program: several cases run at once.
+fn one_thread() -> Vec<(String, OsString)> {
+    ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
+        .map(|name| (name.to_string(), "1".into()))
+        .to_vec()
+}

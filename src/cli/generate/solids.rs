@@ -1,0 +1,167 @@
+//! `m4gn generate deforming-plate` and `deforming-beam`.
+
+use super::super::library_places;
+use super::{Common, absolute, one_thread, positive};
+use crate::generate::process::find_program;
+use crate::generate::queue::Made;
+use crate::generate::solids::{Family, Figures, Request, find_python};
+use crate::{Error, Result};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Hyperelastic plates with holes, pressed by a rigid obstacle (the paper's DeformingPlate)
+///
+/// Plates of 8 to 12 cm x 4 to 6 cm x 4 to 8 mm with one to three holes, held at both ends, at one end or all round;
+/// a sphere, cylinder or rounded block is pressed into them and slides. Tetrahedra, about 1271 points; neo-Hookean,
+/// E 1 MPa, nu 0.4, rho 1000 kg/m^3; quasi-static, frictionless. A draw that has no quasi-static path (the body snaps
+/// or slips off) is drawn again and counted. Needs gmsh, and the Python environment that setup/solids.sh makes.
+#[derive(Debug, clap::Args)]
+pub(super) struct PlateArgs {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    solid: SolidArgs,
+}
+
+/// Nearly incompressible beams, pressed by a rigid obstacle (the paper's DeformingBeam)
+///
+/// Tapered and bowed beams of 8 to 12 cm, held at one end, at both, or propped; a cylinder, sphere or rounded block is
+/// pressed into them and slides or turns. Wedges, about 1542 points; material and the rest as for deforming-plate.
+#[derive(Debug, clap::Args)]
+pub(super) struct BeamArgs {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    solid: SolidArgs,
+    /// The paper's DeformingBeam (large): twice the length, 1.5 times the height, cells of the same size, about 4540
+    /// points
+    #[arg(long)]
+    large: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct SolidArgs {
+    /// About how many points a body has [default: as many as in the paper]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    points: Option<u32>,
+    /// Frames after the first one; the obstacle's whole way is divided by them
+    #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: u32,
+    /// Time between frames, s; it scales velocities and changes nothing else
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.01, value_parser = positive)]
+    frame_interval: f64,
+}
+
+/// Runs `deforming-plate`.
+///
+/// # Errors
+/// As [`super::run`].
+pub(super) fn run_plate(args: PlateArgs) -> Result<()> {
+    run(&args.common, &args.solid, Family::DeformingPlate, false)
+}
+
+/// Runs `deforming-beam`.
+///
+/// # Errors
+/// As [`super::run`].
+pub(super) fn run_beam(args: BeamArgs) -> Result<()> {
+    run(&args.common, &args.solid, Family::DeformingBeam, args.large)
+}
+
+fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
+    if find_program("gmsh").is_none() {
+        return Err(Error::Input(
+            "gmsh not found in PATH: install it (Debian: apt-get install gmsh)".into(),
+        ));
+    }
+    let python = find_python()?;
+    let mut environment = one_thread();
+    environment.push(("PYTHONPATH".to_string(), package()?.into()));
+    environment.push(("PYTHONDONTWRITEBYTECODE".to_string(), "1".into()));
+    let command = format!(
+        "m4gn generate {}{}{} --count {} --seed {} --split {} --frames {} --frame-interval {}",
+        family.name(),
+        if large { " --large" } else { "" },
+        solid.points.map_or(String::new(), |n| format!(" --points {n}")),
+        common.count,
+        common.seed,
+        common.split,
+        solid.frames,
+        solid.frame_interval
+    );
+    let case = |index, split| Request {
+        family,
+        large,
+        seed: common.seed,
+        index,
+        points: solid.points,
+        split,
+        frames: solid.frames,
+        interval: solid.frame_interval,
+        command: command.clone(),
+        python: python.clone(),
+    };
+    common.make(absolute(&common.out)?, environment, case, describe, whole)
+}
+
+fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
+    let f = &made.figures;
+    let line = format!(
+        "{:04}  {:<5}  {} points  {} redraws  worst gap {:+.4} cells  {:.1} MB  {:.1} s",
+        case.index,
+        case.split.name(),
+        f.points,
+        f.redraws.len(),
+        f.worst_gap,
+        made.bytes as f64 * 1e-6,
+        made.seconds
+    );
+    (
+        line,
+        json!({"index": case.index, "split": case.split.name(), "result": made}),
+    )
+}
+
+/// Redraws, worst gap and median times of what was made now.
+fn whole(made: &[Value]) -> (String, Value) {
+    let of = |key: &str| {
+        made.iter()
+            .filter_map(|m| m["result"][key].as_f64())
+            .collect::<Vec<_>>()
+    };
+    let redraws: usize = made
+        .iter()
+        .filter_map(|m| Some(m["result"]["redraws"].as_array()?.len()))
+        .sum();
+    let Some(worst) = of("worst_gap").into_iter().min_by(f64::total_cmp) else {
+        return (String::new(), json!({}));
+    };
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let (cpu, wall) = (median(of("cpu_seconds")), median(of("seconds")));
+    let line = format!(
+        "; {redraws} redraws, worst gap {worst:+.4} cells, median {cpu:.1} s of processor time, {wall:.1} s in all"
+    );
+    let figures = json!({
+        "redraws": redraws, "worst_gap": worst, "median_cpu_seconds": cpu, "median_seconds": wall,
+    });
+    (line, figures)
+}
+
+/// The folder that holds the package `m4gn_solids`: beside the libraries.
+fn package() -> Result<PathBuf> {
+    let folders = library_places()
+        .into_iter()
+        .filter_map(|p| Some(p.parent()?.join("tools")));
+    let folders: Vec<PathBuf> = folders.collect();
+    let is_there = |p: &&PathBuf| Path::new(p).join("m4gn_solids/__main__.py").is_file();
+    folders.iter().find(is_there).cloned().ok_or_else(|| {
+        let tried: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
+        Error::Input(format!(
+            "the Python package m4gn_solids was not found in {}: set M4GN_HOME to the checkout",
+            tried.join(", ")
+        ))
+    })
+}

@@ -1,0 +1,74 @@
+//! What became of the cases of a data set.
+
+use crate::{Error, Result};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// What became of the cases so far.
+#[derive(Default)]
+pub(super) struct Tally {
+    /// Figures of the cases that were made.
+    pub(super) made: Vec<Value>,
+    there: u64,
+    failed: Vec<(u64, String)>,
+    bytes: u64,
+}
+
+impl Tally {
+    pub(super) fn made(&mut self, bytes: u64, entry: Value) {
+        self.bytes += bytes;
+        self.made.push(entry);
+    }
+
+    pub(super) fn there(&mut self) {
+        self.there += 1;
+    }
+
+    /// Counts a failed case; the line to print about it.
+    pub(super) fn failed(&mut self, index: u64, error: &Error) -> String {
+        self.failed.push((index, error.to_string()));
+        format!("{index:04}  failed, skipped: {error}")
+    }
+
+    pub(super) fn summary(&self, folder: &Path, seconds: f64) -> String {
+        let mut text = format!(
+            "{}: {} trajectories made in {seconds:.0} s ({:.1} MB), {} there before, {} failed",
+            folder.display(),
+            self.made.len(),
+            self.bytes as f64 * 1e-6,
+            self.there,
+            self.failed.len()
+        );
+        if !self.failed.is_empty() {
+            text += "; their logs are in the folder cases there, the same command tries again";
+        }
+        text
+    }
+
+    /// The figures for `--json`; the entries of `extra` join them.
+    pub(super) fn figures(&self, count: u64, seed: u64, seconds: f64, extra: Value) -> Value {
+        let failed: Vec<_> = self
+            .failed
+            .iter()
+            .map(|(index, message)| json!({"index": index, "message": message}))
+            .collect();
+        let mut figures = json!({
+            "count": count, "seed": seed, "made": self.made, "there_before": self.there, "failed": failed,
+            "seconds": seconds, "bytes": self.bytes,
+        });
+        if let (Value::Object(figures), Value::Object(extra)) = (&mut figures, extra) {
+            figures.extend(extra);
+        }
+        figures
+    }
+
+    pub(super) fn fail_if_all(&self, count: u64) -> Result<()> {
+        if self.failed.len() as u64 == count {
+            return Err(Error::Input(format!(
+                "all {count} cases failed; the first: {}",
+                self.failed[0].1
+            )));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,93 @@
+//! Nearest neighbours among points: a k-d tree.
+
+use super::{Vector, dot, sub};
+
+/// Points in a balanced tree: the middle of each range splits it by the coordinate in which it is widest.
+#[derive(Clone, Debug)]
+pub struct Nearest {
+    points: Vec<Vector>,
+    axis: Vec<u8>,
+}
+
+impl Nearest {
+    /// Builds the tree.
+    pub fn new(points: &[Vector]) -> Self {
+        let mut tree = Nearest {
+            points: points.to_vec(),
+            axis: vec![0; points.len()],
+        };
+        let mut ranges = vec![(0, points.len())];
+        while let Some((from, to)) = ranges.pop() {
+            if to - from < 2 {
+                continue;
+            }
+            let axis = widest(&tree.points[from..to]);
+            let middle = (from + to) / 2;
+            tree.points[from..to].select_nth_unstable_by(middle - from, |a, b| a[axis].total_cmp(&b[axis]));
+            tree.axis[middle] = axis as u8;
+            ranges.extend([(from, middle), (middle + 1, to)]);
+        }
+        tree
+    }
+
+    /// Squared distance to the nearest point, m^2; infinite where there are no points.
+    pub fn distance_squared(&self, x: Vector) -> f64 {
+        let mut best = f64::INFINITY;
+        // Ranges still to be searched, with the squared distance to the plane in front of them
+        let mut ranges = vec![(0, self.points.len(), 0.0)];
+        while let Some((from, to, least)) = ranges.pop() {
+            if from >= to || least >= best {
+                continue;
+            }
+            let middle = (from + to) / 2;
+            let (p, axis) = (self.points[middle], usize::from(self.axis[middle]));
+            let d = sub(x, p);
+            best = best.min(dot(d, d));
+            let (near, far) = if d[axis] < 0.0 {
+                ((from, middle), (middle + 1, to))
+            } else {
+                ((middle + 1, to), (from, middle))
+            };
+            ranges.push((far.0, far.1, d[axis] * d[axis]));
+            ranges.push((near.0, near.1, least));
+        }
+        best
+    }
+}
+
+pub(super) fn widest(points: &[Vector]) -> usize {
+    let extent = |axis: usize| {
+        let values = points.iter().map(|p| p[axis]);
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(v), b.max(v))
+        });
+        high - low
+    };
+    (0..3)
+        .max_by(|&a, &b| extent(a).total_cmp(&extent(b)))
+        .unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn no_points() {
+        assert_eq!(Nearest::new(&[]).distance_squared([0.0; 3]), f64::INFINITY);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// Against looking at all points; coordinates from a coarse lattice, so that many are equal.
+        #[test]
+        fn as_looking_at_all(points in prop::collection::vec(prop::array::uniform3(0..6i32), 1..80),
+                             x in prop::array::uniform3(-2.0..8.0f64)) {
+            let points: Vec<Vector> = points.iter().map(|p| p.map(f64::from)).collect();
+            let plain = points.iter().map(|p| { let d = sub(x, *p); dot(d, d) }).fold(f64::INFINITY, f64::min);
+            prop_assert_eq!(Nearest::new(&points).distance_squared(x), plain);
+        }
+    }
+}

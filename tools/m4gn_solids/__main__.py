@@ -1,0 +1,84 @@
+"""python -m m4gn_solids: makes the trajectory that case.json in the working folder asks for.
+
+case.json: family, large, seed, index, points (about how many; null: as many as in the paper), frames, interval (s),
+split, command. What comes out: trajectory.h5 and, for
+the figures, result.json. A draw that has no quasi-static path, cannot be meshed or lets the obstacle sink in is drawn
+again; every such failure is kept in both files.
+"""
+
+import json
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+from . import draws, elements, meshing
+from .equilibrium import March, NoEquilibrium, Solid
+from .recording import Recording
+
+ATTEMPTS = 20
+"""Draws before a case is given up."""
+DEEPEST = 0.05
+"""Penetration that is not accepted, in cell sizes."""
+
+
+class SunkIn(Exception):
+    """The obstacle lies inside the body."""
+
+
+def attempt(case, parameters):
+    """Simulates one draw into trajectory.h5; the figures, without closing the file."""
+    family, frames = case["family"], case["frames"]
+    body, obstacle = draws.build(parameters, family, frames, ".")
+    material = {"young": draws.YOUNG, "poisson": draws.POISSON, "density": draws.DENSITY}
+    solid = Solid(body, **material)
+    march = March(body, obstacle, solid, draws.YOUNG)
+    local, triangles = obstacle.shape.surface(march.size)
+    start = obstacle.place(local, 0)
+    recording = Recording("trajectory.h5", case["split"])
+    edges = elements.edges(body.cells, body.kind)
+    recording.body(body, edges, solid.stiffness(), solid.mass(), material)
+    recording.obstacle(start, triangles)
+    for k, displacement in enumerate(march.frames()):
+        if march.gap < -DEEPEST * march.size:
+            raise SunkIn(f"the obstacle is {-march.gap / march.size:.3f} cell sizes inside at frame {k}")
+        recording.append(k * case["interval"], displacement, solid.von_mises(), obstacle.place(local, k) - start)
+    figures = {
+        "points": len(body.points),
+        "elements": len(body.cells),
+        "obstacle_points": len(local),
+        "cell_size": march.size,
+        "worst_gap": march.gap / march.size,
+        "worst_gap_frame": march.gap_frame,
+        "newton_iterations": march.iterations,
+    }
+    return recording, figures
+
+
+def main():
+    case = json.loads(Path("case.json").read_text())
+    family, large, seed, index = (case[key] for key in ("family", "large", "seed", "index"))
+    redraws = []
+    for number in range(ATTEMPTS):
+        parameters = draws.draw(draws.generator(family, large, seed, index, number), family, large, case["points"])
+        began = time.process_time()
+        try:
+            recording, figures = attempt(case, parameters)
+            break
+        except (NoEquilibrium, SunkIn, meshing.MeshFailed) as reason:
+            spent = round(time.process_time() - began, 3)
+            redraws.append({"reason": str(reason), "cpu_seconds": spent, "parameters": parameters})
+            print(f"draw {number}: {reason}", flush=True)
+    else:
+        sys.exit(f"none of {ATTEMPTS} draws of case {index} could be simulated; the last: {redraws[-1]['reason']}")
+    figures["cpu_seconds"] = round(time.process_time() - began, 3)
+    figures["redraws"] = [{key: r[key] for key in ("reason", "cpu_seconds")} for r in redraws]
+    provenance = {key: case[key] for key in ("command", "family", "large", "seed", "index", "frames", "interval")}
+    provenance |= {"draw": len(redraws), "parameters": parameters, **figures}
+    provenance["software"] = {name: version(name) for name in ("felupe", "numpy", "scipy", "h5py")}
+    recording.finish(provenance)
+    Path("result.json").write_text(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()
