@@ -1,14 +1,18 @@
 //! What a step of the network costs: graphs of a given size, the work counted from the shapes, and what the machine
 //! that it is measured on can do.
 
+mod export;
 mod graph;
 pub mod machine;
 pub mod memory;
 mod timing;
 pub mod work;
+mod workload;
 
+pub use export::export;
 pub use graph::{Segments, hexahedra, o_mesh};
 pub use timing::{Runs, Timing, processor_time};
+pub use workload::{Case, Source, Workload};
 
 use crate::mesh::NodeType;
 use crate::model::{Activation, Architecture, FieldSpec, MacroSpec, ModelSpec, Output, SegmentSpec};

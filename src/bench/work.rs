@@ -9,7 +9,7 @@
 //! Bytes are those of the arrays that do not stay in a tile: each read and written once a pass, a gathered sender row
 //! once an edge. A cache that holds an array spares the memory some of them.
 
-use crate::engine::Phase;
+use crate::engine::{Phase, Precision};
 use crate::model::ModelSpec;
 
 /// Sizes of a graph.
@@ -34,6 +34,21 @@ pub struct Storage {
     pub node: usize,
     /// Of the senders' part of the edge networks, Ws h.
     pub sender: usize,
+}
+
+impl Storage {
+    /// What the native engine stores: nodes are sums over all layers, and stay in fp32.
+    pub fn of(precision: Precision) -> Self {
+        let short = match precision {
+            Precision::Fp32 => 4,
+            Precision::Bf16 => 2,
+        };
+        Storage {
+            edge: short,
+            node: 4,
+            sender: short,
+        }
+    }
 }
 
 /// The work of a part of a step.

@@ -1,20 +1,17 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
-use crate::bench::{self, Runs, Segments, Shape, machine, memory, memory::Memory, work};
+use crate::bench::{
+    self, Case, Runs, Segments, Shape, Source, Workload, machine, memory, memory::Memory, work,
+};
 use crate::dataset::Trajectory;
-use crate::engine::torch::TorchBackend;
-use crate::engine::{Engine, EngineOptions, Forward, Isa, Phase, Precision};
-use crate::graph::Graph;
-use crate::mesh::Mesh;
+use crate::engine::{EngineOptions, Forward, Isa, Phase, Precision};
 use crate::model::Model;
 use crate::parallel::Comm;
 use crate::step::Backend;
 use crate::{Error, Result};
-use rand::{RngExt, SeedableRng};
-use safetensors::{Dtype, tensor::TensorView};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Measure a step of a network: time, work, memory, and what part of the machine's peak that is
@@ -78,22 +75,6 @@ const SECONDS: Duration = Duration::from_secs(4);
 /// Most threads.
 const MAX_THREADS: usize = 1024;
 
-/// A network and a graph to run it on.
-struct Workload {
-    model: Model,
-    /// File of the model, where it has one.
-    path: Option<PathBuf>,
-    mesh: Option<Mesh>,
-    nodes: usize,
-    comm: Comm,
-}
-
-/// A graph with its segments.
-struct Case {
-    graph: Graph,
-    segments: Option<Segments>,
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -114,9 +95,10 @@ pub fn run(args: Args) -> Result<()> {
         ..EngineOptions::default()
     };
     let backend = Backend::parse(&args.backend)?;
-    let workload = Workload::new(&args)?;
+    let workload = workload(&args)?;
     if let Some(folder) = &args.export {
-        return export(&workload, folder);
+        println!("{}", bench::export(&workload, folder)?);
+        return Ok(());
     }
     let backend = match &backend {
         Backend::Native => None,
@@ -130,110 +112,31 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
-impl Workload {
-    fn new(args: &Args) -> Result<Self> {
-        let comm = Comm::serial();
-        let mesh = match (&args.data, args.hex) {
-            (Some(path), _) => Some(Trajectory::open(path)?.mesh().clone()),
-            (None, true) => Some(bench::hexahedra(args.nodes)?),
-            (None, false) => None,
-        };
-        let model = match &args.model {
-            Some(path) => Model::read(path)?,
-            None => {
-                let shape = Shape {
-                    dim: mesh.as_ref().map_or(2, Mesh::dim),
-                    layers: args.layers,
-                    width: args.width,
-                    hidden_layers: args.hidden,
-                    segments: args.segments,
-                };
-                Model::random(shape.spec(), 1)?
-            }
-        };
-        Ok(Workload {
-            model,
-            path: args.model.clone(),
-            mesh,
-            nodes: args.nodes,
-            comm,
-        })
-    }
-
-    fn case(&self) -> Result<Case> {
-        let spec = &self.model.spec;
-        let Some(mesh) = &self.mesh else {
-            let graph = bench::o_mesh(self.nodes, &self.comm)?;
-            let segments = Segments::consecutive(spec, graph.n_owned)?;
-            return Ok(Case { graph, segments });
-        };
-        let mut graph = Graph::new(mesh, &self.comm)?;
-        let segments = Segments::of_mesh(spec, mesh, &mut graph, &self.comm)?;
-        Ok(Case { graph, segments })
-    }
-
-    fn engine(&self, case: &Case, options: &EngineOptions) -> Result<Engine> {
-        let view = case.segments.as_ref().map(Segments::view);
-        Engine::new(&self.model, &case.graph, view.as_ref(), options)
-    }
-
-    /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
-    fn torch(&self, case: &Case, device: Option<&str>, threads: usize) -> Result<TorchBackend> {
-        if std::env::var("OMP_NUM_THREADS").ok().as_deref() != Some(&threads.to_string()) {
-            return Err(Error::Input(format!(
-                "backend torch takes its threads from the environment: set OMP_NUM_THREADS={threads}"
-            )));
+fn workload(args: &Args) -> Result<Workload> {
+    let source = match (&args.data, args.hex) {
+        (Some(path), _) => Source::Mesh(Box::new(Trajectory::open(path)?.mesh().clone())),
+        (None, true) => Source::Mesh(Box::new(bench::hexahedra(args.nodes)?)),
+        (None, false) => Source::OMesh(args.nodes),
+    };
+    let model = match &args.model {
+        Some(path) => Model::read(path)?,
+        None => {
+            let shape = Shape {
+                dim: source.dim(),
+                layers: args.layers,
+                width: args.width,
+                hidden_layers: args.hidden,
+                segments: args.segments,
+            };
+            Model::random(shape.spec(), 1)?
         }
-        let view = case.segments.as_ref().map(Segments::view);
-        let lengths = self.lengths(&case.graph);
-        let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
-        let path = match &self.path {
-            Some(path) => path.clone(),
-            None => {
-                let path = folder.path().join("model.safetensors");
-                self.model.write(&path)?;
-                path
-            }
-        };
-        TorchBackend::new(&path, &case.graph, view.as_ref(), lengths, device, &self.comm)
-    }
-
-    /// Lengths of the inputs and the outputs of a step.
-    fn lengths(&self, graph: &Graph) -> (usize, usize) {
-        let spec = &self.model.spec;
-        (
-            graph.n_owned * spec.n_field_inputs(),
-            graph.n_cells * spec.n_outputs(),
-        )
-    }
-
-    /// Physical inputs of the size that the model was trained on, and room for the outputs.
-    fn values(&self, graph: &Graph) -> Result<(Vec<f32>, Vec<f32>)> {
-        let mean = &self.model.tensor("norm.node.mean")?.data;
-        let std = &self.model.tensor("norm.node.std")?.data;
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
-        let ((n, m), k) = (self.lengths(graph), mean.len().max(1));
-        let inputs = (0..n).map(|i| mean[i % k] + std[i % k] * rng.random_range(-1.7f32..1.7));
-        Ok((inputs.collect(), vec![0.0; m]))
-    }
-
-    fn parameters(&self) -> usize {
-        let weights = self
-            .model
-            .tensors
-            .iter()
-            .filter(|(name, _)| !name.starts_with("norm."));
-        weights.map(|(_, t)| t.data.len()).sum()
-    }
-
-    fn describe(&self, graph: &Graph) -> Value {
-        let a = &self.model.spec.architecture;
-        json!({
-            "nodes": graph.n_owned, "cells": graph.n_cells, "edges": graph.senders.len(),
-            "parameters": self.parameters(), "width": a.width, "hidden_layers": a.hidden_layers,
-            "layers": a.layers_before + a.layers_after,
-        })
-    }
+    };
+    Ok(Workload {
+        model,
+        path: args.model.clone(),
+        source,
+        comm: Comm::serial(),
+    })
 }
 
 /// Everything about the native engine.
@@ -274,7 +177,12 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     let encoded = held
         .iter()
         .any(|(what, bytes)| *what == "encoded edges" && *bytes > 0);
-    let work = work::step(&workload.model.spec, sizes, storage(options.precision), encoded);
+    let work = work::step(
+        &workload.model.spec,
+        sizes,
+        work::Storage::of(options.precision),
+        encoded,
+    );
     let gflop = work.iter().map(|w| w.flops).sum::<f64>() * 1e-9;
     let gbytes = work.iter().map(|w| w.bytes).sum::<f64>() * 1e-9;
     let seconds = step.median() * 1e-3;
@@ -447,77 +355,4 @@ fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> 
         }
     }
     Ok(())
-}
-
-/// The model, the graph, inputs, and what the plain path of the engine makes of them.
-fn export(workload: &Workload, folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
-    let case = workload.case()?;
-    let graph = &case.graph;
-    let (inputs, mut outputs) = workload.values(graph)?;
-    workload
-        .engine(&case, &EngineOptions::default())?
-        .forward(&workload.comm, &inputs, &mut outputs)?;
-    workload.model.write(folder.join("model.safetensors"))?;
-    let spec = &workload.model.spec;
-    let kinds: Vec<i32> = graph.node_types[..graph.n_owned]
-        .iter()
-        .map(|&code| {
-            let at = spec.node_types.iter().position(|t| *t as i32 == code);
-            at.map(|i| i as i32)
-                .ok_or_else(|| Error::Model(format!("the model does not know node type {code}")))
-        })
-        .collect::<Result<_>>()?;
-    let float = |data: &[f32], width: usize| {
-        let bytes = data.iter().flat_map(|v| v.to_le_bytes()).collect();
-        (Dtype::F32, vec![data.len() / width.max(1), width], bytes)
-    };
-    let integer = |data: &[i32]| {
-        let bytes = data.iter().flat_map(|v| v.to_le_bytes()).collect();
-        (Dtype::I32, vec![data.len()], bytes)
-    };
-    let tensors = [
-        ("senders", integer(&graph.senders)),
-        ("receivers", integer(&graph.receivers)),
-        ("node_types", integer(&kinds)),
-        (
-            "edge_features",
-            float(&graph.edge_features, spec.n_edge_features()),
-        ),
-        ("inputs", float(&inputs, spec.n_field_inputs())),
-        ("outputs", float(&outputs, spec.n_outputs())),
-    ];
-    write_tensors(&folder.join("graph.safetensors"), &tensors)?;
-    println!("{}", workload.describe(graph));
-    Ok(())
-}
-
-/// Tensors as type, shape and little-endian values.
-fn write_tensors(path: &Path, tensors: &[(&str, (Dtype, Vec<usize>, Vec<u8>))]) -> Result<()> {
-    let failed = |e: &dyn std::fmt::Display| Error::file(path, format!("cannot be written: {e}"));
-    let views = tensors
-        .iter()
-        .map(|(name, (kind, shape, data))| {
-            let view = TensorView::new(*kind, shape.clone(), data);
-            view.map(|v| (*name, v)).map_err(|e| failed(&e))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let bytes = safetensors::serialize(views, None).map_err(|e| failed(&e))?;
-    std::fs::write(path, bytes).map_err(|e| failed(&e))
-}
-
-/// What the engine keeps of latents in memory.
-fn storage(precision: Precision) -> work::Storage {
-    match precision {
-        Precision::Fp32 => work::Storage {
-            edge: 4,
-            node: 4,
-            sender: 4,
-        },
-        Precision::Bf16 => work::Storage {
-            edge: 2,
-            node: 4,
-            sender: 2,
-        },
-    }
 }
