@@ -234,7 +234,7 @@ impl<T: Number> Decoder<T> {
         let addend = match &self.first {
             None => Addend::Rows(sums),
             Some(first) => {
-                let columns = first.outputs();
+                let columns = first.columns();
                 let size = n * columns;
                 narrow(isa, &c[..size], &mut x[..size]);
                 let (mut from, mut to) = (a, b);
@@ -269,7 +269,7 @@ impl<T: Number> Decoder<T> {
             identity,
             Output::Wide(raw),
         );
-        let width = self.last.weight.outputs();
+        let width = self.last.weight.columns();
         for x in raw.chunks_exact_mut(width).take(n) {
             for ((x, mean), std) in x.iter_mut().zip(&self.mean).zip(&self.std) {
                 *x = *x * std + mean;

@@ -112,7 +112,7 @@ impl<T: Number> Tail<T> {
             return;
         };
         for layer in inner {
-            let stride = layer.weight.outputs();
+            let stride = layer.weight.columns();
             let addend = Addend::Bias(&layer.bias);
             let out = Output::Narrow(to);
             product(isa, &layer.weight, (from, stride), n, addend, self.function, out);

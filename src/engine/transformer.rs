@@ -122,7 +122,7 @@ impl TransformerLayer {
 
     /// Advances h_S in place.
     pub fn run(&self, pool: &Pool, scratch: &mut [Scratch], heads: &mut Heads, latents: &mut [f32]) {
-        let columns = self.output.weight.outputs();
+        let columns = self.output.weight.columns();
         let k = latents.len() / columns;
         let n_blocks = blocks(k).len();
         let projections = Parts::new(&mut heads.projections);
@@ -174,14 +174,14 @@ impl TransformerLayer {
     /// h_S += O [heads of softmax(Q K^T / sqrt(d_h)) V] with Q, K, V of LN(h_S): eq. 11, 12 and the first sum of 13,
     /// for the rows `x` from `first`.
     fn attend(&self, s: &mut Scratch, heads: &Heads, first: usize, x: &mut [f32]) {
-        let (isa, columns, width) = (self.isa, self.output.weight.outputs(), heads.width);
+        let (isa, columns, width) = (self.isa, self.output.weight.columns(), heads.width);
         let n = x.len() / columns;
         let k = heads.projections.len() / (3 * columns);
         let Scratch { a, b, scores, .. } = s;
         a[..n * columns].fill(0.0);
         for (h, (keys, values)) in heads.packed.iter().enumerate() {
             let queries = &heads.projections[first * 3 * columns + h * width..];
-            let scores = &mut scores[..n * keys.outputs()];
+            let scores = &mut scores[..n * keys.columns()];
             let none = Function::Identity;
             let from = (queries, 3 * columns);
             product(
@@ -193,12 +193,12 @@ impl TransformerLayer {
                 none,
                 Output::Wide(&mut *scores),
             );
-            softmax(isa, scores, keys.outputs(), k, 1.0 / (width as f32).sqrt());
+            softmax(isa, scores, keys.columns(), k, 1.0 / (width as f32).sqrt());
             let out = Output::Wide(&mut *b);
             product(
                 isa,
                 values,
-                (scores, keys.outputs()),
+                (scores, keys.columns()),
                 n,
                 Addend::Nothing,
                 none,
@@ -206,7 +206,7 @@ impl TransformerLayer {
             );
             let rows = a
                 .chunks_exact_mut(columns)
-                .zip(b.chunks_exact(values.outputs()))
+                .zip(b.chunks_exact(values.columns()))
                 .take(n);
             for (to, from) in rows {
                 to[h * width..(h + 1) * width].copy_from_slice(&from[..width]);
@@ -225,7 +225,7 @@ impl TransformerLayer {
 
     /// h_S += FFN(LN(h_S)), the second sum of eq. 13.
     fn feed_forward(&self, s: &mut Scratch, x: &mut [f32]) {
-        let columns = self.output.weight.outputs();
+        let columns = self.output.weight.columns();
         let n = x.len() / columns;
         layer_norm::<f32>(self.isa, &self.norm2, x, n, Normed::Wide(&mut s.a));
         product(
@@ -240,7 +240,7 @@ impl TransformerLayer {
         product(
             self.isa,
             &self.second.weight,
-            (&s.b, self.first.weight.outputs()),
+            (&s.b, self.first.weight.columns()),
             n,
             Addend::Output(&self.second.bias),
             Function::Identity,

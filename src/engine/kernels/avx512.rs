@@ -44,7 +44,7 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
         // SAFETY: see above.
         unsafe {
             if PAIRS {
-                let narrow: __m256i = std::mem::transmute(_mm512_cvtneps_pbh(v));
+                let narrow = std::mem::transmute::<__m256bh, __m256i>(_mm512_cvtneps_pbh(v));
                 return _mm256_storeu_si256(p.cast(), narrow);
             }
             let bits = _mm512_castps_si512(v);
@@ -162,10 +162,11 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
                 *column = _mm512_loadu_si512(w.add(32 * j).cast());
             }
             if PAIRS {
+                let pairs = |v| std::mem::transmute::<__m512i, __m512bh>(v);
                 for (acc, x) in acc.iter_mut().zip(x) {
                     let x = _mm512_set1_epi32(x.add(k).cast::<i32>().read_unaligned());
                     for (acc, w) in acc.iter_mut().zip(&column) {
-                        *acc = _mm512_dpbf16_ps(*acc, std::mem::transmute(x), std::mem::transmute(*w));
+                        *acc = _mm512_dpbf16_ps(*acc, pairs(x), pairs(*w));
                     }
                 }
                 return;

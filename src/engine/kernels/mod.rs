@@ -5,6 +5,7 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod buffer;
+mod packed;
 mod portable;
 mod product;
 mod rows;
@@ -13,7 +14,8 @@ mod simd;
 pub use super::options::Isa;
 use super::options::Level;
 pub use buffer::Buffer;
-pub use product::{Addend, Output, Packed, padded, product, registers};
+pub use packed::{Packed, padded};
+pub use product::{Addend, Output, product, registers};
 pub use rows::*;
 pub use simd::{Bf16, Number};
 

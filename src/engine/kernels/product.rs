@@ -1,91 +1,14 @@
 //! Rows times packed weights, with what follows a linear layer done while the result is in registers.
+// Loops over constant ranges are unrolled, which keeps what they index in registers.
+#![allow(clippy::needless_range_loop)]
 
 use super::buffer::Buffer;
+use super::packed::{PANEL, Packed};
 use super::simd::{LANES, Number, Simd, silu};
 use super::{Function, Isa, dispatch};
 
-/// Most vectors of a panel of columns.
-const PANEL: usize = 4;
-
 /// Most rows of a tile in registers.
 const ROWS: usize = 6;
-
-/// A weight `[inputs x outputs]` in the order that products read it: panels of up to four vectors of outputs, in
-/// each of them input after input (with bf16 pair after pair). Outputs are padded with zeros to whole vectors.
-#[derive(Debug)]
-pub struct Packed<T> {
-    data: Buffer<T>,
-    inputs: usize,
-    outputs: usize,
-    /// Outputs, padded.
-    columns: usize,
-    /// Vectors of each panel.
-    panels: Vec<usize>,
-}
-
-/// `width` padded to whole vectors.
-pub fn padded(width: usize) -> usize {
-    width.next_multiple_of(LANES)
-}
-
-impl<T: Number> Packed<T> {
-    /// From `weight(input, output)`.
-    pub fn new(isa: Isa, inputs: usize, outputs: usize, weight: impl Fn(usize, usize) -> f32) -> Self {
-        let mut packed = Self::zero(isa, inputs, outputs);
-        packed.fill(weight);
-        packed
-    }
-
-    /// To be filled later.
-    pub fn zero(isa: Isa, inputs: usize, outputs: usize) -> Self {
-        let vectors = padded(outputs) / LANES;
-        let most = isa.panel().min(PANEL);
-        // As even as they come: five vectors are 3 and 2.
-        let n = vectors.div_ceil(most);
-        let panels: Vec<usize> = (0..n).map(|i| vectors * (i + 1) / n - vectors * i / n).collect();
-        Packed {
-            data: Buffer::new(inputs.next_multiple_of(T::STEP) * vectors * LANES),
-            inputs,
-            outputs,
-            columns: vectors * LANES,
-            panels,
-        }
-    }
-
-    /// Other weights of the same shape.
-    pub fn fill(&mut self, weight: impl Fn(usize, usize) -> f32) {
-        let steps = self.inputs.div_ceil(T::STEP);
-        let (mut at, mut first) = (0, 0);
-        for &panel in &self.panels {
-            for step in 0..steps {
-                for column in first..first + panel * LANES {
-                    for k in step * T::STEP..(step + 1) * T::STEP {
-                        if k < self.inputs && column < self.outputs {
-                            self.data[at] = T::from_f32(weight(k, column));
-                        }
-                        at += 1;
-                    }
-                }
-            }
-            first += panel * LANES;
-        }
-    }
-
-    /// Inputs.
-    pub fn inputs(&self) -> usize {
-        self.inputs
-    }
-
-    /// Outputs, padded.
-    pub fn outputs(&self) -> usize {
-        self.columns
-    }
-
-    /// Bytes.
-    pub fn bytes(&self) -> usize {
-        self.data.bytes()
-    }
-}
 
 /// What is added to a product, in rows of the padded number of outputs.
 #[derive(Clone, Copy, Debug)]
@@ -131,8 +54,8 @@ pub fn product<T: Number>(
     if n == 0 {
         return;
     }
-    let columns = weight.columns;
-    let read = weight.inputs.next_multiple_of(T::STEP);
+    let columns = weight.columns();
+    let read = weight.inputs().next_multiple_of(T::STEP);
     assert!(x.len() >= (n - 1) * stride + read, "rows of a product");
     let space = match &out {
         Output::Wide(out) => out.len(),
@@ -194,13 +117,13 @@ unsafe fn panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     function: Function,
     out: &mut Output<T>,
 ) {
-    let mut w = weight.data.as_ptr();
+    let mut w = weight.start();
     let mut column = 0;
-    let steps = weight.inputs.div_ceil(T::STEP);
-    for &vectors in &weight.panels {
+    let steps = weight.inputs().div_ceil(T::STEP);
+    for &vectors in weight.panels() {
         // SAFETY: the panel's weights are `steps * vectors` vectors from w.
         unsafe {
-            let place = (column, weight.columns);
+            let place = (column, weight.columns());
             match vectors {
                 1 => panel::<S, T, MR, 1>(w, steps, place, x, stride, n, addend, function, out),
                 2 if WIDE => panel::<S, T, MR, 2>(w, steps, place, x, stride, n, addend, function, out),

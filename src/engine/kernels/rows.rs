@@ -1,4 +1,6 @@
 //! Layer norms and what goes with them, sums and softmax over rows.
+// Loops over constant ranges are unrolled, which keeps what they index in registers.
+#![allow(clippy::needless_range_loop)]
 
 use super::product::rows_within;
 use super::simd::{LANES, Number, Simd, exp};
