@@ -108,9 +108,9 @@ fn area(mesh: &PointMesh, f: usize) -> [f64; 3] {
             [0, 1, 2].map(|d| a[d] - origin[d]),
             [0, 1, 2].map(|d| b[d] - origin[d]),
         );
-        for d in 0..3 {
+        for (d, total) in sum.iter_mut().enumerate() {
             let (e, f) = ((d + 1) % 3, (d + 2) % 3);
-            sum[d] += 0.5 * (a[e] * b[f] - a[f] * b[e]);
+            *total += 0.5 * (a[e] * b[f] - a[f] * b[e]);
         }
     }
     sum

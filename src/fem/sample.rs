@@ -229,7 +229,7 @@ fn honeycomb(nx: usize, ny: usize, lx: f64, ly: f64) -> (Vec<[f64; 2]>, Vec<Vec<
         cuts.push(2 * nx);
         cuts.dedup();
         for ends in cuts.windows(2) {
-            let line = |row: usize| (ends[0]..=ends[1]).filter_map(move |i| Some((i, row)));
+            let line = |row: usize| (ends[0]..=ends[1]).map(move |i| (i, row));
             let bottom = line(j).filter_map(|k| index.get(&k).copied());
             let top = line(j + 1).filter_map(|k| index.get(&k).copied());
             let mut polygon: Vec<usize> = bottom.collect();

@@ -271,8 +271,8 @@ fn parts(number: usize, cell: &Cell, x: &[[f64; 3]]) -> Result<Parts> {
             parts.volume[e] += volume;
             for (mean, slope) in means.iter().zip(slopes) {
                 for &p in mean.iter() {
-                    for d in 0..3 {
-                        parts.gradients[e][p][d] += slope[d] / mean.len() as f64;
+                    for (to, slope) in parts.gradients[e][p].iter_mut().zip(slope) {
+                        *to += slope / mean.len() as f64;
                     }
                 }
             }
