@@ -1,7 +1,7 @@
 //! Prints the time of one engine step on a channel of triangles, for the networks that are trained here:
 //! `step_time [CELLS [THREADS]]`.
 
-use m4gn::engine::{Engine, Forward, SegmentView};
+use m4gn::engine::{Engine, EngineOptions, Forward, SegmentView};
 use m4gn::graph::Graph;
 use m4gn::mesh::{NodeType, sample};
 use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
@@ -49,7 +49,11 @@ fn measure(model: &Model, graph: &Graph, comm: &Comm, threads: usize) -> m4gn::R
         position: &[],
         offsets: &[],
     };
-    let mut engine = Engine::new(model, graph, Some(&view), threads)?;
+    let options = EngineOptions {
+        n_threads: threads,
+        ..EngineOptions::default()
+    };
+    let mut engine = Engine::new(model, graph, Some(&view), &options)?;
     let inputs = vec![0.5; graph.n_owned * model.spec.n_field_inputs()];
     let mut outputs = vec![0.0; graph.n_cells * model.spec.n_outputs()];
     let mut best = f64::MAX;

@@ -7,6 +7,8 @@
 mod checks;
 #[path = "mpi_core/pairs.rs"]
 mod pairs;
+#[path = "mpi_core/segments.rs"]
+mod segments;
 
 use checks::{Checks, compare_modes, compare_segments};
 use m4gn::graph::Graph;
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         decompositions(&mut checks, name, &mesh);
     }
     cyclic(&mut checks);
+    segments::check(&mut checks);
     pairs::pairs(&mut checks);
     broken_meshes(&mut checks);
 
@@ -304,7 +307,7 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
         let again = segment(&part, &mut graph, spec, &comm, Some(&preset));
         let again = checks.value(again, &name);
         checks.that(
-            again.is_none_or(|a| a == found),
+            again.is_none_or(|a| a.member == found.member && a.adjacency == found.adjacency),
             format!("{name}: handed in again"),
         );
     }

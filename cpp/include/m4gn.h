@@ -23,7 +23,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 1
+#define M4GN_ABI_VERSION 2
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -132,8 +132,16 @@ typedef struct m4gn_session_options
     int32_t slic_iterations;    /* < 0: the model's */
     double tau;                 /* < 0: the model's */
     double segment_size;        /* S, m; <= 0: the model's */
-    const char* segment_method; /* "metis", "slic"; NULL: the model's */
+    const char* segment_method; /* "metis", "slic-md", "slic-mdodl", "slic-mdode"; NULL: the model's */
     const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    const char* precision;      /* "fp32" (NULL) or "bf16": of the native backend's products */
+    double energy;              /* share of the energy that as many modes hold, (0, 1]; modes is then the most;
+                                   <= 0: the model's */
+    int32_t connected;          /* every segment connected, 1 yes, 0 no; < 0: the model's */
+    double distance_scale;      /* length of the distance to the obstacle, m; 0: off (the paper); < 0: the model's */
+    const char* obstacles;      /* patches that are the obstacle, "a, b"; NULL: the model's */
+    const char* modal_solver;   /* "auto" (NULL), "direct" or "iterative" */
+    const char* petsc_options;  /* for the modes, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
 } m4gn_session_options;
 
 /* Fills in "as the model was trained" everywhere; set model afterwards. */

@@ -44,6 +44,16 @@ void Foam::m4gnSession::open
 
     const word backend(dict.getOrDefault<word>("backend", word::null));
     const word method(own.getOrDefault<word>("method", word::null));
+    const word obstacles
+    (
+        m4gn::join(own.getOrDefault<wordList>("obstacles", wordList()))
+    );
+    const word modalSolver(own.getOrDefault<word>("modalSolver", word::null));
+    const string petscOptions
+    (
+        own.getOrDefault<string>("petscOptions", string::null)
+    );
+    const word precision(dict.getOrDefault<word>("precision", word::null));
 
     m4gn_session_options options;
     m4gn_session_options_init(&options);
@@ -51,6 +61,7 @@ void Foam::m4gnSession::open
     options.model = model_.c_str();
     options.backend = textOrNull(backend);
     options.n_threads = dict.getOrDefault<label>("nThreads", 1);
+    options.precision = textOrNull(precision);
     options.segments = own.getOrDefault<label>("count", 0);
     options.modes = own.getOrDefault<label>("modes", -1);
     options.overlap = own.getOrDefault<label>("overlap", -1);
@@ -58,6 +69,13 @@ void Foam::m4gnSession::open
     options.tau = own.getOrDefault<scalar>("tau", -1);
     options.segment_size = own.getOrDefault<scalar>("size", 0);
     options.segment_method = textOrNull(method);
+    options.energy = own.getOrDefault<scalar>("energy", 0);
+    options.connected =
+        own.found("connected") ? int(own.get<bool>("connected")) : -1;
+    options.distance_scale = own.getOrDefault<scalar>("distanceScale", -1);
+    options.obstacles = textOrNull(obstacles);
+    options.modal_solver = textOrNull(modalSolver);
+    options.petsc_options = petscOptions.c_str();
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
@@ -322,8 +340,8 @@ Foam::wordList Foam::m4gnSession::keys()
 {
     return
     {
-        "model", "backend", "nThreads", "nodeTypes", "segments",
-        "writeSegments", "U", "p"
+        "model", "backend", "nThreads", "precision", "nodeTypes",
+        "segments", "writeSegments", "U", "p"
     };
 }
 
@@ -358,12 +376,24 @@ void Foam::m4gnSession::checkDictionary
             << exit(FatalIOError);
     }
 
+    const word precision(dict.getOrDefault<word>("precision", "fp32"));
+    if (precision != "fp32" && precision != "bf16")
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry precision is " << precision << "; expected fp32 or bf16"
+            << exit(FatalIOError);
+    }
+
     const dictionary own(dict.subOrEmptyDict("segments"));
 
     m4gn::checkKeys
     (
         own,
-        {"count", "modes", "tau", "size", "overlap", "iterations", "method"},
+        {
+            "count", "modes", "energy", "tau", "size", "overlap", "iterations",
+            "method", "connected", "distanceScale", "obstacles", "modalSolver",
+            "petscOptions"
+        },
         false
     );
 
@@ -383,13 +413,35 @@ void Foam::m4gnSession::checkDictionary
         own, "iterations", own.getOrDefault<label>("iterations", 0), 0
     );
 
-    const word method(own.getOrDefault<word>("method", "slic"));
-    if (method != "slic" && method != "metis")
+    m4gn::checkAtLeast
+    (
+        own, "energy", own.getOrDefault<scalar>("energy", 1), VSMALL
+    );
+    m4gn::checkAtLeast
+    (
+        own, "distanceScale", own.getOrDefault<scalar>("distanceScale", 0), 0
+    );
+    own.getOrDefault<bool>("connected", true);
+    own.getOrDefault<wordList>("obstacles", wordList());
+    own.getOrDefault<string>("petscOptions", string::null);
+
+    const auto checkWord = [&](const word& key, const wordList& valid)
     {
-        FatalIOErrorInFunction(own)
-            << "Entry method is " << method << "; expected slic or metis"
-            << exit(FatalIOError);
-    }
+        const word given(own.getOrDefault<word>(key, valid.first()));
+        if (!valid.found(given))
+        {
+            FatalIOErrorInFunction(own)
+                << "Entry " << key << " is " << given << "; expected one of "
+                << m4gn::join(valid) << exit(FatalIOError);
+        }
+    };
+
+    checkWord
+    (
+        "method",
+        {"metis", "slic-md", "slic-mdodl", "slic-mdode", "slic"}
+    );
+    checkWord("modalSolver", {"auto", "direct", "iterative"});
 }
 
 

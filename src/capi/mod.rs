@@ -22,7 +22,7 @@ pub use solids::SolidData;
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 1;
+pub const ABI_VERSION: i32 = 2;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

@@ -1,8 +1,10 @@
 //! Exports: the surrogate.
 
 use super::raw::{self, FieldData, FieldOut, MeshData};
+use crate::engine::Precision;
 use crate::mesh::Mesh;
 use crate::model::{Output, SegmentMethod};
+use crate::modes::{ModalOptions, ModalSolver};
 use crate::parallel::Comm;
 use crate::step::{Backend, Field, FieldMut, OutputShape, Session, SessionOptions};
 use crate::{Error, Result};
@@ -25,6 +27,13 @@ pub struct SessionOptionsData {
     pub segment_size: f64,
     pub segment_method: *const c_char,
     pub cell_segment: *const i32,
+    pub precision: *const c_char,
+    pub energy: f64,
+    pub connected: i32,
+    pub distance_scale: f64,
+    pub obstacles: *const c_char,
+    pub modal_solver: *const c_char,
+    pub petsc_options: *const c_char,
 }
 
 /// `m4gn_field_info`
@@ -61,17 +70,28 @@ impl SessionOptionsData {
         segment_size: 0.0,
         segment_method: std::ptr::null(),
         cell_segment: std::ptr::null(),
+        precision: std::ptr::null(),
+        energy: 0.0,
+        connected: -1,
+        distance_scale: -1.0,
+        obstacles: std::ptr::null(),
+        modal_solver: std::ptr::null(),
+        petsc_options: std::ptr::null(),
     };
 
     /// # Safety
     /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
     unsafe fn read(&self, n_cells: usize) -> Result<(PathBuf, SessionOptions)> {
         // SAFETY: passed on to the caller.
-        let (model, backend, method, labels) = unsafe {
+        let (model, backend, method, precision, obstacles, solver, petsc, labels) = unsafe {
             (
                 raw::text("model", self.model)?,
                 raw::optional_text("backend", self.backend)?,
                 raw::optional_text("segment_method", self.segment_method)?,
+                raw::optional_text("precision", self.precision)?,
+                raw::optional_text("obstacles", self.obstacles)?,
+                raw::optional_text("modal_solver", self.modal_solver)?,
+                raw::optional_text("petsc_options", self.petsc_options)?,
                 match self.cell_segment.is_null() {
                     true => None,
                     false => Some(raw::slice("cell_segment", self.cell_segment, n_cells)?.to_vec()),
@@ -79,19 +99,11 @@ impl SessionOptionsData {
             )
         };
         let given = |value: i32| usize::try_from(value).ok();
-        let segment_method = match method {
-            None => None,
-            Some("metis") => Some(SegmentMethod::Metis),
-            Some("slic") => Some(SegmentMethod::Slic),
-            Some(other) => {
-                return Err(Error::Input(format!(
-                    "segment_method: expected metis or slic, found '{other}'"
-                )));
-            }
-        };
+        let segment_method = method.map(SegmentMethod::parse).transpose()?;
         let segments = raw::count("segments", self.segments)?;
         let options = SessionOptions {
             backend: backend.map_or(Ok(Backend::default()), Backend::parse)?,
+            precision: precision.map_or(Ok(Precision::default()), Precision::parse)?,
             n_threads: raw::count("n_threads", self.n_threads)?,
             segments: (segments > 0).then_some(segments),
             modes: given(self.modes),
@@ -105,11 +117,42 @@ impl SessionOptionsData {
                 Some(self.segment_size)
             },
             segment_method,
+            energy: if self.energy <= 0.0 {
+                None
+            } else {
+                Some(self.energy)
+            },
+            connected: match self.connected {
+                0 => Some(false),
+                1 => Some(true),
+                n if n < 0 => None,
+                n => return Err(Error::Input(format!("connected: expected 0 or 1, found {n}"))),
+            },
+            distance_scale: if self.distance_scale < 0.0 {
+                None
+            } else {
+                Some(self.distance_scale)
+            },
+            obstacles: obstacles.map(names),
+            modal: ModalOptions {
+                solver: solver.map_or(Ok(ModalSolver::Auto), ModalSolver::parse)?,
+                petsc: petsc.unwrap_or_default().to_string(),
+                ..ModalOptions::default()
+            },
             cell_segment: labels,
             model_path: None,
         };
         Ok((PathBuf::from(model), options))
     }
+}
+
+/// The names of a list like `a, b`.
+fn names(list: &str) -> Vec<String> {
+    list.split(',')
+        .map(str::trim)
+        .filter(|name| !name.is_empty())
+        .map(str::to_string)
+        .collect()
 }
 
 /// # Safety

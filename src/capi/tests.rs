@@ -32,7 +32,7 @@ fn layouts_are_those_of_the_header() {
             size_of::<SessionOptionsData>(),
             offset_of!(SessionOptionsData, tau)
         ),
-        (72, 40)
+        (128, 40)
     );
     assert_eq!(
         (size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)),
@@ -210,6 +210,6 @@ fn null_handles_and_pointers_are_errors() {
             CStr::from_ptr(m4gn_version()).to_str().unwrap(),
             env!("CARGO_PKG_VERSION")
         );
-        assert_eq!(m4gn_abi_version(), 1);
+        assert_eq!(m4gn_abi_version(), ABI_VERSION);
     }
 }

@@ -237,8 +237,13 @@ fn model(path: &Path) -> Result<(String, Value)> {
             );
             let _ = writeln!(
                 text,
-                "segments    {} by {:?}, {} modes, tau {}, overlap {}",
-                s.count, s.method, s.modes, s.tau, s.overlap
+                "segments    {} by {}, {} modes, tau {}, overlap {}{}",
+                s.count,
+                s.method,
+                s.modes,
+                s.tau,
+                s.overlap,
+                if s.connected { ", connected" } else { "" }
             );
         }
         None => text += "macro       none\n",

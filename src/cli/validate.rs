@@ -3,6 +3,7 @@
 use crate::{
     Error, Result,
     dataset::{self, Split, Trajectory},
+    engine::Precision,
     model::Model,
     report::number,
     step::{Backend, SessionOptions},
@@ -35,6 +36,9 @@ pub struct Args {
     /// Threads
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
+    /// Of the native engine's products: fp32, bf16
+    #[arg(long, default_value = "fp32")]
+    precision: String,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -74,6 +78,7 @@ pub fn run(args: Args) -> Result<()> {
     let options = SessionOptions {
         backend: Backend::parse(&args.backend)?,
         n_threads: args.threads,
+        precision: Precision::parse(&args.precision)?,
         model_path: Some(args.model.clone()),
         ..SessionOptions::default()
     };

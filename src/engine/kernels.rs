@@ -1,39 +1,12 @@
 //! Loops over latent rows `[n x d]`, compiled for the instruction sets that matter and chosen when the engine is made.
 
+use super::options::{Isa, Level};
+
 /// Rows of 16 floats: one AVX-512 register, two of AVX2, four of the baseline.
 const LANES: usize = 16;
 
 /// Stabilises the division of a layer norm, as in PyTorch.
 const NORM_EPSILON: f32 = 1e-5;
-
-/// The widest instruction set that this processor has. Only [`Isa::detect`] makes one, so having it is proof.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Isa(Level);
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Level {
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    Baseline,
-}
-
-impl Isa {
-    /// Asks the processor.
-    pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-                return Isa(Level::Avx512);
-            }
-            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-                return Isa(Level::Avx2);
-            }
-        }
-        Isa(Level::Baseline)
-    }
-}
 
 /// Compiles a function for each instruction set; the first argument of what it makes is the [`Isa`].
 macro_rules! simd {
@@ -55,11 +28,11 @@ macro_rules! simd {
             match isa.0 {
                 // SAFETY: an Isa of this level exists only where the processor has these features.
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512 => unsafe { avx512($($arg),*) },
+                Level::Avx512 | Level::Avx512Bf16 => unsafe { avx512($($arg),*) },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 Level::Avx2 => unsafe { avx2($($arg),*) },
-                Level::Baseline => plain($($arg),*),
+                Level::Portable => plain($($arg),*),
             }
         }
     )*};
@@ -271,7 +244,7 @@ mod tests {
     use super::*;
 
     fn isas() -> Vec<Isa> {
-        vec![Isa(Level::Baseline), Isa::detect()]
+        Isa::available()
     }
 
     #[test]

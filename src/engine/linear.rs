@@ -1,6 +1,7 @@
 //! Linear layers and perceptrons over row-major rows `[n x d]`.
 
-use super::kernels::{Function, Isa, bias_activate, layer_norm};
+use super::Isa;
+use super::kernels::{Function, bias_activate, layer_norm};
 use crate::Result;
 use crate::model::{Activation, Model};
 use faer::linalg::matmul::matmul;

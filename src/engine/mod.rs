@@ -12,6 +12,7 @@
 mod ends;
 mod kernels;
 mod linear;
+mod options;
 mod passing;
 #[cfg(test)]
 mod plain;
@@ -24,8 +25,8 @@ use crate::model::Model;
 use crate::parallel::{Comm, Halo};
 use crate::{Error, Result};
 use ends::{Decoder, Encoder, normaliser};
-use kernels::Isa;
 use linear::{Norm, Tail, Weight};
+pub use options::{EngineOptions, Isa, Precision};
 use passing::Layer;
 use std::ops::Range;
 use tiles::{Part, each_part};
@@ -100,8 +101,12 @@ impl Engine {
         model: &Model,
         graph: &Graph,
         segments: Option<&SegmentView>,
-        n_threads: usize,
+        options: &EngineOptions,
     ) -> Result<Self> {
+        if options.precision != Precision::Fp32 {
+            return Err(Error::Input("precision bf16: not built into this engine".into()));
+        }
+        let n_threads = options.n_threads.max(1);
         let spec = &model.spec;
         let d = spec.architecture.width;
         let edge_width = spec.n_edge_features();
@@ -120,7 +125,7 @@ impl Engine {
         let n_layers = spec.architecture.layers_before + spec.architecture.layers_after;
         let hidden = d.max(spec.n_field_inputs()).max(edge_width).max(spec.n_outputs());
         let mut engine = Engine {
-            isa: Isa::detect(),
+            isa: options.isa.unwrap_or_else(Isa::detect),
             width: d,
             n_cells: graph.n_cells,
             n_owned: graph.n_owned,

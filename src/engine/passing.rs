@@ -1,6 +1,7 @@
 //! One message-passing layer: edge network (eq. 3), sum over the edges of a node, node network (eq. 2).
 
-use super::kernels::{self, Isa};
+use super::Isa;
+use super::kernels;
 use super::linear::{Norm, Tail, Weight};
 use super::rows;
 use super::tiles::Part;

@@ -225,7 +225,7 @@ pub fn forward(model: &Model, graph: &Graph, segments: Option<&SegmentView>, inp
 
 mod tests {
     use super::*;
-    use crate::engine::{Engine, Forward};
+    use crate::engine::{Engine, EngineOptions, Forward};
     use crate::mesh::sample;
     use crate::model::{Activation, MacroSpec, tests::spec};
     use crate::parallel::Comm;
@@ -266,7 +266,11 @@ mod tests {
         let n = graph.n_owned * model.spec.n_field_inputs();
         let inputs: Vec<f32> = (0..n).map(|i| (i as f32 * 0.7).sin()).collect();
         let expected = forward(model, &graph, view, &inputs);
-        let mut engine = Engine::new(model, &graph, view, n_threads).unwrap();
+        let options = EngineOptions {
+            n_threads,
+            ..EngineOptions::default()
+        };
+        let mut engine = Engine::new(model, &graph, view, &options).unwrap();
         let mut outputs = vec![0f32; graph.n_cells * model.spec.n_outputs()];
         // Twice: nothing of the first step may leak into the second.
         for _ in 0..2 {

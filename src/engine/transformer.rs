@@ -2,8 +2,9 @@
 //!
 //! Segment sums are made over all ranks in fp64; from there on every rank computes the same K rows.
 
+use super::Isa;
 use super::SegmentView;
-use super::kernels::{self, Function, Isa};
+use super::kernels::{self, Function};
 use super::linear::{self, Norm, Tail, Weight};
 use crate::model::{Model, ModelSpec};
 use crate::parallel::Comm;

@@ -113,18 +113,8 @@ impl ModelSpec {
         expect((1..=1 << 20).contains(&s.count), || {
             format!("segments.count: expected 1 to {}, found {}", 1 << 20, s.count)
         })?;
-        expect(s.tau.is_finite() && s.tau >= 0.0, || {
-            format!(
-                "segments.tau: expected a number that is not negative, found {}",
-                s.tau
-            )
-        })?;
-        expect(s.size.is_none_or(|size| size.is_finite() && size > 0.0), || {
-            format!(
-                "segments.size: expected a positive length in m, found {:?}",
-                s.size
-            )
-        })
+        s.check()
+            .map_err(|e| Error::Model(format!("model description: {e}")))
     }
 }
 

@@ -2,8 +2,10 @@
 
 mod check;
 mod file;
+mod segmentation;
 mod tensors;
 
+pub use segmentation::{SegmentMethod, SegmentSpec};
 pub use tensors::{Model, Tensor};
 
 use crate::mesh::NodeType;
@@ -41,50 +43,6 @@ impl FieldSpec {
     /// Components as features in `dim` solved directions.
     pub fn components(&self, dim: usize) -> usize {
         if self.vector { dim } else { 1 }
-    }
-}
-
-/// First partition and its refinement (paper, section 3.3.3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SegmentMethod {
-    /// METIS alone.
-    Metis,
-    /// METIS refined by SLIC on modes and positions (SLIC-MD).
-    Slic,
-}
-
-/// How the mesh is cut into segments (Algorithms 1 and 2).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SegmentSpec {
-    /// METIS alone or with SLIC.
-    pub method: SegmentMethod,
-    /// Number of segments, K.
-    pub count: usize,
-    /// Number of Laplacian modes used as features, m.
-    pub modes: usize,
-    /// Compactness tau of eq. 8.
-    pub tau: f64,
-    /// Average cluster size S of Algorithm 2, m; none: sqrt(domain area / K) (cube root in 3-D).
-    pub size: Option<f64>,
-    /// Largest number of SLIC sweeps.
-    pub iterations: usize,
-    /// Overlap delta of section 3.3.1, in layers of neighbours.
-    pub overlap: usize,
-}
-
-impl Default for SegmentSpec {
-    fn default() -> Self {
-        SegmentSpec {
-            method: SegmentMethod::Slic,
-            count: 36,
-            modes: 6,
-            tau: 1.0,
-            size: None,
-            iterations: 20,
-            overlap: 0,
-        }
     }
 }
 
@@ -164,6 +122,7 @@ pub struct ModelSpec {
     /// Network.
     pub architecture: Architecture,
     /// Segmentation the model was trained with.
+    #[serde(deserialize_with = "segmentation::of_model_file")]
     pub segments: SegmentSpec,
     /// Where it came from: configuration, data, seed, steps, errors. For people; the engine ignores it.
     pub training: serde_json::Value,

@@ -2,8 +2,11 @@
 
 use super::pair::Pair;
 use super::problem::{Mass, Problem, Rows};
-use crate::Result;
 use crate::parallel::Comm;
+use crate::{Error, Result};
+
+/// Entries of a symmetric matrix may differ from their mirror images by this, relative to the largest entry.
+const ASYMMETRY: f64 = 1e-8;
 
 /// (row, column, value); entries of one place add up.
 pub(super) type Triplet = (usize, usize, f64);
@@ -34,6 +37,28 @@ impl Gathered {
             m: m?,
             n: total[0] as usize,
         })
+    }
+
+    /// # Errors
+    /// [`Error::Input`] for an entry that is not its mirror image.
+    pub fn check_symmetry(&self) -> Result<()> {
+        for (name, entries) in [("K", &self.k), ("M", &self.m)] {
+            let largest = entries.iter().map(|e| e.2.abs()).fold(0.0, f64::max);
+            let mirrored = |&(i, j, v): &Triplet| if i < j { (i, j, v) } else { (j, i, -v) };
+            let mut sides: Vec<Triplet> = entries.iter().filter(|e| e.0 != e.1).map(mirrored).collect();
+            sides.sort_by_key(|e| (e.0, e.1));
+            for place in sides.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+                let off: f64 = place.iter().map(|e| e.2).sum();
+                if off.abs() > ASYMMETRY * largest {
+                    let (i, j, _) = place[0];
+                    return Err(Error::Input(format!(
+                        "{name} is not symmetric: entries ({i}, {j}) and ({j}, {i}) differ by {off:e}; declare the pair \
+                         non-symmetric"
+                    )));
+                }
+            }
+        }
+        Ok(())
     }
 }
 

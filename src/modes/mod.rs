@@ -32,6 +32,7 @@ use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::parallel::Comm;
 use frame::Frame;
+use std::borrow::Cow;
 
 #[cfg(feature = "slepc")]
 use crate::ffi::petsc as large;
@@ -93,7 +94,7 @@ pub fn laplacian(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Problem>
 /// [`crate::Error::Numerical`] if the solver fails.
 pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     let (problem, frame) = assemble::laplacian(mesh, graph, comm)?;
-    Solution::new(&problem, frame, comm, options)?.modes(false)
+    Solution::new(Cow::Owned(problem), frame, comm, options)?.modes(false)
 }
 
 /// The first modes of a pair of matrices. Collective; all ranks fail together.
@@ -109,7 +110,7 @@ pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &Mo
 /// unknowns, or wrong options; [`crate::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
 pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     problem.check(comm)?;
-    Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(false)
+    Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(false)
 }
 
 /// The same modes as [`solve`] by a dense eigen-decomposition, which it serves to test.
@@ -118,7 +119,7 @@ pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<M
 /// As [`solve`].
 pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     problem.check(comm)?;
-    Solution::new(problem, Frame::of(problem, comm), comm, options)?.modes(true)
+    Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(true)
 }
 
 /// The same modes as [`laplacian_modes`] by a dense eigen-decomposition, which it serves to test.
@@ -128,12 +129,12 @@ pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Resu
 pub fn laplacian_reference(mesh: &Mesh, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     let mut graph = Graph::new(mesh, comm)?;
     let (problem, frame) = assemble::laplacian(mesh, &mut graph, comm)?;
-    Solution::new(&problem, frame, comm, options)?.modes(true)
+    Solution::new(Cow::Owned(problem), frame, comm, options)?.modes(true)
 }
 
 /// One run.
 struct Solution<'a> {
-    problem: &'a Problem,
+    problem: Cow<'a, Problem>,
     frame: Frame<'a>,
     comm: &'a Comm,
     options: &'a ModalOptions,
@@ -143,7 +144,7 @@ struct Solution<'a> {
 
 impl<'a> Solution<'a> {
     fn new(
-        problem: &'a Problem,
+        problem: Cow<'a, Problem>,
         frame: Frame<'a>,
         comm: &'a Comm,
         options: &'a ModalOptions,
@@ -162,8 +163,8 @@ impl<'a> Solution<'a> {
         Ok(solution)
     }
 
-    fn modes(&self, plain: bool) -> Result<Modes> {
-        let (problem, comm) = (self.problem, self.comm);
+    fn modes(mut self, plain: bool) -> Result<Modes> {
+        let comm = self.comm;
         let wanted = select::candidates(self.options.count, self.total);
         if wanted == 0 {
             return Ok(Modes {
@@ -171,36 +172,42 @@ impl<'a> Solution<'a> {
                 vectors: Vec::new(),
             });
         }
-        let size = comm.agree(problem.eigenvalue_size(comm))?;
+        let size = comm.agree(self.problem.eigenvalue_size(comm))?;
         // Eigenvalues that are 0 come out smaller than this.
-        let zero = problem
+        let zero = self
+            .problem
             .shift
             .map_or(1e-13 * size, |s| (1e-4 * s.abs()).max(1e-14 * size));
         let mut pairs = if plain || self.total <= DENSE {
-            dense::eigenpairs(problem, problem.shift.unwrap_or(-1e-4 * size), comm)?
+            let shift = self.problem.shift.unwrap_or(-1e-4 * size);
+            dense::eigenpairs(&self.problem, shift, comm)?
         } else {
             let taken = |values: &[f64]| {
                 (values.len() >= wanted)
                     .then(|| select::whole_clusters(values, wanted, zero))
                     .flatten()
             };
-            large::eigenpairs(
-                comm,
-                &large::Request {
-                    problem,
-                    shift: problem.shift.unwrap_or(-1e-10 * size),
-                    wanted,
-                    taken: &taken,
-                    options: self.options,
-                },
-            )?
+            let matrices = large::Matrices::new(comm, &self.problem)?;
+            if let Cow::Owned(problem) = &mut self.problem {
+                // A factor needs the room.
+                problem.stiffness = Rows::default();
+            }
+            let request = large::Request {
+                symmetric: self.problem.symmetric,
+                block: self.problem.block,
+                shift: self.problem.shift.unwrap_or(-1e-10 * size),
+                wanted,
+                taken: &taken,
+                options: self.options,
+            };
+            large::eigenpairs(comm, &matrices, &request)?
         };
         let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
         pairs.truncate(count);
         pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
-        let total = problem.scale(comm, &mut pairs);
+        let scale = self.problem.scale(self.total, comm, &mut pairs);
         for cluster in select::clusters(&pairs, zero) {
-            canonical::choose_basis(&self.frame, problem.block, total, comm, &mut pairs[cluster]);
+            canonical::choose_basis(&self.frame, self.problem.block, scale, comm, &mut pairs[cluster]);
         }
         let (eigenvalues, vectors) = pairs.into_iter().map(|p| (p.value, p.vector)).unzip();
         Ok(Modes { eigenvalues, vectors })

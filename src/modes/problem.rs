@@ -92,7 +92,7 @@ impl Problem {
                 finite("M", values)?;
             }
         }
-        if self.block == 0 || n % self.block != 0 {
+        if self.block == 0 || !n.is_multiple_of(self.block) {
             return Err(Error::Input(format!(
                 "{n} rows with {} unknowns a point: expected whole points on every rank",
                 self.block
@@ -156,15 +156,13 @@ impl Problem {
     }
 
     /// phi^T M phi of the modes' scale: the sum of the entries of M over the unknowns of a point. Where that, or
-    /// phi^T M phi of a pair, is not positive, M makes no scale: it is then replaced by 1 in the pairs. Collective.
-    pub(super) fn scale(&self, comm: &Comm, pairs: &mut [Pair]) -> f64 {
-        let mut sums = vec![
-            match &self.mass {
-                Mass::Diagonal(values) => values.iter().sum::<f64>(),
-                Mass::Matrix(rows) => rows.value.iter().sum(),
-            },
-            self.stiffness.n() as f64,
-        ];
+    /// phi^T M phi of a pair, is not positive, M makes no scale: it is
+    /// then replaced by 1 in the pairs. `total` unknowns of all ranks. Collective.
+    pub(super) fn scale(&self, total: usize, comm: &Comm, pairs: &mut [Pair]) -> f64 {
+        let mut sums = vec![match &self.mass {
+            Mass::Diagonal(values) => values.iter().sum::<f64>(),
+            Mass::Matrix(rows) => rows.value.iter().sum(),
+        }];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
         for p in pairs.iter() {
             sums.extend([
@@ -175,11 +173,11 @@ impl Problem {
         }
         comm.sum_f64(&mut sums);
         let positive = |s: &[f64]| s[0] > 1e-12 * (s[1] * s[2]).sqrt();
-        if sums[0] > 0.0 && sums[2..].chunks_exact(3).all(positive) {
+        if sums[0] > 0.0 && sums[1..].chunks_exact(3).all(positive) {
             return sums[0] / self.block as f64;
         }
         pairs.iter_mut().for_each(|p| p.weighted.clone_from(&p.vector));
-        sums[1] / self.block as f64
+        total as f64 / self.block as f64
     }
 }
 

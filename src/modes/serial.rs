@@ -9,21 +9,25 @@ const DENSE: i64 = 2000;
 
 /// As the solver of `ffi::petsc` is asked.
 pub(crate) struct Request<'a> {
-    /// The matrices.
-    pub problem: &'a Problem,
-    /// Below the eigenvalues wanted.
+    pub symmetric: bool,
+    pub block: usize,
     pub shift: f64,
-    /// Pairs wanted at first.
     pub wanted: usize,
-    /// How many of these eigenvalues are taken; none: more have to be seen.
     pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
-    /// The way to them.
     pub options: &'a ModalOptions,
 }
 
+/// A copy of the problem.
+pub(crate) struct Matrices(Problem);
+
+impl Matrices {
+    pub(crate) fn new(_comm: &Comm, problem: &Problem) -> Result<Self> {
+        Ok(Matrices(problem.clone()))
+    }
+}
+
 /// Eigenpairs, nearest to the shift first. Collective.
-pub(crate) fn eigenpairs(comm: &Comm, request: &Request) -> Result<Vec<Pair>> {
-    let problem = request.problem;
+pub(crate) fn eigenpairs(comm: &Comm, Matrices(problem): &Matrices, request: &Request) -> Result<Vec<Pair>> {
     let mut total = [problem.stiffness.n() as i64];
     comm.sum_i64(&mut total);
     let input = |what: &str| {
@@ -37,9 +41,12 @@ pub(crate) fn eigenpairs(comm: &Comm, request: &Request) -> Result<Vec<Pair>> {
     if request.options.solver == ModalSolver::Iterative {
         return input("the iterative modal solver");
     }
-    match problem.symmetric {
+    match request.symmetric {
         true => sparse::eigenpairs(problem, request.shift, request.wanted, request.taken, comm),
         false if total[0] <= DENSE => dense::eigenpairs(problem, request.shift, comm),
-        false => input(&format!("a non-symmetric pair of more than {DENSE} unknowns")),
+        false => input(&format!(
+            "a non-symmetric pair of more than {DENSE} unknowns ({} here, {} a point)",
+            total[0], request.block
+        )),
     }
 }

@@ -103,6 +103,7 @@ struct Search {
 
 impl Search {
     fn new(pair: Gathered, shift: f64) -> Result<Self> {
+        pair.check_symmetry()?;
         let n = pair.n;
         let m = matrix(n, pair.m.iter().copied())?;
         let scaled = pair.m.iter().map(|&(i, j, v)| (i, j, -shift * v));

@@ -3,19 +3,28 @@
 //! Nothing here depends on the number of ranks: METIS sees the canonical numbering on the root, and SLIC's sums
 //! are integers.
 
+mod cell_graph;
+mod connect;
 mod geometry;
+mod nearest;
+mod obstacle;
 mod overlap;
 mod partition;
+mod quality;
 mod slic;
 mod walk;
 
 pub use geometry::{SegmentFeatures, features};
+pub use obstacle::obstacle_distance;
+pub use quality::{Dissimilarity, Quality, quality};
 
 use crate::graph::Graph;
 use crate::mesh::Mesh;
-use crate::model::{SegmentMethod, SegmentSpec};
-use crate::parallel::Comm;
+use crate::model::SegmentSpec;
+use crate::modes::{self, ModalOptions, Modes};
+use crate::parallel::{Comm, Element};
 use crate::{Error, Result};
+use cell_graph::Root;
 
 /// Most segments: their adjacency is dense and replicated, 0.5 GB at this number.
 pub const MAX_SEGMENTS: usize = 8192;
@@ -36,13 +45,23 @@ pub struct Segmentation {
     /// `[K x K]` directed edges from members of one segment to members of another, over all ranks (eq. 10); the
     /// diagonal counts a segment's inner edges.
     pub adjacency: Vec<f64>,
+    /// Cells that each SLIC sweep moved, over all ranks: its length is the number of sweeps, and it ends with 0 if
+    /// they converged. Empty for METIS alone and for labels that were handed in.
+    pub sweeps: Vec<usize>,
+    /// Cells that were given to another segment so that every segment is connected, over all ranks.
+    pub reassigned: usize,
 }
 
 /// Cuts the mesh into `spec.count` segments. Collective; all ranks fail together.
 ///
-/// `preset` gives the segment of each of this rank's cells (0 to K - 1, none empty) instead of computing them.
-/// Errors: [`Error::Input`] if K is 0 or larger than the number of cells or [`MAX_SEGMENTS`], if there are fewer modes than asked
-/// for, or if a preset label is out of range or missing.
+/// `preset` gives the segment of each of this rank's cells (0 to K - 1, none empty) instead of computing them; they
+/// are taken as they are, connected or not.
+///
+/// # Errors
+/// [`Error::Input`] if K is 0 or larger than the number of cells or [`MAX_SEGMENTS`], if there are fewer modes than
+/// asked for, if `spec` is out of range ([`SegmentSpec::check`]), if segments are to be connected and there are fewer
+/// than components of the mesh, if a method needs an obstacle that the mesh does not have, or if a preset label is
+/// out of range or missing.
 pub fn segment(
     mesh: &Mesh,
     graph: &mut Graph,
@@ -50,6 +69,71 @@ pub fn segment(
     comm: &Comm,
     preset: Option<&[i32]>,
 ) -> Result<Segmentation> {
+    segment_with(mesh, graph, spec, &ModalOptions::default(), comm, preset)
+}
+
+/// As [`segment`], with the way to the modes; their number is `spec`'s. Collective; all ranks fail together.
+///
+/// # Errors
+/// As [`segment`], and those of [`modes::laplacian_modes`].
+pub fn segment_with(
+    mesh: &Mesh,
+    graph: &mut Graph,
+    spec: &SegmentSpec,
+    modal: &ModalOptions,
+    comm: &Comm,
+    preset: Option<&[i32]>,
+) -> Result<Segmentation> {
+    let total = check(mesh, spec, comm)?;
+    let mut any_preset = [preset.is_some() as i64];
+    comm.max_i64(&mut any_preset);
+    match preset {
+        Some(labels) => {
+            let cells = preset_labels(mesh, labels, spec.count, comm)?;
+            overlap::complete(mesh, graph, spec, comm, cells)
+        }
+        None if any_preset[0] != 0 => comm.agree(Err(Error::Input(
+            "other ranks give preset segments, this one does not".into(),
+        ))),
+        None => {
+            let modes = match needs_modes(spec, total) {
+                true => {
+                    let modal = ModalOptions {
+                        count: spec.mode_count(),
+                        ..modal.clone()
+                    };
+                    Some(modes::laplacian_modes(mesh, graph, comm, &modal)?)
+                }
+                false => None,
+            };
+            compute(mesh, graph, spec, modes.as_ref(), comm)
+        }
+    }
+}
+
+/// As [`segment`] without a preset, by `modes` that were computed before, of which all are features: many numbers of
+/// segments and methods of one mesh need them once. Collective; all ranks fail together.
+///
+/// # Errors
+/// As [`segment`].
+pub fn segment_by_modes(
+    mesh: &Mesh,
+    graph: &mut Graph,
+    spec: &SegmentSpec,
+    modes: &Modes,
+    comm: &Comm,
+) -> Result<Segmentation> {
+    check(mesh, spec, comm)?;
+    compute(mesh, graph, spec, Some(modes), comm)
+}
+
+/// Whether there is something to refine by modes.
+fn needs_modes(spec: &SegmentSpec, total: i64) -> bool {
+    spec.method.uses_modes() && spec.count > 1 && (spec.count as i64) < total
+}
+
+/// Cells of all ranks, if the spec suits them. Collective.
+fn check(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<i64> {
     let mut total = [mesh.n_cells() as i64];
     comm.sum_i64(&mut total);
     if spec.count == 0 || spec.count as i64 > total[0] {
@@ -64,24 +148,56 @@ pub fn segment(
             spec.count
         )));
     }
-    let mut any_preset = [preset.is_some() as i64];
-    comm.max_i64(&mut any_preset);
-    let cells = match preset {
-        Some(labels) => preset_labels(mesh, labels, spec.count, comm)?,
-        None if any_preset[0] != 0 => {
-            return comm.agree(Err(Error::Input(
-                "other ranks give preset segments, this one does not".into(),
-            )));
-        }
-        None => {
-            let labels = partition::partition(mesh, graph, spec.count, comm)?;
-            match spec.method {
-                SegmentMethod::Metis => labels,
-                SegmentMethod::Slic => slic::refine(mesh, graph, spec, comm, labels)?,
-            }
-        }
+    spec.check()?;
+    Ok(total[0])
+}
+
+/// METIS, SLIC where the method has it, connected pieces, overlap. Collective.
+fn compute(
+    mesh: &Mesh,
+    graph: &mut Graph,
+    spec: &SegmentSpec,
+    modes: Option<&Modes>,
+    comm: &Comm,
+) -> Result<Segmentation> {
+    let mut total = [mesh.n_cells() as i64];
+    comm.sum_i64(&mut total);
+    let root = Root::gather(mesh, graph, comm)?;
+    let first = match &root {
+        Some(root) => partition::partition(&root.graph, spec.count, spec.connected),
+        None => Ok(Vec::new()),
     };
-    overlap::complete(mesh, graph, spec, comm, cells)
+    let first = comm.agree(first)?;
+    let mut labels = Root::hand_out(root.as_ref(), &first, comm);
+    let mut sweeps = Vec::new();
+    if needs_modes(spec, total[0])
+        && let Some(modes) = modes
+    {
+        let refined = slic::refine(mesh, spec, modes, comm, labels)?;
+        (labels, sweeps) = (refined.labels, refined.sweeps);
+    }
+    let mut reassigned = vec![0i64];
+    if spec.connected {
+        let mut all = Root::collect(root.as_ref(), &labels, comm).unwrap_or_default();
+        if let Some(root) = &root {
+            reassigned[0] = connect::connect(&root.graph, &mut all, spec.count) as i64;
+        }
+        labels = Root::hand_out(root.as_ref(), &all, comm);
+    }
+    comm.broadcast(&mut reassigned);
+    drop(root);
+    Ok(Segmentation {
+        sweeps,
+        reassigned: reassigned[0] as usize,
+        ..overlap::complete(mesh, graph, spec, comm, labels)?
+    })
+}
+
+/// All ranks' lists after each other, on all ranks. Collective.
+fn everywhere<T: Element>(comm: &Comm, local: &[T]) -> Vec<T> {
+    let mut all = comm.gather(local).map(|lists| lists.concat()).unwrap_or_default();
+    comm.broadcast(&mut all);
+    all
 }
 
 /// Labels that somebody computed before, checked.

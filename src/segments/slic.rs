@@ -1,12 +1,16 @@
-//! SLIC on modes and positions (eq. 7, 8, Algorithm 2), in integers.
+//! SLIC on modes, positions and the distance to the obstacle (eq. 7, 8, 14, Algorithm 2), in whole numbers.
+//!
+//! The distance of a cell from a centroid is |f - f_C| + tau |x - x_C| with f the distance to the obstacle and the
+//! modes in one vector, as Algorithm 2 (line 27) and appendix B.4, which defines the variants, have it; eq. 8 adds a norm
+//! of its own for the obstacle. Without the obstacle (SLIC-MD) the two are the same.
 //!
 //! Features are rounded to multiples of a quantum before use: sums over any number of ranks are then exact, and
 //! the rounding noise of eigenvectors (which does depend on the ranks) is far below what moves a cell.
 
-use crate::graph::Graph;
+use super::obstacle;
 use crate::mesh::Mesh;
 use crate::model::SegmentSpec;
-use crate::modes::{Extent, ModalOptions, laplacian_modes};
+use crate::modes::{Extent, Modes};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 
@@ -17,18 +21,26 @@ const QUANTUM: f64 = 1e-7;
 /// are instead of following the last bit of an eigenvector.
 const MARGIN: f64 = 1e-5;
 
-/// Features of this rank's cells in quanta: modes, then positions.
+/// Features of this rank's cells in quanta.
 struct Features {
-    /// Mode features a cell.
-    modes: usize,
-    /// Features a cell: modes and solved directions.
+    /// Physics-guided features f a cell: distance to the obstacle, modes.
+    guided: usize,
+    /// Features a cell: the guided ones and the position in the solved directions.
     width: usize,
-    /// `[n_cells x width]`.
-    values: Vec<i64>,
+    /// `[n_cells x width]`, whole numbers.
+    values: Vec<f64>,
     /// S in quanta.
     size: f64,
     /// Weight of positions, eq. 8.
     tau: f64,
+}
+
+/// Segments after SLIC, and how it went.
+pub(super) struct Refined {
+    /// Segment of each of this rank's cells.
+    pub labels: Vec<i32>,
+    /// Cells that each sweep moved, over all ranks.
+    pub sweeps: Vec<usize>,
 }
 
 /// Moves cells between the `spec.count` segments of `labels` until none moves or the sweeps are used up.
@@ -37,37 +49,18 @@ struct Features {
 /// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size. A cell
 /// goes to the nearest centroid if that is within S (Algorithm 2, line 28) and stays otherwise. A segment that
 /// would lose all its cells keeps the one nearest to its centroid.
+///
+/// # Errors
+/// [`Error::Input`] if the obstacle's distance is a feature and there is no obstacle, or if S is beyond numbers.
 pub(super) fn refine(
     mesh: &Mesh,
-    graph: &mut Graph,
     spec: &SegmentSpec,
+    modes: &Modes,
     comm: &Comm,
     labels: Vec<i32>,
-) -> Result<Vec<i32>> {
-    check(spec)?;
-    let mut total = [mesh.n_cells() as i64];
-    comm.sum_i64(&mut total);
-    if spec.count == 1 || spec.count as i64 == total[0] {
-        return Ok(labels);
-    }
-    let modes = laplacian_modes(mesh, graph, comm, &ModalOptions::fixed(spec.modes))?;
-    let features = Features::new(mesh, spec, comm, &modes.vectors, total[0]);
+) -> Result<Refined> {
+    let features = Features::new(mesh, spec, comm, &modes.vectors)?;
     Ok(features.sweep(mesh, comm, spec, labels))
-}
-
-fn check(spec: &SegmentSpec) -> Result<()> {
-    if !(spec.tau.is_finite() && spec.tau >= 0.0) {
-        return Err(Error::Input(format!(
-            "tau is {}: expected a finite number, not negative",
-            spec.tau
-        )));
-    }
-    match spec.size {
-        Some(s) if !(s.is_finite() && s > 0.0) => Err(Error::Input(format!(
-            "segment size S is {s} m: expected a positive finite length"
-        ))),
-        _ => Ok(()),
-    }
 }
 
 /// The default S of appendix B.4.1: extent of the domain = K S^dim.
@@ -85,65 +78,77 @@ fn default_size(mesh: &Mesh, extent: &Extent, count: usize) -> f64 {
 }
 
 impl Features {
-    fn new(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm, modes: &[Vec<f64>], n_global: i64) -> Self {
+    fn new(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm, modes: &[Vec<f64>]) -> Result<Self> {
+        let mut total = [mesh.n_cells() as i64];
+        comm.sum_i64(&mut total);
         let extent = Extent::of(mesh, comm);
         let size = spec
             .size
             .unwrap_or_else(|| default_size(mesh, &extent, spec.count));
+        let obstacle = obstacle::feature(mesh, spec, size, comm)?;
         // No sum over all cells may leave the integers.
         let mut largest = [0.0f64];
         for phi in modes.iter().flatten() {
             largest[0] = largest[0].max(phi.abs() * size);
         }
+        for f in &obstacle {
+            largest[0] = largest[0].max(f.abs());
+        }
         for &d in &mesh.directions {
             largest[0] = largest[0].max(extent.high[d] - extent.low[d]);
         }
         comm.max_f64(&mut largest);
-        let room = 2f64.powi(61) / n_global as f64;
+        if !largest[0].is_finite() {
+            return Err(Error::Input(format!(
+                "segments.size: expected a length in m like those of the mesh, found {size:e}"
+            )));
+        }
+        let room = 2f64.powi(61) / total[0] as f64;
         // A power of two: `largest` carries rounding noise, the quantum must not.
-        let quantum = (QUANTUM * size).max((largest[0] / room).log2().ceil().exp2());
-        let width = modes.len() + mesh.dim();
+        let quantum = (QUANTUM * size)
+            .max((largest[0] / room).log2().ceil().exp2())
+            .max(f64::MIN_POSITIVE);
+        let width = usize::from(spec.method.uses_obstacle()) + modes.len() + mesh.dim();
         let mut values = Vec::with_capacity(mesh.n_cells() * width);
         for (cell, x) in mesh.cell_centres.iter().enumerate() {
-            values.extend(
-                modes
-                    .iter()
-                    .map(|phi| (phi[cell] * size / quantum).round() as i64),
-            );
-            values.extend(
-                mesh.directions
-                    .iter()
-                    .map(|&d| ((x[d] - extent.low[d]) / quantum).round() as i64),
-            );
+            let position = mesh.directions.iter().map(|&d| x[d] - extent.low[d]);
+            let mode = modes.iter().map(|phi| phi[cell] * size);
+            let all = obstacle
+                .get(cell)
+                .copied()
+                .into_iter()
+                .chain(mode)
+                .chain(position);
+            values.extend(all.map(|f| (f / quantum).round()));
         }
-        Features {
-            modes: modes.len(),
+        Ok(Features {
+            guided: width - mesh.dim(),
             width,
             values,
             size: size / quantum,
             tau: spec.tau,
-        }
+        })
     }
 
-    fn of(&self, cell: usize) -> &[i64] {
+    fn of(&self, cell: usize) -> &[f64] {
         &self.values[cell * self.width..(cell + 1) * self.width]
     }
 
-    fn sweep(&self, mesh: &Mesh, comm: &Comm, spec: &SegmentSpec, mut labels: Vec<i32>) -> Vec<i32> {
+    fn sweep(&self, mesh: &Mesh, comm: &Comm, spec: &SegmentSpec, mut labels: Vec<i32>) -> Refined {
+        let mut sweeps = Vec::new();
         for _ in 0..spec.iterations {
             let centroids = self.centroids(comm, spec.count, &labels);
-            let mut next: Vec<i32> = (0..labels.len())
-                .map(|cell| self.nearest(cell, labels[cell], &centroids))
-                .collect();
+            let mut next = self.nearest(&labels, &centroids);
             self.keep_one_each(mesh, comm, spec.count, &centroids, &labels, &mut next);
             let mut moved = [labels.iter().zip(&next).filter(|(a, b)| a != b).count() as i64];
             comm.sum_i64(&mut moved);
             labels = next;
+            sweeps.push(moved[0] as usize);
             if moved[0] == 0 {
                 break;
             }
         }
-        labels
+        Refined { labels, sweeps }
     }
 
     /// Means of each segment's features `[count x width]` (eq. 7). Collective.
@@ -153,7 +158,10 @@ impl Features {
         for (cell, &label) in labels.iter().enumerate() {
             let sum = &mut sums[label as usize * stride..(label as usize + 1) * stride];
             sum[0] += 1;
-            sum[1..].iter_mut().zip(self.of(cell)).for_each(|(s, f)| *s += f);
+            sum[1..]
+                .iter_mut()
+                .zip(self.of(cell))
+                .for_each(|(s, &f)| *s += f as i64);
         }
         comm.sum_i64(&mut sums);
         sums.chunks_exact(stride)
@@ -161,25 +169,77 @@ impl Features {
             .collect()
     }
 
-    /// Distance of eq. 8, in quanta.
-    fn distance(&self, cell: usize, centroid: &[f64]) -> f64 {
-        let square = |(&f, c): (&i64, &f64)| (f as f64 - c).powi(2);
-        let (f, x) = self.of(cell).split_at(self.modes);
-        let (cf, cx) = centroid.split_at(self.modes);
-        f.iter().zip(cf).map(square).sum::<f64>().sqrt()
-            + self.tau * x.iter().zip(cx).map(square).sum::<f64>().sqrt()
+    /// Distance of Algorithm 2 (line 27) between two sets of features, in quanta.
+    fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
+        let norm = |a: &[f64], b: &[f64]| {
+            let squares = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
+            squares.sum::<f64>().sqrt()
+        };
+        let ((f, x), (g, y)) = (a.split_at(self.guided), b.split_at(self.guided));
+        norm(f, g) + self.tau * norm(x, y)
     }
 
-    fn nearest(&self, cell: usize, current: i32, centroids: &[f64]) -> i32 {
-        let own = &centroids[current as usize * self.width..(current as usize + 1) * self.width];
-        let mut best = (self.distance(cell, own), current);
-        for (k, centroid) in centroids.chunks_exact(self.width).enumerate() {
-            let d = self.distance(cell, centroid);
-            if d < best.0 - MARGIN * self.size {
-                best = (d, k as i32);
-            }
+    /// The segment that each cell goes to: of the centroids within S of it and nearer than its own by the margin
+    /// the nearest (those within the margin of that one: the first), else its own.
+    ///
+    /// Only centroids near the cell's own are looked at: the distance is a metric, so that a centroid farther from the
+    /// own one than the sum of the cell's distances to both cannot be.
+    fn nearest(&self, labels: &[i32], centroids: &[f64]) -> Vec<i32> {
+        let (width, margin) = (self.width, MARGIN * self.size);
+        let centroid = |k: usize| &centroids[k * width..(k + 1) * width];
+        let own: Vec<f64> = labels
+            .iter()
+            .enumerate()
+            .map(|(cell, &k)| self.distance(self.of(cell), centroid(k as usize)))
+            .collect();
+        // How far from its own centroid the centroid of a cell's next segment can be, with room for rounding.
+        let reach = |own: f64, limit: f64| (own + limit) * (1.0 + 1e-9);
+        let limit = |own: f64| (own - margin).min(self.size);
+        let count = centroids.len() / width;
+        let mut farthest = vec![0.0f64; count];
+        for (&k, &own) in labels.iter().zip(&own) {
+            let farthest = &mut farthest[k as usize];
+            *farthest = farthest.max(reach(own, limit(own)));
         }
-        if best.0 <= self.size { best.1 } else { current }
+        let around = |k: usize| {
+            let mut near: Vec<(f64, i32)> = (0..count)
+                .filter(|&j| j != k)
+                .map(|j| (self.distance(centroid(k), centroid(j)), j as i32))
+                .filter(|near| near.0 <= farthest[k])
+                .collect();
+            near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            near
+        };
+        let near: Vec<Vec<(f64, i32)>> = (0..count)
+            .map(|k| if farthest[k] > 0.0 { around(k) } else { Vec::new() })
+            .collect();
+        let mut candidates: Vec<(f64, i32)> = Vec::new();
+        labels
+            .iter()
+            .enumerate()
+            .map(|(cell, &current)| {
+                let (own, x) = (own[cell], self.of(cell));
+                let mut bound = limit(own);
+                candidates.clear();
+                for &(apart, j) in &near[current as usize] {
+                    if apart > reach(own, bound) {
+                        break;
+                    }
+                    let d = self.distance(x, centroid(j as usize));
+                    if d <= self.size && d < own - margin {
+                        candidates.push((d, j));
+                        bound = bound.min(d + margin);
+                    }
+                }
+                let least = candidates.iter().map(|c| c.0).fold(f64::INFINITY, f64::min);
+                candidates
+                    .iter()
+                    .filter(|c| c.0 <= least + margin)
+                    .map(|c| c.1)
+                    .min()
+                    .unwrap_or(current)
+            })
+            .collect()
     }
 
     /// Gives every segment that would be empty its nearest cell of before back (of equals the one with the
@@ -204,7 +264,7 @@ impl Features {
             // Whole quanta: comparable between ranks.
             let steps = |cell: usize| {
                 let k = before[cell] as usize;
-                self.distance(cell, &centroids[k * self.width..(k + 1) * self.width])
+                self.distance(self.of(cell), &centroids[k * self.width..(k + 1) * self.width])
                     .round() as i64
             };
             let empty = |cell: usize| sizes[before[cell] as usize] == 0;
@@ -230,102 +290,4 @@ impl Features {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::mesh::sample;
-
-    fn spec(count: usize, modes: usize) -> SegmentSpec {
-        SegmentSpec {
-            count,
-            modes,
-            ..Default::default()
-        }
-    }
-
-    fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> {
-        let comm = Comm::serial();
-        let mut graph = Graph::new(mesh, &comm)?;
-        refine(mesh, &mut graph, spec, &comm, labels.to_vec())
-    }
-
-    #[test]
-    fn two_blobs_are_found_from_a_poor_start() {
-        let mut mesh = sample::chain(8, 8.0);
-        // Two groups of four cells, 10 m apart.
-        mesh.cell_centres[4..].iter_mut().for_each(|x| x[0] += 10.0);
-        let spec = SegmentSpec {
-            size: Some(20.0),
-            ..spec(2, 0)
-        };
-        assert_eq!(
-            refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(),
-            [0, 0, 0, 0, 1, 1, 1, 1]
-        );
-        // One sweep on paper: centroids 11.2 / 4 + ..., all cells farther than S stay.
-        let spec = SegmentSpec {
-            size: Some(1e-3),
-            ..spec
-        };
-        assert_eq!(
-            refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(),
-            [0, 0, 0, 1, 0, 1, 1, 1]
-        );
-    }
-
-    #[test]
-    fn the_sign_change_of_the_second_mode_cuts_a_chain_in_half() {
-        let mesh = sample::chain(10, 1.0);
-        let spec = SegmentSpec {
-            tau: 0.0,
-            size: Some(1.0),
-            ..spec(2, 2)
-        };
-        let labels = refined(&mesh, &spec, &[0, 0, 0, 0, 0, 0, 0, 1, 1, 1]).unwrap();
-        assert_eq!(labels, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]);
-    }
-
-    #[test]
-    fn a_segment_keeps_its_nearest_cell() {
-        // Segment 1 has cells 0 and 5 and its centroid in the middle of segment 0: all would leave it.
-        let mesh = sample::chain(6, 6.0);
-        let spec = SegmentSpec {
-            size: Some(10.0),
-            iterations: 1,
-            ..spec(3, 0)
-        };
-        let labels = refined(&mesh, &spec, &[1, 0, 0, 2, 2, 1]).unwrap();
-        assert!((0..3).all(|k| labels.contains(&k)), "{labels:?}");
-    }
-
-    #[test]
-    fn sizes_and_weights_are_checked() {
-        let mesh = sample::chain(6, 6.0);
-        for bad in [
-            SegmentSpec {
-                tau: -1.0,
-                ..spec(2, 0)
-            },
-            SegmentSpec {
-                tau: f64::NAN,
-                ..spec(2, 0)
-            },
-            SegmentSpec {
-                size: Some(0.0),
-                ..spec(2, 0)
-            },
-            spec(2, 6),
-        ] {
-            assert!(matches!(
-                refined(&mesh, &bad, &[0, 0, 0, 1, 1, 1]),
-                Err(Error::Input(_))
-            ));
-        }
-    }
-
-    #[test]
-    fn the_default_size_is_that_of_the_paper() {
-        let mesh = sample::rectangle(16, 4, 1.6, 0.41);
-        let extent = Extent::of(&mesh, &Comm::serial());
-        assert!((default_size(&mesh, &extent, 36) - (0.656f64 / 36.0).sqrt()).abs() < 1e-12);
-    }
-}
+mod tests;

@@ -1,5 +1,7 @@
 use super::*;
 use crate::mesh::sample;
+use crate::model::SegmentMethod;
+use proptest::prelude::*;
 
 fn cut(mesh: &Mesh, spec: &SegmentSpec, preset: Option<&[i32]>) -> Result<Segmentation> {
     let comm = Comm::serial();
@@ -70,5 +72,116 @@ fn preset_labels_are_checked() {
     ] {
         let error = cut(&mesh, &metis(2), Some(labels)).unwrap_err().to_string();
         assert!(error.contains(part), "{error}");
+    }
+}
+
+/// Connected pieces of equal segments, by merging across faces until nothing changes.
+fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
+    let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
+    loop {
+        let before = piece.clone();
+        for (&a, &b) in mesh.face_owner.iter().zip(&mesh.face_neighbour) {
+            let (a, b) = (a as usize, b as usize);
+            if segment[a] == segment[b] {
+                let low = piece[a].min(piece[b]);
+                (piece[a], piece[b]) = (low, low);
+            }
+        }
+        if piece == before {
+            break;
+        }
+    }
+    piece.sort_unstable();
+    piece.dedup();
+    piece.len()
+}
+
+#[test]
+fn extremes_have_an_answer() {
+    let mesh = sample::triangles(4, 3, 1.6, 0.7);
+    for method in SegmentMethod::ALL {
+        for (count, tau, size, modes) in [
+            (1, 1.0, None, 6),
+            (24, 1.0, None, 6),
+            (23, 1.0, None, 3),
+            (5, 0.0, None, 3),
+            (5, 0.0, None, 0),
+            (5, 1.0, Some(1e-300), 3),
+            (5, 1e6, Some(1e9), 23),
+        ] {
+            let spec = SegmentSpec {
+                method,
+                count,
+                tau,
+                size,
+                modes,
+                ..Default::default()
+            };
+            let s = cut(&mesh, &spec, None).unwrap();
+            assert!(s.sizes.iter().all(|&n| n > 0.0), "{spec:?}: {:?}", s.sizes);
+            assert_eq!(pieces(&mesh, &s.node_segment), count, "{spec:?}");
+        }
+    }
+    let two = sample::chain(2, 1.0);
+    let spec = |count, modes| SegmentSpec {
+        count,
+        modes,
+        ..Default::default()
+    };
+    assert_eq!(cut(&two, &spec(1, 6), None).unwrap().node_segment[..2], [0, 0]);
+    assert_eq!(cut(&two, &spec(2, 6), None).unwrap().node_segment[..2], [0, 1]);
+    assert!(matches!(cut(&two, &spec(3, 6), None), Err(Error::Input(_))));
+}
+
+#[test]
+fn a_share_of_the_energy_takes_as_many_modes_as_it_needs() {
+    let mesh = sample::rectangle(9, 4, 2.3, 1.0);
+    let with = |modes, energy| {
+        let spec = SegmentSpec {
+            count: 6,
+            modes,
+            energy,
+            ..Default::default()
+        };
+        cut(&mesh, &spec, None).unwrap()
+    };
+    assert_eq!(with(5, Some(1.0)), with(5, None));
+    assert_eq!(with(5, Some(1e-3)), with(1, None));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    #[test]
+    fn segments_of_any_mesh_are_full_and_connected_when_asked(
+        (nx, ny) in (1usize..8, 1usize..7),
+        lost in prop::collection::vec(0usize..4, 100),
+        method in prop::sample::select(SegmentMethod::ALL.to_vec()),
+        (count, modes, iterations) in (1usize..30, 0usize..5, 0usize..6),
+        (tau, connected) in (prop::sample::select(vec![0.0, 0.3, 1.0, 5.0]), any::<bool>()),
+    ) {
+        let mut mesh = sample::rectangle(nx, ny, 1.3, 0.8);
+        let keep: Vec<bool> = (0..mesh.face_owner.len()).map(|f| lost[f % lost.len()] > 0).collect();
+        let mut at = keep.iter();
+        mesh.face_owner.retain(|_| *at.next().unwrap());
+        at = keep.iter();
+        mesh.face_neighbour.retain(|_| *at.next().unwrap());
+        at = keep.iter();
+        mesh.face_coeff.retain(|_| *at.next().unwrap());
+        let n = mesh.n_cells();
+        let spec = SegmentSpec { method, count, modes, iterations, tau, connected, ..Default::default() };
+        let components = pieces(&mesh, &vec![0; n]);
+        match cut(&mesh, &spec, None) {
+            Ok(s) => {
+                prop_assert!(s.node_segment.iter().all(|&l| (0..count as i32).contains(&l)));
+                prop_assert!(s.sizes.iter().all(|&n| n > 0.0));
+                if connected {
+                    prop_assert_eq!(pieces(&mesh, &s.node_segment[..n]), count);
+                }
+            }
+            Err(Error::Input(m)) => prop_assert!(
+                count > n || modes >= n || (connected && count < components), "{m}"
+            ),
+            Err(e) => prop_assert!(false, "{e}"),
+        }
     }
 }

@@ -13,7 +13,7 @@ pub use field::{Field, FieldMut, OutputShape};
 pub use options::{Backend, SessionOptions};
 
 use crate::engine::torch::TorchBackend;
-use crate::engine::{Engine, Forward, SegmentView};
+use crate::engine::{Engine, Forward, Precision, SegmentView};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
 use crate::model::{Model, ModelSpec, Output};
@@ -78,7 +78,14 @@ impl Session {
         let segmentation = match spec.architecture.segment_transformer {
             Some(_) => {
                 let preset = preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm);
-                Some(segments::segment(mesh, &mut graph, &segment_spec, &comm, preset)?)
+                Some(segments::segment_with(
+                    mesh,
+                    &mut graph,
+                    &segment_spec,
+                    &options.modal,
+                    &comm,
+                    preset,
+                )?)
             }
             None => None,
         };
@@ -342,13 +349,14 @@ fn network(
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
     match &options.backend {
-        Backend::Native => Ok(Box::new(Engine::new(
-            model,
-            graph,
-            view,
-            options.n_threads.max(1),
-        )?)),
+        Backend::Native => Ok(Box::new(Engine::new(model, graph, view, &options.engine())?)),
         Backend::Torch(device) => {
+            if options.precision != Precision::Fp32 {
+                return Err(Error::Input(format!(
+                    "precision {}: backend torch computes in fp32; use backend native",
+                    options.precision.name()
+                )));
+            }
             let path = options.model_path.as_deref();
             let path = path.ok_or_else(|| Error::Input("backend torch needs the model's file".into()))?;
             let lengths = (

@@ -1,6 +1,8 @@
 //! What a case may set differently from the model.
 
+use crate::engine::{EngineOptions, Precision};
 use crate::model::{SegmentMethod, SegmentSpec};
+use crate::modes::ModalOptions;
 use crate::{Error, Result};
 use std::path::PathBuf;
 
@@ -41,6 +43,8 @@ pub struct SessionOptions {
     pub backend: Backend,
     /// Threads of this rank; 0: 1.
     pub n_threads: usize,
+    /// Of the native engine's products; libtorch computes in fp32.
+    pub precision: Precision,
     /// Number of segments K.
     pub segments: Option<usize>,
     /// Number of Laplacian modes m.
@@ -53,8 +57,18 @@ pub struct SessionOptions {
     pub tau: Option<f64>,
     /// Average cluster size S, m.
     pub segment_size: Option<f64>,
-    /// METIS alone or with SLIC.
+    /// METIS alone or a variant of SLIC.
     pub segment_method: Option<SegmentMethod>,
+    /// Share of the energy that chooses the number of modes; `modes` is then the most.
+    pub energy: Option<f64>,
+    /// Whether every segment is made connected.
+    pub connected: Option<bool>,
+    /// Length over which the distance to the obstacle is taken, m; 0: off.
+    pub distance_scale: Option<f64>,
+    /// Patches that are the obstacle.
+    pub obstacles: Option<Vec<String>>,
+    /// The way to the modes; their number is that of `modes` and `energy`.
+    pub modal: ModalOptions,
     /// Segment of each cell, computed before.
     pub cell_segment: Option<Vec<i32>>,
     /// File that the model came from; the torch backend reads it.
@@ -62,6 +76,15 @@ pub struct SessionOptions {
 }
 
 impl SessionOptions {
+    /// What the native engine is made with.
+    pub(super) fn engine(&self) -> EngineOptions {
+        EngineOptions {
+            n_threads: self.n_threads.max(1),
+            precision: self.precision,
+            ..EngineOptions::default()
+        }
+    }
+
     /// The model's segmentation with what the case sets differently.
     ///
     /// # Errors
@@ -77,24 +100,16 @@ impl SessionOptions {
             method: self.segment_method.unwrap_or(model.method),
             count: self.segments.unwrap_or(model.count),
             modes: self.modes.unwrap_or(model.modes),
+            energy: self.energy.or(model.energy),
             tau: self.tau.unwrap_or(model.tau),
             size: self.segment_size.or(model.size),
             iterations: self.slic_iterations.unwrap_or(model.iterations),
+            connected: self.connected.unwrap_or(model.connected),
+            distance_scale: self.distance_scale.or(model.distance_scale),
+            obstacles: self.obstacles.clone().unwrap_or_else(|| model.obstacles.clone()),
             overlap: self.overlap.unwrap_or(model.overlap),
         };
-        if !spec.tau.is_finite() || spec.tau < 0.0 {
-            return Err(Error::Input(format!(
-                "tau: expected a number that is not negative, found {}",
-                spec.tau
-            )));
-        }
-        if let Some(size) = spec.size
-            && (!size.is_finite() || size <= 0.0)
-        {
-            return Err(Error::Input(format!(
-                "segment size: expected a positive length in m, found {size}"
-            )));
-        }
+        spec.check()?;
         Ok(spec)
     }
 }

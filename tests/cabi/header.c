@@ -16,7 +16,9 @@ int main(void)
     failed += strlen(m4gn_last_error()) != 0;
 
     m4gn_session_options_init(&options);
-    failed += options.model != NULL || options.modes != -1 || options.tau >= 0 || options.n_threads != 0;
+    failed += options.model != NULL || options.modes != -1 || options.tau >= 0 || options.n_threads != 0
+        || options.precision != NULL || options.connected != -1 || options.energy > 0 || options.distance_scale >= 0
+        || options.obstacles != NULL || options.petsc_options != NULL;
 
     failed += m4gn_session_new(M4GN_NO_MPI, NULL, &options, &session) != M4GN_ERROR_INPUT;
     failed += session != NULL;

@@ -105,11 +105,24 @@ void refusesOptions()
     REQUIRE(contains(message, "25") && contains(message, "24"));
     REQUIRE(with([](m4gn_session_options& o) { o.segments = -1; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](m4gn_session_options& o) { o.n_threads = -1; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.precision = "fp16"; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](m4gn_session_options& o) { o.tau = NAN; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](m4gn_session_options& o) { o.backend = "abacus"; }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "abacus"));
     REQUIRE(with([](m4gn_session_options& o) { o.segment_method = "scissors"; }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "scissors"));
+    REQUIRE(contains(message, "slic-mdode"));
+    REQUIRE(with([](m4gn_session_options& o) { o.energy = 1.5; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "segments.energy"));
+    REQUIRE(with([](m4gn_session_options& o) { o.connected = 2; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.distance_scale = NAN; }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](m4gn_session_options& o) { o.modal_solver = "abacus"; }) == M4GN_ERROR_INPUT);
+    REQUIRE
+    (
+        with([](m4gn_session_options& o) { o.segment_method = "slic-mdodl"; o.obstacles = "ball, stick"; })
+     == M4GN_ERROR_INPUT
+    );
+    REQUIRE(contains(message, "ball, stick: expected some of the patches"));
     static const std::vector<int32_t> labels(24, 9);
     REQUIRE(with([](m4gn_session_options& o) { o.cell_segment = labels.data(); }) == M4GN_ERROR_INPUT);
 }

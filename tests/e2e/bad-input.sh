@@ -43,6 +43,14 @@ surrogate "$good model \"$small_model\"; nodeTypes { cylinder obstacle; }"
 refused 'obstacle' icoFoam
 surrogate "$good model \"$small_model\"; segments { count 100000; }"
 refused '100000' icoFoam
+surrogate "$good model \"$small_model\"; segments { method slic-mdodx; }"
+refused 'expected one of metis, slic-md, slic-mdodl, slic-mdode' icoFoam
+surrogate "$good model \"$small_model\"; segments { energy 2; }"
+refused 'expected a share above 0 and at most 1' icoFoam
+surrogate "$good model \"$small_model\"; segments { method slic-mdode; obstacles (cylnder); }"
+refused 'cylnder: expected some of the patches' icoFoam
+surrogate "$good model \"$small_model\"; segments { connected maybe; }"
+refused 'connected' icoFoam
 cp system/controlDict controlDict
 sed -i 's/^deltaT .*/deltaT 0.02;/' system/controlDict
 surrogate "$good model \"$small_model\";"

@@ -299,7 +299,7 @@ impl Config {
             }
             None => {}
         }
-        at_least_one("segments.count", self.segments.count as u64)?;
+        self.segments.check()?;
         at_least_one("training.batch_size", t.batch_size as u64)?;
         at_least_one("training.micro_batch", t.micro_batch as u64)?;
         at_least_one("training.steps", t.steps)?;
@@ -473,6 +473,21 @@ mod tests {
             ("width = 8", "widht = 8", "widht"),
             ("width = 8", "width = 0", "model.width"),
             ("stride = 0.05", "stride = -1.0", "model.stride"),
+            (
+                "[training]",
+                "[segments]\ncount = 0\n[training]",
+                "segments.count",
+            ),
+            (
+                "[training]",
+                "[segments]\nenergy = 2.0\n[training]",
+                "segments.energy",
+            ),
+            (
+                "[training]",
+                "[segments]\nmethod = \"slic-x\"\n[training]",
+                "slic-mdode",
+            ),
             (
                 "layers_before = 1",
                 "layers_before = 1\nlayers_after = 2",

@@ -12,7 +12,7 @@ use crate::request::Request;
 use crate::samples::Components;
 use crate::weights::Layout;
 use crate::workload::Workload;
-use m4gn::model::{Model, ModelSpec};
+use m4gn::model::{Model, ModelSpec, SegmentSpec};
 use m4gn::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -131,8 +131,17 @@ impl Trainer<'_> {
             )
         };
         let table = |c: &serde_json::Value, name: &str| c.get(name).cloned().unwrap_or_default();
+        let segments = |c: &serde_json::Value| {
+            let entries = table(c, "segments").as_object().cloned().unwrap_or_default();
+            SegmentSpec::of_training(entries).ok()
+        };
         for name in ["model", "macro", "segments"] {
-            if table(&earlier.progress.config, name) != table(&self.progress.config, name) {
+            let (old, new) = (&earlier.progress.config, &self.progress.config);
+            let same = match name {
+                "segments" => segments(old) == segments(new),
+                _ => table(old, name) == table(new, name),
+            };
+            if !same {
                 return Err(misfit(&format!("[{name}] table in the configuration")));
             }
         }

@@ -1,7 +1,7 @@
 //! The tch model against the native engine on the same weights, its fused operations against plain ones, and unions
 //! of graphs against single ones.
 
-use m4gn::engine::{Engine, Forward, SegmentView};
+use m4gn::engine::{Engine, EngineOptions, Forward, SegmentView};
 use m4gn::graph::Graph;
 use m4gn::mesh::{Mesh, NodeType, sample};
 use m4gn::model::{
@@ -201,7 +201,7 @@ fn difference(spec: &ModelSpec) -> f64 {
     };
     let inputs: Vec<f32> = (0..graph.n_owned * 3).map(|i| (i as f32 * 0.37).sin()).collect();
     let (mut native, mut torch) = (vec![0f32; graph.n_cells * 3], vec![0f32; graph.n_cells * 3]);
-    Engine::new(&model, &graph, Some(&view), 1)
+    Engine::new(&model, &graph, Some(&view), &EngineOptions::default())
         .unwrap()
         .forward(&comm, &inputs, &mut native)
         .unwrap();

@@ -7,7 +7,7 @@ use super::{Quiet, c, check, raw, start};
 use crate::modes::{Mass, ModalOptions, Pair, Problem};
 use crate::parallel::Comm;
 use crate::{Error, Result};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 
 /// Most sweeps that look for copies of repeated eigenvalues, or for the end of a cluster.
 const SWEEPS: usize = 40;
@@ -23,8 +23,10 @@ const RESIDUAL: f64 = 1e-3;
 
 /// What is asked of the solver.
 pub(crate) struct Request<'a> {
-    /// The matrices.
-    pub problem: &'a Problem,
+    /// Whether both matrices are symmetric.
+    pub symmetric: bool,
+    /// Unknowns a point.
+    pub block: usize,
     /// Below the eigenvalues wanted: K - shift M is positive definite where both are symmetric.
     pub shift: f64,
     /// Pairs wanted at first.
@@ -35,23 +37,71 @@ pub(crate) struct Request<'a> {
     pub options: &'a ModalOptions,
 }
 
-/// Eigenpairs by ascending distance from the shift, those that are taken and a few more. Collective.
+/// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
+pub(crate) struct Matrices {
+    k: Matrix,
+    m: Matrix,
+    diagonal_mass: bool,
+    /// Unknowns and entries of K over all ranks.
+    pub(super) unknowns: i64,
+    pub(super) entries: i64,
+}
+
+impl Matrices {
+    /// Copies the problem's. Collective; all ranks fail together.
+    pub(crate) fn new(comm: &Comm, problem: &Problem) -> Result<Self> {
+        let _turn = turn();
+        comm.agree(start(comm))?;
+        let _quiet = Quiet::new();
+        let mut sizes = [
+            problem.stiffness.n() as i64,
+            problem.stiffness.column.len() as i64,
+        ];
+        comm.sum_i64(&mut sizes);
+        let make = || {
+            Ok(Matrices {
+                k: Matrix::new(comm, &problem.stiffness, problem.symmetric, problem.block)?,
+                m: match &problem.mass {
+                    Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
+                    Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
+                },
+                diagonal_mass: matches!(problem.mass, Mass::Diagonal(_)),
+                unknowns: sizes[0],
+                entries: sizes[1],
+            })
+        };
+        comm.agree(make())
+    }
+}
+
+/// PETSc keeps global state and is not thread-safe.
+fn turn() -> MutexGuard<'static, ()> {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
+}
+
+/// Eigenpairs by ascending distance from the shift, those that are taken and a few more. Collective; all ranks fail
+/// together.
 ///
 /// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies until
 /// nothing new lies within the range that is taken: with the found vectors deflated where the matrices are symmetric,
 /// else from other start vectors.
-pub(crate) fn eigenpairs(comm: &Comm, request: &Request) -> Result<Vec<Pair>> {
-    // PETSc keeps global state and is not thread-safe.
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
-    comm.agree(start(comm))?;
+pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Request) -> Result<Vec<Pair>> {
+    let _turn = turn();
     let _quiet = Quiet::new();
     let mut last = Error::Internal("no method was tried".into());
-    for &method in Method::of(comm, request) {
+    for &method in Method::of(comm, matrices, request) {
         let mut options = comm.agree(Options::new(&request.options.petsc))?;
-        let found = options
-            .defaults(method.defaults())
-            .and_then(|()| Search::new(comm, request, method)?.run());
+        let mut run = || {
+            options.defaults(method.defaults())?;
+            let found = Search::new(comm, matrices, request, method)?.run()?;
+            // The solver with its factor is gone by now.
+            found
+                .into_iter()
+                .map(|f| f.into_pair(comm, &matrices.m))
+                .collect()
+        };
+        let found = run();
         match comm.agree(found) {
             Ok(pairs) => {
                 comm.agree(options.all_used())?;
@@ -63,33 +113,47 @@ pub(crate) fn eigenpairs(comm: &Comm, request: &Request) -> Result<Vec<Pair>> {
     Err(last)
 }
 
+/// An eigenvalue and its vector; of a complex pair, the real part for the first and the imaginary part for the second.
+pub(super) struct Found {
+    pub(super) value: f64,
+    pub(super) imaginary: f64,
+    pub(super) vector: Vector,
+}
+
+impl Found {
+    fn into_pair(self, comm: &Comm, m: &Matrix) -> Result<Pair> {
+        let pair = Pair {
+            value: self.value,
+            imaginary: self.imaginary,
+            weighted: m.times(&self.vector)?.values()?,
+            vector: self.vector.values()?,
+        };
+        let finite = match pair.value.is_finite() && pair.vector.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(Error::Numerical(
+                "a mode is not finite: look at the mesh for cells of extreme size or coefficients".into(),
+            )),
+        };
+        comm.agree(finite)?;
+        Ok(pair)
+    }
+}
+
 struct Search<'a> {
     comm: &'a Comm,
     request: &'a Request<'a>,
-    k: Matrix,
-    m: Matrix,
+    matrices: &'a Matrices,
     eps: Solver,
     /// As set by the method or the options.
     tolerance: f64,
     /// Sizes of the subspace as set by the options, or PETSc's default.
     space: (i32, i32),
-    total: usize,
-    pairs: Vec<Pair>,
-    /// Vectors of `pairs`, where these are deflated.
-    known: Vec<Vector>,
+    found: Vec<Found>,
 }
 
 impl<'a> Search<'a> {
-    fn new(comm: &'a Comm, request: &'a Request<'a>, method: Method) -> Result<Self> {
-        let problem = request.problem;
-        let mut total = [problem.stiffness.n() as i64];
-        comm.sum_i64(&mut total);
-        let k = Matrix::new(comm, &problem.stiffness, problem.symmetric, problem.block)?;
-        let m = match &problem.mass {
-            Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
-            Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
-        };
-        let kind = match problem.symmetric {
+    fn new(comm: &'a Comm, matrices: &'a Matrices, request: &'a Request<'a>, method: Method) -> Result<Self> {
+        let kind = match request.symmetric {
             true => c::EPSProblemType_EPS_GHEP,
             false => c::EPSProblemType_EPS_GNHEP,
         };
@@ -99,7 +163,7 @@ impl<'a> Search<'a> {
         unsafe {
             check(c::EPSCreate(raw(comm), &mut eps.0))?;
             check(c::EPSSetOptionsPrefix(eps.0, PREFIX.as_ptr()))?;
-            check(c::EPSSetOperators(eps.0, k.0, m.0))?;
+            check(c::EPSSetOperators(eps.0, matrices.k.0, matrices.m.0))?;
             check(c::EPSSetProblemType(eps.0, kind))?;
             check(c::EPSSetType(eps.0, c"krylovschur".as_ptr()))?;
             check(c::EPSSetTarget(eps.0, request.shift))?;
@@ -109,7 +173,7 @@ impl<'a> Search<'a> {
             check(c::EPSGetST(eps.0, &mut st))?;
             check(c::STSetType(st, c"sinvert".as_ptr()))?;
             check(c::STSetShift(st, request.shift))?;
-            if matches!(problem.mass, Mass::Diagonal(_)) {
+            if matrices.diagonal_mass {
                 check(c::STSetMatStructure(st, c::MatStructure_SUBSET_NONZERO_PATTERN))?;
             }
             check(c::STGetKSP(st, &mut ksp))?;
@@ -127,64 +191,58 @@ impl<'a> Search<'a> {
         Ok(Search {
             comm,
             request,
-            k,
-            m,
+            matrices,
             eps,
             tolerance,
             space,
-            total: total[0] as usize,
-            pairs: Vec::new(),
-            known: Vec::new(),
+            found: Vec::new(),
         })
     }
 
-    fn run(mut self) -> Result<Vec<Pair>> {
-        let symmetric = self.request.problem.symmetric;
-        let mut ask = (self.request.wanted + 2).min(self.total);
+    fn run(mut self) -> Result<Vec<Found>> {
+        let symmetric = self.request.symmetric;
+        let total = self.matrices.unknowns as usize;
+        let mut ask = (self.request.wanted + 2).min(total);
         for _ in 0..SWEEPS {
-            let before = self.pairs.len();
+            let first = self.found.is_empty();
             let bound = self.bound();
-            let found = self.sweep(ask)?;
+            let run = self.sweep(ask)?;
             let new = match symmetric {
-                true => found,
-                false => super::subspace::independent(self.comm, &self.pairs, found),
+                true => run,
+                false => super::subspace::independent(self.comm, &self.found, run)?,
             };
-            let fresh = before == 0 || new.iter().any(|p| bound.is_none_or(|b| self.distance(p) <= b));
-            self.pairs.extend(new);
-            self.order();
+            let fresh = first || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
+            self.found.extend(new);
+            let mut found = std::mem::take(&mut self.found);
+            // Stable: the two of a complex pair stay together.
+            found.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
+            self.found = found;
             let done = !fresh && self.bound().is_some();
-            if done || self.pairs.len() >= self.total || (symmetric && self.nothing_missed()?) {
-                return Ok(self.pairs);
+            if done || self.found.len() >= total || (symmetric && self.nothing_missed()?) {
+                return Ok(self.found);
             }
             ask = match symmetric {
-                true => 2.min(self.total - self.known.len()),
+                true => 2.min(total - self.found.len()),
                 // All over again, from another start; wider while the end of a cluster is not seen.
-                false if self.bound().is_none() => (2 * ask).min(self.total),
+                false if self.bound().is_none() => (2 * ask).min(total),
                 false => ask,
             };
         }
         Err(Error::Numerical(format!(
             "{} modes did not suffice to find the end of a cluster of repeated eigenvalues: ask for fewer or more modes",
-            self.pairs.len()
+            self.found.len()
         )))
     }
 
-    fn distance(&self, p: &Pair) -> f64 {
-        (p.value - self.request.shift).hypot(p.imaginary)
-    }
-
-    fn order(&mut self) {
-        let mut pairs = std::mem::take(&mut self.pairs);
-        // Stable: the two of a complex pair stay together.
-        pairs.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
-        self.pairs = pairs;
+    fn distance(&self, f: &Found) -> f64 {
+        (f.value - self.request.shift).hypot(f.imaginary)
     }
 
     /// Distance from the shift of the farthest pair that is taken, once that can be said.
     fn bound(&self) -> Option<f64> {
-        let values: Vec<f64> = self.pairs.iter().map(|p| p.value).collect();
+        let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
         let taken = (self.request.taken)(&values)?;
-        Some(self.pairs[..taken].last().map_or(0.0, |p| self.distance(p)))
+        Some(self.found[..taken].last().map_or(0.0, |f| self.distance(f)))
     }
 
     /// Whether a look, as rough as it can be, at what remains besides the known vectors sees nothing within the range
@@ -216,12 +274,15 @@ impl<'a> Search<'a> {
     fn set_up(&self, wanted: usize, tolerance: f64) -> Result<()> {
         let default = c::PETSC_DEFAULT;
         // The options' sizes of the subspace are those of the first run.
-        let (ncv, mpd) = if self.pairs.is_empty() {
+        let (ncv, mpd) = if self.found.is_empty() {
             self.space
         } else {
             (default, default)
         };
-        let mut handles: Vec<c::Vec> = self.known.iter().map(|v| v.0).collect();
+        let mut handles: Vec<c::Vec> = match self.request.symmetric {
+            true => self.found.iter().map(|f| f.vector.0).collect(),
+            false => Vec::new(),
+        };
         // SAFETY: the solver is live; PETSc copies the vectors of the deflation space.
         unsafe {
             check(c::EPSSetDimensions(self.eps.0, wanted as i32, ncv, mpd))?;
@@ -235,7 +296,7 @@ impl<'a> Search<'a> {
     }
 
     /// One run of the solver.
-    fn sweep(&mut self, wanted: usize) -> Result<Vec<Pair>> {
+    fn sweep(&self, wanted: usize) -> Result<Vec<Found>> {
         self.set_up(wanted, self.tolerance)?;
         let mut converged = 0;
         // SAFETY: the solver is live.
@@ -243,82 +304,72 @@ impl<'a> Search<'a> {
             check(c::EPSSolve(self.eps.0))?;
             check(c::EPSGetConverged(self.eps.0, &mut converged))?;
         }
-        if (converged as usize) < wanted && self.total > wanted + self.known.len() {
+        let left = self.matrices.unknowns as usize - self.found.len();
+        if (converged as usize) < wanted.min(left) {
             return Err(Error::Numerical(format!(
                 "{converged} of {wanted} modes converged: are there as many finite eigenvalues (the rank of M)? Ask \
                  for fewer modes, or look at the mesh for badly scaled cells (option -m4gn_eps_monitor shows the \
                  progress)"
             )));
         }
-        let mut pairs = Vec::with_capacity(converged as usize);
+        let mut found = Vec::with_capacity(converged as usize);
         let mut i = 0;
         while i < converged {
-            let (x, y) = (self.k.vector()?, self.k.vector()?);
+            let (x, y) = (self.matrices.k.vector()?, self.matrices.k.vector()?);
             let (mut value, mut imaginary) = (0.0, 0.0);
             // SAFETY: i is below the number of converged pairs; both vectors have the matrix's layout.
             check(unsafe { c::EPSGetEigenpair(self.eps.0, i, &mut value, &mut imaginary, x.0, y.0) })?;
             i += 1;
+            found.push(Found {
+                value,
+                imaginary,
+                vector: x,
+            });
             if imaginary != 0.0 {
                 // Its conjugate is the next one.
                 i += 1;
-                let second = self.pair(value, -imaginary, &y)?;
-                pairs.extend([self.pair(value, imaginary, &x)?, second]);
-                continue;
-            }
-            let mut pair = self.pair(value, 0.0, &x)?;
-            self.judge(&mut pair, &x)?;
-            pairs.push(pair);
-            if self.request.problem.symmetric {
-                self.known.push(x);
+                found.push(Found {
+                    value,
+                    imaginary: -imaginary,
+                    vector: y,
+                });
+            } else if let Some(last) = found.last_mut() {
+                self.judge(last)?;
             }
         }
-        Ok(pairs)
-    }
-
-    fn pair(&self, value: f64, imaginary: f64, x: &Vector) -> Result<Pair> {
-        let pair = Pair {
-            value,
-            imaginary,
-            vector: x.values()?,
-            weighted: self.m.times(x)?.values()?,
-        };
-        let finite = match value.is_finite() && pair.vector.iter().all(|x| x.is_finite()) {
-            true => Ok(()),
-            false => Err(Error::Numerical(
-                "a mode is not finite: look at the mesh for cells of extreme size or coefficients".into(),
-            )),
-        };
-        self.comm.agree(finite)?;
-        Ok(pair)
+        Ok(found)
     }
 
     /// Sets a symmetric pair's eigenvalue to its Rayleigh quotient, whose error is the square of the vector's, and
     /// looks at the residual. Collective.
-    fn judge(&self, pair: &mut Pair, x: &Vector) -> Result<()> {
-        let kx = self.k.times(x)?.values()?;
+    fn judge(&self, found: &mut Found) -> Result<()> {
+        let (x, kx, mx) = (
+            found.vector.values()?,
+            self.matrices.k.times(&found.vector)?.values()?,
+            self.matrices.m.times(&found.vector)?.values()?,
+        );
         let mut sums = [0.0; 5];
-        let mx = &pair.weighted;
-        for i in 0..kx.len() {
+        for i in 0..x.len() {
             let terms = [
-                pair.vector[i] * kx[i],
-                pair.vector[i] * mx[i],
+                x[i] * kx[i],
+                x[i] * mx[i],
                 kx[i] * kx[i],
                 mx[i] * mx[i],
-                (kx[i] - pair.value * mx[i]).powi(2),
+                (kx[i] - found.value * mx[i]).powi(2),
             ];
             sums.iter_mut().zip(terms).for_each(|(s, t)| *s += t);
         }
         self.comm.sum_f64(&mut sums);
         let [k, m, kk, mm, residual] = sums;
-        if self.request.problem.symmetric && m > 0.0 {
-            pair.value = k / m;
+        if self.request.symmetric && m > 0.0 {
+            found.value = k / m;
         }
-        let size = kk.sqrt() + (pair.value.abs() + self.request.shift.abs()) * mm.sqrt();
+        let size = kk.sqrt() + (found.value.abs() + self.request.shift.abs()) * mm.sqrt();
         if residual.sqrt() > RESIDUAL * size {
             return Err(Error::Numerical(format!(
                 "the mode of eigenvalue {:e} has a relative residual of {:.1e}: the matrices are too badly scaled for \
                  this method, or a symmetric pair was announced that is none",
-                pair.value,
+                found.value,
                 residual.sqrt() / size
             )));
         }

@@ -1,6 +1,6 @@
 //! How the shifted systems are solved.
 
-use super::eigen::Request;
+use super::eigen::{Matrices, Request};
 use super::{c, check};
 use crate::Result;
 use crate::modes::ModalSolver;
@@ -42,21 +42,16 @@ const MUMPS_LU: Method = Method::Factor {
 };
 
 impl Method {
-    /// What is tried, one after the other. Collective.
-    pub(super) fn of(comm: &Comm, request: &Request) -> &'static [Method] {
-        let problem = request.problem;
-        let mut sizes = [
-            problem.stiffness.n() as i64,
-            problem.stiffness.column.len() as i64,
-        ];
-        comm.sum_i64(&mut sizes);
+    /// What is tried, one after the other.
+    pub(super) fn of(comm: &Comm, matrices: &Matrices, request: &Request) -> &'static [Method] {
+        let (unknowns, entries, block) = (matrices.unknowns, matrices.entries, request.block);
         let iterative = match request.options.solver {
             ModalSolver::Direct => false,
             ModalSolver::Iterative => true,
-            ModalSolver::Auto => crate::modes::prefers_iterative(sizes[0], sizes[1], problem.block),
+            ModalSolver::Auto => crate::modes::prefers_iterative(unknowns, entries, block),
         };
-        let plane = crate::modes::is_plane(sizes[0], sizes[1], problem.block);
-        match (iterative, problem.symmetric, comm.size()) {
+        let plane = crate::modes::is_plane(unknowns, entries, block);
+        match (iterative, request.symmetric, comm.size()) {
             (true, true, _) => &[Method::Multigrid { symmetric: true }],
             (true, false, _) => &[Method::Multigrid { symmetric: false }],
             // K - shift M is positive definite, so Cholesky; LU with pivoting is the second chance where rounding

@@ -1,6 +1,7 @@
 //! Which vectors of another run of a solver are new.
 
-use crate::modes::Pair;
+use super::eigen::Found;
+use crate::Result;
 use crate::parallel::Comm;
 
 /// Eigenvalues closer than this, relatively, may be copies of one.
@@ -9,48 +10,46 @@ const NEAR: f64 = 1e-6;
 /// A vector with less than this, relatively, outside the known ones is one of them.
 const NEW: f64 = 1e-3;
 
-/// The pairs of `found` whose vectors are independent of the known ones of the same eigenvalue. Collective.
-pub(super) fn independent(comm: &Comm, known: &[Pair], found: Vec<Pair>) -> Vec<Pair> {
-    let mut new: Vec<Pair> = Vec::new();
-    for pair in found {
-        let size = pair.value.hypot(pair.imaginary);
-        let near = |p: &&Pair| {
-            let off = (p.value - pair.value).hypot(p.imaginary.abs() - pair.imaginary.abs());
-            off <= NEAR * size.max(p.value.hypot(p.imaginary))
+/// Those of `run` whose vectors are independent of the known ones of the same eigenvalue. Collective.
+pub(super) fn independent(comm: &Comm, known: &[Found], run: Vec<Found>) -> Result<Vec<Found>> {
+    let mut new: Vec<Found> = Vec::new();
+    for found in run {
+        let size = found.value.hypot(found.imaginary);
+        let near = |f: &&Found| {
+            let off = (f.value - found.value).hypot(f.imaginary.abs() - found.imaginary.abs());
+            off <= NEAR * size.max(f.value.hypot(f.imaginary))
         };
-        let others: Vec<&Pair> = known.iter().chain(&new).filter(near).collect();
         let mut basis: Vec<Vec<f64>> = Vec::new();
-        for other in others {
-            let (rest, length) = outside(comm, &basis, &other.vector);
+        for other in known.iter().chain(&new).filter(near) {
+            let (rest, length) = outside(comm, &basis, other.vector.values()?);
             if length > NEW {
                 basis.push(rest);
             }
         }
-        if outside(comm, &basis, &pair.vector).1 > NEW {
-            new.push(pair);
+        if outside(comm, &basis, found.vector.values()?).1 > NEW {
+            new.push(found);
         }
     }
-    new
+    Ok(new)
 }
 
 /// The part of `x` outside an orthonormal basis, of length 1, and how much of x that is. Collective.
-fn outside(comm: &Comm, basis: &[Vec<f64>], x: &[f64]) -> (Vec<f64>, f64) {
+fn outside(comm: &Comm, basis: &[Vec<f64>], mut x: Vec<f64>) -> (Vec<f64>, f64) {
     let dot = |a: &[f64], b: &[f64]| {
         let mut sum = [a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>()];
         comm.sum_f64(&mut sum);
         sum[0]
     };
-    let before = dot(x, x).sqrt();
-    let mut rest = x.to_vec();
+    let before = dot(&x, &x).sqrt();
     for _ in 0..2 {
         for b in basis {
-            let along = dot(&rest, b);
-            rest.iter_mut().zip(b).for_each(|(x, y)| *x -= along * y);
+            let along = dot(&x, b);
+            x.iter_mut().zip(b).for_each(|(x, y)| *x -= along * y);
         }
     }
-    let length = dot(&rest, &rest).sqrt();
+    let length = dot(&x, &x).sqrt();
     if length > 0.0 {
-        rest.iter_mut().for_each(|x| *x /= length);
+        x.iter_mut().for_each(|x| *x /= length);
     }
-    (rest, if before > 0.0 { length / before } else { 0.0 })
+    (x, if before > 0.0 { length / before } else { 0.0 })
 }

@@ -1,0 +1,170 @@
+//! How the engine computes: precision, threads, instruction set.
+
+use crate::{Error, Result};
+
+/// In what the network's products are computed. Sums, norms and softmax are in fp32 in either.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Precision {
+    /// Weights, activations and latents in fp32.
+    #[default]
+    Fp32,
+    /// Weights, activations and edge latents in bf16 (8 bits of mantissa), accumulation in fp32.
+    Bf16,
+}
+
+impl Precision {
+    /// From a dictionary's word: `fp32`, `bf16`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for any other word.
+    pub fn parse(word: &str) -> Result<Self> {
+        match word {
+            "fp32" => Ok(Precision::Fp32),
+            "bf16" => Ok(Precision::Bf16),
+            _ => Err(Error::Input(format!("precision '{word}': expected fp32 or bf16"))),
+        }
+    }
+
+    /// The word that [`Precision::parse`] takes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Precision::Fp32 => "fp32",
+            Precision::Bf16 => "bf16",
+        }
+    }
+}
+
+/// An instruction set that this processor has. Only [`Isa::detect`] and its kin make one, so having it is proof.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Isa(pub(super) Level);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd)]
+pub(super) enum Level {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    #[cfg(target_arch = "x86_64")]
+    Avx512Bf16,
+}
+
+impl Isa {
+    /// The widest that this processor has.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl")
+            {
+                return Isa(match is_x86_feature_detected!("avx512bf16") {
+                    true => Level::Avx512Bf16,
+                    false => Level::Avx512,
+                });
+            }
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                return Isa(Level::Avx2);
+            }
+        }
+        Isa(Level::Portable)
+    }
+
+    /// All that this processor has, the portable one first.
+    pub fn available() -> Vec<Self> {
+        let widest = Self::detect().0;
+        let all = [
+            Level::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512Bf16,
+        ];
+        all.into_iter().filter(|l| *l <= widest).map(Isa).collect()
+    }
+
+    /// Plain Rust that runs anywhere.
+    pub fn portable() -> Self {
+        Isa(Level::Portable)
+    }
+
+    /// By name: `portable`, `avx2`, `avx512`, `avx512-bf16`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a name that is none of these, or an instruction set that this processor lacks.
+    pub fn parse(name: &str) -> Result<Self> {
+        let available = Self::available();
+        available
+            .iter()
+            .find(|isa| isa.name() == name)
+            .copied()
+            .ok_or_else(|| {
+                let names: Vec<_> = available.iter().map(|isa| isa.name()).collect();
+                Error::Input(format!(
+                    "instruction set '{name}': this processor has {}",
+                    names.join(", ")
+                ))
+            })
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Level::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512Bf16 => "avx512-bf16",
+        }
+    }
+}
+
+/// What an engine is made with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EngineOptions {
+    /// Threads of this rank; 0: 1.
+    pub n_threads: usize,
+    /// Of the products.
+    pub precision: Precision,
+    /// None: the widest that the processor has.
+    pub isa: Option<Isa>,
+    /// Whether the engine takes the time of its phases.
+    pub profile: bool,
+}
+
+impl Default for EngineOptions {
+    fn default() -> Self {
+        EngineOptions {
+            n_threads: 1,
+            precision: Precision::Fp32,
+            isa: None,
+            profile: false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_and_names() {
+        for p in [Precision::Fp32, Precision::Bf16] {
+            assert_eq!(Precision::parse(p.name()).unwrap(), p);
+        }
+        let message = Precision::parse("fp16").unwrap_err().to_string();
+        assert!(message.contains("expected fp32 or bf16"), "{message}");
+        let all = Isa::available();
+        assert_eq!((all[0], all[all.len() - 1]), (Isa::portable(), Isa::detect()));
+        for isa in all {
+            assert_eq!(Isa::parse(isa.name()).unwrap(), isa);
+        }
+        let message = Isa::parse("mmx").unwrap_err().to_string();
+        assert!(message.contains("portable"), "{message}");
+    }
+}

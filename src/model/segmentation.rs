@@ -1,0 +1,255 @@
+//! How the mesh is cut into segments: part of a model's description and of a training configuration.
+
+use crate::modes::ModeCount;
+use crate::{Error, Result};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt;
+
+/// First partition and its refinement (paper, section 3.3.3 and appendix B.4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum SegmentMethod {
+    /// METIS alone.
+    #[serde(rename = "metis")]
+    Metis,
+    /// METIS refined by SLIC on modes and positions (SLIC-MD).
+    #[serde(rename = "slic-md", alias = "slic")]
+    Slic,
+    /// SLIC-MD with the logarithm of the distance to the obstacle (SLIC-MDOD_l, eq. 14).
+    #[serde(rename = "slic-mdodl")]
+    SlicLog,
+    /// SLIC-MD with the exponential of minus the distance to the obstacle (SLIC-MDOD_e, eq. 14).
+    #[serde(rename = "slic-mdode")]
+    SlicExp,
+}
+
+impl SegmentMethod {
+    /// All methods, in the paper's order.
+    pub const ALL: [SegmentMethod; 4] = [
+        SegmentMethod::Metis,
+        SegmentMethod::Slic,
+        SegmentMethod::SlicLog,
+        SegmentMethod::SlicExp,
+    ];
+
+    /// The name used in dictionaries, configurations and models.
+    pub fn name(self) -> &'static str {
+        match self {
+            SegmentMethod::Metis => "metis",
+            SegmentMethod::Slic => "slic-md",
+            SegmentMethod::SlicLog => "slic-mdodl",
+            SegmentMethod::SlicExp => "slic-mdode",
+        }
+    }
+
+    /// The method of this name; `slic` is `slic-md`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for any other word.
+    pub fn parse(word: &str) -> Result<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|m| m.name() == word || (word == "slic" && *m == SegmentMethod::Slic))
+            .ok_or_else(|| {
+                Error::Input(format!(
+                    "segment method '{word}': expected metis, slic-md, slic-mdodl or slic-mdode"
+                ))
+            })
+    }
+
+    /// Whether modes are features of this method.
+    pub fn uses_modes(self) -> bool {
+        self != SegmentMethod::Metis
+    }
+
+    /// Whether the distance to the obstacle is a feature of this method.
+    pub fn uses_obstacle(self) -> bool {
+        matches!(self, SegmentMethod::SlicLog | SegmentMethod::SlicExp)
+    }
+}
+
+impl fmt::Display for SegmentMethod {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// How the mesh is cut into segments (Algorithms 1 and 2).
+///
+/// A description without the key `connected` has it true, as [`Default`]; a model file without it was trained
+/// before there was such a key, and has it false.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SegmentSpec {
+    /// METIS alone or a variant of SLIC.
+    pub method: SegmentMethod,
+    /// Number of segments, K.
+    pub count: usize,
+    /// Number of Laplacian modes used as features, m; with `energy` the largest number.
+    pub modes: usize,
+    /// As many modes as hold this share, in (0, 1], of the energy of `modes` ([`ModeCount::Energy`]); none: `modes`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<f64>,
+    /// Compactness tau of eq. 8.
+    pub tau: f64,
+    /// Average cluster size S of Algorithm 2, m; none: sqrt(domain area / K) (cube root in 3-D).
+    pub size: Option<f64>,
+    /// Largest number of SLIC sweeps.
+    pub iterations: usize,
+    /// Whether pieces that do not hang together with the largest of their segment go to a neighbour. False
+    /// is the paper's algorithm.
+    pub connected: bool,
+    /// Length l over which the distance d to the obstacle is taken, m: the feature is S log(d/l), to which l does not
+    /// matter, or S exp(-d/l). None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distance_scale: Option<f64>,
+    /// Patches that are the obstacle, by name. Empty: the faces of node type obstacle; where there are none, the
+    /// wall patches that do not reach the box around the mesh; where there are none either, all walls.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub obstacles: Vec<String>,
+    /// Overlap delta of section 3.3.1, in layers of neighbours.
+    pub overlap: usize,
+}
+
+impl Default for SegmentSpec {
+    fn default() -> Self {
+        SegmentSpec {
+            method: SegmentMethod::Slic,
+            count: 36,
+            modes: 6,
+            energy: None,
+            tau: 1.0,
+            size: None,
+            iterations: 20,
+            connected: true,
+            distance_scale: None,
+            obstacles: Vec::new(),
+            overlap: 0,
+        }
+    }
+}
+
+impl SegmentSpec {
+    /// The description that a training left in a model or a checkpoint, where `connected` may be missing: it was not
+    /// done then.
+    ///
+    /// # Errors
+    /// For entries that are no description.
+    pub fn of_training(mut entries: serde_json::Map<String, serde_json::Value>) -> serde_json::Result<Self> {
+        entries.entry("connected").or_insert(false.into());
+        serde_json::from_value(entries.into())
+    }
+
+    /// The number of modes as a modal solution takes it.
+    pub fn mode_count(&self) -> ModeCount {
+        match self.energy {
+            Some(share) => ModeCount::Energy {
+                share,
+                most: self.modes,
+            },
+            None => ModeCount::Fixed(self.modes),
+        }
+    }
+
+    /// Checks what does not need a mesh.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the entry, what was expected and what was found.
+    pub fn check(&self) -> Result<()> {
+        let bad = |what: &str, expected: &str, found: f64| {
+            Err(Error::Input(format!(
+                "segments.{what}: expected {expected}, found {found}"
+            )))
+        };
+        if self.count == 0 {
+            return bad("count", "at least 1", 0.0);
+        }
+        if !(self.tau.is_finite() && self.tau >= 0.0) {
+            return bad("tau", "a finite number that is not negative", self.tau);
+        }
+        if let Some(size) = self.size
+            && !(size.is_finite() && size > 0.0)
+        {
+            return bad("size", "a positive length in m", size);
+        }
+        if let Some(share) = self.energy
+            && !(share > 0.0 && share <= 1.0)
+        {
+            return bad("energy", "a share above 0 and at most 1", share);
+        }
+        match self.distance_scale {
+            Some(l) if !(l.is_finite() && l >= 0.0) => {
+                bad("distance_scale", "a length in m, or 0 for the paper's", l)
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The segmentation of a model file.
+pub(super) fn of_model_file<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<SegmentSpec, D::Error> {
+    SegmentSpec::of_training(serde_json::Map::deserialize(deserializer)?).map_err(serde::de::Error::custom)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ModelSpec;
+    use crate::model::tests::spec;
+
+    #[test]
+    fn names_go_both_ways() {
+        for method in SegmentMethod::ALL {
+            assert_eq!(SegmentMethod::parse(method.name()).unwrap(), method);
+            let json = serde_json::to_string(&method).unwrap();
+            assert_eq!(json, format!("\"{method}\""));
+            assert_eq!(serde_json::from_str::<SegmentMethod>(&json).unwrap(), method);
+        }
+        assert_eq!(SegmentMethod::parse("slic").unwrap(), SegmentMethod::Slic);
+        let message = SegmentMethod::parse("SLIC").unwrap_err().to_string();
+        assert!(message.contains("'SLIC': expected metis"), "{message}");
+    }
+
+    #[test]
+    fn only_model_files_of_old_mean_what_they_did() {
+        let old =
+            r#"{"method":"slic","count":4,"modes":3,"tau":1.0,"size":null,"iterations":20,"overlap":0}"#;
+        let new: SegmentSpec = serde_json::from_str(old).unwrap();
+        assert!(new.connected && new.method == SegmentMethod::Slic);
+        let mut model = serde_json::to_value(spec()).unwrap();
+        model["segments"] = serde_json::from_str(old).unwrap();
+        let read: ModelSpec = serde_json::from_value(model.clone()).unwrap();
+        assert_eq!(
+            read.segments,
+            SegmentSpec {
+                connected: false,
+                ..new
+            }
+        );
+        model["segments"]["conected"] = true.into();
+        assert!(serde_json::from_value::<ModelSpec>(model).is_err());
+        assert!(spec().segments.connected);
+    }
+
+    #[test]
+    fn each_wrong_value_is_named() {
+        type Change = fn(&mut SegmentSpec);
+        let broken: [(&str, Change); 7] = [
+            ("count", |s| s.count = 0),
+            ("tau", |s| s.tau = -1.0),
+            ("tau", |s| s.tau = f64::NAN),
+            ("size", |s| s.size = Some(0.0)),
+            ("energy", |s| s.energy = Some(1.5)),
+            ("energy", |s| s.energy = Some(f64::NAN)),
+            ("distance_scale", |s| s.distance_scale = Some(-1.0)),
+        ];
+        assert!(SegmentSpec::default().check().is_ok());
+        for (name, change) in broken {
+            let mut s = SegmentSpec::default();
+            change(&mut s);
+            let message = s.check().unwrap_err().to_string();
+            assert!(message.contains(&format!("segments.{name}")), "{message}");
+        }
+    }
+}

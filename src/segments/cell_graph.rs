@@ -1,0 +1,208 @@
+//! The undecomposed graph of cells, on the root, in the canonical numbering: what METIS and the search for
+//! connected pieces see, so that their answers do not depend on the ranks.
+
+use crate::graph::Graph;
+use crate::mesh::Mesh;
+use crate::parallel::Comm;
+use crate::{Error, Result};
+
+/// Cells and the faces between them in compressed rows, neighbours ascending.
+#[derive(Debug)]
+pub(super) struct CellGraph {
+    /// Neighbours of cell i: `column[row[i]..row[i + 1]]`.
+    pub row: Vec<i32>,
+    /// Neighbours.
+    pub column: Vec<i32>,
+}
+
+impl CellGraph {
+    /// The graph of `n` cells with an edge for each pair, in either direction or both.
+    pub fn new(n: usize, pairs: &[[i32; 2]]) -> Self {
+        let mut row = vec![0i32; n + 1];
+        for &[a, b] in pairs {
+            row[a as usize + 1] += 1;
+            row[b as usize + 1] += 1;
+        }
+        for i in 0..n {
+            row[i + 1] += row[i];
+        }
+        let mut next = row.clone();
+        let mut column = vec![0i32; 2 * pairs.len()];
+        for &[a, b] in pairs {
+            for (from, to) in [(a, b), (b, a)] {
+                let at = &mut next[from as usize];
+                column[*at as usize] = to;
+                *at += 1;
+            }
+        }
+        // Two cells may share several faces: one edge.
+        let (mut kept, mut first) = (0usize, 0usize);
+        for i in 0..n {
+            let end = row[i + 1] as usize;
+            column[first..end].sort_unstable();
+            for at in first..end {
+                if at == first || column[at] != column[at - 1] {
+                    column[kept] = column[at];
+                    kept += 1;
+                }
+            }
+            row[i + 1] = kept as i32;
+            first = end;
+        }
+        column.truncate(kept);
+        CellGraph { row, column }
+    }
+
+    /// Number of cells.
+    pub fn n(&self) -> usize {
+        self.row.len() - 1
+    }
+
+    /// Neighbours of a cell, ascending.
+    pub fn neighbours(&self, i: usize) -> &[i32] {
+        &self.column[self.row[i] as usize..self.row[i + 1] as usize]
+    }
+
+    /// Cells in breadth-first order from `start` among those with `inside`.
+    pub fn breadth_first(&self, start: usize, inside: impl Fn(usize) -> bool) -> Vec<usize> {
+        let mut seen = vec![false; self.n()];
+        self.flood(start, &mut seen, inside)
+    }
+
+    /// As [`CellGraph::breadth_first`], skipping cells that were seen and marking those that are now.
+    fn flood(&self, start: usize, seen: &mut [bool], inside: impl Fn(usize) -> bool) -> Vec<usize> {
+        let mut order = vec![start];
+        seen[start] = true;
+        let mut at = 0;
+        while at < order.len() {
+            for &j in self.neighbours(order[at]) {
+                let j = j as usize;
+                if !seen[j] && inside(j) {
+                    seen[j] = true;
+                    order.push(j);
+                }
+            }
+            at += 1;
+        }
+        order
+    }
+
+    /// Connected pieces of the cells with equal `label`, each in breadth-first order from its lowest cell, ascending
+    /// by that cell.
+    pub fn pieces(&self, label: impl Fn(usize) -> i32) -> Vec<Vec<usize>> {
+        let mut seen = vec![false; self.n()];
+        let mut pieces = Vec::new();
+        for start in 0..self.n() {
+            if !seen[start] {
+                let own = label(start);
+                pieces.push(self.flood(start, &mut seen, |j| label(j) == own));
+            }
+        }
+        pieces
+    }
+}
+
+/// The root's view of all cells: their graph, and which rank has which.
+#[derive(Debug)]
+pub(super) struct Root {
+    /// The undecomposed graph.
+    pub graph: CellGraph,
+    /// Global numbers of each rank's cells.
+    cells: Vec<Vec<i64>>,
+}
+
+impl Root {
+    /// Gathers the graph on the root; none elsewhere. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for more cells than METIS counts.
+    pub fn gather(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Option<Self>> {
+        let mut total = [mesh.n_cells() as i64];
+        comm.sum_i64(&mut total);
+        let most = i64::from(i32::MAX / 2);
+        if total[0] > most {
+            return Err(Error::Input(format!(
+                "{} cells: METIS counts to {most}",
+                total[0]
+            )));
+        }
+        let pairs = comm.gather(&global_pairs(mesh, graph, comm));
+        let cells = comm.gather(&mesh.cell_global);
+        Ok(pairs.zip(cells).map(|(pairs, cells)| {
+            let pairs = pairs.concat();
+            Root {
+                graph: CellGraph::new(total[0] as usize, pairs.as_chunks::<2>().0),
+                cells,
+            }
+        }))
+    }
+
+    /// Labels of all cells in the canonical numbering from each rank's own; none but on the root. Collective.
+    pub fn collect(root: Option<&Self>, labels: &[i32], comm: &Comm) -> Option<Vec<i32>> {
+        let lists = comm.gather(labels)?;
+        let root = root?;
+        let mut all = vec![0; root.graph.n()];
+        for (cells, labels) in root.cells.iter().zip(lists) {
+            for (&cell, label) in cells.iter().zip(labels) {
+                all[cell as usize] = label;
+            }
+        }
+        Some(all)
+    }
+
+    /// Each rank's own part of the root's labels. Collective.
+    pub fn hand_out(root: Option<&Self>, labels: &[i32], comm: &Comm) -> Vec<i32> {
+        let send: Vec<Vec<i32>> = match root {
+            Some(root) => root
+                .cells
+                .iter()
+                .map(|cells| cells.iter().map(|&cell| labels[cell as usize]).collect())
+                .collect(),
+            None => vec![Vec::new(); comm.size() as usize],
+        };
+        comm.all_to_all(&send).into_iter().next().unwrap_or_default()
+    }
+}
+
+/// Global numbers (lower, higher) of the edges between cells that this rank is the first to see, flattened.
+fn global_pairs(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Vec<i32> {
+    let mut global = vec![-1i64; graph.n_local];
+    global[..graph.n_cells].copy_from_slice(&mesh.cell_global);
+    graph.halo.exchange_i64(comm, &mut global, 1);
+    let mut pairs = Vec::with_capacity(graph.senders.len());
+    for (&sender, &receiver) in graph.senders.iter().zip(&graph.receivers) {
+        let (r, s) = (global[receiver as usize], global[sender as usize]);
+        // Both directions of an edge exist, each with its receiver's rank: one is enough.
+        if r >= 0 && s > r {
+            pairs.extend([r as i32, s as i32]);
+        }
+    }
+    pairs
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(crate) fn path(n: i32) -> CellGraph {
+        let pairs: Vec<[i32; 2]> = (0..n - 1).map(|i| [i, i + 1]).collect();
+        CellGraph::new(n as usize, &pairs)
+    }
+
+    #[test]
+    fn rows_are_sorted_symmetric_and_without_repeats() {
+        let g = CellGraph::new(4, &[[2, 1], [0, 2], [1, 2], [0, 2], [0, 1]]);
+        assert_eq!(g.row, [0, 2, 4, 6, 6]);
+        assert_eq!(g.column, [1, 2, 0, 2, 0, 1]);
+    }
+
+    #[test]
+    fn pieces_of_equal_labels() {
+        let labels = [0, 0, 1, 0, 1, 1];
+        assert_eq!(
+            path(6).pieces(|i| labels[i]),
+            [vec![0, 1], vec![2], vec![3], vec![4, 5]]
+        );
+        assert_eq!(path(3).breadth_first(1, |_| true), [1, 0, 2]);
+    }
+}
