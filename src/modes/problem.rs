@@ -20,6 +20,23 @@ impl Rows {
     pub fn n(&self) -> usize {
         self.row.len().saturating_sub(1)
     }
+
+    /// Of all rows on one rank: whether there is an entry (j, i) for each (i, j), whatever its value.
+    #[cfg(feature = "slepc")]
+    pub(crate) fn has_symmetric_pattern(&self) -> bool {
+        let mut places: Vec<(i64, i64)> = (0..self.n())
+            .flat_map(|i| {
+                self.column[self.row[i]..self.row[i + 1]]
+                    .iter()
+                    .map(move |&j| (i as i64, j))
+            })
+            .collect();
+        places.sort_unstable();
+        places.dedup();
+        let mut transposed: Vec<(i64, i64)> = places.iter().map(|&(i, j)| (j, i)).collect();
+        transposed.sort_unstable();
+        places == transposed
+    }
 }
 
 /// The right-hand matrix of K phi = lambda M phi.

@@ -42,6 +42,8 @@ pub(crate) struct Matrices {
     k: Matrix,
     m: Matrix,
     diagonal_mass: bool,
+    /// On one rank: whether the entries of both lie symmetrically, zeros among them or not.
+    pub(super) symmetric_pattern: bool,
     /// Unknowns and entries of K over all ranks.
     pub(super) unknowns: i64,
     pub(super) entries: i64,
@@ -66,6 +68,12 @@ impl Matrices {
                     Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
                 },
                 diagonal_mass: matches!(problem.mass, Mass::Diagonal(_)),
+                symmetric_pattern: comm.size() == 1
+                    && problem.stiffness.has_symmetric_pattern()
+                    && match &problem.mass {
+                        Mass::Diagonal(_) => true,
+                        Mass::Matrix(rows) => rows.has_symmetric_pattern(),
+                    },
                 unknowns: sizes[0],
                 entries: sizes[1],
             })

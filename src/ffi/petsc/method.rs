@@ -57,6 +57,9 @@ impl Method {
             // K - shift M is positive definite, so Cholesky; LU with pivoting is the second chance where rounding
             // has spoilt that.
             // On one rank PETSc's own factors are the quickest of plane meshes; CHOLMOD's supernodes win in space.
+            // The ordering of PETSc's never ends where the entries of a symmetric matrix do not lie symmetrically, as
+            // those of one from which zeros were dropped.
+            (false, true, 1) if !matrices.symmetric_pattern => &[CHOLMOD, MUMPS_LU],
             (false, true, 1) if plane => &[PETSC, MUMPS_LU],
             (false, true, 1) => &[CHOLMOD, PETSC, MUMPS_LU],
             (false, true, _) => &[MUMPS, MUMPS_LU],

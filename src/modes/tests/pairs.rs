@@ -282,3 +282,26 @@ fn wrong_pairs_are_refused() {
         assert!(matches!(&error, Error::Numerical(_)), "{error}");
     }
 }
+
+#[test]
+fn entries_that_do_not_lie_symmetrically() {
+    // Zeros above the diagonal without partners below: the matrix is symmetric, its entries are not.
+    let n = 900;
+    let mut k = bands(n, [-1.0, 2.0, -1.0], &[1.0]);
+    let (mut row, mut column, mut value) = (vec![0], Vec::new(), Vec::new());
+    for i in 0..n {
+        column.extend_from_slice(&k.column[k.row[i]..k.row[i + 1]]);
+        value.extend_from_slice(&k.value[k.row[i]..k.row[i + 1]]);
+        for far in [i + 7 + i % 5, i + 31] {
+            if i % 3 != 1 && far < n {
+                column.push(far as i64);
+                value.push(0.0);
+            }
+        }
+        row.push(column.len());
+    }
+    k = Rows { row, column, value };
+    let exact = |m: usize| 2.0 - 2.0 * (m as f64 * PI / (n + 1) as f64).cos();
+    let found = modes(&problem(k, None), 3).unwrap();
+    close(&found.eigenvalues, (1..=3).map(exact), 1e-9);
+}
