@@ -25,6 +25,7 @@
 
 mod layout;
 mod points;
+mod recorded;
 mod recorder;
 mod rows;
 mod schema;
@@ -38,7 +39,8 @@ mod points_tests;
 #[cfg(test)]
 mod tests;
 
-pub use points::{Body, Csr, Material, Obstacle, PointType, Recorded, SolidFrame, SolidTrajectory};
+pub use points::{Body, Csr, Material, Obstacle, PointType, SolidFrame, SolidTrajectory};
+pub use recorded::Recorded;
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use trajectory::{Trajectory, list};

@@ -22,7 +22,6 @@
 
 use super::schema::{Split, h5_error};
 use super::source::{Source, open_file};
-use super::trajectory::Trajectory;
 use crate::solids::elements::{ElementKind, Elements};
 use crate::solids::surface::check_closed;
 use crate::{Error, Result};
@@ -272,58 +271,6 @@ impl SolidTrajectory {
         let value: Vec<f64> = source.packed(&file, &format!("{name}/value"), entries)?;
         source.check_finite(&format!("{name}/value"), &value)?;
         Ok(Some(Csr { start, column, value }))
-    }
-}
-
-/// A trajectory of either kind.
-#[derive(Clone, Debug)]
-pub enum Recorded {
-    /// At cells: a flow.
-    Cells(Trajectory),
-    /// At points: a deforming body.
-    Points(SolidTrajectory),
-}
-
-impl Recorded {
-    /// Opens a file of either kind.
-    ///
-    /// # Errors
-    /// As [`Trajectory::open`].
-    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let file = open_file(path)?;
-        let source = Source::new(path)?;
-        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
-        source.check_header(&root)?;
-        Ok(if source.is_at_points(&root)? {
-            Recorded::Points(SolidTrajectory::open(path)?)
-        } else {
-            Recorded::Cells(Trajectory::open(path)?)
-        })
-    }
-
-    /// Times of the frames, s, increasing.
-    pub fn times(&self) -> &[f64] {
-        match self {
-            Recorded::Cells(t) => t.times(),
-            Recorded::Points(t) => t.times(),
-        }
-    }
-
-    /// What the trajectory is for.
-    pub fn split(&self) -> Split {
-        match self {
-            Recorded::Cells(t) => t.split(),
-            Recorded::Points(t) => t.split(),
-        }
-    }
-
-    /// Where the trajectory came from.
-    pub fn provenance(&self) -> &serde_json::Value {
-        match self {
-            Recorded::Cells(t) => t.provenance(),
-            Recorded::Points(t) => t.provenance(),
-        }
     }
 }
 
