@@ -50,8 +50,9 @@ enum
     M4GN_OUTLET = 3,
     M4GN_SYMMETRY = 4,
     M4GN_OBSTACLE = 5,
-    M4GN_HANDLE = 6, /* of a solid: the displacement is prescribed */
-    M4GN_FREE = 7    /* of a solid: a free or loaded surface */
+    M4GN_BODY = 6,   /* a point of a body */
+    M4GN_HANDLE = 7, /* of a body: the displacement is prescribed */
+    M4GN_FREE = 8    /* of a body: a free or loaded surface */
 };
 
 /* Version of this interface that the library was built with; compare with M4GN_ABI_VERSION. */

@@ -202,6 +202,16 @@ public:
             )
         );
         return rank;
+    }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
+    };
+
+    std::unique_ptr<m4gn_segments, Free> segments_;
+};
 
 // Six modes of a symmetric pair with one unknown a point.
 inline m4gn_modes_options modesOptions()
@@ -261,11 +271,6 @@ public:
 private:
     struct Free
     {
-        void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
-    };
-
-    std::unique_ptr<m4gn_segments, Free> segments_;
-
         void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
     };
 

@@ -40,8 +40,8 @@ Foam::dictionary Foam::m4gnFluxProjection::solverControls
 
     const scalar given = controls.getOrDefault<scalar>("tolerance", 1e-6);
 
-    // Of a divergence that would change drag by 30 %, 1e-4 changes nothing
-    controls.set("relTol", scalar(handOver ? 0 : 1e-4));
+    // Of a divergence that would change drag by 30 %, 1e-5 changes nothing
+    controls.set("relTol", scalar(handOver ? 0 : 1e-5));
     controls.set("tolerance", tolerance_ > 0 ? tolerance_ : min(given, 1e-9));
 
     return controls;

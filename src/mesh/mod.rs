@@ -25,21 +25,24 @@ pub enum NodeType {
     Symmetry = 4,
     /// A boundary face of a moving or rigid obstacle.
     Obstacle = 5,
-    /// A boundary face of a solid with prescribed displacement.
-    Handle = 6,
-    /// A free or loaded boundary face of a solid.
-    Free = 7,
+    /// A point of a body.
+    Body = 6,
+    /// A boundary face, or a point, of a body with prescribed displacement.
+    Handle = 7,
+    /// A free or loaded boundary face of a body.
+    Free = 8,
 }
 
 impl NodeType {
     /// All types, in the order of their codes.
-    pub const ALL: [NodeType; 8] = [
+    pub const ALL: [NodeType; 9] = [
         NodeType::Fluid,
         NodeType::Wall,
         NodeType::Inlet,
         NodeType::Outlet,
         NodeType::Symmetry,
         NodeType::Obstacle,
+        NodeType::Body,
         NodeType::Handle,
         NodeType::Free,
     ];
@@ -53,6 +56,7 @@ impl NodeType {
             NodeType::Outlet => "outlet",
             NodeType::Symmetry => "symmetry",
             NodeType::Obstacle => "obstacle",
+            NodeType::Body => "body",
             NodeType::Handle => "handle",
             NodeType::Free => "free",
         }
