@@ -4,6 +4,7 @@
 //! mesh recorded in a data set and a mesh met inside a solver give the same graph.
 
 mod check;
+pub mod nearest;
 pub mod sample;
 
 use crate::{Error, Result};

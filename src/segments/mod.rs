@@ -6,7 +6,6 @@
 mod cell_graph;
 mod connect;
 mod geometry;
-mod nearest;
 mod obstacle;
 mod overlap;
 mod partition;

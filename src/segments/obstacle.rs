@@ -1,7 +1,7 @@
 //! Distance to the obstacle: the feature of SLIC-MDOD_l and SLIC-MDOD_e (eq. 14).
 
 use super::everywhere;
-use super::nearest::Tree;
+use crate::mesh::nearest::Nearest;
 use crate::mesh::{BoundaryFace, Mesh, NodeType};
 use crate::model::{SegmentMethod, SegmentSpec};
 use crate::modes::Extent;
@@ -24,11 +24,11 @@ pub fn obstacle_distance(mesh: &Mesh, obstacles: &[String], comm: &Comm) -> Resu
     let faces = obstacle_faces(mesh, obstacles, comm)?;
     let own: Vec<f64> = faces.iter().flat_map(|b| solved(&b.centre)).collect();
     let all = everywhere(comm, &own);
-    let tree = Tree::new(all.as_chunks::<3>().0.to_vec());
+    let tree = Nearest::new(all.as_chunks::<3>().0);
     Ok(mesh
         .cell_centres
         .iter()
-        .map(|x| tree.distance(&solved(x)))
+        .map(|x| tree.distance_squared(solved(x)).sqrt())
         .collect())
 }
 

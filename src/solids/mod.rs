@@ -6,7 +6,6 @@
 pub mod elements;
 pub mod gap;
 pub mod holding;
-pub mod nearest;
 pub mod quality;
 pub mod surface;
 

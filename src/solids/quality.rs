@@ -15,8 +15,8 @@
 //! crushed gives a large figure and not an infinite one; [`Quality::inverted`] counts the cells turned inside out.
 
 use super::elements::Elements;
-use super::nearest::Nearest;
 use super::{Vector, norm, sub};
+use crate::mesh::nearest::Nearest;
 use crate::{Error, Result};
 
 /// Differences of a predicted mesh from the true one.

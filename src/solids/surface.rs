@@ -1,7 +1,7 @@
 //! Closed triangulated surfaces: signed distance, by a tree of boxes.
 
-use super::nearest::widest;
 use super::{Vector, cross, dot, norm, sub};
+use crate::mesh::nearest::widest;
 use crate::{Error, Result};
 use std::collections::HashMap;
 

@@ -1,6 +1,6 @@
 //! Nearest neighbours among points: a k-d tree.
 
-use super::{Vector, dot, sub};
+use crate::solids::{Vector, dot, sub};
 
 /// Points in a balanced tree: the middle of each range splits it by the coordinate in which it is widest.
 #[derive(Clone, Debug)]
@@ -30,7 +30,8 @@ impl Nearest {
         tree
     }
 
-    /// Squared distance to the nearest point, m^2; infinite where there are no points.
+    /// Squared distance to the nearest point, m^2; infinite where there are no points. That of a plain search bit by
+    /// bit, in whatever order the points came.
     pub fn distance_squared(&self, x: Vector) -> f64 {
         let mut best = f64::INFINITY;
         // Ranges still to be searched, with the squared distance to the plane in front of them
@@ -55,7 +56,8 @@ impl Nearest {
     }
 }
 
-pub(super) fn widest(points: &[Vector]) -> usize {
+/// The coordinate in which finite points lie farthest apart.
+pub(crate) fn widest(points: &[Vector]) -> usize {
     let extent = |axis: usize| {
         let values = points.iter().map(|p| p[axis]);
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
@@ -76,6 +78,12 @@ mod tests {
     #[test]
     fn no_points() {
         assert_eq!(Nearest::new(&[]).distance_squared([0.0; 3]), f64::INFINITY);
+    }
+
+    #[test]
+    fn many_points_in_one_place() {
+        let tree = Nearest::new(&[[1.0; 3]; 5000]);
+        assert_eq!(tree.distance_squared([1.0, 1.0, 3.0]), 4.0);
     }
 
     proptest! {
