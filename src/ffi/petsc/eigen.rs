@@ -7,6 +7,7 @@ use super::{Quiet, c, check, raw, start};
 use crate::modes::{Mass, ModalOptions, Pair, Problem};
 use crate::parallel::Comm;
 use crate::{Error, Result};
+use std::mem::ManuallyDrop;
 use std::sync::{Mutex, MutexGuard};
 
 /// Most sweeps that look for copies of repeated eigenvalues, or for the end of a cluster.
@@ -39,8 +40,8 @@ pub(crate) struct Request<'a> {
 
 /// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
 pub(crate) struct Matrices {
-    k: Matrix,
-    m: Matrix,
+    k: ManuallyDrop<Matrix>,
+    m: ManuallyDrop<Matrix>,
     diagonal_mass: bool,
     /// On one rank: whether the entries of both lie symmetrically, zeros among them or not.
     pub(super) symmetric_pattern: bool,
@@ -52,21 +53,23 @@ pub(crate) struct Matrices {
 impl Matrices {
     /// Copies the problem's. Collective; all ranks fail together.
     pub(crate) fn new(comm: &Comm, problem: &Problem) -> Result<Self> {
-        let _turn = turn();
+        let turn = turn();
         comm.agree(start(comm))?;
-        let _quiet = Quiet::new();
+        let quiet = Quiet::new();
         let mut sizes = [
             problem.stiffness.n() as i64,
             problem.stiffness.column.len() as i64,
         ];
         comm.sum_i64(&mut sizes);
         let make = || {
+            let k = Matrix::new(comm, &problem.stiffness, problem.symmetric, problem.block)?;
+            let m = match &problem.mass {
+                Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
+                Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
+            };
             Ok(Matrices {
-                k: Matrix::new(comm, &problem.stiffness, problem.symmetric, problem.block)?,
-                m: match &problem.mass {
-                    Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
-                    Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
-                },
+                k: ManuallyDrop::new(k),
+                m: ManuallyDrop::new(m),
                 diagonal_mass: matches!(problem.mass, Mass::Diagonal(_)),
                 symmetric_pattern: comm.size() == 1
                     && problem.stiffness.has_symmetric_pattern()
@@ -78,7 +81,21 @@ impl Matrices {
                 entries: sizes[1],
             })
         };
-        comm.agree(make())
+        let made = make();
+        // To drop them takes a turn as well.
+        drop((quiet, turn));
+        comm.agree(made)
+    }
+}
+
+impl Drop for Matrices {
+    fn drop(&mut self) {
+        let _turn = turn();
+        // SAFETY: neither is used again.
+        unsafe {
+            ManuallyDrop::drop(&mut self.k);
+            ManuallyDrop::drop(&mut self.m);
+        }
     }
 }
 
