@@ -5,6 +5,7 @@
 
 mod check;
 pub mod nearest;
+pub mod within;
 pub mod sample;
 
 use crate::{Error, Result};

@@ -6,6 +6,8 @@
 pub mod elements;
 pub mod gap;
 pub mod holding;
+pub mod part;
+pub mod segments;
 pub mod quality;
 pub mod surface;
 
