@@ -20,7 +20,7 @@ mod order;
 mod passing;
 mod peak;
 #[cfg(test)]
-mod plain;
+pub(crate) mod plain;
 mod pool;
 mod profile;
 mod segment_stage;

@@ -84,7 +84,11 @@ impl ContactGraph {
         let mut edges = Vec::new();
         let mut both = |a: i32, b: i32, rest: Vector| {
             for (sender, receiver, rest) in [(b, a, rest), (a, b, rest.map(|v| -v))] {
-                edges.push(MeshEdge { sender, receiver, rest });
+                edges.push(MeshEdge {
+                    sender,
+                    receiver,
+                    rest,
+                });
             }
         };
         for (&a, &b) in part.mesh.face_owner.iter().zip(&part.mesh.face_neighbour) {
@@ -256,5 +260,89 @@ impl ContactGraph {
         other.obstacle.iter_mut().for_each(flip);
         other.edges.iter_mut().for_each(|e| flip(&mut e.rest));
         other
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solids::sample;
+
+    /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
+    fn cube() -> (ContactGraph, usize) {
+        let body = sample::block([1, 1, 1], [1.0; 3]);
+        let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        let graph = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
+        let mesh = graph.mesh_edges().len();
+        (graph, mesh)
+    }
+
+    #[test]
+    fn world_edges_come_and_go() {
+        let (mut contact, mesh) = cube();
+        // 12 edges of the cube and 12 of the octahedron, both ways.
+        assert_eq!(mesh, 48);
+        let comm = Comm::serial();
+        let graph = contact.graph();
+        assert_eq!((graph.n_cells, graph.n_owned, graph.n_local), (8, 14, 14));
+        // Point 7 is the corner (1, 1, 1); obstacle point 5, node 13, is 0.5 above it.
+        assert_eq!(graph.senders.len(), mesh + 1);
+        let e = graph.row[8] as usize - 1;
+        assert_eq!((graph.senders[e], graph.receivers[e]), (13, 7));
+        let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
+        assert_eq!(row, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 1.0]);
+        assert_eq!(
+            graph.node_types[..2],
+            [NodeType::Handle as i32, NodeType::Body as i32]
+        );
+        assert_eq!(graph.node_types[13], NodeType::Obstacle as i32);
+
+        // The obstacle goes up by 0.2 and is out of reach; point 1 moves by (0.1, 0, 0).
+        let mut u = vec![0.0; 3 * 14];
+        (8..14).for_each(|node| u[3 * node + 2] = 0.2);
+        u[3] = 0.1;
+        let graph = contact.update(&comm, &u).unwrap();
+        assert_eq!(graph.senders.len(), mesh);
+        let from = |s: i32, r: i32| {
+            let e = (0..mesh).find(|&e| (graph.senders[e], graph.receivers[e]) == (s, r));
+            &graph.edge_features[N_FEATURES * e.unwrap()..][..N_FEATURES]
+        };
+        let expected = [1.0, 0.0, 0.0, 1.0, 1.1, 0.0, 0.0, 1.1, 0.0];
+        assert!(
+            from(1, 0)
+                .iter()
+                .zip(expected)
+                .all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6)
+        );
+        assert!(contact.update(&comm, &u[3..]).is_err());
+        u[0] = f32::NAN;
+        assert!(
+            contact
+                .update(&comm, &u)
+                .unwrap_err()
+                .to_string()
+                .contains("node 0")
+        );
+    }
+
+    #[test]
+    fn held_points_are_not_touched() {
+        let (mut contact, mesh) = cube();
+        // The obstacle above the held corner (0, 1, 1).
+        let mut u = vec![0.0; 3 * 14];
+        (8..14).for_each(|node| u[3 * node] = -1.0);
+        let graph = contact.update(&Comm::serial(), &u).unwrap();
+        assert_eq!(graph.senders.len(), mesh);
+    }
+
+    #[test]
+    fn a_reflection_is_reflected() {
+        let (contact, _) = cube();
+        let mirror = contact.reflected();
+        for (a, b) in contact.mesh_edges().iter().zip(mirror.mesh_edges()) {
+            assert_eq!(a.rest, [b.rest[0], -b.rest[1], b.rest[2]]);
+        }
+        assert_eq!(mirror.world_edges(&[0.0; 42]).len(), 1);
     }
 }

@@ -5,8 +5,8 @@
 
 mod check;
 pub mod nearest;
-pub mod within;
 pub mod sample;
+pub mod within;
 
 use crate::{Error, Result};
 

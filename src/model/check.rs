@@ -156,8 +156,8 @@ fn expect(ok: bool, message: impl FnOnce() -> String) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use crate::model::tests::spec;
     use crate::mesh::NodeType;
+    use crate::model::tests::{bodies, spec};
     use crate::model::{ContactSpec, MacroSpec, Output};
 
     #[test]
@@ -174,9 +174,7 @@ mod tests {
                 s.fields[1].output = Output::Delta;
                 s.fields[1].input = false;
             }),
-            ("fluid", |s| {
-                s.node_types.retain(|t| *t != NodeType::Fluid)
-            }),
+            ("fluid", |s| s.node_types.retain(|t| *t != NodeType::Fluid)),
             ("heads", |s| {
                 s.architecture.segment_transformer.as_mut().unwrap().heads = 3
             }),
@@ -191,16 +189,16 @@ mod tests {
             assert!(message.contains(word), "{message} does not mention {word}");
         }
         let contact = |radius, input| {
-            let mut s = spec();
-            s.dim = 3;
-            s.fields.truncate(1);
+            let mut s = bodies();
             s.fields[0].input = input;
-            s.node_types = vec![NodeType::Body, NodeType::Handle, NodeType::Obstacle];
             s.contact = Some(ContactSpec { radius });
             s
         };
         assert!(contact(0.01, false).check().is_ok());
-        for (word, s) in [("radius", contact(0.0, false)), ("edges carry", contact(0.01, true))] {
+        for (word, s) in [
+            ("radius", contact(0.0, false)),
+            ("edges carry", contact(0.01, true)),
+        ] {
             assert!(s.check().unwrap_err().to_string().contains(word));
         }
         let mut s = spec();

@@ -246,6 +246,27 @@ pub(crate) mod tests {
         }
     }
 
+    /// The same network for bodies at points.
+    pub(crate) fn bodies() -> ModelSpec {
+        let mut s = spec();
+        s.dim = 3;
+        s.fields.truncate(1);
+        s.fields[0].name = "D".into();
+        s.fields[0].dimensions = [0, 1, 0, 0, 0, 0, 0];
+        s.fields[0].input = false;
+        s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
+        s.contact = Some(ContactSpec { radius: 0.5 });
+        s
+    }
+
+    #[test]
+    fn features_of_bodies_are_counted() {
+        let s = bodies();
+        assert!(s.check().is_ok());
+        let counts = (s.n_field_inputs(), s.n_node_features(), s.n_edge_features());
+        assert_eq!(counts, (3, 9, 9));
+    }
+
     #[test]
     fn features_are_counted() {
         let s = spec();

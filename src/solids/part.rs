@@ -150,4 +150,3 @@ fn boundary(positions: &[Vector]) -> Vec<BoundaryFace> {
     };
     positions.iter().enumerate().map(face).collect()
 }
-

@@ -4,8 +4,8 @@
 use super::part::BodyPart;
 use crate::dataset::{Body, PointType};
 use crate::fem::{self, Fixed, PointMesh};
-use crate::graph::contact::ContactGraph;
 use crate::graph::Graph;
+use crate::graph::contact::ContactGraph;
 use crate::mesh::Mesh;
 use crate::model::{ModelSpec, SegmentMethod, SegmentSpec};
 use crate::modes::{ModalOptions, Modes};
@@ -149,4 +149,47 @@ fn with_obstacle(
     f.position.extend(vec![0.0; spec.n_position_features()]);
     f.offsets.extend(vec![0.0; here * spec.n_offset_features()]);
     (s, f)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::contact::ContactGraph;
+    use crate::model::tests::bodies;
+    use crate::solids::sample;
+
+    #[test]
+    fn the_obstacle_is_a_segment_of_its_own() {
+        let body = sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
+        let obstacle = sample::octahedron([2.5, 0.5, 1.8], 0.5);
+        let comm = Comm::serial();
+        let mut spec = bodies();
+        spec.segments = SegmentSpec {
+            method: SegmentMethod::SlicExp,
+            count: 4,
+            modes: 1,
+            ..SegmentSpec::default()
+        };
+        let settings = spec.segments.clone();
+        let modes = modes(&body, &settings, &ModalOptions::default()).unwrap();
+        // A square section bends alike in both directions: the cluster counts as one mode.
+        assert_eq!((modes.vectors.len(), modes.vectors[0].len()), (6, 63));
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        let contact = ContactGraph::new(&part, 0.5, &comm).unwrap();
+        let (cut, features) = segment(&part, &contact, &spec, &settings, Some(&modes), &comm).unwrap();
+        assert_eq!((cut.count, cut.node_segment.len()), (5, 69));
+        assert!(cut.node_segment[63..].iter().all(|&s| s == 4));
+        assert!(cut.node_segment[..63].iter().all(|&s| s < 4));
+        assert_eq!(cut.sizes.iter().sum::<f64>(), 69.0);
+        assert_eq!(features.position.len(), 5 * spec.n_position_features());
+        assert_eq!(features.offsets.len(), 69 * spec.n_offset_features());
+    }
+
+    #[test]
+    fn a_body_that_is_held_nowhere_is_refused() {
+        let mut body = sample::block([2, 1, 1], [2.0, 1.0, 1.0]);
+        body.types.fill(PointType::Body);
+        let error = modes(&body, &SegmentSpec::default(), &ModalOptions::default()).unwrap_err();
+        assert!(error.to_string().contains("handle"), "{error}");
+    }
 }

@@ -233,3 +233,120 @@ fn owners(
     let rank = ranks::assign(&cut.sizes[..k], &adjacency, &vec![1.0; size])?;
     Ok(cut.node_segment[..n].iter().map(|&s| rank[s as usize]).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::plain;
+    use crate::model::tests::bodies;
+    use crate::solids::sample;
+
+    fn case() -> (Model, Body, Obstacle) {
+        let mut spec = bodies();
+        spec.segments.count = 3;
+        spec.segments.modes = 1;
+        let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
+        (
+            Model::random(spec, 5).unwrap(),
+            sample::block([6, 2, 2], [3.0, 1.0, 1.0]),
+            obstacle,
+        )
+    }
+
+    /// The engine that takes new edges in each step against the plain loops on a graph made for that step.
+    #[test]
+    fn steps_are_those_of_the_plain_network() {
+        let (model, body, obstacle) = case();
+        let comm = Comm::serial();
+        let options = SessionOptions::default();
+        let mut session = BodySession::new(comm.clone(), &model, &body, Some(&obstacle), &options).unwrap();
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        let mut graph = ContactGraph::new(&part, 0.5, &comm).unwrap();
+        let settings = &model.spec.segments;
+        let modes = segments::modes(&body, settings, &options.modal).unwrap();
+        let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
+        let (cut, features) = cut;
+        let view = SegmentView {
+            count: cut.count,
+            member_row: &cut.member_row,
+            member: &cut.member,
+            sizes: &cut.sizes,
+            position: &features.position,
+            offsets: &features.offsets,
+        };
+        let mut displacement = vec![[0.0; 3]; 63];
+        let mut edges = Vec::new();
+        for step in 0..4 {
+            // Down until it touches, then away.
+            let at = |s: i32| [0.0, 0.0, -0.15 * f64::from(if s > 2 { 9 - 3 * s } else { s })];
+            let (now, next) = (vec![at(step); 6], vec![at(step + 1); 6]);
+            let mut owned: Vec<f32> = displacement
+                .iter()
+                .chain(&now)
+                .flatten()
+                .map(|v: &f64| *v as f32)
+                .collect();
+            let mut inputs = vec![0.0; owned.len()];
+            for i in 0..6 {
+                inputs[3 * (63 + i) + 2] = (next[i][2] - now[i][2]) as f32;
+            }
+            let graph = graph.update(&comm, &owned).unwrap();
+            edges.push(graph.senders.len());
+            let plain = plain::forward(&model, graph, Some(&view), &inputs);
+            let before = displacement.clone();
+            session.step(&mut displacement, [&now, &next]).unwrap();
+            for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {
+                for i in 0..3 {
+                    let expected = match body.types[p] {
+                        PointType::Body => old[i] + plain[3 * p + i],
+                        PointType::Handle => 0.0,
+                    };
+                    assert!((u[i] - expected).abs() < 1e-4, "{step} {p}: {} {expected}", u[i]);
+                }
+            }
+            owned.clear();
+            // Random weights move points far: the next step starts from a small part of it.
+            displacement.iter_mut().flatten().for_each(|v| *v *= 0.01);
+        }
+        assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let (model, body, obstacle) = case();
+        let new = |model: &Model, options: &SessionOptions| {
+            BodySession::new(Comm::serial(), model, &body, Some(&obstacle), options).map(|_| ())
+        };
+        let cells = Model::random(crate::model::tests::spec(), 1).unwrap();
+        let says = |result: Result<()>, word: &str| {
+            let message = result.unwrap_err().to_string();
+            assert!(message.contains(word), "{message}");
+        };
+        says(new(&cells, &SessionOptions::default()), "contact");
+        let torch = SessionOptions {
+            backend: crate::step::Backend::Torch(None),
+            ..SessionOptions::default()
+        };
+        says(new(&model, &torch), "backend native");
+        let mut session = BodySession::new(
+            Comm::serial(),
+            &model,
+            &body,
+            Some(&obstacle),
+            &SessionOptions::default(),
+        )
+        .unwrap();
+        let still = vec![[0.0; 3]; 6];
+        says(
+            session.step(&mut vec![[0.0; 3]; 62], [&still, &still]),
+            "63 points",
+        );
+        says(
+            session.step(&mut vec![[0.0; 3]; 63], [&still, &still[1..]]),
+            "after the step",
+        );
+        let mut broken = vec![[0.0; 3]; 63];
+        broken[7][1] = f64::NAN;
+        says(session.step(&mut broken, [&still, &still]), "point 7");
+    }
+}

@@ -271,7 +271,8 @@ impl Config {
         at_least_one("model.hidden_layers", m.hidden_layers as u64)?;
         if let Some(contact) = &self.contact {
             positive("contact.radius", contact.radius)?;
-            let carried = matches!(&m.fields[..], [f] if f.name == "D" && !f.input && f.output == Output::Delta);
+            let carried =
+                matches!(&m.fields[..], [f] if f.name == "D" && !f.input && f.output == Output::Delta);
             if !carried {
                 return bad(
                     "model.fields",

@@ -40,7 +40,8 @@ pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Res
     let device = graph.edges.device();
     // The mesh's edges stand first.
     let first: i64 = bodies.iter().map(|b| b.mesh_edges().len() as i64).sum();
-    let append = |old: &Tensor, new: Tensor| Tensor::cat(&[old.narrow(0, 0, first), new.to_device(device)], 0);
+    let append =
+        |old: &Tensor, new: Tensor| Tensor::cat(&[old.narrow(0, 0, first), new.to_device(device)], 0);
     let count = senders.len() as i64;
     let flags = Tensor::ones([count, 1], (Kind::Float, Device::Cpu));
     Ok(Topology {
@@ -61,6 +62,10 @@ pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     let u = Tensor::cat(&[&state.cells, &state.boundary], 0);
     let now = &graph.edges + (u.index_select(0, &graph.senders) - u.index_select(0, &graph.receivers));
     let rest = &graph.edges * (1.0 - is_world);
-    let length = |v: &Tensor| v.square().sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float).sqrt();
+    let length = |v: &Tensor| {
+        v.square()
+            .sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float)
+            .sqrt()
+    };
     Tensor::cat(&[&rest, &length(&rest), &now, &length(&now), is_world], 1)
 }

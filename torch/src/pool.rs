@@ -56,10 +56,7 @@ impl Pool {
     /// Runs jobs and returns their outcomes in the jobs' order.
     pub fn run(&self, jobs: Vec<Job>) -> Result<Vec<Outcome>> {
         if let Some(learner) = &self.own {
-            return jobs
-                .into_iter()
-                .map(|job| guarded(learner, job))
-                .collect();
+            return jobs.into_iter().map(|job| guarded(learner, job)).collect();
         }
         let count = jobs.len();
         let gone = || Error::Internal("a training thread ended early".into());
