@@ -18,32 +18,32 @@ const char* const Foam::m4gnTotalDisplacementState::needs =
 
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
+Foam::word Foam::m4gnTotalDisplacementState::solidModel(const fvMesh& mesh)
+{
+    const auto* properties =
+        mesh.time().findObject<IOdictionary>("solidProperties");
+
+    return
+        properties
+      ? properties->getOrDefault<word>("solidModel", word::null)
+      : word::null;
+}
+
+
 bool Foam::m4gnTotalDisplacementState::applies
 (
     const fvMesh& mesh,
     const dictionary& dict
 )
 {
-    const auto* properties =
-        mesh.time().findObject<IOdictionary>("solidProperties");
-
-    if
-    (
-        !properties
-     || !mesh.foundObject<volVectorField>(displacementName(dict))
-    )
-    {
-        return false;
-    }
-
-    const word model
-    (
-        properties->getOrDefault<word>("solidModel", word::null)
-    );
+    const word model(solidModel(mesh));
 
     return
-        model == "linearGeometryTotalDisplacement"
-     || model == "nonLinearGeometryTotalLagrangianTotalDisplacement";
+        mesh.foundObject<volVectorField>(displacementName(dict))
+     && (
+            model == "linearGeometryTotalDisplacement"
+         || model == "nonLinearGeometryTotalLagrangianTotalDisplacement"
+        );
 }
 
 
