@@ -100,7 +100,8 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
     }
     else if (scheme_ == "NewmarkBeta")
     {
-        needed.append({"pointU", "pointA"});
+        needed.append("pointU");
+        needed.append("pointA");
     }
     else if (scheme_ != "steadyState")
     {
