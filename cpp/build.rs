@@ -22,25 +22,29 @@ const LIBRARIES: [&str; 6] = [
 ];
 
 /// Sources of the bridge, and those that it shares with the function objects: one way to turn an fvMesh into arrays.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 11] = [
     "src/FoamCase.C",
     "src/FoamFields.C",
     "src/FoamMesh.C",
     "src/FoamWrite.C",
     "../openfoam/mesh/m4gnMeshAdapter.C",
+    "../openfoam/mesh/m4gnNodes.C",
     "../openfoam/mesh/m4gnNodeTypes.C",
+    "../openfoam/mesh/m4gnPointAdapter.C",
     "../openfoam/dictionary/m4gnDictionary.C",
     "../openfoam/fields/m4gnFieldFiles.C",
     "../openfoam/segments/m4gnSegmentField.C",
 ];
 
 /// What they include.
-const HEADERS: [&str; 8] = [
+const HEADERS: [&str; 10] = [
     "src/FoamCase.H",
     "src/FoamData.H",
     "include/m4gn.h",
     "../openfoam/mesh/m4gnMeshAdapter.H",
+    "../openfoam/mesh/m4gnNodes.H",
     "../openfoam/mesh/m4gnNodeTypes.H",
+    "../openfoam/mesh/m4gnPointAdapter.H",
     "../openfoam/dictionary/m4gnDictionary.H",
     "../openfoam/fields/m4gnFieldFiles.H",
     "../openfoam/segments/m4gnSegmentField.H",

@@ -12,21 +12,12 @@ License
 #include "processorFvPatch.H"
 #include "coupledPolyPatch.H"
 #include "globalIndex.H"
-#include "labelIOList.H"
 #include "laplacianScheme.H"
 #include "snGradScheme.H"
 #include "StringStream.H"
 #include "surfaceFields.H"
 #include "surfaceInterpolationScheme.H"
 #include "syncTools.H"
-
-static_assert
-(
-    sizeof(Foam::scalar) == sizeof(double)
- && sizeof(Foam::vector) == 3*sizeof(double)
- && sizeof(Foam::label) == sizeof(int32_t),
-    "m4gn needs an OpenFOAM with double precision and 32-bit labels"
-);
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -118,76 +109,13 @@ Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 }
 
 
-Foam::labelList Foam::m4gnMeshAdapter::procAddressing
-(
-    const word& name,
-    const label size
-) const
-{
-    labelIOList addressing
-    (
-        IOobject
-        (
-            name,
-            mesh_.facesInstance(),
-            polyMesh::meshSubDir,
-            mesh_,
-            IOobject::READ_IF_PRESENT,
-            IOobject::NO_WRITE,
-            false
-        )
-    );
-
-    if
-    (
-        !returnReduce
-        (
-            size == 0
-         || (
-                addressing.headerClassName() == labelIOList::typeName
-             && addressing.size() == size
-            ),
-            andOp<bool>()
-        )
-    )
-    {
-        return labelList();
-    }
-
-    return labelList(addressing);
-}
-
-
-void Foam::m4gnMeshAdapter::setDirections()
-{
-    const Vector<label>& solved = mesh_.solutionD();
-
-    data_.n_directions = 0;
-    for (direction cmpt = 0; cmpt < vector::nComponents; ++cmpt)
-    {
-        if (solved[cmpt] == 1)
-        {
-            data_.directions[data_.n_directions++] = cmpt;
-        }
-    }
-
-    if (data_.n_directions < 2)
-    {
-        FatalErrorInFunction
-            << "The mesh has " << label(data_.n_directions)
-            << " solved directions; m4gn needs 2 or 3."
-            << exit(FatalError);
-    }
-}
-
-
 void Foam::m4gnMeshAdapter::setCells()
 {
     labelList global;
 
     if (Pstream::parRun())
     {
-        global = procAddressing("cellProcAddressing", mesh_.nCells());
+        global = procAddressing(mesh_, "cellProcAddressing", mesh_.nCells());
     }
 
     const globalIndex consecutive(mesh_.nCells());
@@ -217,26 +145,10 @@ void Foam::m4gnMeshAdapter::setBoundary
     const surfaceScalarField& deltaCoeffs
 )
 {
-    DynamicList<label> patches;
-    DynamicList<word> names;
     label nBoundary = 0;
-
-    for (const fvPatch& patch : mesh_.boundary())
+    for (const label patchi : valuePatches_)
     {
-        if (m4gnNodeTypes::carriesValues(patch))
-        {
-            patches.append(patch.index());
-            names.append(patch.name());
-            nBoundary += patch.size();
-        }
-    }
-
-    valuePatches_.transfer(patches);
-    patchNames_.transfer(names);
-
-    for (const word& name : patchNames_)
-    {
-        patchNamePtrs_.push_back(name.c_str());
+        nBoundary += mesh_.boundary()[patchi].size();
     }
 
     boundaryOwner_.reserve(nBoundary);
@@ -282,8 +194,6 @@ void Foam::m4gnMeshAdapter::setBoundary
     data_.boundary_coeff = boundaryCoeff_.cdata();
     data_.boundary_type = boundaryType_.data();
     data_.boundary_patch = boundaryPatch_.data();
-    data_.n_patches = patchNamePtrs_.size();
-    data_.patch_names = patchNamePtrs_.data();
 
     faceCoeff_ =
         deltaCoeffs.primitiveField()*mesh_.magSf().primitiveField();
@@ -300,7 +210,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     labelList faceGlobal;
     if (Pstream::parRun())
     {
-        faceGlobal = procAddressing("faceProcAddressing", mesh_.nFaces());
+        faceGlobal = procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces());
     }
 
     if (faceGlobal.empty())
@@ -316,9 +226,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     // The undecomposed face of each node. Among all of them in order, its
     // place is the number that a serial run gives: patches are in order of
     // faces there.
-    List<labelList> faces(Pstream::nProcs());
-    labelList& mine = faces[Pstream::myProcNo()];
-    mine.resize(nBoundary);
+    labelList mine(nBoundary);
     label nodei = 0;
     for (const label patchi : valuePatches_)
     {
@@ -328,27 +236,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
             mine[nodei++] = mag(faceGlobal[pp.start() + i]) - 1;
         }
     }
-    Pstream::gatherList(faces);
-
-    // Not scatterList: it leaves a rank's own list as the rank has it
-    labelList all;
-    if (Pstream::master())
-    {
-        DynamicList<label> collected;
-        for (const labelList& some : faces)
-        {
-            collected.append(some);
-        }
-        std::sort(collected.begin(), collected.end());
-        all.transfer(collected);
-    }
-    Pstream::scatter(all);
-
-    forAll(mine, i)
-    {
-        boundaryGlobal_[i] =
-            std::lower_bound(all.begin(), all.end(), mine[i]) - all.begin();
-    }
+    boundaryGlobal_ = places(mine);
 }
 
 
@@ -412,14 +300,12 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter
     const labelList& nodeTypes
 )
 :
-    mesh_(mesh),
-    data_()
+    m4gnNodes(mesh)
 {
     checkPatches();
 
     const tmp<surfaceScalarField> tdeltaCoeffs(deltaCoeffs());
 
-    setDirections();
     setCells();
     setBoundary(nodeTypes, tdeltaCoeffs());
     setCoupled(tdeltaCoeffs());

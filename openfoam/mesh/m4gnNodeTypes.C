@@ -9,8 +9,10 @@ License
 #include "m4gnNodeTypes.H"
 #include "m4gn.h"
 #include "m4gnDictionary.H"
+#include "pointFields.H"
 #include "volFields.H"
 #include "emptyFvPatch.H"
+#include "fixedValuePointPatchFields.H"
 #include "slipFvPatchFields.H"
 #include "symmetryFvPatch.H"
 #include "symmetryPlaneFvPatch.H"
@@ -34,6 +36,17 @@ const Foam::Enum<int> Foam::m4gnNodeTypes::names
 
 namespace Foam
 {
+
+static const fvMesh& of(const fvMesh& mesh, const fvMesh*)
+{
+    return mesh;
+}
+
+static const pointMesh& of(const fvMesh& mesh, const pointMesh*)
+{
+    return pointMesh::New(mesh);
+}
+
 
 //- The field as registered, or as stored at this time (post-processing);
 //  nullptr if there is none
@@ -62,7 +75,8 @@ static const FieldType* find
 
     if (io.typeHeaderOk<FieldType>(true))
     {
-        stored.reset(new FieldType(io, mesh));
+        const typename FieldType::Mesh* kind = nullptr;
+        stored.reset(new FieldType(io, of(mesh, kind)));
     }
 
     return stored.get();
@@ -78,7 +92,8 @@ Foam::label Foam::m4gnNodeTypes::guess
     const fvPatch& patch,
     const volVectorField* U,
     const volScalarField* p,
-    const volVectorField* D
+    const volVectorField* D,
+    const pointVectorField* pointD
 )
 {
     const bool symmetric =
@@ -89,6 +104,17 @@ Foam::label Foam::m4gnNodeTypes::guess
         return
             symmetric ? M4GN_SYMMETRY
           : D->boundaryField()[patch.index()].fixesValue() ? M4GN_HANDLE
+          : M4GN_FREE;
+    }
+
+    if (pointD)
+    {
+        return
+            symmetric ? M4GN_SYMMETRY
+          : isA<fixedValuePointPatchVectorField>
+            (
+                pointD->boundaryField()[patch.index()]
+            ) ? M4GN_HANDLE
           : M4GN_FREE;
     }
 
@@ -153,6 +179,8 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     // solids4foam registers a velocity and a pressure as well
     autoPtr<volVectorField> storedD;
     const volVectorField* D = find(mesh, displacementName, storedD);
+    autoPtr<pointVectorField> storedPointD;
+    const pointVectorField* pointD = find(mesh, displacementName, storedPointD);
 
     forAll(mesh.boundary(), patchi)
     {
@@ -194,7 +222,7 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
 
         if (type < 0)
         {
-            type = guess(patch, U, p, D);
+            type = guess(patch, U, p, D, pointD);
         }
 
         if (type < 0)

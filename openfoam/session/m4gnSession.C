@@ -9,8 +9,6 @@ License
 #include "m4gnSession.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
-#include "m4gnNodeTypes.H"
-#include "m4gnRate.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "clockTime.H"
@@ -95,7 +93,7 @@ void Foam::m4gnSession::open
         m4gn_session_new
         (
             m4gn::communicator(),
-            &adapter_->data(),
+            &nodes_->data(),
             &options,
             &session_
         ),
@@ -118,28 +116,22 @@ void Foam::m4gnSession::checkFields()
         m4gn::check(m4gn_session_field(session_, i, &info), "m4gnSurrogate");
 
         const word name(info.name, false);
-        m4gnRate::provide(mesh_, name);
-        const auto* scalars = mesh_.findObject<volScalarField>(name);
-        const auto* vectors = mesh_.findObject<volVectorField>(name);
 
-        if (!scalars && !vectors)
+        if (!m4gnFieldSet::registered(mesh_, name, nodes_->atPoints()))
         {
             FatalErrorInFunction
                 << "The model " << model_ << " is for the field " << name
                 << ", which this solver has not registered." << nl
                 << "    Registered: "
-                << m4gn::join(mesh_.sortedNames<volScalarField>()) << ", "
-                << m4gn::join(mesh_.sortedNames<volVectorField>())
+                << m4gnFieldSet::names(mesh_, nodes_->atPoints()).c_str()
                 << exit(FatalError);
         }
 
-        const label found = scalars ? 1 : 3;
-        const dimensionSet& dimensions =
-            scalars ? scalars->dimensions() : vectors->dimensions();
-        const FixedList<int32_t, 7> exponents
-        (
-            m4gnFieldSet::exponents(name, dimensions)
-        );
+        m4gnFieldSet field(mesh_, wordList(1, name));
+        field.gather(*nodes_);
+
+        const label found = field.components(0);
+        const FixedList<int32_t, 7>& exponents = field.dimensions(0);
 
         if (info.components != found)
         {
@@ -208,20 +200,11 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
 
     m4gn::checkAbi();
 
-    const m4gnNodeTypes nodeTypes
-    (
-        mesh,
-        dict,
-        dict.getOrDefault<word>("U", "U"),
-        dict.getOrDefault<word>("p", "p"),
-        dict.getOrDefault<word>("D", "D")
-    );
-
-    adapter_.reset(new m4gnMeshAdapter(mesh, nodeTypes.types()));
+    nodes_ = m4gnNodes::New(mesh, dict);
 
     List<int32_t> stored;
     fileName from;
-    if (m4gn::readSegments(mesh, stored, from))
+    if (!nodes_->atPoints() && m4gn::readSegments(mesh, stored, from))
     {
         Info<< "m4gn: segments read from " << from.c_str() << endl;
     }
@@ -232,6 +215,7 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
     if
     (
         from.empty()
+     && !nodes_->atPoints()
      && m4gn_session_n_segments(session_) > 0
      && dict.getOrDefault<bool>("writeSegments", true)
     )
@@ -264,8 +248,8 @@ Foam::wordList Foam::m4gnSession::keys()
 {
     return
     {
-        "model", "backend", "nThreads", "precision", "nodeTypes",
-        "segments", "writeSegments", "U", "p", "D"
+        "model", "backend", "nThreads", "precision", "location",
+        "nodeTypes", "segments", "writeSegments", "U", "p", "D"
     };
 }
 
@@ -288,6 +272,8 @@ void Foam::m4gnSession::checkDictionary
             << (getEnv("M4GN_HOME").empty() ? "not set" : getEnv("M4GN_HOME"))
             << ")" << exit(FatalIOError);
     }
+
+    m4gnNodes::atPoints(dict);
 
     const label nThreads = dict.getOrDefault<label>("nThreads", 1);
     m4gn::checkAtLeast(dict, "nThreads", nThreads, 1);

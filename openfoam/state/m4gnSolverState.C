@@ -11,6 +11,7 @@ License
 #include "m4gnFlowState.H"
 #include "m4gnSolidDisplacementState.H"
 #include "m4gnTotalDisplacementState.H"
+#include "m4gnVertexCentredState.H"
 #include "Time.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
@@ -24,6 +25,7 @@ struct kind
 {
     const char* name;
     const char* needs;
+    bool atPoints;
     bool (*applies)(const fvMesh&, const dictionary&);
     autoPtr<m4gnSolverState> (*make)
         (const fvMesh&, const dictionary&, const m4gnSession&);
@@ -41,9 +43,9 @@ autoPtr<m4gnSolverState> make
 }
 
 template<class State>
-kind as(const char* name)
+kind as(const char* name, const bool atPoints = false)
 {
-    return { name, State::needs, &State::applies, &make<State> };
+    return { name, State::needs, atPoints, &State::applies, &make<State> };
 }
 
 //- In the order in which they are tried
@@ -52,6 +54,7 @@ const kind kinds[] =
     as<m4gnFlowState>("flow"),
     as<m4gnSolidDisplacementState>("solidDisplacement"),
     as<m4gnTotalDisplacementState>("totalDisplacement"),
+    as<m4gnVertexCentredState>("vertexCentred", true),
 };
 
 } // End anonymous namespace
@@ -120,10 +123,16 @@ Foam::word Foam::m4gnSolverState::scheme
 
     const ITstream& stream = schemes.lookup(used);
 
-    return
-        stream.size() && stream.last().isWord()
-      ? stream.last().wordToken()
-      : word::null;
+    // "bounded Euler", "NewmarkBeta 0.25 0.5"
+    for (label i = stream.size() - 1; i >= 0; --i)
+    {
+        if (stream[i].isWord())
+        {
+            return stream[i].wordToken();
+        }
+    }
+
+    return word::null;
 }
 
 
@@ -224,6 +233,16 @@ Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
                 break;
             }
 
+            if (k.atPoints != session.nodes().atPoints())
+            {
+                FatalErrorInFunction
+                    << "The solver (state " << k.name << ") has its unknowns at "
+                    << (k.atPoints ? "points" : "cells") << nl
+                    << "    Give m4gnHarvest and m4gnSurrogate location "
+                    << (k.atPoints ? "points" : "cells")
+                    << exit(FatalError);
+            }
+
             return k.make(mesh, dict, session);
         }
     }
@@ -241,9 +260,8 @@ Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
         << "mode replace does not know how this solver carries on from a"
         << " state. Expected" << nl << expected.str().c_str()
         << "    Registered: "
-        << m4gn::join(mesh.sortedNames<volScalarField>()) << ", "
-        << m4gn::join(mesh.sortedNames<volVectorField>()) << ", "
-        << m4gn::join(mesh.sortedNames<surfaceScalarField>())
+        << m4gnFieldSet::names(mesh, session.nodes().atPoints()).c_str()
+        << ", " << m4gn::join(mesh.sortedNames<surfaceScalarField>())
         << exit(FatalError);
 
     return nullptr;

@@ -7,6 +7,10 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnTotalDisplacementState.H"
+#include "fixedGradientFvPatchFields.H"
+#include "fvcGrad.H"
+#include "pointFields.H"
+#include "volPointInterpolation.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
@@ -15,8 +19,72 @@ const char* const Foam::m4gnTotalDisplacementState::needs =
     " linearGeometryTotalDisplacement or"
     " nonLinearGeometryTotalLagrangianTotalDisplacement (solids4foam)";
 
+namespace
+{
+
+//- Most sweeps over the gradient and the boundary, and the relative change of
+//  the boundary values at which they end
+const Foam::label maxSweeps = 50;
+const Foam::scalar sweepTolerance = 1e-10;
+
+} // End anonymous namespace
+
+
+// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
+
+void Foam::m4gnTotalDisplacementState::update()
+{
+    D().correctBoundaryConditions();
+
+    const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
+    auto& boundary = D().boundaryFieldRef();
+
+    for (label sweep = 0; sweep < maxSweeps; ++sweep)
+    {
+        const volTensorField gradD(fvc::grad(D()));
+
+        scalar change = 0;
+        for (fvPatchVectorField& patch : boundary)
+        {
+            // Of traction, and what derives from it
+            if (isA<fixedGradientFvPatchVectorField>(patch) && patch.size())
+            {
+                const labelUList& cells = patch.patch().faceCells();
+                const vectorField extrapolated
+                (
+                    vectorField(D().primitiveField(), cells)
+                  + (
+                        patch.patch().delta()
+                      & tensorField(gradD.primitiveField(), cells)
+                    )
+                );
+
+                change = max(change, max(mag(extrapolated - patch)));
+                patch == extrapolated;
+            }
+        }
+
+        if (returnReduce(change, maxOp<scalar>()) < sweepTolerance*size)
+        {
+            break;
+        }
+    }
+}
+
 
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::word Foam::m4gnTotalDisplacementState::solidModel(const fvMesh& mesh)
+{
+    const auto* properties =
+        mesh.time().findObject<IOdictionary>("solidProperties");
+
+    return
+        properties
+      ? properties->getOrDefault<word>("solidModel", word::null)
+      : word::null;
+}
+
 
 bool Foam::m4gnTotalDisplacementState::applies
 (
@@ -24,26 +92,14 @@ bool Foam::m4gnTotalDisplacementState::applies
     const dictionary& dict
 )
 {
-    const auto* properties =
-        mesh.time().findObject<IOdictionary>("solidProperties");
-
-    if
-    (
-        !properties
-     || !mesh.foundObject<volVectorField>(displacementName(dict))
-    )
-    {
-        return false;
-    }
-
-    const word model
-    (
-        properties->getOrDefault<word>("solidModel", word::null)
-    );
+    const word model(solidModel(mesh));
 
     return
-        model == "linearGeometryTotalDisplacement"
-     || model == "nonLinearGeometryTotalLagrangianTotalDisplacement";
+        mesh.foundObject<volVectorField>(displacementName(dict))
+     && (
+            model == "linearGeometryTotalDisplacement"
+         || model == "nonLinearGeometryTotalLagrangianTotalDisplacement"
+        );
 }
 
 
@@ -56,6 +112,35 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 :
     m4gnDisplacementState(mesh, dict, session)
 {}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnTotalDisplacementState::complete
+(
+    const scalar deltaT,
+    const bool handOver
+)
+{
+    m4gnDisplacementState::complete(deltaT, handOver);
+
+    auto* U = mesh_.getObjectPtr<volVectorField>("U");
+    if (dynamic_ && U)
+    {
+        U->primitiveFieldRef() = rate().primitiveField();
+
+        forAll(U->boundaryFieldRef(), patchi)
+        {
+            U->boundaryFieldRef()[patchi] == rate().boundaryField()[patchi];
+        }
+    }
+
+    auto* points = mesh_.getObjectPtr<pointVectorField>("point" + DName_);
+    if (points)
+    {
+        volPointInterpolation::New(mesh_).interpolate(D(), *points);
+    }
+}
 
 
 // ************************************************************************* //

@@ -2,8 +2,8 @@
  *
  * A libm4gn.so whose surrogate is always right: it records a run in memory order to $ORACLE_FILE and, as a model of the
  * fields that were recorded, gives the frame $ORACLE_FRAMES later back, with a smooth error of $ORACLE_ERROR in the
- * first two components of the first field. One rank. With it, what is left of an error after a jump is that of the
- * hand-over alone.
+ * first two components of the first field. Each rank has a file of its own. With it, what is left of an error after a
+ * jump is that of the hand-over alone.
  */
 #include "m4gn.h"
 
@@ -30,6 +30,13 @@ static const char* variable(const char* name, const char* otherwise)
 {
     const char* value = getenv(name);
     return value ? value : otherwise;
+}
+
+static FILE* recording(const char* mode)
+{
+    char path[4096];
+    snprintf(path, sizeof(path), "%s%s", variable("ORACLE_FILE", "oracle.bin"), variable("OMPI_COMM_WORLD_RANK", ""));
+    return fopen(path, mode);
 }
 
 int32_t m4gn_abi_version(void) { return M4GN_ABI_VERSION; }
@@ -63,7 +70,7 @@ int32_t m4gn_recorder_new(
         memcpy(r->header.dimensions[i], options->fields[i].dimensions, sizeof(r->header.dimensions[i]));
         snprintf(r->header.name[i], NAME, "%s", options->fields[i].name);
     }
-    r->file = fopen(variable("ORACLE_FILE", "oracle.bin"), "wb");
+    r->file = recording("wb");
     *recorder = r;
     return r->file && fwrite(&r->header, sizeof(r->header), 1, r->file) == 1 ? M4GN_OK : M4GN_ERROR_FILE;
 }
@@ -108,7 +115,7 @@ int32_t m4gn_session_new(
     (void)comm;
     (void)options;
     m4gn_session* s = calloc(1, sizeof(*s));
-    FILE* file = fopen(variable("ORACLE_FILE", "oracle.bin"), "rb");
+    FILE* file = recording("rb");
     if (!file || fread(&s->header, sizeof(s->header), 1, file) != 1 || s->header.n_cells != mesh->n_cells)
     {
         message = "no recording of this mesh";

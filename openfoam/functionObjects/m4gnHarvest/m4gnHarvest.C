@@ -11,7 +11,6 @@ License
 #include "foamVersion.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
-#include "m4gnNodeTypes.H"
 #include "OSspecific.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
@@ -31,18 +30,9 @@ void Foam::functionObjects::m4gnHarvest::start()
 {
     m4gn::checkAbi();
 
-    const m4gnNodeTypes nodeTypes
-    (
-        mesh_,
-        dict_,
-        dict_.getOrDefault<word>("U", "U"),
-        dict_.getOrDefault<word>("p", "p"),
-        dict_.getOrDefault<word>("D", "D")
-    );
-
-    adapter_.reset(new m4gnMeshAdapter(mesh_, nodeTypes.types()));
+    nodes_ = m4gnNodes::New(mesh_, dict_);
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
-    fields_->gather(*adapter_);
+    fields_->gather(*nodes_);
 
     std::vector<m4gn_recorder_field> recorded(fields_->size());
     for (label i = 0; i < fields_->size(); ++i)
@@ -87,7 +77,7 @@ void Foam::functionObjects::m4gnHarvest::start()
         m4gn_recorder_new
         (
             m4gn::communicator(),
-            &adapter_->data(),
+            &nodes_->data(),
             &options,
             &recorder_
         ),
@@ -195,7 +185,7 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
         dict,
         {
             "fields", "file", "overwrite", "split", "provenance", "nodeTypes",
-            "U", "p", "D"
+            "location", "U", "p", "D"
         },
         true
     );
@@ -205,6 +195,8 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     file_ = dict.getOrDefault<fileName>("file", fileName());
     overwrite_ = dict.getOrDefault<bool>("overwrite", false);
     split_ = dict.getOrDefault<word>("split", "train");
+
+    m4gnNodes::atPoints(dict);
 
     if (fieldNames_.empty())
     {
@@ -241,7 +233,7 @@ bool Foam::functionObjects::m4gnHarvest::write()
 
     if (recorder_)
     {
-        fields_->gather(*adapter_);
+        fields_->gather(*nodes_);
     }
     else
     {

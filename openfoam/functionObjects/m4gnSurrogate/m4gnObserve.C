@@ -73,7 +73,7 @@ void Foam::m4gnObserve::imposeBoundary
     const label n = pTraits<Type>::nComponents;
     label nodei = 0;
 
-    for (const label patchi : session_.adapter().valuePatches())
+    for (const label patchi : session_.nodes().valuePatches())
     {
         const fvPatchField<Type>& patch = field.boundaryField()[patchi];
         const labelUList& owner = patch.patch().faceCells();
@@ -95,7 +95,7 @@ void Foam::m4gnObserve::imposeBoundary
 
 void Foam::m4gnObserve::predict()
 {
-    inputs_.gather(session_.adapter());
+    inputs_.gather(session_.nodes());
 
     forAll(start_, i)
     {
@@ -131,7 +131,7 @@ void Foam::m4gnObserve::predict()
         scalarField& boundary = rolloutBoundary_[inputi];
         const label n = session_.outputComponents(outputi);
 
-        boundary.resize(n*session_.adapter().nBoundary());
+        boundary.resize(n*session_.nodes().nBoundary());
         if (n == 1)
         {
             imposeBoundary

@@ -18,24 +18,20 @@ License
 
 bool Foam::m4gnReplace::predict()
 {
-    inputs_.gather(session_.adapter());
+    inputs_.gather(session_.nodes());
+    outputs_.gather(session_.nodes());
 
     forAll(predicted_, i)
     {
-        const word& name = session_.outputs()[i];
-        const label n = session_.outputComponents(i);
+        const m4gn_field& now = outputs_.view()[i];
 
-        const scalar* now =
-            n == 1
-          ? mesh_.lookupObject<volScalarField>(name).primitiveField().cdata()
-          : reinterpret_cast<const scalar*>
-            (
-                mesh_.lookupObject<volVectorField>(name)
-               .primitiveField().cdata()
-            );
-
-        predicted_[i].resize(n*mesh_.nCells());
-        std::copy(now, now + predicted_[i].size(), predicted_[i].begin());
+        predicted_[i].resize(now.components*session_.nodes().size());
+        std::copy
+        (
+            now.cells,
+            now.cells + predicted_[i].size(),
+            predicted_[i].begin()
+        );
     }
 
     return session_.step(inputs_.view(), predicted_);
@@ -143,6 +139,7 @@ Foam::m4gnReplace::m4gnReplace
     session_(session),
     state_(m4gnSolverState::New(mesh, dict, session)),
     inputs_(mesh, session.inputs()),
+    outputs_(mesh, session.outputs()),
     predicted_(session.outputs().size()),
     replacedTime_(0),
     firstTime_(mesh.time().value()),

@@ -137,6 +137,12 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     }
     else
     {
+        if (m4gnNodes::atPoints(dict))
+        {
+            FatalIOErrorInFunction(dict)
+                << "mode observe compares fields of cells; location points is"
+                << " for mode replace" << exit(FatalIOError);
+        }
         m4gn::checkAtLeast
         (
             dict,

@@ -1,0 +1,195 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnVertexCentredState.H"
+#include "m4gnDictionary.H"
+#include "m4gnTotalDisplacementState.H"
+#include "Time.H"
+
+// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+const char* const Foam::m4gnVertexCentredState::needs =
+    "a displacement of the points (name: D, pointD), pointU, and"
+    " solidProperties with solidModel vertexCentredLinearGeometry or"
+    " vertexCentredNonLinTotalLagGeometry (solids4foam)";
+
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::pointVectorField& Foam::m4gnVertexCentredState::field
+(
+    const word& name
+) const
+{
+    return mesh_.lookupObjectRef<pointVectorField>(name);
+}
+
+
+Foam::word Foam::m4gnVertexCentredState::displacementName
+(
+    const dictionary& dict
+)
+{
+    return dict.getOrDefault<word>("D", "pointD");
+}
+
+
+template<class Type>
+void Foam::m4gnVertexCentredState::impose
+(
+    const word& name,
+    const scalarField& nodes
+) const
+{
+    const auto& points =
+        static_cast<const m4gnPointAdapter&>(session_.nodes());
+
+    auto& imposed =
+        mesh_.lookupObjectRef<GeometricField<Type, pointPatchField, pointMesh>>
+        (
+            name
+        );
+
+    // Stores the old time before it gives access
+    imposed.primitiveFieldRef() = points.spread<Type>(nodes);
+    imposed.correctBoundaryConditions();
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+bool Foam::m4gnVertexCentredState::applies
+(
+    const fvMesh& mesh,
+    const dictionary& dict
+)
+{
+    const word model(m4gnTotalDisplacementState::solidModel(mesh));
+
+    return
+        mesh.foundObject<pointVectorField>(displacementName(dict))
+     && mesh.foundObject<pointVectorField>("pointU")
+     && (
+            model == "vertexCentredLinearGeometry"
+         || model == "vertexCentredNonLinTotalLagGeometry"
+        );
+}
+
+
+Foam::m4gnVertexCentredState::m4gnVertexCentredState
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const m4gnSession& session
+)
+:
+    m4gnSolverState(mesh, session),
+    DName_(displacementName(dict)),
+    scheme_(scheme("d2dt2Schemes", "d2dt2(" + DName_ + ')'))
+{
+    wordList needed(1, DName_);
+
+    if (scheme_ == "Euler")
+    {
+        needed.append("pointU");
+    }
+    else if (scheme_ == "NewmarkBeta")
+    {
+        needed.append("pointU");
+        needed.append("pointA");
+    }
+    else if (scheme_ != "steadyState")
+    {
+        FatalErrorInFunction
+            << "mode replace does not handle the time scheme of " << DName_
+            << " in d2dt2Schemes: " << scheme_ << nl
+            << "    Handled: Euler, NewmarkBeta, steadyState"
+            << exit(FatalError);
+    }
+
+    for (const word& name : needed)
+    {
+        if (!session_.outputs().found(name))
+        {
+            FatalErrorInFunction
+                << "The solver carries on from " << m4gn::join(needed)
+                << " (d2dt2Schemes " << scheme_ << "); the model "
+                << session_.model() << " advances "
+                << m4gn::join(session_.outputs()) << nl
+                << "    Record these fields with location points, and train a"
+                << " model that predicts them" << exit(FatalError);
+        }
+    }
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnVertexCentredState::advance(const List<scalarField>& predicted)
+{
+    step(session_.stride());
+
+    forAll(predicted, outputi)
+    {
+        const word& name = session_.outputs()[outputi];
+
+        if (session_.outputComponents(outputi) == 1)
+        {
+            impose<scalar>(name, predicted[outputi]);
+        }
+        else
+        {
+            impose<vector>(name, predicted[outputi]);
+        }
+    }
+
+    auto* cells = mesh_.getObjectPtr<volVectorField>("D");
+    if (cells)
+    {
+        const vectorField& points = field(DName_).primitiveField();
+        vectorField& D = cells->primitiveFieldRef();
+        forAll(D, celli)
+        {
+            const labelList& ofCell = mesh_.cellPoints()[celli];
+            D[celli] = Zero;
+            for (const label pointi : ofCell)
+            {
+                D[celli] += points[pointi]/ofCell.size();
+            }
+        }
+        cells->correctBoundaryConditions();
+    }
+}
+
+
+void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool)
+{
+    if (scheme_ == "Euler")
+    {
+        pointVectorField& D = field(DName_);
+
+        D.oldTime().primitiveFieldRef() =
+            D.primitiveField() - deltaT*field("pointU").primitiveField();
+    }
+}
+
+
+Foam::List<Foam::m4gnSolverState::quantity>
+Foam::m4gnVertexCentredState::quantities() const
+{
+    const tmp<scalarField> magD(mag(field(DName_).primitiveField()));
+
+    return
+    {
+        quantity("minMag" + DName_, gMin(magD())),
+        quantity("maxMag" + DName_, gMax(magD()))
+    };
+}
+
+
+// ************************************************************************* //

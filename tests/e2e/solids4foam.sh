@@ -1,0 +1,193 @@
+#!/usr/bin/env bash
+# solids4foam's solid models: their own recorded states, handed back after a jump, are carried on from as in the run
+# without one. Needs solids4foam, which is no part of this project:
+#   SOLIDS4FOAM_INST_DIR   folder that holds solids4Foam and libsolids4FoamModels.so, in it or in its bin/ and lib/
+# The modes at the end need lib/libm4gnSolids4Foam.so as well: see openfoam/solids4foam/CMakeLists.txt.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+if [ -z "${SOLIDS4FOAM_INST_DIR:-}" ]; then
+    echo "solids4foam: skipped (SOLIDS4FOAM_INST_DIR is not set)"
+    exit 0
+fi
+export PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/bin:$PATH
+export LD_LIBRARY_PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/lib:$LD_LIBRARY_PATH
+command -v solids4Foam > /dev/null || fail "there is no solids4Foam in SOLIDS4FOAM_INST_DIR ($SOLIDS4FOAM_INST_DIR)"
+make_oracle
+
+# A beam of 0.2 x 0.04 x 0.02 m, clamped at its left, loaded at its tip at time 0. One period is some 0.2 s.
+mkdir -p case/0 case/constant case/system/dualMesh && cd case
+header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
+{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
+vertices ((0 0 0) (0.2 0 0) (0.2 0.04 0) (0 0.04 0) (0 0 0.02) (0.2 0 0.02) (0.2 0.04 0.02) (0 0.04 0.02));
+blocks (hex (0 1 2 3 4 5 6 7) (20 4 2) simpleGrading (1 1 1));
+boundary
+(
+    clamp { type patch; faces ((0 4 7 3)); }
+    tip { type patch; faces ((1 2 6 5)); }
+    sides { type patch; faces ((0 1 5 4) (3 7 6 2) (0 3 2 1) (4 5 6 7)); }
+);
+EOD
+{ header controlDict; cat <<'EOD'; } > system/controlDict
+application     solids4Foam;
+startFrom       startTime;
+startTime       0;
+stopAt          endTime;
+endTime         0.052;
+deltaT          0.001;
+writeControl    timeStep;
+writeInterval   1;
+writeFormat     ascii;
+writePrecision  14;
+timePrecision   8;
+runTimeModifiable no;
+functions       { #include "functions" }
+EOD
+schemes() { header fvSchemes; cat <<EOD; }
+d2dt2Schemes { default $1; }
+ddtSchemes { default $1; }
+gradSchemes { default leastSquares; }
+divSchemes { default Gauss linear; }
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+EOD
+{ header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers { "(D|DD)" { solver PCG; preconditioner FDIC; tolerance 1e-13; relTol 0.01; } }
+relaxationFactors { }
+EOD
+{ header decomposeParDict; echo 'numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }'; } > system/decomposeParDict
+schemes steadyState > system/dualMesh/fvSchemes
+cp system/fvSolution system/dualMesh
+{ header physicsProperties; echo 'type solid;'; } > constant/physicsProperties
+{ header dynamicMeshDict; echo 'dynamicFvMesh staticFvMesh;'; } > constant/dynamicMeshDict
+{ header g uniformDimensionedVectorField; echo 'dimensions [0 1 -2 0 0 0 0]; value (0 0 0);'; } > constant/g
+displacement() { header "$1" "$2"; cat <<EOD; }
+dimensions [0 1 0 0 0 0 0];
+internalField uniform (0 0 0);
+boundaryField
+{
+    clamp { type $3; value uniform (0 0 0); }
+    tip { type $4; traction uniform (0 $5 0); pressure uniform 0; value uniform (0 0 0); }
+    sides { type $4; traction uniform (0 0 0); pressure uniform 0; value uniform (0 0 0); }
+}
+EOD
+
+# model NAME LAW TRACTION SCHEME: the case of a solid model
+model() {
+    { header solidProperties; cat <<EOD; } > constant/solidProperties
+solidModel $1;
+$1Coeffs
+{
+    nCorrectors 5000; infoFrequency 1000; $tolerances
+    solutionAlgorithm implicitCoupled; fullNewton no; zeta 0.2; lineSearch no; usePETSc no;
+}
+EOD
+    { header mechanicalProperties; cat <<EOD; } > constant/mechanicalProperties
+planeStress no;
+mechanical
+(
+    rubber
+    {
+        type $2; rho rho [1 -3 0 0 0 0 0] 1000; E E [1 -1 -2 0 0 0 0] 1e6; nu nu [0 0 0 0 0 0 0] 0.3;
+    }
+);
+EOD
+    schemes "$4" > system/fvSchemes
+    displacement D volVectorField fixedDisplacement solidTraction "$3" > 0/D
+    displacement pointD pointVectorField fixedValue pointSolidTraction "$3" > 0/pointD
+}
+: > system/functions
+runs blockMesh
+
+# The solver to 0.02, the surrogate to 0.03, the solver to 0.04, the surrogate to 0.05, the solver to the end
+export ORACLE_STRIDE=0.005 ORACLE_FRAMES=5
+replace='mode replace; model any; timeStart 0.02; solverSteps 10; surrogateSteps 2;'
+: > any
+
+# solve: on one rank, or on $ranks
+solve() {
+    if [ "$ranks" -eq 1 ]; then runs solids4Foam; return; fi
+    runs decomposePar -force
+    runs mpirun -np "$ranks" solids4Foam -parallel < /dev/null
+}
+tolerances='solutionTolerance 1e-9; alternativeTolerance 1e-9; materialTolerance 1e-9;'
+while read -r ranks name law traction scheme fields limit; do
+    what="$name, $scheme, $ranks ranks"
+    scheme=${scheme//_/ }
+    fields=${fields//,/ }
+    field=${fields%% *}
+    model "$name" "$law" "$traction" "$scheme"
+    location=cells
+    if [ "$field" = pointD ]; then location=points; rm 0/D; else rm 0/pointD; fi
+    clean_case
+    function_object m4gnHarvest "fields ($fields); location $location; writeControl timeStep; writeInterval 1;"
+    solve
+    if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field)" -time '0.03:'; fi
+    rm -rf ../full && mkdir ../full && mv 0.* ../full
+
+    clean_case
+    function_object m4gnSurrogate "location $location; $replace"
+    solve
+    [ "$(grep -c '^m4gn: jumped 2 steps' log.run)" -eq 2 ] || fail "$what: expected two jumps of two steps"
+    if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field)" -time '0.03:'; fi
+    if [ -d 0.028 ] || [ ! -d 0.03 ]; then
+        fail "$what: expected the surrogate's times 0.025 and 0.03, found: $(echo 0.0*)"
+    fi
+    for time in 0.03 0.031 0.04 0.051 0.052; do
+        below "$(difference ../full/$time/"$field" $time/"$field")" "$limit" "$what: $field at $time"
+    done
+done <<'EOD'
+1 linearGeometryTotalDisplacement linearElastic 200 Euler D,ddt(D) 1e-5
+1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler D,ddt(D) 1e-5
+1 vertexCentredLinearGeometry linearElastic 200 Euler pointD,pointU 1e-9
+1 vertexCentredLinearGeometry linearElastic 200 NewmarkBeta_0.25_0.5 pointD,pointU,pointA 1e-9
+2 linearGeometryTotalDisplacement linearElastic 200 Euler D,ddt(D) 1e-5
+EOD
+
+# What would not do
+sed -i 's/^endTime .*/endTime 0.03;/' system/controlDict
+surrogate="mode replace; model any; timeStart 0.01; solverSteps 10; surrogateSteps 1;"
+record() { clean_case; function_object m4gnHarvest "$1 writeControl timeStep; writeInterval 1;"; solve; rm -r 0.*; }
+ranks=1
+model linearGeometryTotalDisplacement linearElastic 200 Euler
+record 'fields (D);'
+function_object m4gnSurrogate "$surrogate"
+refused 'carries on from D, ddt(D)' solids4Foam
+record 'fields (pointD); location points;'
+function_object m4gnSurrogate "location points; $surrogate"
+refused 'has its unknowns at cells' solids4Foam
+model vertexCentredLinearGeometry linearElastic 200 'NewmarkBeta 0.25 0.5'
+rm 0/D
+record 'fields (pointD pointU); location points;'
+function_object m4gnSurrogate "location points; $surrogate"
+refused 'carries on from pointD, pointU, pointA' solids4Foam
+function_object m4gnSurrogate "location points; $surrogate state totalDisplacement;"
+refused 'solidProperties with solidModel' solids4Foam
+function_object m4gnSurrogate "location points; mode observe; model any;"
+refused 'location points is for mode replace' solids4Foam
+
+# Modes with the solver's own K and M, on the beam of 0.6 x 0.06 x 0.06 m; Euler-Bernoulli says 0.851, 5.34, and 13.2 along it
+if [ -f "$M4GN_HOME/lib/libm4gnSolids4Foam.so" ]; then
+    export LD_LIBRARY_PATH=${LD_LIBRARY_PATH#"$work/lib:"}
+    clean_case
+    sed -i -e 's/^vertices.*/vertices ((0 0 0) (0.6 0 0) (0.6 0.06 0) (0 0.06 0) (0 0 0.06) (0.6 0 0.06) (0.6 0.06 0.06) (0 0.06 0.06));/' \
+        -e 's/(20 4 2)/(60 4 4)/' system/blockMeshDict
+    sed -i 's/^endTime .*/endTime 0.002;/' system/controlDict
+    model vertexCentredLinearGeometry linearElastic 0 Euler
+    rm 0/D
+    sed -i 's/zeta 0.2/zeta 0.1/' constant/solidProperties
+    : > system/functions
+    runs blockMesh
+    echo 'test { type m4gnVertexCentredModes; libs (m4gnSolids4Foam); modes 8; }' > system/functions
+    runs solids4Foam
+    while read -r mode frequency; do
+        found=$(awk -v mode="$mode" '$1 == mode { print $2 }' postProcessing/test/0/frequencies.dat)
+        below "$(awk "BEGIN { d = $found/$frequency - 1; print d < 0 ? -d : d }")" 1e-3 "mode $mode, $found Hz"
+    done <<'EOD'
+1 0.83544
+2 0.83544
+3 5.01389
+6 13.2150
+EOD
+fi
+echo "solids4foam: passed"
