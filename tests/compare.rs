@@ -161,7 +161,10 @@ fn the_motion_of_a_solid_is_compared() {
         // From 2 to 24: two whole periods and seven of the eight samples of another; cos^2 sums to 4 a period.
         let mean_square = (12.0 - 0.5) / 23.0_f64;
         assert!((number("amplitude") - most).abs() < 1e-9, "{found}");
-        assert!((number("point_error_rms") - 0.1 * mean_square.sqrt()).abs() < 1e-6, "{found}");
+        assert!(
+            (number("point_error_rms") - 0.1 * mean_square.sqrt()).abs() < 1e-6,
+            "{found}"
+        );
         assert!((number("point_error_max") - 0.1).abs() < 1e-6, "{found}");
         assert_eq!(found["component"], 1);
         for frequency in found["frequency"].as_array().unwrap() {

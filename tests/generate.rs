@@ -191,12 +191,19 @@ fn a_vibrating_beam_moves_as_it_was_drawn() {
             .sum();
         let found = f64::from(t.read_frame("D", frame).unwrap().cells[2 * tip + 1]);
         // Half a cell from the tip, with shear and Euler's damping
-        assert!((found - expected).abs() < 1e-3, "{found} m at {time} s, expected {expected}");
+        assert!(
+            (found - expected).abs() < 1e-3,
+            "{found} m at {time} s, expected {expected}"
+        );
     }
     // The rate is that of the solver's last step: nearly the change between frames
     let [d0, d1, v1] = [("D", 0), ("D", 2), ("ddt(D)", 1)]
         .map(|(name, frame)| f64::from(t.read_frame(name, frame).unwrap().cells[2 * tip + 1]));
-    assert!(((d1 - d0) / 0.02 - v1).abs() < 0.02, "{} and {v1} m/s", (d1 - d0) / 0.02);
+    assert!(
+        ((d1 - d0) / 0.02 - v1).abs() < 0.02,
+        "{} and {v1} m/s",
+        (d1 - d0) / 0.02
+    );
 
     let other = make("3");
     assert_eq!(other.status.code(), Some(1));

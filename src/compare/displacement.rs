@@ -150,7 +150,9 @@ pub fn compare(
             [Some(p), Some(q)] => Some((q / p - 1.0).abs()),
             _ => None,
         },
-        periods: frequency[0].zip(times.last()).map(|(f, last)| f * (last - takeover)),
+        periods: frequency[0]
+            .zip(times.last())
+            .map(|(f, last)| f * (last - takeover)),
         frequency,
         point_a,
         point_b,
@@ -215,7 +217,13 @@ fn beside_patch(
 impl Motion {
     /// Displacement errors at the horizons.
     pub fn error_table(&self) -> Table {
-        let mut table = Table::new(["horizon", "until [s]", "hybrid RMSE [m]", "hold last [m]", "ratio"]);
+        let mut table = Table::new([
+            "horizon",
+            "until [s]",
+            "hybrid RMSE [m]",
+            "hold last [m]",
+            "ratio",
+        ]);
         let last = self.times.len() - 1;
         for i in HORIZONS.iter().map(|h| h - 1).filter(|&h| h < last).chain([last]) {
             let name = match i == last {
@@ -223,8 +231,18 @@ impl Motion {
                 false => (i + 1).to_string(),
             };
             let (hybrid, hold) = (self.displacement_rmse[i], self.hold_last_rmse[i]);
-            let ratio = if hold > 0.0 { number(hybrid / hold, 3) } else { "-".into() };
-            table.row([name, seconds(self.times[i]), number(hybrid, 3), number(hold, 3), ratio]);
+            let ratio = if hold > 0.0 {
+                number(hybrid / hold, 3)
+            } else {
+                "-".into()
+            };
+            table.row([
+                name,
+                seconds(self.times[i]),
+                number(hybrid, 3),
+                number(hold, 3),
+                ratio,
+            ]);
         }
         table
     }
@@ -243,8 +261,16 @@ impl Motion {
             pair(Some(largest)),
             percent(Some((largest[1] / largest[0] - 1.0).abs())),
         );
-        row("rms error of the cell / amplitude", [None; 2], percent(Some(self.point_error_rms)));
-        row("largest error of the cell / amplitude", [None; 2], percent(Some(self.point_error_max)));
+        row(
+            "rms error of the cell / amplitude",
+            [None; 2],
+            percent(Some(self.point_error_rms)),
+        );
+        row(
+            "largest error of the cell / amplitude",
+            [None; 2],
+            percent(Some(self.point_error_max)),
+        );
         row("frequency [1/s]", self.frequency, percent(self.frequency_error));
         let gain = match (self.wall_a, self.wall_b) {
             (Some(a), Some(b)) if b > 0.0 => format!("{} x as fast", number(a / b, 3)),
@@ -296,7 +322,10 @@ impl Motion {
             Series::new("full", &self.times, &self.point_a, BLUE),
             Series::new("hybrid", &self.times, &self.point_b, ORANGE),
         ];
-        page.svg(&chart("displacement [m]", motion, false).svg()?, "Displacement of the cell.");
+        page.svg(
+            &chart("displacement [m]", motion, false).svg()?,
+            "Displacement of the cell.",
+        );
         page.heading("Displacement error");
         page.paragraph(&format!(
             "Root mean square over {} cells and the solved components. Hold last: the full run's field at the takeover, \

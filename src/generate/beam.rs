@@ -6,8 +6,8 @@
 use super::case::{fill, recorded};
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
-use crate::dataset::{Split, Trajectory};
 use crate::Result;
+use crate::dataset::{Split, Trajectory};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
@@ -83,10 +83,7 @@ pub struct BeamFiles {
 
 /// The case's files as they are in openfoam/templates; `0/D` serves for `0/D_0` as well.
 const TEMPLATES: [(&str, &str); 9] = [
-    (
-        "0/D",
-        include_str!("../../openfoam/templates/vibratingBeam/0/D"),
-    ),
+    ("0/D", include_str!("../../openfoam/templates/vibratingBeam/0/D")),
     (
         "0/D_0",
         include_str!("../../openfoam/templates/vibratingBeam/0/D"),
@@ -150,10 +147,7 @@ impl BeamFiles {
             ("deltaT", DELTA_T.to_string()),
             // Half a step off, so that rounding of the times does not matter
             ("timeStart", (FIRST - 0.5 * DELTA_T).to_string()),
-            (
-                "endTime",
-                (FIRST + f64::from(self.frames) * INTERVAL).to_string(),
-            ),
+            ("endTime", (FIRST + f64::from(self.frames) * INTERVAL).to_string()),
             ("writeInterval", (INTERVAL / DELTA_T).round().to_string()),
             ("file", RECORDING.to_string()),
             ("split", self.split.name().to_string()),
@@ -168,7 +162,11 @@ impl BeamFiles {
         let numbers = self
             .numbers()
             .map(|(key, value)| format!("            {key:<15} {value};"));
-        [command, family].into_iter().chain(numbers).collect::<Vec<_>>().join("\n")
+        [command, family]
+            .into_iter()
+            .chain(numbers)
+            .collect::<Vec<_>>()
+            .join("\n")
     }
 
     fn numbers(&self) -> [(&'static str, f64); 9] {
@@ -238,7 +236,10 @@ mod tests {
     fn the_first_mode_has_0_851_hertz_and_the_others_the_ratios_of_a_cantilever() {
         let f = angular_frequencies().map(|w| w / TAU);
         assert!((f[0] - 0.8513).abs() < 1e-4, "{f:?}");
-        assert!((f[1] / f[0] - 6.2669).abs() < 1e-3 && (f[2] / f[0] - 17.5475).abs() < 1e-3, "{f:?}");
+        assert!(
+            (f[1] / f[0] - 6.2669).abs() < 1e-3 && (f[2] / f[0] - 17.5475).abs() < 1e-3,
+            "{f:?}"
+        );
     }
 
     #[test]
@@ -253,7 +254,10 @@ mod tests {
                 // The backward difference is the rate half a step earlier
                 let middle = -p.amplitude[k] * omega * (p.phase[k] - 0.5 * omega * DELTA_T).sin();
                 assert!((rate - middle).abs() < 1e-3 * AMPLITUDES[k] * omega, "{p:?}");
-                assert!(p.amplitude[k] <= AMPLITUDES[k] && now[k].abs() <= p.amplitude[k], "{p:?}");
+                assert!(
+                    p.amplitude[k] <= AMPLITUDES[k] && now[k].abs() <= p.amplitude[k],
+                    "{p:?}"
+                );
             }
         }
         assert_ne!(Parameters::draw(7, 0), Parameters::draw(7, 1));

@@ -4,8 +4,8 @@
 //! fixed pressure at the outlet; nu = 1e-3 m^2/s. The ranges are those of the set (Reynolds numbers of the mean
 //! inlet speed and the diameter between 42 and 205, so that most but not all wakes shed vortices).
 
-use crate::dataset::Split;
 use crate::Result;
+use crate::dataset::Split;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
