@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{cube, put, uniform};
+use common::{cube, field, put, uniform};
 use std::{
     fs,
     path::Path,
@@ -130,4 +130,64 @@ fn compare_refuses_what_cannot_be_compared() {
     uniform(Path::new(&b), "3", f64::NAN);
     fails(&[&a, &b], "3/U");
     assert_eq!(m4gn(&["compare", &a]).status.code(), Some(2));
+}
+
+/// A body of two cells that sways with period 8 in y, the right one twice as far; `scale` times as far.
+fn sways(case: &Path, scale: f64) {
+    cube(case, false, "empty");
+    for time in 1..=24 {
+        let y = scale * (std::f64::consts::TAU * f64::from(time) / 8.0).cos();
+        let boundary = "\".*\"{type calculated; value uniform (0 0 0);} sides{type empty;}";
+        let cells = [format!("(0 {} 0)", 0.5 * y), format!("(0 {y} 0)")];
+        field(case, &time.to_string(), "D", [&cells[0], &cells[1]], boundary);
+    }
+}
+
+#[test]
+fn the_motion_of_a_solid_is_compared() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
+    let (a, b, json, html) = (path("a"), path("b"), path("c.json"), path("c.html"));
+    sways(Path::new(&a), 1.0);
+    sways(Path::new(&b), 0.9);
+    // The cell beside the outlet is the one that moves most; the one beside the inlet moves half as far.
+    for (patch, most) in [(None, 1.0), (Some("outlet"), 1.0), (Some("inlet"), 0.5)] {
+        let mut args = vec!["compare", &a, &b, "--json", &json, "--html", &html];
+        args.extend(patch.iter().flat_map(|p| ["--patch", p]));
+        let run = m4gn(&args);
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        let found = figures(&json);
+        let number = |key: &str| found[key].as_f64().unwrap();
+        // From 2 to 24: two whole periods and seven of the eight samples of another; cos^2 sums to 4 a period.
+        let mean_square = (12.0 - 0.5) / 23.0_f64;
+        assert!((number("amplitude") - most).abs() < 1e-9, "{found}");
+        assert!(
+            (number("point_error_rms") - 0.1 * mean_square.sqrt()).abs() < 1e-6,
+            "{found}"
+        );
+        assert!((number("point_error_max") - 0.1).abs() < 1e-6, "{found}");
+        assert_eq!(found["component"], 1);
+        for frequency in found["frequency"].as_array().unwrap() {
+            assert!((frequency.as_f64().unwrap() - 0.125).abs() < 1e-6, "{found}");
+        }
+        assert!(number("frequency_error") < 1e-6 && (number("periods") - 23.0 / 8.0).abs() < 1e-4);
+        // Over both cells and both components: (1 + 1/4)/4 of the square.
+        let expected = 0.1 * (mean_square * 1.25 / 4.0).sqrt();
+        let last = found["displacement_rmse"].as_array().unwrap().last().unwrap();
+        assert!((last.as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
+    }
+    assert!(fs::read_to_string(&html).unwrap().contains("<svg"));
+
+    let fails = |args: &[&str], words: &str| {
+        let run = m4gn(&[&["compare", &a, &b], args].concat());
+        let text = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert_eq!(run.status.code(), Some(1), "{args:?}: {text}");
+        assert!(text.contains(words), "{args:?}: expected '{words}' in '{text}'");
+    };
+    fails(&["--png", &path("c.png")], "--png");
+    fails(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
+    sways(Path::new(&a), 0.0);
+    fails(&[], "does not move");
+    fs::remove_file(Path::new(&b).join("24/D")).unwrap();
+    fails(&[], "24/D");
 }

@@ -3,6 +3,8 @@
 //! Needs gmsh, OpenFOAM and `lib/libm4gnFoam.so` (setup/build.sh).
 
 use m4gn::dataset::{Split, Trajectory};
+use m4gn::generate::beam;
+use m4gn::mesh::NodeType;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -145,6 +147,67 @@ fn cases_are_made_once_and_resumed() {
     let other = { other }.output().unwrap();
     assert_eq!(other.status.code(), Some(1));
     assert!(text(&other).contains("frames 2 instead of 9"), "{}", text(&other));
+}
+
+#[test]
+fn a_vibrating_beam_moves_as_it_was_drawn() {
+    let out = tempfile::tempdir().unwrap();
+    let make = |frames: &str| {
+        m4gn("generate vibrating-beam --count 1 --seed 5", out.path())
+            .args(["--frames", frames])
+            .output()
+            .unwrap()
+    };
+    let run = make("2");
+    assert!(run.status.success(), "{}", text(&run));
+    let t = Trajectory::open(out.path().join("0000.h5")).unwrap();
+    let times: Vec<f64> = t.times().iter().map(|t| (t * 1e9).round() / 1e9).collect();
+    assert_eq!(times, [0.02, 0.03, 0.04]);
+    let mesh = t.mesh();
+    let kinds = |patch: &str| {
+        let number = mesh.patches.iter().position(|p| p == patch).unwrap() as i32;
+        mesh.boundary
+            .iter()
+            .filter(|f| f.patch == number)
+            .map(|f| f.kind)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(kinds("clamp"), [NodeType::Handle; 8]);
+    assert_eq!(kinds("sides"), [NodeType::Free; 80]);
+    let number = |key: String| t.provenance()[&key].as_f64().unwrap();
+    let tip = (0..mesh.n_cells())
+        .max_by(|&i, &j| mesh.cell_centres[i][0].total_cmp(&mesh.cell_centres[j][0]))
+        .unwrap();
+    for (frame, &time) in times.iter().enumerate() {
+        let modes = beam::angular_frequencies();
+        let expected: f64 = (0..3)
+            .map(|k| {
+                let (a, phase) = (
+                    number(format!("amplitude{}", k + 1)),
+                    number(format!("phase{}", k + 1)),
+                );
+                a * (modes[k] * time + phase).cos()
+            })
+            .sum();
+        let found = f64::from(t.read_frame("D", frame).unwrap().cells[2 * tip + 1]);
+        // Half a cell from the tip, with shear and Euler's damping
+        assert!(
+            (found - expected).abs() < 1e-3,
+            "{found} m at {time} s, expected {expected}"
+        );
+    }
+    // The rate is that of the solver's last step: nearly the change between frames
+    let [d0, d1, v1] = [("D", 0), ("D", 2), ("ddt(D)", 1)]
+        .map(|(name, frame)| f64::from(t.read_frame(name, frame).unwrap().cells[2 * tip + 1]));
+    assert!(
+        ((d1 - d0) / 0.02 - v1).abs() < 0.02,
+        "{} and {v1} m/s",
+        (d1 - d0) / 0.02
+    );
+
+    let other = make("3");
+    assert_eq!(other.status.code(), Some(1));
+    assert!(text(&other).contains("frames 2 instead of 3"), "{}", text(&other));
 }
 
 #[test]

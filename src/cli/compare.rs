@@ -2,23 +2,28 @@
 
 use crate::{
     Error, Result,
-    compare::{self, Options},
+    compare::{
+        self, Options,
+        displacement::{self, Motion},
+    },
     foam_case::FoamCase,
-    report::{percent, write_file},
+    report::{number, percent, write_file},
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
 ///
 /// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar.
-/// Velocity errors count from the time at which the surrogate of CASE_B took over, over all common stored times.
+/// Of a case with a displacement D and no velocity U, the displacement, the motion of one cell and its frequency are
+/// compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Folder of the full run, the reference.
     case_a: PathBuf,
     /// Folder of the hybrid run.
     case_b: PathBuf,
-    /// Patch whose drag and lift are compared [default: cylinder, where there is one].
+    /// Patch whose drag and lift are compared [default: cylinder, where there is one]; of a solid, the patch beside whose
+    /// centre a cell is followed [default: the cell that moves most].
     #[arg(long)]
     patch: Option<String>,
     /// Reference speed of the force coefficients, m/s [default: mean inlet velocity].
@@ -76,27 +81,37 @@ pub fn run(args: Args) -> Result<()> {
         snapshots: args.pictures,
     };
     let bar = super::progress_bar(0, "times");
-    let result = compare::compare(&mut a, &mut b, &options, |done, of| {
+    let progress = |done: usize, of: usize| {
         if let Some(bar) = &bar {
             bar.set_length(of as u64);
             bar.set_position(done as u64);
         }
-    });
+    };
+    if displacement::is_solid(&mut a)? {
+        let given = [
+            ("--speed", options.speed.is_some()),
+            ("--length", options.length.is_some()),
+            ("--png", args.png.is_some()),
+        ];
+        if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
+            return Err(Error::Input(format!(
+                "{name}: of a displacement there are no coefficients and no pictures; leave it out"
+            )));
+        }
+        let motion = displacement::compare(&mut a, &mut b, &options, progress);
+        bar.iter().for_each(|b| b.finish_and_clear());
+        return show_motion(&motion?, args.json.as_deref(), args.html.as_deref());
+    }
+    let result = compare::compare(&mut a, &mut b, &options, progress);
     bar.iter().for_each(|b| b.finish_and_clear());
     let (comparison, snapshots) = result?;
 
-    println!("full    {}", comparison.case_a);
-    println!("hybrid  {}", comparison.case_b);
-    let from = if comparison.surrogate.is_some() {
-        "the surrogate took over at"
-    } else {
-        "no surrogate found; errors from"
-    };
-    println!(
-        "{} cells, {} common times; {from} {} s\n",
+    show_cases(
+        [&comparison.case_a, &comparison.case_b],
+        comparison.surrogate.is_some(),
         comparison.cells,
         comparison.times.len(),
-        comparison.takeover
+        comparison.takeover,
     );
     println!("{}", comparison.error_table());
     println!("{}", comparison.figure_table());
@@ -130,6 +145,50 @@ pub fn run(args: Args) -> Result<()> {
         write_file(path, &raster.png()?)?;
     }
     for path in [&args.json, &args.html, &args.png].into_iter().flatten() {
+        println!("  wrote {}", path.display());
+    }
+    Ok(())
+}
+
+/// What was compared.
+fn show_cases(cases: [&str; 2], surrogate: bool, cells: usize, times: usize, takeover: f64) {
+    println!("full    {}", cases[0]);
+    println!("hybrid  {}", cases[1]);
+    let from = match surrogate {
+        true => "the surrogate took over at",
+        false => "no surrogate found; errors from",
+    };
+    println!("{cells} cells, {times} common times; {from} {takeover} s\n");
+}
+
+/// Prints and writes the comparison of a solid.
+fn show_motion(motion: &Motion, json: Option<&Path>, html: Option<&Path>) -> Result<()> {
+    show_cases(
+        [&motion.case_a, &motion.case_b],
+        motion.surrogate.is_some(),
+        motion.cells,
+        motion.times.len(),
+        motion.takeover,
+    );
+    println!("{}", motion.error_table());
+    println!("{}", motion.figure_table());
+    println!("  followed: {}", motion.point_text());
+    if let Some(periods) = motion.periods {
+        println!("  over {} periods", number(periods, 3));
+    } else {
+        println!("  no frequency: the cell does not oscillate over at least 1.5 periods");
+    }
+    if let Some(fraction) = motion.replaced_fraction {
+        println!(
+            "  replaced {} of the simulated time after start-up",
+            percent(Some(fraction))
+        );
+    }
+    super::write_json(json, &motion.json()?)?;
+    if let Some(path) = html {
+        motion.report()?.write(path)?;
+    }
+    for path in [json, html].into_iter().flatten() {
         println!("  wrote {}", path.display());
     }
     Ok(())

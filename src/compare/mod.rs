@@ -3,7 +3,9 @@
 //! Velocity errors are root mean squares over cells and solved components, unweighted; over a horizon also over its
 //! stored times, as the paper's RMSE-1, RMSE-50 and RMSE-all. They count from the takeover, the last time that the
 //! solver had computed before the surrogate first acted. "Hold last" keeps the full run's field of that time.
+//! Of solids, [`displacement`] compares the displacement and the vibration.
 
+pub mod displacement;
 pub mod forces;
 mod html;
 mod pairing;

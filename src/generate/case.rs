@@ -1,4 +1,4 @@
-//! One cylinder case from nothing to a trajectory: mesh, patches, solver, check.
+//! OpenFOAM cases from nothing to a trajectory: files from templates, a cylinder's tools, the check of what was recorded.
 
 use super::cylinder::{CaseFiles, RECORDING};
 use super::process::Surroundings;
@@ -53,27 +53,60 @@ fn run(files: &CaseFiles, folder: &Path, tools: &Surroundings) -> Result<(PathBu
     tools.run(folder, "changeDictionary", &["-constant"])?;
     tools.run(folder, "icoFoam", &[])?;
 
-    let recorded = folder.join(RECORDING);
-    if !recorded.is_file() {
+    let (path, trajectory) = recorded(folder, RECORDING, files.frames, "icoFoam")?;
+    let figures = Figures {
+        cells: trajectory.mesh().n_cells(),
+        frames: trajectory.times().len(),
+        courant: largest_courant(&folder.join("log.icoFoam")),
+    };
+    Ok((path, figures))
+}
+
+/// Writes the template's text to `folder/name`, each `@key@` replaced by its value.
+///
+/// # Errors
+/// [`Error::File`] when it cannot be written.
+pub(super) fn fill(folder: &Path, name: &str, template: &str, values: &[(&str, String)]) -> Result<()> {
+    let path = folder.join(name);
+    let failed = |e: std::io::Error| Error::file(&path, format!("cannot be written: {e}"));
+    let mut text = template.to_string();
+    for (key, value) in values {
+        text = text.replace(&format!("@{key}@"), value);
+    }
+    if let Some(parent) = path.parent() {
+        std::fs::create_dir_all(parent).map_err(failed)?;
+    }
+    std::fs::write(&path, text).map_err(failed)
+}
+
+/// The trajectory `folder/name` that `solver` left, which must have `frames` frames after its first.
+///
+/// # Errors
+/// [`Error::File`] when there is none, or one of another length.
+pub(super) fn recorded(
+    folder: &Path,
+    name: &str,
+    frames: u32,
+    solver: &str,
+) -> Result<(PathBuf, Trajectory)> {
+    let path = folder.join(name);
+    if !path.is_file() {
         return Err(Error::file(
-            folder.join("log.icoFoam"),
-            "icoFoam ended without a recording: the function object m4gnHarvest (libm4gnFoam.so) did not run",
+            folder.join(format!("log.{solver}")),
+            format!(
+                "{solver} ended without a recording: the function object m4gnHarvest (libm4gnFoam.so) did not run"
+            ),
         ));
     }
-    let trajectory = Trajectory::open(&recorded)?;
-    let (found, expected) = (trajectory.times().len(), files.frames as usize + 1);
+    let trajectory = Trajectory::open(&path)?;
+    let (found, expected) = (trajectory.times().len(), frames as usize + 1);
     if found != expected {
         return Err(Error::file(
-            &recorded,
+            &path,
             format!("{found} frames were recorded, expected {expected}"),
         ));
     }
-    let figures = Figures {
-        cells: trajectory.mesh().n_cells(),
-        frames: found,
-        courant: largest_courant(&folder.join("log.icoFoam")),
-    };
-    Ok((recorded, figures))
+    Ok((path, trajectory))
 }
 
 /// Largest of the solver's "Courant Number mean: ... max: ..." lines.

@@ -4,8 +4,8 @@
 //! fixed pressure at the outlet; nu = 1e-3 m^2/s. The ranges are those of the set (Reynolds numbers of the mean
 //! inlet speed and the diameter between 42 and 205, so that most but not all wakes shed vortices).
 
+use crate::Result;
 use crate::dataset::Split;
-use crate::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
@@ -207,21 +207,12 @@ impl CaseFiles {
     /// Writes the case into a new folder.
     ///
     /// # Errors
-    /// [`Error::File`] when the folder cannot be written.
+    /// [`crate::Error::File`] when the folder cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        for (name, template) in TEMPLATES {
-            let path = folder.join(name);
-            let failed = |e: std::io::Error| Error::file(&path, format!("cannot be written: {e}"));
-            let mut text = template.to_string();
-            for (key, value) in self.values() {
-                text = text.replace(&format!("@{key}@"), &value);
-            }
-            if let Some(parent) = path.parent() {
-                std::fs::create_dir_all(parent).map_err(failed)?;
-            }
-            std::fs::write(&path, text).map_err(failed)?;
-        }
-        Ok(())
+        let values = self.values();
+        TEMPLATES
+            .iter()
+            .try_for_each(|(name, template)| super::case::fill(folder, name, template, &values))
     }
 
     /// Whether a recorded trajectory is this case's: the first entry of its provenance that differs.

@@ -1,9 +1,11 @@
 //! Making training data: random cases of a family.
 //!
-//! [`queue`] runs many at once, whatever they are; [`process`] runs their programs. Flow: [`cylinder`] draws the
-//! parameters and writes a case, [`case`] runs OpenFOAM's own tools, and m4gnHarvest records. Solids: [`solids`] asks
-//! the Python package in `tools/`, which draws, simulates and records.
+//! [`queue`] runs many at once, whatever they are; [`process`] runs their programs. With OpenFOAM, [`cylinder`] (flow)
+//! and [`beam`] (vibration of a solid) draw the parameters and write a case, [`case`] and OpenFOAM's own tools run it,
+//! and m4gnHarvest records. With FElupe, [`solids`] asks the Python package in `tools/`, which draws, simulates and
+//! records.
 
+pub mod beam;
 pub mod case;
 pub mod cylinder;
 pub mod process;

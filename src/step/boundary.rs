@@ -44,6 +44,19 @@ pub fn copied_faces<'a>(
         .collect()
 }
 
+/// Faces on which the network sees a vector's cell value in place of the face's own, with their owner cells.
+///
+/// The displacement of a free surface is its cell's plus what the traction makes of the strain: a solver knows it, a
+/// rollout without one does not. With the cell's value, training, validation and a solver show the network the same.
+pub fn faces_seen_as_their_cells(mesh: &Mesh) -> Vec<(usize, usize)> {
+    mesh.boundary
+        .iter()
+        .enumerate()
+        .filter(|(_, face)| face.kind == NodeType::Free)
+        .map(|(i, face)| (i, face.owner as usize))
+        .collect()
+}
+
 /// Fills `boundary [n_boundary x width]` for new cell values `cells [n_cells x width]`: the owner's where
 /// `copied`, the value `prescribed` for the new time elsewhere.
 pub fn impose_boundary<T: Copy>(
@@ -88,6 +101,16 @@ mod tests {
             let expected = if copied[i] { [o, o + 1.0] } else { [-1.0, -1.0] };
             assert_eq!(boundary[2 * i..2 * i + 2], expected);
         }
+    }
+
+    #[test]
+    fn free_faces_and_no_others_are_seen_as_their_cells() {
+        let mut mesh = sample::rectangle(3, 2, 1.0, 1.0);
+        assert_eq!(faces_seen_as_their_cells(&mesh), []);
+        mesh.boundary[1].kind = NodeType::Free;
+        mesh.boundary[4].kind = NodeType::Free;
+        let owner = |i: usize| (i, mesh.boundary[i].owner as usize);
+        assert_eq!(faces_seen_as_their_cells(&mesh), [owner(1), owner(4)]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ mod field;
 mod options;
 
 pub use body::BodySession;
-pub use boundary::{copied_faces, impose_boundary};
+pub use boundary::{copied_faces, faces_seen_as_their_cells, impose_boundary};
 pub use field::{Field, FieldMut, OutputShape};
 pub use options::{Backend, SessionOptions};
 
@@ -34,6 +34,8 @@ pub struct Session {
     n_boundary: usize,
     n_segments: usize,
     cell_segment: Vec<i32>,
+    /// Boundary faces whose vectors are read from their cells, and these cells.
+    read_from_cells: Vec<(usize, usize)>,
     network: Box<dyn Forward>,
     /// Node features without the type `[n_owned x n_field_inputs]`.
     inputs: Vec<f32>,
@@ -114,6 +116,7 @@ impl Session {
             n_boundary: mesh.boundary.len(),
             n_segments: segmentation.as_ref().map_or(0, |s| s.count),
             cell_segment: segmentation.map_or(Vec::new(), |s| s.node_segment[..n_cells].to_vec()),
+            read_from_cells: faces_seen_as_their_cells(mesh),
             network,
             inputs: vec![0.0; graph.n_owned * spec.n_field_inputs()],
             outputs: vec![0.0; n_cells * spec.n_outputs()],
@@ -277,6 +280,14 @@ impl Session {
                         )));
                     }
                     to[column + i] = from[d] as f32;
+                }
+            }
+            if spec.vector {
+                let columns = column..column + directions.len();
+                for &(face, cell) in &self.read_from_cells {
+                    let (from, to) = (cell * width, (self.n_cells + face) * width);
+                    self.inputs
+                        .copy_within(from + columns.start..from + columns.end, to + columns.start);
                 }
             }
             column += directions.len();

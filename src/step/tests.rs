@@ -307,3 +307,30 @@ fn a_plain_network_has_no_segments() {
     .unwrap();
     assert_eq!((session.n_segments(), session.cell_segment().len()), (0, 0));
 }
+
+#[test]
+fn a_free_face_is_seen_as_its_cell() {
+    let mut mesh = sample::triangles(8, 6, 1.6, 0.41);
+    let free = mesh.boundary.len() / 2;
+    mesh.boundary[free].kind = NodeType::Free;
+    let mut s = spec();
+    s.node_types.push(NodeType::Free);
+    let model = Model::random(s, 11).unwrap();
+    let mut session = Session::new(Comm::serial(), &mesh, &model, &SessionOptions::default()).unwrap();
+    let mut state = state(&session);
+    let mut stepped = |state: &State| {
+        let (mut u, mut p) = (vec![0.0; state.u.len()], vec![0.0; state.p.len()]);
+        let mut out = [("U", 3, &mut u), ("p", 1, &mut p)].map(|(name, components, cells)| FieldMut {
+            name,
+            components,
+            cells,
+        });
+        session.step(&state.fields(), &mut out).unwrap();
+        u
+    };
+    let first = stepped(&state);
+    state.u_boundary[3 * free] += 1.0;
+    assert_eq!(stepped(&state), first, "the free face's own vector is not read");
+    state.u_boundary[0] += 1.0;
+    assert_ne!(stepped(&state), first, "another face's is");
+}

@@ -478,7 +478,11 @@ mod tests {
     #[test]
     fn shipped_configurations_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
-        for name in ["cylinder-flow.toml", "cylinder-flow-paper.toml"] {
+        for name in [
+            "cylinder-flow.toml",
+            "cylinder-flow-paper.toml",
+            "vibrating-beam.toml",
+        ] {
             Config::read(&folder.join(name)).unwrap();
         }
     }

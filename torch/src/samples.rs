@@ -10,7 +10,7 @@ use m4gn::mesh::NodeType;
 use m4gn::model::{ModelSpec, Output};
 use m4gn::parallel::Comm;
 use m4gn::segments;
-use m4gn::step::copied_faces;
+use m4gn::step::{copied_faces, faces_seen_as_their_cells};
 use m4gn::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -325,6 +325,7 @@ impl Sample {
         let (nodes, width, n_frames) = (mesh.n_nodes(), components.count, trajectory.times().len());
         let mut values = vec![0f32; n_frames * nodes * width];
         let mut copies = vec![0f32; mesh.boundary.len() * width];
+        let as_cells = faces_seen_as_their_cells(mesh);
         let mut first = 0;
         for field in &spec.fields {
             let n = field.components(spec.dim);
@@ -333,6 +334,12 @@ impl Sample {
                 let rows = frame.cells.chunks_exact(n).chain(frame.boundary.chunks_exact(n));
                 for (node, row) in rows.enumerate() {
                     values[(t * nodes + node) * width + first..][..n].copy_from_slice(row);
+                }
+            }
+            if field.vector {
+                for (t, (face, cell)) in (0..n_frames).flat_map(|t| as_cells.iter().map(move |&f| (t, f))) {
+                    let at = |node: usize| (t * nodes + node) * width + first;
+                    values.copy_within(at(cell)..at(cell) + n, at(mesh.n_cells() + face));
                 }
             }
             let pairs = frames.iter().map(|f| (&f.cells[..], &f.boundary[..]));

@@ -1,6 +1,8 @@
 //! `m4gn generate`: training data by running solvers.
 
+mod beam;
 mod cylinder;
+mod openfoam;
 mod solids;
 mod tally;
 
@@ -30,6 +32,7 @@ pub struct Args {
 #[derive(Debug, clap::Subcommand)]
 enum Family {
     CylinderFlow(cylinder::Args),
+    VibratingBeam(beam::Args),
     DeformingPlate(solids::PlateArgs),
     DeformingBeam(solids::BeamArgs),
 }
@@ -78,6 +81,7 @@ fn positive(text: &str) -> std::result::Result<f64, String> {
 pub fn run(args: Args) -> Result<()> {
     match args.family {
         Family::CylinderFlow(args) => cylinder::run(args),
+        Family::VibratingBeam(args) => beam::run(args),
         Family::DeformingPlate(args) => solids::run_plate(args),
         Family::DeformingBeam(args) => solids::run_beam(args),
     }

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# The beam tutorial with the shipped model, the first 0.88 s of it: close to the solver alone, the same on two ranks, compared.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+cp -r "$M4GN_HOME/openfoam/templates/vibratingBeam" full
+cp "$M4GN_HOME"/openfoam/tutorials/beam/system/{controlDict,decomposeParDict,setExprFieldsDict} full/system
+cd full
+sed -i 's/@field@/D/; s/@tip@/0.02/; s/@endTime@/0.88/; s/@deltaT@/0.001/; s/binary;/ascii;/' 0/D system/*
+: > system/functions
+runs blockMesh
+runs setExprFields
+cp -r ../full ../hybrid
+runs solidDisplacementFoam
+cd ../hybrid
+sed "s|@model@|$M4GN_HOME/models/beam.safetensors|; s/@solverSteps@/80/; s/@surrogateSteps@/4/" \
+    "$M4GN_HOME/openfoam/tutorials/beam/system/surrogate" > system/functions
+cp -r ../hybrid ../parallel
+runs solidDisplacementFoam
+# From the first time on: 0.001 s of start-up, 0.08 to 0.4 and 0.48 to 0.8
+[ "$(grep -c '^m4gn: jumped 4 steps' log.run)" -eq 2 ] || fail "expected two jumps of four steps"
+[ ! -d 0.1 ] && [ -d 0.16 ] || fail "expected the surrogate's times, found: $(echo 0.*)"
+for time in 0.16 0.4 0.44 0.72; do
+    below "$(difference ../full/$time/D $time/D)" 0.1 "D at $time against the solver alone"
+done
+
+cd ../parallel
+on_two_ranks solidDisplacementFoam
+runs reconstructPar
+for time in 0.4 0.8; do
+    below "$(difference ../hybrid/$time/D $time/D)" 1e-3 "D at $time on two ranks"
+done
+
+cd ..
+runs m4gn compare full hybrid --patch tip --json compare.json
+below "$(sed -n 's/.*"point_error_max": *\([^,]*\).*/\1/p' compare.json)" 0.05 "largest error of the tip, of its amplitude"
+grep -q 'replaced 7' log.run || fail "expected seven tenths of the time to be replaced"
+echo "beam: passed"
