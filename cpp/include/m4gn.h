@@ -64,7 +64,8 @@ const char* m4gn_version(void);
 /* Message of the last failed call on this thread; empty when there was none. Valid until the next call. */
 const char* m4gn_last_error(void);
 
-/* This rank's part of the mesh. Local labels; `empty` patches contribute nothing. */
+/* This rank's part of the mesh. Local labels; `empty` patches contribute nothing. A solver with its unknowns at points hands
+ * in points for cells, edges for faces, and a boundary face at each point of a patch (openfoam/mesh/m4gnPointAdapter.H). */
 typedef struct m4gn_mesh_data
 {
     int32_t n_directions;       /* 2 or 3 solved directions */
