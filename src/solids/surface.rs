@@ -12,7 +12,24 @@ pub struct Surface {
     /// Normals that decide the side: of the face, of its edges (0-1, 1-2, 2-0) and of its points; the sums over
     /// the triangles there, those of points weighted by angle (Baerentzen and Aanaes 2005).
     normals: Vec<[Vector; 7]>,
+    /// Number of each triangle where it came from.
+    number: Vec<usize>,
+    /// Normals of the triangles as they came.
+    faces: Vec<Vector>,
     nodes: Vec<Node>,
+}
+
+/// The place of a surface nearest to a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foot {
+    /// Signed distance, m: negative on the inner side.
+    pub distance: f64,
+    /// Unit vector in which the distance grows; the surface's normal where the point lies on it.
+    pub normal: Vector,
+    /// The place, m.
+    pub at: Vector,
+    /// The triangle it lies in.
+    pub triangle: usize,
 }
 
 /// A box around triangles `from..to`; children are the next node and `right`, a leaf has no `right`.
@@ -72,17 +89,25 @@ impl Surface {
         {
             return Err(Error::Mesh(format!("a triangle has the point {bad} of {end}")));
         }
+        Ok(Self::open(points, triangles))
+    }
+
+    /// The same of triangles that need not be closed; labels are in range. Which side is which is then known near the
+    /// triangles only.
+    pub(super) fn open(points: &[Vector], triangles: &[[i32; 3]]) -> Self {
         let mut order: Vec<usize> = (0..triangles.len()).collect();
         let corner = |t: usize| triangles[t].map(|p| points[p as usize]);
         let middles: Vec<Vector> = (0..triangles.len()).map(|t| average(corner(t))).collect();
         let mut nodes = Vec::new();
         build(&mut order, 0, &middles, &corner, &mut nodes);
         let normals = side_normals(points, triangles);
-        Ok(Surface {
+        Surface {
             corners: order.iter().map(|&t| corner(t)).collect(),
             normals: order.iter().map(|&t| normals[t]).collect(),
+            number: order,
+            faces: normals.iter().map(|n| n[0]).collect(),
             nodes,
-        })
+        }
     }
 
     /// Distance from x to the box around the surface, m; 0 inside the box.
@@ -92,7 +117,18 @@ impl Surface {
 
     /// Signed distance, m: negative inside.
     pub fn distance(&self, x: Vector) -> f64 {
-        let mut best = (f64::INFINITY, 0, 0, [0.0; 3]);
+        self.foot(x, f64::INFINITY, |_| true)
+            .map_or(f64::INFINITY, |f| f.distance)
+    }
+
+    /// Unit normal of a triangle; 0 where it has no area.
+    pub fn normal(&self, triangle: usize) -> Vector {
+        self.faces[triangle]
+    }
+
+    /// The place nearest to x among the triangles that `take` accepts and that are nearer than `limit`, m.
+    pub fn foot(&self, x: Vector, limit: f64, take: impl Fn(usize) -> bool) -> Option<Foot> {
+        let mut best = (limit * limit, usize::MAX, 0, [0.0; 3]);
         let mut stack = vec![0];
         while let Some(i) = stack.pop() {
             let node = &self.nodes[i];
@@ -110,16 +146,31 @@ impl Surface {
                         let (nearest, feature) = closest(x, &self.corners[t]);
                         let away = sub(x, nearest);
                         let square = dot(away, away);
-                        if square < best.0 {
-                            best = (square, t, feature, away);
+                        if square < best.0 && take(self.number[t]) {
+                            best = (square, t, feature, nearest);
                         }
                     }
                 }
             }
         }
-        let (square, t, feature, away) = best;
-        let outside = dot(away, self.normals[t][feature]) >= 0.0;
-        if outside { square.sqrt() } else { -square.sqrt() }
+        let (square, t, feature, at) = best;
+        let side = self.normals.get(t)?[feature];
+        let away = sub(x, at);
+        let sign = if dot(away, side) >= 0.0 { 1.0 } else { -1.0 };
+        let distance = sign * square.sqrt();
+        // Too near to tell a direction from rounding: the surface's own.
+        let size = at.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let (from, length) = if distance.abs() > 1e-12 * size {
+            (away, distance)
+        } else {
+            (side, norm(side))
+        };
+        Some(Foot {
+            distance,
+            normal: from.map(|v| if length == 0.0 { 0.0 } else { v / length }),
+            at,
+            triangle: self.number[t],
+        })
     }
 }
 

@@ -1,0 +1,447 @@
+//! Contact that does not interpenetrate: after a surrogate's step a body is pushed out of a rigid obstacle, and, if
+//! asked for, out of itself.
+//!
+//! What is kept out are the samples of the skin that [`super::gap`] measures with: points, middles of edges, centroids
+//! of faces. The correction c of the displacement is the smoothest one (see `kernel`) with
+//!
+//! `n_s . c(x_s) >= clearance - g_s` for every sample s near the obstacle,
+//!
+//! g_s its signed distance, n_s the direction in which that grows; held points stay. Distances are taken again where
+//! the correction leads and the constraints rebuilt from there, until the worst gap is within the tolerance. Where cells
+//! would be turned inside out, the correction is spread wider, and at last taken back there. The answer is a function of
+//! the state alone, and a state without penetration is left as it is to the bit.
+
+mod kernel;
+mod pushes;
+mod skin;
+#[cfg(test)]
+mod tests;
+mod validity;
+
+use super::gap::{Gap, Samples};
+use super::holding::cell_size;
+use super::surface::{Foot, Surface, check_closed};
+use super::{Vector, dot, norm};
+use crate::dataset::{Body, Obstacle, PointType};
+use crate::{Error, Result};
+use kernel::Compliance;
+use pushes::Constraints;
+use skin::Skin;
+use validity::Corners;
+
+/// Overlap at the start that is let pass, mean edges: what a generator may record.
+const OVERLAP: f64 = 0.05;
+/// Times the correction is spread wider, and by how much each time.
+const WIDER: (usize, f64) = (3, 1.6);
+
+/// How contact is restored. Lengths are in mean rest edges of the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProjectionOptions {
+    /// Gap that is left between body and obstacle.
+    pub clearance: f64,
+    /// Penetration below the clearance that is let pass.
+    pub tolerance: f64,
+    /// How far a push is felt in the body.
+    pub radius: f64,
+    /// Whether the body is pushed out of itself as well.
+    pub self_contact: bool,
+    /// Times the gaps are measured again, at most.
+    pub sweeps: usize,
+}
+
+impl Default for ProjectionOptions {
+    fn default() -> Self {
+        ProjectionOptions {
+            clearance: 0.0,
+            tolerance: 0.005,
+            radius: 6.0,
+            self_contact: false,
+            sweeps: 12,
+        }
+    }
+}
+
+impl ProjectionOptions {
+    fn check(&self) -> Result<()> {
+        let wrong = |name: &str, value: f64, expected: &str| {
+            Err(Error::Input(format!(
+                "projection: {name} {value}, expected {expected} mean edges"
+            )))
+        };
+        if !(0.0..=1.0).contains(&self.clearance) {
+            return wrong("clearance", self.clearance, "0 to 1");
+        }
+        if !(1e-6..=1.0).contains(&self.tolerance) {
+            return wrong("tolerance", self.tolerance, "1e-6 to 1");
+        }
+        if !(1.0..=1e3).contains(&self.radius) {
+            return wrong("radius", self.radius, "1 to 1000");
+        }
+        if !(1..=1000).contains(&self.sweeps) {
+            return Err(Error::Input(format!(
+                "projection: {} sweeps, expected 1 to 1000",
+                self.sweeps
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// What a projection did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct ProjectionReport {
+    /// Smallest gap to the obstacle before; None without obstacle.
+    pub before: Option<Gap>,
+    /// And after.
+    pub after: Option<Gap>,
+    /// Smallest gap of the body to itself before, where parts are near each other.
+    pub own_before: Option<Gap>,
+    /// And after.
+    pub own_after: Option<Gap>,
+    /// Points moved by more than the tolerance.
+    pub points_moved: usize,
+    /// Largest correction of a point, m.
+    pub largest: f64,
+    /// Times gaps were measured.
+    pub sweeps: usize,
+    /// Cells at which the correction had to be taken back to keep them valid.
+    pub cells_pulled_back: usize,
+}
+
+/// Restores contact of one body and its obstacle, step after step.
+#[derive(Clone, Debug)]
+pub struct Projection {
+    options: ProjectionOptions,
+    cell: f64,
+    rest: Vec<Vector>,
+    held: Vec<bool>,
+    obstacle: Option<Obstacle>,
+    samples: Samples,
+    compliance: Compliance,
+    corners: Corners,
+    skin: Skin,
+}
+
+/// Gaps at one state: of samples to the obstacle, and of the body to itself.
+struct Measured {
+    constraints: Constraints,
+    gap: Option<Gap>,
+    own: Option<Gap>,
+}
+
+impl Measured {
+    /// The smallest gap of all, mean edges.
+    fn worst(&self) -> f64 {
+        let gaps = self.gap.iter().chain(&self.own).map(|g| g.cells);
+        gaps.fold(f64::INFINITY, f64::min)
+    }
+}
+
+impl Projection {
+    /// For a body and the obstacle it meets.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an option out of range, [`Error::Mesh`] for an obstacle that is no closed surface or
+    /// overlaps the body at rest, or a body without edges.
+    pub fn new(body: &Body, obstacle: Option<&Obstacle>, options: &ProjectionOptions) -> Result<Self> {
+        options.check()?;
+        let positions = body
+            .positions
+            .iter()
+            .chain(obstacle.map_or(&[][..], |o| &o.positions));
+        if let Some(x) = positions.flatten().find(|x| !x.is_finite()) {
+            return Err(Error::Mesh(format!("a point at rest has the coordinate {x}")));
+        }
+        let cell = cell_size(&body.positions, &body.edges);
+        if cell <= 0.0 {
+            return Err(Error::Mesh("the body has no edges of any length".into()));
+        }
+        let held: Vec<bool> = body.types.iter().map(|&t| t != PointType::Body).collect();
+        let samples = Samples::new(&body.elements, |p| held[p as usize]);
+        let skin = Skin::new(body, &samples, cell);
+        if let Some(o) = obstacle {
+            check_closed(&o.triangles)?;
+            check_apart(body, o, &samples, &skin, cell)?;
+        }
+        Ok(Projection {
+            options: *options,
+            cell,
+            rest: body.positions.clone(),
+            compliance: Compliance::new(body, &held, cell),
+            corners: Corners::new(body),
+            held,
+            obstacle: obstacle.cloned(),
+            samples,
+            skin,
+        })
+    }
+
+    /// Mean rest edge, m: the unit of gaps.
+    pub fn cell_size(&self) -> f64 {
+        self.cell
+    }
+
+    /// Removes penetration from `displacement` `[N]`, m, where the obstacle is displaced by `obstacle` `[Q]`, m.
+    ///
+    /// What cannot be removed (held points in the way, cells that would not survive) stays and is reported.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for lengths that do not fit, [`Error::Numerical`] for values that are not finite; the
+    /// displacement is then as it was.
+    pub fn apply(
+        &mut self,
+        displacement: &mut [[f64; 3]],
+        obstacle: &[[f64; 3]],
+    ) -> Result<ProjectionReport> {
+        let points = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
+        for (what, values, expected) in [
+            ("body", &*displacement, self.rest.len()),
+            ("obstacle", obstacle, points),
+        ] {
+            if values.len() != expected {
+                return Err(Error::Input(format!(
+                    "projection: displacements of {} points of the {what}, expected {expected}",
+                    values.len()
+                )));
+            }
+            if let Some(i) = values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+                return Err(Error::Numerical(format!(
+                    "projection: the displacement of point {i} of the {what} is not finite"
+                )));
+            }
+        }
+        let start = sum(&self.rest, displacement);
+        let surface = self.obstacle.as_ref().map(|o| {
+            let place = sum(&o.positions, obstacle);
+            Surface::open(&place, &o.triangles)
+        });
+        let mut near = Near::new(self.skin.normals(&start));
+        let none = vec![[0.0; 3]; start.len()];
+        let first = self.measure(surface.as_ref(), &start, &none, &mut near);
+        let mut report = ProjectionReport {
+            before: first.gap,
+            after: first.gap,
+            own_before: first.own,
+            own_after: first.own,
+            sweeps: 1,
+            ..ProjectionReport::default()
+        };
+        if self.is_met(first.worst()) {
+            return Ok(report);
+        }
+
+        let mut radius = self.options.radius * self.cell;
+        let mut correction = self.push(surface.as_ref(), &start, radius, &mut near, &mut report);
+        for _ in 0..WIDER.0 {
+            if self.corners.keep(&start, &sum(&start, &correction)) {
+                break;
+            }
+            radius *= WIDER.1;
+            correction = self.push(surface.as_ref(), &start, radius, &mut near, &mut report);
+        }
+        report.cells_pulled_back = self.corners.pull_back(&start, &mut correction);
+
+        for (u, (c, held)) in displacement.iter_mut().zip(correction.iter().zip(&self.held)) {
+            if *held || *c == [0.0; 3] {
+                continue;
+            }
+            let length = norm(*c);
+            report.points_moved += usize::from(length > self.options.tolerance * self.cell);
+            report.largest = report.largest.max(length);
+            (0..3).for_each(|i| u[i] += c[i]);
+        }
+        let end = sum(&self.rest, displacement);
+        report.after = surface
+            .as_ref()
+            .and_then(|s| self.samples.worst_from(&end, s, self.cell));
+        report.own_after = self.measure(None, &end, &none, &mut near).own;
+        Ok(report)
+    }
+
+    fn is_met(&self, gap: f64) -> bool {
+        gap >= self.options.clearance - self.options.tolerance
+    }
+
+    /// The best correction that was met on the way.
+    fn push(
+        &self,
+        surface: Option<&Surface>,
+        start: &[Vector],
+        radius: f64,
+        near: &mut Near,
+        report: &mut ProjectionReport,
+    ) -> Vec<Vector> {
+        let mut correction = vec![[0.0; 3]; start.len()];
+        let mut best = (f64::NEG_INFINITY, correction.clone());
+        for _ in 0..self.options.sweeps {
+            let now = sum(start, &correction);
+            let measured = self.measure(surface, &now, &correction, near);
+            report.sweeps += 1;
+            let worst = measured.worst();
+            if worst > best.0 {
+                best = (worst, correction);
+            }
+            if self.is_met(worst) {
+                break;
+            }
+            let tolerance = 0.5 * self.options.tolerance * self.cell;
+            let pushes = measured.constraints.solve(&self.compliance, radius, tolerance);
+            correction = self.compliance.spread(&pushes, radius);
+            // Far beyond any contact: the constraints contradict one another.
+            if correction.as_flattened().iter().any(|v| !v.is_finite()) {
+                break;
+            }
+        }
+        best.1
+    }
+
+    /// Gaps of the body at `now`, of which the correction `done` is part, and the constraints that follow.
+    fn measure(
+        &self,
+        surface: Option<&Surface>,
+        now: &[Vector],
+        done: &[Vector],
+        near: &mut Near,
+    ) -> Measured {
+        let mut constraints = Constraints::default();
+        let clearance = self.options.clearance * self.cell;
+        let mut gap: Option<Gap> = None;
+        if let Some(surface) = surface {
+            let farthest = done.iter().map(|c| dot(*c, *c)).fold(0.0, f64::max).sqrt();
+            let mut found = Vec::new();
+            for s in 0..self.samples.len() {
+                // Distances change by the correction at most.
+                if near.least[s] - farthest > clearance && !near.taken[s] {
+                    continue;
+                }
+                let x = self.samples.position(s, now);
+                let beyond = surface.beyond_box(x);
+                let limit = REACH * self.cell;
+                let foot = match beyond < limit || near.taken[s] {
+                    true => surface.foot(x, f64::INFINITY, |_| true),
+                    false => None,
+                };
+                let distance = foot.map_or(beyond, |f| f.distance);
+                if farthest == 0.0 {
+                    near.least[s] = distance;
+                }
+                if gap.is_none_or(|g| distance < g.cells * self.cell) {
+                    gap = Some(Gap {
+                        cells: distance / self.cell,
+                        at: x,
+                    });
+                }
+                let foot = foot.map(|f| out_of(surface, x, f, near.outward[s]));
+                found.extend(
+                    foot.filter(|f| f.distance < limit || near.taken[s])
+                        .map(|f| (s, f)),
+                );
+            }
+            for (s, foot) in found {
+                near.taken[s] = true;
+                let points = self.samples.points_of(s);
+                let share = 1.0 / points.len() as f64;
+                let least = clearance - foot.distance + dot(foot.normal, self.samples.position(s, done));
+                constraints.add(points.iter().map(|&p| (p as usize, share)), foot.normal, least);
+            }
+        }
+        let own = match self.options.self_contact {
+            true => self.skin.constrain(
+                &self.samples,
+                &self.compliance,
+                (now, done),
+                clearance,
+                &mut constraints,
+            ),
+            false => None,
+        };
+        Measured {
+            constraints,
+            gap,
+            own,
+        }
+    }
+}
+
+/// Cosine to the skin's outward normal below which a direction leads into the body.
+const AGAINST: f64 = -0.3;
+/// How much longer than the nearest way out another one may be.
+const LONGER: f64 = 10.0;
+/// Samples this near to the obstacle are kept from sinking in by a correction that is meant for others, mean edges.
+const REACH: f64 = 0.5;
+
+/// The way out of an obstacle for a place inside: where the nearest one leads along the body's skin, the nearest one of
+/// those that lead into the body, unless that is much longer. A flat top under a box is pressed down and not apart.
+fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector) -> Foot {
+    if foot.distance >= 0.0 || dot(foot.normal, outward) < AGAINST {
+        return foot;
+    }
+    let limit = LONGER * -foot.distance;
+    let inward = surface.foot(x, limit, |t| dot(surface.normal(t), outward) < AGAINST);
+    inward.filter(|f| f.distance < 0.0).unwrap_or(foot)
+}
+
+/// What is known of the samples of a state that is being corrected.
+struct Near {
+    /// A lower bound of the distance before any correction, m.
+    least: Vec<f64>,
+    /// Whether a sample has been a constraint: then it stays one, or it would sink in again.
+    taken: Vec<bool>,
+    /// Outward normals.
+    outward: Vec<Vector>,
+}
+
+impl Near {
+    fn new(outward: Vec<Vector>) -> Self {
+        let samples = outward.len();
+        Near {
+            outward,
+            least: vec![f64::NEG_INFINITY; samples],
+            taken: vec![false; samples],
+        }
+    }
+}
+
+/// Refuses an obstacle that overlaps the body at rest.
+fn check_apart(body: &Body, obstacle: &Obstacle, samples: &Samples, skin: &Skin, cell: f64) -> Result<()> {
+    let surface = Surface::new(&obstacle.positions, &obstacle.triangles)?;
+    let gap = samples.worst_from(&body.positions, &surface, cell);
+    let skin = skin.at_rest();
+    let inside = obstacle.positions.iter().map(|&x| (skin.distance(x) / cell, x));
+    let inside = inside.fold(None, |worst: Option<(f64, Vector)>, one| {
+        if worst.is_none_or(|w| one.0 < w.0) {
+            Some(one)
+        } else {
+            worst
+        }
+    });
+    let pairs = gap.map(|g| (g.cells, g.at)).into_iter().chain(inside);
+    let deepest = pairs.fold((0.0, [0.0; 3]), |a, b| if b.0 < a.0 { b } else { a });
+    let (cells, at) = deepest;
+    if cells >= -OVERLAP {
+        return Ok(());
+    }
+    let all = body.positions.iter().all(|&x| surface.distance(x) < 0.0);
+    let what = if all {
+        "contains the whole body"
+    } else {
+        "overlaps the body"
+    };
+    Err(Error::Mesh(format!(
+        "the obstacle {what} at the start, {:.3} mean edges ({:.3e} m) deep at ({:.6} {:.6} {:.6}) m: place it outside, or \
+         check that its triangles' normals point outward",
+        -cells,
+        -cells * cell,
+        at[0],
+        at[1],
+        at[2]
+    )))
+}
+
+/// Point by point.
+fn sum(a: &[Vector], b: &[Vector]) -> Vec<Vector> {
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| std::array::from_fn(|i| a[i] + b[i]))
+        .collect()
+}
