@@ -142,11 +142,11 @@ impl Surface {
                     stack.extend(if a_first { [b, a] } else { [a, b] });
                 }
                 None => {
-                    for t in node.from..node.to {
+                    for t in (node.from..node.to).filter(|&t| take(self.number[t])) {
                         let (nearest, feature) = closest(x, &self.corners[t]);
                         let away = sub(x, nearest);
                         let square = dot(away, away);
-                        if square < best.0 && take(self.number[t]) {
+                        if square < best.0 {
                             best = (square, t, feature, nearest);
                         }
                     }

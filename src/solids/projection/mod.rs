@@ -27,10 +27,13 @@ use crate::{Error, Result};
 use kernel::Compliance;
 use pushes::Constraints;
 use skin::Skin;
+use std::collections::HashMap;
 use validity::Corners;
 
 /// Overlap at the start that is let pass, mean edges: what a generator may record.
 const OVERLAP: f64 = 0.05;
+/// Sweeps that may pass without a better gap.
+const PATIENCE: usize = 3;
 /// Times the correction is spread wider, and by how much each time.
 const WIDER: (usize, f64) = (3, 1.6);
 
@@ -273,19 +276,27 @@ impl Projection {
     ) -> Vec<Vector> {
         let mut correction = vec![[0.0; 3]; start.len()];
         let mut best = (f64::NEG_INFINITY, correction.clone());
+        let mut multipliers = HashMap::new();
+        let mut idle = 0;
         for _ in 0..self.options.sweeps {
             let now = sum(start, &correction);
             let measured = self.measure(surface, &now, &correction, near);
             report.sweeps += 1;
             let worst = measured.worst();
+            let is_met = self.is_met(worst);
             if worst > best.0 {
                 best = (worst, correction);
+                idle = 0;
+            } else {
+                idle += 1;
             }
-            if self.is_met(worst) {
+            if is_met || idle == PATIENCE {
                 break;
             }
             let tolerance = 0.5 * self.options.tolerance * self.cell;
-            let pushes = measured.constraints.solve(&self.compliance, radius, tolerance);
+            let pushes = measured
+                .constraints
+                .solve(&self.compliance, radius, tolerance, &mut multipliers);
             correction = self.compliance.spread(&pushes, radius);
             // Far beyond any contact: the constraints contradict one another.
             if correction.as_flattened().iter().any(|v| !v.is_finite()) {
@@ -331,18 +342,21 @@ impl Projection {
                         at: x,
                     });
                 }
-                let foot = foot.map(|f| out_of(surface, x, f, near.outward[s]));
                 found.extend(
                     foot.filter(|f| f.distance < limit || near.taken[s])
-                        .map(|f| (s, f)),
+                        .map(|f| (s, x, f)),
                 );
             }
-            for (s, foot) in found {
+            if farthest == 0.0 {
+                near.deepest = gap.map_or(0.0, |g| (-g.cells * self.cell).max(0.0));
+            }
+            for (s, x, foot) in found {
                 near.taken[s] = true;
+                let foot = out_of(surface, x, foot, near.outward[s], near.deepest);
                 let points = self.samples.points_of(s);
                 let share = 1.0 / points.len() as f64;
                 let least = clearance - foot.distance + dot(foot.normal, self.samples.position(s, done));
-                constraints.add(points.iter().map(|&p| (p as usize, share)), foot.normal, least);
+                constraints.add(s, points.iter().map(|&p| (p as usize, share)), foot.normal, least);
             }
         }
         let own = match self.options.self_contact {
@@ -365,18 +379,15 @@ impl Projection {
 
 /// Cosine to the skin's outward normal below which a direction leads into the body.
 const AGAINST: f64 = -0.3;
-/// How much longer than the nearest way out another one may be.
-const LONGER: f64 = 10.0;
 /// Samples this near to the obstacle are kept from sinking in by a correction that is meant for others, mean edges.
 const REACH: f64 = 0.5;
 
-/// The way out of an obstacle for a place inside: where the nearest one leads along the body's skin, the nearest one of
-/// those that lead into the body, unless that is much longer. A flat top under a box is pressed down and not apart.
-fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector) -> Foot {
+/// The way out of an obstacle for a place inside: where the nearest one leads along the body's skin or out of it, the
+/// nearest one of those that lead into the body, up to `limit`. A flat top under a box is pressed down and not apart.
+fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector, limit: f64) -> Foot {
     if foot.distance >= 0.0 || dot(foot.normal, outward) < AGAINST {
         return foot;
     }
-    let limit = LONGER * -foot.distance;
     let inward = surface.foot(x, limit, |t| dot(surface.normal(t), outward) < AGAINST);
     inward.filter(|f| f.distance < 0.0).unwrap_or(foot)
 }
@@ -389,6 +400,8 @@ struct Near {
     taken: Vec<bool>,
     /// Outward normals.
     outward: Vec<Vector>,
+    /// Deepest penetration before any correction, m.
+    deepest: f64,
 }
 
 impl Near {
@@ -396,6 +409,7 @@ impl Near {
         let samples = outward.len();
         Near {
             outward,
+            deepest: 0.0,
             least: vec![f64::NEG_INFINITY; samples],
             taken: vec![false; samples],
         }

@@ -11,6 +11,11 @@ use crate::solids::{Vector, cross, dot, norm, sub};
 const LIMIT: f64 = 1.5;
 /// Places nearer than this at rest are taken for two sides of the same material, mean edges.
 const APART: f64 = 2.5;
+/// Material is not pressed to less than this part of its rest thickness: deeper is not behind another face but behind
+/// the own one.
+const THIN: f64 = 0.25;
+/// Places this near to each other are kept apart, mean edges.
+const REACH: f64 = 0.25;
 /// Cosine to a face's normal from which on a place is behind the face and not beside it.
 const BEHIND: f64 = 0.95;
 
@@ -25,6 +30,9 @@ pub(super) struct Skin {
     /// Of each triangle.
     face: Vec<u32>,
     rest: Vec<Vector>,
+    /// Normals at rest of the triangles, and outward at the samples.
+    rest_normals: Vec<Vector>,
+    rest_outward: Vec<Vector>,
     cell: f64,
 }
 
@@ -47,14 +55,20 @@ impl Skin {
             first.retain(|k| points.iter().all(|&p| of_point[p as usize].contains(k)));
             first
         };
-        Skin {
+        let mut skin = Skin {
             triangles,
             face,
             around: (0..samples.len()).map(|s| all_at(samples.points_of(s))).collect(),
             rest: with_middles(&faces, &body.positions),
             faces,
+            rest_normals: Vec::new(),
+            rest_outward: Vec::new(),
             cell,
-        }
+        };
+        let surface = skin.at_rest();
+        skin.rest_normals = (0..skin.triangles.len()).map(|t| surface.normal(t)).collect();
+        skin.rest_outward = skin.normals(&body.positions);
+        skin
     }
 
     /// The skin at rest as a surface.
@@ -75,19 +89,16 @@ impl Skin {
         let place = with_middles(&self.faces, now);
         let shift = with_middles(&self.faces, done);
         let surface = Surface::open(&place, &self.triangles);
-        let normal = |t: usize, x: &[Vector]| {
-            let [a, b, c] = self.triangles[t].map(|p| x[p as usize]);
-            unit(cross(sub(b, a), sub(c, a)))
-        };
+        let normal = |t: usize| surface.normal(t);
         let mut worst: Option<Gap> = None;
         for s in 0..samples.len() {
             let points = samples.points_of(s);
             let x = samples.position(s, now);
             let at_rest = samples.position(s, &self.rest);
-            let (out, out_at_rest) = (self.outward(s, &place), self.outward(s, &self.rest));
+            let (out, out_at_rest) = (self.outward(s, &place), self.rest_outward[s]);
             let part = compliance.component(points[0] as usize);
             let faces_me = |t: usize| {
-                if dot(normal(t, &place), out) > -0.2 {
+                if dot(normal(t), out) > -0.2 {
                     return false;
                 }
                 if compliance.component(self.triangles[t][0] as usize) != part {
@@ -95,14 +106,20 @@ impl Skin {
                 }
                 // Of the same part: far from here at rest, or across a slit and not through the material
                 let from = sub(at_rest, self.rest[self.triangles[t][0] as usize]);
-                let across = normal(t, &self.rest);
+                let across = self.rest_normals[t];
                 norm(from) > APART * self.cell || (dot(across, out_at_rest) < -0.2 && dot(from, across) > 0.0)
             };
             let Some(foot) = surface.foot(x, LIMIT * self.cell, faces_me) else {
                 continue;
             };
+            // The other side of the same material, pressed thin
+            let corner = self.triangles[foot.triangle][0] as usize;
+            let apart = norm(sub(at_rest, self.rest[corner]));
+            if compliance.component(corner) == part && -foot.distance > THIN * apart {
+                continue;
+            }
             // Beside the edge of the face that it seems to be behind: in front of another one
-            if foot.distance < 0.0 && dot(foot.normal, normal(foot.triangle, &place)) < BEHIND {
+            if foot.distance < 0.0 && dot(foot.normal, normal(foot.triangle)) < BEHIND {
                 continue;
             }
             if worst.is_none_or(|w| foot.distance < w.cells * self.cell) {
@@ -110,6 +127,9 @@ impl Skin {
                     cells: foot.distance / self.cell,
                     at: x,
                 });
+            }
+            if foot.distance > REACH * self.cell {
+                continue;
             }
             let share = 1.0 / points.len() as f64;
             let mut terms: Vec<(usize, f64)> = points.iter().map(|&p| (p as usize, share)).collect();
@@ -128,7 +148,7 @@ impl Skin {
             let other: Vector =
                 std::array::from_fn(|i| (0..3).map(|k| weights[k] * shift[corners[k]][i]).sum());
             let least = clearance - foot.distance + dot(foot.normal, sub(mine, other));
-            constraints.add(terms, foot.normal, least);
+            constraints.add(samples.len() + s, terms, foot.normal, least);
         }
         worst
     }
