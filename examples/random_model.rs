@@ -44,6 +44,7 @@ fn spec() -> ModelSpec {
                 offsets: true,
             }),
         },
+        contact: None,
         segments: SegmentSpec {
             count: 4,
             modes: 3,

@@ -123,6 +123,7 @@ fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activatio
                 offsets: false,
             }),
         },
+        contact: None,
         segments: SegmentSpec::default(),
         training: serde_json::Value::Null,
     }

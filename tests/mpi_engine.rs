@@ -228,6 +228,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
                 offsets: layers_after > 0,
             }),
         },
+        contact: None,
         segments: SegmentSpec {
             count: 6,
             modes: 3,

@@ -70,6 +70,7 @@ fn a_step_allocates_nothing() {
                     offsets: true,
                 }),
             },
+            contact: None,
             segments: SegmentSpec {
                 count: 12,
                 overlap,

@@ -67,6 +67,7 @@ impl Shape {
                     offsets: false,
                 }),
             },
+            contact: None,
             segments: SegmentSpec {
                 count: self.segments.unwrap_or(36),
                 ..SegmentSpec::default()

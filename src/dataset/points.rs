@@ -20,8 +20,8 @@
 //!   displacement [T,Q,3] f32                                chunk = one frame, ...
 //! ```
 
-use super::schema::{Split, h5_error};
-use super::source::{Source, open_file};
+use super::schema::Split;
+use super::source::{Opened, Source, open_file};
 use crate::solids::elements::{ElementKind, Elements};
 use crate::solids::surface::check_closed;
 use crate::{Error, Result};
@@ -113,14 +113,19 @@ impl SolidTrajectory {
     /// [`Error::File`] when the file is missing, not HDF5, truncated, of another format, a trajectory at cells, a newer
     /// version, incomplete, or inconsistent in itself.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let file = open_file(path)?;
-        let source = Source::new(path)?;
-        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
-        source.check_header(&root)?;
-        if !source.is_at_points(&root)? {
+        Self::read(Opened::new(path.as_ref())?)
+    }
+
+    pub(super) fn read(opened: Opened) -> Result<Self> {
+        let Opened {
+            file,
+            root,
+            source,
+            at_points,
+        } = opened;
+        if !at_points {
             return Err(Error::file(
-                path,
+                source.path,
                 "is a trajectory at cells (a flow), expected one at points (a deforming body)",
             ));
         }
@@ -145,7 +150,7 @@ impl SolidTrajectory {
             source.check_frames(&file, "von_mises", &[times.len(), n])?;
         }
         Ok(SolidTrajectory {
-            path: path.to_path_buf(),
+            path: source.path.to_path_buf(),
             body,
             obstacle,
             times,

@@ -1,8 +1,8 @@
 //! Trajectories of either kind.
 
 use super::points::SolidTrajectory;
-use super::schema::{Split, h5_error};
-use super::source::{Source, open_file};
+use super::schema::Split;
+use super::source::Opened;
 use super::trajectory::Trajectory;
 use crate::Result;
 use std::path::Path;
@@ -22,15 +22,11 @@ impl Recorded {
     /// # Errors
     /// As [`Trajectory::open`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let file = open_file(path)?;
-        let source = Source::new(path)?;
-        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
-        source.check_header(&root)?;
-        Ok(if source.is_at_points(&root)? {
-            Recorded::Points(SolidTrajectory::open(path)?)
+        let opened = Opened::new(path.as_ref())?;
+        Ok(if opened.at_points {
+            Recorded::Points(SolidTrajectory::read(opened)?)
         } else {
-            Recorded::Cells(Trajectory::open(path)?)
+            Recorded::Cells(Trajectory::read(opened)?)
         })
     }
 

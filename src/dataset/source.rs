@@ -1,10 +1,35 @@
 //! What is found in a file, checked before it is believed: sizes against the file's, labels against ranges.
 
-use super::schema::{FORMAT, FieldMeta, LONG, NAME, POINTS_VERSION, Split, Text, quiet};
+use super::schema::{FORMAT, FieldMeta, LONG, NAME, POINTS_VERSION, Split, Text, h5_error, quiet};
 use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
 use crate::{Error, Result};
 use std::io::Read;
 use std::path::Path;
+
+/// A trajectory's file whose header is that of a whole one.
+pub(super) struct Opened<'a> {
+    pub(super) file: hdf5::File,
+    pub(super) root: hdf5::Group,
+    pub(super) source: Source<'a>,
+    /// Whether the values stand on mesh points.
+    pub(super) at_points: bool,
+}
+
+impl<'a> Opened<'a> {
+    pub(super) fn new(path: &'a Path) -> Result<Self> {
+        let file = open_file(path)?;
+        let source = Source::new(path)?;
+        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
+        source.check_header(&root)?;
+        let at_points = source.is_at_points(&root)?;
+        Ok(Opened {
+            file,
+            root,
+            source,
+            at_points,
+        })
+    }
+}
 
 /// Opens read-only, without HDF5's lock (shared file systems often have none, and files never change).
 pub(super) fn open_file(path: &Path) -> Result<hdf5::File> {
@@ -50,7 +75,7 @@ impl<'a> Source<'a> {
         Error::file(self.path, format!("{what}. The file is damaged, record it again"))
     }
 
-    pub(super) fn check_header(&self, root: &hdf5::Group) -> Result<()> {
+    fn check_header(&self, root: &hdf5::Group) -> Result<()> {
         let format = self.text::<NAME>(root, "format").map_err(|_| {
             Error::file(
                 self.path,
@@ -82,7 +107,7 @@ impl<'a> Source<'a> {
     }
 
     /// Whether the values stand on mesh points; those of version 1 stand on cells.
-    pub(super) fn is_at_points(&self, root: &hdf5::Group) -> Result<bool> {
+    fn is_at_points(&self, root: &hdf5::Group) -> Result<bool> {
         if root.attr("location").is_err() {
             return Ok(false);
         }

@@ -1,7 +1,7 @@
 //! Reading trajectories. Whatever is in a file, the answer is values or an error that names the file.
 
 use super::schema::{FieldMeta, Frame, Split, h5_error};
-use super::source::{Source, open_file};
+use super::source::{Opened, open_file};
 use crate::mesh::Mesh;
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -27,14 +27,19 @@ impl Trajectory {
     /// [`Error::File`] when the file is missing, not HDF5, truncated, of another format or a newer version,
     /// incomplete, or inconsistent in itself.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let file = open_file(path)?;
-        let source = Source::new(path)?;
-        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
-        source.check_header(&root)?;
-        if source.is_at_points(&root)? {
+        Self::read(Opened::new(path.as_ref())?)
+    }
+
+    pub(super) fn read(opened: Opened) -> Result<Self> {
+        let Opened {
+            file,
+            root,
+            source,
+            at_points,
+        } = opened;
+        if at_points {
             return Err(Error::file(
-                path,
+                source.path,
                 "is a trajectory at points (a deforming body), expected one at cells (a flow)",
             ));
         }
@@ -43,7 +48,7 @@ impl Trajectory {
         let times = source.times(&file)?;
         let fields = source.fields(&file, &mesh, times.len())?;
         Ok(Trajectory {
-            path: path.to_path_buf(),
+            path: source.path.to_path_buf(),
             mesh,
             times,
             fields,

@@ -20,7 +20,7 @@ mod order;
 mod passing;
 mod peak;
 #[cfg(test)]
-mod plain;
+pub(crate) mod plain;
 mod pool;
 mod profile;
 mod segment_stage;
@@ -99,7 +99,21 @@ impl Engine {
         segments: Option<&SegmentView>,
         options: &EngineOptions,
     ) -> Result<Self> {
-        Self::with_limit(model, graph, segments, options, network::KEEP_ENCODED)
+        let keep = if model.spec.contact.is_some() {
+            0
+        } else {
+            network::KEEP_ENCODED
+        };
+        Self::with_limit(model, graph, segments, options, keep)
+    }
+
+    /// Takes other edges between the same nodes, for graphs that change with time. The next step uses them.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a graph of other nodes.
+    pub fn set_edges(&mut self, graph: &Graph) -> Result<()> {
+        check_edges(graph)?;
+        either!(&mut self.0, network => network.set_edges(graph))
     }
 
     /// As [`Engine::new`]; encoded edges are kept up to `keep_encoded` bytes.
@@ -176,12 +190,24 @@ impl crate::parallel::Element for Bf16 {}
 fn check(model: &Model, graph: &Graph) -> Result<()> {
     let n_edges = graph.senders.len();
     if graph.edge_features.len() != n_edges * model.spec.n_edge_features() {
+        if model.spec.contact.is_some() {
+            return Err(Error::Model(
+                "the model is one of bodies at points that an obstacle touches; this is a mesh whose unknowns are cells"
+                    .into(),
+            ));
+        }
         let found = graph.edge_features.len() as f64 / n_edges.max(1) as f64 - 1.0;
         return Err(Error::Model(format!(
             "the model was trained in {} dimensions, the mesh has {found} solved directions",
             model.spec.dim
         )));
     }
+    check_edges(graph)
+}
+
+/// Whether the graph's edges join its nodes.
+fn check_edges(graph: &Graph) -> Result<()> {
+    let n_edges = graph.senders.len();
     let whole = graph.n_cells <= graph.n_owned
         && graph.n_owned <= graph.n_local
         && graph.node_types.len() >= graph.n_owned

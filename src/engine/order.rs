@@ -6,6 +6,8 @@ use crate::graph::Graph;
 /// A numbering of the owned nodes of a graph, and its edges in that numbering.
 #[derive(Debug)]
 pub struct Order {
+    /// Nodes in the order of the search, before those that wait for ghosts went last.
+    pub search: Vec<u32>,
     /// Node of the graph at each place.
     pub node: Vec<u32>,
     /// Places before this one receive from owned nodes alone.
@@ -23,12 +25,17 @@ pub struct Order {
 impl Order {
     /// Reverse Cuthill-McKee of the owned nodes, those without ghosts among their senders first.
     pub fn new(graph: &Graph) -> Self {
+        let mut search = cuthill_mckee(graph);
+        search.reverse();
+        Self::of(graph, &search)
+    }
+
+    /// The nodes as in `search`, those without ghosts among their senders first.
+    pub fn of(graph: &Graph, search: &[u32]) -> Self {
         let n = graph.n_owned;
         let edges_of = |i: u32| graph.row[i as usize] as usize..graph.row[i as usize + 1] as usize;
-        let mut node = cuthill_mckee(graph);
-        node.reverse();
         let interior = |i: &u32| graph.senders[edges_of(*i)].iter().all(|&s| (s as usize) < n);
-        let (mut order, rest): (Vec<u32>, Vec<u32>) = node.into_iter().partition(interior);
+        let (mut order, rest): (Vec<u32>, Vec<u32>) = search.iter().copied().partition(interior);
         let n_interior = order.len();
         order.extend(rest);
 
@@ -50,6 +57,7 @@ impl Order {
             row.push(edge.len() as u32);
         }
         Order {
+            search: search.to_vec(),
             node: order,
             n_interior,
             row,

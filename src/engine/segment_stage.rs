@@ -72,7 +72,7 @@ impl SegmentStage {
                 table: Buffer::new(k * columns),
             }),
         };
-        let (member_row, member) = reordered(view, node);
+        let (member_row, member) = reordered((view.member_row, view.member), node);
         let (place_row, place) = inverted(k, &member_row, &member);
         Ok(SegmentStage {
             isa,
@@ -98,6 +98,16 @@ impl SegmentStage {
                 .map(|_| transformer::Scratch::new(k, d, spec))
                 .collect(),
         })
+    }
+
+    /// Moves the members to another order of the nodes: `before` is each node's place until now, `node` the node at
+    /// each place from now on.
+    pub fn reorder(&mut self, before: &[u32], node: &[u32]) {
+        let view = (&self.member_row[..], &self.member[..]);
+        let places: Vec<u32> = node.iter().map(|&i| before[i as usize]).collect();
+        let (row, member) = reordered(view, &places);
+        (self.place_row, self.place) = inverted(self.count, &row, &member);
+        (self.member_row, self.member) = (row, member);
     }
 
     /// K.
@@ -194,14 +204,14 @@ impl SegmentStage {
     }
 }
 
-/// The view's memberships with nodes in another order.
-fn reordered(view: &SegmentView, node: &[u32]) -> (Vec<u32>, Vec<i32>) {
+/// Memberships, rows and members, with nodes in another order.
+fn reordered((rows, members): (&[u32], &[i32]), node: &[u32]) -> (Vec<u32>, Vec<i32>) {
     let mut row = Vec::with_capacity(node.len() + 1);
-    let mut member = Vec::with_capacity(view.member.len());
+    let mut member = Vec::with_capacity(members.len());
     row.push(0);
     for &i in node {
-        let own = view.member_row[i as usize] as usize..view.member_row[i as usize + 1] as usize;
-        member.extend_from_slice(&view.member[own]);
+        let own = rows[i as usize] as usize..rows[i as usize + 1] as usize;
+        member.extend_from_slice(&members[own]);
         row.push(member.len() as u32);
     }
     (row, member)

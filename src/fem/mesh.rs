@@ -3,6 +3,7 @@
 use super::check;
 use crate::parallel::Comm;
 use crate::{Error, Result};
+use std::collections::HashMap;
 
 /// This rank's part of a polyhedral mesh whose unknowns stand on points. Labels are local unless called global;
 /// lengths in metres.
@@ -39,6 +40,44 @@ pub(super) struct Cell {
 }
 
 impl PointMesh {
+    /// Makes the mesh of cells that are given as closed lists of outward faces.
+    pub fn from_cells(points: Vec<[f64; 3]>, cells: &[Vec<Vec<usize>>]) -> Self {
+        let mut seen: HashMap<Vec<usize>, (usize, Vec<usize>, Option<usize>)> = HashMap::new();
+        let mut order = Vec::new();
+        for (c, faces) in cells.iter().enumerate() {
+            for face in faces {
+                let mut key = face.clone();
+                key.sort_unstable();
+                match seen.get_mut(&key) {
+                    Some(entry) => entry.2 = Some(c),
+                    None => {
+                        seen.insert(key.clone(), (c, face.clone(), None));
+                        order.push(key);
+                    }
+                }
+            }
+        }
+        let mut mesh = PointMesh {
+            directions: vec![0, 1, 2],
+            point_global: (0..points.len() as i64).collect(),
+            points,
+            n_cells: cells.len(),
+            face_start: vec![0],
+            ..Default::default()
+        };
+        for internal in [true, false] {
+            for (owner, face, neighbour) in order.iter().filter_map(|k| seen.get(k)) {
+                if neighbour.is_some() == internal {
+                    mesh.face_owner.push(*owner as i32);
+                    mesh.face_neighbour.extend(neighbour.map(|n| n as i32));
+                    mesh.face_points.extend(face.iter().map(|&p| p as i32));
+                    mesh.face_start.push(mesh.face_points.len() as i32);
+                }
+            }
+        }
+        mesh
+    }
+
     /// Number of faces.
     pub fn n_faces(&self) -> usize {
         self.face_owner.len()

@@ -1,6 +1,6 @@
 //! Against an independent library: `bench/solids_reference.py` made `reference.json` with FElupe.
 
-use super::sample::from_cells;
+use super::PointMesh;
 use super::*;
 use crate::modes::ModeCount;
 
@@ -67,7 +67,7 @@ impl Case {
         if flat {
             points.extend(points.clone().iter().map(|x| [x[0], x[1], 0.25]));
         }
-        let mut mesh = from_cells(points, &cells);
+        let mut mesh = PointMesh::from_cells(points, &cells);
         if flat {
             mesh.directions = vec![0, 1];
         }

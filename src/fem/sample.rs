@@ -49,44 +49,6 @@ impl Flat {
     pub const ALL: [Flat; 3] = [Flat::Quadrilaterals, Flat::Triangles, Flat::Polygons];
 }
 
-/// Makes the mesh of cells that are given as closed lists of outward faces.
-pub fn from_cells(points: Vec<[f64; 3]>, cells: &[Vec<Vec<usize>>]) -> PointMesh {
-    let mut seen: HashMap<Vec<usize>, (usize, Vec<usize>, Option<usize>)> = HashMap::new();
-    let mut order = Vec::new();
-    for (c, faces) in cells.iter().enumerate() {
-        for face in faces {
-            let mut key = face.clone();
-            key.sort_unstable();
-            match seen.get_mut(&key) {
-                Some(entry) => entry.2 = Some(c),
-                None => {
-                    seen.insert(key.clone(), (c, face.clone(), None));
-                    order.push(key);
-                }
-            }
-        }
-    }
-    let mut mesh = PointMesh {
-        directions: vec![0, 1, 2],
-        point_global: (0..points.len() as i64).collect(),
-        points,
-        n_cells: cells.len(),
-        face_start: vec![0],
-        ..Default::default()
-    };
-    for internal in [true, false] {
-        for (owner, face, neighbour) in order.iter().filter_map(|k| seen.get(k)) {
-            if neighbour.is_some() == internal {
-                mesh.face_owner.push(*owner as i32);
-                mesh.face_neighbour.extend(neighbour.map(|n| n as i32));
-                mesh.face_points.extend(face.iter().map(|&p| p as i32));
-                mesh.face_start.push(mesh.face_points.len() as i32);
-            }
-        }
-    }
-    mesh
-}
-
 /// A block `[0, l0] x [0, l1] x [0, l2]` of `n` bricks in each direction, cut into cells of a kind.
 pub fn block(kind: Kind, n: [usize; 3], l: [f64; 3]) -> PointMesh {
     if kind == Kind::Polyhedra {
@@ -121,7 +83,7 @@ pub fn block(kind: Kind, n: [usize; 3], l: [f64; 3]) -> PointMesh {
             }
         }
     }
-    from_cells(points, &cells)
+    PointMesh::from_cells(points, &cells)
 }
 
 const BRICK: [[usize; 4]; 6] = [
@@ -263,7 +225,7 @@ fn extrude(flat: &[[f64; 2]], polygons: &[Vec<usize>], layers: usize, l: f64) ->
             cells.push(faces);
         }
     }
-    from_cells(points, &cells)
+    PointMesh::from_cells(points, &cells)
 }
 
 /// Moves every point by up to `amount` in the directions where it is not on the box's boundary, by its position only.

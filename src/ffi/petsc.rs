@@ -22,7 +22,7 @@ mod c {
     include!(concat!(env!("OUT_DIR"), "/slepc.rs"));
 }
 
-pub(crate) use eigen::{Matrices, Request, eigenpairs};
+pub(crate) use eigen::{Matrices, eigenpairs};
 
 use crate::parallel::Comm;
 use crate::{Error, Result};

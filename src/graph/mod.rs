@@ -4,6 +4,7 @@
 //! face). Edges are sorted by receiver, so that aggregation is a sweep.
 
 mod build;
+pub mod contact;
 
 use crate::parallel::Halo;
 

@@ -6,6 +6,7 @@
 mod check;
 pub mod nearest;
 pub mod sample;
+pub mod within;
 
 use crate::{Error, Result};
 

@@ -31,6 +31,7 @@ impl ModelSpec {
             format!("stride: expected a positive time in s, found {}", self.stride)
         })?;
         self.check_fields()?;
+        self.check_contact()?;
         self.check_node_types()?;
         self.check_architecture()?;
         self.check_segments()
@@ -48,7 +49,8 @@ impl ModelSpec {
             expect(field.input || field.output != Output::None, || {
                 format!("field '{name}' is neither an input nor an output")
             })?;
-            expect(field.input || field.output != Output::Delta, || {
+            let carried = self.contact.is_some() && i == 0;
+            expect(field.input || field.output != Output::Delta || carried, || {
                 format!(
                     "field '{name}': a change can only be added to a field that is an input; use \"value\""
                 )
@@ -60,9 +62,34 @@ impl ModelSpec {
         expect(self.n_outputs() > 0, || "fields: no field is an output".into())
     }
 
+    fn check_contact(&self) -> Result<()> {
+        let Some(contact) = &self.contact else {
+            return Ok(());
+        };
+        expect(contact.radius.is_finite() && contact.radius > 0.0, || {
+            format!(
+                "contact.radius: expected a positive length in m, found {}",
+                contact.radius
+            )
+        })?;
+        expect(self.dim == 3, || {
+            format!("contact: bodies are three-dimensional, found dim {}", self.dim)
+        })?;
+        let first = self.fields.first();
+        let carries = first.is_some_and(|f| f.vector && !f.input && f.output == Output::Delta);
+        expect(carries && self.fields.len() == 1, || {
+            "contact: expected one field, the displacement: a vector, no input (edges carry it), output \"delta\"".into()
+        })
+    }
+
     fn check_node_types(&self) -> Result<()> {
-        expect(self.node_types.contains(&NodeType::Fluid), || {
-            "node_types: 'fluid' (cells) is missing".into()
+        let unknown = match self.contact {
+            Some(_) => NodeType::Body,
+            None => NodeType::Fluid,
+        };
+        expect(self.node_types.contains(&unknown), || {
+            let of = if self.contact.is_some() { "points" } else { "cells" };
+            format!("node_types: '{}' ({of}) is missing", unknown.name())
         })?;
         for (i, kind) in self.node_types.iter().enumerate() {
             expect(!self.node_types[..i].contains(kind), || {
@@ -129,8 +156,9 @@ fn expect(ok: bool, message: impl FnOnce() -> String) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use crate::model::tests::spec;
-    use crate::model::{MacroSpec, Output};
+    use crate::mesh::NodeType;
+    use crate::model::tests::{bodies, spec};
+    use crate::model::{ContactSpec, MacroSpec, Output};
 
     #[test]
     fn refuses_what_no_network_can_be_made_of() {
@@ -146,9 +174,7 @@ mod tests {
                 s.fields[1].output = Output::Delta;
                 s.fields[1].input = false;
             }),
-            ("fluid", |s| {
-                s.node_types.retain(|t| *t != crate::mesh::NodeType::Fluid)
-            }),
+            ("fluid", |s| s.node_types.retain(|t| *t != NodeType::Fluid)),
             ("heads", |s| {
                 s.architecture.segment_transformer.as_mut().unwrap().heads = 3
             }),
@@ -161,6 +187,19 @@ mod tests {
             change(&mut s);
             let message = s.check().expect_err(word).to_string();
             assert!(message.contains(word), "{message} does not mention {word}");
+        }
+        let contact = |radius, input| {
+            let mut s = bodies();
+            s.fields[0].input = input;
+            s.contact = Some(ContactSpec { radius });
+            s
+        };
+        assert!(contact(0.01, false).check().is_ok());
+        for (word, s) in [
+            ("radius", contact(0.0, false)),
+            ("edges carry", contact(0.01, true)),
+        ] {
+            assert!(s.check().unwrap_err().to_string().contains(word));
         }
         let mut s = spec();
         s.architecture.segment_transformer = Some(MacroSpec {

@@ -105,6 +105,18 @@ pub struct Architecture {
     pub segment_transformer: Option<MacroSpec>,
 }
 
+/// Bodies at points that an obstacle may touch (section 3.1, Lagrangian systems).
+///
+/// Nodes are the bodies' points and the obstacle's. The first field is the displacement from rest: it carries the
+/// positions, enters through the edges only, and its change is what the model predicts. Every node has the prescribed
+/// motion of the obstacle over the stride (0 in a body) as a feature.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactSpec {
+    /// World edges lead from the obstacle's points to points of a body's skin that are nearer than this, m.
+    pub radius: f64,
+}
+
 /// Everything about a model but its numbers: the `m4gn` entry of the safetensors header.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -121,6 +133,9 @@ pub struct ModelSpec {
     pub node_types: Vec<NodeType>,
     /// Network.
     pub architecture: Architecture,
+    /// Bodies at points and their contact; none: fields at the cells of a mesh that does not move.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactSpec>,
     /// Segmentation the model was trained with.
     #[serde(deserialize_with = "segmentation::of_model_file")]
     pub segments: SegmentSpec,
@@ -129,13 +144,12 @@ pub struct ModelSpec {
 }
 
 impl ModelSpec {
-    /// Features of the fields that are inputs.
+    /// Features that change with time: of the fields that are inputs, then the obstacle's motion where the model knows
+    /// contact.
     pub fn n_field_inputs(&self) -> usize {
-        self.fields
-            .iter()
-            .filter(|f| f.input)
-            .map(|f| f.components(self.dim))
-            .sum()
+        let inputs = self.fields.iter().filter(|f| f.input);
+        let fields: usize = inputs.map(|f| f.components(self.dim)).sum();
+        fields + if self.contact.is_some() { self.dim } else { 0 }
     }
 
     /// Node features: field inputs, then those that do not change with time.
@@ -165,9 +179,13 @@ impl ModelSpec {
             .map_or(0, |m| m.n_position_features(self.dim))
     }
 
-    /// Edge features: displacement from receiver to sender in the solved directions, and its length.
+    /// Edge features: displacement from receiver to sender in the solved directions, and its length. With contact at
+    /// rest (0 for world edges), then at present, then 1 for a world edge (table 2: m, |m|, x, |x|).
     pub fn n_edge_features(&self) -> usize {
-        self.dim + 1
+        match self.contact {
+            Some(_) => 2 * (self.dim + 1) + 1,
+            None => self.dim + 1,
+        }
     }
 
     /// Outputs a node, in the order of the fields that are predicted.
@@ -219,12 +237,34 @@ pub(crate) mod tests {
                     offsets: true,
                 }),
             },
+            contact: None,
             segments: SegmentSpec {
                 count: 4,
                 ..SegmentSpec::default()
             },
             training: serde_json::json!({ "seed": 1 }),
         }
+    }
+
+    /// The same network for bodies at points.
+    pub(crate) fn bodies() -> ModelSpec {
+        let mut s = spec();
+        s.dim = 3;
+        s.fields.truncate(1);
+        s.fields[0].name = "D".into();
+        s.fields[0].dimensions = [0, 1, 0, 0, 0, 0, 0];
+        s.fields[0].input = false;
+        s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
+        s.contact = Some(ContactSpec { radius: 0.5 });
+        s
+    }
+
+    #[test]
+    fn features_of_bodies_are_counted() {
+        let s = bodies();
+        assert!(s.check().is_ok());
+        let counts = (s.n_field_inputs(), s.n_node_features(), s.n_edge_features());
+        assert_eq!(counts, (3, 9, 9));
     }
 
     #[test]

@@ -192,7 +192,7 @@ impl<'a> Solution<'a> {
                 // A factor needs the room.
                 problem.stiffness = Rows::default();
             }
-            let request = large::Request {
+            let request = Request {
                 symmetric: self.problem.symmetric,
                 block: self.problem.block,
                 shift: self.problem.shift.unwrap_or(-1e-10 * size),
@@ -212,6 +212,22 @@ impl<'a> Solution<'a> {
         let (eigenvalues, vectors) = pairs.into_iter().map(|p| (p.value, p.vector)).unzip();
         Ok(Modes { eigenvalues, vectors })
     }
+}
+
+/// What is asked of the solver.
+pub(crate) struct Request<'a> {
+    /// Whether both matrices are symmetric.
+    pub symmetric: bool,
+    /// Unknowns a point.
+    pub block: usize,
+    /// Below the eigenvalues wanted: K - shift M is positive definite where both are symmetric.
+    pub shift: f64,
+    /// Pairs wanted at first.
+    pub wanted: usize,
+    /// How many of these eigenvalues, nearest to the shift first, are taken; none: more have to be seen.
+    pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
+    /// The way to them.
+    pub options: &'a ModalOptions,
 }
 
 #[cfg(test)]

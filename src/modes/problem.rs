@@ -24,18 +24,30 @@ impl Rows {
     /// Of all rows on one rank: whether there is an entry (j, i) for each (i, j), whatever its value.
     #[cfg(feature = "slepc")]
     pub(crate) fn has_symmetric_pattern(&self) -> bool {
-        let mut places: Vec<(i64, i64)> = (0..self.n())
-            .flat_map(|i| {
-                self.column[self.row[i]..self.row[i + 1]]
-                    .iter()
-                    .map(move |&j| (i as i64, j))
-            })
-            .collect();
-        places.sort_unstable();
-        places.dedup();
-        let mut transposed: Vec<(i64, i64)> = places.iter().map(|&(i, j)| (j, i)).collect();
-        transposed.sort_unstable();
-        places == transposed
+        // Rows of each column, ascending.
+        let mut first = vec![0usize; self.n() + 1];
+        self.column.iter().for_each(|&j| first[j as usize + 1] += 1);
+        for j in 0..self.n() {
+            first[j + 1] += first[j];
+        }
+        let mut next = first.clone();
+        let mut rows = vec![0i64; self.column.len()];
+        for i in 0..self.n() {
+            for &j in &self.column[self.row[i]..self.row[i + 1]] {
+                rows[next[j as usize]] = i as i64;
+                next[j as usize] += 1;
+            }
+        }
+        let mut columns = Vec::new();
+        (0..self.n()).all(|i| {
+            columns.clear();
+            columns.extend_from_slice(&self.column[self.row[i]..self.row[i + 1]]);
+            columns.sort_unstable();
+            columns.dedup();
+            let mut rows = rows[first[i]..first[i + 1]].to_vec();
+            rows.dedup();
+            columns == rows
+        })
     }
 }
 

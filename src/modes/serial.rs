@@ -1,21 +1,11 @@
 //! What stands in for SLEPc in builds without it: faer on the root.
 
-use super::{ModalOptions, ModalSolver, Pair, Problem, dense, sparse};
+use super::{ModalSolver, Pair, Problem, Request, dense, sparse};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 
 /// Most unknowns of a non-symmetric pair: it is solved densely.
 const DENSE: i64 = 2000;
-
-/// As the solver of `ffi::petsc` is asked.
-pub(crate) struct Request<'a> {
-    pub symmetric: bool,
-    pub block: usize,
-    pub shift: f64,
-    pub wanted: usize,
-    pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
-    pub options: &'a ModalOptions,
-}
 
 /// A copy of the problem.
 pub(crate) struct Matrices(Problem);

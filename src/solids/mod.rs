@@ -7,8 +7,11 @@
 pub mod elements;
 pub mod gap;
 pub mod holding;
+pub mod part;
 pub mod projection;
 pub mod quality;
+pub mod sample;
+pub mod segments;
 pub mod surface;
 
 pub(crate) type Vector = [f64; 3];

@@ -3,11 +3,13 @@
 //! This is what the C ABI and `m4gn validate` drive. Building one makes graph, modes and segments once; a step
 //! turns fields into node features, runs the network, and turns its outputs into fields again.
 
+mod body;
 mod boundary;
 mod case;
 mod field;
 mod options;
 
+pub use body::BodySession;
 pub use boundary::{copied_faces, impose_boundary};
 pub use field::{Field, FieldMut, OutputShape};
 pub use options::{Backend, SessionOptions};

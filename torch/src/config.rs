@@ -2,7 +2,7 @@
 //!
 //! Unknown keys are errors, every message names the key, the value found and the values that work.
 
-use m4gn::model::{Activation, Architecture, MacroSpec, Output, SegmentSpec};
+use m4gn::model::{Activation, Architecture, ContactSpec, MacroSpec, Output, SegmentSpec};
 use m4gn::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -17,6 +17,9 @@ pub struct Config {
     /// Macro stage; leave the table out for a plain message-passing network.
     #[serde(rename = "macro", default, skip_serializing_if = "Option::is_none")]
     pub segment_transformer: Option<MacroSpec>,
+    /// Bodies at points and their contact; leave the table out for fields at cells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactSpec>,
     /// How meshes are cut into segments.
     #[serde(default)]
     pub segments: SegmentSpec,
@@ -266,7 +269,20 @@ impl Config {
         positive("model.stride", m.stride)?;
         at_least_one("model.width", m.width as u64)?;
         at_least_one("model.hidden_layers", m.hidden_layers as u64)?;
-        if m.fields.iter().all(|f| !f.input) || m.fields.iter().all(|f| f.output == Output::None) {
+        if let Some(contact) = &self.contact {
+            positive("contact.radius", contact.radius)?;
+            let carried =
+                matches!(&m.fields[..], [f] if f.name == "D" && !f.input && f.output == Output::Delta);
+            if !carried {
+                return bad(
+                    "model.fields",
+                    "something else beside [contact]",
+                    "one field: { name = \"D\", input = false, output = \"delta\" } (edges carry the displacement)",
+                );
+            }
+        }
+        let inputs = m.fields.iter().any(|f| f.input) || self.contact.is_some();
+        if !inputs || m.fields.iter().all(|f| f.output == Output::None) {
             return bad(
                 "model.fields",
                 "a list without an input or without an output",
@@ -355,7 +371,7 @@ impl Config {
                 let fits = m.fields.iter().any(|f| {
                     &f.name == name
                         && if key == "training.noise" {
-                            f.input
+                            f.input || self.contact.is_some()
                         } else {
                             f.output != Output::None
                         }

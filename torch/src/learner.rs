@@ -1,11 +1,14 @@
 //! What a worker thread does: gradients of pieces of a batch, and rollouts for validation.
 
 use crate::config::{Config, Precision};
+use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::{Moments, Normaliser};
 use crate::rollout::{Boundary, State, Stepper};
 use crate::samples::{Components, HostGraph, Sample};
 use crate::weights::{Layout, normal};
+use m4gn::Result;
+use m4gn::graph::contact::ContactGraph;
 use m4gn::model::ModelSpec;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -113,7 +116,7 @@ impl Learner {
         let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
         let noise = (0..components.count)
             .map(|c| {
-                if components.inputs.contains(&c) {
+                if components.inputs.contains(&c) || spec.contact.is_some() {
                     config.training.noise.get(name(&c)).copied().unwrap_or(0.0)
                 } else {
                     0.0
@@ -166,7 +169,9 @@ impl Learner {
     }
 
     /// Does a job.
-    pub fn run(&self, job: Job) -> Outcome {
+    ///
+    /// Errors: [`Error::Internal`] where libtorch cannot hand out a state.
+    pub fn run(&self, job: Job) -> Result<Outcome> {
         match job {
             Job::Learn {
                 weights,
@@ -175,7 +180,7 @@ impl Learner {
                 unroll,
                 accumulate,
                 learn,
-            } => self.learn(&weights, &normaliser, &examples, unroll, accumulate, learn),
+            } => self.learn(&weights, &normaliser, &examples, unroll, (accumulate, learn)),
             Job::Rollout {
                 weights,
                 normaliser,
@@ -196,46 +201,42 @@ impl Learner {
         normaliser: &Normaliser,
         examples: &[Example],
         unroll: usize,
-        accumulate: bool,
-        learn: bool,
-    ) -> Outcome {
-        let union;
-        let (graph, boundary, edges) = match examples {
+        (accumulate, learn): (bool, bool),
+    ) -> Result<Outcome> {
+        let (fixed, boundary) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
-                let topology = &sample.topologies[usize::from(one.mirror)];
-                (topology, sample.boundary(), topology.edges.shallow_clone())
-            }
-            _ => {
-                union = self.union(examples);
-                let edges = union.0.edges.shallow_clone();
                 (
-                    &union.0,
-                    Boundary {
-                        owners: union.1.owners.shallow_clone(),
-                        copies: union.1.copies.shallow_clone(),
-                    },
-                    edges,
+                    sample.topologies[usize::from(one.mirror)].share(),
+                    sample.boundary(),
                 )
             }
+            _ => self.union(examples),
         };
+        let bodies: Vec<&ContactGraph> = examples
+            .iter()
+            .filter_map(|e| self.train[e.sample].body(e.mirror))
+            .collect();
         let mut state = self.state(examples, 0);
         self.add_noise(examples, &boundary, &mut state);
+        let mut graph = contact::at_state(fixed, &bodies, &state)?;
+        let mut edges = contact::edge_features(&graph, &state);
         let mut moments = None;
         if accumulate {
+            let next = self.state(examples, 1);
             moments = Some(Normaliser {
-                node: Moments::of(&self.stepper.inputs(&state)),
+                node: Moments::of(&self.stepper.inputs(&state, &next)),
                 edge: Moments::of(&edges),
-                output: Moments::of(&self.stepper.target(&state, &self.state(examples, 1).cells)),
+                output: Moments::of(&self.stepper.target(&state, &next.cells)),
             });
         }
         if !learn {
-            return Outcome::Learned {
+            return Ok(Outcome::Learned {
                 gradient: None,
                 losses: vec![0.0; self.groups.len()],
                 moments,
                 examples: examples.len(),
-            };
+            });
         }
         let leaf = weights.detach().set_requires_grad(true);
         let views = self.layout.views(&leaf, self.half());
@@ -244,8 +245,10 @@ impl Learner {
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
         let mut losses = Vec::new();
         for step in 1..=unroll {
-            let output = self.stepper.predict(&network, graph, &edges, &scales, &state);
             let next = self.state(examples, step);
+            let output = self
+                .stepper
+                .predict(&network, &graph, &edges, &scales, &state, &next);
             let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
             let square = (&output - target).square();
             for (i, &(first, count, weight)) in self.groups.iter().enumerate() {
@@ -265,15 +268,17 @@ impl Learner {
                         boundary: state.boundary.detach(),
                     };
                 }
+                graph = contact::at_state(graph, &bodies, &state)?;
+                edges = contact::edge_features(&graph, &state);
             }
         }
         total.backward();
-        Outcome::Learned {
+        Ok(Outcome::Learned {
             gradient: Some(leaf.grad()),
             losses: losses.iter().map(|l| l.double_value(&[])).collect(),
             moments,
             examples: examples.len(),
-        }
+        })
     }
 
     fn roll_out(
@@ -283,7 +288,7 @@ impl Learner {
         sample: usize,
         frame: usize,
         steps: usize,
-    ) -> Outcome {
+    ) -> Result<Outcome> {
         let sample = &self.valid[sample];
         // Validation measures the model that is exported, which the engine runs in fp32.
         let views = self.layout.views(weights, false);
@@ -312,19 +317,18 @@ impl Learner {
         let mut state = read(0);
         let start = state.cells.shallow_clone();
         let mut errors = Vec::with_capacity(steps);
+        let bodies: Vec<&ContactGraph> = sample.body(false).into_iter().collect();
         for step in 1..=steps {
-            let output = self.stepper.predict(
-                &network,
-                &sample.topologies[0],
-                &sample.topologies[0].edges,
-                &scales,
-                &state,
-            );
+            let graph = contact::at_state(sample.topologies[0].share(), &bodies, &state)?;
+            let edges = contact::edge_features(&graph, &state);
             let next = read(step);
+            let output = self
+                .stepper
+                .predict(&network, &graph, &edges, &scales, &state, &next);
             state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
             errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
         }
-        Outcome::Rolled(errors)
+        Ok(Outcome::Rolled(errors))
     }
 
     /// The examples' recorded fields, `step` model steps after their first frame, reflected where asked.
@@ -374,6 +378,10 @@ impl Learner {
         let noise = Tensor::from_slice(&values)
             .view_as(&state.cells)
             .to_device(self.device);
+        let noise = match &boundary.held {
+            Some(held) => noise * (1.0 - held),
+            None => noise,
+        };
         state.cells = &state.cells + noise;
         state.boundary =
             Stepper::boundary_values(&state.cells, &boundary.owners, &boundary.copies, &state.boundary);
@@ -398,11 +406,16 @@ impl Learner {
             })
             .collect();
         let copies: Vec<&Tensor> = samples.iter().map(|s| &s.copies).collect();
+        let held: Vec<&Tensor> = samples.iter().filter_map(|s| s.held.as_ref()).collect();
         (
             topology,
             Boundary {
                 owners: Tensor::cat(&owners, 0),
                 copies: Tensor::cat(&copies, 0),
+                held: match held[..] {
+                    [] => None,
+                    _ => Some(Tensor::cat(&held, 0)),
+                },
             },
         )
     }

@@ -3,9 +3,11 @@
 //! The modules stand in the order of the data's way: configuration and request -> trajectories in memory ->
 //! network -> one model step -> gradients on worker threads -> updates -> checkpoints, log, model file.
 
+pub mod bodies;
 pub mod capi;
 pub mod checkpoint;
 pub mod config;
+pub mod contact;
 pub mod fused;
 pub mod inference;
 pub mod journal;

@@ -25,8 +25,11 @@ pub struct Topology {
     pub senders: Tensor,
     /// Receiver of each edge, `[E]`.
     pub receivers: Tensor,
-    /// Physical edge features `[E x (dim + 1)]`.
+    /// Physical edge features `[E x (dim + 1)]`; of bodies at points the senders' positions from the receivers' at rest
+    /// `[E x 3]`, from which features are made for each displacement ([`crate::contact`]).
     pub edges: Tensor,
+    /// 1 for world edges, 0 for the mesh's, `[E x 1]`; of bodies at points only.
+    pub is_world: Option<Tensor>,
     /// Node features that do not change with time `[N x n_static_features]`.
     pub fixed: Tensor,
     /// Node of each (node, segment) membership, `[M]`; none where each node has exactly one segment, its own row.
@@ -53,6 +56,7 @@ impl Topology {
             senders: self.senders.shallow_clone(),
             receivers: self.receivers.shallow_clone(),
             edges: self.edges.shallow_clone(),
+            is_world: clone(&self.is_world),
             fixed: self.fixed.shallow_clone(),
             member_node: clone(&self.member_node),
             member_segment: self.member_segment.shallow_clone(),

@@ -90,7 +90,7 @@ impl Normaliser {
     /// Nothing seen yet.
     pub fn new(spec: &ModelSpec, components: &Components) -> Self {
         Normaliser {
-            node: Moments::new(components.inputs.len()),
+            node: Moments::new(spec.n_field_inputs()),
             edge: Moments::new(spec.n_edge_features()),
             output: Moments::new(components.outputs.len()),
         }

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-type Answer = (usize, std::result::Result<Outcome, String>);
+type Answer = (usize, Result<Outcome>);
 
 /// One thread: the caller's own. More: threads that wait for jobs.
 pub struct Pool {
@@ -56,10 +56,7 @@ impl Pool {
     /// Runs jobs and returns their outcomes in the jobs' order.
     pub fn run(&self, jobs: Vec<Job>) -> Result<Vec<Outcome>> {
         if let Some(learner) = &self.own {
-            return jobs
-                .into_iter()
-                .map(|job| guarded(learner, job).map_err(Error::Internal))
-                .collect();
+            return jobs.into_iter().map(|job| guarded(learner, job)).collect();
         }
         let count = jobs.len();
         let gone = || Error::Internal("a training thread ended early".into());
@@ -73,7 +70,7 @@ impl Pool {
             let (index, outcome) = self.answers.recv().map_err(|_| gone())?;
             match outcome {
                 Ok(outcome) => outcomes[index] = Some(outcome),
-                Err(message) => failure = Some(Error::Internal(message)),
+                Err(error) => failure = Some(error),
             }
         }
         match failure {
@@ -107,8 +104,9 @@ fn work(learner: &Learner, queue: &Mutex<Receiver<(usize, Job)>>, answer: &Sende
 }
 
 /// libtorch's errors arrive as panics of tch; they become messages.
-fn guarded(learner: &Learner, job: Job) -> std::result::Result<Outcome, String> {
-    catch_unwind(AssertUnwindSafe(|| learner.run(job))).map_err(|panic| panic_message(&*panic))
+fn guarded(learner: &Learner, job: Job) -> Result<Outcome> {
+    catch_unwind(AssertUnwindSafe(|| learner.run(job)))
+        .unwrap_or_else(|panic| Err(Error::Internal(panic_message(&*panic))))
 }
 
 /// The text of a panic.

@@ -20,6 +20,8 @@ pub struct Boundary {
     pub owners: Tensor,
     /// 1 where the value is the owner's, 0 where it is prescribed, `[B x components]`.
     pub copies: Tensor,
+    /// 1 for points whose values are prescribed, `[C x 1]`; none where all are predicted.
+    pub held: Option<Tensor>,
 }
 
 /// Index tensors and masks over components, made once.
@@ -34,6 +36,8 @@ pub struct Stepper {
     delta_output: Tensor,
     /// 1 for components that are not predicted, `[components]`; none where all are.
     given: Option<Tensor>,
+    /// Whether the obstacle's motion is an input: bodies at points.
+    contact: bool,
 }
 
 impl Stepper {
@@ -74,11 +78,16 @@ impl Stepper {
             delta: mask(Output::Delta, &all),
             delta_output: mask(Output::Delta, &components.outputs),
             given: (!same).then(|| mask(Output::None, &all)),
+            contact: spec.contact.is_some(),
         }
     }
 
-    /// Physical node inputs `[N x inputs]`.
-    pub fn inputs(&self, state: &State) -> Tensor {
+    /// Physical node inputs `[N x inputs]`; of bodies at points the motion of the nodes that is prescribed until `next`.
+    pub fn inputs(&self, state: &State, next: &State) -> Tensor {
+        if self.contact {
+            let still = state.cells.zeros_like();
+            return Tensor::cat(&[still, &next.boundary - &state.boundary], 0);
+        }
         let all = Tensor::cat(&[&state.cells, &state.boundary], 0);
         match &self.inputs {
             Some(index) => all.index_select(1, index),
@@ -104,8 +113,9 @@ impl Stepper {
         edges: &Tensor,
         scales: &Scales,
         state: &State,
+        next: &State,
     ) -> Tensor {
-        let fields = (self.inputs(state) - &scales.node.0) / &scales.node.1;
+        let fields = (self.inputs(state, next) - &scales.node.0) / &scales.node.1;
         let edges = (edges - &scales.edge.0) / &scales.edge.1;
         network.forward(graph, &fields, &edges)
     }
@@ -130,6 +140,9 @@ impl Stepper {
         if let Some(given) = &self.given {
             cells += &next.cells * given;
             copies = &copies * (1.0 - given);
+        }
+        if let Some(held) = &boundary.held {
+            cells = &cells + (&next.cells - &cells) * held;
         }
         let boundary = Self::boundary_values(&cells, &boundary.owners, &copies, &next.boundary);
         State { cells, boundary }

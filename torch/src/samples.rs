@@ -5,6 +5,7 @@ use crate::network::Topology;
 use crate::rollout::Boundary;
 use m4gn::dataset::Trajectory;
 use m4gn::graph::Graph;
+use m4gn::graph::contact::ContactGraph;
 use m4gn::mesh::NodeType;
 use m4gn::model::{ModelSpec, Output};
 use m4gn::parallel::Comm;
@@ -13,7 +14,7 @@ use m4gn::step::copied_faces;
 use m4gn::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// Index lists and features of one graph on the host, from which unions are made.
 #[derive(Clone)]
@@ -27,6 +28,7 @@ pub struct HostGraph {
     /// Senders, receivers: node numbers with cells first.
     senders: Vec<i64>,
     receivers: Vec<i64>,
+    /// Rows of [`edge_width`]: features, or, of a body, positions of the senders from the receivers at rest.
     edges: Vec<f32>,
     /// Node features that do not change with time: one-hot type, offset from the segment's centroid.
     fixed: Vec<f32>,
@@ -73,10 +75,22 @@ pub struct Sample {
     pub owners: Tensor,
     /// 1 where a boundary value is its owner's (outflow, symmetry), 0 where it is prescribed, `[B x components]`.
     pub copies: Tensor,
+    /// 1 for points that are held, 0 for those that move, `[C x 1]`; none for cells.
+    pub held: Option<Tensor>,
     /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`.
-    frames: Tensor,
+    pub(crate) frames: Tensor,
     /// Number of frames.
     pub n_frames: usize,
+    /// A body at points, and its reflection.
+    pub contact: Option<[Arc<ContactGraph>; 2]>,
+}
+
+/// Numbers an edge in [`Topology::edges`]: features, or, of a body, its three components at rest.
+pub fn edge_width(spec: &ModelSpec) -> usize {
+    match spec.contact {
+        Some(_) => spec.dim,
+        None => spec.n_edge_features(),
+    }
 }
 
 /// Components of the fields: which are inputs, which outputs, and how.
@@ -191,7 +205,7 @@ impl HostGraph {
                 .step_by(width.max(1))
                 .for_each(|v| *v = -*v);
         };
-        negate(&mut graph.edges, spec.n_edge_features(), 1);
+        negate(&mut graph.edges, edge_width(spec), 1);
         if spec.n_offset_features() > 0 {
             negate(
                 &mut graph.fixed,
@@ -261,7 +275,10 @@ impl HostGraph {
             segments: count as i64,
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
-            edges: to(Tensor::from_slice(&edges).view([-1, spec.n_edge_features() as i64])),
+            edges: to(Tensor::from_slice(&edges).view([-1, edge_width(spec) as i64])),
+            is_world: spec
+                .contact
+                .map(|_| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device))),
             fixed: to(Tensor::from_slice(&fixed).view([nodes as i64, width as i64])),
             member_node: if own_rows {
                 None
@@ -339,8 +356,10 @@ impl Sample {
             copies: Tensor::from_slice(&copies)
                 .view([-1, width as i64])
                 .to_device(device),
+            held: None,
             frames: Tensor::from_slice(&values).view([n_frames as i64, nodes as i64, width as i64]),
             n_frames,
+            contact: None,
         })
     }
 
@@ -351,9 +370,16 @@ impl Sample {
             topologies: [0, 1].map(|i| self.topologies[i].share()),
             owners: self.owners.shallow_clone(),
             copies: self.copies.shallow_clone(),
+            held: self.held.as_ref().map(Tensor::shallow_clone),
             frames: self.frames.shallow_clone(),
             n_frames: self.n_frames,
+            contact: self.contact.clone(),
         }
+    }
+
+    /// The body at points, or its reflection; none of cells.
+    pub fn body(&self, mirror: bool) -> Option<&ContactGraph> {
+        self.contact.as_ref().map(|c| &*c[usize::from(mirror)])
     }
 
     /// How boundary values follow cell values.
@@ -361,6 +387,7 @@ impl Sample {
         Boundary {
             owners: self.owners.shallow_clone(),
             copies: self.copies.shallow_clone(),
+            held: self.held.as_ref().map(Tensor::shallow_clone),
         }
     }
 
@@ -407,6 +434,7 @@ pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<Mode
         fields,
         node_types: Vec::new(),
         architecture: config.architecture(),
+        contact: None,
         segments: config.segments.clone(),
         training: serde_json::Value::Null,
     })

@@ -58,7 +58,8 @@ pub struct Network<T> {
 
     /// Edge features, normalised; empty once the edges are encoded for good.
     features: Vec<f32>,
-    n_features: usize,
+    /// Mean, and one over the deviation, of each edge feature.
+    edge_scale: (Vec<f32>, Vec<f32>),
     /// Encoded edges, where they are kept.
     encoded: Option<Buffer<T>>,
     /// e
@@ -102,8 +103,6 @@ impl<T: Number + Element> Network<T> {
         let (input_mean, input_scale) = normaliser(model, "node")?;
         let decoder = Decoder::new(isa, model)?;
         let raw = spec.n_field_inputs().max(spec.n_outputs());
-        let tiles = tiles::cut(&order.row, order.n_interior);
-        let n_edges = order.edge.len();
         let dispatch = spec.architecture.layers_after > 0 && stage.is_some();
         let mut network = Network {
             isa,
@@ -112,17 +111,10 @@ impl<T: Number + Element> Network<T> {
             n_owned: graph.n_owned,
             n_inputs: spec.n_field_inputs(),
             n_outputs: spec.n_outputs(),
-            cells: (0..)
-                .zip(&order.node)
-                .map(|(p, &i)| (p, i))
-                .filter(|(_, i)| (*i as usize) < graph.n_cells)
-                .collect(),
-            halo: graph.halo.renumbered(&order.places()),
-            n_interior: tiles
-                .iter()
-                .take_while(|t| t.nodes.end <= order.n_interior)
-                .count(),
-            tiles,
+            cells: Vec::new(),
+            halo: Halo::empty(),
+            n_interior: 0,
+            tiles: Vec::new(),
             scratch: (0..pool.n_threads())
                 .map(|_| Scratch::new(d.max(spec.n_outputs()), raw, options.profile))
                 .collect(),
@@ -143,17 +135,21 @@ impl<T: Number + Element> Network<T> {
             table: Buffer::new(stage.as_ref().map_or(0, |s| s.count()) * decoder.columns()),
             stage,
             decoder,
-            features: features(model, graph, &order)?,
-            n_features: spec.n_edge_features(),
+            edge_scale: normaliser(model, "edge")?,
+            features: Vec::new(),
             encoded: None,
-            edges: Buffer::new(n_edges * columns),
+            edges: Buffer::new(0),
             nodes: Buffer::new(graph.n_owned * columns),
             projected: Buffer::new(graph.n_local * columns),
             message: Vec::with_capacity(graph.halo.n_sent() * columns),
             profile: None,
             order,
         };
-        network.order.edge = Vec::new();
+        network.place_nodes(graph);
+        network.place_edges(graph);
+        if spec.contact.is_none() {
+            network.order.search = Vec::new();
+        }
         if network.edges.bytes() <= keep_encoded {
             network.encode_edges();
         }
@@ -164,6 +160,65 @@ impl<T: Number + Element> Network<T> {
             });
         }
         Ok(network)
+    }
+
+    /// Takes other edges between the same nodes: those of a graph that changes with time.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for other nodes, or features of another kind.
+    pub fn set_edges(&mut self, graph: &Graph) -> Result<()> {
+        let k = self.edge_scale.0.len();
+        let nodes = (self.n_owned, self.projected.len());
+        if nodes != (graph.n_owned, graph.n_local * self.columns)
+            || graph.edge_features.len() != graph.senders.len() * k
+            || self.order.search.len() != graph.n_owned
+        {
+            return Err(Error::Internal(
+                "edges of another graph, or of one that was not to change".into(),
+            ));
+        }
+        let order = Order::of(graph, &self.order.search);
+        if order.node != self.order.node {
+            if let Some(stage) = &mut self.stage {
+                stage.reorder(&self.order.places(), &order.node);
+            }
+            self.order = order;
+            self.place_nodes(graph);
+        } else {
+            self.order = order;
+        }
+        self.place_edges(graph);
+        Ok(())
+    }
+
+    /// What follows from the order of the nodes.
+    fn place_nodes(&mut self, graph: &Graph) {
+        let numbered = (0..).zip(&self.order.node).map(|(p, &i)| (p, i));
+        self.cells = numbered.filter(|(_, i)| (*i as usize) < graph.n_cells).collect();
+        self.halo = graph.halo.renumbered(&self.order.places());
+    }
+
+    /// What follows from the edges: tiles, features in the engine's order, room for latents.
+    fn place_edges(&mut self, graph: &Graph) {
+        let order = &mut self.order;
+        self.tiles = tiles::cut(&order.row, order.n_interior);
+        let interior = |t: &&Tile| t.nodes.end <= order.n_interior;
+        self.n_interior = self.tiles.iter().take_while(interior).count();
+        let (mean, scale) = &self.edge_scale;
+        let k = mean.len();
+        self.features.clear();
+        self.features.reserve_exact(order.edge.len() * k);
+        for &e in &order.edge {
+            let row = &graph.edge_features[e as usize * k..(e as usize + 1) * k];
+            let normed = row.iter().zip(mean).zip(scale).map(|((x, m), s)| (x - m) * s);
+            self.features.extend(normed);
+        }
+        self.encoded = None;
+        let size = order.edge.len() * self.columns;
+        if self.edges.len() < size {
+            self.edges = Buffer::new(size);
+        }
+        order.edge = Vec::new();
     }
 
     /// One step, with slices of the right lengths. Collective.
@@ -188,16 +243,4 @@ impl<T: Number + Element> Network<T> {
     pub fn lengths(&self) -> (usize, usize) {
         (self.n_owned * self.n_inputs, self.cells.len() * self.n_outputs)
     }
-}
-
-/// The edges' features in the engine's order, normalised.
-fn features(model: &Model, graph: &Graph, order: &Order) -> Result<Vec<f32>> {
-    let k = model.spec.n_edge_features();
-    let (mean, scale) = normaliser(model, "edge")?;
-    let mut features = Vec::with_capacity(order.edge.len() * k);
-    for &e in &order.edge {
-        let row = &graph.edge_features[e as usize * k..(e as usize + 1) * k];
-        features.extend(row.iter().zip(&mean).zip(&scale).map(|((x, m), s)| (x - m) * s));
-    }
-    Ok(features)
 }

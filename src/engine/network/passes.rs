@@ -16,7 +16,7 @@ impl<T: Number + Element> Network<T> {
     pub(super) fn encode_edges(&mut self) {
         let (columns, tiles) = (self.columns, &self.tiles);
         let (encoder, bias) = (&self.edge_encoder, &self.edge_bias[..]);
-        let (features, k) = (&self.features[..], self.n_features);
+        let (features, k) = (&self.features[..], self.edge_scale.0.len());
         let mut encoded = Buffer::new(self.edges.len());
         let out = Parts::new(&mut encoded);
         let task = |s: &mut Scratch<T>, i: usize| {
@@ -78,7 +78,7 @@ impl<T: Number + Element> Network<T> {
         let encoded = self.encoded.as_deref().filter(|_| l == 0);
         let compute = l == 0 && encoded.is_none();
         let (encoder, bias) = (&self.edge_encoder, &self.edge_bias[..]);
-        let features = (&self.features[..], self.n_features);
+        let features = (&self.features[..], self.edge_scale.0.len());
         let keep = l + 1 < self.layers.len();
         let (senders, receivers) = (&self.order.senders[..], &self.order.receivers[..]);
         let sweep = |projected: &[T], tile: &Tile, s: &mut Scratch<T>| {

@@ -60,7 +60,7 @@ impl<T: Number + Element> Network<T> {
         if self.encoded.is_none() {
             set(
                 Phase::EncodeEdges,
-                e * (2.0 * d * self.n_features as f64 + h * square),
+                e * (2.0 * d * self.edge_scale.0.len() as f64 + h * square),
             );
         }
         set(Phase::Project, layers * n * square);

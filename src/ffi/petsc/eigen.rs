@@ -4,7 +4,7 @@ use super::database::{Options, PREFIX};
 use super::method::Method;
 use super::objects::{Matrix, Solver, Vector};
 use super::{Quiet, c, check, raw, start};
-use crate::modes::{Mass, ModalOptions, Pair, Problem};
+use crate::modes::{Mass, Pair, Problem, Request};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 use std::mem::ManuallyDrop;
@@ -21,22 +21,6 @@ const PROBE: (f64, f64) = (1e-3, 1e-2);
 
 /// Residuals above this, relative to the terms of K x = lambda M x, are no solution.
 const RESIDUAL: f64 = 1e-3;
-
-/// What is asked of the solver.
-pub(crate) struct Request<'a> {
-    /// Whether both matrices are symmetric.
-    pub symmetric: bool,
-    /// Unknowns a point.
-    pub block: usize,
-    /// Below the eigenvalues wanted: K - shift M is positive definite where both are symmetric.
-    pub shift: f64,
-    /// Pairs wanted at first.
-    pub wanted: usize,
-    /// How many of these eigenvalues, nearest to the shift first, are taken; none: more have to be seen.
-    pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
-    /// The way to them.
-    pub options: &'a ModalOptions,
-}
 
 /// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
 pub(crate) struct Matrices {

@@ -1,9 +1,9 @@
 //! How the shifted systems are solved.
 
-use super::eigen::{Matrices, Request};
+use super::eigen::Matrices;
 use super::{c, check};
 use crate::Result;
-use crate::modes::ModalSolver;
+use crate::modes::{ModalSolver, Request};
 use crate::parallel::Comm;
 use std::ffi::CStr;
 

@@ -1,59 +1,22 @@
 //! Blocks of bricks against planes, spheres, edges and themselves.
 
 use super::*;
-use crate::dataset::Material;
 use crate::solids::elements::{ElementKind, Elements};
+use crate::solids::sample;
 use crate::solids::surface::tests::brick;
 use proptest::prelude::*;
 
 /// `n` unit bricks from `corner` on; points below `held` (z) are held.
 fn block(n: [usize; 3], corner: Vector, held: f64) -> Body {
-    let [a, b, c] = n.map(|n| n + 1);
-    let at = |i: usize, j: usize, k: usize| (i + a * (j + b * k)) as i32;
-    let mut positions = Vec::new();
-    for k in 0..c {
-        for j in 0..b {
-            positions.extend((0..a).map(|i| {
-                let x = [i, j, k].map(|v| v as f64);
-                std::array::from_fn(|d| x[d] + corner[d])
-            }));
-        }
+    let mut body = sample::block(n, n.map(|n| n as f64));
+    for (x, kind) in body.positions.iter_mut().zip(&mut body.types) {
+        (0..3).for_each(|i| x[i] += corner[i]);
+        *kind = match x[2] < held {
+            true => PointType::Handle,
+            false => PointType::Body,
+        };
     }
-    let mut points = Vec::new();
-    for k in 0..n[2] {
-        for j in 0..n[1] {
-            for i in 0..n[0] {
-                let layer = |k| [at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k)];
-                points.extend(layer(k).into_iter().chain(layer(k + 1)));
-            }
-        }
-    }
-    body(
-        positions,
-        Elements::of_kind(ElementKind::Hexahedron, points),
-        held,
-    )
-}
-
-fn body(positions: Vec<Vector>, elements: Elements, held: f64) -> Body {
-    let kind = |x: &Vector| match x[2] < held {
-        true => PointType::Handle,
-        false => PointType::Body,
-    };
-    Body {
-        types: positions.iter().map(kind).collect(),
-        material: vec![
-            Material {
-                young: 1e6,
-                poisson: 0.4,
-                density: 1e3
-            };
-            elements.len()
-        ],
-        edges: elements.edges(),
-        positions,
-        elements,
-    }
+    body
 }
 
 /// Two blocks as one body.

@@ -1,0 +1,71 @@
+//! Bodies at points: world edges and edge features for a displacement, differentiable in the displacement.
+
+use crate::network::Topology;
+use crate::rollout::State;
+use m4gn::graph::contact::ContactGraph;
+use m4gn::{Error, Result};
+use tch::{Device, Kind, Tensor};
+
+/// The graphs of a union with the world edges at a state instead of those they had: `bodies` are the union's, in its
+/// order; none for graphs at cells, which stay as they are.
+///
+/// Errors: [`Error::Internal`] where a state cannot be read.
+pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Result<Topology> {
+    if bodies.is_empty() {
+        return Ok(graph);
+    }
+    let host = |t: &Tensor| -> Result<Vec<f32>> {
+        let flat = t.detach().to_device(Device::Cpu).contiguous().view([-1]);
+        Vec::<f32>::try_from(flat).map_err(|e| Error::Internal(format!("a state cannot be read: {e}")))
+    };
+    let (cells, boundary) = (host(&state.cells)?, host(&state.boundary)?);
+    let (mut senders, mut receivers, mut rest) = (Vec::<i64>::new(), Vec::<i64>::new(), Vec::<f32>::new());
+    let (mut cell, mut face) = (0, 0);
+    for body in bodies {
+        let (n, all) = (body.graph().n_cells, body.graph().n_owned);
+        let mut displacement = cells[3 * cell..3 * (cell + n)].to_vec();
+        displacement.extend_from_slice(&boundary[3 * face..3 * (face + all - n)]);
+        let place = |node: i32| match (node as usize).checked_sub(n) {
+            None => (cell + node as usize) as i64,
+            Some(point) => graph.cells + (face + point) as i64,
+        };
+        for edge in body.world_edges(&displacement) {
+            senders.push(place(edge.sender));
+            receivers.push(place(edge.receiver));
+            rest.extend(edge.rest.map(|v| v as f32));
+        }
+        cell += n;
+        face += all - n;
+    }
+    let device = graph.edges.device();
+    // The mesh's edges stand first.
+    let first: i64 = bodies.iter().map(|b| b.mesh_edges().len() as i64).sum();
+    let append =
+        |old: &Tensor, new: Tensor| Tensor::cat(&[old.narrow(0, 0, first), new.to_device(device)], 0);
+    let count = senders.len() as i64;
+    let flags = Tensor::ones([count, 1], (Kind::Float, Device::Cpu));
+    Ok(Topology {
+        senders: append(&graph.senders, Tensor::from_slice(&senders)),
+        receivers: append(&graph.receivers, Tensor::from_slice(&receivers)),
+        edges: append(&graph.edges, Tensor::from_slice(&rest).view([count, 3])),
+        is_world: graph.is_world.as_ref().map(|old| append(old, flags)),
+        ..graph
+    })
+}
+
+/// Physical features of all edges at a state `[E x 9]`, as [`m4gn::graph::contact`] has them; what the graph holds
+/// where the nodes do not move.
+pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
+    let Some(is_world) = &graph.is_world else {
+        return graph.edges.shallow_clone();
+    };
+    let u = Tensor::cat(&[&state.cells, &state.boundary], 0);
+    let now = &graph.edges + (u.index_select(0, &graph.senders) - u.index_select(0, &graph.receivers));
+    let rest = &graph.edges * (1.0 - is_world);
+    let length = |v: &Tensor| {
+        v.square()
+            .sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float)
+            .sqrt()
+    };
+    Tensor::cat(&[&rest, &length(&rest), &now, &length(&now), is_world], 1)
+}
