@@ -12,83 +12,34 @@
 //! the state alone, and a state without penetration is left as it is to the bit.
 
 mod kernel;
+mod near;
+mod options;
 mod pushes;
 mod skin;
+mod start;
 #[cfg(test)]
 mod tests;
 mod validity;
 
 use super::gap::{Gap, Samples};
 use super::holding::cell_size;
-use super::surface::{Foot, Surface, check_closed};
+use super::surface::{Surface, check_closed};
 use super::{Vector, dot, norm};
 use crate::dataset::{Body, Obstacle, PointType};
 use crate::{Error, Result};
 use kernel::Compliance;
+use near::{Near, REACH, out_of};
+pub use options::ProjectionOptions;
 use pushes::Constraints;
 use skin::Skin;
+use start::check_apart;
 use std::collections::HashMap;
 use validity::Corners;
 
-/// Overlap at the start that is let pass, mean edges: what a generator may record.
-const OVERLAP: f64 = 0.05;
 /// Sweeps that may pass without a better gap.
 const PATIENCE: usize = 3;
 /// Times the correction is spread wider, and by how much each time.
 const WIDER: (usize, f64) = (3, 1.6);
-
-/// How contact is restored. Lengths are in mean rest edges of the body.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProjectionOptions {
-    /// Gap that is left between body and obstacle.
-    pub clearance: f64,
-    /// Penetration below the clearance that is let pass.
-    pub tolerance: f64,
-    /// How far a push is felt in the body.
-    pub radius: f64,
-    /// Whether the body is pushed out of itself as well.
-    pub self_contact: bool,
-    /// Times the gaps are measured again, at most.
-    pub sweeps: usize,
-}
-
-impl Default for ProjectionOptions {
-    fn default() -> Self {
-        ProjectionOptions {
-            clearance: 0.0,
-            tolerance: 0.005,
-            radius: 6.0,
-            self_contact: false,
-            sweeps: 12,
-        }
-    }
-}
-
-impl ProjectionOptions {
-    fn check(&self) -> Result<()> {
-        let wrong = |name: &str, value: f64, expected: &str| {
-            Err(Error::Input(format!(
-                "projection: {name} {value}, expected {expected} mean edges"
-            )))
-        };
-        if !(0.0..=1.0).contains(&self.clearance) {
-            return wrong("clearance", self.clearance, "0 to 1");
-        }
-        if !(1e-6..=1.0).contains(&self.tolerance) {
-            return wrong("tolerance", self.tolerance, "1e-6 to 1");
-        }
-        if !(1.0..=1e3).contains(&self.radius) {
-            return wrong("radius", self.radius, "1 to 1000");
-        }
-        if !(1..=1000).contains(&self.sweeps) {
-            return Err(Error::Input(format!(
-                "projection: {} sweeps, expected 1 to 1000",
-                self.sweeps
-            )));
-        }
-        Ok(())
-    }
-}
 
 /// What a projection did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -375,81 +326,6 @@ impl Projection {
             own,
         }
     }
-}
-
-/// Cosine to the skin's outward normal below which a direction leads into the body.
-const AGAINST: f64 = -0.3;
-/// Samples this near to the obstacle are kept from sinking in by a correction that is meant for others, mean edges.
-const REACH: f64 = 0.5;
-
-/// The way out of an obstacle for a place inside: where the nearest one leads along the body's skin or out of it, the
-/// nearest one of those that lead into the body, up to `limit`. A flat top under a box is pressed down and not apart.
-fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector, limit: f64) -> Foot {
-    if foot.distance >= 0.0 || dot(foot.normal, outward) < AGAINST {
-        return foot;
-    }
-    let inward = surface.foot(x, limit, |t| dot(surface.normal(t), outward) < AGAINST);
-    inward.filter(|f| f.distance < 0.0).unwrap_or(foot)
-}
-
-/// What is known of the samples of a state that is being corrected.
-struct Near {
-    /// A lower bound of the distance before any correction, m.
-    least: Vec<f64>,
-    /// Whether a sample has been a constraint: then it stays one, or it would sink in again.
-    taken: Vec<bool>,
-    /// Outward normals.
-    outward: Vec<Vector>,
-    /// Deepest penetration before any correction, m.
-    deepest: f64,
-}
-
-impl Near {
-    fn new(outward: Vec<Vector>) -> Self {
-        let samples = outward.len();
-        Near {
-            outward,
-            deepest: 0.0,
-            least: vec![f64::NEG_INFINITY; samples],
-            taken: vec![false; samples],
-        }
-    }
-}
-
-/// Refuses an obstacle that overlaps the body at rest.
-fn check_apart(body: &Body, obstacle: &Obstacle, samples: &Samples, skin: &Skin, cell: f64) -> Result<()> {
-    let surface = Surface::new(&obstacle.positions, &obstacle.triangles)?;
-    let gap = samples.worst_from(&body.positions, &surface, cell);
-    let skin = skin.at_rest();
-    let inside = obstacle.positions.iter().map(|&x| (skin.distance(x) / cell, x));
-    let inside = inside.fold(None, |worst: Option<(f64, Vector)>, one| {
-        if worst.is_none_or(|w| one.0 < w.0) {
-            Some(one)
-        } else {
-            worst
-        }
-    });
-    let pairs = gap.map(|g| (g.cells, g.at)).into_iter().chain(inside);
-    let deepest = pairs.fold((0.0, [0.0; 3]), |a, b| if b.0 < a.0 { b } else { a });
-    let (cells, at) = deepest;
-    if cells >= -OVERLAP {
-        return Ok(());
-    }
-    let all = body.positions.iter().all(|&x| surface.distance(x) < 0.0);
-    let what = if all {
-        "contains the whole body"
-    } else {
-        "overlaps the body"
-    };
-    Err(Error::Mesh(format!(
-        "the obstacle {what} at the start, {:.3} mean edges ({:.3e} m) deep at ({:.6} {:.6} {:.6}) m: place it outside, or \
-         check that its triangles' normals point outward",
-        -cells,
-        -cells * cell,
-        at[0],
-        at[1],
-        at[2]
-    )))
 }
 
 /// Point by point.
