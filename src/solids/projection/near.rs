@@ -9,12 +9,12 @@ const AGAINST: f64 = -0.3;
 pub(super) const REACH: f64 = 0.5;
 
 /// The way out of an obstacle for a place inside: where the nearest one leads along the body's skin or out of it, the
-/// nearest one of those that lead into the body, up to `limit`. A flat top under a box is pressed down and not apart.
-pub(super) fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector, limit: f64) -> Foot {
+/// nearest one of those that lead into the body, up to a little more than the `deepest` penetration. A flat top under a box is pressed down and not apart.
+pub(super) fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector, deepest: f64) -> Foot {
     if foot.distance >= 0.0 || dot(foot.normal, outward) < AGAINST {
         return foot;
     }
-    let inward = surface.foot(x, limit, |t| dot(surface.normal(t), outward) < AGAINST);
+    let inward = surface.foot(x, 1.1 * deepest, |t| dot(surface.normal(t), outward) < AGAINST);
     inward.filter(|f| f.distance < 0.0).unwrap_or(foot)
 }
 

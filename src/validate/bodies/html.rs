@@ -14,6 +14,7 @@ use crate::report::{
 use crate::validate::{rmse::SquaredError, that_count};
 
 type Vector = [f64; 3];
+type Pick = fn(&Case) -> Option<&Track>;
 
 /// Width of one panel, pixels.
 const PANEL: usize = 520;
@@ -53,11 +54,11 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
         curve("hold first", GREY, &chosen, |c| rmse(&c.errors.hold_first)),
         curve("persistence", BLUE, &chosen, |c| rmse(&c.errors.persistence)),
     ];
-    let tracks: [(&str, (u8, u8, u8), fn(&Case) -> Option<&Track>); 2] = [
+    let tracks: [(&str, (u8, u8, u8), Pick); 2] = [
         ("model", ORANGE, |c| c.errors.model.as_ref()),
         ("model, projected", GREEN, |c| c.errors.projected.as_ref()),
     ];
-    let there = |of: fn(&Case) -> Option<&Track>| chosen.iter().any(|c| of(c).is_some());
+    let there = |of: Pick| chosen.iter().any(|c| of(c).is_some());
     for (label, colour, of) in tracks.iter().filter(|t| there(t.2)) {
         series.push(curve(label, *colour, &chosen, |c| {
             of(c).map_or(Vec::new(), |t| rmse(&t.rollout))
