@@ -3,6 +3,9 @@
 //! Every rank also runs the whole mesh in serial and compares by global numbers. Without mpirun this is a run on one
 //! rank.
 
+#[path = "mpi_engine/bodies.rs"]
+mod bodies;
+
 use m4gn::engine::Precision;
 use m4gn::mesh::{Mesh, NodeType, sample};
 use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
@@ -81,6 +84,7 @@ fn run(comm: &Comm) -> Vec<String> {
             }
         }
     }
+    failures.extend(bodies::failures(comm, &spec(3, 1, 0, 3)));
     if let Err(e) = disagreement(comm, &triangles) {
         failures.push(e);
     }

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::samples::{HostGraph, Parts, Sample};
-use m4gn::dataset::{PointType, SolidTrajectory};
+use m4gn::dataset::{Body, Obstacle, PointType, SolidTrajectory};
 use m4gn::graph::contact::ContactGraph;
 use m4gn::mesh::NodeType;
 use m4gn::model::{FieldSpec, ModelSpec};
@@ -13,7 +13,7 @@ use m4gn::solids::segments;
 use m4gn::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// What the data say about a model of bodies.
 pub fn describe(config: &Config) -> ModelSpec {
@@ -51,19 +51,40 @@ pub fn node_types(trajectory: &SolidTrajectory) -> Vec<NodeType> {
 
 /// Reads a trajectory and makes its graph and segments with the core crate's own functions.
 pub fn read(trajectory: &SolidTrajectory, path: &Path, spec: &ModelSpec, device: Device) -> Result<Sample> {
-    let comm = Comm::serial();
     let here = |e: Error| Error::file(path, e.to_string());
-    let (body, obstacle) = (trajectory.body(), trajectory.obstacle());
+    let mut sample = sample(trajectory.body(), trajectory.obstacle(), spec, device).map_err(here)?;
+    let n_frames = trajectory.times().len();
+    let nodes = sample.hosts[0].cells + sample.hosts[0].boundary;
+    let mut values = Vec::with_capacity(n_frames * nodes * 3);
+    for frame in trajectory.read_frames(0, 1, n_frames)? {
+        values.extend(frame.displacement.iter().chain(&frame.obstacle).flatten());
+    }
+    if let Some(at) = values.iter().position(|v: &f32| !v.is_finite()) {
+        return Err(Error::file(
+            path,
+            format!(
+                "frame {} holds a value that is not finite: generate this trajectory again",
+                at / (3 * nodes)
+            ),
+        ));
+    }
+    sample.frames = Tensor::from_slice(&values).view([n_frames as i64, nodes as i64, 3]);
+    sample.n_frames = n_frames;
+    Ok(sample)
+}
+
+/// The graph and segments of a body, without frames.
+pub fn sample(body: &Body, obstacle: Option<&Obstacle>, spec: &ModelSpec, device: Device) -> Result<Sample> {
+    let comm = Comm::serial();
     let radius = spec.contact.map_or(0.0, |c| c.radius);
-    let part = BodyPart::whole(body, obstacle).map_err(here)?;
-    let contact = ContactGraph::new(&part, radius, &comm).map_err(here)?;
+    let part = BodyPart::whole(body, obstacle)?;
+    let contact = ContactGraph::new(&part, radius, &comm)?;
     let settings = &spec.segments;
     let modes = match settings.method.uses_modes() && settings.count > 1 {
-        true => Some(segments::modes(body, settings, &ModalOptions::default()).map_err(here)?),
+        true => Some(segments::modes(body, settings, &ModalOptions::default())?),
         false => None,
     };
-    let cut = segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm);
-    let (segmentation, features) = cut.map_err(here)?;
+    let (segmentation, features) = segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm)?;
     let edges = contact.mesh_edges();
     let senders: Vec<i32> = edges.iter().map(|e| e.sender).collect();
     let receivers: Vec<i32> = edges.iter().map(|e| e.receiver).collect();
@@ -82,23 +103,9 @@ pub fn read(trajectory: &SolidTrajectory, path: &Path, spec: &ModelSpec, device:
         position: &features.position,
         offsets: &features.offsets,
     };
-    let host = HostGraph::new(&parts, spec).map_err(here)?;
+    let host = HostGraph::new(&parts, spec)?;
     let reflected = host.reflected(spec);
-    let n_frames = trajectory.times().len();
     let (n, all) = (graph.n_cells, graph.n_owned);
-    let mut values = Vec::with_capacity(n_frames * all * 3);
-    for frame in trajectory.read_frames(0, 1, n_frames)? {
-        values.extend(frame.displacement.iter().chain(&frame.obstacle).flatten());
-    }
-    if let Some(at) = values.iter().position(|v: &f32| !v.is_finite()) {
-        return Err(Error::file(
-            path,
-            format!(
-                "frame {} holds a value that is not finite: generate this trajectory again",
-                at / (3 * all)
-            ),
-        ));
-    }
     let held: Vec<f32> = body
         .types
         .iter()
@@ -114,8 +121,8 @@ pub fn read(trajectory: &SolidTrajectory, path: &Path, spec: &ModelSpec, device:
             .view([-1, 3])
             .to_device(device),
         held: Some(Tensor::from_slice(&held).view([-1, 1]).to_device(device)),
-        frames: Tensor::from_slice(&values).view([n_frames as i64, all as i64, 3]),
-        n_frames,
+        frames: Tensor::zeros([0, all as i64, 3], (Kind::Float, Device::Cpu)),
+        n_frames: 0,
         contact: Some([contact, mirrored].map(Arc::new)),
     })
 }

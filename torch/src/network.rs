@@ -144,8 +144,12 @@ impl<'a> Network<'a> {
         float(&self.mlp("decoder", &input))
     }
 
+    /// The first layer is in fp32 in either precision, as in the engine: physical features differ in more digits than
+    /// bfloat16 has.
     fn encode(&self, name: &str, x: &Tensor) -> Rows {
-        let x = self.hidden(name, self.activate(&self.linear(&format!("{name}.0"), x)));
+        let full = |part: &str| self.weights.full(&format!("{name}.0.{part}"));
+        let first = float(x).linear(full("weight"), Some(full("bias")));
+        let x = self.hidden(name, self.activate(&first));
         self.add_normed(name, None, &x, None).0
     }
 
