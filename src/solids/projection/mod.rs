@@ -280,7 +280,7 @@ impl Projection {
                 let beyond = surface.beyond_box(x);
                 let limit = REACH * self.cell;
                 let foot = match beyond < limit || near.taken[s] {
-                    true => surface.foot(x, f64::INFINITY, |_| true),
+                    true => surface.foot(x),
                     false => None,
                 };
                 let distance = foot.map_or(beyond, |f| f.distance);

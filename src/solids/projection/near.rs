@@ -1,6 +1,6 @@
 //! Samples near the obstacle, and their ways out of it.
 
-use crate::solids::surface::{Foot, Surface};
+use crate::solids::surface::{Against, Foot, Surface};
 use crate::solids::{Vector, dot};
 
 /// Cosine to the skin's outward normal below which a direction leads into the body.
@@ -14,7 +14,11 @@ pub(super) fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector, 
     if foot.distance >= 0.0 || dot(foot.normal, outward) < AGAINST {
         return foot;
     }
-    let inward = surface.foot(x, 1.1 * deepest, |t| dot(surface.normal(t), outward) < AGAINST);
+    let against = Against {
+        direction: outward,
+        cosine: AGAINST,
+    };
+    let inward = surface.foot_against(x, 1.1 * deepest, against, |_| true);
     inward.filter(|f| f.distance < 0.0).unwrap_or(foot)
 }
 

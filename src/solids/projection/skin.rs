@@ -4,16 +4,16 @@ use super::kernel::Compliance;
 use super::pushes::Constraints;
 use crate::dataset::Body;
 use crate::solids::gap::{Gap, Samples};
-use crate::solids::surface::Surface;
+use crate::solids::surface::{Against, Surface};
 use crate::solids::{Vector, cross, dot, norm, sub};
 
 /// How far one part may have sunk into another and still be found, mean edges.
 const LIMIT: f64 = 1.5;
-/// Places nearer than this at rest are taken for two sides of the same material, mean edges.
-const APART: f64 = 2.5;
-/// Material is not pressed to less than this part of its rest thickness: deeper is not behind another face but behind
-/// the own one.
-const THIN: f64 = 0.25;
+/// Places nearer than this at rest are taken for two sides of the same material, mean edges: it is not pressed to less
+/// than a quarter.
+const APART: f64 = 4.0 * LIMIT;
+/// Cosine of the normals of faces that look at each other, at most.
+const FACING: f64 = -0.2;
 /// Places this near to each other are kept apart, mean edges.
 const REACH: f64 = 0.25;
 /// Cosine to a face's normal from which on a place is behind the face and not beside it.
@@ -97,27 +97,23 @@ impl Skin {
             let at_rest = samples.position(s, &self.rest);
             let (out, out_at_rest) = (self.outward(s, &place), self.rest_outward[s]);
             let part = compliance.component(points[0] as usize);
+            let against = Against {
+                direction: out,
+                cosine: FACING,
+            };
             let faces_me = |t: usize| {
-                if dot(normal(t), out) > -0.2 {
-                    return false;
-                }
                 if compliance.component(self.triangles[t][0] as usize) != part {
                     return true;
                 }
                 // Of the same part: far from here at rest, or across a slit and not through the material
                 let from = sub(at_rest, self.rest[self.triangles[t][0] as usize]);
                 let across = self.rest_normals[t];
-                norm(from) > APART * self.cell || (dot(across, out_at_rest) < -0.2 && dot(from, across) > 0.0)
+                norm(from) > APART * self.cell
+                    || (dot(across, out_at_rest) < FACING && dot(from, across) > 0.0)
             };
-            let Some(foot) = surface.foot(x, LIMIT * self.cell, faces_me) else {
+            let Some(foot) = surface.foot_against(x, LIMIT * self.cell, against, faces_me) else {
                 continue;
             };
-            // The other side of the same material, pressed thin
-            let corner = self.triangles[foot.triangle][0] as usize;
-            let apart = norm(sub(at_rest, self.rest[corner]));
-            if compliance.component(corner) == part && -foot.distance > THIN * apart {
-                continue;
-            }
             // Beside the edge of the face that it seems to be behind: in front of another one
             if foot.distance < 0.0 && dot(foot.normal, normal(foot.triangle)) < BEHIND {
                 continue;

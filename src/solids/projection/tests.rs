@@ -243,6 +243,39 @@ fn two_blocks_of_one_body() {
     assert_eq!(off.apply(&mut u, &[]).unwrap().own_before, None);
 }
 
+/// A clamp: two arms of one part with a slit of one cell between them; the upper one bends into the lower one.
+#[test]
+fn two_arms_of_one_part() {
+    let whole = block([6, 3, 5], [0.0; 3], 0.5);
+    let e = &whole.elements;
+    let open = |&e: &usize| (e % 6 < 2) || e / 18 != 2;
+    let points = (0..e.len())
+        .filter(open)
+        .flat_map(|k| e.points_of(k).iter().copied());
+    let elements = Elements::of_kind(ElementKind::Hexahedron, points.collect());
+    let body = Body {
+        material: whole.material[..elements.len()].to_vec(),
+        edges: elements.edges(),
+        elements,
+        ..whole
+    };
+    let bent = |x: &Vector| match x[2] > 2.5 && x[0] > 2.0 {
+        true => [0.0, 0.0, -1.3 * (x[0] - 2.0) / 4.0],
+        false => [0.0; 3],
+    };
+    let mut u: Vec<Vector> = body.positions.iter().map(bent).collect();
+    let options = ProjectionOptions {
+        self_contact: true,
+        ..ProjectionOptions::default()
+    };
+    let mut projection = Projection::new(&body, None, &options).unwrap();
+    let report = projection.apply(&mut u, &[]).unwrap();
+    check(&body, &u);
+    let before = report.own_before.unwrap().cells;
+    assert!((before + 0.3).abs() < 0.05, "{report:?}");
+    assert!(report.own_after.unwrap().cells >= -0.02, "{report:?}");
+}
+
 /// A block that is squeezed has no contact with itself.
 #[test]
 fn a_thin_body_does_not_meet_itself() {
