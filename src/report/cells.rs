@@ -2,12 +2,15 @@
 
 use super::{
     picture::Scale,
-    raster::{PAPER, Raster},
+    raster::{PAPER, Raster, Rgb},
 };
 use crate::mesh::{BoundaryFace, Mesh};
 
 /// Samples a pixel has in each direction; their mean smooths edges.
-const SAMPLES: usize = 2;
+pub(super) const SAMPLES: usize = 2;
+
+/// The colour of things that have no value (NaN): obstacles.
+const NO_VALUE: Rgb = [170, 170, 170];
 
 /// Which cell each sample of a picture shows.
 #[derive(Clone, Debug)]
@@ -17,7 +20,9 @@ pub struct CellMap {
     /// Rows of pixels.
     pub height: usize,
     /// `[SAMPLES height x SAMPLES width]`, from the top; -1 outside the mesh.
-    cells: Vec<i32>,
+    pub(super) cells: Vec<i32>,
+    /// How light each sample is, 0 to 1; empty: all as light as can be.
+    pub(super) light: Vec<f32>,
 }
 
 impl CellMap {
@@ -102,7 +107,13 @@ impl CellMap {
             (SAMPLES * height) as f64 / (top - bottom),
         ];
         let cells = vec![-1; SAMPLES * SAMPLES * width * height];
-        Some((CellMap { width, height, cells }, Grid { left, top, scale }))
+        let map = CellMap {
+            width,
+            height,
+            cells,
+            light: Vec::new(),
+        };
+        Some((map, Grid { left, top, scale }))
     }
 
     /// Fills a polygon, given in samples, by the even-odd rule at sample centres.
@@ -140,10 +151,18 @@ impl CellMap {
                 let mut sum = [0u32; 3];
                 for j in 0..SAMPLES {
                     for i in 0..SAMPLES {
-                        let cell = self.cells[(SAMPLES * y + j) * SAMPLES * self.width + SAMPLES * x + i];
-                        let value = usize::try_from(cell).ok().and_then(|c| values.get(c));
-                        let colour = value.map_or(PAPER, |&v| scale.colour(v));
-                        sum.iter_mut().zip(colour).for_each(|(s, c)| *s += u32::from(c));
+                        let sample = (SAMPLES * y + j) * SAMPLES * self.width + SAMPLES * x + i;
+                        let value = usize::try_from(self.cells[sample])
+                            .ok()
+                            .and_then(|c| values.get(c));
+                        let colour = match value {
+                            None => PAPER,
+                            Some(v) if v.is_nan() => NO_VALUE,
+                            Some(&v) => scale.colour(v),
+                        };
+                        let light = self.light.get(sample).copied().unwrap_or(1.0);
+                        let lit = colour.map(|c| (f32::from(c) * light).round() as u32);
+                        sum.iter_mut().zip(lit).for_each(|(s, c)| *s += c);
                     }
                 }
                 raster.set(

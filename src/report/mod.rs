@@ -6,6 +6,7 @@ pub mod chart;
 pub mod page;
 pub mod picture;
 pub mod raster;
+pub mod surface;
 pub mod table;
 pub mod velocity;
 pub mod vtu;
@@ -16,7 +17,7 @@ pub use page::Page;
 pub use picture::FieldPicture;
 pub use table::Table;
 pub use velocity::VelocityRow;
-pub use vtu::PointCloud;
+pub use vtu::{Grid, PointCloud};
 
 use crate::{Error, Result};
 use std::path::Path;

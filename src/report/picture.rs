@@ -1,4 +1,4 @@
-//! Pictures of cell fields of 2-D meshes.
+//! Pictures of fields: of the cells of 2-D meshes, of surfaces.
 
 use super::cells::CellMap;
 use super::raster::{INK, Raster, Rgb, TEXT_HEIGHT};
@@ -109,17 +109,19 @@ impl Scale {
 pub struct Panel {
     /// Text above it.
     pub title: String,
-    /// A value for each cell.
+    /// Index of its map.
+    pub map: usize,
+    /// A value for each cell of the map.
     pub values: Vec<f64>,
     /// Index of its scale.
     pub scale: usize,
 }
 
-/// Rows of panels over the same mesh, with their colour bars below.
+/// Rows of panels of the same size, with their colour bars below.
 #[derive(Clone, Debug)]
 pub struct FieldPicture {
-    /// The mesh.
-    pub map: CellMap,
+    /// What the panels show their values on, all of one size.
+    pub maps: Vec<CellMap>,
     /// Colour scales that the panels refer to.
     pub scales: Vec<Scale>,
     /// Panels, row by row.
@@ -130,7 +132,8 @@ impl FieldPicture {
     /// Draws everything.
     pub fn raster(&self) -> Raster {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
-        let (cell_w, cell_h) = (self.map.width + GAP, self.map.height + TEXT_HEIGHT + GAP);
+        let (width, height) = self.maps.first().map_or((0, 0), |m| (m.width, m.height));
+        let (cell_w, cell_h) = (width + GAP, height + TEXT_HEIGHT + GAP);
         let with_bar = |s: &&Scale| s.palette != Palette::Labels;
         let bars = match self.scales.iter().filter(with_bar).count() {
             0 => 0,
@@ -141,9 +144,8 @@ impl FieldPicture {
             for (c, panel) in row.iter().enumerate() {
                 let (left, top) = (GAP + c * cell_w, GAP / 2 + r * cell_h);
                 raster.text(left, top, &panel.title);
-                if let Some(scale) = self.scales.get(panel.scale) {
-                    self.map
-                        .paint(&mut raster, left, top + TEXT_HEIGHT, &panel.values, scale);
+                if let (Some(scale), Some(map)) = (self.scales.get(panel.scale), self.maps.get(panel.map)) {
+                    map.paint(&mut raster, left, top + TEXT_HEIGHT, &panel.values, scale);
                 }
             }
         }
@@ -152,7 +154,7 @@ impl FieldPicture {
             // Under the first column that uses the scale.
             let uses = |row: &Vec<Panel>| row.iter().position(|p| p.scale == i);
             let column = self.rows.iter().find_map(uses).unwrap_or(i);
-            bar(&mut raster, GAP + column * cell_w, top, self.map.width, scale);
+            bar(&mut raster, GAP + column * cell_w, top, width, scale);
         }
         raster
     }
@@ -166,7 +168,7 @@ fn bar(raster: &mut Raster, left: usize, top: usize, width: usize, scale: &Scale
             raster.set(
                 left + x,
                 top + y,
-                scale.palette.colour(x as f64 / (width - 1) as f64),
+                scale.palette.colour(x as f64 / (width - 1).max(1) as f64),
             );
         }
     }
@@ -199,11 +201,12 @@ mod tests {
         };
         let panel = Panel {
             title: "full".into(),
+            map: 0,
             values: vec![2.0],
             scale: 0,
         };
         let raster = FieldPicture {
-            map,
+            maps: vec![map],
             scales: vec![scale],
             rows: vec![vec![panel]],
         }

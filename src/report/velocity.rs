@@ -29,6 +29,7 @@ pub fn picture(map: CellMap, names: [&str; 2], rows: &[VelocityRow]) -> FieldPic
     let row = |r: &VelocityRow| {
         let panel = |name: &str, values: &[f64], scale| Panel {
             title: format!("{name}, t = {} s", r.time),
+            map: 0,
             values: values.to_vec(),
             scale,
         };
@@ -39,7 +40,7 @@ pub fn picture(map: CellMap, names: [&str; 2], rows: &[VelocityRow]) -> FieldPic
         ]
     };
     FieldPicture {
-        map,
+        maps: vec![map],
         scales: vec![
             scale("|U| [m/s]".into(), speed, Palette::Viridis),
             scale(difference, 0.5 * speed, Palette::Heat),

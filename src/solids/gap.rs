@@ -53,15 +53,14 @@ impl Samples {
         triangles: &[[i32; 3]],
         cell_size: f64,
     ) -> Result<Option<Gap>> {
-        let surface = Surface::new(obstacle, triangles)?;
+        Ok(self.worst_from(positions, &Surface::new(obstacle, triangles)?, cell_size))
+    }
+
+    /// The same against a surface that is at hand.
+    pub fn worst_from(&self, positions: &[Vector], surface: &Surface, cell_size: f64) -> Option<Gap> {
         let mut worst: Option<(f64, Vector)> = None;
         for sample in &self.of {
-            let mut x = [0.0; 3];
-            for &p in sample {
-                for i in 0..3 {
-                    x[i] += positions[p as usize][i] / sample.len() as f64;
-                }
-            }
+            let x = mean(sample, positions);
             // Outside the box around the obstacle and farther from it than the worst: not looked at closer
             let least = surface.beyond_box(x);
             if worst.is_some_and(|(w, _)| least > 0.0 && least >= w) {
@@ -72,11 +71,41 @@ impl Samples {
                 worst = Some((d, x));
             }
         }
-        Ok(worst.map(|(d, at)| Gap {
+        worst.map(|(d, at)| Gap {
             cells: d / cell_size,
             at,
-        }))
+        })
     }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.of.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.of.is_empty()
+    }
+
+    /// Point numbers whose mean sample `i` is.
+    pub fn points_of(&self, i: usize) -> &[i32] {
+        &self.of[i]
+    }
+
+    /// Where sample `i` is, m.
+    pub fn position(&self, i: usize, positions: &[Vector]) -> Vector {
+        mean(&self.of[i], positions)
+    }
+}
+
+fn mean(points: &[i32], positions: &[Vector]) -> Vector {
+    let mut x = [0.0; 3];
+    for &p in points {
+        for i in 0..3 {
+            x[i] += positions[p as usize][i] / points.len() as f64;
+        }
+    }
+    x
 }
 
 #[cfg(test)]

@@ -83,33 +83,21 @@ pub fn score(trajectory: &SolidTrajectory, stride: usize) -> Result<Holding> {
 #[derive(Default)]
 struct Tally {
     squares: f64,
-    sum: Quality,
-    frames: usize,
+    quality: Vec<Quality>,
 }
 
 impl Tally {
     fn add(&mut self, free: &[usize], truth: &[Vector], prediction: &[Vector], quality: Quality) {
         let square = |&p: &usize| sub(truth[p], prediction[p]).iter().map(|d| d * d).sum::<f64>();
         self.squares += free.iter().map(square).sum::<f64>();
-        self.sum.gf_h += quality.gf_h;
-        self.sum.gf_c += quality.gf_c;
-        self.sum.mc += quality.mc;
-        self.sum.ar += quality.ar;
-        self.sum.inverted += quality.inverted;
-        self.frames += 1;
+        self.quality.push(quality);
     }
 
     fn score(self, free: usize) -> Score {
-        let n = self.frames.max(1) as f64;
+        let n = self.quality.len().max(1) as f64;
         Score {
             rmse: (self.squares / (3.0 * n * free.max(1) as f64)).sqrt(),
-            quality: Quality {
-                gf_h: self.sum.gf_h / n,
-                gf_c: self.sum.gf_c / n,
-                mc: self.sum.mc / n,
-                ar: self.sum.ar / n,
-                inverted: self.sum.inverted / n,
-            },
+            quality: Quality::mean(&self.quality),
         }
     }
 }

@@ -1,12 +1,14 @@
 //! Deforming bodies: their elements, how good a predicted mesh is, and how deep an obstacle sinks in.
 //!
 //! [`elements`] knows the linear elements, [`quality`] the paper's mesh metrics (appendix C.2), [`gap`] the distance
-//! between a body's skin and a rigid obstacle, [`holding`] what predicting "nothing moves" scores on a trajectory.
+//! between a body's skin and a rigid obstacle, [`projection`] pushes a body out of it, [`holding`] says what predicting
+//! "nothing moves" scores on a trajectory.
 
 pub mod elements;
 pub mod gap;
 pub mod holding;
 pub mod part;
+pub mod projection;
 pub mod quality;
 pub mod sample;
 pub mod segments;

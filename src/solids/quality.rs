@@ -34,6 +34,20 @@ pub struct Quality {
     pub inverted: f64,
 }
 
+impl Quality {
+    /// Mean of each figure; all 0 for none.
+    pub fn mean(all: &[Quality]) -> Quality {
+        let mean = |of: fn(&Quality) -> f64| all.iter().map(of).sum::<f64>() / all.len().max(1) as f64;
+        Quality {
+            gf_h: mean(|q| q.gf_h),
+            gf_c: mean(|q| q.gf_c),
+            mc: mean(|q| q.mc),
+            ar: mean(|q| q.ar),
+            inverted: mean(|q| q.inverted),
+        }
+    }
+}
+
 /// Compares meshes of the same elements.
 #[derive(Clone, Debug)]
 pub struct Comparison<'a> {

@@ -12,7 +12,33 @@ pub struct Surface {
     /// Normals that decide the side: of the face, of its edges (0-1, 1-2, 2-0) and of its points; the sums over
     /// the triangles there, those of points weighted by angle (Baerentzen and Aanaes 2005).
     normals: Vec<[Vector; 7]>,
+    /// Number of each triangle where it came from.
+    number: Vec<usize>,
+    /// Normals of the triangles as they came.
+    faces: Vec<Vector>,
     nodes: Vec<Node>,
+}
+
+/// The place of a surface nearest to a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foot {
+    /// Signed distance, m: negative on the inner side.
+    pub distance: f64,
+    /// Unit vector in which the distance grows; the surface's normal where the point lies on it.
+    pub normal: Vector,
+    /// The place, m.
+    pub at: Vector,
+    /// The triangle it lies in.
+    pub triangle: usize,
+}
+
+/// Triangles that face against a direction: whose normals' product with it is below a number.
+#[derive(Clone, Copy, Debug)]
+pub struct Against {
+    /// The direction, a unit vector.
+    pub direction: Vector,
+    /// The product is below this cosine.
+    pub cosine: f64,
 }
 
 /// A box around triangles `from..to`; children are the next node and `right`, a leaf has no `right`.
@@ -23,6 +49,8 @@ struct Node {
     from: usize,
     to: usize,
     right: Option<usize>,
+    /// Smallest and largest components of the triangles' normals.
+    normals: [Vector; 2],
 }
 
 const LEAF: usize = 4;
@@ -72,17 +100,26 @@ impl Surface {
         {
             return Err(Error::Mesh(format!("a triangle has the point {bad} of {end}")));
         }
+        Ok(Self::open(points, triangles))
+    }
+
+    /// The same of triangles that need not be closed; labels are in range. Which side is which is then known near the
+    /// triangles only.
+    pub(super) fn open(points: &[Vector], triangles: &[[i32; 3]]) -> Self {
         let mut order: Vec<usize> = (0..triangles.len()).collect();
         let corner = |t: usize| triangles[t].map(|p| points[p as usize]);
+        let average = |[a, b, c]: [Vector; 3]| std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
         let middles: Vec<Vector> = (0..triangles.len()).map(|t| average(corner(t))).collect();
         let mut nodes = Vec::new();
-        build(&mut order, 0, &middles, &corner, &mut nodes);
         let normals = side_normals(points, triangles);
-        Ok(Surface {
+        build(&mut order, 0, &middles, &corner, &|t| normals[t][0], &mut nodes);
+        Surface {
             corners: order.iter().map(|&t| corner(t)).collect(),
             normals: order.iter().map(|&t| normals[t]).collect(),
+            number: order,
+            faces: normals.iter().map(|n| n[0]).collect(),
             nodes,
-        })
+        }
     }
 
     /// Distance from x to the box around the surface, m; 0 inside the box.
@@ -92,11 +129,48 @@ impl Surface {
 
     /// Signed distance, m: negative inside.
     pub fn distance(&self, x: Vector) -> f64 {
-        let mut best = (f64::INFINITY, 0, 0, [0.0; 3]);
+        self.foot(x).map_or(f64::INFINITY, |f| f.distance)
+    }
+
+    /// Unit normal of a triangle; 0 where it has no area.
+    pub fn normal(&self, triangle: usize) -> Vector {
+        self.faces[triangle]
+    }
+
+    /// The place nearest to x; None without triangles, or for an x that is not finite.
+    pub fn foot(&self, x: Vector) -> Option<Foot> {
+        self.search(x, f64::INFINITY, |_| true, |_| true)
+    }
+
+    /// The place nearest to x among triangles that face `against` a direction, are nearer than `limit`, m, and that `take`
+    /// accepts.
+    pub fn foot_against(
+        &self,
+        x: Vector,
+        limit: f64,
+        against: Against,
+        take: impl Fn(usize) -> bool,
+    ) -> Option<Foot> {
+        let Against { direction: d, cosine } = against;
+        let may = |node: &Node| {
+            let [low, high] = node.normals;
+            (0..3).map(|i| (low[i] * d[i]).min(high[i] * d[i])).sum::<f64>() < cosine
+        };
+        self.search(x, limit, may, |t| dot(self.faces[t], d) < cosine && take(t))
+    }
+
+    fn search(
+        &self,
+        x: Vector,
+        limit: f64,
+        may: impl Fn(&Node) -> bool,
+        take: impl Fn(usize) -> bool,
+    ) -> Option<Foot> {
+        let mut best = (limit * limit, usize::MAX, 0, [0.0; 3]);
         let mut stack = vec![0];
         while let Some(i) = stack.pop() {
             let node = &self.nodes[i];
-            if beyond(x, node) >= best.0 {
+            if beyond(x, node) >= best.0 || !may(node) {
                 continue;
             }
             match node.right {
@@ -106,25 +180,36 @@ impl Surface {
                     stack.extend(if a_first { [b, a] } else { [a, b] });
                 }
                 None => {
-                    for t in node.from..node.to {
+                    for t in (node.from..node.to).filter(|&t| take(self.number[t])) {
                         let (nearest, feature) = closest(x, &self.corners[t]);
                         let away = sub(x, nearest);
                         let square = dot(away, away);
                         if square < best.0 {
-                            best = (square, t, feature, away);
+                            best = (square, t, feature, nearest);
                         }
                     }
                 }
             }
         }
-        let (square, t, feature, away) = best;
-        let outside = dot(away, self.normals[t][feature]) >= 0.0;
-        if outside { square.sqrt() } else { -square.sqrt() }
+        let (square, t, feature, at) = best;
+        let side = self.normals.get(t)?[feature];
+        let away = sub(x, at);
+        let sign = if dot(away, side) >= 0.0 { 1.0 } else { -1.0 };
+        let distance = sign * square.sqrt();
+        // Too near to tell a direction from rounding: the surface's own.
+        let size = at.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let (from, length) = if distance.abs() > 1e-12 * size {
+            (away, distance)
+        } else {
+            (side, norm(side))
+        };
+        Some(Foot {
+            distance,
+            normal: from.map(|v| if length == 0.0 { 0.0 } else { v / length }),
+            at,
+            triangle: self.number[t],
+        })
     }
-}
-
-fn average(corners: [Vector; 3]) -> Vector {
-    std::array::from_fn(|i| (corners[0][i] + corners[1][i] + corners[2][i]) / 3.0)
 }
 
 fn build(
@@ -132,19 +217,18 @@ fn build(
     offset: usize,
     middles: &[Vector],
     corner: &impl Fn(usize) -> [Vector; 3],
+    normal: &impl Fn(usize) -> Vector,
     nodes: &mut Vec<Node>,
 ) {
-    let all = || order.iter().flat_map(|&t| corner(t));
-    let bound = |pick: fn(f64, f64) -> f64, start: f64| -> Vector {
-        all().fold([start; 3], |b, p| std::array::from_fn(|i| pick(b[i], p[i])))
-    };
+    let [low, high] = bounds(order.iter().flat_map(|&t| corner(t)));
     let this = nodes.len();
     nodes.push(Node {
-        low: bound(f64::min, f64::INFINITY),
-        high: bound(f64::max, f64::NEG_INFINITY),
+        low,
+        high,
         from: offset,
         to: offset + order.len(),
         right: None,
+        normals: bounds(order.iter().map(|&t| normal(t))),
     });
     if order.len() <= LEAF {
         return;
@@ -154,9 +238,19 @@ fn build(
     let half = order.len() / 2;
     order.select_nth_unstable_by(half, |&a, &b| middles[a][axis].total_cmp(&middles[b][axis]));
     let (left, right) = order.split_at_mut(half);
-    build(left, offset, middles, corner, nodes);
+    build(left, offset, middles, corner, normal, nodes);
     nodes[this].right = Some(nodes.len());
-    build(right, offset + half, middles, corner, nodes);
+    build(right, offset + half, middles, corner, normal, nodes);
+}
+
+/// Smallest and largest components.
+fn bounds(vectors: impl Iterator<Item = Vector>) -> [Vector; 2] {
+    vectors.fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], v| {
+        [
+            std::array::from_fn(|i| low[i].min(v[i])),
+            std::array::from_fn(|i| high[i].max(v[i])),
+        ]
+    })
 }
 
 /// Squared distance from x to a box.

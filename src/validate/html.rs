@@ -1,10 +1,10 @@
 //! The validation as a page: table, error over time, pictures of one trajectory.
 
-use super::{Case, headline, rmse::SquaredError, summaries};
+use super::{Case, rmse::SquaredError, summaries};
 use crate::{
     Result,
     compare::seconds,
-    dataset::{Split, Trajectory},
+    dataset::Trajectory,
     model::ModelSpec,
     report::{
         CellMap, Chart, FieldPicture, Page, Series, VelocityRow,
@@ -41,7 +41,7 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
         page.paragraph(&text);
     }
 
-    let chosen = chosen(cases);
+    let (name, chosen) = super::that_count(cases, |c| c.split);
     page.heading("Error over time");
     let curve = |name: &str, of: fn(&Case) -> &Vec<SquaredError>, colour| {
         let longest = chosen
@@ -76,7 +76,6 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
         series,
         from_zero: true,
     };
-    let name = headline(cases).map_or("all", |s| s.name);
     page.svg(
         &chart.svg()?,
         &format!("Rollout error at each step, mean over the trajectories of split {name}."),
@@ -102,16 +101,6 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
         .collect();
     page.listing(&files.join("\n"));
     Ok(page)
-}
-
-/// The cases of the headline.
-fn chosen(cases: &[Case]) -> Vec<&Case> {
-    let test: Vec<&Case> = cases.iter().filter(|c| c.split == Split::Test).collect();
-    if test.is_empty() {
-        cases.iter().collect()
-    } else {
-        test
-    }
 }
 
 fn picture(case: &Case) -> Result<Option<FieldPicture>> {

@@ -10,7 +10,10 @@
 //!
 //! Beside the model stand two that know nothing: persistence holds the recorded frame one stride before each, hold
 //! first the first frame (for RMSE-1, where the start is the first frame, the two are the same).
+//!
+//! That is of flows at cells; [`bodies`] does the same for deforming bodies at points.
 
+pub mod bodies;
 mod html;
 pub mod pace;
 pub mod rmse;
@@ -46,7 +49,7 @@ pub struct Case {
     pub errors: Errors,
 }
 
-/// RMSE at the three horizons, m/s; infinite where a rollout became non-finite before.
+/// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
     /// RMSE-1.
@@ -58,8 +61,7 @@ pub struct Figures {
 }
 
 impl Figures {
-    fn of(single: &[SquaredError], rollout: &[SquaredError], case: &Case) -> Self {
-        let pace = case.pace;
+    fn of(single: &[SquaredError], rollout: &[SquaredError], pace: Pace, horizon: f64) -> Self {
         let over = cumulative(rollout);
         let at = |steps: usize| match steps.min(pace.steps) {
             n if n <= over.len() => over[n - 1],
@@ -67,7 +69,7 @@ impl Figures {
         };
         Figures {
             rmse_1: cumulative(single).last().copied().unwrap_or(f64::INFINITY),
-            rmse_50: at(pace.steps_within(case.horizon)),
+            rmse_50: at(pace.steps_within(horizon)),
             rmse_all: at(pace.steps),
         }
     }
@@ -104,19 +106,23 @@ impl Figures {
 }
 
 impl Case {
+    fn figures(&self, single: &[SquaredError], rollout: &[SquaredError]) -> Figures {
+        Figures::of(single, rollout, self.pace, self.horizon)
+    }
+
     /// The model's errors.
     pub fn model(&self) -> Figures {
-        Figures::of(&self.errors.single, &self.errors.rollout, self)
+        self.figures(&self.errors.single, &self.errors.rollout)
     }
 
     /// Those of the frame one stride before.
     pub fn persistence(&self) -> Figures {
-        Figures::of(&self.errors.persistence, &self.errors.persistence, self)
+        self.figures(&self.errors.persistence, &self.errors.persistence)
     }
 
     /// Those of the first frame; for RMSE-1, of each step's start.
     pub fn hold_first(&self) -> Figures {
-        Figures::of(&self.errors.persistence, &self.errors.hold_first, self)
+        self.figures(&self.errors.persistence, &self.errors.hold_first)
     }
 }
 
@@ -182,24 +188,37 @@ impl Summary {
     }
 }
 
+/// The cases of each split that has any: test, valid, train.
+fn by_split<C>(cases: &[C], split: impl Fn(&C) -> Split) -> Vec<(&'static str, Vec<&C>)> {
+    let of = |s: Split| {
+        (
+            s.name(),
+            cases.iter().filter(|c| split(c) == s).collect::<Vec<_>>(),
+        )
+    };
+    let all = [Split::Test, Split::Valid, Split::Train].map(of);
+    all.into_iter().filter(|(_, cases)| !cases.is_empty()).collect()
+}
+
+/// The cases that count: those of the test split where there are any, else all.
+fn that_count<C>(cases: &[C], split: impl Fn(&C) -> Split) -> (&'static str, Vec<&C>) {
+    let test = by_split(cases, split).into_iter().next();
+    test.filter(|(name, _)| *name == Split::Test.name())
+        .unwrap_or(("all", cases.iter().collect()))
+}
+
 /// One summary a split that has trajectories: test, valid, train.
 pub fn summaries(cases: &[Case]) -> Vec<Summary> {
-    let of = |split: Split| {
-        let cases: Vec<&Case> = cases.iter().filter(|c| c.split == split).collect();
-        Summary::of(split.name(), &cases)
-    };
-    [Split::Test, Split::Valid, Split::Train]
-        .into_iter()
-        .filter_map(of)
+    let splits = by_split(cases, |c| c.split).into_iter();
+    splits
+        .filter_map(|(name, cases)| Summary::of(name, &cases))
         .collect()
 }
 
 /// The figures that count: those of the test split where there is one, else of all trajectories.
 pub fn headline(cases: &[Case]) -> Option<Summary> {
-    let test = summaries(cases)
-        .into_iter()
-        .find(|s| s.name == Split::Test.name());
-    test.or_else(|| Summary::of("all", &cases.iter().collect::<Vec<_>>()))
+    let (name, cases) = that_count(cases, |c| c.split);
+    Summary::of(name, &cases)
 }
 
 /// The figures file: those of [`headline`] at the top, all splits and trajectories below.
