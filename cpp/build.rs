@@ -22,7 +22,7 @@ const LIBRARIES: [&str; 6] = [
 ];
 
 /// Sources of the bridge, and those that it shares with the function objects: one way to turn an fvMesh into arrays.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 11] = [
     "src/FoamCase.C",
     "src/FoamFields.C",
     "src/FoamMesh.C",
@@ -32,10 +32,12 @@ const SOURCES: [&str; 9] = [
     "../openfoam/dictionary/m4gnDictionary.C",
     "../openfoam/fields/m4gnFieldFiles.C",
     "../openfoam/segments/m4gnSegmentField.C",
+    "../openfoam/solids/m4gnElasticBody.C",
+    "../openfoam/solids/m4gnElasticMaterial.C",
 ];
 
 /// What they include.
-const HEADERS: [&str; 8] = [
+const HEADERS: [&str; 9] = [
     "src/FoamCase.H",
     "src/FoamData.H",
     "include/m4gn.h",
@@ -44,6 +46,7 @@ const HEADERS: [&str; 8] = [
     "../openfoam/dictionary/m4gnDictionary.H",
     "../openfoam/fields/m4gnFieldFiles.H",
     "../openfoam/segments/m4gnSegmentField.H",
+    "../openfoam/solids/m4gnElasticBody.H",
 ];
 
 fn stop(message: &str) -> ! {
@@ -90,7 +93,10 @@ fn main() {
     build
         .files(SOURCES)
         .includes(["src", "include"])
-        .includes(["mesh", "dictionary", "fields", "segments"].map(|folder| format!("../openfoam/{folder}")))
+        .includes(
+            ["mesh", "dictionary", "fields", "segments", "solids"]
+                .map(|folder| format!("../openfoam/{folder}")),
+        )
         .warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {

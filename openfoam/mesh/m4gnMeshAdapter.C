@@ -73,6 +73,42 @@ void Foam::m4gnMeshAdapter::checkPatches() const
 }
 
 
+void Foam::m4gnMeshAdapter::checkCells() const
+{
+    const scalarField& V = mesh_.cellVolumes();
+    const vectorField& C = mesh_.cellCentres();
+    const vectorField& S = mesh_.faceAreas();
+
+    forAll(V, celli)
+    {
+        if (!(V[celli] > 0))
+        {
+            FatalErrorInFunction
+                << "Cell " << celli << " at " << C[celli] << " is inverted,"
+                << " flat or folded: expected a positive volume, found "
+                << V[celli] << nl
+                << "    checkMesh tells more" << exit(FatalError);
+        }
+    }
+
+    for (label facei = 0; facei < mesh_.nInternalFaces(); ++facei)
+    {
+        const label own = mesh_.faceOwner()[facei];
+        const label nei = mesh_.faceNeighbour()[facei];
+
+        if (!((S[facei] & (C[nei] - C[own])) > 0))
+        {
+            FatalErrorInFunction
+                << "Cells " << own << " at " << C[own] << " and " << nei
+                << " at " << C[nei] << ": one is inverted, flat or folded. The"
+                << " normal of their face, " << S[facei]
+                << ", does not lead from one to the other" << nl
+                << "    checkMesh tells more" << exit(FatalError);
+        }
+    }
+}
+
+
 Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 {
     const string text(laplacianScheme(mesh_));
@@ -118,46 +154,6 @@ Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 }
 
 
-Foam::labelList Foam::m4gnMeshAdapter::procAddressing
-(
-    const word& name,
-    const label size
-) const
-{
-    labelIOList addressing
-    (
-        IOobject
-        (
-            name,
-            mesh_.facesInstance(),
-            polyMesh::meshSubDir,
-            mesh_,
-            IOobject::READ_IF_PRESENT,
-            IOobject::NO_WRITE,
-            false
-        )
-    );
-
-    if
-    (
-        !returnReduce
-        (
-            size == 0
-         || (
-                addressing.headerClassName() == labelIOList::typeName
-             && addressing.size() == size
-            ),
-            andOp<bool>()
-        )
-    )
-    {
-        return labelList();
-    }
-
-    return labelList(addressing);
-}
-
-
 void Foam::m4gnMeshAdapter::setDirections()
 {
     const Vector<label>& solved = mesh_.solutionD();
@@ -187,7 +183,7 @@ void Foam::m4gnMeshAdapter::setCells()
 
     if (Pstream::parRun())
     {
-        global = procAddressing("cellProcAddressing", mesh_.nCells());
+        global = procAddressing(mesh_, "cellProcAddressing", mesh_.nCells());
     }
 
     const globalIndex consecutive(mesh_.nCells());
@@ -300,7 +296,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     labelList faceGlobal;
     if (Pstream::parRun())
     {
-        faceGlobal = procAddressing("faceProcAddressing", mesh_.nFaces());
+        faceGlobal = procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces());
     }
 
     if (faceGlobal.empty())
@@ -416,6 +412,7 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter
     data_()
 {
     checkPatches();
+    checkCells();
 
     const tmp<surfaceScalarField> tdeltaCoeffs(deltaCoeffs());
 
@@ -427,6 +424,59 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::labelList Foam::m4gnMeshAdapter::procAddressing
+(
+    const fvMesh& mesh,
+    const word& name,
+    const label size
+)
+{
+    labelIOList addressing
+    (
+        IOobject
+        (
+            name,
+            mesh.facesInstance(),
+            polyMesh::meshSubDir,
+            mesh,
+            IOobject::READ_IF_PRESENT,
+            IOobject::NO_WRITE,
+            false
+        )
+    );
+
+    if
+    (
+        !returnReduce
+        (
+            size == 0
+         || (
+                addressing.headerClassName() == labelIOList::typeName
+             && addressing.size() == size
+            ),
+            andOp<bool>()
+        )
+    )
+    {
+        return labelList();
+    }
+
+    return labelList(addressing);
+}
+
+
+void Foam::m4gnMeshAdapter::setModes
+(
+    const scalarList& eigenvalues,
+    const vectorField& cells
+)
+{
+    data_.n_modes = eigenvalues.size();
+    data_.mode_eigenvalues = eigenvalues.cdata();
+    data_.mode_cells = reinterpret_cast<const double*>(cells.cdata());
+}
+
 
 Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
 {
