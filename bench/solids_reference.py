@@ -186,14 +186,25 @@ def smoothed(shape, points, cells, young, poisson, density, edges=0.9, limit=2.0
     k = edges * stiffness(by_edge, low, mu) + (1 - edges) * stiffness(by_cell, low, mu)
     if lam > low:
         around = [{c for c, cell in enumerate(cells) if p in cell} for p in range(n)]
-        covered = lambda p, q: around[p] <= around[q] and (len(around[p]) < len(around[q]) or q < p)
-        own = [not any(covered(p, q) for q in range(n) if q != p) for p in range(n)]
-        by_point = sp.lil_matrix((n, len(corners)))
-        for s, (a, b) in enumerate(corners[:, -2:]):
-            keep = [p for p in cells[cell_of[s]] if own[p]]
-            for end in (a, b):
-                for p in [end] if own[end] else keep:
-                    by_point[p, s] += volume[s] / 2 / (1 if own[end] else len(keep))
+
+        def takers(p):
+            """Points that have the volume average of p: itself, or those that share most cells with it."""
+            best = []
+            for q in range(n):
+                common, more = len(around[p] & around[q]), len(around[q]) - len(around[p])
+                same = around[p] == around[q] and q < p
+                if same or (more > 0 and 2 * common >= len(around[p])):
+                    best.append((common, len(around[q]), q))
+            return [q for *rank, q in best if rank == list(max(best)[:2])] or [p]
+
+        to = sp.lil_matrix((n, n))
+        for p in range(n):
+            for q in takers(p):
+                to[p, q] = 1 / len(takers(p))
+        to = to.tocsr() ** n
+        ends = corners[:, -2:].ravel()
+        by_point = to.T @ sp.csr_matrix((np.repeat(volume / 2, 2), (ends, np.repeat(count, 2))), (n, len(corners)))
+        own = by_point.getnnz(axis=1) > 0
         k = k + stiffness(by_point.tocsr()[own], lam - low, 0)
 
     m = sp.csr_matrix((len(extended), len(extended)))

@@ -34,10 +34,12 @@ const SOURCES: [&str; 11] = [
     "../openfoam/dictionary/m4gnDictionary.C",
     "../openfoam/fields/m4gnFieldFiles.C",
     "../openfoam/segments/m4gnSegmentField.C",
+    "../openfoam/solids/m4gnElasticBody.C",
+    "../openfoam/solids/m4gnElasticMaterial.C",
 ];
 
 /// What they include.
-const HEADERS: [&str; 10] = [
+const HEADERS: [&str; 11] = [
     "src/FoamCase.H",
     "src/FoamData.H",
     "include/m4gn.h",
@@ -48,6 +50,7 @@ const HEADERS: [&str; 10] = [
     "../openfoam/dictionary/m4gnDictionary.H",
     "../openfoam/fields/m4gnFieldFiles.H",
     "../openfoam/segments/m4gnSegmentField.H",
+    "../openfoam/solids/m4gnElasticBody.H",
 ];
 
 fn stop(message: &str) -> ! {
@@ -94,7 +97,10 @@ fn main() {
     build
         .files(SOURCES)
         .includes(["src", "include"])
-        .includes(["mesh", "dictionary", "fields", "segments"].map(|folder| format!("../openfoam/{folder}")))
+        .includes(
+            ["mesh", "dictionary", "fields", "segments", "solids"]
+                .map(|folder| format!("../openfoam/{folder}")),
+        )
         .warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {

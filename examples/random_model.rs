@@ -1,25 +1,59 @@
 //! Writes a small model with random weights, for tests and for trying out a case without training:
-//! `random_model FILE [SEED]`. It knows U (change) and p (value) in two dimensions.
+//! `random_model FILE [SEED]`. It knows U (change) and p (value) in two dimensions; with `random_model FILE SEED solid`
+//! the displacement D of a solid and its rate, with segments of the elastic body's modes.
 
 use m4gn::mesh::NodeType;
-use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
+use m4gn::model::{
+    Activation, Architecture, FieldSpec, MacroSpec, ModalOperator, Model, ModelSpec, Output, SegmentSpec,
+};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let path = arguments.next().ok_or("usage: random_model FILE [SEED]")?;
     let seed = arguments.next().map_or(Ok(1), |s| s.parse())?;
-    Model::random(spec(), seed)?.write(path)?;
+    let spec = match arguments.next().as_deref() {
+        None => flow(),
+        Some("solid") => solid(),
+        Some(other) => return Err(format!("'{other}': expected solid").into()),
+    };
+    Model::random(spec, seed)?.write(path)?;
     Ok(())
 }
 
-fn spec() -> ModelSpec {
-    let field = |name: &str, vector, dimensions, output| FieldSpec {
+fn field(name: &str, vector: bool, dimensions: [i32; 7], output: Output) -> FieldSpec {
+    FieldSpec {
         name: name.into(),
         vector,
         dimensions,
         input: true,
         output,
-    };
+    }
+}
+
+fn solid() -> ModelSpec {
+    ModelSpec {
+        stride: 0.005,
+        fields: vec![
+            field("D", true, [0, 1, 0, 0, 0, 0, 0], Output::Delta),
+            field("ddt(D)", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
+        ],
+        node_types: vec![
+            NodeType::Fluid,
+            NodeType::Symmetry,
+            NodeType::Handle,
+            NodeType::Free,
+        ],
+        segments: SegmentSpec {
+            count: 8,
+            modes: 4,
+            operator: Some(ModalOperator::Elastic),
+            ..SegmentSpec::default()
+        },
+        ..flow()
+    }
+}
+
+fn flow() -> ModelSpec {
     ModelSpec {
         format: 1,
         dim: 2,

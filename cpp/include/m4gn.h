@@ -23,7 +23,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 2
+#define M4GN_ABI_VERSION 3
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -101,6 +101,12 @@ typedef struct m4gn_mesh_data
 
     int32_t n_patches;
     const char* const* patch_names;  /* [n_patches] */
+
+    int32_t n_modes;            /* modes of the elastic body (m4gn_solid_modes_new), of which segments are then made;
+                                   0: none are given */
+    const double* mode_eigenvalues;  /* [n_modes] 1/s^2, ascending; a repeated one whole; the same on all ranks */
+    const double* mode_cells;   /* [3*n_cells*n_modes] mode after mode, the displacement of each cell: the mean of its
+                                   points' */
 } m4gn_mesh_data;
 
 /* A field at one time, on this rank. */
@@ -146,10 +152,15 @@ typedef struct m4gn_session_options
     const char* obstacles;      /* patches that are the obstacle, "a, b"; NULL: the model's */
     const char* modal_solver;   /* "auto" (NULL), "direct" or "iterative" */
     const char* petsc_options;  /* for the modes, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
+    const char* modal_operator; /* "laplacian" or "elastic" (the mesh's own modes); NULL: the model's */
 } m4gn_session_options;
 
 /* Fills in "as the model was trained" everywhere; set model afterwards. */
 void m4gn_session_options_init(m4gn_session_options* options);
+
+/* Collective. How many modes of the elastic body the mesh must have for this model's segments; 0: none, they are of the
+ * Laplacian's or of no modes. Negative after an error. */
+int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
 
 /* Collective. Builds graph, modes and segments and loads the model. On failure *session is NULL. */
 int32_t m4gn_session_new(
@@ -233,7 +244,8 @@ int32_t m4gn_segments_graph(const m4gn_segments* segments, double* sizes, double
 int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
 
 /* Mode index (0 to n-1, by ascending eigenvalue): eigenvalue, 1/m^2, and the mode in this rank's cells [n_cells],
- * scaled to sum V phi^2 = sum V. */
+ * scaled to sum V phi^2 = sum V. Of an elastic body the solved components of each of its modes follow each other,
+ * each with the eigenvalue, 1/s^2. */
 int32_t m4gn_segments_mode(const m4gn_segments* segments, int32_t index, double* eigenvalue, double* cells);
 
 typedef struct m4gn_rank_report

@@ -4,6 +4,7 @@
 #include "FoamData.H"
 
 #include "m4gnDictionary.H"
+#include "m4gnElasticBody.H"
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
 
@@ -79,6 +80,39 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     );
     data_->adapter.reset();
     data_->adapter.reset(new Foam::m4gnMeshAdapter(*data_->mesh, nodes.types()));
+
+    const Foam::dictionary own(dict.subOrEmptyDict("segments"));
+    const Foam::word D(dict.lookupOrDefault<Foam::word>("D", "D"));
+    const bool possible =
+        Foam::m4gnElasticBody::known(*data_->mesh, own)
+     && Foam::m4gnElasticBody::describe(*data_->mesh, D) == Foam::m4gnElasticBody::displacement();
+    data_->body.reset();
+    if (own.lookupOrDefault<Foam::word>("operator", possible ? "elastic" : "laplacian") == "elastic")
+    {
+        data_->body.reset(new Foam::m4gnElasticBody(*data_->mesh, own, nodes.types()));
+    }
+}
+
+
+static rust::Vec<double> body_part(const m4gn_solid& body, const std::string& part)
+{
+    if (part == "body_flags")
+    {
+        const int32_t flags[] = {body.plane_stress, body.free_body};
+        return numbers(flags, 2);
+    }
+    if (part == "body_points") { return numbers(body.points, 3*std::size_t(body.n_points)); }
+    if (part == "body_face_start") { return numbers(body.face_start, std::size_t(body.n_faces) + 1); }
+    if (part == "body_face_points") { return numbers(body.face_points, body.face_start[body.n_faces]); }
+    if (part == "body_face_owner") { return numbers(body.face_owner, body.n_faces); }
+    if (part == "body_face_neighbour") { return numbers(body.face_neighbour, body.n_internal_faces); }
+    if (part == "body_young") { return numbers(body.young, body.n_cells); }
+    if (part == "body_poisson") { return numbers(body.poisson, body.n_cells); }
+    if (part == "body_density") { return numbers(body.density, body.n_cells); }
+    if (part == "body_fixed_point") { return numbers(body.fixed_point, body.n_fixed); }
+    if (part == "body_fixed_components") { return numbers(body.fixed_components, body.n_fixed); }
+    FatalErrorInFunction << "a body has no part " << part.c_str() << Foam::exit(Foam::FatalError);
+    return {};
 }
 
 
@@ -110,6 +144,10 @@ rust::Vec<double> m4gn::FoamCase::mesh_part(rust::Str name) const
     if (part == "coupled_global") { return numbers(m.coupled_global, m.n_coupled); }
     if (part == "coupled_delta") { return numbers(m.coupled_delta, 3*std::size_t(m.n_coupled)); }
     if (part == "coupled_coeff") { return numbers(m.coupled_coeff, m.n_coupled); }
+    if (part.compare(0, 5, "body_") == 0)
+    {
+        return data_->body ? body_part(data_->body->data(), part) : rust::Vec<double>();
+    }
     FatalErrorInFunction << "a mesh has no part " << part.c_str() << Foam::exit(Foam::FatalError);
     return {};
 }

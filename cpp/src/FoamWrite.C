@@ -54,7 +54,7 @@ void m4gn::FoamCase::write_start_fields
     {
         Foam::tmp<Foam::volScalarField> tfield
         (
-            Foam::m4gn::cellField(mesh, Foam::word(std::string(names[i])), data_->start_name())
+            Foam::m4gn::cellField<Foam::scalar>(mesh, Foam::word(std::string(names[i])), data_->start_name())
         );
         Foam::volScalarField& field = tfield.ref();
         field.note() = std::string(note.data(), note.size());

@@ -49,7 +49,8 @@ enum Query {
     /// those of the case's function object.
     NodeTypes { types: Vec<(String, String)> },
     /// An array of `m4gn_mesh_data` (m4gn.h) by its name there, or `value_patches`: the indices, into the patches of
-    /// the description, that `boundary_patch` counts.
+    /// the description, that `boundary_patch` counts; or `body_` and the name of an array of `m4gn_solid`
+    /// (`body_flags`: plane_stress, free_body), empty where the material of a solid is not known.
     MeshPart { name: String },
     /// A field in the folder of the start time: 0 there is none, 1 the note in its header begins with `mark`, 2 it
     /// does not.

@@ -28,14 +28,14 @@ Foam::m4gnFieldFiles::~m4gnFieldFiles()
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-void Foam::m4gnFieldFiles::write(const volScalarField& field)
+void Foam::m4gnFieldFiles::write(const regIOobject& field)
 {
     const Time& time = field.time();
 
     // field.write() would put it into a folder of the current time
     const fileName name
     (
-        time.path()/field.instance()/field.mesh().dbDir()/field.name()
+        time.path()/field.instance()/field.db().dbDir()/field.name()
     );
 
     write

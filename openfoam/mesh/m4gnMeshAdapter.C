@@ -64,6 +64,42 @@ void Foam::m4gnMeshAdapter::checkPatches() const
 }
 
 
+void Foam::m4gnMeshAdapter::checkCells() const
+{
+    const scalarField& V = mesh_.cellVolumes();
+    const vectorField& C = mesh_.cellCentres();
+    const vectorField& S = mesh_.faceAreas();
+
+    forAll(V, celli)
+    {
+        if (!(V[celli] > 0))
+        {
+            FatalErrorInFunction
+                << "Cell " << celli << " at " << C[celli] << " is inverted,"
+                << " flat or folded: expected a positive volume, found "
+                << V[celli] << nl
+                << "    checkMesh tells more" << exit(FatalError);
+        }
+    }
+
+    for (label facei = 0; facei < mesh_.nInternalFaces(); ++facei)
+    {
+        const label own = mesh_.faceOwner()[facei];
+        const label nei = mesh_.faceNeighbour()[facei];
+
+        if (!((S[facei] & (C[nei] - C[own])) > 0))
+        {
+            FatalErrorInFunction
+                << "Cells " << own << " at " << C[own] << " and " << nei
+                << " at " << C[nei] << ": one is inverted, flat or folded. The"
+                << " normal of their face, " << S[facei]
+                << ", does not lead from one to the other" << nl
+                << "    checkMesh tells more" << exit(FatalError);
+        }
+    }
+}
+
+
 Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 {
     const string text(laplacianScheme(mesh_));
@@ -303,6 +339,7 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter
     m4gnNodes(mesh)
 {
     checkPatches();
+    checkCells();
 
     const tmp<surfaceScalarField> tdeltaCoeffs(deltaCoeffs());
 

@@ -11,6 +11,7 @@ License
 #include "m4gnDictionary.H"
 #include "pointFields.H"
 #include "volFields.H"
+#include "StringStream.H"
 #include "emptyFvPatch.H"
 #include "fixedValuePointPatchFields.H"
 #include "slipFvPatchFields.H"
@@ -82,6 +83,40 @@ static const FieldType* find
     return stored.get();
 }
 
+
+//- Does the displacement fix its value there? A condition whose library is not
+//  loaded, as in post-processing, does not know: its name does.
+static bool fixes(const fvPatchVectorField& pD)
+{
+    if (pD.type() != "generic")
+    {
+        return pD.fixesValue();
+    }
+
+    OStringStream os;
+    pD.write(os);
+    IStringStream is(os.str());
+    const word actual(dictionary(is).get<word>("type"));
+
+    const bool free =
+        actual.find("raction") != string::npos
+     || actual.find("ontact") != string::npos
+     || actual.ends_with("ZeroShear");
+
+    if (!free && !actual.starts_with("fixed"))
+    {
+        FatalErrorInFunction
+            << "Whether the condition " << actual << " at patch "
+            << pD.patch().name() << " fixes the displacement is not known: its"
+            << " library is not loaded." << nl
+            << "    Load it (libs in controlDict), or give nodeTypes { "
+            << pD.patch().name() << " free; } or handle"
+            << exit(FatalError);
+    }
+
+    return !free;
+}
+
 } // End namespace Foam
 
 
@@ -103,7 +138,7 @@ Foam::label Foam::m4gnNodeTypes::guess
     {
         return
             symmetric ? M4GN_SYMMETRY
-          : D->boundaryField()[patch.index()].fixesValue() ? M4GN_HANDLE
+          : fixes(D->boundaryField()[patch.index()]) ? M4GN_HANDLE
           : M4GN_FREE;
     }
 

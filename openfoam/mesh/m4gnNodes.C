@@ -20,7 +20,7 @@ static_assert
     "m4gn needs an OpenFOAM with double precision and 32-bit labels"
 );
 
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
+// * * * * * * * * * * * * * Static Member Functions * * * * * * * * * * * * //
 
 Foam::labelList Foam::m4gnNodes::procAddressing
 (
@@ -62,6 +62,8 @@ Foam::labelList Foam::m4gnNodes::procAddressing
     return labelList(addressing);
 }
 
+
+// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
 std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
 {
@@ -188,6 +190,20 @@ Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New
     }
 
     return autoPtr<m4gnNodes>(new m4gnMeshAdapter(mesh, nodeTypes.types()));
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnNodes::setModes
+(
+    const scalarList& eigenvalues,
+    const vectorField& cells
+)
+{
+    data_.n_modes = eigenvalues.size();
+    data_.mode_eigenvalues = eigenvalues.cdata();
+    data_.mode_cells = reinterpret_cast<const double*>(cells.cdata());
 }
 
 

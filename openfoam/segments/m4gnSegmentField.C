@@ -282,7 +282,9 @@ bool Foam::m4gn::cellAddressing(const fvMesh& mesh, labelList& global)
 }
 
 
-Foam::tmp<Foam::volScalarField> Foam::m4gn::cellField
+template<class Type>
+Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>
+Foam::m4gn::cellField
 (
     const fvMesh& mesh,
     const word& name,
@@ -301,17 +303,24 @@ Foam::tmp<Foam::volScalarField> Foam::m4gn::cellField
     // Such a file may be replaced by us
     io.note() = "m4gn";
 
-    return tmp<volScalarField>::New
+    return tmp<GeometricField<Type, fvPatchField, volMesh>>::New
     (
         io,
         mesh,
-        dimensionedScalar(dimless, Zero),
-        zeroGradientFvPatchScalarField::typeName
+        dimensioned<Type>(dimless, Zero),
+        zeroGradientFvPatchField<Type>::typeName
     );
 }
 
 
-void Foam::m4gn::writeToInstance(const volScalarField& field)
+template Foam::tmp<Foam::volScalarField>
+Foam::m4gn::cellField<Foam::scalar>(const fvMesh&, const word&, const word&);
+
+template Foam::tmp<Foam::volVectorField>
+Foam::m4gn::cellField<Foam::vector>(const fvMesh&, const word&, const word&);
+
+
+void Foam::m4gn::writeToInstance(const regIOobject& field)
 {
     m4gnFieldFiles files;
     files.write(field);
@@ -341,7 +350,7 @@ void Foam::m4gn::writeSegments
 {
     tmp<volScalarField> tfield
     (
-        cellField
+        cellField<scalar>
         (
             mesh,
             segmentName,

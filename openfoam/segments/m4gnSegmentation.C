@@ -57,6 +57,10 @@ std::string Foam::m4gnSegmentation::spec
     {
         add("connected", dict.get<bool>("connected") ? "true" : "false");
     }
+    if (dict.found("operator"))
+    {
+        add("operator", '"' + dict.get<word>("operator") + '"');
+    }
     if (dict.found("method"))
     {
         add("method", '"' + dict.get<word>("method") + '"');
@@ -93,16 +97,7 @@ void Foam::m4gnSegmentation::compute
         }
     }
 
-    const m4gnMeshAdapter adapter(mesh_, types);
-
-    std::string entries(spec(dict, countKey));
-    if (!computed())
-    {
-        // As stored, whatever else is said
-        dictionary stored(dict);
-        stored.set(countKey, count_);
-        entries = spec(stored, countKey);
-    }
+    m4gnMeshAdapter adapter(mesh_, types);
 
     const fileName model
     (
@@ -110,6 +105,33 @@ void Foam::m4gnSegmentation::compute
       ? m4gn::resolve(dict.get<fileName>("model"), mesh_.time().globalPath())
       : fileName()
     );
+
+    dictionary used(dict);
+    if (!computed())
+    {
+        // As stored, whatever else is said
+        used.set(countKey, count_);
+    }
+
+    const label needed =
+        model.empty() ? -1 : m4gnElasticModes::needed(model);
+
+    const bool modal = withModes || dict.getOrDefault<word>("method", "") != "metis";
+    if (modal && m4gnElasticModes::wanted(mesh_, dict, needed))
+    {
+        const label nModes
+        (
+            dict.getOrDefault<label>("modes", needed > 0 ? needed : 6)
+        );
+        elastic_.reset
+        (
+            new m4gnElasticModes(mesh_, dict, Foam::max(nModes, label(1)))
+        );
+        adapter.setModes(elastic_->eigenvalues(), elastic_->cells());
+    }
+    used.set("operator", word(elastic_ ? "elastic" : "laplacian"));
+
+    const std::string entries(spec(used, countKey));
 
     const word solver(dict.getOrDefault<word>("modalSolver", "auto"));
     const string petsc
@@ -122,7 +144,7 @@ void Foam::m4gnSegmentation::compute
     options.petsc_options = petsc.c_str();
     options.model = model.empty() ? nullptr : model.c_str();
     options.spec = entries.c_str();
-    options.with_modes = withModes;
+    options.with_modes = withModes && !elastic_;
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
@@ -215,6 +237,7 @@ Foam::m4gnSegmentation::m4gnSegmentation
 :
     mesh_(mesh),
     segments_(nullptr),
+    elastic_(),
     from_(),
     cells_(),
     count_(0)
@@ -264,7 +287,7 @@ Foam::wordList Foam::m4gnSegmentation::keys(const word& countKey)
     {
         countKey, "modes", "energy", "tau", "size", "iterations", "method",
         "connected", "distanceScale", "obstacles", "modalSolver",
-        "petscOptions"
+        "petscOptions", "operator", "material", "freeBody"
     };
 }
 
@@ -310,6 +333,7 @@ void Foam::m4gnSegmentation::checkDictionary
         {"metis", "slic-md", "slic-mdodl", "slic-mdode", "slic"}
     );
     checkWord("modalSolver", {"auto", "direct", "iterative"});
+    m4gnElasticModes::checkDictionary(dict);
 }
 
 

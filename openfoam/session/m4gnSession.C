@@ -9,6 +9,7 @@ License
 #include "m4gnSession.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnElasticModes.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "clockTime.H"
@@ -51,6 +52,36 @@ void Foam::m4gnSession::open
         own.getOrDefault<string>("petscOptions", string::null)
     );
     const word precision(dict.getOrDefault<word>("precision", word::null));
+    const word modalOperator(own.getOrDefault<word>("operator", word::null));
+    const bool stored = returnReduce(segments.size() > 0, orOp<bool>());
+
+    autoPtr<m4gnElasticModes> modes;
+    const label needed = m4gnElasticModes::needed(model_);
+    if
+    (
+        !stored
+     && !nodes_->atPoints()
+     && m4gnElasticModes::wanted(mesh_, own, needed)
+    )
+    {
+        dictionary body(own);
+        for (const word key : {"nodeTypes", "D"})
+        {
+            if (const entry* e = dict.findEntry(key))
+            {
+                body.add(*e);
+            }
+        }
+        const label nModes
+        (
+            own.getOrDefault<label>("modes", needed > 0 ? needed : 6)
+        );
+        modes.reset
+        (
+            new m4gnElasticModes(mesh_, body, Foam::max(nModes, label(1)))
+        );
+        nodes_->setModes(modes->eigenvalues(), modes->cells());
+    }
 
     m4gn_session_options options;
     m4gn_session_options_init(&options);
@@ -73,10 +104,10 @@ void Foam::m4gnSession::open
     options.obstacles = textOrNull(obstacles);
     options.modal_solver = textOrNull(modalSolver);
     options.petsc_options = petscOptions.c_str();
+    options.modal_operator = textOrNull(modalOperator);
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
-    const bool stored = returnReduce(segments.size() > 0, orOp<bool>());
     options.cell_segment =
         !stored ? nullptr : segments.size() ? segments.cdata() : &none;
 
@@ -100,6 +131,7 @@ void Foam::m4gnSession::open
         what.c_str()
     );
 
+    nodes_->clearModes();
     stride_ = m4gn_session_stride(session_);
 }
 

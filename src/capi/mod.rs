@@ -24,7 +24,7 @@ pub use solids::SolidData;
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 2;
+pub const ABI_VERSION: i32 = 3;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

@@ -1,6 +1,6 @@
 //! The structs of `m4gn.h` and the way from pointers and counts to slices, strings and a mesh.
 
-use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use crate::mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
 use crate::{Error, Result};
 use std::ffi::{CStr, c_char};
 
@@ -35,6 +35,9 @@ pub struct MeshData {
     pub coupled_coeff: *const f64,
     pub n_patches: i32,
     pub patch_names: *const *const c_char,
+    pub n_modes: i32,
+    pub mode_eigenvalues: *const f64,
+    pub mode_cells: *const f64,
 }
 
 /// `m4gn_field`
@@ -192,6 +195,7 @@ pub unsafe fn mesh(data: &MeshData) -> Result<Mesh> {
             boundary: boundary(data)?,
             coupled: coupled(data)?,
             patches: patches(data)?,
+            elastic: elastic(data)?,
         })
     }
 }
@@ -252,6 +256,26 @@ unsafe fn coupled(data: &MeshData) -> Result<Vec<CoupledFace>> {
             coeff: coeff[i],
         })
         .collect())
+}
+
+/// # Safety
+/// As [`mesh`].
+unsafe fn elastic(data: &MeshData) -> Result<Option<ElasticModes>> {
+    let (n, m) = (count("n_cells", data.n_cells)?, count("n_modes", data.n_modes)?);
+    if m == 0 {
+        return Ok(None);
+    }
+    // SAFETY: as in `mesh`.
+    let (eigenvalues, cells) = unsafe {
+        (
+            slice("mode_eigenvalues", data.mode_eigenvalues, m)?,
+            vectors("mode_cells", data.mode_cells, m * n)?,
+        )
+    };
+    Ok(Some(ElasticModes {
+        eigenvalues: eigenvalues.to_vec(),
+        vectors: (0..m).map(|i| cells[i * n..(i + 1) * n].to_vec()).collect(),
+    }))
 }
 
 /// # Safety

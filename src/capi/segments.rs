@@ -3,8 +3,8 @@
 use super::raw::{self, MeshData};
 use crate::graph::Graph;
 use crate::mesh::Mesh;
-use crate::model::{Model, SegmentSpec};
-use crate::modes::{ModalOptions, ModalSolver, Modes, laplacian_modes};
+use crate::model::{ModalOperator, Model, SegmentSpec};
+use crate::modes::{self, ModalOptions, ModalSolver, Modes};
 use crate::parallel::Comm;
 use crate::segments::{self, Segmentation, ranks};
 use crate::{Error, Result};
@@ -135,7 +135,10 @@ unsafe fn new(
         ..request.modal
     };
     let modes = match request.with_modes {
-        true => Some(laplacian_modes(&mesh, &mut graph, &comm, &modal)?),
+        true => {
+            let elastic = comm.agree(spec.is_elastic(&mesh))?;
+            Some(modes::of_mesh(&mesh, &mut graph, &comm, elastic, &modal)?)
+        }
         false => None,
     };
     let preset = request.labels.as_deref();
@@ -158,6 +161,26 @@ unsafe fn new(
     })
 }
 
+/// Elastic modes that a model's segments need. Collective.
+fn elastic_modes(comm: i32, model: Result<PathBuf>) -> Result<i32> {
+    let comm = Comm::from_fortran(comm)?;
+    let path = comm.agree(model)?;
+    let mut count = [0i64];
+    let read = match comm.is_root() {
+        true => Model::read(&path).map(|model| {
+            let spec = &model.spec.segments;
+            let elastic = spec.operator == Some(ModalOperator::Elastic) && spec.method.uses_modes();
+            if elastic && model.spec.architecture.segment_transformer.is_some() {
+                count[0] = spec.modes as i64;
+            }
+        }),
+        false => Ok(()),
+    };
+    comm.agree(read)?;
+    comm.max_i64(&mut count);
+    i32::try_from(count[0]).map_err(|_| Error::Model(format!("segments.modes: {} is too large", count[0])))
+}
+
 fn no_count(_: i32) -> i32 {
     -1
 }
@@ -177,6 +200,13 @@ exports! {
             *segments = Box::into_raw(Box::new(new(comm, mesh, options)?));
         }
         Ok(0)
+    }
+
+    /// Elastic modes that the mesh must have for a model.
+    fn m4gn_model_elastic_modes(comm: i32, model: *const c_char) -> i32, or no_count; {
+        // SAFETY: the host's string, or null.
+        let path = unsafe { raw::text("model", model) }.map(PathBuf::from);
+        elastic_modes(comm, path)
     }
 
     /// Frees segments; null is none.

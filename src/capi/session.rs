@@ -3,7 +3,7 @@
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use crate::engine::Precision;
 use crate::mesh::Mesh;
-use crate::model::{Output, SegmentMethod};
+use crate::model::{ModalOperator, Output, SegmentMethod};
 use crate::modes::{ModalOptions, ModalSolver};
 use crate::parallel::Comm;
 use crate::step::{Backend, Field, FieldMut, OutputShape, Session, SessionOptions};
@@ -34,6 +34,7 @@ pub struct SessionOptionsData {
     pub obstacles: *const c_char,
     pub modal_solver: *const c_char,
     pub petsc_options: *const c_char,
+    pub modal_operator: *const c_char,
 }
 
 /// `m4gn_field_info`
@@ -77,13 +78,14 @@ impl SessionOptionsData {
         obstacles: std::ptr::null(),
         modal_solver: std::ptr::null(),
         petsc_options: std::ptr::null(),
+        modal_operator: std::ptr::null(),
     };
 
     /// # Safety
     /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
     unsafe fn read(&self, n_cells: usize) -> Result<(PathBuf, SessionOptions)> {
         // SAFETY: passed on to the caller.
-        let (model, backend, method, precision, obstacles, solver, petsc, labels) = unsafe {
+        let (model, backend, method, precision, obstacles, solver, petsc, operator, labels) = unsafe {
             (
                 raw::text("model", self.model)?,
                 raw::optional_text("backend", self.backend)?,
@@ -92,6 +94,7 @@ impl SessionOptionsData {
                 raw::optional_text("obstacles", self.obstacles)?,
                 raw::optional_text("modal_solver", self.modal_solver)?,
                 raw::optional_text("petsc_options", self.petsc_options)?,
+                raw::optional_text("modal_operator", self.modal_operator)?,
                 match self.cell_segment.is_null() {
                     true => None,
                     false => Some(raw::slice("cell_segment", self.cell_segment, n_cells)?.to_vec()),
@@ -134,6 +137,7 @@ impl SessionOptionsData {
                 Some(self.distance_scale)
             },
             obstacles: obstacles.map(names),
+            operator: operator.map(ModalOperator::parse).transpose()?,
             modal: ModalOptions {
                 solver: solver.map_or(Ok(ModalSolver::Auto), ModalSolver::parse)?,
                 petsc: petsc.unwrap_or_default().to_string(),

@@ -10,7 +10,7 @@ fn layouts_are_those_of_the_header() {
     // Sizes and offsets as the x86-64 and AArch64 ABIs of C lay out m4gn.h.
     assert_eq!(
         (size_of::<MeshData>(), offset_of!(MeshData, cell_global)),
-        (208, 24)
+        (232, 24)
     );
     assert_eq!(
         (
@@ -32,7 +32,7 @@ fn layouts_are_those_of_the_header() {
             size_of::<SessionOptionsData>(),
             offset_of!(SessionOptionsData, tau)
         ),
-        (128, 40)
+        (136, 40)
     );
     assert_eq!(
         (size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)),
@@ -98,6 +98,9 @@ fn host() -> Host {
         coupled_coeff: std::ptr::null(),
         n_patches: 3,
         patch_names: pointers.as_ptr(),
+        n_modes: 0,
+        mode_eigenvalues: std::ptr::null(),
+        mode_cells: std::ptr::null(),
     };
     Host {
         data,

@@ -21,7 +21,8 @@ pub(super) fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
         ));
     }
     let rows = mesh.n_cells() + mesh.face_coeff.len() + mesh.boundary.len() + mesh.coupled.len();
-    Ok(96 * rows as u64)
+    let modes = mesh.elastic.as_ref().map_or(0, |e| e.eigenvalues.len());
+    Ok(96 * rows as u64 + 24 * (modes * mesh.n_cells()) as u64)
 }
 
 pub(super) fn frames_dataset(group: &Group, name: &str, rows: usize, c: usize) -> hdf5::Result<Dataset> {
@@ -98,6 +99,13 @@ pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<
         )?;
         vectors(&group, "boundary_centres", b.iter().map(|f| &f.centre))?;
         vectors(&group, "boundary_area", b.iter().map(|f| &f.area))?;
+        if let Some(elastic) = &mesh.elastic {
+            scalars(&group, "mode_eigenvalues", &elastic.eigenvalues)?;
+            let shape = [elastic.eigenvalues.len(), mesh.n_cells(), 3];
+            let flat: Vec<f64> = elastic.vectors.iter().flatten().flatten().copied().collect();
+            let cells = group.new_dataset::<f64>().shape(shape).create("mode_cells")?;
+            cells.write_raw(&flat)?;
+        }
         let c = &mesh.coupled;
         if !c.is_empty() {
             scalars(

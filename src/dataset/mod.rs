@@ -13,6 +13,7 @@
 //!   boundary_owner, boundary_type, boundary_patch [B]
 //!   boundary_centres, boundary_area [B,3]          boundary_coeff [B] m
 //!   coupled_owner, coupled_neighbour [C]           coupled_delta [C,3]  coupled_coeff [C]   (cyclic faces)
+//!   mode_eigenvalues [m] 1/s^2  mode_cells [m,N,3]         (elastic modes, of solids whose material is known)
 //! /times [T] s
 //! /fields/NAME          attributes: vector, dimensions[7]
 //!   cells [T,N,c] f32           boundary [T,B,c] f32     chunk = one frame, shuffle, deflate 4, fletcher32

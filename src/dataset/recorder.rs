@@ -1,7 +1,7 @@
 //! Recording from all ranks of a solver: gathered to the root in the undecomposed mesh's order, written there.
 
 use super::{FieldMeta, Frame, WriteOptions, Writer};
-use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use crate::mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 use std::path::Path;
@@ -232,6 +232,15 @@ fn assemble(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
         .flat_map(|f| f.delta.into_iter().chain([f.coeff]))
         .collect();
     let deltas = comm.gather(&deltas);
+    // Cell by cell, all modes of each.
+    let modes: Vec<f64> = (0..mesh.n_cells())
+        .flat_map(|c| {
+            mesh.elastic
+                .iter()
+                .flat_map(move |e| e.vectors.iter().flat_map(move |v| v[c]))
+        })
+        .collect();
+    let modes = comm.gather(&modes);
 
     let cells = cells?.concat();
     let n = cells.len();
@@ -255,6 +264,16 @@ fn assemble(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
     }
     whole.cell_centres = order.iter().map(|&i| centres[i]).collect();
     whole.cell_volumes = order.iter().map(|&i| volumes[i]).collect();
+
+    if let Some(elastic) = &mesh.elastic {
+        let (m, modes) = (elastic.eigenvalues.len(), rows::<3>(&modes?.concat()));
+        whole.elastic = Some(ElasticModes {
+            eigenvalues: elastic.eigenvalues.clone(),
+            vectors: (0..m)
+                .map(|k| order.iter().map(|&i| modes[i * m + k]).collect())
+                .collect(),
+        });
+    }
 
     let mut faces: Vec<(i64, i64, f64)> = pairs?
         .concat()

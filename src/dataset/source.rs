@@ -1,7 +1,7 @@
 //! What is found in a file, checked before it is believed: sizes against the file's, labels against ranges.
 
 use super::schema::{FORMAT, FieldMeta, LONG, NAME, POINTS_VERSION, Split, Text, h5_error, quiet};
-use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use crate::mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
 use crate::{Error, Result};
 use std::io::Read;
 use std::path::Path;
@@ -266,6 +266,7 @@ impl<'a> Source<'a> {
             boundary: self.boundary(file, n, patches.len())?,
             coupled: self.coupled(file, n)?,
             patches,
+            elastic: self.elastic(file, n)?,
         };
         Ok(mesh)
     }
@@ -335,6 +336,23 @@ impl<'a> Source<'a> {
             coeff: coeff[i],
         });
         Ok(faces.collect())
+    }
+
+    /// Elastic modes of a solid; recordings of other meshes have none.
+    fn elastic(&self, file: &hdf5::File, n_cells: usize) -> Result<Option<ElasticModes>> {
+        if !file.link_exists("mesh/mode_eigenvalues") {
+            return Ok(None);
+        }
+        let eigenvalues: Vec<f64> = self.values(file, "mesh/mode_eigenvalues", &[None])?;
+        let m = eigenvalues.len();
+        let cells: Vec<f64> = self.values(file, "mesh/mode_cells", &[Some(m), Some(n_cells), Some(3)])?;
+        let cells = cells.as_chunks::<3>().0;
+        Ok(Some(ElasticModes {
+            vectors: (0..m)
+                .map(|i| cells[i * n_cells..(i + 1) * n_cells].to_vec())
+                .collect(),
+            eigenvalues,
+        }))
     }
 
     pub(super) fn fields(&self, file: &hdf5::File, mesh: &Mesh, n_frames: usize) -> Result<Vec<FieldMeta>> {

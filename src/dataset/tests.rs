@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::Error;
-use crate::mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use crate::mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
 use proptest::prelude::*;
 use std::path::Path;
 
@@ -53,6 +53,12 @@ pub(super) fn square() -> Mesh {
             },
         ],
         patches: vec!["walls".into(), "inlet".into()],
+        elastic: Some(ElasticModes {
+            eigenvalues: vec![2.5, 7.0],
+            vectors: (0..2)
+                .map(|k| (0..4).map(|c| [c as f64, 0.1 * f64::from(k), -1.5]).collect())
+                .collect(),
+        }),
     }
 }
 
@@ -330,6 +336,7 @@ fn a_full_disk_leaves_nothing() {
         mesh.cell_global = (0..n).collect();
         mesh.cell_centres = vec![[0.0; 3]; n as usize];
         mesh.cell_volumes = vec![1.0; n as usize];
+        mesh.elastic = None;
         let noise = |i: usize, n: usize| (0..n).map(|k| ((k * 7919 + i) as f32).sin()).collect::<Vec<_>>();
         let frame = |i| {
             vec![

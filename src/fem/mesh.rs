@@ -115,6 +115,20 @@ impl PointMesh {
         comm.agree(result)
     }
 
+    /// Points of each cell, ascending.
+    pub fn cell_points(&self) -> Vec<Vec<usize>> {
+        self.cell_faces()
+            .into_iter()
+            .map(|faces| {
+                let around = faces.iter().flat_map(|&(f, _)| self.face(f));
+                let mut points: Vec<usize> = around.map(|&p| p as usize).collect();
+                points.sort_unstable();
+                points.dedup();
+                points
+            })
+            .collect()
+    }
+
     /// Faces of each cell, and whether the face's normal leaves it.
     pub(super) fn cell_faces(&self) -> Vec<Vec<(usize, bool)>> {
         let mut faces = vec![Vec::new(); self.n_cells];

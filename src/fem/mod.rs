@@ -130,8 +130,8 @@ pub fn assemble(
     let moduli: Vec<(f64, f64)> = materials.iter().map(|m| m.moduli(dim, options.plane)).collect();
     let (strains, units) = match options.formulation {
         Formulation::Smoothed => {
-            let constraint = volume::constraints(&cells, &mesh.point_global, &numbering, comm);
-            smoothing::strains(&cells, &x, &moduli, &numbering, &constraint, comm)?
+            let averages = volume::averages(&cells, &mesh.point_global, &numbering, comm);
+            smoothing::strains(&cells, &x, &moduli, &numbering, &averages, comm)?
         }
         Formulation::Isoparametric => comm.agree(isoparametric::strains(&cells, &x, &moduli, &numbering))?,
     };
@@ -275,6 +275,8 @@ impl System {
     }
 }
 
+#[cfg(test)]
+mod beam;
 #[cfg(test)]
 mod reference;
 #[cfg(test)]

@@ -10,14 +10,15 @@
 //! - over the cell, which is stiffer: the rest of it. The mixture is alpha-FEM's (Liu, Nguyen-Thoi, Lam 2008): edges
 //!   alone are up to 2 % too soft on wedges;
 //! - over all that surrounds a point (node-based smoothing), for the part of lambda above [`LIMIT`] mu only
-//!   (selective smoothing: Onishi, Iida, Amaya 2017): so few volume constraints do not lock. A point whose cells are
-//!   all cells of another point has none of its own: those at corners and edges of a body would lock there.
+//!   (selective smoothing: Onishi, Iida, Amaya 2017): so few volume constraints do not lock. Points of the surface
+//!   join those inside (`volume.rs`): averages of their own would lock in bodies a few cells thick.
 //!
 //! Cells are averaged with cells of the same moduli only: strain jumps where moduli do.
 
 use super::mesh::Cell;
 use super::numbering::Numbering;
 use super::strain::{Strain, Term, send};
+use super::volume::Shares;
 use crate::parallel::Comm;
 use crate::{Error, Result};
 
@@ -41,14 +42,14 @@ struct Parts {
 
 /// Stiffness of all cells of this rank, complete for what this rank is to assemble, and unit masses of its cells.
 ///
-/// `x` are the points (in 2-D with the third coordinate zero), `moduli` (lambda, mu) of each cell, `constraint`
-/// which numbers have a volume average of their own. Collective; all ranks fail together.
+/// `x` are the points (in 2-D with the third coordinate zero), `moduli` (lambda, mu) of each cell, `averages`
+/// where the volume averages around each local point go. Collective; all ranks fail together.
 pub(super) fn strains(
     cells: &[Cell],
     x: &[[f64; 3]],
     moduli: &[(f64, f64)],
     numbering: &Numbering,
-    constraint: &[bool],
+    averages: &[Shares],
     comm: &Comm,
 ) -> Result<(Vec<Strain>, Vec<Vec<f64>>)> {
     let parts: Result<Vec<Parts>> = cells
@@ -88,7 +89,7 @@ pub(super) fn strains(
             });
         }
         if lambda > low {
-            shared.extend(around_points(cell, &numbers, &part, lambda - low, constraint));
+            shared.extend(around_points(cell, &numbers, &part, lambda - low, averages));
         }
         masses.push(part.mass);
     }
@@ -103,44 +104,36 @@ pub(super) fn strains(
     Ok((strains, masses))
 }
 
-/// A cell's share in the averages around its points.
+/// A cell's share in the averages around points: half of each edge's for either end.
 fn around_points(
     cell: &Cell,
     numbers: &[i64],
     part: &Parts,
     lambda: f64,
-    constraint: &[bool],
+    averages: &[Shares],
 ) -> Vec<Domain> {
     let n = numbers.len();
-    let own: Vec<bool> = cell.points.iter().map(|&p| constraint[p]).collect();
-    let count = own.iter().filter(|&&k| k).count().max(1) as f64;
-    let mut domains = Vec::new();
-    for (p, _) in own.iter().enumerate().filter(|(_, own)| **own) {
-        let mut volume = 0.0;
-        let mut gradients = vec![[0.0; 3]; n];
-        for (e, ends) in part.edges.iter().enumerate() {
-            // Each end has half of its edge; ends without an average of their own leave theirs to the others.
-            let share: f64 = ends
-                .iter()
-                .map(|&end| match own[end] {
-                    true => 0.5 * f64::from(u8::from(end == p)),
-                    false => 0.5 / count,
-                })
-                .sum();
-            volume += share * part.volume[e];
-            for (to, g) in gradients.iter_mut().zip(&part.gradients[e]) {
+    let mut domains: Vec<Domain> = Vec::new();
+    for (ends, (&size, slopes)) in part.edges.iter().zip(part.volume.iter().zip(&part.gradients)) {
+        for &(average, share) in ends.iter().flat_map(|&end| &averages[cell.points[end]]) {
+            let key = [average, -1];
+            let at = domains.iter().position(|d| d.key == key).unwrap_or_else(|| {
+                domains.push(Domain {
+                    key,
+                    moduli: [lambda, 0.0],
+                    volume: 0.0,
+                    points: numbers.to_vec(),
+                    gradients: vec![[0.0; 3]; n],
+                });
+                domains.len() - 1
+            });
+            domains[at].volume += 0.5 * share * size;
+            for (to, g) in domains[at].gradients.iter_mut().zip(slopes) {
                 for d in 0..3 {
-                    to[d] += share * g[d];
+                    to[d] += 0.5 * share * g[d];
                 }
             }
         }
-        domains.push(Domain {
-            key: [numbers[p], -1],
-            moduli: [lambda, 0.0],
-            volume,
-            points: numbers.to_vec(),
-            gradients,
-        });
     }
     domains
 }

@@ -39,14 +39,15 @@ impl FoamCase {
             boundary: self.boundary()?,
             coupled: self.coupled()?,
             patches,
+            elastic: None,
         })
     }
 
-    fn part(&mut self, name: &str) -> Result<Vec<f64>> {
+    pub(super) fn part(&mut self, name: &str) -> Result<Vec<f64>> {
         self.handle.query(&json!({ "query": "mesh_part", "name": name }))
     }
 
-    fn labels(&mut self, name: &str) -> Result<Vec<i32>> {
+    pub(super) fn labels(&mut self, name: &str) -> Result<Vec<i32>> {
         Ok(self.part(name)?.into_iter().map(|l| l as i32).collect())
     }
 

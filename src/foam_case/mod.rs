@@ -1,5 +1,6 @@
 //! An OpenFOAM case, read and written with OpenFOAM's own libraries through `libm4gn_foam_bridge.so`.
 
+mod body;
 mod fields;
 mod mesh;
 

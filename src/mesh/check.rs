@@ -1,6 +1,6 @@
 //! Is a mesh whole? Everything that later code relies on is checked here once, with the place named.
 
-use super::{Mesh, NodeType};
+use super::{ElasticModes, Mesh, NodeType};
 use crate::parallel::Comm;
 use crate::{Error, Result};
 
@@ -36,6 +36,19 @@ impl Mesh {
             )))
         };
         comm.agree(same)?;
+        let values = self.elastic.iter().flat_map(|e| e.eigenvalues.iter().copied());
+        let own: Vec<f64> = std::iter::once(if self.elastic.is_some() { 1.0 } else { 0.0 })
+            .chain(values)
+            .collect();
+        let mut of_root = own.clone();
+        comm.broadcast(&mut of_root);
+        comm.agree(match of_root == own {
+            true => Ok(()),
+            false => Err(Error::Mesh(
+                "the eigenvalues of the elastic modes differ between ranks: expected the same modes on all"
+                    .into(),
+            )),
+        })?;
         Ok(GlobalSizes { cells, boundary })
     }
 
@@ -110,6 +123,37 @@ impl Mesh {
             }
             finite("coupled_delta", i, &c.delta)?;
             positive("coupled_coeff", i, c.coeff)?;
+        }
+        self.elastic.as_ref().map_or(Ok(()), |modes| modes.check(n))
+    }
+}
+
+impl ElasticModes {
+    fn check(&self, n_cells: usize) -> Result<()> {
+        length(
+            "mode_cells",
+            self.vectors.len(),
+            "mode_eigenvalues",
+            self.eigenvalues.len(),
+        )?;
+        for (i, pair) in self.eigenvalues.windows(2).enumerate() {
+            if pair[1] < pair[0] {
+                return Err(Error::Mesh(format!(
+                    "mode_eigenvalues[{}] is {}, after {}: expected ascending ones",
+                    i + 1,
+                    pair[1],
+                    pair[0]
+                )));
+            }
+        }
+        for (i, vector) in self.vectors.iter().enumerate() {
+            length("mode_cells", vector.len(), "cells", n_cells)?;
+            let finite = self.eigenvalues[i].is_finite() && vector.iter().flatten().all(|v| v.is_finite());
+            if !finite {
+                return Err(Error::Mesh(format!(
+                    "elastic mode {i} holds a number that is not finite"
+                )));
+            }
         }
         Ok(())
     }

@@ -112,6 +112,17 @@ pub struct CoupledFace {
     pub coeff: f64,
 }
 
+/// Modes of the elastic body that a mesh is of (eq. 5, [`crate::fem`]), in its cells: what segments of a solid are made
+/// of. Whoever knows the material makes them, and hands them on with the mesh.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ElasticModes {
+    /// Squared angular frequencies, 1/s^2, ascending, the same on all ranks; a repeated one is there as a whole.
+    pub eigenvalues: Vec<f64>,
+    /// For each mode the displacement (x, y, z) of each of this rank's cells, the mean of their points'; the root mean
+    /// square over the body is 1.
+    pub vectors: Vec<Vec<[f64; 3]>>,
+}
+
 /// This rank's part of the solver's mesh. Lengths in metres, labels local unless called global.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
@@ -135,6 +146,8 @@ pub struct Mesh {
     pub coupled: Vec<CoupledFace>,
     /// Names of the patches that [`BoundaryFace::patch`] counts.
     pub patches: Vec<String>,
+    /// Modes of the elastic body, of meshes of solids whose material is known.
+    pub elastic: Option<ElasticModes>,
 }
 
 impl Mesh {

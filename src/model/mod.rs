@@ -5,7 +5,7 @@ mod file;
 mod segmentation;
 mod tensors;
 
-pub use segmentation::{SegmentMethod, SegmentSpec};
+pub use segmentation::{ModalOperator, SegmentMethod, SegmentSpec};
 pub use tensors::{Model, Tensor};
 
 use crate::mesh::NodeType;

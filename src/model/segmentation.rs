@@ -1,5 +1,6 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
+use crate::mesh::Mesh;
 use crate::modes::ModeCount;
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -73,6 +74,32 @@ impl fmt::Display for SegmentMethod {
     }
 }
 
+/// Whose modes are features of the segments (Algorithm 1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ModalOperator {
+    /// The solver's Laplacian on the mesh's cells (eq. 6).
+    Laplacian,
+    /// The elastic body's stiffness and mass (eq. 5), whose modes the mesh has with it.
+    Elastic,
+}
+
+impl ModalOperator {
+    /// From a dictionary's word.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for any other word than `laplacian` and `elastic`.
+    pub fn parse(word: &str) -> Result<Self> {
+        match word {
+            "laplacian" => Ok(ModalOperator::Laplacian),
+            "elastic" => Ok(ModalOperator::Elastic),
+            _ => Err(Error::Input(format!(
+                "modal operator '{word}': expected laplacian or elastic"
+            ))),
+        }
+    }
+}
+
 /// How the mesh is cut into segments (Algorithms 1 and 2).
 ///
 /// A description without the key `connected` has it true, as [`Default`]; a model file without it was trained
@@ -84,8 +111,11 @@ pub struct SegmentSpec {
     pub method: SegmentMethod,
     /// Number of segments, K.
     pub count: usize,
-    /// Number of Laplacian modes used as features, m; with `energy` the largest number.
+    /// Number of modes used as features, m; with `energy` the largest number.
     pub modes: usize,
+    /// Whose modes; none: the elastic body's where the mesh has them, else the Laplacian's. A training writes down
+    /// which it took.
+    pub operator: Option<ModalOperator>,
     /// As many modes as hold this share, in (0, 1], of the energy of `modes` ([`ModeCount::Energy`]); none: `modes`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<f64>,
@@ -116,6 +146,7 @@ impl Default for SegmentSpec {
             method: SegmentMethod::Slic,
             count: 36,
             modes: 6,
+            operator: None,
             energy: None,
             tau: 1.0,
             size: None,
@@ -130,13 +161,30 @@ impl Default for SegmentSpec {
 
 impl SegmentSpec {
     /// The description that a training left in a model or a checkpoint, where `connected` may be missing: it was not
-    /// done then.
+    /// done then. Without `operator`, modes were the Laplacian's.
     ///
     /// # Errors
     /// For entries that are no description.
     pub fn of_training(mut entries: serde_json::Map<String, serde_json::Value>) -> serde_json::Result<Self> {
         entries.entry("connected").or_insert(false.into());
+        entries.entry("operator").or_insert("laplacian".into());
         serde_json::from_value(entries.into())
+    }
+
+    /// Whether the modes are those of the elastic body that this mesh has with it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if they should be and there are none.
+    pub fn is_elastic(&self, mesh: &Mesh) -> Result<bool> {
+        match (self.operator, &mesh.elastic) {
+            (Some(ModalOperator::Laplacian), _) | (None, None) => Ok(false),
+            (_, Some(_)) => Ok(true),
+            (Some(ModalOperator::Elastic), None) => Err(Error::Input(
+                "segments of elastic modes: the mesh has none with it; expected E, nu and rho of the body in the \
+                 case or the function object's dictionary, or a trajectory that was recorded with them"
+                    .into(),
+            )),
+        }
     }
 
     /// The number of modes as a modal solution takes it.
@@ -224,6 +272,7 @@ mod tests {
             read.segments,
             SegmentSpec {
                 connected: false,
+                operator: Some(ModalOperator::Laplacian),
                 ..new
             }
         );

@@ -27,10 +27,10 @@ pub use options::{ModalOptions, ModalSolver, ModeCount};
 pub(crate) use pair::Pair;
 pub use problem::{Mass, Problem, Rows};
 
-use crate::Result;
 use crate::graph::Graph;
-use crate::mesh::Mesh;
+use crate::mesh::{ElasticModes, Mesh};
 use crate::parallel::Comm;
+use crate::{Error, Result};
 use frame::Frame;
 use std::borrow::Cow;
 
@@ -95,6 +95,47 @@ pub fn laplacian(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Problem>
 pub fn laplacian_modes(mesh: &Mesh, graph: &mut Graph, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     let (problem, frame) = assemble::laplacian(mesh, graph, comm)?;
     Solution::new(Cow::Owned(problem), frame, comm, options)?.modes(false)
+}
+
+/// The modes that segments of a mesh are made of: those of the elastic body that it has with it, or of its Laplacian.
+/// Collective; all ranks fail together.
+///
+/// Of elastic modes each solved component of the displacement is a vector of its own, with the mode's eigenvalue: a
+/// distance over all of them depends neither on signs nor on bases of repeated eigenvalues, which come whole.
+///
+/// # Errors
+/// As [`laplacian_modes`]; [`Error::Input`] if the mesh has fewer elastic modes than asked for.
+pub fn of_mesh(
+    mesh: &Mesh,
+    graph: &mut Graph,
+    comm: &Comm,
+    elastic: bool,
+    options: &ModalOptions,
+) -> Result<Modes> {
+    match mesh.elastic.as_ref().filter(|_| elastic) {
+        Some(modes) => comm.agree(of_body(mesh, modes, options.count)),
+        None => laplacian_modes(mesh, graph, comm, options),
+    }
+}
+
+fn of_body(mesh: &Mesh, modes: &ElasticModes, count: ModeCount) -> Result<Modes> {
+    let there = modes.eigenvalues.len();
+    let wanted = select::candidates(count, usize::MAX);
+    if wanted > there {
+        return Err(Error::Input(format!(
+            "{wanted} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnHarvest)"
+        )));
+    }
+    let n = select::first(&modes.eigenvalues, count);
+    let components = |i: usize| mesh.directions.iter().map(move |&d| (i, d));
+    let taken: Vec<(usize, usize)> = (0..n).flat_map(components).collect();
+    Ok(Modes {
+        eigenvalues: taken.iter().map(|&(i, _)| modes.eigenvalues[i]).collect(),
+        vectors: taken
+            .iter()
+            .map(|&(i, d)| modes.vectors[i].iter().map(|u| u[d]).collect())
+            .collect(),
+    })
 }
 
 /// The first modes of a pair of matrices. Collective; all ranks fail together.

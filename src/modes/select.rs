@@ -50,11 +50,11 @@ pub(super) fn count(pairs: &[Pair], count: ModeCount, zero: f64, total: usize) -
             pairs.len()
         )));
     }
+    let values: Vec<f64> = pairs.iter().map(|p| p.value).collect();
     let n = match count {
         ModeCount::Fixed(n) => n,
-        ModeCount::Energy { share, .. } => enough(&pairs[..wanted], share, zero),
+        ModeCount::Energy { share, .. } => enough(&values[..wanted], share, zero),
     };
-    let values: Vec<f64> = pairs.iter().map(|p| p.value).collect();
     let n = whole_clusters(&values, n, zero).unwrap_or(pairs.len());
     match pairs[..n]
         .iter()
@@ -70,22 +70,36 @@ pub(super) fn count(pairs: &[Pair], count: ModeCount, zero: f64, total: usize) -
     }
 }
 
+/// How many of modes that are there, by ascending eigenvalue and repeated ones whole, are taken.
+pub(super) fn first(values: &[f64], count: ModeCount) -> usize {
+    let size = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let (wanted, zero) = (candidates(count, values.len() + 1).min(values.len()), 1e-9 * size);
+    let n = match count {
+        ModeCount::Fixed(_) => wanted,
+        ModeCount::Energy { share, .. } => enough(&values[..wanted], share, zero),
+    };
+    match n {
+        0 => 0,
+        n => whole_clusters(values, n, zero).unwrap_or(values.len()),
+    }
+}
+
 /// Modes that hold the share of the energy, see [`ModeCount::Energy`].
-fn enough(pairs: &[Pair], share: f64, zero: f64) -> usize {
-    let energy = |p: &Pair| match p.value > zero {
-        true => 1.0 / p.value,
+fn enough(values: &[f64], share: f64, zero: f64) -> usize {
+    let energy = |&value: &f64| match value > zero {
+        true => 1.0 / value,
         false => 0.0,
     };
-    let sum: f64 = pairs.iter().map(energy).sum();
+    let sum: f64 = values.iter().map(energy).sum();
     let mut held = 0.0;
-    for (i, pair) in pairs.iter().enumerate() {
-        held += energy(pair);
+    for (i, value) in values.iter().enumerate() {
+        held += energy(value);
         // A whole cluster's rounding must not ask for one mode more.
-        if held >= share * sum * (1.0 - 1e-9) && pair.value > zero {
+        if held >= share * sum * (1.0 - 1e-9) && *value > zero {
             return i + 1;
         }
     }
-    pairs.len()
+    values.len()
 }
 
 /// How many pairs make the first `n` with the cluster of the n-th whole; none if that cannot be seen yet.

@@ -1,4 +1,5 @@
 mod convergence;
+mod elastic;
 mod laplacian;
 mod options;
 mod pairs;

@@ -102,7 +102,8 @@ pub fn segment_with(
                         count: spec.mode_count(),
                         ..modal.clone()
                     };
-                    Some(modes::laplacian_modes(mesh, graph, comm, &modal)?)
+                    let elastic = comm.agree(spec.is_elastic(mesh))?;
+                    Some(modes::of_mesh(mesh, graph, comm, elastic, &modal)?)
                 }
                 false => None,
             };

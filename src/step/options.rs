@@ -1,7 +1,7 @@
 //! What a case may set differently from the model.
 
 use crate::engine::{EngineOptions, Precision};
-use crate::model::{SegmentMethod, SegmentSpec};
+use crate::model::{ModalOperator, SegmentMethod, SegmentSpec};
 use crate::modes::ModalOptions;
 use crate::{Error, Result};
 use std::path::PathBuf;
@@ -47,7 +47,7 @@ pub struct SessionOptions {
     pub precision: Precision,
     /// Number of segments K.
     pub segments: Option<usize>,
-    /// Number of Laplacian modes m.
+    /// Number of modes m.
     pub modes: Option<usize>,
     /// Overlap delta, layers.
     pub overlap: Option<usize>,
@@ -67,6 +67,8 @@ pub struct SessionOptions {
     pub distance_scale: Option<f64>,
     /// Patches that are the obstacle.
     pub obstacles: Option<Vec<String>>,
+    /// Whose modes the segments are made of.
+    pub operator: Option<ModalOperator>,
     /// The way to the modes; their number is that of `modes` and `energy`.
     pub modal: ModalOptions,
     /// Segment of each cell, computed before.
@@ -100,6 +102,7 @@ impl SessionOptions {
             method: self.segment_method.unwrap_or(model.method),
             count: self.segments.unwrap_or(model.count),
             modes: self.modes.unwrap_or(model.modes),
+            operator: self.operator.or(model.operator),
             energy: self.energy.or(model.energy),
             tau: self.tau.unwrap_or(model.tau),
             size: self.segment_size.or(model.size),

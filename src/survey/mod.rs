@@ -134,7 +134,8 @@ impl Survey {
             count: options.spec.mode_count(),
             ..options.modal.clone()
         };
-        let (modes, modes_cost) = Cost::of(|| modes::laplacian_modes(mesh, graph, comm, &modal))?;
+        let elastic = comm.agree(options.spec.is_elastic(mesh))?;
+        let (modes, modes_cost) = Cost::of(|| modes::of_mesh(mesh, graph, comm, elastic, &modal))?;
         let mut survey = Survey {
             n_cells: mesh.n_cells(),
             modes,

@@ -107,6 +107,29 @@ struct m4gn_session
     double* frames;
 };
 
+/* No body has modes here, and no model needs any. */
+void m4gn_modes_options_init(m4gn_modes_options* options) { memset(options, 0, sizeof(*options)); }
+int32_t m4gn_solid_modes_new(
+    int32_t comm, const m4gn_solid* body, const m4gn_modes_options* options, m4gn_modes** modes)
+{
+    (void)comm;
+    (void)body;
+    (void)options;
+    *modes = NULL;
+    return M4GN_OK;
+}
+void m4gn_modes_free(m4gn_modes* modes) { (void)modes; }
+int32_t m4gn_modes_count(const m4gn_modes* modes) { (void)modes; return 0; }
+int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* values) { (void)modes; (void)values; return M4GN_OK; }
+int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector)
+{
+    (void)modes;
+    (void)index;
+    (void)vector;
+    return M4GN_ERROR_INPUT;
+}
+int32_t m4gn_model_elastic_modes(int32_t comm, const char* model) { (void)comm; (void)model; return 0; }
+
 void m4gn_session_options_init(m4gn_session_options* options) { memset(options, 0, sizeof(*options)); }
 
 int32_t m4gn_session_new(

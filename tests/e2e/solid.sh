@@ -4,67 +4,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_oracle
 
-# A beam of 0.4 x 0.05 m, clamped at its left, loaded at its tip at time 0. One period is some 0.5 s.
-mkdir -p case/0 case/constant case/system && cd case
-header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
-{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (0.4 0 0) (0.4 0.05 0) (0 0.05 0) (0 0 0.01) (0.4 0 0.01) (0.4 0.05 0.01) (0 0.05 0.01));
-blocks (hex (0 1 2 3 4 5 6 7) (24 4 1) simpleGrading (1 1 1));
-boundary
-(
-    clamp { type patch; faces ((0 4 7 3)); }
-    tip { type patch; faces ((1 2 6 5)); }
-    sides { type wall; faces ((0 1 5 4) (3 7 6 2)); }
-    frontAndBack { type empty; faces ((0 3 2 1) (4 5 6 7)); }
-);
-EOD
-{ header controlDict; cat <<'EOD'; } > system/controlDict
-application     solidDisplacementFoam;
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         0.255;
-deltaT          0.005;
-writeControl    timeStep;
-writeInterval   1;
-writeFormat     ascii;
-writePrecision  14;
-timePrecision   8;
-runTimeModifiable no;
-functions       { #include "functions" }
-EOD
-{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
-d2dt2Schemes { default Euler; }
-ddtSchemes { default Euler; }
-gradSchemes { default leastSquares; grad(D) leastSquares; }
-divSchemes { default none; div(sigmaD) Gauss linear; }
-laplacianSchemes { default none; laplacian(DD,D) Gauss linear corrected; laplacian(m4gn) Gauss linear corrected; }
-interpolationSchemes { default linear; }
-snGradSchemes { default none; }
-EOD
-{ header fvSolution; cat <<'EOD'; } > system/fvSolution
-solvers { "(D|T)" { solver GAMG; tolerance 1e-12; relTol 0.01; smoother GaussSeidel; nCellsInCoarsestLevel 20; } }
-stressAnalysis { compactNormalStress yes; }
-EOD
-{ header mechanicalProperties
-  echo 'rho { type uniform; value 1000; } nu { type uniform; value 0.3; } E { type uniform; value 1e6; } planeStress yes;'
-} > constant/mechanicalProperties
-{ header thermalProperties
-  echo 'C { type uniform; value 434; } k { type uniform; value 60.5; } alpha { type uniform; value 1.1e-05; } thermalStress no;'
-} > constant/thermalProperties
-{ header D volVectorField; cat <<'EOD'; } > 0/D
-dimensions [0 1 0 0 0 0 0];
-internalField uniform (0 0 0);
-boundaryField
-{
-    clamp { type fixedValue; value uniform (0 0 0); }
-    tip { type tractionDisplacement; traction uniform (0 50 0); pressure uniform 0; value uniform (0 0 0); }
-    sides { type tractionDisplacement; traction uniform (0 0 0); pressure uniform 0; value uniform (0 0 0); }
-    frontAndBack { type empty; }
-}
-EOD
-: > system/functions
-runs blockMesh
+make_beam case
 
 export ORACLE_STRIDE=0.025 ORACLE_FRAMES=5
 # The other form of the normal stress stalls at residuals of some 1e-6

@@ -7,7 +7,7 @@ use m4gn::dataset::Trajectory;
 use m4gn::graph::Graph;
 use m4gn::graph::contact::ContactGraph;
 use m4gn::mesh::NodeType;
-use m4gn::model::{ModelSpec, Output};
+use m4gn::model::{ModalOperator, ModelSpec, Output, SegmentSpec};
 use m4gn::parallel::Comm;
 use m4gn::segments;
 use m4gn::step::{copied_faces, faces_seen_as_their_cells};
@@ -442,7 +442,13 @@ pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<Mode
         node_types: Vec::new(),
         architecture: config.architecture(),
         contact: None,
-        segments: config.segments.clone(),
+        segments: SegmentSpec {
+            operator: Some(match config.segments.is_elastic(mesh)? {
+                true => ModalOperator::Elastic,
+                false => ModalOperator::Laplacian,
+            }),
+            ..config.segments.clone()
+        },
         training: serde_json::Value::Null,
     })
 }

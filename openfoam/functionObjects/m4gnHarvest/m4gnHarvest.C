@@ -11,6 +11,7 @@ License
 #include "foamVersion.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnElasticModes.H"
 #include "OSspecific.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
@@ -24,6 +25,11 @@ namespace functionObjects
 }
 }
 
+//- Modes of an elastic body that are recorded, twice as many as segments take
+//  by default
+static const Foam::label defaultModes = 12;
+
+
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::functionObjects::m4gnHarvest::start()
@@ -31,6 +37,20 @@ void Foam::functionObjects::m4gnHarvest::start()
     m4gn::checkAbi();
 
     nodes_ = m4gnNodes::New(mesh_, dict_);
+
+    // The recorder keeps what it needs of them
+    autoPtr<m4gnElasticModes> modes;
+    const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
+    if
+    (
+        nModes > 0
+     && !nodes_->atPoints()
+     && m4gnElasticModes::wanted(mesh_, dict_)
+    )
+    {
+        modes.reset(new m4gnElasticModes(mesh_, dict_, nModes));
+        nodes_->setModes(modes->eigenvalues(), modes->cells());
+    }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
     fields_->gather(*nodes_);
 
@@ -83,6 +103,7 @@ void Foam::functionObjects::m4gnHarvest::start()
         ),
         "m4gnHarvest cannot record"
     );
+    nodes_->clearModes();
 
     Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_)
         << " to " << path_ << endl;
@@ -180,14 +201,17 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
 
     fvMeshFunctionObject::read(dict);
 
-    m4gn::checkKeys
+    wordList valid
+    ({
+        "fields", "file", "overwrite", "split", "provenance", "nodeTypes",
+        "location", "U", "p", "D", "modes"
+    });
+    valid.append(m4gnElasticModes::keys());
+    m4gn::checkKeys(dict, valid, true);
+    m4gnElasticModes::checkDictionary(dict);
+    m4gn::checkAtLeast
     (
-        dict,
-        {
-            "fields", "file", "overwrite", "split", "provenance", "nodeTypes",
-            "location", "U", "p", "D"
-        },
-        true
+        dict, "modes", dict.getOrDefault<label>("modes", defaultModes), 0
     );
 
     dict_ = dict;

@@ -10,6 +10,7 @@ License
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
 #include "m4gnSegmentField.H"
+#include "mathematicalConstants.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
@@ -23,6 +24,27 @@ namespace functionObjects
 }
 
 static const char* const countKey = "count";
+
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+template<class Type>
+void Foam::functionObjects::m4gnSegments::writeMode
+(
+    const label modei,
+    const tmp<Field<Type>>& cells
+) const
+{
+    auto tfield = m4gn::cellField<Type>
+    (
+        mesh_,
+        "m4gnMode" + Foam::name(modei + 1),
+        Time::timeName(time_.startTime().value())
+    );
+    tfield.ref().primitiveFieldRef() = cells;
+    tfield.ref().correctBoundaryConditions();
+    m4gn::writeToInstance(tfield());
+}
 
 
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
@@ -49,7 +71,7 @@ bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
 {
     fvMeshFunctionObject::read(dict);
 
-    m4gn::checkKeys(dict, {"segments", "modes", "recompute"}, true);
+    m4gn::checkKeys(dict, {"segments", "modes", "recompute", "nodeTypes", "D"}, true);
 
     const dictionary own(dict.subOrEmptyDict("segments"));
     wordList valid(m4gnSegmentation::keys(countKey));
@@ -72,17 +94,41 @@ bool Foam::functionObjects::m4gnSegments::execute()
         return true;
     }
 
+    dictionary own(dict_.subOrEmptyDict("segments"));
+    for (const word key : {"nodeTypes", "D"})
+    {
+        if (const entry* e = dict_.findEntry(key))
+        {
+            own.add(*e);
+        }
+    }
+
     segmentation_.reset
     (
         new m4gnSegmentation
         (
             mesh_,
-            dict_.subOrEmptyDict("segments"),
+            own,
             countKey,
             dict_.getOrDefault<bool>("modes", true),
             dict_.getOrDefault<bool>("recompute", false)
         )
     );
+
+    if (const m4gnElasticModes* modes = segmentation_->elastic())
+    {
+        forAll(modes->eigenvalues(), modei)
+        {
+            const scalar eigenvalue = modes->eigenvalues()[modei];
+
+            Log << "m4gn: eigenvalue " << modei + 1 << " = "
+                << m4gn::text(eigenvalue).c_str() << " 1/s^2, "
+                << Foam::sqrt(max(eigenvalue, scalar(0)))
+                  /constant::mathematical::twoPi
+                << " Hz" << endl;
+        }
+        return true;
+    }
 
     scalarField cells;
     for (label modei = 0; modei < segmentation_->nModes(); ++modei)
@@ -107,21 +153,20 @@ bool Foam::functionObjects::m4gnSegments::write()
 
     segmentation_->store();
 
+    if (const m4gnElasticModes* modes = segmentation_->elastic())
+    {
+        for (label modei = 0; modei < modes->size(); ++modei)
+        {
+            writeMode<vector>(modei, modes->mode(modei));
+        }
+        return true;
+    }
+
+    scalarField cells;
     for (label modei = 0; modei < segmentation_->nModes(); ++modei)
     {
-        tmp<volScalarField> tfield
-        (
-            m4gn::cellField
-            (
-                mesh_,
-                "m4gnMode" + Foam::name(modei + 1),
-                Time::timeName(time_.startTime().value())
-            )
-        );
-        volScalarField& field = tfield.ref();
-        segmentation_->mode(modei, field.primitiveFieldRef());
-        field.correctBoundaryConditions();
-        m4gn::writeToInstance(field);
+        segmentation_->mode(modei, cells);
+        writeMode<scalar>(modei, cells);
     }
 
     return true;

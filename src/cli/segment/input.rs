@@ -3,9 +3,10 @@
 use crate::dataset::{self, Trajectory};
 use crate::foam_case::{FoamCase, Stored};
 use crate::mesh::{Mesh, NodeType};
-use crate::model::{Model, ModelSpec, SegmentMethod, SegmentSpec};
-use crate::modes::{ModalOptions, ModalSolver};
+use crate::model::{ModalOperator, Model, ModelSpec, SegmentMethod, SegmentSpec};
+use crate::modes::{ModalOptions, ModalSolver, ModeCount};
 use crate::report::{CellMap, PointCloud, write_file};
+use crate::survey;
 use crate::{Error, Result};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -73,6 +74,24 @@ impl Input {
         }
     }
 
+    /// Adds the modes of the elastic body to the mesh of a solid's case, if segments are to be made of them.
+    ///
+    /// # Errors
+    /// What [`FoamCase::elastic_modes`] fails with.
+    pub fn add_elastic_modes(&mut self, mesh: &mut Mesh, options: &survey::Options) -> Result<()> {
+        let wanted = options.spec.operator != Some(ModalOperator::Laplacian);
+        if let Input::Case(case) = self
+            && wanted
+        {
+            let modal = ModalOptions {
+                count: ModeCount::Fixed(options.spec.modes.max(1)),
+                ..options.modal.clone()
+            };
+            mesh.elastic = case.elastic_modes(&modal)?;
+        }
+        Ok(())
+    }
+
     /// The description of the model that the function object of a case names, if it names one.
     ///
     /// # Errors
@@ -128,6 +147,7 @@ impl Input {
             match key.as_str() {
                 "count" => spec.count = count()?,
                 "modes" => spec.modes = count()?,
+                "operator" => spec.operator = Some(ModalOperator::parse(&text)?),
                 "energy" => spec.energy = Some(number()?),
                 "tau" => spec.tau = number()?,
                 "size" => spec.size = Some(number()?),

@@ -44,8 +44,9 @@ pub fn run(args: Args) -> Result<()> {
         None => input.model()?,
     };
     let wanted = Wanted::new(&args, model.as_ref(), |spec, modal| input.dictionary(spec, modal))?;
-    let mesh = input.mesh(&args.node_type)?;
+    let mut mesh = input.mesh(&args.node_type)?;
     let options = wanted.options(&args, &mesh)?;
+    input.add_elastic_modes(&mut mesh, &options)?;
     if let Some(path) = args.picture.as_ref().filter(|_| mesh.dim() != 2) {
         return Err(no_picture(path));
     }
@@ -116,7 +117,9 @@ pub fn run(args: Args) -> Result<()> {
             survey.modes.vectors.len(),
             options.spec.tau
         );
-        let modes = &survey.modes.vectors;
+        // Scalar fields of components would take the names of m4gnSegments' vector fields.
+        let as_vectors = mesh.elastic.is_some() && matches!(input, Input::Case(_));
+        let modes: &[Vec<f64>] = if as_vectors { &[] } else { &survey.modes.vectors };
         let done = input.write(&mesh, &written.labels, modes, &note, &vtu, args.overwrite)?;
         println!("wrote {done} ({note})");
         if input.is_decomposed() {
@@ -179,6 +182,7 @@ impl Wanted {
             method: args.method.first().copied().unwrap_or(case.method),
             count: args.segments.unwrap_or(case.count),
             modes: args.modes.unwrap_or(case.modes),
+            operator: case.operator,
             energy: args.energy.or(case.energy),
             tau: args.tau.unwrap_or(case.tau),
             size: args.size.or(case.size),
