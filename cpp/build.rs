@@ -22,7 +22,7 @@ const LIBRARIES: [&str; 6] = [
 ];
 
 /// Sources of the bridge, and those that it shares with the function objects: one way to turn an fvMesh into arrays.
-const SOURCES: [&str; 11] = [
+const SOURCES: &[&str] = &[
     "src/FoamCase.C",
     "src/FoamFields.C",
     "src/FoamMesh.C",
@@ -39,7 +39,7 @@ const SOURCES: [&str; 11] = [
 ];
 
 /// What they include.
-const HEADERS: [&str; 11] = [
+const HEADERS: &[&str] = &[
     "src/FoamCase.H",
     "src/FoamData.H",
     "include/m4gn.h",
@@ -64,7 +64,7 @@ fn variable(name: &str) -> Option<String> {
 }
 
 fn main() {
-    for file in SOURCES.iter().chain(&HEADERS).chain(&["src/lib.rs"]) {
+    for file in SOURCES.iter().chain(HEADERS).chain(&["src/lib.rs"]) {
         println!("cargo:rerun-if-changed={file}");
     }
     let Some(includes) = variable("M4GN_FOAM_INCLUDES") else {
