@@ -10,7 +10,6 @@ License
 #include "globalIndex.H"
 #include "processorFvPatch.H"
 #include "PstreamBuffers.H"
-#include "UIndirectList.H"
 #include "volFields.H"
 #include <map>
 
@@ -334,6 +333,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     );
 
     DynamicList<label> points;
+    DynamicList<label> numbers;
     for (const label pointi : points_)
     {
         if (best[pointi] != labelMax)
@@ -341,6 +341,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
             const label patch = best[pointi] % nPatches;
 
             points.append(pointi);
+            numbers.append(global_[pointi]);
             boundaryOwner_.push_back(node_[pointi]);
             boundaryPatch_.push_back(patch);
             boundaryType_.push_back(nodeTypes[valuePatches_[patch]]);
@@ -348,7 +349,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     }
     boundaryPoints_.transfer(points);
 
-    boundaryGlobal_ = places(UIndirectList<label>(global_, boundaryPoints_)());
+    boundaryGlobal_ = places(numbers);
     boundaryCentres_ = vectorField(mesh_.points(), boundaryPoints_);
     boundaryArea_ = vectorField(area, boundaryPoints_);
     boundaryCoeff_ =
