@@ -8,7 +8,7 @@
 //!
 //! g_s its signed distance, n_s the direction in which that grows; held points stay. Distances are taken again where
 //! the correction leads and the constraints rebuilt from there, until the worst gap is within the tolerance. Where cells
-//! would be turned inside out, the correction is spread wider, and at last taken back there. The answer is a function of
+//! would be turned inside out, loose points go along, the correction is spread wider, and at last taken back there. The answer is a function of
 //! the state alone, and a state without penetration is left as it is to the bit.
 
 mod kernel;
@@ -185,14 +185,20 @@ impl Projection {
         }
 
         let mut radius = self.options.radius * self.cell;
-        let mut correction = self.push(surface.as_ref(), &start, radius, &mut near, &mut report);
-        for _ in 0..WIDER.0 {
-            if self.corners.keep(&start, &sum(&start, &correction)) {
+        let mut fewest = (usize::MAX, Vec::new());
+        for _ in 0..=WIDER.0 {
+            let (mut correction, firm) = self.push(surface.as_ref(), &start, radius, &mut near, &mut report);
+            self.corners.ease(&start, &mut correction, &firm);
+            let spoiled = self.corners.spoiled(&start, &sum(&start, &correction));
+            if spoiled < fewest.0 {
+                fewest = (spoiled, correction);
+            }
+            if spoiled == 0 {
                 break;
             }
             radius *= WIDER.1;
-            correction = self.push(surface.as_ref(), &start, radius, &mut near, &mut report);
         }
+        let mut correction = fewest.1;
         report.cells_pulled_back = self.corners.pull_back(&start, &mut correction);
 
         for (u, (c, held)) in displacement.iter_mut().zip(correction.iter().zip(&self.held)) {
@@ -216,7 +222,7 @@ impl Projection {
         gap >= self.options.clearance - self.options.tolerance
     }
 
-    /// The best correction that was met on the way.
+    /// The best correction that was met on the way, and which points are held or pushed by it.
     fn push(
         &self,
         surface: Option<&Surface>,
@@ -224,9 +230,10 @@ impl Projection {
         radius: f64,
         near: &mut Near,
         report: &mut ProjectionReport,
-    ) -> Vec<Vector> {
+    ) -> (Vec<Vector>, Vec<bool>) {
         let mut correction = vec![[0.0; 3]; start.len()];
-        let mut best = (f64::NEG_INFINITY, correction.clone());
+        let mut firm = self.held.clone();
+        let mut best = (f64::NEG_INFINITY, correction.clone(), firm.clone());
         let mut multipliers = HashMap::new();
         let mut idle = 0;
         for _ in 0..self.options.sweeps {
@@ -236,7 +243,7 @@ impl Projection {
             let worst = measured.worst();
             let is_met = self.is_met(worst);
             if worst > best.0 {
-                best = (worst, correction);
+                best = (worst, correction, firm);
                 idle = 0;
             } else {
                 idle += 1;
@@ -249,12 +256,15 @@ impl Projection {
                 .constraints
                 .solve(&self.compliance, radius, tolerance, &mut multipliers);
             correction = self.compliance.spread(&pushes, radius);
+            firm = self.held.clone();
+            let pushed = pushes.iter().filter(|(_, f)| *f != [0.0; 3]);
+            pushed.for_each(|(p, _)| firm[*p] = true);
             // Far beyond any contact: the constraints contradict one another.
             if correction.as_flattened().iter().any(|v| !v.is_finite()) {
                 break;
             }
         }
-        best.1
+        (best.1, best.2)
     }
 
     /// Gaps of the body at `now`, of which the correction `done` is part, and the constraints that follow.

@@ -3,12 +3,16 @@
 use crate::dataset::Body;
 use crate::solids::{Vector, cross, dot, sub};
 
-/// Part of its rest value that the determinant at a corner of a cell must keep; half of what it was, where that is less.
+/// Part of its rest value that the determinant at a corner of a cell should keep; half of what it was, where that is less.
 const FLOOR: f64 = 0.05;
+/// The part below which a correction is taken back.
+const LAST: f64 = 0.01;
 /// A correction is taken back by this factor at a time.
 const BACK: f64 = 0.7;
+/// Times that loose points are moved along.
+const EASING: usize = 30;
 /// Edges over which it comes back to its full size.
-const TAPER: u32 = 4;
+const TAPER: u32 = 2;
 /// Times at most; then it is taken back wholly.
 const ROUNDS: usize = 24;
 
@@ -35,13 +39,13 @@ impl Corner {
     }
 
     /// Whether a correction turned it inside out, or nearly so. What was so before is not the correction's doing.
-    fn is_spoiled(&self, before: &[Vector], after: &[Vector]) -> bool {
+    fn is_spoiled(&self, before: &[Vector], after: &[Vector], floor: f64) -> bool {
         if self.points.iter().all(|&p| before[p] == after[p]) {
             return false;
         }
         let sign = self.rest.signum();
         let (was, is) = (sign * self.determinant(before), sign * self.determinant(after));
-        was > 0.0 && is < (FLOOR * self.rest.abs()).min(0.5 * was)
+        was > 0.0 && is < (floor * self.rest.abs()).min(0.5 * was)
     }
 }
 
@@ -74,9 +78,40 @@ impl Corners {
         }
     }
 
-    /// Whether every cell is as valid at `after` as at `before`.
-    pub(super) fn keep(&self, before: &[Vector], after: &[Vector]) -> bool {
-        !self.corners.iter().any(|c| c.is_spoiled(before, after))
+    /// Number of corners of cells that were valid at `before` and are not at `after`.
+    pub(super) fn spoiled(&self, before: &[Vector], after: &[Vector]) -> usize {
+        let spoiled = self.corners.iter().filter(|c| c.is_spoiled(before, after, FLOOR));
+        spoiled.count()
+    }
+
+    /// Lets points that need not be where they are go along with those that must (`firm`: pushed or held), until cells are
+    /// valid or it does not help: a correction that is the same at all points of a cell does not change its shape.
+    pub(super) fn ease(&self, before: &[Vector], correction: &mut [Vector], firm: &[bool]) {
+        for _ in 0..EASING {
+            let after = super::sum(before, correction);
+            let spoiled = self
+                .corners
+                .iter()
+                .filter(|c| c.is_spoiled(before, &after, FLOOR));
+            let spoiled: Vec<&Corner> = spoiled.collect();
+            if spoiled.is_empty() {
+                break;
+            }
+            for corner in spoiled {
+                let (fixed, loose): (Vec<usize>, Vec<usize>) = corner.points.iter().partition(|&&p| firm[p]);
+                let leading = if fixed.is_empty() {
+                    &corner.points[..]
+                } else {
+                    &fixed
+                };
+                let mean: Vector = std::array::from_fn(|i| {
+                    leading.iter().map(|&p| correction[p][i]).sum::<f64>() / leading.len() as f64
+                });
+                for p in loose {
+                    (0..3).for_each(|i| correction[p][i] += 0.5 * (mean[i] - correction[p][i]));
+                }
+            }
+        }
     }
 
     /// Takes `correction` of `before` back until cells are valid, less and less around them. Returns the number of
@@ -87,7 +122,7 @@ impl Corners {
         let mut touched = Vec::new();
         for round in 0.. {
             let after = super::sum(before, correction);
-            let spoiled = self.corners.iter().filter(|c| c.is_spoiled(before, &after));
+            let spoiled = self.corners.iter().filter(|c| c.is_spoiled(before, &after, LAST));
             let spoiled: Vec<&Corner> = spoiled.collect();
             if spoiled.is_empty() {
                 break;
