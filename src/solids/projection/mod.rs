@@ -8,8 +8,8 @@
 //!
 //! g_s its signed distance, n_s the direction in which that grows; held points stay. Distances are taken again where
 //! the correction leads and the constraints rebuilt from there, until the worst gap is within the tolerance. Where cells
-//! would be turned inside out, loose points go along, the correction is spread wider, and at last taken back there. The answer is a function of
-//! the state alone, and a state without penetration is left as it is to the bit.
+//! would be turned inside out, loose points go along, the correction is spread wider, and at last taken back there. The
+//! answer is a function of the state alone, and a state without penetration is left as it is to the bit.
 
 mod kernel;
 mod near;
