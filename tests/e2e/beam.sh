@@ -20,16 +20,16 @@ runs solidDisplacementFoam
 # From the first time on: 0.001 s of start-up, 0.08 to 0.4 and 0.48 to 0.8
 [ "$(grep -c '^m4gn: jumped 4 steps' log.run)" -eq 2 ] || fail "expected two jumps of four steps"
 [ ! -d 0.1 ] && [ -d 0.16 ] || fail "expected the surrogate's times, found: $(echo 0.*)"
-for time in 0.16 0.4 0.44 0.72; do
+for time in 0.16 0.4 0.46 0.72; do
     below "$(difference ../full/$time/D $time/D)" 0.1 "D at $time against the solver alone"
 done
 
+# Two ranks, until a little after the first jump
 cd ../parallel
+sed -i 's/^endTime .*/endTime 0.44;/' system/controlDict
 on_two_ranks solidDisplacementFoam
 runs reconstructPar
-for time in 0.4 0.8; do
-    below "$(difference ../hybrid/$time/D $time/D)" 1e-3 "D at $time on two ranks"
-done
+below "$(difference ../hybrid/0.4/D 0.4/D)" 1e-3 "D at 0.4 on two ranks"
 
 cd ..
 runs m4gn compare full hybrid --patch tip --json compare.json
