@@ -44,6 +44,25 @@ impl FieldSpec {
     pub fn components(&self, dim: usize) -> usize {
         if self.vector { dim } else { 1 }
     }
+
+    /// Its unit in those of SI: `m/s`, `kg/m/s^2`; `1` without dimensions.
+    pub fn unit(&self) -> String {
+        let power = |name: &str, exponent: i32| match exponent {
+            1 => name.to_string(),
+            n => format!("{name}^{n}"),
+        };
+        let names = ["kg", "m", "s", "K", "mol", "A", "cd"];
+        let all = || names.into_iter().zip(self.dimensions);
+        let above: Vec<String> = all().filter(|d| d.1 > 0).map(|(n, d)| power(n, d)).collect();
+        let below = all()
+            .filter(|d| d.1 < 0)
+            .map(|(n, d)| format!("/{}", power(n, -d)));
+        let above = match above.is_empty() {
+            true => "1".to_string(),
+            false => above.join(" "),
+        };
+        above + &below.collect::<String>()
+    }
 }
 
 /// Macro stage: transformer over segments (section 3.4).
@@ -257,6 +276,24 @@ pub(crate) mod tests {
         s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
         s.contact = Some(ContactSpec { radius: 0.5 });
         s
+    }
+
+    #[test]
+    fn units() {
+        let of = |dimensions| {
+            let field = FieldSpec {
+                dimensions,
+                ..spec().fields[0].clone()
+            };
+            field.unit()
+        };
+        assert_eq!(of([0, 1, -1, 0, 0, 0, 0]), "m/s");
+        assert_eq!(of([1, -1, -2, 0, 0, 0, 0]), "kg/m/s^2");
+        assert_eq!(of([0, 2, -2, 0, 0, 0, 0]), "m^2/s^2");
+        assert_eq!(
+            (of([0; 7]), of([0, 0, -1, 0, 0, 0, 0])),
+            ("1".into(), "1/s".into())
+        );
     }
 
     #[test]

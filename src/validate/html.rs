@@ -72,7 +72,9 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
     ];
     let chart = Chart {
         x_label: "time from the first frame [s]".into(),
-        y_label: "error of U [m/s]".into(),
+        y_label: chosen.first().map_or(String::new(), |c| {
+            format!("error of {} [{}]", c.field.0, c.field.1)
+        }),
         series,
         from_zero: true,
     };

@@ -45,6 +45,8 @@ pub struct Case {
     pub pace: Pace,
     /// Middle horizon, s from the first frame.
     pub horizon: f64,
+    /// Field that is compared, and its unit.
+    pub field: (String, String),
     /// Errors step by step.
     pub errors: Errors,
 }
@@ -145,6 +147,8 @@ pub struct Summary {
     pub diverged: usize,
     /// Mean wall time of a step, ms.
     pub step_ms: f64,
+    /// Unit of the errors.
+    pub unit: String,
 }
 
 impl Summary {
@@ -157,6 +161,7 @@ impl Summary {
         Some(Summary {
             name,
             count: cases.len(),
+            unit: cases[0].field.1.clone(),
             model: mean(Case::model),
             persistence: mean(Case::persistence),
             hold_first: mean(Case::hold_first),
@@ -168,7 +173,13 @@ impl Summary {
 
     /// The rows that people compare.
     pub fn table(&self) -> Table {
-        let mut table = Table::new([self.name, "RMSE-1 [m/s]", "RMSE-50 [m/s]", "RMSE-all [m/s]"]);
+        let unit = &self.unit;
+        let mut table = Table::new([
+            self.name.to_string(),
+            format!("RMSE-1 [{unit}]"),
+            format!("RMSE-50 [{unit}]"),
+            format!("RMSE-all [{unit}]"),
+        ]);
         table.row(self.model.row("model"));
         table.row(self.persistence.row("persistence"));
         table.row(self.hold_first.row("hold first"));

@@ -27,6 +27,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
         split,
         horizon: HORIZON as f64 * pace.interval,
         pace,
+        field: ("U".into(), "m/s".into()),
         errors,
     }
 }

@@ -252,6 +252,13 @@ fn model(path: &Path) -> Result<(String, Value)> {
         "network     width {}, {} + {} message-passing layers, MLPs with {} hidden layers, {:?}",
         a.width, a.layers_before, a.layers_after, a.hidden_layers, a.activation
     );
+    if let Some(contact) = &spec.contact {
+        let _ = writeln!(
+            text,
+            "contact     bodies at points; world edges within {} m of an obstacle's",
+            contact.radius
+        );
+    }
     match &a.segment_transformer {
         Some(m) => {
             let s = &spec.segments;

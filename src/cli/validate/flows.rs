@@ -37,6 +37,8 @@ pub(super) fn run(args: &Args, model: &Model, options: &SessionOptions) -> Resul
     })?;
     let progress = Progress::new(trajectories.iter().map(|(_, p)| 2 * p.steps).sum())?;
     let mut cases: Vec<Case> = Vec::new();
+    let field = validate::trajectory::velocity(model)?;
+    let field = (field.name.clone(), field.unit());
     let mut pictured = false;
     let total = trajectories.len();
     for (trajectory, pace) in trajectories {
@@ -50,6 +52,7 @@ pub(super) fn run(args: &Args, model: &Model, options: &SessionOptions) -> Resul
         };
         let errors = validate::trajectory::run(model, &trajectory, options, chosen, || progress.advance())?;
         let case = Case {
+            field: field.clone(),
             path: trajectory.path().to_path_buf(),
             split: trajectory.split(),
             horizon: args.horizon.unwrap_or(validate::HORIZON as f64 * pace.interval),
