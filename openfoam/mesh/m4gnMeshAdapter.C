@@ -220,16 +220,7 @@ void Foam::m4gnMeshAdapter::setBoundary
 
     setBoundaryGlobal();
 
-    data_.n_boundary = nBoundary;
-    data_.boundary_owner = boundaryOwner_.data();
-    data_.boundary_global = boundaryGlobal_.data();
-    data_.boundary_centres =
-        reinterpret_cast<const double*>(boundaryCentres_.cdata());
-    data_.boundary_area =
-        reinterpret_cast<const double*>(boundaryArea_.cdata());
-    data_.boundary_coeff = boundaryCoeff_.cdata();
-    data_.boundary_type = boundaryType_.data();
-    data_.boundary_patch = boundaryPatch_.data();
+    publishBoundary();
 
     faceCoeff_ =
         deltaCoeffs.primitiveField()*mesh_.magSf().primitiveField();
@@ -318,13 +309,7 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
         }
     }
 
-    data_.n_coupled = coupledOwner_.size();
-    data_.coupled_owner = coupledOwner_.data();
-    data_.coupled_rank = coupledRank_.data();
-    data_.coupled_global = coupledGlobal_.data();
-    data_.coupled_delta =
-        reinterpret_cast<const double*>(coupledDelta_.data());
-    data_.coupled_coeff = coupledCoeff_.data();
+    publishCoupled();
 }
 
 

@@ -65,6 +65,33 @@ Foam::labelList Foam::m4gnNodes::procAddressing
 
 // * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
+void Foam::m4gnNodes::publishBoundary()
+{
+    data_.n_boundary = boundaryOwner_.size();
+    data_.boundary_owner = boundaryOwner_.data();
+    data_.boundary_global = boundaryGlobal_.data();
+    data_.boundary_centres =
+        reinterpret_cast<const double*>(boundaryCentres_.cdata());
+    data_.boundary_area =
+        reinterpret_cast<const double*>(boundaryArea_.cdata());
+    data_.boundary_coeff = boundaryCoeff_.cdata();
+    data_.boundary_type = boundaryType_.data();
+    data_.boundary_patch = boundaryPatch_.data();
+}
+
+
+void Foam::m4gnNodes::publishCoupled()
+{
+    data_.n_coupled = coupledOwner_.size();
+    data_.coupled_owner = coupledOwner_.data();
+    data_.coupled_rank = coupledRank_.data();
+    data_.coupled_global = coupledGlobal_.data();
+    data_.coupled_delta =
+        reinterpret_cast<const double*>(coupledDelta_.data());
+    data_.coupled_coeff = coupledCoeff_.data();
+}
+
+
 std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
 {
     List<labelList> ofRanks(Pstream::nProcs());

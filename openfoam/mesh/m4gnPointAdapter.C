@@ -283,13 +283,7 @@ void Foam::m4gnPointAdapter::setEdges()
     data_.face_neighbour = neighbour_.data();
     data_.face_coeff = coeff_.data();
 
-    data_.n_coupled = coupledOwner_.size();
-    data_.coupled_owner = coupledOwner_.data();
-    data_.coupled_rank = coupledRank_.data();
-    data_.coupled_global = coupledGlobal_.data();
-    data_.coupled_delta =
-        reinterpret_cast<const double*>(coupledDelta_.data());
-    data_.coupled_coeff = coupledCoeff_.data();
+    publishCoupled();
 }
 
 
@@ -355,16 +349,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     boundaryCoeff_ =
         magSqr(boundaryArea_)/scalarField(pointVolumes_, boundaryPoints_);
 
-    data_.n_boundary = boundaryPoints_.size();
-    data_.boundary_owner = boundaryOwner_.data();
-    data_.boundary_global = boundaryGlobal_.data();
-    data_.boundary_centres =
-        reinterpret_cast<const double*>(boundaryCentres_.cdata());
-    data_.boundary_area =
-        reinterpret_cast<const double*>(boundaryArea_.cdata());
-    data_.boundary_coeff = boundaryCoeff_.cdata();
-    data_.boundary_type = boundaryType_.data();
-    data_.boundary_patch = boundaryPatch_.data();
+    publishBoundary();
 }
 
 
