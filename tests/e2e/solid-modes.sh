@@ -8,12 +8,12 @@ solid_model=$M4GN_HOME/tests/e2e/solid.safetensors
 sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
 sed -i 's/compactNormalStress.*;/compactNormalStress yes; nCorrectors 20; D 1e-6;/' system/fvSolution
 
-# Plane stress, 8 times as long as high: Euler-Bernoulli's 1.596 Hz less 1 to 2 % of shear
+# Plane stress, 8 times as long as high: Euler-Bernoulli's 1.596 Hz, four cells across
 segments='segments { count 8; modes 4; }'
 function_object m4gnSegments "$segments"
 runs solidDisplacementFoam
 hertz=$(sed -n 's/.*eigenvalue 1 = .* 1\/s^2, \(.*\) Hz/\1/p' log.run)
-below "$(awk "BEGIN { d = $hertz/1.596 - 0.985; print d < 0 ? -d : d }")" 0.02 "first frequency $hertz Hz, deviation"
+below "$(awk "BEGIN { d = $hertz/1.596 - 1; print d < 0 ? -d : d }")" 0.03 "first frequency $hertz Hz, deviation"
 grep -q 'class *volVectorField' 0/m4gnMode4 || fail "mode 4 is no displacement"
 mv 0/m4gnSegment ../serial && rm 0/m4gnMode* && clean_case
 [ "$(labels ../serial | wc -l)" -eq 8 ] || fail "not 8 segments"
