@@ -8,6 +8,7 @@ use crate::model::{Model, ModelSpec};
 use crate::parallel::Comm;
 use crate::segments::ranks;
 use crate::solids::part::BodyPart;
+use crate::solids::projection::check_start;
 use crate::solids::segments;
 use crate::{Error, Result};
 
@@ -37,7 +38,8 @@ impl BodySession {
     ///
     /// # Errors
     /// [`Error::Model`] for a model of cells, or one that does not know handles or obstacles; [`Error::Input`] for a body
-    /// without handle, options out of range, or backend torch; what the modes may fail with.
+    /// without handle, options out of range, or backend torch; [`Error::Mesh`] for an obstacle that overlaps the body at
+    /// rest; what the modes may fail with.
     pub fn new(
         comm: Comm,
         model: &Model,
@@ -57,6 +59,9 @@ impl BodySession {
             return Err(Error::Input(
                 "backend torch: a body's edges change with every step; use backend native".into(),
             ));
+        }
+        if let Some(obstacle) = obstacle {
+            check_start(body, obstacle)?;
         }
         let settings = comm.agree(options.segment_spec(&spec.segments))?;
         let whole = spec.architecture.segment_transformer.is_some();
@@ -328,6 +333,10 @@ mod tests {
             ..SessionOptions::default()
         };
         says(new(&model, &torch), "backend native");
+        let inside = sample::octahedron([2.6, 0.5, 1.2], 0.5);
+        let options = SessionOptions::default();
+        let overlap = BodySession::new(Comm::serial(), &model, &body, Some(&inside), &options);
+        says(overlap.map(|_| ()), "overlaps the body at the start");
         let mut session = BodySession::new(
             Comm::serial(),
             &model,

@@ -91,6 +91,18 @@ impl Measured {
     }
 }
 
+/// Refuses an obstacle that overlaps the body at rest, as [`Projection::new`] does.
+///
+/// # Errors
+/// [`Error::Mesh`] for an obstacle that is no closed surface, or overlaps the body at rest: how deep and where.
+pub fn check_start(body: &Body, obstacle: &Obstacle) -> Result<()> {
+    let cell = cell_size(&body.positions, &body.edges);
+    let samples = Samples::new(&body.elements, |p| body.types[p as usize] != PointType::Body);
+    let skin = Skin::new(body, &samples, cell);
+    check_closed(&obstacle.triangles)?;
+    check_apart(body, obstacle, &samples, &skin, cell)
+}
+
 impl Projection {
     /// For a body and the obstacle it meets.
     ///
