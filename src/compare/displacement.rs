@@ -4,7 +4,7 @@
 //! patch, or the one that moves most; its component is the one that moves most.
 
 use super::pairing::{common_times, same_mesh};
-use super::{HORIZONS, components, pair, records, seconds, signal, wall};
+use super::{components, error_table, gain, pair, records, seconds, signal, wall};
 use crate::report::{Chart, Page, Series, Table, chart::BLUE, chart::GREY, chart::ORANGE, number, percent};
 use crate::validate::rmse::{SquaredError, cumulative};
 use crate::{Error, Result, foam_case::FoamCase};
@@ -217,34 +217,7 @@ fn beside_patch(
 impl Motion {
     /// Displacement errors at the horizons.
     pub fn error_table(&self) -> Table {
-        let mut table = Table::new([
-            "horizon",
-            "until [s]",
-            "hybrid RMSE [m]",
-            "hold last [m]",
-            "ratio",
-        ]);
-        let last = self.times.len() - 1;
-        for i in HORIZONS.iter().map(|h| h - 1).filter(|&h| h < last).chain([last]) {
-            let name = match i == last {
-                true => format!("all ({})", i + 1),
-                false => (i + 1).to_string(),
-            };
-            let (hybrid, hold) = (self.displacement_rmse[i], self.hold_last_rmse[i]);
-            let ratio = if hold > 0.0 {
-                number(hybrid / hold, 3)
-            } else {
-                "-".into()
-            };
-            table.row([
-                name,
-                seconds(self.times[i]),
-                number(hybrid, 3),
-                number(hold, 3),
-                ratio,
-            ]);
-        }
-        table
+        error_table("m", &self.times, &self.displacement_rmse, &self.hold_last_rmse)
     }
 
     /// Motion of the cell, frequency and wall time.
@@ -272,11 +245,11 @@ impl Motion {
             percent(Some(self.point_error_max)),
         );
         row("frequency [1/s]", self.frequency, percent(self.frequency_error));
-        let gain = match (self.wall_a, self.wall_b) {
-            (Some(a), Some(b)) if b > 0.0 => format!("{} x as fast", number(a / b, 3)),
-            _ => "-".into(),
-        };
-        row("wall time [s]", [self.wall_a, self.wall_b], gain);
+        row(
+            "wall time [s]",
+            [self.wall_a, self.wall_b],
+            gain([self.wall_a, self.wall_b]),
+        );
         table
     }
 

@@ -214,47 +214,9 @@ impl Comparison {
         }
     }
 
-    /// Indices into the lists at horizons 1, 2, 5, 10, 20, 50 and all, as far as the run goes.
-    fn horizons(&self) -> Vec<usize> {
-        let last = self.times.len() - 1;
-        HORIZONS
-            .iter()
-            .map(|h| h - 1)
-            .filter(|&h| h < last)
-            .chain([last])
-            .collect()
-    }
-
     /// Velocity errors at the horizons.
     pub fn error_table(&self) -> Table {
-        let mut table = Table::new([
-            "horizon",
-            "until [s]",
-            "hybrid RMSE [m/s]",
-            "hold last [m/s]",
-            "ratio",
-        ]);
-        for i in self.horizons() {
-            let name = if i + 1 == self.times.len() {
-                format!("all ({})", i + 1)
-            } else {
-                (i + 1).to_string()
-            };
-            let (model, hold) = (self.velocity_rmse[i], self.hold_last_rmse[i]);
-            let ratio = if hold > 0.0 {
-                number(model / hold, 3)
-            } else {
-                "-".into()
-            };
-            table.row([
-                name,
-                seconds(self.times[i]),
-                number(model, 3),
-                number(hold, 3),
-                ratio,
-            ]);
-        }
-        table
+        error_table("m/s", &self.times, &self.velocity_rmse, &self.hold_last_rmse)
     }
 
     /// Forces, frequency and wall time.
@@ -282,11 +244,11 @@ impl Comparison {
             );
             row("Strouhal number", self.strouhal, percent(self.strouhal_error));
         }
-        let gain = match (self.wall_a, self.wall_b) {
-            (Some(a), Some(b)) if b > 0.0 => format!("{} x as fast", number(a / b, 3)),
-            _ => "-".into(),
-        };
-        row("wall time [s]", [self.wall_a, self.wall_b], gain);
+        row(
+            "wall time [s]",
+            [self.wall_a, self.wall_b],
+            gain([self.wall_a, self.wall_b]),
+        );
         table
     }
 
@@ -299,6 +261,39 @@ impl Comparison {
 /// A time without the digits of rounding.
 pub(crate) fn seconds(time: f64) -> String {
     format!("{}", (time * 1e9).round() / 1e9)
+}
+
+/// Errors in `unit` up to horizons 1, 2, 5, 10, 20, 50 and all, as far as the run goes; one entry of each list a time.
+fn error_table(unit: &str, times: &[f64], hybrid: &[f64], hold_last: &[f64]) -> Table {
+    let mut table = Table::new([
+        "horizon".to_string(),
+        "until [s]".to_string(),
+        format!("hybrid RMSE [{unit}]"),
+        format!("hold last [{unit}]"),
+        "ratio".to_string(),
+    ]);
+    let last = times.len() - 1;
+    for i in HORIZONS.iter().map(|h| h - 1).filter(|&h| h < last).chain([last]) {
+        let name = match i == last {
+            true => format!("all ({})", i + 1),
+            false => (i + 1).to_string(),
+        };
+        let (hybrid, hold) = (hybrid[i], hold_last[i]);
+        let ratio = match hold > 0.0 {
+            true => number(hybrid / hold, 3),
+            false => "-".into(),
+        };
+        table.row([name, seconds(times[i]), number(hybrid, 3), number(hold, 3), ratio]);
+    }
+    table
+}
+
+/// How many times as fast the second run was, in words.
+fn gain(wall: [Option<f64>; 2]) -> String {
+    match wall {
+        [Some(a), Some(b)] if b > 0.0 => format!("{} x as fast", number(a / b, 3)),
+        _ => "-".into(),
+    }
 }
 
 fn pair(values: Option<[f64; 2]>) -> [Option<f64>; 2] {

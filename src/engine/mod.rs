@@ -35,6 +35,7 @@ pub use profile::{Phase, Profile};
 use crate::graph::Graph;
 use crate::model::Model;
 use crate::parallel::Comm;
+use crate::segments::{SegmentFeatures, Segmentation};
 use crate::{Error, Result};
 use kernels::Bf16;
 use network::Network;
@@ -55,6 +56,20 @@ pub struct SegmentView<'a> {
     /// Offsets of the owned nodes from their segment's centroid `[n_owned x n_offset_features]`; empty when the
     /// model has none.
     pub offsets: &'a [f32],
+}
+
+impl<'a> SegmentView<'a> {
+    /// Of a segmentation and its features.
+    pub fn new(segments: &'a Segmentation, features: &'a SegmentFeatures) -> Self {
+        SegmentView {
+            count: segments.count,
+            member_row: &segments.member_row,
+            member: &segments.member,
+            sizes: &segments.sizes,
+            position: &features.position,
+            offsets: &features.offsets,
+        }
+    }
 }
 
 /// What advances the graph by one step: the native engine or another backend.

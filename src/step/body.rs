@@ -84,14 +84,7 @@ impl BodySession {
             )?),
             false => None,
         };
-        let view = cut.as_ref().map(|(s, f)| SegmentView {
-            count: s.count,
-            member_row: &s.member_row,
-            member: &s.member,
-            sizes: &s.sizes,
-            position: &f.position,
-            offsets: &f.offsets,
-        });
+        let view = cut.as_ref().map(|(s, f)| SegmentView::new(s, f));
         let engine = Engine::new(model, graph.graph(), view.as_ref(), &options.engine());
         let engine = comm.agree(engine)?;
         let n = part.points.len();
@@ -271,14 +264,7 @@ mod tests {
         let modes = segments::modes(&body, settings, &options.modal).unwrap();
         let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
         let (cut, features) = cut;
-        let view = SegmentView {
-            count: cut.count,
-            member_row: &cut.member_row,
-            member: &cut.member,
-            sizes: &cut.sizes,
-            position: &features.position,
-            offsets: &features.offsets,
-        };
+        let view = SegmentView::new(&cut, &features);
         let mut displacement = vec![[0.0; 3]; 63];
         let mut edges = Vec::new();
         for step in 0..4 {

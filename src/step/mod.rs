@@ -98,14 +98,7 @@ impl Session {
                 .as_ref()
                 .map(|s| segments::features(spec, mesh, s, &comm))
                 .unwrap_or_default();
-            let view = segmentation.as_ref().map(|s| SegmentView {
-                count: s.count,
-                member_row: &s.member_row,
-                member: &s.member,
-                sizes: &s.sizes,
-                position: &features.position,
-                offsets: &features.offsets,
-            });
+            let view = segmentation.as_ref().map(|s| SegmentView::new(s, &features));
             comm.agree(network(model, &graph, view.as_ref(), options, &comm))?
         };
         let n_cells = mesh.n_cells();

@@ -50,11 +50,13 @@ EOF
     sed -i 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' 0/U
 }
 
+# header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
+header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
+
 # make_beam FOLDER: a beam of 0.4 x 0.05 m, clamped at its left, loaded at its tip at time 0; solidDisplacementFoam. One
 # period is some 0.5 s.
 make_beam() {
     mkdir -p "$1/0" "$1/constant" "$1/system" && cd "$1"
-    header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
     { header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
 vertices ((0 0 0) (0.4 0 0) (0.4 0.05 0) (0 0.05 0) (0 0 0.01) (0.4 0 0.01) (0.4 0.05 0.01) (0 0.05 0.01));
 blocks (hex (0 1 2 3 4 5 6 7) (24 4 1) simpleGrading (1 1 1));

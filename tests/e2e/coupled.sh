@@ -3,7 +3,6 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-header() { echo "FoamFile { version 2.0; format ascii; class $1; object $2; }"; }
 
 # A channel that is periodic in x, with a jet along its middle
 mkdir -p case/{0,constant,system}
@@ -12,14 +11,14 @@ cd case
 cp "$M4GN_HOME"/openfoam/templates/cylinderFlow/system/{fvSchemes,fvSolution} system
 sed -i 's/tolerance  *1e-6/tolerance 1e-10/; s/relTol  *0.05/relTol 0/; s/nCorrectors  *2;/nCorrectors 2; pRefCell 0; pRefValue 0;/' system/fvSolution
 {
-    header dictionary controlDict
+    header controlDict
     echo 'application icoFoam; startFrom startTime; startTime 0; stopAt endTime; endTime 0.06; deltaT 0.002;'
     echo 'writeControl adjustableRunTime; writeInterval 0.01; writePrecision 12; timePrecision 8; functions { #include "functions" }'
 } > system/controlDict
-{ header dictionary decomposeParDict; echo 'numberOfSubdomains 2; method simple; coeffs { n (2 1 1); }'; } > system/decomposeParDict
+{ header decomposeParDict; echo 'numberOfSubdomains 2; method simple; coeffs { n (2 1 1); }'; } > system/decomposeParDict
 mesh() { # TYPE ENTRIES ENTRIES: of the ends, the left and the right one
     {
-        header dictionary blockMeshDict
+        header blockMeshDict
         echo 'vertices ((0 0 0) (1 0 0) (1 0.4 0) (0 0.4 0) (0 0 0.1) (1 0 0.1) (1 0.4 0.1) (0 0.4 0.1));'
         echo 'blocks (hex (0 1 2 3 4 5 6 7) (20 8 1) simpleGrading (1 1 1)); boundary ('
         echo "left { type $1; neighbourPatch right; $2 faces ((0 4 7 3)); }"
@@ -30,7 +29,7 @@ mesh() { # TYPE ENTRIES ENTRIES: of the ends, the left and the right one
 }
 fields() { # TYPE of the ends
     {
-        header volVectorField U
+        header U volVectorField
         echo 'dimensions [0 1 -1 0 0 0 0]; internalField nonuniform List<vector> 160 ('
         for ((i = 0; i < 160; ++i)); do
             awk "BEGIN { x = 6.2831853*($i % 20 + 0.5)/20; y = (int($i/20) + 0.5)/8
@@ -39,12 +38,12 @@ fields() { # TYPE of the ends
         echo "); boundaryField { \"left|right\" { type $1; } walls { type noSlip; } sides { type empty; } }"
     } > 0/U
     {
-        header volScalarField p
+        header p volScalarField
         echo 'dimensions [0 2 -2 0 0 0 0]; internalField uniform 0;'
         echo "boundaryField { \"left|right\" { type $1; } walls { type zeroGradient; } sides { type empty; } }"
     } > 0/p
 }
-{ header dictionary transportProperties; echo 'nu 1e-3;'; } > constant/transportProperties
+{ header transportProperties; echo 'nu 1e-3;'; } > constant/transportProperties
 mesh cyclic '' ''
 fields cyclic
 

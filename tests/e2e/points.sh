@@ -4,7 +4,6 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 mkdir -p case/constant case/system case/0 && cd case
-header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
 { header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
 vertices ((0 0 0) (0.6 0 0) (0.7 0.2 0) (0 0.3 0) (0 0 0.2) (0.6 0 0.25) (0.7 0.2 0.2) (0 0.3 0.2));
 blocks (hex (0 1 2 3 4 5 6 7) (12 5 4) simpleGrading (2 1 1));

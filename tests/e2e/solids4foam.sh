@@ -16,7 +16,6 @@ make_oracle
 
 # A beam of 0.2 x 0.04 x 0.02 m, clamped at its left, loaded at its tip at time 0. One period is some 0.2 s.
 mkdir -p case/0 case/constant case/system/dualMesh && cd case
-header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
 { header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
 vertices ((0 0 0) (0.2 0 0) (0.2 0.04 0) (0 0.04 0) (0 0 0.02) (0.2 0 0.02) (0.2 0.04 0.02) (0 0.04 0.02));
 blocks (hex (0 1 2 3 4 5 6 7) (20 4 2) simpleGrading (1 1 1));

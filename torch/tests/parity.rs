@@ -184,14 +184,7 @@ fn difference(spec: &ModelSpec) -> f64 {
     let mut graph = Graph::new(&mesh, &comm).unwrap();
     let cut = segments::segment(&mesh, &mut graph, &spec.segments, &comm, None).unwrap();
     let features = segments::features(spec, &mesh, &cut, &comm);
-    let view = SegmentView {
-        count: cut.count,
-        member_row: &cut.member_row,
-        member: &cut.member,
-        sizes: &cut.sizes,
-        position: &features.position,
-        offsets: &features.offsets,
-    };
+    let view = SegmentView::new(&cut, &features);
     let parts = Parts {
         n_cells: graph.n_cells,
         node_types: &graph.node_types[..graph.n_owned],
