@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Eigenvalues of small solid bodies by an independent library, FElupe (PyPI, GPL).
 
-  bench/solids_reference.py            compare with src/fem/reference.json, exit 1 if they differ by 1e-9
+  bench/solids_reference.py            compare with src/modes/fem/reference.json, exit 1 if they differ by 1e-9
   bench/solids_reference.py --write    write that file
 
 The same bodies are solved by `cargo test --release fem::reference`. Isoparametric elements: K and M are FElupe's (the
@@ -129,7 +129,7 @@ def isoparametric(shape, points, cells, young, poisson, density):
 
 
 def smoothed(shape, points, cells, young, poisson, density, edges=0.9, limit=2.0):
-    """K and M of src/fem/smoothing.rs, unknowns point by point."""
+    """K and M of src/modes/fem/smoothing.rs, unknowns point by point."""
     n, dim = points.shape
     extended, middles, corner_lists, cell_of = list(points), {}, [], []
 

@@ -34,6 +34,7 @@ const SOURCES: &[&str] = &[
     "../openfoam/dictionary/m4gnDictionary.C",
     "../openfoam/fields/m4gnFieldFiles.C",
     "../openfoam/segments/m4gnSegmentField.C",
+    "../openfoam/segments/m4gnSegmentRecord.C",
     "../openfoam/solids/m4gnElasticBody.C",
     "../openfoam/solids/m4gnElasticMaterial.C",
 ];
@@ -50,6 +51,7 @@ const HEADERS: &[&str] = &[
     "../openfoam/dictionary/m4gnDictionary.H",
     "../openfoam/fields/m4gnFieldFiles.H",
     "../openfoam/segments/m4gnSegmentField.H",
+    "../openfoam/segments/m4gnSegmentRecord.H",
     "../openfoam/solids/m4gnElasticBody.H",
 ];
 

@@ -2,12 +2,14 @@
 //! `bench/modes.py` runs it beside scipy and pymetis.
 
 use clap::{Parser, ValueEnum};
-use m4gn::graph::Graph;
-use m4gn::mesh::{Mesh, sample};
-use m4gn::model::SegmentSpec;
-use m4gn::modes::{Mass, ModalOptions, ModalSolver, laplacian, laplacian_modes};
-use m4gn::parallel::Comm;
-use m4gn::segments::segment;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Mesh, sample};
+use m4gn_model::SegmentSpec;
+use m4gn_model::modal::{ModalOptions, ModalSolver};
+use m4gn_modes::Modal;
+use m4gn_modes::{Mass, laplacian, laplacian_modes};
+use m4gn_segments::graph::Graph;
+use m4gn_segments::segment;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -60,7 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 petsc: arguments.petsc,
                 ..ModalOptions::fixed(arguments.modes)
             };
-            let modes = laplacian_modes(&mesh, &mut graph, &comm, &options)?;
+            let modes = laplacian_modes(&mesh, &comm, &options)?;
             serde_json::json!({ "eigenvalues": modes.eigenvalues })
         }
         count => {
@@ -69,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 modes: arguments.modes,
                 ..Default::default()
             };
-            let segments = segment(&mesh, &mut graph, &spec, &comm, None)?;
+            let segments = segment(&mesh, &mut graph, &spec, &Modal::default(), &comm, None)?;
             serde_json::json!({ "segments": segments.count })
         }
     };
@@ -98,8 +100,7 @@ fn mesh(arguments: &Arguments) -> Mesh {
 }
 
 fn export(mesh: &Mesh, comm: &Comm, path: &Path) -> Result<(), Box<dyn std::error::Error>> {
-    let mut graph = Graph::new(mesh, comm)?;
-    let problem = laplacian(mesh, &mut graph, comm)?;
+    let problem = laplacian(mesh, comm)?;
     let rows: Vec<i64> = problem.stiffness.row.iter().map(|&r| r as i64).collect();
     let file = hdf5::File::create(path)?;
     file.new_dataset_builder().with_data(&rows).create("indptr")?;

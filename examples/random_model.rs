@@ -1,10 +1,12 @@
 //! Writes a small model with random weights, for tests and for trying out a case without training:
 //! `random_model FILE [SEED]`. It knows U (change) and p (value) in two dimensions; with `random_model FILE SEED solid`
-//! the displacement D of a solid and its rate, with segments of the elastic body's modes.
+//! the displacement D of a solid and its rate, with segments of the elastic body's modes; with `random_model FILE SEED scalar`
+//! a graph convolutional network that knows U, p_rgh and the passive scalar T (changes of U and T, p_rgh itself).
 
-use m4gn::mesh::NodeType;
-use m4gn::model::{
-    Activation, Architecture, FieldSpec, MacroSpec, ModalOperator, Model, ModelSpec, Output, SegmentSpec,
+use m4gn_mesh::NodeType;
+use m4gn_model::{
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, ModalOperator, Model, ModelSpec, Output,
+    SegmentSpec,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -14,7 +16,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let spec = match arguments.next().as_deref() {
         None => flow(),
         Some("solid") => solid(),
-        Some(other) => return Err(format!("'{other}': expected solid").into()),
+        Some("scalar") => scalar(),
+        Some(other) => return Err(format!("'{other}': expected solid or scalar").into()),
     };
     Model::random(spec, seed)?.write(path)?;
     Ok(())
@@ -53,6 +56,22 @@ fn solid() -> ModelSpec {
     }
 }
 
+fn scalar() -> ModelSpec {
+    let flow = flow();
+    ModelSpec {
+        fields: vec![
+            field("U", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
+            field("p_rgh", false, [0, 2, -2, 0, 0, 0, 0], Output::Value),
+            field("T", false, [0, 0, 0, 1, 0, 0, 0], Output::Delta),
+        ],
+        architecture: Architecture {
+            kind: Kind::Gcn { layers: 2 },
+            ..flow.architecture
+        },
+        ..flow
+    }
+}
+
 fn flow() -> ModelSpec {
     ModelSpec {
         format: 1,
@@ -67,23 +86,27 @@ fn flow() -> ModelSpec {
             width: 8,
             hidden_layers: 1,
             activation: Activation::Silu,
-            layers_before: 2,
-            layers_after: 1,
-            segment_transformer: Some(MacroSpec {
-                layers: 1,
-                heads: 2,
-                ffn_width: 16,
-                rwse_steps: 4,
-                centroids: true,
-                offsets: true,
+            kind: Kind::M4gn(M4gn {
+                layers_before: 2,
+                layers_after: 1,
+                segment_transformer: MacroSpec {
+                    layers: 1,
+                    heads: 2,
+                    ffn_width: 16,
+                    rwse_steps: 4,
+                    centroids: true,
+                    offsets: true,
+                },
             }),
         },
         contact: None,
+        resolution: None,
         segments: SegmentSpec {
             count: 4,
             modes: 3,
             ..SegmentSpec::default()
         },
+        trained_on: None,
         training: serde_json::json!({ "note": "random weights" }),
     }
 }

@@ -3,11 +3,12 @@
 //!
 //!     cargo run --release --example solid_beams -- 2 4        (cells across; 15 times as many along)
 
-use m4gn::fem::sample::{self, Kind};
-use m4gn::fem::{Fixed, Formulation, Material, Options, modes};
-use m4gn::modes::{ModalOptions, ModeCount};
-use m4gn::parallel::Comm;
-use m4gn::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::modal::{ModalOptions, ModeCount};
+use m4gn_modes::fem::sample;
+use m4gn_modes::fem::sample::Kind;
+use m4gn_modes::fem::{Fixed, Formulation, Material, Options, modes};
 use std::time::Instant;
 
 fn main() -> Result<()> {

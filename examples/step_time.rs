@@ -1,11 +1,13 @@
 //! Prints the time of one engine step on a channel of triangles, for networks of the sizes that are trained here, and
 //! where it goes: `step_time [CELLS [THREADS]]`.
 
-use m4gn::engine::{Engine, EngineOptions, Forward, Phase, Precision, Profile, SegmentView};
-use m4gn::graph::Graph;
-use m4gn::mesh::{NodeType, sample};
-use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
-use m4gn::parallel::Comm;
+use m4gn_engine::{Engine, EngineOptions, Forward, Phase, Precision, Profile, SegmentView};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{NodeType, sample};
+use m4gn_model::{
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output, SegmentSpec,
+};
+use m4gn_segments::graph::Graph;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -61,7 +63,7 @@ fn measure(
     comm: &Comm,
     n_threads: usize,
     precision: Precision,
-) -> m4gn::Result<(f64, Profile)> {
+) -> m4gn_mesh::Result<(f64, Profile)> {
     const K: usize = 36;
     let member_row: Vec<u32> = (0..=graph.n_owned as u32).collect();
     let member: Vec<i32> = (0..graph.n_owned)
@@ -112,19 +114,23 @@ fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activatio
             width,
             hidden_layers,
             activation,
-            layers_before: layers / 2,
-            layers_after: layers - layers / 2,
-            segment_transformer: Some(MacroSpec {
-                layers: 2,
-                heads: 4,
-                ffn_width: 2 * width,
-                rwse_steps: 0,
-                centroids: false,
-                offsets: false,
+            kind: Kind::M4gn(M4gn {
+                layers_before: layers / 2,
+                layers_after: layers - layers / 2,
+                segment_transformer: MacroSpec {
+                    layers: 2,
+                    heads: 4,
+                    ffn_width: 2 * width,
+                    rwse_steps: 0,
+                    centroids: false,
+                    offsets: false,
+                },
             }),
         },
         contact: None,
+        resolution: None,
         segments: SegmentSpec::default(),
+        trained_on: None,
         training: serde_json::Value::Null,
     }
 }

@@ -13,22 +13,23 @@ case $what in core | all) ;; *) die "unknown part '$what'" "usage: setup/build.s
 need_cargo
 foam=$(setup/openfoam.sh --export)
 eval "$foam"
-packages=(-p m4gn -p m4gn-foam-bridge)
+packages=(--workspace --exclude m4gn-torch)
 if [ "$what" = all ]; then
     export LIBTORCH=${LIBTORCH:-$TORCH_DIR}
     packages=(--workspace)
 fi
 
-# A library is replaced in one go: a solver that runs keeps the one it has loaded.
+# A library is replaced in one go: a solver that runs keeps the one it has loaded. What ships has no debug information.
 publish() {
-    local file=$CARGO_TARGET_DIR/release/$1
-    cmp -s "$file" "lib/$1" && return
-    mkdir -p lib && cp "$file" "lib/.$1.$$" && mv -T "lib/.$1.$$" "lib/$1"
+    local file=$CARGO_TARGET_DIR/release/$1 new=lib/.$1.$$
+    mkdir -p lib && strip --strip-debug -o "$new" "$file" || return
+    if cmp -s "$new" "lib/$1"; then rm "$new"; else mv -T "$new" "lib/$1"; fi
 }
 
 build_crates() {
     cargo build --release --locked "${packages[@]}" &&
         publish libm4gn.so &&
+        publish libm4gn_slepc.so &&
         publish libm4gn_foam_bridge.so &&
         { [ "$what" = core ] || publish libm4gn_torch.so; }
 }

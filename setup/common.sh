@@ -62,7 +62,8 @@ ticker() {
 }
 
 # step NAME COMMAND...: runs a command with its output in a log file and prints one line with the seconds it took.
-# On failure it prints the end of the log and returns the command's status.
+# On failure it prints the end of the log and returns the command's status. The status STEP_SKIPPED says that the command was
+# skipped; the last line of its log is then the reason.
 step() {
     local name=$1 log began ticker rc=0
     shift
@@ -78,9 +79,12 @@ step() {
     if [ -t 1 ]; then printf '\r'; fi
     if [ "$rc" -eq 0 ]; then
         printf '  %-48s ok      %4d s\n' "$name" $((SECONDS - began))
+    elif [ "$rc" -eq "${STEP_SKIPPED:--1}" ]; then
+        printf '  %-48s skipped (%s)\n' "$name" "$(tail -n 1 "$log" | sed 's/^skipped: //')"
     else
         printf '  %-48s FAILED  %4d s\n' "$name" $((SECONDS - began))
-        printf '    status %d, the end of %s:\n' "$rc" "$log" >&2
+        printf '    status %d, what %s says of failures, and its end:\n' "$rc" "$log" >&2
+        grep -nE -A 6 'panicked at|\.\.\. FAILED|^error(\[|:)' "$log" | head -n 60 | sed 's/^/    | /' >&2 || true
         tail -n "${STEP_TAIL:-25}" "$log" | sed 's/^/    | /' >&2
     fi
     return "$rc"

@@ -64,6 +64,10 @@ fn compare_gives_the_errors_on_paper() {
         (0.5_f64 / 2.0_f64.sqrt(), 1.0 / 2.0_f64.sqrt()),
         (0.25, (5.0_f64 / 4.0).sqrt()),
     ];
+    // p is the same in both runs and at all times.
+    assert_eq!(found["fields"]["p"]["rmse"], serde_json::json!([0.0, 0.0]));
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(text.contains("RMSE-1") && text.contains("hybrid [p]"), "{text}");
     for (i, (model, hold)) in expected.into_iter().enumerate() {
         assert!((list("velocity_rmse")[i] - model).abs() < 1e-12, "{found}");
         assert!((list("hold_last_rmse")[i] - hold).abs() < 1e-12, "{found}");
@@ -113,6 +117,7 @@ fn compare_refuses_what_cannot_be_compared() {
         assert!(!json.exists(), "{args:?} left a file of figures");
     };
     fails(&[&a, "/nowhere"], "is not an OpenFOAM case");
+    fails(&[&a, "/tmp/my case"], "has the character ' '");
     fails(
         &[&a, &b, "--patch", "wing"],
         "its patches are inlet, outlet, body, sides",

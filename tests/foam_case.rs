@@ -5,10 +5,10 @@
 mod common;
 
 use common::{cube, field, put, uniform};
-use m4gn::foam_case::FoamCase;
+use m4gn_workbench::foam_case::FoamCase;
 use std::{
     fs,
-    path::{Path, PathBuf},
+    path::Path,
     process::Command,
     sync::{Mutex, MutexGuard},
 };
@@ -21,18 +21,8 @@ fn alone() -> MutexGuard<'static, ()> {
     ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
 }
 
-fn bridge() -> PathBuf {
-    let beside = Path::new(env!("CARGO_BIN_EXE_m4gn")).with_file_name("libm4gn_foam_bridge.so");
-    assert!(
-        beside.is_file(),
-        "{} is missing: run setup/build.sh before the tests",
-        beside.display()
-    );
-    beside
-}
-
-fn open(case: &Path) -> m4gn::Result<FoamCase> {
-    FoamCase::open(&bridge(), case)
+fn open(case: &Path) -> m4gn_mesh::Result<FoamCase> {
+    FoamCase::open(case)
 }
 
 fn near(a: [f64; 3], b: [f64; 3]) -> bool {
@@ -168,7 +158,7 @@ fn forces_on_a_closed_body() {
 #[test]
 fn openfoams_own_messages_become_errors() {
     let _alone = alone();
-    let message = |e: m4gn::Result<FoamCase>| e.err().expect("an error").to_string();
+    let message = |e: m4gn_mesh::Result<FoamCase>| e.err().expect("an error").to_string();
     let dir = TempDir::new().unwrap();
     let missing = message(open(&dir.path().join("none")));
     assert!(

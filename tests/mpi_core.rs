@@ -11,13 +11,15 @@ mod pairs;
 mod segments;
 
 use checks::{Checks, compare_modes, compare_segments};
-use m4gn::graph::Graph;
-use m4gn::mesh::{Mesh, sample};
-use m4gn::model::{SegmentMethod, SegmentSpec};
-use m4gn::modes::{ModalOptions, Modes, laplacian_modes, laplacian_reference};
-use m4gn::parallel::{Comm, finalize};
-use m4gn::segments::{Segmentation, segment};
-use m4gn::{Error, Result};
+use m4gn_mesh::parallel::{Comm, finalize};
+use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Mesh, sample};
+use m4gn_model::modal::{ModalOptions, Modes};
+use m4gn_model::{SegmentMethod, SegmentSpec};
+use m4gn_modes::Modal;
+use m4gn_modes::{laplacian_modes, laplacian_reference};
+use m4gn_segments::graph::Graph;
+use m4gn_segments::{Segmentation, segment};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -94,18 +96,17 @@ struct Whole {
 
 fn whole_modes(mesh: &Mesh) -> Result<Modes> {
     let serial = Comm::serial();
-    let mut graph = Graph::new(mesh, &serial)?;
-    laplacian_modes(mesh, &mut graph, &serial, &ModalOptions::default())
+    laplacian_modes(mesh, &serial, &ModalOptions::default())
 }
 
 impl Whole {
     fn new(mesh: &Mesh) -> Result<Self> {
         let serial = Comm::serial();
         let mut graph = Graph::new(mesh, &serial)?;
-        let modes = laplacian_modes(mesh, &mut graph, &serial, &ModalOptions::default())?;
+        let modes = laplacian_modes(mesh, &serial, &ModalOptions::default())?;
         let segments = specs(mesh)
             .iter()
-            .map(|spec| segment(mesh, &mut graph, spec, &serial, None))
+            .map(|spec| segment(mesh, &mut graph, spec, &Modal::default(), &serial, None))
             .collect::<Result<_>>()?;
         Ok(Whole {
             n_edges: graph.senders.len(),
@@ -291,20 +292,20 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
         edges[0] as usize == expected.n_edges,
         format!("{name}: number of edges"),
     );
-    let modes = laplacian_modes(&part, &mut graph, &comm, &ModalOptions::default());
+    let modes = laplacian_modes(&part, &comm, &ModalOptions::default());
     let Some(modes) = checks.value(modes, name) else {
         return;
     };
     compare_modes(checks, name, &part, &modes, &expected.modes);
     for (spec, expected) in specs(mesh).iter().zip(&expected.segments) {
         let name = format!("{name}, {:?} K = {}", spec.method, spec.count);
-        let found = segment(&part, &mut graph, spec, &comm, None);
+        let found = segment(&part, &mut graph, spec, &Modal::default(), &comm, None);
         let Some(found) = checks.value(found, &name) else {
             continue;
         };
         compare_segments(checks, &name, &part, mesh, &found, expected);
         let preset: Vec<i32> = found.node_segment[..part.n_cells()].to_vec();
-        let again = segment(&part, &mut graph, spec, &comm, Some(&preset));
+        let again = segment(&part, &mut graph, spec, &Modal::default(), &comm, Some(&preset));
         let again = checks.value(again, &name);
         checks.that(
             again.is_none_or(|a| a.member == found.member && a.adjacency == found.adjacency),
@@ -362,7 +363,7 @@ fn broken_meshes(checks: &mut Checks) {
         count: 49,
         ..Default::default()
     };
-    let many = segment(&good, &mut graph, &spec, &comm, None);
+    let many = segment(&good, &mut graph, &spec, &Modal::default(), &comm, None);
     checks.that(matches!(many, Err(Error::Input(_))), "more segments than cells");
     let labels = vec![if last { 9 } else { 0 }; good.n_cells()];
     let spec = SegmentSpec {
@@ -370,7 +371,7 @@ fn broken_meshes(checks: &mut Checks) {
         ..Default::default()
     };
     checks.that(
-        segment(&good, &mut graph, &spec, &comm, Some(&labels)).is_err(),
+        segment(&good, &mut graph, &spec, &Modal::default(), &comm, Some(&labels)).is_err(),
         "a preset label out of range",
     );
 }

@@ -3,15 +3,21 @@
 //! Every rank also runs the whole mesh in serial and compares by global numbers. Without mpirun this is a run on one
 //! rank.
 
+#[path = "ranks/mod.rs"]
+mod ranks;
+
 #[path = "mpi_engine/bodies.rs"]
 mod bodies;
 
-use m4gn::engine::Precision;
-use m4gn::mesh::{Mesh, NodeType, sample};
-use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
-use m4gn::parallel::{Comm, finalize};
-use m4gn::step::{Field, FieldMut, Session, SessionOptions};
-use m4gn::{Error, Result};
+use m4gn_engine::Precision;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_model::{
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output, Resolution,
+    SegmentSpec, cell_size,
+};
+use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::process::ExitCode;
 
 /// Sums of neighbours and segments come in another order: a few units in the last place of fp32 a layer.
@@ -20,29 +26,7 @@ const TOLERANCE: f64 = 1e-5;
 const TOLERANCE_BF16: f64 = 2e-2;
 
 fn main() -> ExitCode {
-    let comm = match Comm::world() {
-        Ok(comm) => comm,
-        Err(e) => {
-            eprintln!("mpi_engine: {e}");
-            return ExitCode::FAILURE;
-        }
-    };
-    let failures = run(&comm);
-    failures
-        .iter()
-        .for_each(|f| eprintln!("mpi_engine, rank {} of {}: {f}", comm.rank(), comm.size()));
-    let mut count = [failures.len() as i64];
-    comm.sum_i64(&mut count);
-    if comm.is_root() && count[0] == 0 {
-        println!("mpi_engine: ok on {} ranks", comm.size());
-    }
-    drop(comm);
-    finalize();
-    if count[0] == 0 {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    }
+    ranks::run("mpi_engine", |comm| Ok(run(comm)))
 }
 
 fn run(comm: &Comm) -> Vec<String> {
@@ -61,20 +45,32 @@ fn run(comm: &Comm) -> Vec<String> {
             ("scattered", scattered),
             ("the last rank alone", all_on_last),
         ] {
-            for (layers_after, overlap, rwse_steps) in [(0, 0, 4), (1, 0, 0), (2, 1, 3)] {
-                let spec = spec(mesh.dim(), layers_after, overlap, rwse_steps);
-                let name = format!("{what}, {how}, {layers_after} layers after, overlap {overlap}");
-                for (precision, n_threads, tolerance) in [
-                    (Precision::Fp32, 1, TOLERANCE),
-                    (Precision::Fp32, 2, TOLERANCE),
-                    (Precision::Bf16, 1, TOLERANCE_BF16),
+            let m4gn = [(0, 0, 4), (1, 0, 0), (2, 1, 3)].map(|(layers_after, overlap, rwse_steps)| {
+                let name = format!("{layers_after} layers after, overlap {overlap}");
+                (name, spec(mesh.dim(), layers_after, overlap, rwse_steps))
+            });
+            let mut gcn = spec(mesh.dim(), 0, 0, 0);
+            gcn.architecture.kind = Kind::Gcn { layers: 3 };
+            for (name, spec) in m4gn.into_iter().chain([("gcn".to_string(), gcn)]) {
+                let name = format!("{what}, {how}, {name}");
+                // Groups of cells that straddle ranks.
+                let groups = Resolution::Length(1.7 * cell_size(mesh, &Comm::serial()));
+                for (precision, n_threads, resolution, tolerance) in [
+                    (Precision::Fp32, 1, Resolution::Off, TOLERANCE),
+                    (Precision::Fp32, 2, Resolution::Off, TOLERANCE),
+                    (Precision::Fp32, 1, groups, TOLERANCE),
+                    (Precision::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
                 ] {
                     let options = SessionOptions {
                         precision,
                         n_threads,
+                        resolution,
                         ..SessionOptions::default()
                     };
-                    let name = format!("{name}, {}, {n_threads} threads", precision.name());
+                    let name = format!(
+                        "{name}, {}, {n_threads} threads, {resolution:?}",
+                        precision.name()
+                    );
                     match compare(comm, mesh, &ranks, spec.clone(), &options) {
                         Ok(error) if error < tolerance => {}
                         Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
@@ -117,7 +113,7 @@ fn compare(
     let mut error = 0f64;
     for (c, &global) in part.cell_global.iter().enumerate() {
         let g = global as usize;
-        if session.cell_segment()[c] != serial.cell_segment()[g] {
+        if session.cell_segment().get(c) != serial.cell_segment().get(g) {
             return Err(Error::Internal(format!(
                 "cell {g} has another segment than in serial"
             )));
@@ -221,24 +217,28 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
             width: 24,
             hidden_layers: 1,
             activation: Activation::Silu,
-            layers_before: 3,
-            layers_after,
-            segment_transformer: Some(MacroSpec {
-                layers: 2,
-                heads: 3,
-                ffn_width: 32,
-                rwse_steps,
-                centroids: rwse_steps > 0,
-                offsets: layers_after > 0,
+            kind: Kind::M4gn(M4gn {
+                layers_before: 3,
+                layers_after,
+                segment_transformer: MacroSpec {
+                    layers: 2,
+                    heads: 3,
+                    ffn_width: 32,
+                    rwse_steps,
+                    centroids: rwse_steps > 0,
+                    offsets: layers_after > 0,
+                },
             }),
         },
         contact: None,
+        resolution: None,
         segments: SegmentSpec {
             count: 6,
             modes: 3,
             overlap,
             ..SegmentSpec::default()
         },
+        trained_on: None,
         training: serde_json::Value::Null,
     }
 }

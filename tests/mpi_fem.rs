@@ -2,10 +2,11 @@
 //!
 //! Every rank also computes the serial answer of the whole mesh, and compares by global numbers.
 
-use m4gn::fem::sample::{self, Flat, Kind};
-use m4gn::fem::{Fixed, MassKind, Material, Options, Plane, PointMesh, SolidModes, modes};
-use m4gn::modes::{ModalOptions, ModeCount};
-use m4gn::parallel::{Comm, finalize};
+use m4gn_mesh::parallel::{Comm, finalize};
+use m4gn_model::modal::{ModalOptions, ModeCount};
+use m4gn_modes::fem::sample;
+use m4gn_modes::fem::sample::{Flat, Kind};
+use m4gn_modes::fem::{Fixed, MassKind, Material, Options, Plane, PointMesh, SolidModes, modes};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

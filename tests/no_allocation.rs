@@ -1,11 +1,13 @@
 //! A step allocates nothing: a solver calls it thousands of times beside its own work.
 #![allow(unsafe_code)]
 
-use m4gn::engine::Precision;
-use m4gn::mesh::{NodeType, sample};
-use m4gn::model::{Activation, Architecture, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentSpec};
-use m4gn::parallel::Comm;
-use m4gn::step::{Field, FieldMut, Session, SessionOptions};
+use m4gn_engine::Precision;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{NodeType, sample};
+use m4gn_model::{
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output, SegmentSpec,
+};
+use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -45,7 +47,7 @@ fn a_step_allocates_nothing() {
     let kinds = [
         (64, 1, 0, Precision::Fp32, 1),
         (128, 2, 1, Precision::Bf16, 1),
-        (20, 0, 0, Precision::Fp32, 2),
+        (20, 1, 0, Precision::Fp32, 2),
         (64, 3, 1, Precision::Bf16, 3),
     ];
     for (width, hidden_layers, overlap, precision, n_threads) in kinds {
@@ -59,23 +61,27 @@ fn a_step_allocates_nothing() {
                 width,
                 hidden_layers,
                 activation: Activation::Silu,
-                layers_before: 2,
-                layers_after: 2,
-                segment_transformer: Some(MacroSpec {
-                    layers: 2,
-                    heads: 4,
-                    ffn_width: 100,
-                    rwse_steps: 3,
-                    centroids: true,
-                    offsets: true,
+                kind: Kind::M4gn(M4gn {
+                    layers_before: 2,
+                    layers_after: 2,
+                    segment_transformer: MacroSpec {
+                        layers: 2,
+                        heads: 4,
+                        ffn_width: 100,
+                        rwse_steps: 3,
+                        centroids: true,
+                        offsets: true,
+                    },
                 }),
             },
             contact: None,
+            resolution: None,
             segments: SegmentSpec {
                 count: 12,
                 overlap,
                 ..SegmentSpec::default()
             },
+            trained_on: None,
             training: serde_json::Value::Null,
         };
         let mesh = sample::triangles(30, 12, 1.6, 0.41);

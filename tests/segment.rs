@@ -84,7 +84,10 @@ fn two_cells_on_paper() {
         (&1.0.into(), &1.into())
     );
     assert!(text.contains("m4gnSegment, m4gnMode1 in "), "{text}");
-    assert_eq!(names(&case.join("0")), ["U", "m4gnMode1", "m4gnSegment", "p"]);
+    assert_eq!(
+        names(&case.join("0")),
+        ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]
+    );
     let field = fs::read_to_string(case.join("0/m4gnSegment")).unwrap();
     assert!(
         field.contains("volScalarField") && field.contains("note        \"m4gn segment: method slic-md, K 2")
@@ -97,7 +100,10 @@ fn two_cells_on_paper() {
 
     // Again, with one segment: our own fields are replaced, and modes that are no longer there go.
     accepted(&case, "--segments 1 --modes 0");
-    assert_eq!(names(&case.join("0")), ["U", "m4gnSegment", "p"]);
+    assert_eq!(
+        names(&case.join("0")),
+        ["U", "m4gnSegment", "m4gnSegmentDict", "p"]
+    );
     let field = fs::read_to_string(case.join("0/m4gnSegment")).unwrap();
     assert!(field.contains("internalField   uniform 0"), "{field}");
 }
@@ -116,7 +122,7 @@ fn the_cases_own_format() {
     accepted(&case, "--segments 2");
     assert_eq!(
         names(&case.join("0")),
-        ["U", "m4gnMode1.gz", "m4gnSegment.gz", "p"]
+        ["U", "m4gnMode1.gz", "m4gnSegment.gz", "m4gnSegmentDict", "p"]
     );
     put(
         &case,
@@ -125,7 +131,10 @@ fn the_cases_own_format() {
         &format!("{control} writeFormat binary;"),
     );
     accepted(&case, "--segments 2");
-    assert_eq!(names(&case.join("0")), ["U", "m4gnMode1", "m4gnSegment", "p"]);
+    assert_eq!(
+        names(&case.join("0")),
+        ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]
+    );
     let field = fs::read(case.join("0/m4gnMode1")).unwrap();
     assert!(String::from_utf8_lossy(&field).contains("format      binary"));
 }
@@ -257,6 +266,6 @@ fn entries_of_the_function_object_are_the_defaults() {
         &case,
         "",
         1,
-        "segments.count of the case's function object is two: expected a whole number",
+        "the case's function object: segments.count: expected a whole number",
     );
 }

@@ -9,7 +9,11 @@
  * Status: 0 fine; > 0 the call failed and the object is as it was (bad input, file); < 0 the object must only
  * be freed. m4gn_last_error() then says what was expected, what was found, where, and what to do.
  * Calls marked "collective" are made by every rank of the communicator; they return the same class of
- * status on all ranks, so that no rank waits for another that has left.
+ * status on all ranks, so that no rank waits for another that has left. All settings must be the same on all ranks,
+ * the file's name of a path included, but not what belongs to a rank alone: its arrays, threads and device. A rank that
+ * breaks (a defect of this library) makes the call fail with M4GN_ERROR_INTERNAL on all; where another one waits inside
+ * a library and cannot be told, the job is ended after 10 s with a message. Only what names the communicator cannot be
+ * agreed upon: comm, and the handle of an object, must be valid on every rank.
  *
  * Every call saves, clears and restores the floating-point traps, so that a host that traps (OpenFOAM's
  * FOAM_SIGFPE) is neither disturbed nor disturbs. MPI and PETSc are joined if they are up.
@@ -23,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 3
+#define M4GN_ABI_VERSION 5
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -63,6 +67,44 @@ const char* m4gn_version(void);
 
 /* Message of the last failed call on this thread; empty when there was none. Valid until the next call. */
 const char* m4gn_last_error(void);
+
+/* Collective. Ends MPI and PETSc if this library started them, which is done at the end of the process anyway: for hosts
+ * without MPI that must see it ended earlier. Nothing that needs them can be done afterwards. */
+void m4gn_finalize(void);
+
+/* ---- settings ----------------------------------------------------------------------------------- */
+
+/* What is words and numbers is given to a call as its settings: the text of a JSON object, or NULL for {}. What is not given
+ * has its default. The names are those of a case dictionary (docs/dictionary.md), as distance_scale or as distanceScale. A
+ * name that is not known and a value of another type or out of range are M4GN_ERROR_INPUT, with a message that names the
+ * entry, what was expected and what was found.
+ *
+ * segments: how the mesh is cut, an object of what differs from the model's segmentation (m4gn_session_new; m4gn_segments_new
+ * with a model), or from the defaults:
+ *
+ *   name            default     meaning
+ *   method          "slic-md"   "metis", "slic-md", "slic-mdodl", "slic-mdode"
+ *   count           36          number of segments K
+ *   modes           6           number of modes m
+ *   operator        null        "laplacian" or "elastic"; null: elastic where the mesh has such modes
+ *   energy          null        as many modes as hold this share, (0, 1], of the energy of `modes`; null: all
+ *   tau             1.0         weight of positions against modes
+ *   size            null        size S of a segment, m; null: from K
+ *   iterations      20          most sweeps of SLIC
+ *   connected       true        every segment is connected
+ *   distance_scale  null        length of the distance to the obstacle, m; 0: off (the paper); null: S
+ *   obstacles       []          names of the patches that are the obstacle; []: found by their node types
+ *   overlap         0           layers by which segments overlap
+ *   modal_solver    "auto"      "auto" (by size), "direct" or "iterative"
+ *   petsc_options   ""          for the modes, "-m4gn_eps_tol 1e-9 ..."
+ */
+
+/* Whether settings are valid, as far as can be said without a mesh, a model and other ranks: those of m4gn_session_new
+ * (kind "session"), m4gn_segments_new ("segments"), m4gn_modes_new ("modes"), m4gn_solid_modes_new ("solid_modes") or
+ * m4gn_recorder_new ("recorder"). */
+int32_t m4gn_options_check(const char* kind, const char* options);
+
+/* ---- mesh and fields ---------------------------------------------------------------------------- */
 
 /* This rank's part of the mesh. Local labels; `empty` patches contribute nothing. A solver with its unknowns at points hands
  * in points for cells, edges for faces, and a boundary face at each point of a patch (openfoam/mesh/m4gnPointAdapter.H). */
@@ -107,6 +149,19 @@ typedef struct m4gn_mesh_data
     const double* mode_eigenvalues;  /* [n_modes] 1/s^2, ascending; a repeated one whole; the same on all ranks */
     const double* mode_cells;   /* [3*n_cells*n_modes] mode after mode, the displacement of each cell: the mean of its
                                    points' */
+
+    /* A body that deforms, by its points. cell_type says so: the cells are then the body's points, cell_centres their
+     * positions at rest; cell_volumes is not read; n_faces, n_boundary and n_coupled are 0, for edges and volumes follow
+     * from the elements. NULL on all ranks: the cells of a mesh that does not move. */
+    const int32_t* cell_type;   /* [n_cells] M4GN_BODY (free) or M4GN_HANDLE (held); not NULL even without cells */
+    int32_t n_elements;         /* elements of this rank; each element of the body is one rank's */
+    const int32_t* element_kind;     /* [n_elements] VTK's codes: 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid */
+    const int64_t* element_points;   /* cell_global of the elements' points, element after element */
+    const double* element_material;  /* [3*n_elements] Young's modulus Pa, Poisson's ratio, density kg/m^3 */
+    int32_t n_obstacle;         /* points of a rigid obstacle, whole and the same on all ranks; 0: there is none */
+    const double* obstacle_positions;   /* [3*n_obstacle] where its displacement is 0, m */
+    int32_t n_obstacle_triangles;
+    const int32_t* obstacle_triangles;  /* [3*n_obstacle_triangles] points of its closed surface, normals outward */
 } m4gn_mesh_data;
 
 /* A field at one time, on this rank. */
@@ -130,43 +185,27 @@ typedef struct m4gn_field_out
 
 typedef struct m4gn_session m4gn_session;
 
-/* Zero or NULL means: as the model was trained. */
-typedef struct m4gn_session_options
-{
-    const char* model;          /* path of the .safetensors file */
-    const char* backend;        /* "native" (NULL) or "torch" */
-    int32_t n_threads;          /* threads of this rank; 0: 1 */
-    int32_t segments;           /* K; 0: the model's */
-    int32_t modes;              /* m; < 0: the model's */
-    int32_t overlap;            /* delta; < 0: the model's */
-    int32_t slic_iterations;    /* < 0: the model's */
-    double tau;                 /* < 0: the model's */
-    double segment_size;        /* S, m; <= 0: the model's */
-    const char* segment_method; /* "metis", "slic-md", "slic-mdodl", "slic-mdode"; NULL: the model's */
-    const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
-    const char* precision;      /* "fp32" (NULL) or "bf16": of the native backend's products */
-    double energy;              /* share of the energy that as many modes hold, (0, 1]; modes is then the most;
-                                   <= 0: the model's */
-    int32_t connected;          /* every segment connected, 1 yes, 0 no; < 0: the model's */
-    double distance_scale;      /* length of the distance to the obstacle, m; 0: off (the paper); < 0: the model's */
-    const char* obstacles;      /* patches that are the obstacle, "a, b"; NULL: the model's */
-    const char* modal_solver;   /* "auto" (NULL), "direct" or "iterative" */
-    const char* petsc_options;  /* for the modes, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
-    const char* modal_operator; /* "laplacian" or "elastic" (the mesh's own modes); NULL: the model's */
-} m4gn_session_options;
-
-/* Fills in "as the model was trained" everywhere; set model afterwards. */
-void m4gn_session_options_init(m4gn_session_options* options);
-
 /* Collective. How many modes of the elastic body the mesh must have for this model's segments; 0: none, they are of the
  * Laplacian's or of no modes. Negative after an error. */
 int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
 
-/* Collective. Builds graph, modes and segments and loads the model. On failure *session is NULL. */
+/* Collective. Builds graph, modes and segments and loads the model. On failure *session is NULL. The settings are
+ *
+ *   name            default     meaning
+ *   model                       path of the .safetensors file; must be given
+ *   backend         "native"    "native", "torch", or "torch:DEVICE", e.g. "torch:cuda:0"
+ *   n_threads       1           threads of this rank
+ *   precision       "fp32"      "fp32" or "bf16": of the native backend's products
+ *   segments        {}          what differs from the segmentation that the model was trained with, see above
+ *   projection      null        of a body: its contact with the obstacle is projected after each step. Object with what
+ *                               differs from the defaults, {"clearance": 0.0, "tolerance": 0.005, "radius": 6.0,
+ *                               "self_contact": false, "sweeps": 12}, lengths in mean edges at rest; null: no projection
+ */
 int32_t m4gn_session_new(
     int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
     const m4gn_mesh_data* mesh,
-    const m4gn_session_options* options,
+    const char* options,
+    const int32_t* cell_segment,/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     m4gn_session** session);
 
 /* Collective. */
@@ -195,6 +234,9 @@ int32_t m4gn_session_field(const m4gn_session* session, int32_t index, m4gn_fiel
 /* Segment of each cell [n_cells], 0 to K-1. */
 int32_t m4gn_session_segments(const m4gn_session* session, int32_t* cell_segment);
 
+/* How the segments were computed, to be stored with them; "" if they were handed in. Valid while the session lives. */
+const char* m4gn_session_segment_record(const m4gn_session* session);
+
 /* Collective. One step: reads every input field (cells and boundary values at time t), writes every output
  * field's cells at t + stride. `in` and `out` may name the same arrays. A non-finite result is an error
  * (M4GN_ERROR_NUMERICAL) and leaves `out` untouched. */
@@ -205,30 +247,130 @@ int32_t m4gn_session_step(
     const m4gn_field_out* out,
     int32_t n_out);
 
+/* What the contact projection did in a step. Gaps are the smallest between body and obstacle, in mean edges at rest; below 0
+ * they overlap. */
+typedef struct m4gn_projection_report
+{
+    double gap_before;          /* before the projection; HUGE_VAL without an obstacle */
+    double gap_after;
+    double largest;             /* largest correction of a point, m */
+    int32_t points_moved;
+    int32_t sweeps;
+} m4gn_projection_report;
+
+/* Collective. Displacement of the obstacle's points [3*n_obstacle] at the start and at the end of the next step, m; to be
+ * given before every step of a body that has an obstacle. That of the first rank counts. */
+int32_t m4gn_session_set_obstacle(
+    m4gn_session* session,
+    const double* now,
+    const double* after,
+    int32_t n_obstacle);
+
+/* What the projection did in the last step. M4GN_ERROR_INPUT for a session without projection. */
+int32_t m4gn_session_projection(const m4gn_session* session, m4gn_projection_report* report);
+
+/* Collective, after a step. In how many respects the mesh and the fields of that step lie outside of what the model was
+ * trained on, by more than a quarter of the range: cell size, speed, Courant number of the stride, inputs. One a line in
+ * why, ended by a zero byte. 0 for a model that does not say what it was trained on. */
+int32_t m4gn_session_outside(
+    const m4gn_session* session,
+    int32_t* count,
+    char* why,                  /* [why_size] */
+    int32_t why_size);
+
+/* ---- adaptation --------------------------------------------------------------------------------- */
+
+/* The model of a session learns the case from the solver's own steps (docs/adaptation.md). */
+typedef struct m4gn_adapt m4gn_adapt;
+
+typedef struct m4gn_adapt_report
+{
+    int32_t used;               /* 1: the session has other weights now */
+    int32_t strides;            /* model steps of the rollouts that decided */
+    int64_t frames;             /* frames in memory */
+    int64_t steps;              /* optimisation steps */
+    double seconds;             /* wall time */
+    double before;              /* root mean square error of the rollouts over that of holding their first frame */
+    double after;               /* the same with the weights that are used now */
+} m4gn_adapt_report;
+
+/* M4GN_ERROR_INPUT for settings that m4gn_adapt_new would refuse whatever the session. Not collective. */
+int32_t m4gn_adapt_check(const char* settings);
+
+/* Collective, over the session's ranks. `mesh` is the session's; `settings` is a JSON object, {"mode": "before"} suffices. On
+ * failure *adapt is NULL. The adaptation does not keep the session. */
+int32_t m4gn_adapt_new(
+    const m4gn_session* session,
+    const m4gn_mesh_data* mesh,
+    const char* settings,
+    m4gn_adapt** adapt);
+
+/* Collective. */
+void m4gn_adapt_free(m4gn_adapt* adapt);
+
+/* 1 as long as frames and runs are of use; 0 after the one run of mode before. */
+int32_t m4gn_adapt_active(const m4gn_adapt* adapt);
+
+/* Collective. All fields of the model after a step of the solver; begins 1: the state does not follow from the last one by
+ * a step of the solver. Frames that there is no room for are forgotten. */
+int32_t m4gn_adapt_frame(
+    m4gn_adapt* adapt, double time, int32_t begins, const m4gn_field* fields, int32_t n_fields);
+
+/* Collective. Learns, and hands the weights to the session if they are better than those before on frames that no gradient
+ * has seen. `strides`: model steps of the next jump. What was done, or why nothing, stands in note, ended by a zero byte. */
+int32_t m4gn_adapt_run(
+    m4gn_adapt* adapt,
+    m4gn_session* session,
+    int32_t strides,
+    m4gn_adapt_report* report,
+    char* note,                 /* [note_size] */
+    int32_t note_size);
+
+/* Collective; the first rank writes and reads. Weights, moments, frames and counts: a run that takes them up goes on as the
+ * uninterrupted one. load hands the weights to the session. */
+int32_t m4gn_adapt_save(m4gn_adapt* adapt, const char* path);
+int32_t m4gn_adapt_load(m4gn_adapt* adapt, m4gn_session* session, const char* path);
+
+/* Collective; the first rank writes. The model with the weights that are used, as a model file. */
+int32_t m4gn_adapt_write_model(m4gn_adapt* adapt, const char* path);
+
 /* ---- segments ----------------------------------------------------------------------------------- */
 
 /* Segments of a mesh without a model, and its Laplacian modes. */
 typedef struct m4gn_segments m4gn_segments;
 
-typedef struct m4gn_segment_options
-{
-    const char* model;          /* model file whose segmentation is meant; NULL: m4gn's defaults */
-    const char* spec;           /* JSON object with entries that differ, by the names of a model's description:
-                                   {"method": "slic-md", "count": 36, "modes": 6, "tau": 1.0, ...}; NULL: {} */
-    const int32_t* cell_segment;/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
-    const char* modal_solver;   /* as in m4gn_session_options */
-    const char* petsc_options;  /* as in m4gn_session_options */
-    int32_t with_modes;         /* 0: m4gn_segments_n_modes is 0, and with cell_segment nothing is solved */
-} m4gn_segment_options;
-
-/* Collective. Cuts the mesh; on failure *segments is NULL. */
+/* Collective. Cuts the mesh; on failure *segments is NULL. The settings are
+ *
+ *   name            default     meaning
+ *   model           null        model file whose segmentation is meant; null: the defaults
+ *   segments        {}          what differs from it, see above
+ *   with_modes      false       compute and keep the modes; if false, m4gn_segments_n_modes is 0, and with cell_segment
+ *                               nothing is solved
+ */
 int32_t m4gn_segments_new(
     int32_t comm,
     const m4gn_mesh_data* mesh,
-    const m4gn_segment_options* options,
+    const char* options,
+    const int32_t* cell_segment,/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     m4gn_segments** segments);
 
 void m4gn_segments_free(m4gn_segments* segments);
+
+/* How they were computed, to be stored with them; "" if they were handed in. Valid while the segments live. */
+const char* m4gn_segments_record(const m4gn_segments* segments);
+
+/* Collective. Whether cell_segment, which was stored, is what the settings describe on this mesh, as far as the record that
+ * was stored with it says: the model's segmentation with the entries of segments, or without a model those entries alone.
+ * *fit is 1, or 0 and why, ended by a zero byte, says what differs. A model without segments takes any. */
+int32_t m4gn_segments_fit(
+    int32_t comm,
+    const m4gn_mesh_data* mesh,
+    const char* options,        /* as of m4gn_segments_new */
+    const int32_t* cell_segment,/* [n_cells]; not NULL */
+    const char* record,         /* from m4gn_segments_record; NULL or "": none was stored. Rank 0's counts */
+    int32_t* fit,
+    char* why,                  /* [why_size] */
+    int32_t why_size);
 
 /* Segments K. */
 int32_t m4gn_segments_count(const m4gn_segments* segments);
@@ -281,30 +423,26 @@ typedef struct m4gn_csr
     const double* value;        /* [row[n_rows]] */
 } m4gn_csr;
 
-typedef struct m4gn_modes_options
-{
-    int32_t modes;              /* how many; default 6. Repeated eigenvalues are taken whole: there may be more */
-    int32_t symmetric;          /* default 1: K and M are symmetric and positive semi-definite, M may be singular.
-                                   0: a pair that is not, solved as it is for the eigenvalues nearest to the shift */
-    int32_t block;              /* unknowns a point, in consecutive rows; default 1 */
-    double energy;              /* > 0: only as many modes as hold this share, at most 1, of the sum of 1/lambda over
-                                   the first `modes`; default 0: all of them */
-    double shift;               /* a number a little below the eigenvalues wanted; NAN (default): estimated */
-    const double* positions;    /* [3*n_rows/block] where the points are, m: signs of modes then do not depend on the
-                                   numbering. NULL (default) on all ranks: chosen by numbers */
-    const char* solver;         /* "auto" (NULL) by size, "direct" (factorisation), "iterative" (multigrid) */
-    const char* petsc;          /* options of PETSc and SLEPc, "-m4gn_eps_tol 1e-9 ..."; NULL: none */
-} m4gn_modes_options;
-
-/* Fills in the defaults. */
-void m4gn_modes_options_init(m4gn_modes_options* options);
-
-/* Collective. Solves for the modes; `mass` NULL is the identity. On failure *modes is NULL. */
+/* Collective. Solves for the modes; `mass` NULL is the identity. On failure *modes is NULL. The settings are
+ *
+ *   name            default     meaning
+ *   modes           6           how many. Repeated eigenvalues are taken whole: there may be more
+ *   energy          null        only as many modes as hold this share, (0, 1], of the sum of 1/lambda over the first
+ *                               `modes`; null: all of them
+ *   modal_solver    "auto"      "auto" (by size), "direct" (factorisation), "iterative" (multigrid)
+ *   petsc_options   ""          options of PETSc and SLEPc, "-m4gn_eps_tol 1e-9 ..."
+ *   symmetric       true        K and M are symmetric and positive semi-definite, M may be singular. false: a pair that is
+ *                               not, solved as it is for the eigenvalues nearest to the shift
+ *   block           1           unknowns a point, in consecutive rows
+ *   shift           null        a number a little below the eigenvalues wanted; null: estimated
+ */
 int32_t m4gn_modes_new(
     int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
     const m4gn_csr* stiffness,
     const m4gn_csr* mass,
-    const m4gn_modes_options* options,
+    const char* options,
+    const double* positions,    /* [3*n_rows/block] where the points are, m: signs of modes then do not depend on the
+                                   numbering. NULL on all ranks: chosen by numbers */
     m4gn_modes** modes);
 
 void m4gn_modes_free(m4gn_modes* modes);
@@ -354,12 +492,12 @@ typedef struct m4gn_solid
 } m4gn_solid;
 
 /* Collective. Modes K phi = omega^2 M phi: eigenvalues in 1/s^2; m4gn_modes_vector gives the displacement (x, y, z) of
- * each point, [3*n_points], scaled to a root mean square of 1 over the body. Of `options`, modes, energy, solver and
- * petsc count. On failure *modes is NULL. */
+ * each point, [3*n_points], scaled to a root mean square of 1 over the body. Of the settings of m4gn_modes_new there are
+ * modes, energy, modal_solver and petsc_options. On failure *modes is NULL. */
 int32_t m4gn_solid_modes_new(
     int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
     const m4gn_solid* body,
-    const m4gn_modes_options* options,
+    const char* options,
     m4gn_modes** modes);
 
 /* ---- recorder ----------------------------------------------------------------------------------- */
@@ -373,21 +511,20 @@ typedef struct m4gn_recorder_field
     int32_t dimensions[7];
 } m4gn_recorder_field;
 
-typedef struct m4gn_recorder_options
-{
-    const char* path;           /* final name of the HDF5 file; written beside it first, renamed when whole */
-    int32_t n_fields;
-    const m4gn_recorder_field* fields;
-    const char* provenance;     /* JSON object: application, case, ...; NULL: {} */
-    const char* split;          /* "train", "valid", "test" or NULL */
-    int32_t overwrite;          /* 0: an existing file is an error */
-} m4gn_recorder_options;
-
-/* Collective. */
+/* Collective. On failure *recorder is NULL. The settings are
+ *
+ *   name            default     meaning
+ *   path                        final name of the HDF5 file; written beside it first, renamed when whole; must be given
+ *   provenance      {}          application, case, ...: any object, kept with the data. That of rank 0 counts
+ *   split           "train"     "train", "valid" or "test"
+ *   overwrite       false       false: an existing file is an error
+ */
 int32_t m4gn_recorder_new(
     int32_t comm,
     const m4gn_mesh_data* mesh,
-    const m4gn_recorder_options* options,
+    const char* options,
+    const m4gn_recorder_field* fields,
+    int32_t n_fields,
     m4gn_recorder** recorder);
 
 /* Collective. Appends a frame; fields by name, all of them; times must increase. */

@@ -55,24 +55,43 @@ inline void checkVersion()
     }
 }
 
-// Options "as the model was trained" for this model file. The path must live until the session is made.
-inline m4gn_session_options sessionOptions(const char* model)
+// Throws if these settings (the text of a JSON object, see m4gn.h) are not valid for m4gn_<kind>_new.
+inline void checkOptions(const std::string& kind, const std::string& options)
 {
-    m4gn_session_options options;
-    m4gn_session_options_init(&options);
-    options.model = model;
-    return options;
+    check(m4gn_options_check(kind.c_str(), options.c_str()));
+}
+
+// A text as JSON has it, quotes included.
+inline std::string quoted(const std::string& text)
+{
+    std::string result("\"");
+    for (const char c : text)
+    {
+        if (c == '"' || c == '\\')
+        {
+            result += '\\';
+        }
+        result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+    }
+    return result + '"';
 }
 
 // A model on a mesh. Made and destroyed by all ranks together.
 class Session
 {
 public:
-    Session(int32_t comm, const m4gn_mesh_data& mesh, const m4gn_session_options& options)
+    // options: a JSON object, {"model": "cylinder.safetensors", ...}. cellSegment may be null: computed.
+    Session
+    (
+        int32_t comm,
+        const m4gn_mesh_data& mesh,
+        const std::string& options,
+        const int32_t* cellSegment = nullptr
+    )
     {
         checkVersion();
         m4gn_session* session = nullptr;
-        check(m4gn_session_new(comm, &mesh, &options, &session));
+        check(m4gn_session_new(comm, &mesh, options.c_str(), cellSegment, &session));
         session_.reset(session);
     }
 
@@ -119,6 +138,25 @@ public:
         );
     }
 
+    // Displacement of the obstacle's points, x y z each, at the start and at the end of the next step. Collective.
+    void setObstacle(const std::vector<double>& now, const std::vector<double>& after)
+    {
+        const auto n = static_cast<int32_t>(now.size()/3);
+        if (after.size() != now.size())
+        {
+            throw Error(M4GN_ERROR_INPUT, "setObstacle: two displacements of different lengths");
+        }
+        check(m4gn_session_set_obstacle(session_.get(), now.data(), after.data(), n));
+    }
+
+    // What the contact projection did in the last step.
+    m4gn_projection_report projection() const
+    {
+        m4gn_projection_report report{};
+        check(m4gn_session_projection(session_.get(), &report));
+        return report;
+    }
+
     m4gn_session* get() const noexcept { return session_.get(); }
 
 private:
@@ -134,11 +172,18 @@ private:
 class Segments
 {
 public:
-    Segments(int32_t comm, const m4gn_mesh_data& mesh, const m4gn_segment_options& options)
+    // options: a JSON object, {"segments": {"count": 36}, ...}. cellSegment may be null: computed.
+    Segments
+    (
+        int32_t comm,
+        const m4gn_mesh_data& mesh,
+        const std::string& options = "{}",
+        const int32_t* cellSegment = nullptr
+    )
     {
         checkVersion();
         m4gn_segments* segments = nullptr;
-        check(m4gn_segments_new(comm, &mesh, &options, &segments));
+        check(m4gn_segments_new(comm, &mesh, options.c_str(), cellSegment, &segments));
         segments_.reset(segments);
     }
 
@@ -213,37 +258,36 @@ private:
     std::unique_ptr<m4gn_segments, Free> segments_;
 };
 
-// Six modes of a symmetric pair with one unknown a point.
-inline m4gn_modes_options modesOptions()
-{
-    m4gn_modes_options options;
-    m4gn_modes_options_init(&options);
-    return options;
-}
-
 // Modes of a solver's own pair of matrices. Made by all ranks together.
 class Modes
 {
 public:
-    // mass: NULL is the identity.
-    Modes(int32_t comm, const m4gn_csr& stiffness, const m4gn_csr* mass, const m4gn_modes_options& options)
+    // mass: NULL is the identity. options: a JSON object, {"modes": 6, ...}. positions may be null.
+    Modes
+    (
+        int32_t comm,
+        const m4gn_csr& stiffness,
+        const m4gn_csr* mass,
+        const std::string& options = "{}",
+        const double* positions = nullptr
+    )
     :
         nRows_(static_cast<std::size_t>(stiffness.n_rows))
     {
         checkVersion();
         m4gn_modes* modes = nullptr;
-        check(m4gn_modes_new(comm, &stiffness, mass, &options, &modes));
+        check(m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, &modes));
         modes_.reset(modes);
     }
 
     // Of an elastic body: each vector has the displacement (x, y, z) of each of this rank's points.
-    Modes(int32_t comm, const m4gn_solid& body, const m4gn_modes_options& options)
+    Modes(int32_t comm, const m4gn_solid& body, const std::string& options = "{}")
     :
         nRows_(3*static_cast<std::size_t>(body.n_points))
     {
         checkVersion();
         m4gn_modes* modes = nullptr;
-        check(m4gn_solid_modes_new(comm, &body, &options, &modes));
+        check(m4gn_solid_modes_new(comm, &body, options.c_str(), &modes));
         modes_.reset(modes);
     }
 
@@ -282,11 +326,24 @@ private:
 class Recorder
 {
 public:
-    Recorder(int32_t comm, const m4gn_mesh_data& mesh, const m4gn_recorder_options& options)
+    // options: a JSON object, {"path": "run.h5", ...}.
+    Recorder
+    (
+        int32_t comm,
+        const m4gn_mesh_data& mesh,
+        const std::string& options,
+        const std::vector<m4gn_recorder_field>& fields
+    )
     {
         checkVersion();
         m4gn_recorder* recorder = nullptr;
-        check(m4gn_recorder_new(comm, &mesh, &options, &recorder));
+        check
+        (
+            m4gn_recorder_new
+            (
+                comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), &recorder
+            )
+        );
         recorder_.reset(recorder);
     }
 

@@ -7,8 +7,8 @@
 #include "m4gnDictionary.H"
 #include "messageStream.H"
 
-#include <algorithm>
-#include <limits>
+#include <string>
+#include <vector>
 
 namespace
 {
@@ -181,40 +181,54 @@ std::unique_ptr<m4gn::FoamCase> m4gn::open_case(rust::Str path)
 }
 
 
-m4gn::Description m4gn::FoamCase::describe() const
+rust::String m4gn::FoamCase::describe() const
 {
+    using Foam::m4gn::quoted;
+    using Foam::m4gn::text;
+
+    const auto list = [](const auto& values, const auto& item)
+    {
+        std::string all;
+        for (const auto& value : values) { all += (all.empty() ? "" : ", ") + item(value); }
+        return '[' + all + ']';
+    };
+    const auto vector = [&](const Foam::vector& v)
+    {
+        return '[' + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) + ']';
+    };
+    const auto patch = [&](const Foam::polyPatch& p)
+    {
+        const Foam::boundBox box(p.localPoints(), false);
+        const Foam::vector none(Foam::Zero);
+        return
+            "{\"name\": " + quoted(p.name()) + ", \"kind\": " + quoted(p.type())
+          + ", \"faces\": " + std::to_string(p.size())
+          + ", \"lower\": " + vector(p.size() ? box.min() : none)
+          + ", \"upper\": " + vector(p.size() ? box.max() : none) + '}';
+    };
+
     const Foam::fvMesh& mesh = *data_->mesh;
     const Foam::dictionary& control = data_->time.controlDict();
+    std::vector<int> directions;
+    for (int d = 0; d < 3; ++d)
+    {
+        if (mesh.solutionD()[d] == 1) { directions.push_back(d); }
+    }
+    const auto application = control.lookupOrDefault<Foam::word>("application", Foam::word::null);
 
-    Description result;
-    result.path = rust::String(data_->path);
-    result.application = rust::String(control.lookupOrDefault<Foam::word>("application", Foam::word::null));
-    result.delta_t = control.lookupOrDefault<Foam::scalar>("deltaT", 0);
-    result.processors = data_->databases.size();
-    result.start = rust::String(data_->start_name());
-    result.function_object = rust::String(Foam::m4gn::json(data_->function_object()));
-    for (const Foam::instant& t : data_->times) { result.times.push_back(t.value()); }
-    result.cells = mesh.nCells();
-    const Foam::Vector<Foam::label>& solved = mesh.solutionD();
-    for (Foam::direction d = 0; d < 3; ++d)
-    {
-        if (solved[d] == 1) { result.directions.push_back(d); }
-    }
-    for (const Foam::polyPatch& patch : mesh.boundaryMesh())
-    {
-        Patch p;
-        p.name = rust::String(patch.name());
-        p.kind = rust::String(patch.type());
-        p.faces = patch.size();
-        const Foam::boundBox box(patch.localPoints(), false);
-        for (Foam::direction d = 0; d < 3; ++d)
-        {
-            p.lower[d] = patch.size() ? box.min()[d] : 0;
-            p.upper[d] = patch.size() ? box.max()[d] : 0;
-        }
-        result.patches.push_back(std::move(p));
-    }
-    return result;
+    return rust::String
+    (
+        "{\"path\": " + quoted(data_->path)
+      + ", \"application\": " + quoted(application)
+      + ", \"delta_t\": " + text(control.lookupOrDefault<Foam::scalar>("deltaT", 0))
+      + ", \"processors\": " + std::to_string(data_->databases.size())
+      + ", \"start\": " + quoted(data_->start_name())
+      + ", \"function_object\": " + Foam::m4gn::json(data_->function_object())
+      + ", \"times\": " + list(data_->times, [](const Foam::instant& t) { return text(t.value()); })
+      + ", \"cells\": " + std::to_string(mesh.nCells())
+      + ", \"directions\": " + list(directions, [](const int d) { return std::to_string(d); })
+      + ", \"patches\": " + list(mesh.boundaryMesh(), patch) + '}'
+    );
 }
 
 
@@ -233,7 +247,7 @@ rust::Vec<double> m4gn::FoamCase::cell_centres() const
 }
 
 
-m4gn::Polygons m4gn::FoamCase::polygons() const
+rust::Vec<double> m4gn::FoamCase::polygons() const
 {
     const Foam::fvMesh& mesh = *data_->mesh;
     const Foam::Vector<Foam::label>& solved = mesh.solutionD();
@@ -243,8 +257,7 @@ m4gn::Polygons m4gn::FoamCase::polygons() const
         if (solved[d] != 1) { flat = d; }
         else if (n_axes < 2) { axes[n_axes++] = d; }
     }
-    Polygons result;
-    result.start.push_back(0);
+    rust::Vec<double> result;
     if (mesh.nSolutionD() != 2) { return result; }
 
     Foam::labelList face_of_cell(mesh.nCells(), -1);
@@ -256,16 +269,20 @@ m4gn::Polygons m4gn::FoamCase::polygons() const
             if (patch.faceAreas()[i][flat] > 0) { face_of_cell[patch.faceCells()[i]] = patch.start() + i; }
         }
     }
+    Foam::label start = 0;
+    result.push_back(start);
     for (const Foam::label face : face_of_cell)
     {
-        if (face >= 0)
+        start += face >= 0 ? mesh.faces()[face].size() : 0;
+        result.push_back(start);
+    }
+    for (const Foam::label face : face_of_cell)
+    {
+        if (face < 0) { continue; }
+        for (const Foam::label point : mesh.faces()[face])
         {
-            for (const Foam::label point : mesh.faces()[face])
-            {
-                for (const Foam::label axis : axes) { result.points.push_back(mesh.points()[point][axis]); }
-            }
+            for (const Foam::label axis : axes) { result.push_back(mesh.points()[point][axis]); }
         }
-        result.start.push_back(result.points.size()/2);
     }
     return result;
 }

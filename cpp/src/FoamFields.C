@@ -44,7 +44,11 @@ const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& n
     std::unique_ptr<const Field> field
     (
         distributed
+      #if OPENFOAM >= 2206
+      ? new Field(reconstructor->reconstructVolumeField<typename Field::value_type>(io))
+      #else
       ? new Field(reconstructor->reconstructFvVolumeField<typename Field::value_type>(io))
+      #endif
       : new Field(io, *mesh)
     );
     return *(known[name] = std::move(field));
@@ -78,7 +82,7 @@ rust::Vec<double> m4gn::FoamCase::vector_field(rust::Str name, std::size_t time)
 }
 
 
-m4gn::Force m4gn::FoamCase::force(rust::Str patch, std::size_t time)
+rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
 {
     const Foam::label i = data_->patch(patch).index();
     data_->set_time(time);
@@ -117,29 +121,30 @@ m4gn::Force m4gn::FoamCase::force(rust::Str patch, std::size_t time)
         sums[0] += pressure[face]*area[face];
         sums[1] -= nu.value()*(area[face] & Foam::dev(Foam::twoSymm(gradU[face])));
     }
-    Force result;
-    for (Foam::direction d = 0; d < 3; ++d)
+    rust::Vec<double> result;
+    for (const Foam::vector& sum : sums)
     {
-        result.pressure[d] = sums[0][d];
-        result.viscous[d] = sums[1][d];
+        for (Foam::direction d = 0; d < 3; ++d) { result.push_back(sum[d]); }
     }
     return result;
 }
 
 
-m4gn::Flow m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
+rust::Vec<double> m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
 {
     const Foam::label i = data_->patch(patch).index();
     data_->set_time(time);
     const Foam::vectorField& U = data_->read(data_->vectors, "U").boundaryField()[i];
     const Foam::vectorField& area = data_->mesh->Sf().boundaryField()[i];
-    Flow result{};
+    double sums[5] = {0, 0, 0, 0, 0};
     // An `empty` patch has faces and no values.
     forAll(U, face)
     {
-        result.flux += U[face] & area[face];
-        result.area += Foam::mag(area[face]);
-        for (Foam::direction d = 0; d < 3; ++d) { result.velocity[d] += U[face][d]*Foam::mag(area[face]); }
+        sums[0] += U[face] & area[face];
+        sums[1] += Foam::mag(area[face]);
+        for (Foam::direction d = 0; d < 3; ++d) { sums[2 + d] += U[face][d]*Foam::mag(area[face]); }
     }
+    rust::Vec<double> result;
+    for (const double sum : sums) { result.push_back(sum); }
     return result;
 }

@@ -9,7 +9,6 @@
 #include "m4gnNodeTypes.H"
 
 #include <string>
-#include <vector>
 
 namespace
 {
@@ -17,15 +16,6 @@ namespace
 Foam::word word_of(const rust::String& s)
 {
     return Foam::word(std::string(s), false);
-}
-
-template<class T>
-rust::Vec<double> numbers(const T* values, std::size_t n)
-{
-    rust::Vec<double> result;
-    result.reserve(n);
-    for (std::size_t i = 0; i < n; ++i) { result.push_back(double(values[i])); }
-    return result;
 }
 
 } // End anonymous namespace
@@ -94,60 +84,13 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
 }
 
 
-static rust::Vec<double> body_part(const m4gn_solid& body, const std::string& part)
+const m4gn_mesh_data* m4gn::FoamCase::mesh() const
 {
-    if (part == "body_flags")
-    {
-        const int32_t flags[] = {body.plane_stress, body.free_body};
-        return numbers(flags, 2);
-    }
-    if (part == "body_points") { return numbers(body.points, 3*std::size_t(body.n_points)); }
-    if (part == "body_face_start") { return numbers(body.face_start, std::size_t(body.n_faces) + 1); }
-    if (part == "body_face_points") { return numbers(body.face_points, body.face_start[body.n_faces]); }
-    if (part == "body_face_owner") { return numbers(body.face_owner, body.n_faces); }
-    if (part == "body_face_neighbour") { return numbers(body.face_neighbour, body.n_internal_faces); }
-    if (part == "body_young") { return numbers(body.young, body.n_cells); }
-    if (part == "body_poisson") { return numbers(body.poisson, body.n_cells); }
-    if (part == "body_density") { return numbers(body.density, body.n_cells); }
-    if (part == "body_fixed_point") { return numbers(body.fixed_point, body.n_fixed); }
-    if (part == "body_fixed_components") { return numbers(body.fixed_components, body.n_fixed); }
-    FatalErrorInFunction << "a body has no part " << part.c_str() << Foam::exit(Foam::FatalError);
-    return {};
+    return &data_->adapter->data();
 }
 
 
-rust::Vec<double> m4gn::FoamCase::mesh_part(rust::Str name) const
+const m4gn_solid* m4gn::FoamCase::body() const
 {
-    if (!data_->adapter)
-    {
-        FatalErrorInFunction << "the node types of " << data_->path << " are not set" << Foam::exit(Foam::FatalError);
-    }
-    const m4gn_mesh_data& m = data_->adapter->data();
-    const std::string part(name.data(), name.size());
-    if (part == "directions") { return numbers(m.directions, m.n_directions); }
-    if (part == "cell_centres") { return numbers(m.cell_centres, 3*std::size_t(m.n_cells)); }
-    if (part == "cell_volumes") { return numbers(m.cell_volumes, m.n_cells); }
-    if (part == "face_owner") { return numbers(m.face_owner, m.n_faces); }
-    if (part == "face_neighbour") { return numbers(m.face_neighbour, m.n_faces); }
-    if (part == "face_coeff") { return numbers(m.face_coeff, m.n_faces); }
-    if (part == "boundary_owner") { return numbers(m.boundary_owner, m.n_boundary); }
-    if (part == "boundary_centres") { return numbers(m.boundary_centres, 3*std::size_t(m.n_boundary)); }
-    if (part == "boundary_area") { return numbers(m.boundary_area, 3*std::size_t(m.n_boundary)); }
-    if (part == "boundary_coeff") { return numbers(m.boundary_coeff, m.n_boundary); }
-    if (part == "boundary_type") { return numbers(m.boundary_type, m.n_boundary); }
-    if (part == "boundary_patch") { return numbers(m.boundary_patch, m.n_boundary); }
-    if (part == "value_patches")
-    {
-        return numbers(data_->adapter->valuePatches().cdata(), data_->adapter->valuePatches().size());
-    }
-    if (part == "coupled_owner") { return numbers(m.coupled_owner, m.n_coupled); }
-    if (part == "coupled_global") { return numbers(m.coupled_global, m.n_coupled); }
-    if (part == "coupled_delta") { return numbers(m.coupled_delta, 3*std::size_t(m.n_coupled)); }
-    if (part == "coupled_coeff") { return numbers(m.coupled_coeff, m.n_coupled); }
-    if (part.compare(0, 5, "body_") == 0)
-    {
-        return data_->body ? body_part(data_->body->data(), part) : rust::Vec<double>();
-    }
-    FatalErrorInFunction << "a mesh has no part " << part.c_str() << Foam::exit(Foam::FatalError);
-    return {};
+    return data_->body ? &data_->body->data() : nullptr;
 }

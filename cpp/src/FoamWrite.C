@@ -6,6 +6,7 @@
 #include "IFstream.H"
 #include "OSspecific.H"
 #include "m4gnFieldFiles.H"
+#include "m4gnSegmentRecord.H"
 #include "m4gnSegmentField.H"
 
 rust::String m4gn::FoamCase::start_note(rust::Str name) const
@@ -38,7 +39,8 @@ void m4gn::FoamCase::write_start_fields
 (
     const rust::Vec<rust::String>& names,
     rust::Str note,
-    rust::Slice<const double> values
+    rust::Slice<const double> values,
+    rust::Str segment_record
 ) const
 {
     const Foam::fvMesh& mesh = *data_->mesh;
@@ -61,6 +63,14 @@ void m4gn::FoamCase::write_start_fields
         for (std::size_t cell = 0; cell < n; ++cell) { field[cell] = values[i*n + cell]; }
         field.correctBoundaryConditions();
         files.write(field);
+    }
+    if (!segment_record.empty())
+    {
+        Foam::m4gn::writeSegmentRecord
+        (
+            files, data_->time, data_->time.path()/data_->start_name()/mesh.dbDir(),
+            std::string(segment_record.data(), segment_record.size())
+        );
     }
     files.rename();
 }

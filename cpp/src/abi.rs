@@ -1,14 +1,14 @@
-//! The C interface that m4gn loads, version 2. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
+//! The C interface that m4gn loads, version 4. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
 //!
-//! Everything is said with three calls on an open case: `m4gn_foam_describe` gives a JSON object, `m4gn_foam_query`
-//! answers a JSON request with numbers, and `m4gn_foam_write` writes fields. A thread that opens a case must also use and close it:
+//! Everything is said with four calls on an open case: `m4gn_foam_describe` gives a JSON object, `m4gn_foam_query`
+//! answers a JSON request with numbers, `m4gn_foam_mesh` hands out the structs of `m4gn.h`, and `m4gn_foam_write` writes
+//! fields. A thread that opens a case must also use and close it:
 //! OpenFOAM is not thread-safe.
 #![allow(unsafe_code)]
 
 use crate::foam::{self, FoamCase};
 use cxx::UniquePtr;
 use serde::Deserialize;
-use serde_json::json;
 use std::{
     cell::RefCell,
     ffi::{CStr, CString, c_char},
@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Version of this interface; m4gn refuses a library of another.
-const ABI_VERSION: u32 = 2;
+const ABI_VERSION: u32 = 4;
 
 /// An open case and what it was last asked.
 pub struct Case {
@@ -33,7 +33,7 @@ enum Query {
     CellVolumes,
     /// `[n x 3]` m.
     CellCentres,
-    /// The n + 1 starts, then the x, y pairs (see [`foam::Polygons`]).
+    /// The n + 1 places where the points of each cell begin, then the x, y pairs; empty where the case is not 2-D.
     Polygons,
     /// 1 if the field is stored at that time, else 0.
     HasField { name: String, time: usize },
@@ -45,13 +45,6 @@ enum Query {
     Force { patch: String, time: usize },
     /// Flux, area, integral of U: `[5]`
     Flow { patch: String, time: usize },
-    /// Nothing; prepares the mesh for [`Query::MeshPart`]. Pairs of patch or group and node type, which go before
-    /// those of the case's function object.
-    NodeTypes { types: Vec<(String, String)> },
-    /// An array of `m4gn_mesh_data` (m4gn.h) by its name there, or `value_patches`: the indices, into the patches of
-    /// the description, that `boundary_patch` counts; or `body_` and the name of an array of `m4gn_solid`
-    /// (`body_flags`: plane_stress, free_body), empty where the material of a solid is not known.
-    MeshPart { name: String },
     /// A field in the folder of the start time: 0 there is none, 1 the note in its header begins with `mark`, 2 it
     /// does not.
     StartField { name: String, mark: String },
@@ -67,6 +60,8 @@ struct Write {
     note: String,
     /// Fields in that folder to remove afterwards.
     remove: Vec<String>,
+    /// How the segments among the fields were made, stored with them; empty: none are.
+    segment_record: String,
 }
 
 thread_local! {
@@ -155,7 +150,7 @@ pub unsafe extern "C" fn m4gn_foam_close(case: *mut Case) {
     });
 }
 
-/// `*json` is set to a [`foam::Description`] as JSON, valid until the next call on this case.
+/// `*json` is set to a description of the case as a JSON object, valid until the next call on this case.
 ///
 /// # Safety
 /// `case` comes from [`m4gn_foam_open`], `json` points to a place for a pointer.
@@ -164,8 +159,7 @@ pub unsafe extern "C" fn m4gn_foam_describe(case: *mut Case, json: *mut *const c
     guarded(|| {
         // SAFETY: null or an open case that nobody else uses during the call, by this function's contract.
         let case = unsafe { case.as_mut() }.ok_or("expected an open case, found a null pointer")?;
-        let description = case.foam.describe().map_err(|e| e.to_string())?;
-        let text = as_json(&description).to_string();
+        let text = case.foam.describe().map_err(|e| e.to_string())?;
         case.json = CString::new(text).map_err(|e| e.to_string())?;
         if json.is_null() {
             return Err("expected a place for the description, found a null pointer".into());
@@ -206,6 +200,41 @@ pub unsafe extern "C" fn m4gn_foam_query(
     })
 }
 
+/// The mesh as the case's function object would hand it to `libm4gn.so`, and, of a solid whose material is known, its elastic
+/// body, else null. `node_types`: a JSON list of pairs, patch or group and node type, which go before those of the case's
+/// function object. Both structs are valid until the next such call on this case.
+///
+/// # Safety
+/// `case` comes from [`m4gn_foam_open`], `node_types` is a C string, `mesh` and `body` point to places for pointers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_foam_mesh(
+    case: *mut Case,
+    node_types: *const c_char,
+    mesh: *mut *const foam::m4gn_mesh_data,
+    body: *mut *const foam::m4gn_solid,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: null or an open case that nobody else uses during the call, by this function's contract.
+        let case = unsafe { case.as_mut() }.ok_or("expected an open case, found a null pointer")?;
+        // SAFETY: this function's contract.
+        let request = unsafe { utf8(node_types) }?;
+        let pairs: Vec<(String, String)> =
+            serde_json::from_str(request).map_err(|e| format!("node types {request}: {e}"))?;
+        let (keys, types) = pairs.into_iter().unzip();
+        let foam = case.foam.pin_mut();
+        foam.set_node_types(&keys, &types).map_err(|e| e.to_string())?;
+        if mesh.is_null() || body.is_null() {
+            return Err("expected places for the mesh and the body, found a null pointer".into());
+        }
+        // SAFETY: not null, and valid for writes by this function's contract.
+        unsafe {
+            *mesh = case.foam.mesh();
+            *body = case.foam.body();
+        }
+        Ok(())
+    })
+}
+
 /// Writes what a [`Write`] given as JSON says; `data` holds `count` doubles, the cells of one field after the other.
 ///
 /// # Safety
@@ -230,7 +259,8 @@ pub unsafe extern "C" fn m4gn_foam_write(
             (false, _) => unsafe { std::slice::from_raw_parts(data, count) },
         };
         let done = || -> Result<(), cxx::Exception> {
-            case.foam.write_start_fields(&write.fields, &write.note, values)?;
+            case.foam
+                .write_start_fields(&write.fields, &write.note, values, &write.segment_record)?;
             write
                 .remove
                 .iter()
@@ -240,53 +270,17 @@ pub unsafe extern "C" fn m4gn_foam_write(
     })
 }
 
-fn as_json(case: &foam::Description) -> serde_json::Value {
-    let patch = |p: &foam::Patch| json!({ "name": p.name, "kind": p.kind, "faces": p.faces, "lower": p.lower, "upper": p.upper });
-    json!({
-        "path": case.path,
-        "application": case.application,
-        "delta_t": case.delta_t,
-        "processors": case.processors,
-        "start": case.start,
-        "function_object": case.function_object,
-        "times": case.times,
-        "cells": case.cells,
-        "directions": case.directions,
-        "patches": case.patches.iter().map(patch).collect::<Vec<_>>(),
-    })
-}
-
 fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx::Exception> {
     let case = case.pin_mut();
     Ok(match query {
         Query::CellVolumes => case.cell_volumes()?,
         Query::CellCentres => case.cell_centres()?,
-        Query::Polygons => {
-            let polygons = case.polygons()?;
-            polygons
-                .start
-                .iter()
-                .map(|&s| s as f64)
-                .chain(polygons.points)
-                .collect()
-        }
+        Query::Polygons => case.polygons()?,
         Query::HasField { name, time } => vec![f64::from(u8::from(case.has_field(&name, time)?))],
         Query::Scalar { name, time } => case.scalar_field(&name, time)?,
         Query::Vector { name, time } => case.vector_field(&name, time)?,
-        Query::Force { patch, time } => {
-            let force = case.force(&patch, time)?;
-            [force.pressure, force.viscous].concat()
-        }
-        Query::Flow { patch, time } => {
-            let flow = case.flow(&patch, time)?;
-            [flow.flux, flow.area].into_iter().chain(flow.velocity).collect()
-        }
-        Query::NodeTypes { types } => {
-            let (keys, types) = types.into_iter().unzip();
-            case.set_node_types(&keys, &types)?;
-            Vec::new()
-        }
-        Query::MeshPart { name } => case.mesh_part(&name)?,
+        Query::Force { patch, time } => case.force(&patch, time)?,
+        Query::Flow { patch, time } => case.flow(&patch, time)?,
         Query::StartField { name, mark } => {
             let note = case.start_note(&name)?;
             vec![match (note.is_empty(), note.starts_with(&mark)) {

@@ -12,10 +12,40 @@ License
 #include <mpi.h>
 
 #include "m4gnCore.H"
+#include "m4gnDictionary.H"
 #include "OSspecific.H"
 #include "Time.H"
 #include "functionObject.H"
 #include "polyMesh.H"
+
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+namespace
+{
+
+//- Ends MPI when the registry of Time lets go of it
+struct lifetime
+:
+    public Foam::regIOobject
+{
+    explicit lifetime(const Foam::IOobject& io)
+    :
+        Foam::regIOobject(io)
+    {}
+
+    virtual ~lifetime()
+    {
+        m4gn_finalize();
+    }
+
+    virtual bool writeData(Foam::Ostream&) const
+    {
+        return true;
+    }
+};
+
+} // End anonymous namespace
+
 
 // * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
 
@@ -27,6 +57,30 @@ int32_t Foam::m4gn::communicator()
     }
 
     return int32_t(MPI_Comm_c2f(MPI_COMM_WORLD));
+}
+
+
+void Foam::m4gn::endWith(const Time& time)
+{
+    const word name("m4gnLifetime");
+
+    if (!UPstream::parRun() && !time.foundObject<regIOobject>(name))
+    {
+        regIOobject::store
+        (
+            new lifetime
+            (
+                IOobject
+                (
+                    name,
+                    time.constant(),
+                    time,
+                    IOobject::NO_READ,
+                    IOobject::NO_WRITE
+                )
+            )
+        );
+    }
 }
 
 
@@ -52,6 +106,25 @@ void Foam::m4gn::check(const int32_t status, const char* what)
         FatalErrorInFunction
             << what << ": " << m4gn_last_error()
             << exit(FatalError);
+    }
+}
+
+
+void Foam::m4gn::checkOptions
+(
+    const dictionary& dict,
+    const char* kind,
+    const std::string& options,
+    const wordList& own
+)
+{
+    if (m4gn_options_check(kind, options.c_str()) != M4GN_OK)
+    {
+        FatalIOErrorInFunction(dict)
+            << "Dictionary " << dict.dictName() << " is not valid: "
+            << m4gn_last_error() << nl
+            << "    Other entries that it may have: " << join(own)
+            << exit(FatalIOError);
     }
 }
 

@@ -31,23 +31,11 @@ namespace Foam
     #endif
 }
 
-static const char* const countKey = "segments";
-
-
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnDecomp::read()
 {
-    // A dictionary "coeffs" may have entries of other methods
-    if (coeffs_.dictName() == typeName + "Coeffs")
-    {
-        wordList valid(m4gnSegmentation::keys(countKey));
-        valid.append("model");
-        valid.append("processorWeights");
-        m4gn::checkKeys(coeffs_, valid, false);
-    }
-
-    m4gnSegmentation::checkDictionary(coeffs_, countKey);
+    m4gnSegmentation::checkDictionary(segmentEntries());
 
     const scalarList weights
     (
@@ -74,6 +62,20 @@ void Foam::m4gnDecomp::read()
     }
 
     weights_.assign(weights.begin(), weights.end());
+}
+
+
+Foam::dictionary Foam::m4gnDecomp::segmentEntries() const
+{
+    // A dictionary "coeffs" may have entries of other methods
+    return m4gn::without
+    (
+        coeffs_,
+        {
+            "processorWeights", "n", "delta", "order", "transform",
+            "dataFile", "strategy", "domains", "cellWeightsFile", "writeGraph"
+        }
+    );
 }
 
 
@@ -164,7 +166,7 @@ Foam::labelList Foam::m4gnDecomp::distribute
         FatalError
             << ", for " << nDomains_ << " subdomains: each needs at least"
             << " one." << nl
-            << "    Raise " << countKey << " in " << typeName << "Coeffs (and"
+            << "    Raise count in " << typeName << "Coeffs (and"
             << " remove " << m4gn::segmentName << " if it is stored),"
             << " use fewer subdomains";
 
@@ -278,7 +280,7 @@ Foam::labelList Foam::m4gnDecomp::decompose
 
     const m4gnSegmentation segmentation
     (
-        volumeMesh(mesh), coeffs_, countKey, false
+        volumeMesh(mesh), segmentEntries(), false
     );
     const labelList segments(segmentation.cells());
 
@@ -316,7 +318,7 @@ Foam::labelList Foam::m4gnDecomp::decompose
 {
     const m4gnSegmentation segmentation
     (
-        volumeMesh(mesh), coeffs_, countKey, false
+        volumeMesh(mesh), segmentEntries(), false
     );
     const labelList segments(segmentation.cells());
 

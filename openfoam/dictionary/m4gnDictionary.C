@@ -8,8 +8,120 @@ License
 
 #include "m4gnDictionary.H"
 #include "HashSet.H"
+#include "ITstream.H"
 #include "StringStream.H"
 #include "token.H"
+
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+namespace
+{
+
+using namespace Foam;
+
+std::string plain(const token& t)
+{
+    if (t.isString())
+    {
+        return t.stringToken();
+    }
+    if (t.isWord())
+    {
+        return t.wordToken();
+    }
+    if (t.isNumber() && !t.isLabel())
+    {
+        return m4gn::text(t.number());
+    }
+
+    OStringStream os;
+    os << t;
+    return os.str();
+}
+
+
+//- One token as JSON
+std::string json(const token& t)
+{
+    return t.isNumber() ? plain(t) : m4gn::quoted(plain(t));
+}
+
+
+//- List that begins behind the bracket at i, which is then behind its end
+std::string jsonList(const tokenList& tokens, label& i)
+{
+    std::string list("[");
+    while (i < tokens.size())
+    {
+        const token& t = tokens[i++];
+        if (t.isPunctuation() && t.pToken() == token::END_LIST)
+        {
+            break;
+        }
+
+        list += list.size() > 1 ? ", " : "";
+        list +=
+            t.isPunctuation() && t.pToken() == token::BEGIN_LIST
+          ? jsonList(tokens, i)
+          : json(t);
+    }
+    return list + ']';
+}
+
+
+//- An entry's value: a number, a switch, a text, or a list
+std::string json(const tokenList& tokens)
+{
+    if (tokens.size() == 1 && tokens[0].isCompound())
+    {
+        // List<word> 2 (a b), as another program may have written it
+        OStringStream os;
+        tokens[0].compoundToken().write(os);
+        return json(ITstream("list", os.str()));
+    }
+
+    const auto opens = [&](const label i)
+    {
+        return
+            i < tokens.size() && tokens[i].isPunctuation()
+         && tokens[i].pToken() == token::BEGIN_LIST;
+    };
+
+    // (a b), or 2(a b)
+    label first = tokens.size() && tokens[0].isLabel() ? 1 : 0;
+    if (opens(first))
+    {
+        ++first;
+        return jsonList(tokens, first);
+    }
+
+    if (tokens.size() == 1)
+    {
+        if (tokens[0].isWord())
+        {
+            const word& w = tokens[0].wordToken();
+            if (w == "yes" || w == "on" || w == "true")
+            {
+                return "true";
+            }
+            if (w == "no" || w == "off" || w == "false")
+            {
+                return "false";
+            }
+        }
+        return json(tokens[0]);
+    }
+
+    std::string words;
+    for (const token& t : tokens)
+    {
+        words += (words.empty() ? "" : " ") + plain(t);
+    }
+    return m4gn::quoted(words);
+}
+
+} // End anonymous namespace
+
 
 // * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
 
@@ -65,6 +177,27 @@ void Foam::m4gn::checkKeys
 }
 
 
+void Foam::m4gn::checkDictionaries
+(
+    const dictionary& dict,
+    const wordList& keys
+)
+{
+    for (const word& key : keys)
+    {
+        const entry* e = dict.findEntry(key);
+
+        if (e && !e->isDict())
+        {
+            FatalIOErrorInFunction(dict)
+                << "Entry " << key << " of " << dict.dictName()
+                << " is no dictionary; expected " << key << " { ... }"
+                << exit(FatalIOError);
+        }
+    }
+}
+
+
 void Foam::m4gn::checkAtLeast
 (
     const dictionary& dict,
@@ -103,27 +236,18 @@ std::string Foam::m4gn::text(const scalar value)
 }
 
 
-std::string Foam::m4gn::json(const std::string& text)
+std::string Foam::m4gn::quoted(const std::string& text)
 {
-    scalar number;
-    if (readScalar(text, number) && std::isfinite(number))
-    {
-        OStringStream os;
-        os.precision(15);
-        os << number;
-        return os.str();
-    }
-
-    std::string quoted("\"");
+    std::string result("\"");
     for (const char c : text)
     {
         if (c == '"' || c == '\\')
         {
-            quoted += '\\';
+            result += '\\';
         }
-        quoted += ((unsigned char)(c) < 0x20) ? ' ' : c;
+        result += ((unsigned char)(c) < 0x20) ? ' ' : c;
     }
-    return quoted + '"';
+    return result + '"';
 }
 
 
@@ -133,39 +257,26 @@ std::string Foam::m4gn::json(const dictionary& dict)
 
     for (const entry& e : dict)
     {
-        if (object.size() > 1)
-        {
-            object += ", ";
-        }
-
-        object += '"' + std::string(e.keyword()) + "\": ";
-
-        if (e.isDict())
-        {
-            object += json(e.dict());
-        }
-        else
-        {
-            std::string text;
-            for (const token& t : e.stream())
-            {
-                OStringStream os;
-                if (t.isString())
-                {
-                    os << t.stringToken().c_str();
-                }
-                else
-                {
-                    os.precision(15);
-                    os << t;
-                }
-                text += (text.empty() ? "" : " ") + os.str();
-            }
-            object += json(text);
-        }
+        object += (object.size() > 1 ? ", " : "") + quoted(e.keyword()) + ": ";
+        object += e.isDict() ? json(e.dict()) : ::json(e.stream());
     }
 
     return object + '}';
+}
+
+
+Foam::dictionary Foam::m4gn::without
+(
+    const dictionary& dict,
+    const wordList& keys
+)
+{
+    dictionary rest(dict);
+    for (const word& key : keys)
+    {
+        rest.remove(key);
+    }
+    return rest;
 }
 
 

@@ -10,7 +10,35 @@ License
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "Time.H"
+#include "uncollatedFileOperation.H"
 #include "volFields.H"
+
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+//- By the file handler
+static bool writeTogether(const Foam::regIOobject& field)
+{
+    const Foam::Time& time = field.time();
+
+    #if OPENFOAM >= 2012
+    return Foam::fileHandler().writeObject
+    (
+        field,
+        Foam::IOstreamOption(time.writeFormat(), time.writeCompression()),
+        true
+    );
+    #else
+    return Foam::fileHandler().writeObject
+    (
+        field,
+        time.writeFormat(),
+        time.writeVersion(),
+        time.writeCompression(),
+        true
+    );
+    #endif
+}
+
 
 // * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
 
@@ -31,6 +59,20 @@ Foam::m4gnFieldFiles::~m4gnFieldFiles()
 void Foam::m4gnFieldFiles::write(const regIOobject& field)
 {
     const Time& time = field.time();
+
+    if (fileHandler().type() != fileOperations::uncollatedFileOperation::typeName)
+    {
+        // The ranks write together, to where such a file handler keeps files
+        if (!writeTogether(field))
+        {
+            FatalErrorInFunction
+                << "Cannot write " << field.name() << " to "
+                << field.instance() << " with the file handler "
+                << fileHandler().type()
+                << ": no permission, or the disk is full" << exit(FatalError);
+        }
+        return;
+    }
 
     // field.write() would put it into a folder of the current time
     const fileName name
@@ -56,7 +98,8 @@ void Foam::m4gnFieldFiles::write
 (
     const Time& time,
     const fileName& name,
-    const std::function<void(Ostream&)>& contents
+    const std::function<void(Ostream&)>& contents,
+    const bool plain
 )
 {
     const fileName dir(name.path());
@@ -68,7 +111,7 @@ void Foam::m4gnFieldFiles::write
     }
 
     const bool compressed =
-        time.writeCompression() == IOstream::COMPRESSED;
+        !plain && time.writeCompression() == IOstream::COMPRESSED;
     const fileName beside(dir/('.' + name.name() + ".unfinished"));
     const fileName zipped(name + ".gz");
 
@@ -82,9 +125,9 @@ void Foam::m4gnFieldFiles::write
     OFstream os
     (
         beside,
-        time.writeFormat(),
+        plain ? IOstream::ASCII : time.writeFormat(),
         time.writeVersion(),
-        time.writeCompression()
+        compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED
     );
     contents(os);
     os.stdStream().flush();

@@ -7,6 +7,8 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnMeshAdapter.H"
+#include "m4gnDictionary.H"
+#include "pointFields.H"
 #include "m4gnNodeTypes.H"
 #include "cyclicFvPatch.H"
 #include "processorFvPatch.H"
@@ -33,17 +35,11 @@ void Foam::m4gnMeshAdapter::checkPatches() const
         const bool known =
             coupled
           ? (type == "processor" || type == "processorCyclic" || type == "cyclic")
-          : (type == "empty" || type == "patch" || type == "wall"
-          || type == "symmetry" || type == "symmetryPlane");
+          : (type == "empty" || m4gnNodeTypes::handles(patch));
 
         if (!known)
         {
-            FatalErrorInFunction
-                << "Patch " << patch.name() << " is of type " << type
-                << ", which m4gn does not handle." << nl
-                << "    Handled: patch, wall, symmetry, symmetryPlane, empty,"
-                << " cyclic (translational), processor, processorCyclic."
-                << exit(FatalError);
+            m4gnNodeTypes::refuse(patch);
         }
 
         if (coupled)
@@ -364,6 +360,114 @@ Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
     }
 
     return "Gauss linear corrected";
+}
+
+
+bool Foam::m4gnMeshAdapter::registered(const word& name) const
+{
+    return
+        mesh_.foundObject<volScalarField>(name)
+     || mesh_.foundObject<volVectorField>(name);
+}
+
+
+Foam::string Foam::m4gnMeshAdapter::registered() const
+{
+    wordList names(mesh_.sortedNames<volScalarField>());
+    names.append(mesh_.sortedNames<volVectorField>());
+
+    wordList others(mesh_.sortedNames<pointScalarField>());
+    others.append(mesh_.sortedNames<pointVectorField>());
+
+    const std::string cells(m4gn::join(names));
+    return
+        others.empty()
+      ? cells
+      : cells + "; with location points: " + m4gn::join(others);
+}
+
+
+template<class Type>
+bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
+{
+    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
+
+    autoPtr<fieldType> owned;
+    const fieldType* field = find(name, mesh_, owned);
+
+    if (!field)
+    {
+        return false;
+    }
+
+    Field<Type> boundary(nBoundary());
+    label facei = 0;
+    for (const label patchi : valuePatches_)
+    {
+        for (const Type& value : field->boundaryField()[patchi])
+        {
+            boundary[facei++] = value;
+        }
+    }
+    describe(field->dimensions(), boundary, to);
+
+    if (owned)
+    {
+        to.kept = flat(field->primitiveField());
+        to.cells = to.kept.cdata();
+    }
+    else
+    {
+        to.cells =
+            reinterpret_cast<const scalar*>(field->primitiveField().cdata());
+    }
+
+    return true;
+}
+
+
+bool Foam::m4gnMeshAdapter::gather(const word& name, values& to) const
+{
+    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
+}
+
+
+template<class Type>
+void Foam::m4gnMeshAdapter::imposeOf
+(
+    const word& name,
+    const scalarField& nodes
+) const
+{
+    auto& field =
+        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>
+        (
+            name
+        );
+
+    // Stores the old time before it gives access
+    Field<Type>& imposed = field.primitiveFieldRef();
+
+    const auto* of = reinterpret_cast<const Type*>(nodes.cdata());
+    std::copy(of, of + imposed.size(), imposed.begin());
+}
+
+
+void Foam::m4gnMeshAdapter::impose
+(
+    const word& name,
+    const label components,
+    const scalarField& nodes
+) const
+{
+    if (components == 1)
+    {
+        imposeOf<scalar>(name, nodes);
+    }
+    else
+    {
+        imposeOf<vector>(name, nodes);
+    }
 }
 
 

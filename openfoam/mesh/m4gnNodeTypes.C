@@ -11,6 +11,9 @@ License
 #include "m4gnDictionary.H"
 #include "pointFields.H"
 #include "volFields.H"
+#include "directionMixedFvPatchFields.H"
+#include "mixedFvPatchFields.H"
+#include "surfaceFields.H"
 #include "StringStream.H"
 #include "emptyFvPatch.H"
 #include "fixedValuePointPatchFields.H"
@@ -117,6 +120,37 @@ static bool fixes(const fvPatchVectorField& pD)
     return !free;
 }
 
+
+//- Does it hold its value or let go of it, as the flow goes?
+static bool isMixed(const fvPatchVectorField& pU)
+{
+    return
+        isA<mixedFvPatchVectorField>(pU)
+     || isA<directionMixedFvPatchVectorField>(pU);
+}
+
+
+//- Does the flow leave through the patch (1), enter (-1), or neither (0)?
+//  Collective.
+static label through
+(
+    const fvPatchVectorField& pU,
+    const surfaceScalarField* phi
+)
+{
+    const fvPatch& patch = pU.patch();
+    const scalarField flux
+    (
+        phi
+      ? scalarField(phi->boundaryField()[patch.index()])
+      : scalarField(pU & patch.Sf())
+    );
+    const scalar net = gSum(flux);
+    const scalar size = gSum(mag(flux)());
+
+    return mag(net) <= 0.01*size ? 0 : net > 0 ? 1 : -1;
+}
+
 } // End namespace Foam
 
 
@@ -128,14 +162,21 @@ Foam::label Foam::m4gnNodeTypes::guess
     const volVectorField* U,
     const volScalarField* p,
     const volVectorField* D,
-    const pointVectorField* pointD
+    const pointVectorField* pointD,
+    const surfaceScalarField* phi,
+    string& why
 )
 {
     const bool symmetric =
         isA<symmetryFvPatch>(patch) || isA<symmetryPlaneFvPatch>(patch);
 
+    why = "patch type " + patch.type();
+
     if (D)
     {
+        why = symmetric ? why
+          : string(D->name() + ' ' + D->boundaryField()[patch.index()].type());
+
         return
             symmetric ? M4GN_SYMMETRY
           : fixes(D->boundaryField()[patch.index()]) ? M4GN_HANDLE
@@ -144,6 +185,13 @@ Foam::label Foam::m4gnNodeTypes::guess
 
     if (pointD)
     {
+        why = symmetric ? why
+          : string
+            (
+                pointD->name() + ' '
+              + pointD->boundaryField()[patch.index()].type()
+            );
+
         return
             symmetric ? M4GN_SYMMETRY
           : isA<fixedValuePointPatchVectorField>
@@ -166,6 +214,7 @@ Foam::label Foam::m4gnNodeTypes::guess
     if (U)
     {
         const fvPatchVectorField& pU = U->boundaryField()[patch.index()];
+        why = U->name() + ' ' + pU.type();
 
         if (pU.type() == "noSlip")
         {
@@ -175,7 +224,22 @@ Foam::label Foam::m4gnNodeTypes::guess
         {
             return M4GN_SYMMETRY;
         }
-        if (pU.fixesValue())
+        if (isMixed(pU))
+        {
+            const label direction = through(pU, phi);
+            if (direction)
+            {
+                why += direction > 0 ? ", flow leaves" : ", flow enters";
+                return direction > 0 ? M4GN_OUTLET : M4GN_INLET;
+            }
+
+            why += ", nothing flows yet";
+            if (pU.type().find("nletOutlet") != string::npos)
+            {
+                return M4GN_OUTLET;
+            }
+        }
+        else if (pU.fixesValue())
         {
             return M4GN_INLET;
         }
@@ -183,9 +247,10 @@ Foam::label Foam::m4gnNodeTypes::guess
 
     if (p && p->boundaryField()[patch.index()].fixesValue())
     {
+        why += ", " + p->name() + ' '
+          + p->boundaryField()[patch.index()].type();
         return M4GN_OUTLET;
     }
-
     return -1;
 }
 
@@ -201,7 +266,8 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     const word& displacementName
 )
 :
-    types_(mesh.boundary().size(), -1)
+    types_(mesh.boundary().size(), -1),
+    why_(mesh.boundary().size())
 {
     const dictionary given(dict.subOrEmptyDict("nodeTypes"));
     wordHashSet unused(given.toc());
@@ -216,6 +282,10 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     const volVectorField* D = find(mesh, displacementName, storedD);
     autoPtr<pointVectorField> storedPointD;
     const pointVectorField* pointD = find(mesh, displacementName, storedPointD);
+
+    autoPtr<surfaceScalarField> storedPhi;
+    const surfaceScalarField* phi =
+        find(mesh, dict.getOrDefault<word>("phi", "phi"), storedPhi);
 
     forAll(mesh.boundary(), patchi)
     {
@@ -251,24 +321,31 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
                         << exit(FatalError);
                 }
                 type = names.get(value);
+                why_[patchi] = "entry nodeTypes";
                 break;
             }
         }
 
         if (type < 0)
         {
-            type = guess(patch, U, p, D, pointD);
+            type = guess(patch, U, p, D, pointD, phi, why_[patchi]);
         }
 
+        if (type < 0 && !handles(patch))
+        {
+            // No node type helps
+            refuse(patch);
+        }
         if (type < 0)
         {
             FatalErrorInFunction
                 << dict.name() << ": what is patch " << patch.name() << " (type "
                 << patch.type() << ")? Neither does " << velocityName
                 << " fix its value there (inlet) nor " << pressureName
-                << " (outlet)." << nl
-                << "    Say so in the function object's dictionary:"
-                << " nodeTypes { " << patch.name() << " outlet; }" << nl
+                << " (outlet). Found: " << why_[patchi].c_str() << nl
+                << "    Say so in the function object's dictionary,"
+                << " nodeTypes { " << patch.name() << " outlet; }, or to 'm4gn"
+                << " segment', --node-type " << patch.name() << "=outlet" << nl
                 << "    Valid types: " << m4gn::join(names.sortedToc())
                 << exit(FatalError);
         }
@@ -286,6 +363,43 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+bool Foam::m4gnNodeTypes::handles(const fvPatch& patch)
+{
+    static const wordList types({"patch", "wall", "symmetry", "symmetryPlane"});
+
+    return types.found(patch.type());
+}
+
+
+void Foam::m4gnNodeTypes::refuse(const fvPatch& patch)
+{
+    FatalErrorInFunction
+        << "Patch " << patch.name() << " is of type " << patch.type()
+        << ", which m4gn does not handle." << nl
+        << "    Handled: patch, wall, symmetry, symmetryPlane, empty,"
+        << " cyclic (translational), processor, processorCyclic."
+        << exit(FatalError);
+}
+
+
+void Foam::m4gnNodeTypes::print(const fvMesh& mesh) const
+{
+    Info<< "m4gn: node types of the patches" << nl;
+
+    forAll(types_, patchi)
+    {
+        if (types_[patchi] >= 0)
+        {
+            Info<< "    " << mesh.boundary()[patchi].name() << ": "
+                << names[types_[patchi]] << " (" << why_[patchi].c_str()
+                << ')' << nl;
+        }
+    }
+
+    Info<< endl;
+}
+
 
 bool Foam::m4gnNodeTypes::carriesValues(const fvPatch& patch)
 {

@@ -207,6 +207,7 @@ Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New
         dict.getOrDefault<word>("p", "p"),
         dict.getOrDefault<word>("D", points ? "pointD" : "D")
     );
+    nodeTypes.print(mesh);
 
     if (points)
     {

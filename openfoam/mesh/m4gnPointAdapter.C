@@ -7,6 +7,9 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnPointAdapter.H"
+#include "m4gnDictionary.H"
+#include "pointFields.H"
+#include "volFields.H"
 #include "globalIndex.H"
 #include "processorFvPatch.H"
 #include "PstreamBuffers.H"
@@ -367,6 +370,110 @@ Foam::m4gnPointAdapter::m4gnPointAdapter
     setPoints();
     setEdges();
     setBoundary(nodeTypes);
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+bool Foam::m4gnPointAdapter::registered(const word& name) const
+{
+    return
+        mesh_.foundObject<pointScalarField>(name)
+     || mesh_.foundObject<pointVectorField>(name);
+}
+
+
+Foam::string Foam::m4gnPointAdapter::registered() const
+{
+    wordList names(mesh_.sortedNames<pointScalarField>());
+    names.append(mesh_.sortedNames<pointVectorField>());
+
+    wordList others(mesh_.sortedNames<volScalarField>());
+    others.append(mesh_.sortedNames<volVectorField>());
+
+    const std::string points(m4gn::join(names));
+    return
+        (points.empty() ? "no field of points" : points)
+      + "; with location cells: " + m4gn::join(others);
+}
+
+
+template<class Type>
+bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
+{
+    typedef GeometricField<Type, pointPatchField, pointMesh> fieldType;
+
+    autoPtr<fieldType> owned;
+    const fieldType* field = find(name, pointMesh::New(mesh_), owned);
+
+    if (!field)
+    {
+        return false;
+    }
+
+    const Field<Type>& all = field->primitiveField();
+    describe(field->dimensions(), Field<Type>(all, boundaryPoints_), to);
+    to.kept = flat(Field<Type>(all, points_));
+    to.cells = to.kept.cdata();
+
+    return true;
+}
+
+
+bool Foam::m4gnPointAdapter::gather(const word& name, values& to) const
+{
+    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
+}
+
+
+template<class Type>
+void Foam::m4gnPointAdapter::imposeOf
+(
+    const word& name,
+    const scalarField& nodes
+) const
+{
+    Field<Type> all(mesh_.nPoints(), Zero);
+
+    const auto* of = reinterpret_cast<const Type*>(nodes.cdata());
+    forAll(points_, nodei)
+    {
+        all[points_[nodei]] = of[nodei];
+    }
+
+    // One rank has the value, the others zero
+    syncTools::syncPointList
+    (
+        mesh_, all, plusEqOp<Type>(), pTraits<Type>::zero
+    );
+
+    auto& field =
+        mesh_.lookupObjectRef<GeometricField<Type, pointPatchField, pointMesh>>
+        (
+            name
+        );
+
+    // Stores the old time before it gives access
+    field.primitiveFieldRef() = all;
+    field.correctBoundaryConditions();
+}
+
+
+void Foam::m4gnPointAdapter::impose
+(
+    const word& name,
+    const label components,
+    const scalarField& nodes
+) const
+{
+    if (components == 1)
+    {
+        imposeOf<scalar>(name, nodes);
+    }
+    else
+    {
+        imposeOf<vector>(name, nodes);
+    }
 }
 
 

@@ -8,7 +8,7 @@ License
 
 #include "m4gnSegmentField.H"
 #include "m4gnFieldFiles.H"
-#include "IFstream.H"
+#include "m4gnSegmentRecord.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
@@ -16,7 +16,6 @@ License
 #include "labelIOList.H"
 #include "processorPolyPatch.H"
 #include "zeroGradientFvPatchFields.H"
-#include <cmath>
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
@@ -27,146 +26,6 @@ const Foam::word Foam::m4gn::segmentName("m4gnSegment");
 
 namespace Foam
 {
-
-//- Labels from a scalar field
-static void round(const UList<scalar>& values, List<int32_t>& segments)
-{
-    segments.resize(values.size());
-    forAll(values, celli)
-    {
-        segments[celli] = int32_t(std::lround(values[celli]));
-    }
-}
-
-
-//- From this rank's own folders
-static bool readOwn
-(
-    const fvMesh& mesh,
-    List<int32_t>& segments,
-    fileName& from
-)
-{
-    word instance
-    (
-        mesh.time().findInstance
-        (
-            mesh.dbDir(),
-            m4gn::segmentName,
-            IOobject::READ_IF_PRESENT
-        )
-    );
-    Pstream::scatter(instance);
-
-    IOobject io
-    (
-        m4gn::segmentName,
-        instance,
-        mesh,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
-
-    // A rank without cells, as redistributePar has them, may be without the
-    // file
-    const bool found = io.typeHeaderOk<volScalarField>(true, false);
-
-    if
-    (
-        !returnReduce(found || mesh.nCells() == 0, andOp<bool>())
-     || !returnReduce(found, orOp<bool>())
-    )
-    {
-        return false;
-    }
-
-    segments.clear();
-    if (found)
-    {
-        const volScalarField stored(io, mesh);
-        round(stored.primitiveField(), segments);
-    }
-    from = fileName(instance)/m4gn::segmentName;
-
-    return true;
-}
-
-
-//- The last file of the undecomposed case that is not later than now
-static fileName findUndecomposed(const fvMesh& mesh)
-{
-    const Time& time = mesh.time();
-    const instantList times
-    (
-        Time::findTimes(time.globalPath(), time.constant())
-    );
-
-    forAllReverse(times, i)
-    {
-        const bool late =
-            times[i].name() != time.constant()
-         && times[i].value() > time.value() + 0.5*time.deltaTValue();
-
-        const fileName file
-        (
-            time.globalPath()/times[i].name()/mesh.dbDir()/m4gn::segmentName
-        );
-
-        if (!late && isFile(file))
-        {
-            return file;
-        }
-    }
-
-    return fileName();
-}
-
-
-//- From the undecomposed case
-static bool readUndecomposed
-(
-    const fvMesh& mesh,
-    List<int32_t>& segments,
-    fileName& from
-)
-{
-    fileName file;
-    if (Pstream::master())
-    {
-        file = findUndecomposed(mesh);
-    }
-    Pstream::scatter(file);
-
-    labelList global;
-    if (file.empty() || !m4gn::cellAddressing(mesh, global))
-    {
-        return false;
-    }
-
-    const label nCells = returnReduce(mesh.nCells(), sumOp<label>());
-
-    scalarField whole;
-    if (Pstream::master())
-    {
-        IFstream is(file);
-        IOobject io(m4gn::segmentName, mesh.time().constant(), mesh.time());
-        if (!io.readHeader(is))
-        {
-            FatalIOErrorInFunction(is)
-                << "No header of an OpenFOAM file" << exit(FatalIOError);
-        }
-        const dictionary dict(is);
-        whole = scalarField("internalField", dict, nCells);
-    }
-    Pstream::scatter(whole);
-
-    round(scalarField(whole, global), segments);
-    from = file;
-
-    return true;
-}
-
 
 //- To the undecomposed case, from the ranks of a case that decomposePar made
 static void writeUndecomposed
@@ -328,37 +187,61 @@ void Foam::m4gn::writeToInstance(const regIOobject& field)
 }
 
 
-bool Foam::m4gn::readSegments
+Foam::fileNameList Foam::m4gn::segmentFolders
 (
     const fvMesh& mesh,
-    List<int32_t>& segments,
-    fileName& from
-)
-{
-    return
-        readOwn(mesh, segments, from)
-     || (Pstream::parRun() && readUndecomposed(mesh, segments, from));
-}
-
-
-void Foam::m4gn::writeSegments
-(
-    const fvMesh& mesh,
-    const UList<int32_t>& segments,
     const word& instance
 )
 {
-    tmp<volScalarField> tfield
+    const Time& time = mesh.time();
+
+    return
+    {
+        time.path()/instance/mesh.dbDir(),
+        time.globalPath()/instance/mesh.dbDir(),
+        time.globalPath()/time.constant()/mesh.dbDir()
+    };
+}
+
+
+bool Foam::m4gn::writeSegments
+(
+    const fvMesh& mesh,
+    const UList<int32_t>& segments,
+    const std::string& record,
+    const word& given
+)
+{
+    const Time& time = mesh.time();
+    const word instance
     (
-        cellField<scalar>
-        (
-            mesh,
-            segmentName,
-            instance.empty()
-          ? Time::timeName(mesh.time().startTime().value())
-          : instance
-        )
+        given.empty() ? Time::timeName(time.startTime().value()) : given
     );
+    const fileNameList folders(segmentFolders(mesh, instance));
+
+    // Somebody's own segments are not ours to replace
+    string note;
+    if (Pstream::master())
+    {
+        note = noteOf(time, folders.first()/segmentName);
+        if (note.size() && readSegmentRecord(folders).size())
+        {
+            note = "m4gn";
+        }
+    }
+    Pstream::scatter(note);
+
+    if (note.size() && note.substr(0, 4) != "m4gn")
+    {
+        Info<< "m4gn: " << (instance/segmentName).c_str()
+            << " was not written by m4gn and is left as it is; the segments"
+            << " of this run are not stored. Remove the file to have them"
+            << " stored." << endl;
+
+        return false;
+    }
+
+    tmp<volScalarField> tfield(cellField<scalar>(mesh, segmentName, instance));
     volScalarField& field = tfield.ref();
 
     forAll(field, celli)
@@ -374,6 +257,27 @@ void Foam::m4gn::writeSegments
     {
         writeUndecomposed(field, global);
     }
+
+    if (Pstream::master())
+    {
+        // Of a decomposed case, also where all ranks and a serial run find it
+        const label last =
+            !Pstream::parRun() ? 0 : isDir(folders[1]) ? 1 : 2;
+
+        for (label i = 0; i <= last; ++i)
+        {
+            const bool needed = i == 0 || i == last;
+            if (needed && isDir(folders[i]))
+            {
+                // One by one: folders may be links to each other
+                m4gnFieldFiles files;
+                writeSegmentRecord(files, time, folders[i], record);
+                files.rename();
+            }
+        }
+    }
+
+    return true;
 }
 
 

@@ -11,6 +11,7 @@ License
 #include "m4gnDictionary.H"
 #include "m4gnMeshAdapter.H"
 #include "m4gnSegmentField.H"
+#include "m4gnStoredSegments.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
@@ -18,71 +19,30 @@ License
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
-std::string Foam::m4gnSegmentation::spec
+std::string Foam::m4gnSegmentation::options
 (
     const dictionary& dict,
-    const word& countKey
+    const fileName& model,
+    const bool withModes
 )
 {
-    std::string object("{");
+    const dictionary segments(m4gn::without(dict, {"model", "nodeTypes", "D"}));
 
-    const auto add = [&](const char* key, const std::string& value)
+    dictionary settings;
+    settings.add("segments", m4gn::without(segments, ownKeys()));
+    settings.add("with_modes", word(withModes ? "yes" : "no"));
+    if (model.size())
     {
-        object += (object.size() > 1 ? ", \"" : "\"") + std::string(key) + "\": " + value;
-    };
-
-    if (dict.found(countKey))
-    {
-        add("count", std::to_string(dict.get<label>(countKey)));
+        settings.add("model", string(model));
     }
-    for (const char* key : {"modes", "iterations"})
-    {
-        if (dict.found(key))
-        {
-            add(key, std::to_string(dict.get<label>(key)));
-        }
-    }
-    for (const char* key : {"tau", "size", "energy"})
-    {
-        if (dict.found(key))
-        {
-            add(key, m4gn::text(dict.get<scalar>(key)));
-        }
-    }
-    if (dict.found("distanceScale"))
-    {
-        add("distance_scale", m4gn::text(dict.get<scalar>("distanceScale")));
-    }
-    if (dict.found("connected"))
-    {
-        add("connected", dict.get<bool>("connected") ? "true" : "false");
-    }
-    if (dict.found("operator"))
-    {
-        add("operator", '"' + dict.get<word>("operator") + '"');
-    }
-    if (dict.found("method"))
-    {
-        add("method", '"' + dict.get<word>("method") + '"');
-    }
-    if (dict.found("obstacles"))
-    {
-        std::string list;
-        for (const word& patch : dict.get<wordList>("obstacles"))
-        {
-            list += (list.empty() ? "\"" : ", \"") + patch + '"';
-        }
-        add("obstacles", '[' + list + ']');
-    }
-
-    return object + '}';
+    return m4gn::json(settings);
 }
 
 
 void Foam::m4gnSegmentation::compute
 (
+    const fileName& model,
     const dictionary& dict,
-    const word& countKey,
     const bool withModes
 )
 {
@@ -96,21 +56,13 @@ void Foam::m4gnSegmentation::compute
             types[patchi] = M4GN_WALL;
         }
     }
-
     m4gnMeshAdapter adapter(mesh_, types);
-
-    const fileName model
-    (
-        dict.found("model")
-      ? m4gn::resolve(dict.get<fileName>("model"), mesh_.time().globalPath())
-      : fileName()
-    );
 
     dictionary used(dict);
     if (!computed())
     {
         // As stored, whatever else is said
-        used.set(countKey, count_);
+        used.set("count", count_);
     }
 
     const label needed =
@@ -121,35 +73,17 @@ void Foam::m4gnSegmentation::compute
     {
         const label nModes
         (
-            dict.getOrDefault<label>("modes", needed > 0 ? needed : 6)
+            dict.getOrDefault<label>("modes", needed > 0 ? needed : -1)
         );
-        elastic_.reset
-        (
-            new m4gnElasticModes(mesh_, dict, Foam::max(nModes, label(1)))
-        );
+        elastic_.reset(new m4gnElasticModes(mesh_, dict, nModes));
         adapter.setModes(elastic_->eigenvalues(), elastic_->cells());
     }
     used.set("operator", word(elastic_ ? "elastic" : "laplacian"));
 
-    const std::string entries(spec(used, countKey));
-
-    const word solver(dict.getOrDefault<word>("modalSolver", "auto"));
-    const string petsc
-    (
-        dict.getOrDefault<string>("petscOptions", string::null)
-    );
-
-    m4gn_segment_options options = {};
-    options.modal_solver = solver.c_str();
-    options.petsc_options = petsc.c_str();
-    options.model = model.empty() ? nullptr : model.c_str();
-    options.spec = entries.c_str();
-    options.with_modes = withModes && !elastic_;
+    const std::string settings(options(used, model, withModes && !elastic_));
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
-    options.cell_segment =
-        computed() ? nullptr : cells_.size() ? cells_.cdata() : &none;
 
     m4gn::check
     (
@@ -157,7 +91,8 @@ void Foam::m4gnSegmentation::compute
         (
             m4gn::communicator(),
             &adapter.data(),
-            &options,
+            settings.c_str(),
+            computed() ? nullptr : cells_.size() ? cells_.cdata() : &none,
             &segments_
         ),
         "The segments cannot be computed"
@@ -173,11 +108,7 @@ void Foam::m4gnSegmentation::compute
 }
 
 
-void Foam::m4gnSegmentation::count
-(
-    const dictionary& dict,
-    const word& countKey
-)
+void Foam::m4gnSegmentation::count(const dictionary& dict)
 {
     label lowest = labelMax;
     label highest = -1;
@@ -188,6 +119,18 @@ void Foam::m4gnSegmentation::count
     }
     reduce(lowest, minOp<label>());
     reduce(highest, maxOp<label>());
+
+    // Before room is made for each: a stored field may hold anything
+    const label nCells = returnReduce(cells_.size(), sumOp<label>());
+    if (highest >= nCells)
+    {
+        FatalErrorInFunction
+            << from_.c_str() << " is no segmentation: it has the label "
+            << highest << ", and the mesh has " << nCells
+            << " cells; expected labels below that" << nl
+            << "    Remove the file to have segments computed anew."
+            << exit(FatalError);
+    }
 
     labelList sizes(Foam::max(highest, label(0)) + 1, Zero);
     if (lowest >= 0)
@@ -211,12 +154,12 @@ void Foam::m4gnSegmentation::count
 
     count_ = highest + 1;
 
-    const label wanted = dict.getOrDefault<label>(countKey, count_);
+    const label wanted = dict.getOrDefault<label>("count", count_);
     if (wanted != count_)
     {
         FatalErrorInFunction
             << from_.c_str() << " has " << count_ << " segments, but "
-            << dict.dictName() << " says " << countKey << ' ' << wanted << nl
+            << dict.dictName() << " says count " << wanted << nl
             << "    Remove the file to have segments computed anew, or the"
             << " entry to take those that are stored."
             << exit(FatalError);
@@ -230,7 +173,6 @@ Foam::m4gnSegmentation::m4gnSegmentation
 (
     const fvMesh& mesh,
     const dictionary& dict,
-    const word& countKey,
     const bool withModes,
     const bool recompute
 )
@@ -243,28 +185,43 @@ Foam::m4gnSegmentation::m4gnSegmentation
     count_(0)
 {
     m4gn::checkAbi();
+    m4gn::endWith(mesh.time());
 
-    const bool stored =
-        !recompute && m4gn::readSegments(mesh, cells_, from_);
+    const fileName model
+    (
+        dict.found("model")
+      ? m4gn::resolve(dict.get<fileName>("model"), mesh_.time().globalPath())
+      : fileName()
+    );
 
-    if (stored)
+    if (!recompute)
     {
-        count(dict, countKey);
-    }
-    if (!stored || withModes)
-    {
-        compute(dict, countKey, withModes);
+        m4gnStoredSegments found(mesh);
+
+        const bool taken = found.use
+        (
+            options(dict, model, false),
+            dict.getOrDefault<word>
+            (
+                "stored", m4gnStoredSegments::choices().first()
+            )
+        );
+
+        if (taken)
+        {
+            cells_ = found.cells();
+            from_ = found.from();
+            count(dict);
+        }
     }
 
-    Info<< "m4gn: " << count_ << " segments ";
-    if (stored)
+    if (computed() || withModes)
     {
-        Info<< "read from " << from_.c_str() << endl;
+        compute(model, dict, withModes);
     }
-    else
-    {
-        Info<< "computed" << endl;
-    }
+
+    Info<< "m4gn: " << count_ << " segments"
+        << (computed() ? " computed" : "") << endl;
 }
 
 
@@ -281,59 +238,34 @@ Foam::m4gnSegmentation::~m4gnSegmentation()
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-Foam::wordList Foam::m4gnSegmentation::keys(const word& countKey)
+Foam::wordList Foam::m4gnSegmentation::ownKeys()
 {
-    return
-    {
-        countKey, "modes", "energy", "tau", "size", "iterations", "method",
-        "connected", "distanceScale", "obstacles", "modalSolver",
-        "petscOptions", "operator", "material", "freeBody"
-    };
+    return {"stored", "material", "freeBody"};
 }
 
 
-void Foam::m4gnSegmentation::checkDictionary
-(
-    const dictionary& dict,
-    const word& countKey
-)
+void Foam::m4gnSegmentation::checkDictionary(const dictionary& dict)
 {
-    const auto atLeast = [&](const word& key, const scalar lower)
+    const wordList& choices = m4gnStoredSegments::choices();
+    const word stored(dict.getOrDefault<word>("stored", choices.first()));
+    if (!choices.found(stored))
     {
-        m4gn::checkAtLeast
-        (
-            dict, key, dict.getOrDefault<scalar>(key, lower), lower
-        );
-    };
+        FatalIOErrorInFunction(dict)
+            << "Entry stored is " << stored << "; expected one of "
+            << m4gn::join(choices) << exit(FatalIOError);
+    }
 
-    const auto checkWord = [&](const word& key, const wordList& valid)
-    {
-        const word given(dict.getOrDefault<word>(key, valid.first()));
-        if (!valid.found(given))
-        {
-            FatalIOErrorInFunction(dict)
-                << "Entry " << key << " is " << given << "; expected one of "
-                << m4gn::join(valid) << exit(FatalIOError);
-        }
-    };
-
-    atLeast(countKey, 1);
-    atLeast("modes", 0);
-    atLeast("energy", VSMALL);
-    atLeast("tau", 0);
-    atLeast("size", VSMALL);
-    atLeast("iterations", 0);
-    atLeast("distanceScale", 0);
-    dict.getOrDefault<bool>("connected", true);
-    dict.getOrDefault<wordList>("obstacles", wordList());
-    dict.getOrDefault<string>("petscOptions", string::null);
-    checkWord
-    (
-        "method",
-        {"metis", "slic-md", "slic-mdodl", "slic-mdode", "slic"}
-    );
-    checkWord("modalSolver", {"auto", "direct", "iterative"});
     m4gnElasticModes::checkDictionary(dict);
+
+    wordList own(ownKeys());
+    own.append("model");
+    m4gn::checkOptions
+    (
+        dict,
+        "segments",
+        "{\"segments\": " + m4gn::json(m4gn::without(dict, own)) + '}',
+        own
+    );
 }
 
 
@@ -341,7 +273,13 @@ void Foam::m4gnSegmentation::store(const word& instance) const
 {
     if (computed())
     {
-        m4gn::writeSegments(mesh_, cells_, instance);
+        m4gn::writeSegments
+        (
+            mesh_,
+            cells_,
+            m4gn_segments_record(segments_),
+            instance
+        );
     }
 }
 

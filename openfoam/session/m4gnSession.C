@@ -12,23 +12,10 @@ License
 #include "m4gnElasticModes.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
+#include "m4gnStoredSegments.H"
 #include "clockTime.H"
 #include "OSspecific.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
-namespace
-{
-
-//- Entry as C takes it; nullptr: the model's own
-const char* textOrNull(const Foam::word& text)
-{
-    return text.empty() ? nullptr : text.c_str();
-}
-
-} // End anonymous namespace
-
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -40,19 +27,6 @@ void Foam::m4gnSession::open
 {
     const dictionary own(dict.subOrEmptyDict("segments"));
 
-    const word backend(dict.getOrDefault<word>("backend", word::null));
-    const word method(own.getOrDefault<word>("method", word::null));
-    const word obstacles
-    (
-        m4gn::join(own.getOrDefault<wordList>("obstacles", wordList()))
-    );
-    const word modalSolver(own.getOrDefault<word>("modalSolver", word::null));
-    const string petscOptions
-    (
-        own.getOrDefault<string>("petscOptions", string::null)
-    );
-    const word precision(dict.getOrDefault<word>("precision", word::null));
-    const word modalOperator(own.getOrDefault<word>("operator", word::null));
     const bool stored = returnReduce(segments.size() > 0, orOp<bool>());
 
     autoPtr<m4gnElasticModes> modes;
@@ -74,42 +48,16 @@ void Foam::m4gnSession::open
         }
         const label nModes
         (
-            own.getOrDefault<label>("modes", needed > 0 ? needed : 6)
+            own.getOrDefault<label>("modes", needed > 0 ? needed : -1)
         );
-        modes.reset
-        (
-            new m4gnElasticModes(mesh_, body, Foam::max(nModes, label(1)))
-        );
+        modes.reset(new m4gnElasticModes(mesh_, body, nModes));
         nodes_->setModes(modes->eigenvalues(), modes->cells());
     }
 
-    m4gn_session_options options;
-    m4gn_session_options_init(&options);
-
-    options.model = model_.c_str();
-    options.backend = textOrNull(backend);
-    options.n_threads = dict.getOrDefault<label>("nThreads", 1);
-    options.precision = textOrNull(precision);
-    options.segments = own.getOrDefault<label>("count", 0);
-    options.modes = own.getOrDefault<label>("modes", -1);
-    options.overlap = own.getOrDefault<label>("overlap", -1);
-    options.slic_iterations = own.getOrDefault<label>("iterations", -1);
-    options.tau = own.getOrDefault<scalar>("tau", -1);
-    options.segment_size = own.getOrDefault<scalar>("size", 0);
-    options.segment_method = textOrNull(method);
-    options.energy = own.getOrDefault<scalar>("energy", 0);
-    options.connected =
-        own.found("connected") ? int(own.get<bool>("connected")) : -1;
-    options.distance_scale = own.getOrDefault<scalar>("distanceScale", -1);
-    options.obstacles = textOrNull(obstacles);
-    options.modal_solver = textOrNull(modalSolver);
-    options.petsc_options = petscOptions.c_str();
-    options.modal_operator = textOrNull(modalOperator);
+    const std::string settings(options(dict, model_, others_));
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
-    options.cell_segment =
-        !stored ? nullptr : segments.size() ? segments.cdata() : &none;
 
     const word what
     (
@@ -125,7 +73,8 @@ void Foam::m4gnSession::open
         (
             m4gn::communicator(),
             &nodes_->data(),
-            &options,
+            settings.c_str(),
+            !stored ? nullptr : segments.size() ? segments.cdata() : &none,
             &session_
         ),
         what.c_str()
@@ -149,13 +98,13 @@ void Foam::m4gnSession::checkFields()
 
         const word name(info.name, false);
 
-        if (!m4gnFieldSet::registered(mesh_, name, nodes_->atPoints()))
+        if (!m4gnFieldSet::registered(mesh_, *nodes_, name))
         {
             FatalErrorInFunction
                 << "The model " << model_ << " is for the field " << name
                 << ", which this solver has not registered." << nl
                 << "    Registered: "
-                << m4gnFieldSet::names(mesh_, nodes_->atPoints()).c_str()
+                << nodes_->registered().c_str()
                 << exit(FatalError);
         }
 
@@ -215,30 +164,84 @@ Foam::List<int32_t> Foam::m4gnSession::segments() const
 }
 
 
+void Foam::m4gnSession::compare()
+{
+    int32_t count = 0;
+    char why[1024] = "";
+    m4gn::check
+    (
+        m4gn_session_outside(session_, &count, why, sizeof(why)),
+        "m4gnSurrogate"
+    );
+
+    if (count == 0 || outOfRange_ == "ignore")
+    {
+        return;
+    }
+
+    const string text(string(why).replaceAll("\n", "\n        "));
+
+    if (outOfRange_ == "refuse")
+    {
+        FatalErrorInFunction
+            << "This case is not what the model " << model_
+            << " was trained on:" << nl << "        " << text.c_str() << nl
+            << "    Use a model for such cases, or see with mode observe how"
+            << " wrong it is; outOfRange warn goes on" << exit(FatalError);
+    }
+
+    WarningInFunction
+        << "This case is not what the model " << model_ << " was trained on:"
+        << nl << "        " << text.c_str() << nl
+        << "    See with mode observe how wrong it is; outOfRange refuse ends"
+        << " such a run, outOfRange ignore says nothing" << endl;
+}
+
+
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
-Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
+Foam::m4gnSession::m4gnSession
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const wordList& others
+)
 :
     mesh_(mesh),
+    others_(others),
     model_
     (
         m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())
     ),
     session_(nullptr),
     stride_(0),
-    setupSeconds_(0)
+    setupSeconds_(0),
+    outOfRange_(dict.getOrDefault<word>("outOfRange", "warn")),
+    compared_(false)
 {
     clockTime timer;
 
     m4gn::checkAbi();
+    m4gn::endWith(mesh.time());
 
     nodes_ = m4gnNodes::New(mesh, dict);
 
     List<int32_t> stored;
-    fileName from;
-    if (!nodes_->atPoints() && m4gn::readSegments(mesh, stored, from))
+    bool taken = false;
+    if (!nodes_->atPoints())
     {
-        Info<< "m4gn: segments read from " << from.c_str() << endl;
+        const dictionary own(dict.subOrEmptyDict("segments"));
+        m4gnStoredSegments found(mesh);
+
+        taken = found.use
+        (
+            m4gnSegmentation::options(own, model_, false),
+            own.getOrDefault<word>
+            (
+                "stored", m4gnStoredSegments::choices().first()
+            )
+        );
+        stored = found.cells();
     }
 
     open(dict, stored);
@@ -246,13 +249,18 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict)
 
     if
     (
-        from.empty()
+        !taken
      && !nodes_->atPoints()
      && m4gn_session_n_segments(session_) > 0
      && dict.getOrDefault<bool>("writeSegments", true)
     )
     {
-        m4gn::writeSegments(mesh, segments());
+        m4gn::writeSegments
+        (
+            mesh,
+            segments(),
+            m4gn_session_segment_record(session_)
+        );
     }
 
     setupSeconds_ = timer.elapsedTime();
@@ -276,12 +284,35 @@ Foam::m4gnSession::~m4gnSession()
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-Foam::wordList Foam::m4gnSession::keys()
+std::string Foam::m4gnSession::options
+(
+    const dictionary& dict,
+    const fileName& model,
+    const wordList& others
+)
+{
+    dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
+    settings = m4gn::without(settings, ownKeys());
+    settings = m4gn::without(settings, others);
+    settings.set("model", string(model));
+    settings.set
+    (
+        "segments",
+        m4gn::without
+        (
+            dict.subOrEmptyDict("segments"),
+            m4gnSegmentation::ownKeys()
+        )
+    );
+    return m4gn::json(settings);
+}
+
+
+Foam::wordList Foam::m4gnSession::ownKeys()
 {
     return
     {
-        "model", "backend", "nThreads", "precision", "location",
-        "nodeTypes", "segments", "writeSegments", "U", "p", "D"
+        "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
     };
 }
 
@@ -289,7 +320,8 @@ Foam::wordList Foam::m4gnSession::keys()
 void Foam::m4gnSession::checkDictionary
 (
     const dictionary& dict,
-    const fileName& casePath
+    const fileName& casePath,
+    const wordList& others
 )
 {
     const fileName model(m4gn::resolve(dict.get<fileName>("model"), casePath));
@@ -307,35 +339,19 @@ void Foam::m4gnSession::checkDictionary
 
     m4gnNodes::atPoints(dict);
 
-    const label nThreads = dict.getOrDefault<label>("nThreads", 1);
-    m4gn::checkAtLeast(dict, "nThreads", nThreads, 1);
-
-    const word backend(dict.getOrDefault<word>("backend", "native"));
-    if (backend != "native" && backend != "torch")
+    const word outOfRange(dict.getOrDefault<word>("outOfRange", "warn"));
+    if (!wordList({"warn", "refuse", "ignore"}).found(outOfRange))
     {
         FatalIOErrorInFunction(dict)
-            << "Entry backend is " << backend << "; expected native or torch"
-            << exit(FatalIOError);
+            << "Entry outOfRange is " << outOfRange
+            << "; expected warn, refuse or ignore" << exit(FatalIOError);
     }
 
-    const word precision(dict.getOrDefault<word>("precision", "fp32"));
-    if (precision != "fp32" && precision != "bf16")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry precision is " << precision << "; expected fp32 or bf16"
-            << exit(FatalIOError);
-    }
+    m4gnSegmentation::checkDictionary(dict.subOrEmptyDict("segments"));
 
-    const dictionary own(dict.subOrEmptyDict("segments"));
-
-    wordList valid(m4gnSegmentation::keys("count"));
-    valid.append("overlap");
-    m4gn::checkKeys(own, valid, false);
-    m4gnSegmentation::checkDictionary(own, "count");
-    m4gn::checkAtLeast
-    (
-        own, "overlap", own.getOrDefault<label>("overlap", 0), 0
-    );
+    wordList valid(others);
+    valid.append(ownKeys());
+    m4gn::checkOptions(dict, "session", options(dict, model, others), valid);
 }
 
 
@@ -372,6 +388,12 @@ bool Foam::m4gnSession::step
     }
 
     m4gn::check(status, "m4gnSurrogate cannot step");
+
+    if (!compared_)
+    {
+        compare();
+        compared_ = true;
+    }
 
     return true;
 }

@@ -26,6 +26,20 @@ static word displacementOf(const dictionary& dict)
 }
 
 
+//- The entries that the library takes
+static dictionary solverEntries(const dictionary& dict)
+{
+    dictionary own;
+    for (const word key : {"modalSolver", "petscOptions"})
+    {
+        if (const entry* e = dict.findEntry(key))
+        {
+            own.add(*e);
+        }
+    }
+    return own;
+}
+
 } // End namespace Foam
 
 
@@ -43,6 +57,8 @@ Foam::m4gnElasticModes::m4gnElasticModes
     cells_()
 {
     clockTime timer;
+
+    m4gn::endWith(mesh.time());
 
     const word DName(displacementOf(dict));
     const string found(m4gnElasticBody::describe(mesh, DName));
@@ -85,21 +101,20 @@ Foam::m4gnElasticModes::m4gnElasticModes
             << " operator laplacian" << exit(FatalError);
     }
 
-    const word solver(dict.getOrDefault<word>("modalSolver", "auto"));
-    const string petsc(dict.getOrDefault<string>("petscOptions", string::null));
-
-    m4gn_modes_options options;
-    m4gn_modes_options_init(&options);
-    options.modes = nModes;
-    options.solver = solver.c_str();
-    options.petsc = petsc.c_str();
+    dictionary asked(solverEntries(dict));
+    if (nModes >= 0)
+    {
+        // Segments of elastic modes need one at least
+        asked.set("modes", Foam::max(nModes, label(1)));
+    }
+    const std::string options(m4gn::json(asked));
 
     m4gn_modes* raw = nullptr;
     m4gn::check
     (
         m4gn_solid_modes_new
         (
-            m4gn::communicator(), &body.data(), &options, &raw
+            m4gn::communicator(), &body.data(), options.c_str(), &raw
         ),
         "Modes of the elastic body cannot be had"
         " (operator laplacian does without)"
@@ -154,14 +169,6 @@ Foam::wordList Foam::m4gnElasticModes::keys()
 
 void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)
 {
-    const word given(dict.getOrDefault<word>("operator", "elastic"));
-
-    if (given != "elastic" && given != "laplacian")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry operator is " << given
-            << "; expected elastic or laplacian" << exit(FatalIOError);
-    }
     if (dict.found("material") && !dict.isDict("material"))
     {
         FatalIOErrorInFunction(dict)
@@ -169,6 +176,16 @@ void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)
             << " material { E 1e6; nu 0.3; rho 1000; }" << exit(FatalIOError);
     }
     dict.getOrDefault<bool>("freeBody", false);
+
+    dictionary own(solverEntries(dict));
+    if (const entry* e = dict.findEntry("operator"))
+    {
+        own.add(*e);
+    }
+    m4gn::checkOptions
+    (
+        dict, "segments", "{\"segments\": " + m4gn::json(own) + '}', keys()
+    );
 }
 
 

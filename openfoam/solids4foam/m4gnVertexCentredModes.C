@@ -137,6 +137,19 @@ Foam::labelList Foam::functionObjects::m4gnVertexCentredModes::rows() const
 }
 
 
+std::string Foam::functionObjects::m4gnVertexCentredModes::options
+(
+    const dictionary& dict
+)
+{
+    dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
+    settings = m4gn::without(settings, {"zeta", "D"});
+    settings.set("symmetric", word("no"));
+    settings.set("block", 3);
+    return m4gn::json(settings);
+}
+
+
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::functionObjects::m4gnVertexCentredModes::m4gnVertexCentredModes
@@ -162,13 +175,7 @@ bool Foam::functionObjects::m4gnVertexCentredModes::read
 {
     fvMeshFunctionObject::read(dict);
 
-    m4gn::checkKeys
-    (
-        dict,
-        {"modes", "zeta", "D", "modalSolver", "petscOptions"},
-        true
-    );
-    m4gn::checkAtLeast(dict, "modes", dict.getOrDefault<label>("modes", 6), 1);
+    m4gn::checkOptions(dict, "modes", options(dict), {"zeta", "D"});
 
     dict_ = dict;
 
@@ -265,24 +272,22 @@ bool Foam::functionObjects::m4gnVertexCentredModes::execute()
         }
     }
 
-    const word solver(dict_.getOrDefault<word>("modalSolver", "auto"));
-    const string petsc(dict_.getOrDefault<string>("petscOptions", ""));
-
-    m4gn_modes_options options;
-    m4gn_modes_options_init(&options);
-    options.modes = dict_.getOrDefault<label>("modes", 6);
-    options.symmetric = 0;
-    options.block = 3;
-    options.positions = reinterpret_cast<const double*>(positions.data());
-    options.solver = solver.c_str();
-    options.petsc = petsc.c_str();
+    const std::string settings(options(dict_));
 
     const m4gn_csr viewK = K.view();
     const m4gn_csr viewM = M.view();
     m4gn_modes* modes = nullptr;
     m4gn::check
     (
-        m4gn_modes_new(m4gn::communicator(), &viewK, &viewM, &options, &modes),
+        m4gn_modes_new
+        (
+            m4gn::communicator(),
+            &viewK,
+            &viewM,
+            settings.c_str(),
+            reinterpret_cast<const double*>(positions.data()),
+            &modes
+        ),
         "m4gnVertexCentredModes cannot find the modes"
     );
     const std::unique_ptr<m4gn_modes, void(*)(m4gn_modes*)> owned

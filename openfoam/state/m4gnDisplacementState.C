@@ -118,7 +118,7 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted)
 
     forAll(predicted, outputi)
     {
-        imposeCells(outputi, predicted[outputi]);
+        impose(outputi, predicted[outputi]);
     }
 
     update();
@@ -155,6 +155,21 @@ void Foam::m4gnDisplacementState::complete
             D().primitiveField() - deltaT*rate().primitiveField();
         previousStep::set(time_, deltaT);
     }
+}
+
+
+Foam::wordList Foam::m4gnDisplacementState::advanced() const
+{
+    // sigmaD and divSigmaExp: of solidDisplacementFoam
+    wordList names(m4gnSolverState::advanced());
+    names.append
+    (
+        wordList
+        ({
+            DName_, m4gnRate::nameOf(DName_), "sigmaD", "divSigmaExp"
+        })
+    );
+    return names;
 }
 
 

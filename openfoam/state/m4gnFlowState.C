@@ -7,9 +7,12 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnFlowState.H"
+#include "m4gnSolverStateType.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+addM4gnSolverState(m4gnFlowState, flow)
 
 const char* const Foam::m4gnFlowState::needs =
     "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
@@ -101,7 +104,7 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted)
 
     forAll(predicted, outputi)
     {
-        imposeCells(outputi, predicted[outputi]);
+        impose(outputi, predicted[outputi]);
     }
 
     U().correctBoundaryConditions();
@@ -150,6 +153,15 @@ void Foam::m4gnFlowState::complete(const scalar, const bool handOver)
         mesh_.lookupObject<volScalarField>(pName_), U(), phi(), handOver
     );
     divProjected_ = m4gnFluxProjection::maxDiv(phi());
+}
+
+
+Foam::wordList Foam::m4gnFlowState::advanced() const
+{
+    wordList names(m4gnSolverState::advanced());
+    names.append(UName_);
+    names.append(phiName_);
+    return names;
 }
 
 

@@ -7,11 +7,14 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnSolidDisplacementState.H"
+#include "m4gnSolverStateType.H"
 #include "fvcDiv.H"
 #include "fvcGrad.H"
 #include "fvcLaplacian.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+addM4gnSolverState(m4gnSolidDisplacementState, solidDisplacement)
 
 const char* const Foam::m4gnSolidDisplacementState::needs =
     "a displacement (name: D), sigmaD, divSigmaExp, and E, nu and rho"

@@ -8,98 +8,25 @@ License
 
 #include "m4gnSolverState.H"
 #include "m4gnDictionary.H"
-#include "m4gnFlowState.H"
-#include "m4gnSolidDisplacementState.H"
-#include "m4gnTotalDisplacementState.H"
-#include "m4gnVertexCentredState.H"
+#include "m4gnSolverStateType.H"
+#include "StringStream.H"
+#include "surfaceFields.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
-namespace
-{
-
-using namespace Foam;
-
-struct kind
-{
-    const char* name;
-    const char* needs;
-    bool atPoints;
-    bool (*applies)(const fvMesh&, const dictionary&);
-    autoPtr<m4gnSolverState> (*make)
-        (const fvMesh&, const dictionary&, const m4gnSession&);
-};
-
-template<class State>
-autoPtr<m4gnSolverState> make
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-{
-    return autoPtr<m4gnSolverState>(new State(mesh, dict, session));
-}
-
-template<class State>
-kind as(const char* name, const bool atPoints = false)
-{
-    return { name, State::needs, atPoints, &State::applies, &make<State> };
-}
-
-//- In the order in which they are tried
-const kind kinds[] =
-{
-    as<m4gnFlowState>("flow"),
-    as<m4gnSolidDisplacementState>("solidDisplacement"),
-    as<m4gnTotalDisplacementState>("totalDisplacement"),
-    as<m4gnVertexCentredState>("vertexCentred", true),
-};
-
-} // End anonymous namespace
-
 
 // * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
-template<class Type>
-void Foam::m4gnSolverState::imposeCells
-(
-    const word& name,
-    const scalarField& cells
-) const
-{
-    auto& field =
-        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>
-        (
-            name
-        );
-
-    // Stores the old time before it gives access
-    Field<Type>& values = field.primitiveFieldRef();
-
-    const auto* flat = reinterpret_cast<const Type*>(cells.cdata());
-
-    std::copy(flat, flat + values.size(), values.begin());
-}
-
-
-void Foam::m4gnSolverState::imposeCells
+void Foam::m4gnSolverState::impose
 (
     const label outputi,
-    const scalarField& cells
+    const scalarField& values
 ) const
 {
-    const word& name = session_.outputs()[outputi];
-
-    if (session_.outputComponents(outputi) == 1)
-    {
-        imposeCells<scalar>(name, cells);
-    }
-    else
-    {
-        imposeCells<vector>(name, cells);
-    }
+    session_.nodes().impose
+    (
+        session_.outputs()[outputi],
+        session_.outputComponents(outputi),
+        values
+    );
 }
 
 
@@ -201,17 +128,40 @@ Foam::m4gnSolverState::m4gnSolverState
 }
 
 
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::wordList Foam::m4gnSolverState::advanced() const
+{
+    return session_.outputs();
+}
+
+
 // * * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * //
 
-Foam::wordList Foam::m4gnSolverState::names()
+Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
 {
-    DynamicList<word> all;
-    for (const kind& k : kinds)
+    const wordList names(m4gnSolverStateType::names());
+    const word given(dict.getOrDefault<word>("state", word::null));
+
+    if (given.size() && !names.found(given))
     {
-        all.append(k.name);
+        FatalIOErrorInFunction(dict)
+            << "Entry state is " << given << "; expected one of "
+            << m4gn::join(names) << nl
+            << "    A library of your own that has one belongs into libs"
+            << exit(FatalIOError);
     }
 
-    return wordList(std::move(all));
+    wordHashSet all;
+    for (const word& name : names)
+    {
+        if (given.empty() || given == name)
+        {
+            all.insert(m4gnSolverStateType::New(name)->keys());
+        }
+    }
+
+    return all.sortedToc();
 }
 
 
@@ -224,47 +174,56 @@ Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
 {
     const word given(dict.getOrDefault<word>("state", word::null));
 
-    for (const kind& k : kinds)
-    {
-        if (given.empty() ? k.applies(mesh, dict) : given == k.name)
-        {
-            if (!k.applies(mesh, dict))
-            {
-                break;
-            }
-
-            if (k.atPoints != session.nodes().atPoints())
-            {
-                FatalErrorInFunction
-                    << "The solver (state " << k.name << ") has its unknowns at "
-                    << (k.atPoints ? "points" : "cells") << nl
-                    << "    Give m4gnHarvest and m4gnSurrogate location "
-                    << (k.atPoints ? "points" : "cells")
-                    << exit(FatalError);
-            }
-
-            return k.make(mesh, dict, session);
-        }
-    }
-
+    wordList fitting;
     OStringStream expected;
-    for (const kind& k : kinds)
+
+    for (const word& name : m4gnSolverStateType::names())
     {
-        if (given.empty() || given == k.name)
+        const auto kind(m4gnSolverStateType::New(name));
+
+        if (given.empty() || given == name)
         {
-            expected << "    " << k.name << ": " << k.needs << nl;
+            expected << "    " << name << ": " << kind->needs().c_str() << nl;
+            if (kind->applies(mesh, dict))
+            {
+                fitting.append(name);
+            }
         }
     }
 
-    FatalErrorInFunction
-        << "mode replace does not know how this solver carries on from a"
-        << " state. Expected" << nl << expected.str().c_str()
-        << "    Registered: "
-        << m4gnFieldSet::names(mesh, session.nodes().atPoints()).c_str()
-        << ", " << m4gn::join(mesh.sortedNames<surfaceScalarField>())
-        << exit(FatalError);
+    if (fitting.empty())
+    {
+        FatalErrorInFunction
+            << "mode replace does not know how this solver carries on from a"
+            << " state. Expected" << nl << expected.str().c_str()
+            << "    Registered: "
+            << session.nodes().registered().c_str()
+            << ", " << m4gn::join(mesh.sortedNames<surfaceScalarField>())
+            << exit(FatalError);
+    }
+    if (fitting.size() > 1)
+    {
+        FatalErrorInFunction
+            << "This solver carries on from several kinds of state: "
+            << m4gn::join(fitting) << nl
+            << "    Give the entry state the one that is meant"
+            << exit(FatalError);
+    }
 
-    return nullptr;
+    const auto kind(m4gnSolverStateType::New(fitting.first()));
+
+    if (kind->atPoints() != session.nodes().atPoints())
+    {
+        FatalErrorInFunction
+            << "The solver (state " << fitting.first()
+            << ") has its unknowns at "
+            << (kind->atPoints() ? "points" : "cells") << nl
+            << "    Give m4gnHarvest and m4gnSurrogate location "
+            << (kind->atPoints() ? "points" : "cells")
+            << exit(FatalError);
+    }
+
+    return kind->make(mesh, dict, session);
 }
 
 

@@ -7,12 +7,15 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnTotalDisplacementState.H"
+#include "m4gnSolverStateType.H"
 #include "fixedGradientFvPatchFields.H"
 #include "fvcGrad.H"
 #include "pointFields.H"
 #include "volPointInterpolation.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+addM4gnSolverState(m4gnTotalDisplacementState, totalDisplacement)
 
 const char* const Foam::m4gnTotalDisplacementState::needs =
     "a displacement (name: D) and solidProperties with solidModel"
@@ -141,6 +144,19 @@ void Foam::m4gnTotalDisplacementState::complete
         volPointInterpolation::New(mesh_).interpolate(D(), *points);
     }
 }
+
+
+Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
+{
+    wordList names(m4gnDisplacementState::advanced());
+    names.append("point" + DName_);
+    if (dynamic_)
+    {
+        names.append("U");
+    }
+    return names;
+}
+
 
 
 // ************************************************************************* //

@@ -7,11 +7,14 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnVertexCentredState.H"
+#include "m4gnSolverStateType.H"
 #include "m4gnDictionary.H"
 #include "m4gnTotalDisplacementState.H"
 #include "Time.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+addM4gnSolverState(m4gnVertexCentredState, vertexCentred)
 
 const char* const Foam::m4gnVertexCentredState::needs =
     "a displacement of the points (name: D, pointD), pointU, and"
@@ -36,28 +39,6 @@ Foam::word Foam::m4gnVertexCentredState::displacementName
 )
 {
     return dict.getOrDefault<word>("D", "pointD");
-}
-
-
-template<class Type>
-void Foam::m4gnVertexCentredState::impose
-(
-    const word& name,
-    const scalarField& nodes
-) const
-{
-    const auto& points =
-        static_cast<const m4gnPointAdapter&>(session_.nodes());
-
-    auto& imposed =
-        mesh_.lookupObjectRef<GeometricField<Type, pointPatchField, pointMesh>>
-        (
-            name
-        );
-
-    // Stores the old time before it gives access
-    imposed.primitiveFieldRef() = points.spread<Type>(nodes);
-    imposed.correctBoundaryConditions();
 }
 
 
@@ -136,16 +117,7 @@ void Foam::m4gnVertexCentredState::advance(const List<scalarField>& predicted)
 
     forAll(predicted, outputi)
     {
-        const word& name = session_.outputs()[outputi];
-
-        if (session_.outputComponents(outputi) == 1)
-        {
-            impose<scalar>(name, predicted[outputi]);
-        }
-        else
-        {
-            impose<vector>(name, predicted[outputi]);
-        }
+        impose(outputi, predicted[outputi]);
     }
 
     auto* cells = mesh_.getObjectPtr<volVectorField>("D");
@@ -176,6 +148,14 @@ void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool)
         D.oldTime().primitiveFieldRef() =
             D.primitiveField() - deltaT*field("pointU").primitiveField();
     }
+}
+
+
+Foam::wordList Foam::m4gnVertexCentredState::advanced() const
+{
+    wordList names(m4gnSolverState::advanced());
+    names.append(wordList({DName_, "D"}));
+    return names;
 }
 
 

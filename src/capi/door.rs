@@ -1,8 +1,9 @@
 //! The guarded door that every export goes through.
 
-use crate::ffi::fpe::without_traps;
-use crate::{Error, Result};
-use std::any::Any;
+use m4gn_mesh::ffi::fpe::without_traps;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::parallel::panic_text;
+use m4gn_mesh::{Error, Result};
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -18,7 +19,7 @@ pub fn enter<T>(name: &str, failed: impl FnOnce(i32) -> T, body: impl FnOnce() -
     let error = match result {
         Ok(Ok(value)) => return value,
         Ok(Err(error)) => error,
-        Err(panic) => Error::Internal(format!("{name}: {}", text(&*panic))),
+        Err(panic) => Error::Internal(format!("{name}: {}", panic_text(&*panic))),
     };
     keep(&error.to_string());
     failed(error.status())
@@ -39,12 +40,43 @@ fn keep(message: &str) {
     }
 }
 
-fn text(panic: &(dyn Any + Send)) -> &str {
-    match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
-        (Some(s), _) => s,
-        (_, Some(s)) => s,
-        _ => "panic without a message",
+/// The body of the collective export `name`: each rank reads what its host gave, all agree that they could and that
+/// the options are the same on all (a line for each; what belongs to a rank alone is left out), and then work together.
+/// It ends on all ranks with the same class of status.
+pub fn together<I, T>(
+    name: &str,
+    comm: &Comm,
+    read: impl FnOnce() -> Result<(I, String)>,
+    work: impl FnOnce(I) -> Result<T>,
+) -> Result<T> {
+    comm.guarded(|| {
+        let (input, options) = match read() {
+            Ok((input, options)) => (Ok(input), options),
+            Err(e) => (Err(e), String::new()),
+        };
+        work(comm.agree_with(input, &format!("call {name}\n{options}"))?)
+    })
+}
+
+/// Puts what `make` makes where the host wants its handle, and null there before. `make` is told of a place that
+/// cannot be used, so that a rank with one does not stay away from the others.
+pub fn create<T>(place: Result<&mut *mut T>, make: impl FnOnce(Result<()>) -> Result<T>) -> Result<i32> {
+    match place {
+        Ok(place) => {
+            *place = std::ptr::null_mut();
+            *place = Box::into_raw(Box::new(make(Ok(()))?));
+            Ok(0)
+        }
+        Err(e) => make(Err(e)).map(|_| 0),
     }
+}
+
+/// The last part of a path: folders may differ between ranks (distributed roots), the file is the same.
+pub fn file_name(path: &std::path::Path) -> String {
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// Defines exports whose bodies run behind the door. `or` says what is returned for a status after a failure.
@@ -56,7 +88,7 @@ macro_rules! exports {
         /// Pointers must be what `m4gn.h` says, for the length of the call.
         #[unsafe(no_mangle)]
         pub unsafe extern "C" fn $name($($arg: $kind),*) -> $out {
-            $crate::capi::door::enter(stringify!($name), $failed, || $body)
+            $crate::door::enter(stringify!($name), $failed, || $body)
         }
     )*};
 }

@@ -1,9 +1,14 @@
 //! Exports: modes of a host's own pair of matrices.
 
+use super::door;
 use super::raw;
-use crate::modes::{self, Mass, ModalOptions, ModalSolver, ModeCount, Modes, Problem, Rows};
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::modal::{ModalOptions, ModalSolver, ModeCount, Modes};
+use m4gn_model::{SegmentSpec, settings};
+use m4gn_modes as modes;
+use m4gn_modes::{Mass, Problem, Rows};
+use serde::{Deserialize, Serialize};
 use std::ffi::c_char;
 
 /// `m4gn_csr`
@@ -17,19 +22,45 @@ pub struct CsrData {
     pub value: *const f64,
 }
 
-/// `m4gn_modes_options`
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)]
-pub struct ModesOptionsData {
-    pub modes: i32,
-    pub symmetric: i32,
-    pub block: i32,
-    pub energy: f64,
-    pub shift: f64,
-    pub positions: *const f64,
-    pub solver: *const c_char,
-    pub petsc: *const c_char,
+/// What is asked for, of a host's own matrices or of an elastic body.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct ModesOptions {
+    /// How many modes; with `energy` the most.
+    modes: usize,
+    /// Share of the energy of `modes` that as many modes as are taken hold.
+    energy: Option<f64>,
+    /// The way to them.
+    modal_solver: ModalSolver,
+    /// Options of PETSc and SLEPc.
+    petsc_options: String,
+    /// Whether both matrices are symmetric and positive semi-definite.
+    symmetric: bool,
+    /// Unknowns a point.
+    block: usize,
+    /// A number a little below the eigenvalues wanted; none: estimated.
+    shift: Option<f64>,
+}
+
+impl Default for ModesOptions {
+    fn default() -> Self {
+        let SegmentSpec {
+            modes,
+            energy,
+            modal_solver,
+            petsc_options,
+            ..
+        } = SegmentSpec::default();
+        ModesOptions {
+            modes,
+            energy,
+            modal_solver,
+            petsc_options,
+            symmetric: true,
+            block: 1,
+            shift: None,
+        }
+    }
 }
 
 /// `m4gn_modes`
@@ -63,41 +94,38 @@ impl CsrData {
     }
 }
 
-impl ModesOptionsData {
-    const DEFAULT: Self = ModesOptionsData {
-        modes: 6,
-        symmetric: 1,
-        block: 1,
-        energy: 0.0,
-        shift: f64::NAN,
-        positions: std::ptr::null(),
-        solver: std::ptr::null(),
-        petsc: std::ptr::null(),
-    };
+impl ModesOptions {
+    /// From the text of a JSON object.
+    pub(super) fn parse(text: &str) -> Result<Self> {
+        settings::parse("modes", text, &[])
+    }
 
-    /// # Safety
-    /// Pointers must be what `m4gn.h` says.
-    pub(super) unsafe fn read(&self) -> Result<ModalOptions> {
-        let modes = raw::count("modes", self.modes)?;
-        // SAFETY: passed on to the caller.
-        let (solver, petsc) = unsafe {
-            (
-                raw::optional_text("solver", self.solver)?,
-                raw::optional_text("petsc", self.petsc)?,
-            )
-        };
-        Ok(ModalOptions {
-            // A comparison that NaN fails, so that it is passed on and refused.
-            count: match self.energy <= 0.0 {
-                true => ModeCount::Fixed(modes),
-                false => ModeCount::Energy {
-                    share: self.energy,
-                    most: modes,
+    /// Of an elastic body, whose matrices are made here.
+    pub(super) fn of_body(text: &str) -> Result<Self> {
+        let options = Self::parse(text)?;
+        let own = ModesOptions::default();
+        match (options.symmetric, options.block, options.shift) == (own.symmetric, own.block, own.shift) {
+            true => Ok(options),
+            false => Err(Error::Input(
+                "modes: symmetric, block and shift are for matrices of the host; expected none of them for an elastic body"
+                    .into(),
+            )),
+        }
+    }
+
+    /// As a modal solution takes them.
+    pub(super) fn modal(&self) -> ModalOptions {
+        ModalOptions {
+            count: match self.energy {
+                None => ModeCount::Fixed(self.modes),
+                Some(share) => ModeCount::Energy {
+                    share,
+                    most: self.modes,
                 },
             },
-            solver: solver.map_or(Ok(ModalSolver::Auto), ModalSolver::parse)?,
-            petsc: petsc.unwrap_or_default().into(),
-        })
+            solver: self.modal_solver,
+            petsc: self.petsc_options.clone(),
+        }
     }
 }
 
@@ -106,31 +134,29 @@ impl ModesOptionsData {
 unsafe fn read(
     stiffness: *const CsrData,
     mass: *const CsrData,
-    options: *const ModesOptionsData,
-) -> Result<(Problem, ModalOptions)> {
+    positions: *const f64,
+    options: &ModesOptions,
+) -> Result<Problem> {
     // SAFETY: passed on to the caller.
     unsafe {
-        let data = raw::reference("options", options)?;
         let stiffness = raw::reference("stiffness", stiffness)?.read("stiffness")?;
         let mass = match mass.is_null() {
             true => Mass::Diagonal(vec![1.0; stiffness.n()]),
             false => Mass::Matrix(raw::reference("mass", mass)?.read("mass")?),
         };
-        let block = raw::count("block", data.block)?;
-        let points = stiffness.n() / block.max(1);
-        let positions = match data.positions.is_null() {
+        let points = stiffness.n() / options.block.max(1);
+        let positions = match positions.is_null() {
             true => Vec::new(),
-            false => raw::vectors("positions", data.positions, points)?.to_vec(),
+            false => raw::vectors("positions", positions, points)?.to_vec(),
         };
-        let problem = Problem {
+        Ok(Problem {
             stiffness,
             mass,
-            symmetric: data.symmetric != 0,
-            block,
+            symmetric: options.symmetric,
+            block: options.block,
             positions,
-            shift: (!data.shift.is_nan()).then_some(data.shift),
-        };
-        Ok((problem, data.read()?))
+            shift: options.shift,
+        })
     }
 }
 
@@ -138,43 +164,47 @@ unsafe fn read(
 /// Pointers must be what `m4gn.h` says.
 unsafe fn new(
     comm: i32,
-    stiffness: *const CsrData,
-    mass: *const CsrData,
-    options: *const ModesOptionsData,
+    place: Result<()>,
+    (stiffness, mass): (*const CsrData, *const CsrData),
+    options: *const c_char,
+    positions: *const f64,
 ) -> Result<ModesHandle> {
     let comm = Comm::from_fortran(comm)?;
-    // SAFETY: passed on to the caller.
-    let (mut problem, options) = comm.agree(unsafe { read(stiffness, mass, options) })?;
-    problem.simplify(&comm);
-    Ok(ModesHandle {
-        modes: modes::solve(&problem, &comm, &options)?,
-        n_rows: problem.stiffness.n(),
+    let read = || -> Result<((Problem, ModalOptions), String)> {
+        place?;
+        // SAFETY: passed on to the caller.
+        unsafe {
+            let options = ModesOptions::parse(raw::options(options)?)?;
+            let problem = read(stiffness, mass, positions, &options)?;
+            let same = format!("mass {}\n{}", !mass.is_null(), settings::lines(&options)?);
+            Ok(((problem, options.modal()), same))
+        }
+    };
+    door::together("m4gn_modes_new", &comm, read, |(mut problem, options)| {
+        problem.simplify(&comm);
+        Ok(ModesHandle {
+            modes: modes::solve(&problem, &comm, &options)?,
+            n_rows: problem.stiffness.n(),
+        })
     })
 }
 
 exports! {
-    /// Six modes of a symmetric pair with one unknown a point.
-    fn m4gn_modes_options_init(options: *mut ModesOptionsData) -> (), or |_| (); {
-        // SAFETY: the host's struct.
-        *unsafe { raw::reference_mut("options", options)? } = ModesOptionsData::DEFAULT;
-        Ok(())
-    }
-
     /// Solves for the modes.
     fn m4gn_modes_new(
         comm: i32,
         stiffness: *const CsrData,
         mass: *const CsrData,
-        options: *const ModesOptionsData,
+        options: *const c_char,
+        positions: *const f64,
         modes: *mut *mut ModesHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            let modes = raw::reference_mut("modes", modes)?;
-            *modes = std::ptr::null_mut();
-            *modes = Box::into_raw(Box::new(new(comm, stiffness, mass, options)?));
+            door::create(raw::reference_mut("modes", modes), |place| {
+                new(comm, place, (stiffness, mass), options, positions)
+            })
         }
-        Ok(0)
     }
 
     /// Frees modes; null is none.

@@ -1,11 +1,15 @@
 //! Exports: the recorder.
 
+use super::door;
+use super::fields::read_fields;
 use super::raw::{self, FieldData, MeshData};
-use super::session::read_fields;
-use crate::dataset::{FieldMeta, FieldValues, Recorder, Split, WriteOptions};
-use crate::mesh::Mesh;
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, WriteOptions};
+use m4gn_mesh::Mesh;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::settings;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use std::ffi::c_char;
 use std::path::PathBuf;
 
@@ -19,17 +23,29 @@ pub struct RecorderField {
     pub dimensions: [i32; 7],
 }
 
-/// `m4gn_recorder_options`
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)]
-pub struct RecorderOptions {
-    pub path: *const c_char,
-    pub n_fields: i32,
-    pub fields: *const RecorderField,
-    pub provenance: *const c_char,
-    pub split: *const c_char,
-    pub overwrite: i32,
+/// What the host asks for, beside the fields.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct RecorderOptions {
+    /// Final name of the file.
+    path: PathBuf,
+    /// Application, case, ...: kept as it is.
+    provenance: Map<String, Value>,
+    /// What the trajectory is for.
+    split: Split,
+    /// Whether an existing file is replaced.
+    overwrite: bool,
+}
+
+impl Default for RecorderOptions {
+    fn default() -> Self {
+        RecorderOptions {
+            path: PathBuf::new(),
+            provenance: Map::new(),
+            split: Split::Train,
+            overwrite: false,
+        }
+    }
 }
 
 /// `m4gn_recorder`
@@ -44,92 +60,110 @@ pub struct RecorderHandle {
 
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-unsafe fn new(comm: i32, mesh: *const MeshData, options: *const RecorderOptions) -> Result<RecorderHandle> {
+unsafe fn new(
+    comm: i32,
+    place: Result<()>,
+    mesh: *const MeshData,
+    options: *const c_char,
+    fields: (*const RecorderField, i32),
+) -> Result<RecorderHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<(Mesh, PathBuf, WriteOptions)> {
+    let read = || -> Result<((Mesh, PathBuf, WriteOptions), String)> {
+        place?;
         // SAFETY: passed on to the caller.
         unsafe {
             let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let (path, options) = raw::reference("options", options)?.read()?;
-            Ok((mesh, path, options))
+            let options = RecorderOptions::parse(raw::options(options)?)?;
+            let fields = read_metas(fields)?;
+            let same = format!("{}fields {fields:?}\n", options.shared()?);
+            let write = WriteOptions {
+                fields,
+                provenance: options.provenance.into(),
+                split: options.split,
+                overwrite: options.overwrite,
+            };
+            Ok(((mesh, options.path, write), same))
         }
     };
-    let (mesh, path, options) = comm.agree(read())?;
-    mesh.check(&comm)?;
-    let recorder = Recorder::create(&comm, &mesh, &path, &options)?;
-    let (n_cells, n_boundary) = (mesh.n_cells(), mesh.boundary.len());
-    Ok(RecorderHandle {
-        comm,
-        recorder,
-        n_cells,
-        n_boundary,
-        broken: false,
+    door::together("m4gn_recorder_new", &comm, read, |(mesh, path, options)| {
+        mesh.check(&comm)?;
+        Ok(RecorderHandle {
+            recorder: Recorder::create(&comm, &mesh, &path, &options)?,
+            n_cells: mesh.n_cells(),
+            n_boundary: mesh.boundary.len(),
+            broken: false,
+            comm: comm.clone(),
+        })
     })
 }
 
 impl RecorderOptions {
-    /// # Safety
-    /// Pointers must be what `m4gn.h` says.
-    unsafe fn read(&self) -> Result<(PathBuf, WriteOptions)> {
-        // SAFETY: passed on to the caller.
-        let (path, fields, provenance, split) = unsafe {
-            (
-                raw::text("path", self.path)?,
-                raw::slice("fields", self.fields, raw::count("n_fields", self.n_fields)?)?,
-                raw::optional_text("provenance", self.provenance)?,
-                raw::optional_text("split", self.split)?,
-            )
-        };
-        if fields.is_empty() {
-            return Err(Error::Input(
-                "n_fields: expected at least one field to record".into(),
-            ));
+    /// From the text of a JSON object.
+    pub(super) fn parse(text: &str) -> Result<Self> {
+        let options: Self = settings::parse("recorder", text, &["provenance"])?;
+        match options.path.as_os_str().is_empty() {
+            true => Err(Error::Input(
+                "recorder: path: expected the name of the file to write, found none".into(),
+            )),
+            false => Ok(options),
         }
-        let mut list: Vec<FieldMeta> = Vec::with_capacity(fields.len());
-        for f in fields {
-            // SAFETY: passed on to the caller.
-            let name = unsafe { raw::text("field name", f.name)? };
-            if list.iter().any(|other| other.name == name) {
-                return Err(Error::Input(format!("field '{name}' appears twice")));
-            }
-            let vector = match f.components {
-                1 => false,
-                3 => true,
-                n => {
-                    return Err(Error::Input(format!(
-                        "field '{name}': expected 1 or 3 components, found {n}"
-                    )));
-                }
-            };
-            list.push(FieldMeta {
-                name: name.to_owned(),
-                vector,
-                dimensions: f.dimensions,
-            });
-        }
-        let provenance: serde_json::Value = serde_json::from_str(provenance.unwrap_or("{}"))
-            .map_err(|e| Error::Input(format!("provenance: expected a JSON object: {e}")))?;
-        if !provenance.is_object() {
-            return Err(Error::Input("provenance: expected a JSON object".into()));
-        }
-        let options = WriteOptions {
-            fields: list,
-            provenance,
-            split: split.map_or(Ok(Split::Train), str::parse)?,
-            overwrite: self.overwrite != 0,
-        };
-        Ok((PathBuf::from(path), options))
     }
+
+    /// What every rank must be given alike: not the folder in which it sees the file, nor what it knows of its own.
+    fn shared(&self) -> Result<String> {
+        let alike = RecorderOptions {
+            path: door::file_name(&self.path).into(),
+            provenance: Map::new(),
+            ..self.clone()
+        };
+        settings::lines(&alike)
+    }
+}
+
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+unsafe fn read_metas((fields, n): (*const RecorderField, i32)) -> Result<Vec<FieldMeta>> {
+    // SAFETY: passed on to the caller.
+    let fields = unsafe { raw::slice("fields", fields, raw::count("n_fields", n)?)? };
+    if fields.is_empty() {
+        return Err(Error::Input(
+            "n_fields: expected at least one field to record".into(),
+        ));
+    }
+    let mut list: Vec<FieldMeta> = Vec::with_capacity(fields.len());
+    for f in fields {
+        // SAFETY: passed on to the caller.
+        let name = unsafe { raw::text("field name", f.name)? };
+        if list.iter().any(|other| other.name == name) {
+            return Err(Error::Input(format!("field '{name}' appears twice")));
+        }
+        let vector = match f.components {
+            1 => false,
+            3 => true,
+            n => {
+                return Err(Error::Input(format!(
+                    "field '{name}': expected 1 or 3 components, found {n}"
+                )));
+            }
+        };
+        list.push(FieldMeta {
+            name: name.to_owned(),
+            vector,
+            dimensions: f.dimensions,
+        });
+    }
+    Ok(list)
 }
 
 impl RecorderHandle {
     fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
-        if std::mem::replace(&mut self.broken, true) {
-            return Err(Error::Internal(
+        let broken = std::mem::replace(&mut self.broken, true);
+        let result = self.comm.clone().guarded(|| match broken {
+            true => Err(Error::Internal(
                 "the recorder broke in an earlier call and can only be freed".into(),
-            ));
-        }
-        let result = work(self);
+            )),
+            false => work(self),
+        });
         self.broken = matches!(result, Err(Error::Internal(_)));
         result.map(|()| 0)
     }
@@ -140,16 +174,17 @@ exports! {
     fn m4gn_recorder_new(
         comm: i32,
         mesh: *const MeshData,
-        options: *const RecorderOptions,
+        options: *const c_char,
+        fields: *const RecorderField,
+        n_fields: i32,
         recorder: *mut *mut RecorderHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            let recorder = raw::reference_mut("recorder", recorder)?;
-            *recorder = std::ptr::null_mut();
-            *recorder = Box::into_raw(Box::new(new(comm, mesh, options)?));
+            door::create(raw::reference_mut("recorder", recorder), |place| {
+                new(comm, place, mesh, options, (fields, n_fields))
+            })
         }
-        Ok(0)
     }
 
     /// Appends a frame.
@@ -166,7 +201,7 @@ exports! {
             let values = unsafe { read_fields((fields, n_fields), h.n_cells, h.n_boundary) };
             let values: Vec<FieldValues> = h
                 .comm
-                .agree(values)?
+                .agree_with(values, &format!("call m4gn_recorder_append\ntime {time:?}"))?
                 .iter()
                 .map(|f| FieldValues { name: f.name, components: f.components, cells: f.cells, boundary: f.boundary })
                 .collect();

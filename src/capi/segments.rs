@@ -1,28 +1,21 @@
 //! Exports: segments of a mesh without a model, and their way to ranks.
 
+use super::door;
 use super::raw::{self, MeshData};
-use crate::graph::Graph;
-use crate::mesh::Mesh;
-use crate::model::{ModalOperator, Model, SegmentSpec};
-use crate::modes::{self, ModalOptions, ModalSolver, Modes};
-use crate::parallel::Comm;
-use crate::segments::{self, Segmentation, ranks};
-use crate::{Error, Result};
+use m4gn_mesh::Mesh;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::modal::{ModalSource, Modes};
+use m4gn_model::{ModalOperator, Model, SegmentEntries, SegmentSpec, settings};
+use m4gn_modes::Modal;
+use m4gn_segments as segments;
+use m4gn_segments::Record;
+use m4gn_segments::graph::Graph;
+use m4gn_segments::{Segmentation, ranks};
+use serde::{Deserialize, Serialize};
+use std::ffi::CString;
 use std::ffi::c_char;
 use std::path::{Path, PathBuf};
-
-/// `m4gn_segment_options`
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)]
-pub struct SegmentOptionsData {
-    pub model: *const c_char,
-    pub spec: *const c_char,
-    pub cell_segment: *const i32,
-    pub modal_solver: *const c_char,
-    pub petsc_options: *const c_char,
-    pub with_modes: i32,
-}
 
 /// `m4gn_rank_report`
 #[repr(C)]
@@ -38,62 +31,57 @@ pub struct SegmentsHandle {
     segmentation: Segmentation,
     modes: Modes,
     n_cells: usize,
+    record: CString,
 }
 
 /// What the host asks for.
-struct Request {
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct Request {
+    /// Model file whose segmentation is meant; none: the defaults.
     model: Option<PathBuf>,
-    spec: String,
-    labels: Option<Vec<i32>>,
-    modal: ModalOptions,
+    /// What differs from it.
+    segments: SegmentEntries,
+    /// Whether modes are computed and kept.
     with_modes: bool,
-}
-
-impl SegmentOptionsData {
-    /// # Safety
-    /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
-    unsafe fn read(&self, n_cells: usize) -> Result<Request> {
-        // SAFETY: passed on to the caller.
-        unsafe {
-            Ok(Request {
-                model: raw::optional_text("model", self.model)?.map(PathBuf::from),
-                spec: raw::optional_text("spec", self.spec)?.unwrap_or("{}").to_owned(),
-                labels: match self.cell_segment.is_null() {
-                    true => None,
-                    false => Some(raw::slice("cell_segment", self.cell_segment, n_cells)?.to_vec()),
-                },
-                modal: ModalOptions {
-                    solver: raw::optional_text("modal_solver", self.modal_solver)?
-                        .map_or(Ok(ModalSolver::Auto), ModalSolver::parse)?,
-                    petsc: raw::optional_text("petsc_options", self.petsc_options)?
-                        .unwrap_or_default()
-                        .to_owned(),
-                    ..ModalOptions::default()
-                },
-                with_modes: self.with_modes != 0,
-            })
-        }
-    }
+    #[serde(skip)]
+    labels: Option<Vec<i32>>,
 }
 
 impl Request {
-    /// The model's segmentation, or the default, with the entries of `spec` in place of its own. Collective.
+    /// From the text of a JSON object, checked.
+    pub(super) fn parse(text: &str) -> Result<Self> {
+        let request: Self = settings::parse("segments", text, &[])?;
+        request.segments.over(&SegmentSpec::default())?;
+        Ok(request)
+    }
+
+    /// # Safety
+    /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
+    unsafe fn read(options: *const c_char, cell_segment: *const i32, n_cells: usize) -> Result<Self> {
+        // SAFETY: passed on to the caller.
+        unsafe {
+            Ok(Request {
+                labels: raw::labels(cell_segment, n_cells)?,
+                ..Request::parse(raw::options(options)?)?
+            })
+        }
+    }
+
+    /// What every rank must be given alike: not its cells' labels, nor the folder in which it finds the model.
+    fn shared(&self) -> Result<String> {
+        let mut alike = self.clone();
+        alike.model = self.model.as_deref().map(door::file_name).map(PathBuf::from);
+        settings::lines(&alike)
+    }
+
+    /// The model's segmentation, or the default, with what differs from it. Collective.
     fn spec(&self, comm: &Comm) -> Result<SegmentSpec> {
         let base = match &self.model {
             Some(path) => model_segments(path, comm)?,
             None => SegmentSpec::default(),
         };
-        let merged = || -> Result<SegmentSpec> {
-            let wrong = |e: serde_json::Error| Error::Input(format!("segments {}: {e}", self.spec));
-            let given: serde_json::Map<String, serde_json::Value> =
-                serde_json::from_str(&self.spec).map_err(wrong)?;
-            let mut whole = serde_json::to_value(&base).map_err(wrong)?;
-            if let Some(object) = whole.as_object_mut() {
-                object.extend(given);
-            }
-            serde_json::from_value(whole).map_err(wrong)
-        };
-        comm.agree(merged())
+        comm.agree(self.segments.over(&base))
     }
 }
 
@@ -115,29 +103,36 @@ fn model_segments(path: &Path, comm: &Comm) -> Result<SegmentSpec> {
 /// Pointers must be what `m4gn.h` says.
 unsafe fn new(
     comm: i32,
+    place: Result<()>,
     mesh: *const MeshData,
-    options: *const SegmentOptionsData,
+    options: *const c_char,
+    cell_segment: *const i32,
 ) -> Result<SegmentsHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<(Mesh, Request)> {
+    let read = || -> Result<((Mesh, Request), String)> {
+        place?;
         // SAFETY: passed on to the caller.
         unsafe {
             let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let request = raw::reference("options", options)?.read(mesh.n_cells())?;
-            Ok((mesh, request))
+            let request = Request::read(options, cell_segment, mesh.n_cells())?;
+            let same = request.shared()?;
+            Ok(((mesh, request), same))
         }
     };
-    let (mesh, request) = comm.agree(read())?;
-    let spec = request.spec(&comm)?;
-    let mut graph = Graph::new(&mesh, &comm)?;
-    let modal = ModalOptions {
-        count: spec.mode_count(),
-        ..request.modal
-    };
+    door::together("m4gn_segments_new", &comm, read, |(mesh, request)| {
+        cut(&comm, &mesh, &request)
+    })
+}
+
+/// Collective.
+fn cut(comm: &Comm, mesh: &Mesh, request: &Request) -> Result<SegmentsHandle> {
+    let spec = request.spec(comm)?;
+    let mut graph = Graph::new(mesh, comm)?;
+    let modal = Modal(spec.modal());
     let modes = match request.with_modes {
         true => {
-            let elastic = comm.agree(spec.is_elastic(&mesh))?;
-            Some(modes::of_mesh(&mesh, &mut graph, &comm, elastic, &modal)?)
+            let elastic = comm.agree(spec.is_elastic(mesh))?;
+            Some(modal.of_mesh(mesh, elastic, spec.mode_count(), comm)?)
         }
         false => None,
     };
@@ -147,11 +142,16 @@ unsafe fn new(
     let segmentation = match &modes {
         // Not solved for a second time.
         Some(modes) if any_preset[0] == 0 => {
-            segments::segment_by_modes(&mesh, &mut graph, &spec, modes, &comm)?
+            segments::segment_by_modes(mesh, &mut graph, &spec, modes, comm)?
         }
-        _ => segments::segment_with(&mesh, &mut graph, &spec, &modal, &comm, preset)?,
+        _ => segments::segment(mesh, &mut graph, &spec, &modal, comm, preset)?,
+    };
+    let record = match any_preset[0] {
+        0 => Record::new(mesh, &spec, &segmentation.node_segment[..mesh.n_cells()], comm)?.text()?,
+        _ => String::new(),
     };
     Ok(SegmentsHandle {
+        record: CString::new(record).map_err(|e| Error::Internal(format!("record of the segments: {e}")))?,
         segmentation,
         modes: modes.unwrap_or(Modes {
             eigenvalues: Vec::new(),
@@ -161,16 +161,84 @@ unsafe fn new(
     })
 }
 
+/// Why the labels are not the segments that the model and the entries of `options` describe. Collective.
+///
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+unsafe fn misfit(
+    comm: i32,
+    mesh: *const MeshData,
+    (options, cell_segment): (*const c_char, *const i32),
+    record: *const c_char,
+) -> Result<Option<String>> {
+    let comm = Comm::from_fortran(comm)?;
+    let read = || -> Result<(Mesh, Request, String)> {
+        // SAFETY: passed on to the caller.
+        unsafe {
+            let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
+            let request = Request::read(options, cell_segment, mesh.n_cells())?;
+            let record = raw::optional_text("record", record)?.unwrap_or("").to_owned();
+            match &request.labels {
+                None => Err(Error::Input(
+                    "cell_segment: expected labels, found a null pointer".into(),
+                )),
+                Some(_) => Ok((mesh, request, record)),
+            }
+        }
+    };
+    let (mesh, request, record) = comm.agree(read())?;
+    let wanted = request.spec(&comm)?;
+    // The root's: ranks that read their own file may differ.
+    let mut text = record.into_bytes();
+    comm.broadcast(&mut text);
+    let record = String::from_utf8_lossy(&text);
+    let only = match &request.model {
+        Some(path) if !has_segments(path, &comm)? => return Ok(None),
+        Some(_) => None,
+        None => Some(request.segments.names()),
+    };
+    let labels = request.labels.as_deref().unwrap_or_default();
+    Ok(segments::misfit(
+        &mesh,
+        labels,
+        &record,
+        &wanted,
+        only.as_deref(),
+        &comm,
+    ))
+}
+
+/// Whether the model has a stage that works on segments. Collective.
+fn has_segments(path: &Path, comm: &Comm) -> Result<bool> {
+    let mut has = [0i64];
+    let read = match comm.is_root() {
+        true => Model::read(path).map(|model| {
+            has[0] = i64::from(model.spec.architecture.segment_transformer().is_some());
+        }),
+        false => Ok(()),
+    };
+    comm.agree(read)?;
+    comm.max_i64(&mut has);
+    Ok(has[0] != 0)
+}
+
 /// Elastic modes that a model's segments need. Collective.
 fn elastic_modes(comm: i32, model: Result<PathBuf>) -> Result<i32> {
     let comm = Comm::from_fortran(comm)?;
-    let path = comm.agree(model)?;
+    let read = || model.map(|path| (path.clone(), format!("model {}", door::file_name(&path))));
+    door::together("m4gn_model_elastic_modes", &comm, read, |path| {
+        count_elastic(&comm, &path)
+    })
+}
+
+/// Collective.
+fn count_elastic(comm: &Comm, path: &Path) -> Result<i32> {
     let mut count = [0i64];
     let read = match comm.is_root() {
-        true => Model::read(&path).map(|model| {
+        true => Model::read(path).map(|model| {
             let spec = &model.spec.segments;
             let elastic = spec.operator == Some(ModalOperator::Elastic) && spec.method.uses_modes();
-            if elastic && model.spec.architecture.segment_transformer.is_some() {
+            if elastic && model.spec.architecture.segment_transformer().is_some() {
                 count[0] = spec.modes as i64;
             }
         }),
@@ -190,16 +258,44 @@ exports! {
     fn m4gn_segments_new(
         comm: i32,
         mesh: *const MeshData,
-        options: *const SegmentOptionsData,
+        options: *const c_char,
+        cell_segment: *const i32,
         segments: *mut *mut SegmentsHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            let segments = raw::reference_mut("segments", segments)?;
-            *segments = std::ptr::null_mut();
-            *segments = Box::into_raw(Box::new(new(comm, mesh, options)?));
+            door::create(raw::reference_mut("segments", segments), |place| {
+                new(comm, place, mesh, options, cell_segment)
+            })
         }
+    }
+
+    /// Whether stored segments are those that are wanted.
+    fn m4gn_segments_fit(
+        comm: i32,
+        mesh: *const MeshData,
+        options: *const c_char,
+        cell_segment: *const i32,
+        record: *const c_char,
+        fit: *mut i32,
+        why: *mut c_char,
+        why_size: i32,
+    ) -> i32, or |status| status; {
+        let size = raw::count("why_size", why_size)?;
+        // SAFETY: the host's pointers, as the header says.
+        let (found, fit, why) = unsafe {
+            let found = misfit(comm, mesh, (options, cell_segment), record)?;
+            (found, raw::reference_mut("fit", fit)?, raw::slice_mut("why", why, size)?)
+        };
+        *fit = i32::from(found.is_none());
+        raw::put_text(&found.unwrap_or_default(), why);
         Ok(0)
+    }
+
+    /// How the segments were computed; null for null.
+    fn m4gn_segments_record(segments: *const SegmentsHandle) -> *const c_char, or |_| std::ptr::null(); {
+        // SAFETY: segments of ours, or null.
+        Ok(unsafe { raw::reference("segments", segments)? }.record.as_ptr())
     }
 
     /// Elastic modes that the mesh must have for a model.

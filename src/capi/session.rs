@@ -1,40 +1,26 @@
 //! Exports: the surrogate.
 
+use super::door;
+use super::fields::{read_fields, read_outputs};
 use super::raw::{self, FieldData, FieldOut, MeshData};
-use crate::engine::Precision;
-use crate::mesh::Mesh;
-use crate::model::{ModalOperator, Output, SegmentMethod};
-use crate::modes::{ModalOptions, ModalSolver};
-use crate::parallel::Comm;
-use crate::step::{Backend, Field, FieldMut, OutputShape, Session, SessionOptions};
-use crate::{Error, Result};
+use m4gn_mesh::Mesh;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::Output;
+use m4gn_step::{FieldMut, Session, SessionOptions};
 use std::ffi::{CString, c_char};
-use std::path::PathBuf;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// `m4gn_session_options`
+/// `m4gn_projection_report`
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 #[allow(missing_docs)]
-pub struct SessionOptionsData {
-    pub model: *const c_char,
-    pub backend: *const c_char,
-    pub n_threads: i32,
-    pub segments: i32,
-    pub modes: i32,
-    pub overlap: i32,
-    pub slic_iterations: i32,
-    pub tau: f64,
-    pub segment_size: f64,
-    pub segment_method: *const c_char,
-    pub cell_segment: *const i32,
-    pub precision: *const c_char,
-    pub energy: f64,
-    pub connected: i32,
-    pub distance_scale: f64,
-    pub obstacles: *const c_char,
-    pub modal_solver: *const c_char,
-    pub petsc_options: *const c_char,
-    pub modal_operator: *const c_char,
+pub struct ProjectionData {
+    pub gap_before: f64,
+    pub gap_after: f64,
+    pub largest: f64,
+    pub points_moved: i32,
+    pub sweeps: i32,
 }
 
 /// `m4gn_field_info`
@@ -51,128 +37,53 @@ pub struct FieldInfo {
 
 /// `m4gn_session`
 pub struct SessionHandle {
-    session: Session,
+    pub(super) session: Session,
     /// The fields' names as C reads them.
     names: Vec<CString>,
+    segment_record: CString,
     /// Set while a step runs: a step that panicked leaves it, and the handle may only be freed.
     broken: bool,
 }
 
-impl SessionOptionsData {
-    const AS_TRAINED: Self = SessionOptionsData {
-        model: std::ptr::null(),
-        backend: std::ptr::null(),
-        n_threads: 0,
-        segments: 0,
-        modes: -1,
-        overlap: -1,
-        slic_iterations: -1,
-        tau: -1.0,
-        segment_size: 0.0,
-        segment_method: std::ptr::null(),
-        cell_segment: std::ptr::null(),
-        precision: std::ptr::null(),
-        energy: 0.0,
-        connected: -1,
-        distance_scale: -1.0,
-        obstacles: std::ptr::null(),
-        modal_solver: std::ptr::null(),
-        petsc_options: std::ptr::null(),
-        modal_operator: std::ptr::null(),
-    };
-
-    /// # Safety
-    /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
-    unsafe fn read(&self, n_cells: usize) -> Result<(PathBuf, SessionOptions)> {
-        // SAFETY: passed on to the caller.
-        let (model, backend, method, precision, obstacles, solver, petsc, operator, labels) = unsafe {
-            (
-                raw::text("model", self.model)?,
-                raw::optional_text("backend", self.backend)?,
-                raw::optional_text("segment_method", self.segment_method)?,
-                raw::optional_text("precision", self.precision)?,
-                raw::optional_text("obstacles", self.obstacles)?,
-                raw::optional_text("modal_solver", self.modal_solver)?,
-                raw::optional_text("petsc_options", self.petsc_options)?,
-                raw::optional_text("modal_operator", self.modal_operator)?,
-                match self.cell_segment.is_null() {
-                    true => None,
-                    false => Some(raw::slice("cell_segment", self.cell_segment, n_cells)?.to_vec()),
-                },
-            )
-        };
-        let given = |value: i32| usize::try_from(value).ok();
-        let segment_method = method.map(SegmentMethod::parse).transpose()?;
-        let segments = raw::count("segments", self.segments)?;
-        let options = SessionOptions {
-            backend: backend.map_or(Ok(Backend::default()), Backend::parse)?,
-            precision: precision.map_or(Ok(Precision::default()), Precision::parse)?,
-            n_threads: raw::count("n_threads", self.n_threads)?,
-            segments: (segments > 0).then_some(segments),
-            modes: given(self.modes),
-            overlap: given(self.overlap),
-            slic_iterations: given(self.slic_iterations),
-            // Comparisons that NaN fails, so that it is passed on and refused.
-            tau: if self.tau < 0.0 { None } else { Some(self.tau) },
-            segment_size: if self.segment_size <= 0.0 {
-                None
-            } else {
-                Some(self.segment_size)
-            },
-            segment_method,
-            energy: if self.energy <= 0.0 {
-                None
-            } else {
-                Some(self.energy)
-            },
-            connected: match self.connected {
-                0 => Some(false),
-                1 => Some(true),
-                n if n < 0 => None,
-                n => return Err(Error::Input(format!("connected: expected 0 or 1, found {n}"))),
-            },
-            distance_scale: if self.distance_scale < 0.0 {
-                None
-            } else {
-                Some(self.distance_scale)
-            },
-            obstacles: obstacles.map(names),
-            operator: operator.map(ModalOperator::parse).transpose()?,
-            modal: ModalOptions {
-                solver: solver.map_or(Ok(ModalSolver::Auto), ModalSolver::parse)?,
-                petsc: petsc.unwrap_or_default().to_string(),
-                ..ModalOptions::default()
-            },
-            cell_segment: labels,
-            model_path: None,
-        };
-        Ok((PathBuf::from(model), options))
-    }
-}
-
-/// The names of a list like `a, b`.
-fn names(list: &str) -> Vec<String> {
-    list.split(',')
-        .map(str::trim)
-        .filter(|name| !name.is_empty())
-        .map(str::to_string)
-        .collect()
-}
-
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-unsafe fn new(comm: i32, mesh: *const MeshData, options: *const SessionOptionsData) -> Result<SessionHandle> {
+unsafe fn new(
+    comm: i32,
+    place: Result<()>,
+    mesh: *const MeshData,
+    options: *const c_char,
+    cell_segment: *const i32,
+) -> Result<SessionHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<(Mesh, PathBuf, SessionOptions)> {
-        // SAFETY: passed on to the caller.
+    let read = || -> Result<((Mesh, SessionOptions), String)> {
+        place?;
+        // SAFETY: passed on to the caller; the labels are as many as the cells.
         unsafe {
             let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let (path, options) = raw::reference("options", options)?.read(mesh.n_cells())?;
-            Ok((mesh, path, options))
+            let mut options = SessionOptions::parse(raw::options(options)?)?;
+            options.cell_segment = raw::labels(cell_segment, mesh.n_cells())?;
+            let same = format!("{}{}", options.shared()?, shared(&mesh));
+            Ok(((mesh, options), same))
         }
     };
-    let (mesh, path, options) = comm.agree(read())?;
-    let session = Session::open(comm, &mesh, &path, &options)?;
+    door::together("m4gn_session_new", &comm, read, |(mesh, options)| {
+        handle(Session::open(comm.clone(), &mesh, &options)?)
+    })
+}
+
+/// What all ranks must describe alike: whether there is a body, and the obstacle.
+fn shared(mesh: &Mesh) -> String {
+    let Some(obstacle) = &mesh.obstacle else {
+        return format!("body {}", mesh.body.is_some());
+    };
+    let mut hasher = DefaultHasher::new();
+    let bits = obstacle.positions.as_flattened().iter().map(|v| v.to_bits());
+    bits.for_each(|b| b.hash(&mut hasher));
+    obstacle.triangles.hash(&mut hasher);
+    format!("body {}\nobstacle {:x}", mesh.body.is_some(), hasher.finish())
+}
+
+fn handle(session: Session) -> Result<SessionHandle> {
     let name =
         |n: &str| CString::new(n).map_err(|_| Error::Model(format!("field name {n:?} has a zero byte")));
     let names = session
@@ -181,8 +92,10 @@ unsafe fn new(comm: i32, mesh: *const MeshData, options: *const SessionOptionsDa
         .iter()
         .map(|f| name(&f.name))
         .collect::<Result<_>>()?;
+    let segment_record = name(session.segment_record())?;
     Ok(SessionHandle {
         session,
+        segment_record,
         names,
         broken: false,
     })
@@ -226,97 +139,26 @@ impl SessionHandle {
     }
 }
 
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-pub(super) unsafe fn read_fields<'a>(
-    (fields, n): (*const FieldData, i32),
-    n_cells: usize,
-    n_boundary: usize,
-) -> Result<Vec<Field<'a>>> {
-    // SAFETY: passed on to the caller.
-    let list = unsafe { raw::slice("fields", fields, raw::count("number of fields", n)?)? };
-    let read = |f: &FieldData| {
-        // SAFETY: as above; the components were checked before the lengths are made of them.
-        unsafe {
-            let name = raw::text("field name", f.name)?;
-            let components = components(name, f.components)?;
-            Ok(Field {
-                name,
-                components,
-                cells: raw::slice(name, f.cells, components * n_cells)?,
-                boundary: raw::slice(name, f.boundary, components * n_boundary)?,
-            })
-        }
-    };
-    list.iter().map(read).collect()
-}
-
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn read_outputs<'a>(
-    (out, n): (*const FieldOut, i32),
-    n_cells: usize,
-) -> Result<Vec<(OutputShape<'a>, *mut f64)>> {
-    // SAFETY: passed on to the caller.
-    let list = unsafe { raw::slice("outputs", out, raw::count("number of outputs", n)?)? };
-    let read = |f: &FieldOut| {
-        // SAFETY: as above.
-        let name = unsafe { raw::text("output name", f.name)? };
-        let components = components(name, f.components)?;
-        let len = components * n_cells;
-        if len > 0 && (f.cells.is_null() || !f.cells.is_aligned()) {
-            return Err(Error::Input(format!(
-                "output '{name}': expected an array of {len}, found a null pointer"
-            )));
-        }
-        Ok((
-            OutputShape {
-                name,
-                components,
-                len,
-            },
-            f.cells,
-        ))
-    };
-    list.iter().map(read).collect()
-}
-
-fn components(name: &str, n: i32) -> Result<usize> {
-    match n {
-        1 | 3 => Ok(n as usize),
-        _ => Err(Error::Input(format!(
-            "field '{name}': expected 1 or 3 components, found {n}"
-        ))),
-    }
-}
-
 /// What a getter returns after a failure, where it does not return a status.
 fn no_count(_: i32) -> i32 {
     -1
 }
 
 exports! {
-    /// Fills in "as the model was trained" everywhere.
-    fn m4gn_session_options_init(options: *mut SessionOptionsData) -> (), or |_| (); {
-        // SAFETY: the host's struct.
-        *unsafe { raw::reference_mut("options", options)? } = SessionOptionsData::AS_TRAINED;
-        Ok(())
-    }
-
     /// Builds graph, modes and segments and loads the model.
     fn m4gn_session_new(
         comm: i32,
         mesh: *const MeshData,
-        options: *const SessionOptionsData,
+        options: *const c_char,
+        cell_segment: *const i32,
         session: *mut *mut SessionHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            let session = raw::reference_mut("session", session)?;
-            *session = std::ptr::null_mut();
-            *session = Box::into_raw(Box::new(new(comm, mesh, options)?));
+            door::create(raw::reference_mut("session", session), |place| {
+                new(comm, place, mesh, options, cell_segment)
+            })
         }
-        Ok(0)
     }
 
     /// Frees a session; null is none.
@@ -359,7 +201,8 @@ exports! {
             name: handle.names[at].as_ptr(),
             components: if field.vector { 3 } else { 1 },
             dimensions: field.dimensions,
-            is_input: i32::from(field.input),
+            // A body's displacement goes in through its edges.
+            is_input: i32::from(field.input || handle.session.spec().contact.is_some()),
             is_output: i32::from(field.output != Output::None),
         };
         Ok(0)
@@ -379,6 +222,69 @@ exports! {
         Ok(0)
     }
 
+    /// How the segments were computed; null for a null session.
+    fn m4gn_session_segment_record(session: *const SessionHandle) -> *const c_char, or |_| std::ptr::null(); {
+        // SAFETY: a session of ours, or null.
+        Ok(unsafe { raw::reference("session", session)? }.segment_record.as_ptr())
+    }
+
+    /// Where the obstacle is at the start and at the end of the next step.
+    fn m4gn_session_set_obstacle(
+        session: *mut SessionHandle,
+        now: *const f64,
+        after: *const f64,
+        n_obstacle: i32,
+    ) -> i32, or |status| status; {
+        // SAFETY: a session of ours, or null.
+        let handle = unsafe { raw::reference_mut("session", session)? };
+        let comm = handle.session.comm().clone();
+        comm.guarded(|| {
+            let read = || {
+                let n = raw::count("n_obstacle", n_obstacle)?;
+                // SAFETY: the host's arrays, as the header says.
+                unsafe { Ok((raw::vectors("now", now, n)?, raw::vectors("after", after, n)?)) }
+            };
+            let (now, after) = comm.agree(read())?;
+            handle.session.set_obstacle(now, after)
+        })?;
+        Ok(0)
+    }
+
+    /// What the projection did in the last step.
+    fn m4gn_session_projection(session: *const SessionHandle, report: *mut ProjectionData) -> i32, or |s| s; {
+        // SAFETY: a session of ours and the host's struct, or null.
+        let (handle, to) = unsafe { (raw::reference("session", session)?, raw::reference_mut("report", report)?) };
+        let found = handle.session.projection().ok_or_else(|| {
+            Error::Input("the session projects no contact: set projection in its options".into())
+        })?;
+        *to = ProjectionData {
+            gap_before: found.before.map_or(f64::INFINITY, |g| g.cells),
+            gap_after: found.after.map_or(f64::INFINITY, |g| g.cells),
+            largest: found.largest,
+            points_moved: found.points_moved as i32,
+            sweeps: found.sweeps as i32,
+        };
+        Ok(0)
+    }
+
+    /// Whether mesh and fields are what the model was trained on.
+    fn m4gn_session_outside(
+        session: *const SessionHandle,
+        count: *mut i32,
+        why: *mut c_char,
+        why_size: i32,
+    ) -> i32, or |status| status; {
+        let size = raw::count("why_size", why_size)?;
+        // SAFETY: a session of ours and the host's places, or null.
+        let (handle, count, why) = unsafe {
+            (raw::reference("session", session)?, raw::reference_mut("count", count)?, raw::slice_mut("why", why, size)?)
+        };
+        let found = handle.session.outside();
+        *count = found.len() as i32;
+        raw::put_text(&found.join("\n"), why);
+        Ok(0)
+    }
+
     /// One step.
     fn m4gn_session_step(
         session: *mut SessionHandle,
@@ -389,11 +295,16 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
         let handle = unsafe { raw::reference_mut("session", session)? };
-        if std::mem::replace(&mut handle.broken, true) {
-            return Err(Error::Internal("the session broke in an earlier step and can only be freed".into()));
-        }
-        // SAFETY: the host's arrays, as the header says.
-        let result = unsafe { handle.step((fields, n_in), (out, n_out)) };
+        let broken = std::mem::replace(&mut handle.broken, true);
+        let comm = handle.session.comm().clone();
+        // The ranks agree within the step.
+        let result = comm.guarded(|| {
+            if broken {
+                return Err(Error::Internal("the session broke in an earlier step and can only be freed".into()));
+            }
+            // SAFETY: the host's arrays, as the header says.
+            unsafe { handle.step((fields, n_in), (out, n_out)) }
+        });
         handle.broken = matches!(result, Err(Error::Internal(_)));
         result.map(|()| 0)
     }

@@ -1,7 +1,7 @@
 //! The structs against the header's layout, and the exports without a host. `tests/cabi` has the view from C++.
 
 use super::*;
-use crate::mesh::{Mesh, sample};
+use m4gn_mesh::{Mesh, sample};
 use std::ffi::CStr;
 use std::mem::{offset_of, size_of};
 
@@ -10,7 +10,7 @@ fn layouts_are_those_of_the_header() {
     // Sizes and offsets as the x86-64 and AArch64 ABIs of C lay out m4gn.h.
     assert_eq!(
         (size_of::<MeshData>(), offset_of!(MeshData, cell_global)),
-        (232, 24)
+        (304, 24)
     );
     assert_eq!(
         (
@@ -28,24 +28,10 @@ fn layouts_are_those_of_the_header() {
         (32, 24, 16)
     );
     assert_eq!(
-        (
-            size_of::<SessionOptionsData>(),
-            offset_of!(SessionOptionsData, tau)
-        ),
-        (136, 40)
-    );
-    assert_eq!(
         (size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)),
         (48, 12)
     );
-    assert_eq!(
-        (size_of::<RecorderField>(), size_of::<RecorderOptions>()),
-        (40, 48)
-    );
-    assert_eq!(
-        (size_of::<SegmentOptionsData>(), size_of::<RankReport>()),
-        (48, 16)
-    );
+    assert_eq!((size_of::<RecorderField>(), size_of::<RankReport>()), (40, 16));
     assert_eq!(
         (size_of::<SolidData>(), offset_of!(SolidData, fixed_components)),
         (152, 128)
@@ -101,6 +87,15 @@ fn host() -> Host {
         n_modes: 0,
         mode_eigenvalues: std::ptr::null(),
         mode_cells: std::ptr::null(),
+        cell_type: std::ptr::null(),
+        n_elements: 0,
+        element_kind: std::ptr::null(),
+        element_points: std::ptr::null(),
+        element_material: std::ptr::null(),
+        n_obstacle: 0,
+        obstacle_positions: std::ptr::null(),
+        n_obstacle_triangles: 0,
+        obstacle_triangles: std::ptr::null(),
     };
     Host {
         data,
@@ -182,7 +177,10 @@ fn null_handles_and_pointers_are_errors() {
     // SAFETY: null pointers, which the exports accept as bad input.
     unsafe {
         use std::ptr::{null, null_mut};
-        assert_eq!(session::m4gn_session_new(i32::MIN, null(), null(), null_mut()), 1);
+        assert_eq!(
+            session::m4gn_session_new(i32::MIN, null(), null(), null(), null_mut()),
+            1
+        );
         assert!(
             CStr::from_ptr(m4gn_last_error())
                 .to_str()
@@ -191,7 +189,7 @@ fn null_handles_and_pointers_are_errors() {
         );
         let mut handle = std::ptr::null_mut();
         assert_eq!(
-            session::m4gn_session_new(i32::MIN, null(), null(), &mut handle),
+            session::m4gn_session_new(i32::MIN, null(), null(), null(), &mut handle),
             1
         );
         assert!(
@@ -207,7 +205,8 @@ fn null_handles_and_pointers_are_errors() {
         assert_eq!(session::m4gn_session_n_fields(null()), -1);
         assert_eq!(session::m4gn_session_n_segments(null()), -1);
         assert_eq!(session::m4gn_session_stride(null()), 0.0);
-        session::m4gn_session_options_init(null_mut());
+        assert_eq!(options::m4gn_options_check(null(), null()), 1);
+        assert_eq!(options::m4gn_options_check(c"session".as_ptr(), null()), 0);
         session::m4gn_session_free(null_mut());
         assert_eq!(recorder::m4gn_recorder_append(null_mut(), 0.0, null(), 0), 1);
         assert_eq!(recorder::m4gn_recorder_finish(null_mut()), 1);

@@ -1,14 +1,14 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
-use crate::bench::{
-    self, Case, Runs, Segments, Shape, Source, Workload, machine, memory, memory::Memory, work,
-};
-use crate::dataset::Trajectory;
-use crate::engine::{EngineOptions, Forward, Isa, Phase, Precision};
-use crate::model::Model;
-use crate::parallel::Comm;
-use crate::step::Backend;
-use crate::{Error, Result};
+use m4gn_data::Trajectory;
+use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::Model;
+use m4gn_step::Backend;
+use m4gn_workbench::bench;
+use m4gn_workbench::bench::memory::Memory;
+use m4gn_workbench::bench::{Case, Runs, Segments, Shape, Source, Trial, Workload, machine, memory, work};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -63,6 +63,16 @@ pub struct Args {
     /// Write model.safetensors and graph.safetensors with inputs and outputs to this folder, for other programs
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
+    /// Measure a step of training instead: forward, backward and update, on the native engine and by turns on libtorch
+    /// where libm4gn_torch.so is there
+    #[arg(long, conflicts_with_all = ["model", "data", "export", "worker"])]
+    train: bool,
+    /// With --train: graphs in a batch
+    #[arg(long, value_name = "B", default_value_t = 2, requires = "train")]
+    batch: usize,
+    /// With --train: model steps in the loss
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "train")]
+    unroll: usize,
     /// Serve another program: a line with a description, then for each line 'run' on standard input the wall time and
     /// the processor time of a step, ms
     #[arg(long, conflicts_with_all = ["json", "export", "steps"])]
@@ -94,6 +104,14 @@ pub fn run(args: Args) -> Result<()> {
         precision: Precision::parse(&args.precision)?,
         ..EngineOptions::default()
     };
+    if args.train {
+        return super::bench_train::run(
+            &args.trial(&options),
+            args.steps,
+            &args.backend,
+            args.json.as_deref(),
+        );
+    }
     let backend = Backend::parse(&args.backend)?;
     let workload = workload(&args)?;
     if let Some(folder) = &args.export {
@@ -112,9 +130,26 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
+impl Args {
+    fn trial(&self, options: &EngineOptions) -> Trial {
+        Trial {
+            nodes: self.nodes,
+            hex: self.hex,
+            layers: self.layers,
+            width: self.width,
+            hidden: self.hidden,
+            segments: self.segments,
+            batch: self.batch,
+            unroll: self.unroll,
+            threads: self.threads,
+            bf16: options.precision == Precision::Bf16,
+        }
+    }
+}
+
 fn workload(args: &Args) -> Result<Workload> {
     let source = match (&args.data, args.hex) {
-        (Some(path), _) => Source::Mesh(Box::new(Trajectory::open(path)?.mesh().clone())),
+        (Some(path), _) => Source::Mesh(Box::new(Trajectory::open(path)?.cells()?.clone())),
         (None, true) => Source::Mesh(Box::new(bench::hexahedra(args.nodes)?)),
         (None, false) => Source::OMesh(args.nodes),
     };

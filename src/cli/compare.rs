@@ -1,14 +1,11 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
-use crate::{
-    Error, Result,
-    compare::{
-        self, Options,
-        displacement::{self, Motion},
-    },
-    foam_case::FoamCase,
-    report::{number, percent, write_file},
-};
+use m4gn_mesh::{Error, Result};
+use m4gn_workbench::compare;
+use m4gn_workbench::compare::displacement::Motion;
+use m4gn_workbench::compare::{Options, displacement};
+use m4gn_workbench::foam_case::FoamCase;
+use m4gn_workbench::report::{number, percent, write_file};
 use std::path::{Path, PathBuf};
 
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
@@ -35,12 +32,15 @@ pub struct Args {
     /// Count errors from this time on, s [default: the takeover that m4gnSurrogate recorded in CASE_B].
     #[arg(long, value_name = "S")]
     from: Option<f64>,
-    /// Wall time of the full run, s [default: from its log.APPLICATION].
+    /// Wall time of the full run, s [default: from its log.APPLICATION, in whole seconds].
     #[arg(long, value_name = "S")]
     wall_a: Option<f64>,
-    /// Wall time of the hybrid run, s [default: from its log.APPLICATION].
+    /// Wall time of the hybrid run, s [default: from its log.APPLICATION, in whole seconds].
     #[arg(long, value_name = "S")]
     wall_b: Option<f64>,
+    /// CASE_B may have another mesh: its values are interpolated linearly onto the cells of CASE_A.
+    #[arg(long)]
+    interpolate: bool,
     /// Write the figures.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -68,9 +68,9 @@ pub fn run(args: Args) -> Result<()> {
             return Err(Error::Input(format!("{name} {v}: expected a positive number")));
         }
     }
-    let library = super::library_path("libm4gn_foam_bridge.so")?;
-    let mut a = FoamCase::open(&library, &args.case_a)?;
-    let mut b = FoamCase::open(&library, &args.case_b)?;
+    super::check_outputs([&args.json, &args.html, &args.png].map(|p| p.as_deref()))?;
+    let mut a = FoamCase::open(&args.case_a)?;
+    let mut b = FoamCase::open(&args.case_b)?;
     let options = Options {
         patch: args.patch,
         speed: args.speed,
@@ -78,6 +78,7 @@ pub fn run(args: Args) -> Result<()> {
         takeover: args.from,
         wall_a: args.wall_a,
         wall_b: args.wall_b,
+        interpolate: args.interpolate,
         snapshots: args.pictures,
     };
     let bar = super::progress_bar(0, "times");
@@ -92,10 +93,11 @@ pub fn run(args: Args) -> Result<()> {
             ("--speed", options.speed.is_some()),
             ("--length", options.length.is_some()),
             ("--png", args.png.is_some()),
+            ("--interpolate", options.interpolate),
         ];
         if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
             return Err(Error::Input(format!(
-                "{name}: of a displacement there are no coefficients and no pictures; leave it out"
+                "{name}: of a displacement there are no coefficients, no pictures and no interpolation; leave it out"
             )));
         }
         let motion = displacement::compare(&mut a, &mut b, &options, progress);
@@ -114,6 +116,7 @@ pub fn run(args: Args) -> Result<()> {
         comparison.takeover,
     );
     println!("{}", comparison.error_table());
+    comparison.field_tables().iter().for_each(|t| println!("{t}"));
     println!("{}", comparison.figure_table());
     if let Some(fraction) = comparison.replaced_fraction {
         println!(

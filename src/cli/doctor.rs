@@ -1,13 +1,13 @@
 //! `m4gn doctor`: what is there, what is missing, and how to mend it.
 
-use super::{library_path, write_json};
-use crate::generate::case::PROGRAMS;
-use crate::generate::process::find_program;
-use crate::{Error, Result};
+use super::write_json;
+use m4gn_mesh::{Error, Result};
+use m4gn_workbench::generate::openfoam::DEBIAN_OPENFOAM;
+use m4gn_workbench::generate::process::find_program;
 use std::path::PathBuf;
 
-/// Where Debian's package keeps OpenFOAM's `etc`.
-pub const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
+/// Programs of OpenFOAM that the flows of 'm4gn generate' and 'm4gn hybrid' need.
+const PROGRAMS: [&str; 3] = ["gmshToFoam", "changeDictionary", "icoFoam"];
 
 /// Check what is installed, and say how to mend what is missing
 #[derive(Debug, clap::Args)]
@@ -60,8 +60,11 @@ pub fn run(args: Args) -> Result<()> {
 
 fn findings() -> Vec<Finding> {
     let program = |name: &str| find_program(name).map(|p| p.display().to_string());
-    let library = |name: &str| library_path(name).ok().map(|p| p.display().to_string());
-    let missing_programs = PROGRAMS[1..].iter().any(|p| find_program(p).is_none());
+    let library = |name: &str| {
+        let mut files = m4gn_mesh::plugin::places().into_iter().map(|p| p.join(name));
+        files.find(|p| p.is_file()).map(|p| p.display().to_string())
+    };
+    let missing_programs = PROGRAMS.iter().any(|p| find_program(p).is_none());
     let list = [
         (
             "m4gn",
@@ -77,7 +80,7 @@ fn findings() -> Vec<Finding> {
         ),
         (
             "OpenFOAM programs",
-            (!missing_programs).then(|| PROGRAMS[1..].join(", ")),
+            (!missing_programs).then(|| PROGRAMS.join(", ")),
             true,
             "gmshToFoam, changeDictionary or icoFoam is not in PATH: source your OpenFOAM's etc/bashrc, or 'apt-get install openfoam'",
         ),
@@ -94,16 +97,22 @@ fn findings() -> Vec<Finding> {
             "the function objects: './Allrun' builds them",
         ),
         (
+            "modal library",
+            library(m4gn_modes::eigen::LIBRARY.file),
+            false,
+            "segments made of modes need it (libm4gn_slepc.so, with PETSc and SLEPc): './Allrun' builds it",
+        ),
+        (
             "OpenFOAM bridge",
-            library("libm4gn_foam_bridge.so"),
+            library(m4gn_workbench::foam_case::LIBRARY.file),
             false,
             "only 'm4gn compare' needs it (libm4gn_foam_bridge.so): './Allrun' builds it",
         ),
         (
             "torch library",
-            library(crate::engine::torch::NAME),
+            library(m4gn_engine::torch::LIBRARY.file),
             false,
-            "only 'm4gn train' and backend torch need it (libm4gn_torch.so); the README says how to build it",
+            "only 'm4gn train' on a GPU and backend torch need it (libm4gn_torch.so): docs/training.md",
         ),
         (
             "MPI",
@@ -126,7 +135,7 @@ fn findings() -> Vec<Finding> {
         ),
         (
             "FElupe",
-            crate::generate::solids::find_python().ok(),
+            m4gn_workbench::generate::solids::find_python().ok(),
             false,
             "only 'm4gn generate deforming-plate' and 'deforming-beam' need it: 'setup/solids.sh' makes its environment",
         ),
@@ -161,13 +170,12 @@ fn openfoam() -> Option<String> {
 }
 
 fn mpi() -> Option<String> {
-    let version = mpi::environment::library_version().ok()?;
+    let version = m4gn_mesh::parallel::library_version()?;
     Some(version.split(',').next().unwrap_or_default().trim().to_string())
 }
 
 fn hdf5_version() -> String {
-    let (major, minor, micro) = hdf5::library_version();
-    format!("{major}.{minor}.{micro}")
+    m4gn_data::hdf5_version()
 }
 
 /// What of the processor the native engine can use.

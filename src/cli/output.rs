@@ -1,29 +1,100 @@
-//! Figures as JSON, and progress on a terminal or as plain lines.
+//! What a command prints, figures as JSON, and progress on a terminal or as plain lines.
 
-use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use m4gn_mesh::files::write_whole;
+use m4gn_mesh::{Error, Result};
+use std::fmt::Write as _;
+use std::io::ErrorKind;
 use std::io::IsTerminal;
+use std::io::Write as _;
 use std::path::Path;
+use std::sync::Mutex;
 
-/// Writes figures where `--json FILE` says, atomically; does nothing without a file.
+/// In place of the standard macro, which panics on a closed pipe and a full device, in all commands.
+macro_rules! println {
+    () => { $crate::output::say(format_args!("\n")) };
+    ($($part:tt)*) => { $crate::output::say(format_args!("{}\n", format_args!($($part)*))) };
+}
+
+/// As `println`, without the end of the line.
+macro_rules! print {
+    ($($part:tt)*) => { $crate::output::say(format_args!($($part)*)) };
+}
+
+/// As `println`, on standard error.
+macro_rules! eprintln {
+    ($($part:tt)*) => { $crate::output::complain(format_args!($($part)*)) };
+}
+
+/// What is wrong with standard output since this process began to print.
+static OUTPUT: Mutex<Option<ErrorKind>> = Mutex::new(None);
+
+/// Prints on standard output. A failure is kept for [`printed`]; nothing more is printed then, and the command goes on.
+pub(super) fn say(text: std::fmt::Arguments) {
+    let mut state = OUTPUT.lock().unwrap_or_else(|e| e.into_inner());
+    if state.is_none() {
+        let mut out = std::io::stdout().lock();
+        let done = out
+            .write_all(plain(&text.to_string()).as_bytes())
+            .and_then(|()| out.flush());
+        *state = done.err().map(|e| e.kind());
+    }
+}
+
+/// Prints a line on standard error, if there is one.
+pub(super) fn complain(text: std::fmt::Arguments) {
+    let _ = std::io::stderr()
+        .lock()
+        .write_all(format!("{}\n", plain(&text.to_string())).as_bytes());
+}
+
+/// Whether all that was said was printed. A reader that has closed its pipe (`| head`) has seen enough.
+///
+/// # Errors
+/// [`Error::Input`] where it was not.
+pub(super) fn printed() -> Result<()> {
+    match *OUTPUT.lock().unwrap_or_else(|e| e.into_inner()) {
+        None | Some(ErrorKind::BrokenPipe) => Ok(()),
+        Some(kind) => Err(Error::Input(format!("standard output cannot be written: {kind}"))),
+    }
+}
+
+/// Text without what a terminal would obey or hide: names in files may hold anything.
+pub(super) fn plain(text: &str) -> String {
+    let mut clean = String::with_capacity(text.len());
+    for c in text.chars() {
+        let hidden = matches!(c, '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}');
+        match c {
+            '\n' | '\t' => clean.push(c),
+            c if c.is_control() || hidden => {
+                let _ = write!(clean, "{}", c.escape_unicode());
+            }
+            c => clean.push(c),
+        }
+    }
+    clean
+}
+
+/// Writes figures where `--json FILE` says ([`write_whole`]); does nothing without a file.
 ///
 /// # Errors
 /// [`Error::File`] when the file cannot be written.
 pub fn write_json(path: Option<&Path>, figures: &serde_json::Value) -> Result<()> {
-    let Some(path) = path else { return Ok(()) };
-    let failed = |e: std::io::Error| Error::file(path, format!("cannot be written: {e}"));
-    let folder = path
-        .parent()
-        .filter(|p| !p.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    let file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
-    let mut text = format!("{figures:#}");
-    text.push('\n');
-    std::fs::write(file.path(), text).map_err(failed)?;
-    let file = file.persist(path).map_err(|e| failed(e.error))?;
-    // A temporary file is made for its owner alone.
-    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
-    file.set_permissions(mode).map_err(failed)
+    match path {
+        Some(path) => write_whole(path, format!("{figures:#}\n").as_bytes()),
+        None => Ok(()),
+    }
+}
+
+/// Fails where a file that was asked for could not be put, before anything is computed.
+///
+/// # Errors
+/// [`Error::File`] naming it.
+pub fn check_outputs<'a>(paths: impl IntoIterator<Item = Option<&'a Path>>) -> Result<()> {
+    paths
+        .into_iter()
+        .flatten()
+        .try_for_each(m4gn_mesh::files::check_writable)
 }
 
 /// A progress bar over `length` things on a terminal; None where stderr is no terminal: print plain lines then.
@@ -37,4 +108,17 @@ pub fn progress_bar(length: u64, unit: &str) -> Option<ProgressBar> {
     bar.set_style(ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(std::time::Duration::from_millis(500));
     Some(bar)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_terminal_is_told_nothing() {
+        assert_eq!(
+            plain("U\u{1b}[31m\u{7}\r\u{202e}x\n\tö"),
+            "U\\u{1b}[31m\\u{7}\\u{d}\\u{202e}x\n\tö"
+        );
+    }
 }

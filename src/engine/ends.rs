@@ -8,9 +8,9 @@ use super::kernels::{
 };
 use super::linear::{self, Linear, Tail};
 use super::tiles::Scratch;
-use crate::graph::Graph;
-use crate::model::{Model, ModelSpec};
-use crate::{Error, Result};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec};
+use m4gn_segments::graph::Graph;
 
 /// A perceptron on features, with a layer norm at the end (eq. 1).
 #[derive(Debug)]
@@ -50,7 +50,6 @@ impl<T: Number> Encoder<T> {
         (a, b, c): (&mut [T], &mut [T], &mut [f32]),
         out: Normed<T>,
     ) {
-        let f = self.tail.first_function();
         let size = n * self.columns;
         product(
             self.isa,
@@ -58,13 +57,11 @@ impl<T: Number> Encoder<T> {
             (features, stride),
             n,
             addend,
-            f.unwrap_or(Function::Identity),
+            self.tail.function(),
             Output::Wide(&mut c[..size]),
         );
-        if f.is_some() {
-            narrow(self.isa, &c[..size], &mut a[..size]);
-            self.tail.run(self.isa, n, a, b, c);
-        }
+        narrow(self.isa, &c[..size], &mut a[..size]);
+        self.tail.run(self.isa, n, a, b, c);
         layer_norm(self.isa, &self.norm, c, n, out);
     }
 }
@@ -105,7 +102,7 @@ impl Fixed {
             let known = node_types.iter().position(|t| *t as i32 == *code);
             known.map(|t| t as u32).ok_or_else(|| {
                 let known: Vec<_> = node_types.iter().map(|t| t.name()).collect();
-                let found = crate::mesh::NodeType::from_code(*code).map_or("unknown", |t| t.name());
+                let found = m4gn_mesh::NodeType::from_code(*code).map_or("unknown", |t| t.name());
                 Error::Model(format!(
                     "the model knows {}; the mesh has a {found} node",
                     known.join(", ")
@@ -152,8 +149,8 @@ impl Fixed {
 #[derive(Debug)]
 pub struct Decoder<T> {
     isa: Isa,
-    /// On latents, where it is not the last layer.
-    first: Option<Packed<T>>,
+    /// On latents.
+    first: Packed<T>,
     inner: Vec<Linear<T>>,
     last: Linear<f32>,
     function: Function,
@@ -172,32 +169,16 @@ impl<T: Number> Decoder<T> {
         let (d, h) = (a.width, a.hidden_layers);
         let bias = linear::bias(model, "decoder.0")?;
         let inner = (1..h).map(|i| Linear::new(isa, model, &format!("decoder.{i}")));
-        let (first, last) = match h {
-            0 => {
-                let weight = linear::columns(isa, model, "decoder.0", 0..d)?;
-                (
-                    None,
-                    Linear {
-                        weight,
-                        bias: bias.clone(),
-                    },
-                )
-            }
-            _ => (
-                Some(linear::columns(isa, model, "decoder.0", 0..d)?),
-                Linear::new(isa, model, &format!("decoder.{h}"))?,
-            ),
-        };
-        let segment = a.segment_transformer.is_some();
         Ok(Decoder {
             isa,
-            first,
+            first: linear::columns(isa, model, "decoder.0", 0..d)?,
             inner: inner.collect::<Result<_>>()?,
-            last,
+            last: Linear::new(isa, model, &format!("decoder.{h}"))?,
             function: linear::activation(model),
             bias,
-            segment: segment
-                .then(|| linear::columns(isa, model, "decoder.0", d..2 * d))
+            segment: a
+                .m4gn()
+                .map(|_| linear::columns(isa, model, "decoder.0", d..2 * d))
                 .transpose()?,
             mean: model.tensor("norm.output.mean")?.data.clone(),
             std: model.tensor("norm.output.std")?.data.clone(),
@@ -207,10 +188,7 @@ impl<T: Number> Decoder<T> {
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         let inner: usize = self.inner.iter().map(|l| l.weight.bytes()).sum();
-        inner
-            + self.first.as_ref().map_or(0, |w| w.bytes())
-            + self.segment.as_ref().map_or(0, |w| w.bytes())
-            + self.last.weight.bytes()
+        inner + self.first.bytes() + self.segment.as_ref().map_or(0, |w| w.bytes()) + self.last.weight.bytes()
     }
 
     /// Columns of the first layer's output, padded.
@@ -231,33 +209,26 @@ impl<T: Number> Decoder<T> {
             raw,
             ..
         } = scratch;
-        let addend = match &self.first {
-            None => Addend::Rows(sums),
-            Some(first) => {
-                let columns = first.columns();
-                let size = n * columns;
-                narrow(isa, &c[..size], &mut x[..size]);
-                let (mut from, mut to) = (a, b);
-                let f = self.function;
-                let rows = Addend::Rows(sums);
-                let wide = self.inner.is_empty();
-                let place = match wide {
-                    true => Output::Wide(c),
-                    false => Output::Narrow(from),
-                };
-                product(isa, first, (x, columns), n, rows, f, place);
-                for (i, layer) in self.inner.iter().enumerate() {
-                    let place = match i + 1 == self.inner.len() {
-                        true => Output::Wide(c),
-                        false => Output::Narrow(to),
-                    };
-                    let bias = Addend::Bias(&layer.bias);
-                    product(isa, &layer.weight, (from, columns), n, bias, f, place);
-                    std::mem::swap(&mut from, &mut to);
-                }
-                Addend::Bias(&self.last.bias)
-            }
+        let columns = self.first.columns();
+        let size = n * columns;
+        narrow(isa, &c[..size], &mut x[..size]);
+        let (mut from, mut to) = (a, b);
+        let f = self.function;
+        let place = match self.inner.is_empty() {
+            true => Output::Wide(c),
+            false => Output::Narrow(from),
         };
+        let rows = Addend::Rows(sums);
+        product(isa, &self.first, (x, columns), n, rows, f, place);
+        for (i, layer) in self.inner.iter().enumerate() {
+            let place = match i + 1 == self.inner.len() {
+                true => Output::Wide(c),
+                false => Output::Narrow(to),
+            };
+            let bias = Addend::Bias(&layer.bias);
+            product(isa, &layer.weight, (from, columns), n, bias, f, place);
+            std::mem::swap(&mut from, &mut to);
+        }
         let stride = padded(self.last.weight.inputs());
         let identity = Function::Identity;
         product(
@@ -265,7 +236,7 @@ impl<T: Number> Decoder<T> {
             &self.last.weight,
             (c, stride),
             n,
-            addend,
+            Addend::Bias(&self.last.bias),
             identity,
             Output::Wide(raw),
         );

@@ -1,8 +1,8 @@
 //! Weights of linear layers and perceptrons in the order that the kernels read them.
 
 use super::kernels::{Addend, Function, Isa, Norm, Number, Output, Packed, padded, product};
-use crate::Result;
-use crate::model::{Activation, Model};
+use m4gn_mesh::Result;
+use m4gn_model::{Activation, Model};
 use std::ops::Range;
 
 /// Columns `columns` of tensor `NAME.weight [outputs, all inputs]`.
@@ -93,9 +93,9 @@ impl<T: Number> Tail<T> {
         })
     }
 
-    /// What follows the first layer; none when it is the last, whose output then is the perceptron's.
-    pub fn first_function(&self) -> Option<Function> {
-        (!self.layers.is_empty()).then_some(self.function)
+    /// What follows the first layer.
+    pub fn function(&self) -> Function {
+        self.function
     }
 
     /// Bytes of the weights.
@@ -104,8 +104,6 @@ impl<T: Number> Tail<T> {
     }
 
     /// From the first layer's activated output in `a` (n rows) to the last layer's in `c`.
-    ///
-    /// Without layers nothing is done: the first layer's output is to stand in `c`.
     pub fn run(&self, isa: Isa, n: usize, a: &mut [T], b: &mut [T], c: &mut [f32]) {
         let (mut from, mut to) = (a, b);
         let Some((last, inner)) = self.layers.split_last() else {

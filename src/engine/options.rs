@@ -1,9 +1,11 @@
 //! How the engine computes: precision, threads, instruction set.
 
-use crate::{Error, Result};
+use m4gn_mesh::{Error, Result};
+use serde::{Deserialize, Serialize};
 
 /// In what the network's products are computed. Sums, norms and softmax are in fp32 in either.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// Weights, activations and latents in fp32.
     #[default]

@@ -1,10 +1,10 @@
 //! The order of nodes within the engine: neighbours close to each other, so that what they gather is in cache, and
 //! nodes that wait for other ranks last.
 
-use crate::graph::Graph;
+use m4gn_segments::graph::Graph;
 
 /// A numbering of the owned nodes of a graph, and its edges in that numbering.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Order {
     /// Nodes in the order of the search, before those that wait for ghosts went last.
     pub search: Vec<u32>,
@@ -110,8 +110,8 @@ fn cuthill_mckee(graph: &Graph) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::sample;
-    use crate::parallel::Comm;
+    use m4gn_mesh::parallel::Comm;
+    use m4gn_mesh::sample;
 
     #[test]
     fn every_node_and_edge_once_and_neighbours_close() {
@@ -147,7 +147,7 @@ mod tests {
             senders: vec![3, 1, 0, 2, 1],
             receivers: vec![0, 0, 1, 1, 2],
             edge_features: vec![0.0; 15],
-            halo: crate::parallel::Halo::empty(),
+            halo: m4gn_mesh::parallel::Halo::empty(),
         };
         let order = Order::new(&graph);
         assert_eq!((order.n_interior, order.node[2]), (2, 0));

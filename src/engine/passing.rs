@@ -6,8 +6,8 @@ use super::kernels::{
 use super::linear::{self, Tail};
 use super::profile::Phase;
 use super::tiles::{Scratch, Tile};
-use crate::Result;
-use crate::model::Model;
+use m4gn_mesh::Result;
+use m4gn_model::Model;
 
 /// Weights of a layer, the first one of the edge network cut by input.
 #[derive(Debug)]
@@ -146,18 +146,8 @@ impl<T: Number> Layer<T> {
                 first,
             };
             let from = (before.unwrap_or(edges), columns);
-            match self.edge_tail.first_function() {
-                Some(f) => product(isa, &self.edge_edge, from, m, ends, f, Output::Narrow(a)),
-                None => product(
-                    isa,
-                    &self.edge_edge,
-                    from,
-                    m,
-                    ends,
-                    Function::Identity,
-                    Output::Wide(c),
-                ),
-            }
+            let (f, out) = (self.edge_tail.function(), Output::Narrow(a));
+            product(isa, &self.edge_edge, from, m, ends, f, out);
             self.edge_tail.run(isa, m, a, b, c);
             let out = Normed::Edges {
                 before,
@@ -180,18 +170,8 @@ impl<T: Number> Layer<T> {
         }
         let bias = Addend::Bias(&self.node_bias);
         let from = (&x[..], 2 * columns);
-        match self.node_tail.first_function() {
-            Some(f) => product(isa, &self.node_first, from, n, bias, f, Output::Narrow(a)),
-            None => product(
-                isa,
-                &self.node_first,
-                from,
-                n,
-                bias,
-                Function::Identity,
-                Output::Wide(c),
-            ),
-        }
+        let (f, out) = (self.node_tail.function(), Output::Narrow(a));
+        product(isa, &self.node_first, from, n, bias, f, out);
         self.node_tail.run(isa, n, a, b, c);
         layer_norm::<T>(isa, &self.node_norm, c, n, Normed::Residual(h));
         clock.stop(Phase::Nodes);

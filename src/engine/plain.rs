@@ -1,8 +1,8 @@
 //! The network written down as the paper has it, in fp64 with straight loops: what the engine is tested against.
 
 use super::SegmentView;
-use crate::graph::Graph;
-use crate::model::{Activation, Model};
+use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model};
+use m4gn_segments::graph::Graph;
 
 type Rows = Vec<Vec<f64>>;
 
@@ -97,9 +97,53 @@ impl Plain<'_> {
         }
     }
 
+    /// eq. 1 of the edges.
+    fn edges(&self, graph: &Graph) -> Rows {
+        let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
+        features
+            .map(|x| self.mlp("encoder.edge", &self.normalise("edge", x), true))
+            .collect()
+    }
+
+    /// All layers and the macro stage; what a node's segments add to what the decoder reads.
+    fn m4gn(&self, m: &M4gn, graph: &Graph, view: &SegmentView, h: &mut Rows) -> Rows {
+        let mut e = self.edges(graph);
+        (0..m.layers_before).for_each(|l| self.pass(l, graph, h, &mut e));
+        let x = self.segments(&m.segment_transformer, view, h);
+        let context: Rows = (0..h.len()).map(|i| segment_of(view, &x, i)).collect();
+        if m.layers_after > 0 {
+            for (h, context) in h.iter_mut().zip(&context) {
+                let both = [&h[..], context].concat();
+                add(h, &self.linear("segment.dispatch", &both));
+            }
+        }
+        (m.layers_before..m.layers_before + m.layers_after).for_each(|l| self.pass(l, graph, h, &mut e));
+        context
+    }
+
+    /// Kipf & Welling 2016, eq. 2.
+    fn convolve(&self, l: usize, graph: &Graph, h: &mut Rows) {
+        let degree = |i: usize| 1.0 + f64::from(graph.row[i + 1] - graph.row[i]);
+        let sums: Rows = (0..h.len())
+            .map(|r| {
+                let mut sum: Vec<f64> = h[r].iter().map(|x| x / degree(r)).collect();
+                for e in graph.row[r] as usize..graph.row[r + 1] as usize {
+                    let s = graph.senders[e] as usize;
+                    let share = 1.0 / (degree(s) * degree(r)).sqrt();
+                    let part: Vec<f64> = h[s].iter().map(|x| share * x).collect();
+                    add(&mut sum, &part);
+                }
+                sum
+            })
+            .collect();
+        for (h, sum) in h.iter_mut().zip(sums) {
+            let x = self.linear(&format!("processor.{l}.convolution"), &sum);
+            *h = x.into_iter().map(|v| self.activate(v)).collect();
+        }
+    }
+
     /// eq. 9 to 13.
-    fn segments(&self, view: &SegmentView, h: &Rows) -> Rows {
-        let spec = self.0.spec.architecture.segment_transformer.as_ref().unwrap();
+    fn segments(&self, spec: &MacroSpec, view: &SegmentView, h: &Rows) -> Rows {
         let d = self.0.spec.architecture.width;
         let mut x = vec![vec![0.0; d]; view.count];
         for (i, h) in h.iter().enumerate() {
@@ -176,7 +220,7 @@ fn segment_of(view: &SegmentView, x: &Rows, node: usize) -> Vec<f64> {
 pub fn forward(model: &Model, graph: &Graph, segments: Option<&SegmentView>, inputs: &[f32]) -> Vec<f64> {
     let spec = &model.spec;
     let net = Plain(model);
-    let (k, a) = (spec.n_field_inputs(), &spec.architecture);
+    let k = spec.n_field_inputs();
     let mut h: Rows = (0..graph.n_owned)
         .map(|i| {
             let mut x = net.normalise("node", &inputs[i * k..(i + 1) * k]);
@@ -192,27 +236,22 @@ pub fn forward(model: &Model, graph: &Graph, segments: Option<&SegmentView>, inp
             net.mlp("encoder.node", &x, true)
         })
         .collect();
-    let mut e: Rows = graph
-        .edge_features
-        .chunks(spec.n_edge_features())
-        .map(|x| net.mlp("encoder.edge", &net.normalise("edge", x), true))
-        .collect();
-    (0..a.layers_before).for_each(|l| net.pass(l, graph, &mut h, &mut e));
-    let stage = segments.map(|view| (view, net.segments(view, &h)));
-    if let (Some((view, x)), true) = (&stage, a.layers_after > 0) {
-        for (i, h) in h.iter_mut().enumerate() {
-            let both = [&h[..], &segment_of(view, x, i)].concat();
-            add(h, &net.linear("segment.dispatch", &both));
+    let context = match &spec.architecture.kind {
+        Kind::M4gn(m) => net.m4gn(m, graph, segments.unwrap(), &mut h),
+        Kind::MeshGraphNet { layers } => {
+            let mut e = net.edges(graph);
+            (0..*layers).for_each(|l| net.pass(l, graph, &mut h, &mut e));
+            vec![vec![]; h.len()]
         }
-    }
-    (a.layers_before..a.layers_before + a.layers_after).for_each(|l| net.pass(l, graph, &mut h, &mut e));
+        Kind::Gcn { layers } => {
+            (0..*layers).for_each(|l| net.convolve(l, graph, &mut h));
+            vec![vec![]; h.len()]
+        }
+    };
     let (mean, std) = (net.tensor("norm.output.mean"), net.tensor("norm.output.std"));
     (0..graph.n_cells)
         .flat_map(|i| {
-            let x = match &stage {
-                Some((view, x)) => [&h[i][..], &segment_of(view, x, i)].concat(),
-                None => h[i].clone(),
-            };
+            let x = [&h[i][..], &context[i]].concat();
             let y = net.mlp("decoder", &x, false);
             y.into_iter()
                 .zip(&std)

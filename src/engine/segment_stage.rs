@@ -10,9 +10,9 @@ use super::linear::{self, Tail};
 use super::pool::{Parts, Pool};
 use super::tiles::{block, blocks};
 use super::transformer::{self, TransformerLayer};
-use crate::model::{Model, ModelSpec};
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec};
 
 /// Weights, members and buffers of the macro stage.
 #[derive(Debug)]
@@ -55,16 +55,17 @@ struct Dispatch {
 impl SegmentStage {
     /// The macro stage of a model for these segments; `node` is the graph's node at each place of the engine's order.
     pub fn new(isa: Isa, model: &Model, view: &SegmentView, node: &[u32], n_threads: usize) -> Result<Self> {
-        let Some(spec) = &model.spec.architecture.segment_transformer else {
-            return Err(Error::Model("the model has no segment_transformer".into()));
+        let Some(m4gn) = model.spec.architecture.m4gn() else {
+            return Err(Error::Model("the model has no macro stage".into()));
         };
+        let spec = &m4gn.segment_transformer;
         check(view, node.len(), &model.spec)?;
         let (k, d) = (view.count, model.spec.architecture.width);
         let columns = padded(d);
         let layers: Vec<_> = (0..spec.layers)
             .map(|l| TransformerLayer::new(isa, model, l))
             .collect::<Result<_>>()?;
-        let dispatch = match model.spec.architecture.layers_after {
+        let dispatch = match m4gn.layers_after {
             0 => None,
             _ => Some(Dispatch {
                 segment: linear::columns(isa, model, "segment.dispatch", d..2 * d)?,
@@ -205,7 +206,7 @@ impl SegmentStage {
 }
 
 /// Memberships, rows and members, with nodes in another order.
-fn reordered((rows, members): (&[u32], &[i32]), node: &[u32]) -> (Vec<u32>, Vec<i32>) {
+pub(super) fn reordered((rows, members): (&[u32], &[i32]), node: &[u32]) -> (Vec<u32>, Vec<i32>) {
     let mut row = Vec::with_capacity(node.len() + 1);
     let mut member = Vec::with_capacity(members.len());
     row.push(0);
@@ -218,7 +219,7 @@ fn reordered((rows, members): (&[u32], &[i32]), node: &[u32]) -> (Vec<u32>, Vec<
 }
 
 /// For each of k segments the places that are members.
-fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32>, Vec<u32>) {
+pub(super) fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32>, Vec<u32>) {
     let mut row = vec![0u32; k + 1];
     member.iter().for_each(|&s| row[s as usize + 1] += 1);
     (0..k).for_each(|s| row[s + 1] += row[s]);
@@ -241,25 +242,20 @@ fn encode_position(isa: Isa, model: &Model, view: &SegmentView) -> Result<Vec<f3
     let bias = linear::bias(model, "segment.position.0")?;
     let tail = Tail::new(isa, model, "segment.position")?;
     let (mut a, mut b, mut c) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
-    let f = tail.first_function();
-    let out = match f {
-        Some(_) => &mut a,
-        None => &mut c,
-    };
     product(
         isa,
         &first,
         (view.position, n),
         k,
         Addend::Bias(&bias),
-        f.unwrap_or(Function::Identity),
-        Output::Wide(out),
+        tail.function(),
+        Output::Wide(&mut a),
     );
     tail.run(isa, k, &mut a, &mut b, &mut c);
     Ok(c)
 }
 
-fn check(view: &SegmentView, n_owned: usize, spec: &ModelSpec) -> Result<()> {
+pub(super) fn check(view: &SegmentView, n_owned: usize, spec: &ModelSpec) -> Result<()> {
     let k = view.count;
     let encodings = k * spec.n_position_features();
     let offsets = n_owned * spec.n_offset_features();

@@ -1,11 +1,12 @@
 //! The engine against the plain network, in every instruction set that this processor has.
 
 use super::*;
-use crate::mesh::sample;
-use crate::model::{Activation, MacroSpec, ModelSpec, tests::spec};
+use m4gn_mesh::sample;
+use m4gn_model::sample::spec;
+use m4gn_model::{Activation, Kind, MacroSpec, ModelSpec};
 
 /// Segments of a graph: enough of a view, with nodes of two segments where there is overlap.
-struct Segments {
+pub(super) struct Segments {
     member_row: Vec<u32>,
     member: Vec<i32>,
     sizes: Vec<f64>,
@@ -16,7 +17,7 @@ struct Segments {
 const K: usize = 5;
 
 impl Segments {
-    fn new(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Self {
+    pub(super) fn new(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Self {
         let (mut member_row, mut member, mut sizes) = (vec![0u32], Vec::new(), vec![0.0; K]);
         for i in 0..graph.n_owned {
             let own = i * K / graph.n_owned;
@@ -38,7 +39,7 @@ impl Segments {
         }
     }
 
-    fn view(&self) -> SegmentView<'_> {
+    pub(super) fn view(&self) -> SegmentView<'_> {
         SegmentView {
             count: K,
             member_row: &self.member_row,
@@ -65,7 +66,7 @@ impl Case {
         Case {
             segments: spec
                 .architecture
-                .segment_transformer
+                .m4gn()
                 .is_some()
                 .then(|| Segments::new(&spec, &graph, overlap)),
             model: Model::random(spec, 5).unwrap(),
@@ -117,7 +118,7 @@ fn options(isa: Isa, precision: Precision) -> EngineOptions {
     }
 }
 
-fn instruction_sets() -> Vec<Isa> {
+pub(super) fn instruction_sets() -> Vec<Isa> {
     let available = Isa::available();
     for name in ["avx2", "avx512", "avx512-bf16"] {
         if !available.iter().any(|isa| isa.name() == name) {
@@ -130,33 +131,38 @@ fn instruction_sets() -> Vec<Isa> {
 /// Networks of all kinds: each entry of the lists with each.
 fn specs() -> Vec<(ModelSpec, bool)> {
     let mut all = Vec::new();
-    for hidden_layers in [0, 1, 2, 3] {
+    for hidden_layers in [1, 2, 3] {
         for activation in [Activation::Relu, Activation::Silu] {
             for (layers_after, width) in [(0, 8), (1, 20), (2, 64), (0, 128), (1, 81)] {
                 let mut s = spec();
                 s.architecture.width = width;
                 s.architecture.hidden_layers = hidden_layers;
                 s.architecture.activation = activation;
-                s.architecture.layers_after = layers_after;
                 let rwse_steps = if width == 64 { 5 } else { 0 };
-                s.architecture.segment_transformer = Some(MacroSpec {
+                let m4gn = s.architecture.m4gn_mut().unwrap();
+                m4gn.layers_after = layers_after;
+                m4gn.segment_transformer = MacroSpec {
                     layers: 2,
                     heads: if width == 81 { 3 } else { 4 },
                     ffn_width: 24,
                     rwse_steps,
                     centroids: layers_after == 1,
                     offsets: layers_after > 0,
-                });
+                };
                 all.push((s, layers_after > 0));
             }
         }
     }
     let mut s = spec();
-    s.architecture.segment_transformer = None;
-    s.architecture.layers_after = 0;
+    for (width, layers) in [(8, 1), (81, 3)] {
+        s.architecture.width = width;
+        s.architecture.kind = Kind::Gcn { layers };
+        all.push((s.clone(), false));
+    }
+    s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     all.push((s.clone(), false));
     s.fields[0].input = false;
-    s.fields[0].output = crate::model::Output::Value;
+    s.fields[0].output = m4gn_model::Output::Value;
     all.push((s, false));
     all
 }

@@ -1,7 +1,7 @@
 //! Is a mesh whole? Everything that later code relies on is checked here once, with the place named.
 
-use super::{ElasticModes, Mesh, NodeType};
 use crate::parallel::Comm;
+use crate::{ElasticModes, Mesh, NodeType};
 use crate::{Error, Result};
 
 /// Sizes of a mesh over all ranks.
@@ -50,6 +50,23 @@ impl Mesh {
             )),
         })?;
         Ok(GlobalSizes { cells, boundary })
+    }
+
+    /// Checks that this rank's cells are finite places and the global numbers a permutation of 0 to N - 1 over all
+    /// ranks; returns N. Collective; all ranks fail together.
+    pub(crate) fn check_points(&self, comm: &Comm) -> Result<usize> {
+        let local = || {
+            length(
+                "cell_centres",
+                self.cell_centres.len(),
+                "cells",
+                self.cell_global.len(),
+            )?;
+            let mut centres = self.cell_centres.iter().enumerate();
+            centres.try_for_each(|(i, centre)| finite("cell_centres", i, centre))
+        };
+        comm.agree(local())?;
+        Ok(permutation(comm, "cell_global", &self.cell_global)? as usize)
     }
 
     fn check_local(&self, size: i32) -> Result<()> {
@@ -241,7 +258,7 @@ fn permutation(comm: &Comm, name: &str, numbers: &[i64]) -> Result<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::sample;
+    use crate::sample;
     use proptest::prelude::*;
 
     fn message(mesh: &Mesh) -> String {
@@ -312,11 +329,11 @@ mod tests {
                 8 => pick(&mut m.boundary, at).coeff = x,
                 9 => { m.face_owner.truncate(at % 10); }
                 10 => { m.cell_volumes.truncate(at % 10); }
-                _ => m.coupled.push(crate::mesh::CoupledFace {
+                _ => m.coupled.push(crate::CoupledFace {
                     owner: value as i32, rank: (at % 3) as i32 - 1, global: value, delta: [x, 0.0, 0.0], coeff: 1.0,
                 }),
             }
-            let _ = crate::graph::Graph::new(&m, &Comm::serial());
+            let _ = m.check(&Comm::serial());
         }
     }
 }

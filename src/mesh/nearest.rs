@@ -1,6 +1,6 @@
 //! Nearest neighbours among points: a k-d tree.
 
-use crate::solids::{Vector, dot, sub};
+use crate::vector::{Vector, dot, sub};
 
 /// Points in a balanced tree: the middle of each range splits it by the coordinate in which it is widest.
 #[derive(Clone, Debug)]

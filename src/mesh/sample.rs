@@ -3,7 +3,10 @@
 //!
 //! Coefficients are those of the finite-volume Laplacian, face area over distance of the centres.
 
-use super::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use crate::body::{Body, Material};
+use crate::elements::{ElementKind, Elements};
+use crate::vector::Vector;
+use crate::{BoundaryFace, CoupledFace, Mesh, NodeType};
 
 /// Patches of the rectangles and blocks.
 const PATCHES: [&str; 3] = ["inlet", "outlet", "walls"];
@@ -283,6 +286,46 @@ pub fn part(mesh: &Mesh, ranks: &[i32], rank: i32) -> Mesh {
         });
     }
     out
+}
+
+/// A bar of `n` unit cubes along x, held at x = 0.
+pub fn bar(n: usize) -> Body {
+    let corner = |p: usize| [p / 4, p % 2, p / 2 % 2].map(|v| v as f64);
+    let positions: Vec<Vector> = (0..4 * (n + 1)).map(corner).collect();
+    let cube = |i: usize| [0, 4, 5, 1, 2, 6, 7, 3].map(|p| (4 * i + p) as i32);
+    let elements = Elements::of_kind(ElementKind::Hexahedron, (0..n).flat_map(cube).collect());
+    let material = Material {
+        young: 1e6,
+        poisson: 0.3,
+        density: 1000.0,
+    };
+    let kind = |p: usize| if p < 4 { NodeType::Handle } else { NodeType::Body };
+    Body {
+        types: (0..positions.len()).map(kind).collect(),
+        material: vec![material; n],
+        edges: elements.edges(),
+        elements,
+        positions,
+    }
+}
+
+/// The closed surface of a box from 0 to `size`: points and triangles, normals outward.
+pub fn brick(size: Vector) -> (Vec<Vector>, Vec<[i32; 3]>) {
+    let points = (0..8i32).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from));
+    let points = points.map(|p| std::array::from_fn(|i| p[i] * size[i])).collect();
+    let quads = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    let triangles = quads
+        .iter()
+        .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
+        .collect();
+    (points, triangles)
 }
 
 fn empty(directions: Vec<usize>) -> Mesh {

@@ -1,6 +1,6 @@
 //! Points within a radius: a grid of cubes as wide as the radius.
 
-use crate::solids::{Vector, dot, sub};
+use crate::vector::{Vector, dot, sub};
 use std::collections::HashMap;
 
 /// Points by the cube that they lie in.

@@ -1,8 +1,8 @@
 //! What a model's description must satisfy before anything is made from it.
 
-use super::{MacroSpec, ModelSpec, Output};
-use crate::mesh::NodeType;
-use crate::{Error, Result};
+use super::{Architecture, Kind, MacroSpec, ModelSpec, Output};
+use m4gn_mesh::NodeType;
+use m4gn_mesh::{Error, Result};
 
 /// Version of the header schema that this library reads and writes.
 const FORMAT: u32 = 1;
@@ -12,12 +12,25 @@ const FORMAT: u32 = 1;
 const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
 
+/// What is wrong, with the key that it is about.
+type Verdict = std::result::Result<(), String>;
+
 impl ModelSpec {
     /// Checks that the description is one that a network can be made of.
     ///
     /// # Errors
     /// [`Error::Model`] naming the entry, what was expected and what was found.
     pub fn check(&self) -> Result<()> {
+        self.verify()
+            .map_err(|e| Error::Model(format!("model description: {e}")))
+    }
+
+    /// The same, for a caller that knows where the description stands: the one check of model files, training
+    /// configurations and networks.
+    ///
+    /// # Errors
+    /// The entry, what was expected and what was found.
+    pub fn verify(&self) -> Verdict {
         expect(self.format == FORMAT, || {
             format!(
                 "format: expected {FORMAT}, found {}: written by another version of m4gn",
@@ -30,14 +43,27 @@ impl ModelSpec {
         expect(self.stride.is_finite() && self.stride > 0.0, || {
             format!("stride: expected a positive time in s, found {}", self.stride)
         })?;
-        self.check_fields()?;
         self.check_contact()?;
+        self.check_resolution()?;
+        self.check_fields()?;
         self.check_node_types()?;
-        self.check_architecture()?;
-        self.check_segments()
+        self.architecture.verify()?;
+        self.segments.check().map_err(|e| e.to_string())
     }
 
-    fn check_fields(&self) -> Result<()> {
+    fn check_resolution(&self) -> Verdict {
+        let Some(length) = self.resolution else {
+            return Ok(());
+        };
+        expect(length.is_finite() && length > 0.0, || {
+            format!("resolution: expected a positive length in m, found {length}")
+        })?;
+        expect(self.contact.is_none(), || {
+            "resolution beside contact: the points of a body that moves cannot be agglomerated; leave one of the two out".into()
+        })
+    }
+
+    fn check_fields(&self) -> Verdict {
         for (i, field) in self.fields.iter().enumerate() {
             let name = &field.name;
             expect(!name.is_empty() && !name.contains('\0'), || {
@@ -59,10 +85,13 @@ impl ModelSpec {
         expect(self.fields.len() <= MAX_LAYERS, || {
             format!("fields: {} are too many", self.fields.len())
         })?;
-        expect(self.n_outputs() > 0, || "fields: no field is an output".into())
+        expect(self.n_outputs() > 0, || "fields: no field is an output".into())?;
+        expect(self.n_field_inputs() > 0, || {
+            "fields: no field is an input".into()
+        })
     }
 
-    fn check_contact(&self) -> Result<()> {
+    fn check_contact(&self) -> Verdict {
         let Some(contact) = &self.contact else {
             return Ok(());
         };
@@ -76,13 +105,23 @@ impl ModelSpec {
             format!("contact: bodies are three-dimensional, found dim {}", self.dim)
         })?;
         let first = self.fields.first();
-        let carries = first.is_some_and(|f| f.vector && !f.input && f.output == Output::Delta);
+        let carries =
+            first.is_some_and(|f| f.name == "D" && f.vector && !f.input && f.output == Output::Delta);
         expect(carries && self.fields.len() == 1, || {
-            "contact: expected one field, the displacement: a vector, no input (edges carry it), output \"delta\"".into()
+            "fields: with [contact] expected one, { name = \"D\", input = false, output = \"delta\" }, the displacement: a \
+             vector that the edges carry"
+                .into()
+        })?;
+        expect(self.architecture.reads_edges(), || {
+            format!(
+                "kind {}: it reads no edges, which carry the positions of bodies with [contact]; use \"m4gn\" or \
+                 \"mesh-graph-net\"",
+                self.architecture.name().name()
+            )
         })
     }
 
-    fn check_node_types(&self) -> Result<()> {
+    fn check_node_types(&self) -> Verdict {
         let unknown = match self.contact {
             Some(_) => NodeType::Body,
             None => NodeType::Fluid,
@@ -98,73 +137,63 @@ impl ModelSpec {
         }
         Ok(())
     }
+}
 
-    fn check_architecture(&self) -> Result<()> {
-        let a = &self.architecture;
+impl Architecture {
+    fn verify(&self) -> Verdict {
         let within = |name: &str, value: usize, low: usize, high: usize| {
             expect((low..=high).contains(&value), || {
                 format!("{name}: expected {low} to {high}, found {value}")
             })
         };
-        within("architecture.width", a.width, 1, MAX_WIDTH)?;
-        within("architecture.hidden_layers", a.hidden_layers, 0, 16)?;
-        within("architecture.layers_before", a.layers_before, 0, MAX_LAYERS)?;
-        within("architecture.layers_after", a.layers_after, 0, MAX_LAYERS)?;
-        match &a.segment_transformer {
-            Some(MacroSpec {
-                layers,
-                heads,
-                ffn_width,
-                rwse_steps,
-                ..
-            }) => {
-                within("segment_transformer.layers", *layers, 0, MAX_LAYERS)?;
-                within("segment_transformer.heads", *heads, 1, a.width)?;
-                within("segment_transformer.ffn_width", *ffn_width, 1, 4 * MAX_WIDTH)?;
-                within("segment_transformer.rwse_steps", *rwse_steps, 0, MAX_LAYERS)?;
-                expect(a.width.is_multiple_of(*heads), || {
+        within("width", self.width, 1, MAX_WIDTH)?;
+        within("hidden_layers", self.hidden_layers, 1, 16)?;
+        match &self.kind {
+            Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => within("layers", *layers, 0, MAX_LAYERS),
+            Kind::M4gn(m) => {
+                let MacroSpec {
+                    layers,
+                    heads,
+                    ffn_width,
+                    rwse_steps,
+                    ..
+                } = &m.segment_transformer;
+                within("layers_before", m.layers_before, 0, MAX_LAYERS)?;
+                within("layers_after", m.layers_after, 0, MAX_LAYERS)?;
+                within("macro stage, layers", *layers, 0, MAX_LAYERS)?;
+                within("macro stage, heads", *heads, 1, self.width)?;
+                within("macro stage, ffn_width", *ffn_width, 1, 4 * MAX_WIDTH)?;
+                within("macro stage, rwse_steps", *rwse_steps, 0, MAX_LAYERS)?;
+                expect(self.width.is_multiple_of(*heads), || {
                     format!(
-                        "segment_transformer.heads: {heads} does not divide the width {}",
-                        a.width
+                        "macro stage, heads: {heads} does not divide the width {}",
+                        self.width
                     )
                 })
             }
-            None => expect(a.layers_after == 0, || {
-                "layers_after: there is no segment_transformer that layers could come after; use layers_before".into()
-            }),
         }
-    }
-
-    fn check_segments(&self) -> Result<()> {
-        let s = &self.segments;
-        expect((1..=1 << 20).contains(&s.count), || {
-            format!("segments.count: expected 1 to {}, found {}", 1 << 20, s.count)
-        })?;
-        s.check()
-            .map_err(|e| Error::Model(format!("model description: {e}")))
     }
 }
 
-/// An [`Error::Model`] with this message unless `ok`.
-fn expect(ok: bool, message: impl FnOnce() -> String) -> Result<()> {
-    if ok {
-        Ok(())
-    } else {
-        Err(Error::Model(format!("model description: {}", message())))
+/// This message unless `ok`.
+fn expect(ok: bool, message: impl FnOnce() -> String) -> Verdict {
+    match ok {
+        true => Ok(()),
+        false => Err(message()),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::mesh::NodeType;
-    use crate::model::tests::{bodies, spec};
-    use crate::model::{ContactSpec, MacroSpec, Output};
+    use crate::sample::{bodies, spec};
+    use crate::{ContactSpec, Kind, MacroSpec, Output};
+    use m4gn_mesh::NodeType;
 
     #[test]
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
-        type Change = fn(&mut crate::model::ModelSpec);
-        let broken: [(&str, Change); 11] = [
+        type Change = fn(&mut crate::ModelSpec);
+        let broken: [(&str, Change); 13] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -176,9 +205,16 @@ mod tests {
             }),
             ("fluid", |s| s.node_types.retain(|t| *t != NodeType::Fluid)),
             ("heads", |s| {
-                s.architecture.segment_transformer.as_mut().unwrap().heads = 3
+                s.architecture.m4gn_mut().unwrap().segment_transformer.heads = 3
             }),
-            ("layers_after", |s| s.architecture.segment_transformer = None),
+            ("layers: expected", |s| {
+                s.architecture.kind = Kind::Gcn { layers: 1025 }
+            }),
+            ("hidden_layers", |s| s.architecture.hidden_layers = 0),
+            ("no field is an input", |s| {
+                s.fields.truncate(1);
+                (s.fields[0].input, s.fields[0].output) = (false, Output::Value);
+            }),
             ("width", |s| s.architecture.width = 0),
             ("segments.count", |s| s.segments.count = 0),
         ];
@@ -198,18 +234,23 @@ mod tests {
         for (word, s) in [
             ("radius", contact(0.0, false)),
             ("edges carry", contact(0.01, true)),
+            ("reads no edges", {
+                let mut s = bodies();
+                s.architecture.kind = Kind::Gcn { layers: 1 };
+                s
+            }),
         ] {
             assert!(s.check().unwrap_err().to_string().contains(word));
         }
         let mut s = spec();
-        s.architecture.segment_transformer = Some(MacroSpec {
+        s.architecture.m4gn_mut().unwrap().segment_transformer = MacroSpec {
             layers: 0,
             heads: 1,
             ffn_width: 1,
             rwse_steps: 0,
             centroids: false,
             offsets: false,
-        });
+        };
         assert!(s.check().is_ok());
     }
 }

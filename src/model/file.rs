@@ -3,11 +3,10 @@
 //! A file is data only: nothing in it is run, every length is checked against the file before it is used.
 
 use super::{Model, ModelSpec, Tensor};
-use crate::{Error, Result};
+use m4gn_mesh::{Error, Result};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensorError, SafeTensors};
 use std::collections::{BTreeMap, HashMap};
-use std::io::Write;
 use std::path::Path;
 
 /// Metadata key of the description.
@@ -132,20 +131,7 @@ impl Model {
         let path = path.as_ref();
         self.check()?;
         let bytes = self.to_bytes()?;
-        let failed = |e: std::io::Error| Error::file(path, format!("the model cannot be written: {e}"));
-        let folder = match path.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".m4gn-model-");
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut temporary = builder.tempfile_in(folder).map_err(failed)?;
-        temporary.write_all(&bytes).map_err(failed)?;
-        temporary.as_file().sync_all().map_err(failed)?;
-        temporary.persist(path).map_err(|e| failed(e.error))?;
-        Ok(())
+        m4gn_mesh::files::write_whole(path, &bytes)
     }
 }
 
@@ -167,7 +153,7 @@ fn damaged(e: &SafeTensorError, length: usize) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::tests::spec;
+    use crate::sample::spec;
     use proptest::prelude::*;
 
     #[test]
@@ -215,12 +201,12 @@ mod tests {
     }
 
     /// The C++ tests' model is of today's format: it is made again with
-    /// `cargo run --example random_model -- tests/cabi/small.safetensors 1`.
+    /// `cargo run -p m4gn-workbench --example random_model -- tests/cabi/small.safetensors 1`.
     #[test]
     fn the_model_of_the_abi_tests_is_current() {
         let model = Model::read(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/tests/cabi/small.safetensors"
+            "/../../tests/cabi/small.safetensors"
         ))
         .unwrap();
         assert_eq!(model.spec.segments.count, 4);

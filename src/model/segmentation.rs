@@ -1,10 +1,15 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
-use crate::mesh::Mesh;
-use crate::modes::ModeCount;
-use crate::{Error, Result};
+use crate::modal::{ModalOptions, ModalSolver, ModeCount};
+use crate::settings::{self, object};
+use m4gn_mesh::Mesh;
+use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Map, Value};
 use std::fmt;
+
+/// Largest number of segments that a description may ask for.
+const MOST: usize = 1 << 20;
 
 /// First partition and its refinement (paper, section 3.3.3 and appendix B.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -138,6 +143,19 @@ pub struct SegmentSpec {
     pub obstacles: Vec<String>,
     /// Overlap delta of section 3.3.1, in layers of neighbours.
     pub overlap: usize,
+    /// The way to the modes.
+    #[serde(skip_serializing_if = "is_default")]
+    pub modal_solver: ModalSolver,
+    /// Options of PETSc and SLEPc for the modes ([`ModalOptions::petsc`]).
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub petsc_options: String,
+}
+
+/// Entries that say how the modes are computed, and nothing of what the segments are.
+const WAY: [&str; 2] = ["modal_solver", "petsc_options"];
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl Default for SegmentSpec {
@@ -155,6 +173,8 @@ impl Default for SegmentSpec {
             distance_scale: None,
             obstacles: Vec::new(),
             overlap: 0,
+            modal_solver: ModalSolver::default(),
+            petsc_options: String::new(),
         }
     }
 }
@@ -187,6 +207,22 @@ impl SegmentSpec {
         }
     }
 
+    /// How many modes, and the way to them.
+    pub fn modal(&self) -> ModalOptions {
+        ModalOptions {
+            count: self.mode_count(),
+            solver: self.modal_solver,
+            petsc: self.petsc_options.clone(),
+        }
+    }
+
+    /// The entries that the segments themselves depend on: all but the way to the modes.
+    pub fn entries(&self) -> Map<String, Value> {
+        let mut all = object(serde_json::to_value(self).unwrap_or_default());
+        all.retain(|name, _| !WAY.contains(&name.as_str()));
+        all
+    }
+
     /// The number of modes as a modal solution takes it.
     pub fn mode_count(&self) -> ModeCount {
         match self.energy {
@@ -208,8 +244,8 @@ impl SegmentSpec {
                 "segments.{what}: expected {expected}, found {found}"
             )))
         };
-        if self.count == 0 {
-            return bad("count", "at least 1", 0.0);
+        if !(1..=MOST).contains(&self.count) {
+            return bad("count", &format!("1 to {MOST}"), self.count as f64);
         }
         if !(self.tau.is_finite() && self.tau >= 0.0) {
             return bad("tau", "a finite number that is not negative", self.tau);
@@ -233,6 +269,52 @@ impl SegmentSpec {
     }
 }
 
+/// Some entries of a description of segments, which differ from another one: what a case, a host or a command line
+/// says. Each is of the type that [`SegmentSpec`] has; whether its value is in range, [`SegmentEntries::over`] says.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Map<String, Value>")]
+pub struct SegmentEntries(Map<String, Value>);
+
+impl TryFrom<Map<String, Value>> for SegmentEntries {
+    type Error = serde_json::Error;
+
+    fn try_from(entries: Map<String, Value>) -> serde_json::Result<Self> {
+        SegmentSpec::deserialize(Value::Object(entries.clone()))?;
+        Ok(SegmentEntries(entries))
+    }
+}
+
+impl SegmentEntries {
+    /// The entry `name` in place of what was said of it before.
+    pub fn set(&mut self, name: &str, value: impl Into<Value>) {
+        self.0.insert(name.into(), value.into());
+    }
+
+    /// Names of the entries that the segments themselves depend on.
+    pub fn names(&self) -> Vec<String> {
+        let all = self.0.keys().cloned();
+        all.filter(|name| !WAY.contains(&name.as_str())).collect()
+    }
+
+    /// Whether there is an entry of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.0.contains_key(name)
+    }
+
+    /// `base` with these entries in place of its own.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a name that is not known, and as [`SegmentSpec::check`].
+    pub fn over(&self, base: &SegmentSpec) -> Result<SegmentSpec> {
+        let wrong = |e: serde_json::Error| Error::Internal(format!("segments: {e}"));
+        let mut whole = object(serde_json::to_value(base).map_err(wrong)?);
+        whole.extend(self.0.clone());
+        let spec: SegmentSpec = settings::read("segments", &whole.into())?;
+        spec.check()?;
+        Ok(spec)
+    }
+}
+
 /// The segmentation of a model file.
 pub(super) fn of_model_file<'de, D: Deserializer<'de>>(
     deserializer: D,
@@ -243,8 +325,8 @@ pub(super) fn of_model_file<'de, D: Deserializer<'de>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::ModelSpec;
-    use crate::model::tests::spec;
+    use crate::ModelSpec;
+    use crate::sample::spec;
 
     #[test]
     fn names_go_both_ways() {
@@ -279,6 +361,39 @@ mod tests {
         model["segments"]["conected"] = true.into();
         assert!(serde_json::from_value::<ModelSpec>(model).is_err());
         assert!(spec().segments.connected);
+    }
+
+    #[test]
+    fn entries_go_over_a_description() {
+        let entries = |text: &str| crate::settings::parse::<SegmentEntries>("segments", text, &[]).unwrap();
+        let base = SegmentSpec {
+            tau: 0.5,
+            size: Some(0.1),
+            ..SegmentSpec::default()
+        };
+        assert_eq!(entries("{}").over(&base).unwrap(), base);
+        let given = entries(r#"{"count": 9, "size": null, "modalSolver": "direct"}"#);
+        let found = given.over(&base).unwrap();
+        assert_eq!((found.count, found.tau, found.size), (9, 0.5, None));
+        assert_eq!(found.modal().solver, ModalSolver::Direct);
+        assert_eq!(given.names(), ["count", "size"]);
+        assert!(!found.entries().contains_key("modal_solver"));
+        let message = entries(r#"{"energy": 2}"#).over(&base).unwrap_err().to_string();
+        assert!(
+            message.contains("segments.energy: expected a share above 0"),
+            "{message}"
+        );
+        let mut unknown = SegmentEntries::default();
+        unknown.set("cuont", 3);
+        let message = unknown.over(&base).unwrap_err().to_string();
+        assert!(message.contains("segments.cuont: unknown entry"), "{message}");
+        let mut wrong = SegmentEntries::default();
+        wrong.set("tau", f64::NAN);
+        let message = wrong.over(&base).unwrap_err().to_string();
+        assert!(
+            message.contains("segments.tau: expected a number, found null"),
+            "{message}"
+        );
     }
 
     #[test]

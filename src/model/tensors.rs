@@ -1,7 +1,7 @@
 //! The weights: names, shapes, and their check against the description.
 
-use super::{Activation, ModelSpec};
-use crate::{Error, Result};
+use super::{Activation, Kind, M4gn, ModelSpec};
+use m4gn_mesh::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use std::collections::BTreeMap;
 
@@ -37,32 +37,17 @@ impl Model {
             shapes: BTreeMap::new(),
         };
         list.mlp("encoder.node", spec.n_node_features(), d, true);
-        list.mlp("encoder.edge", spec.n_edge_features(), d, true);
-        for l in 0..a.layers_before + a.layers_after {
-            list.mlp(&format!("processor.{l}.edge"), 3 * d, d, true);
-            list.mlp(&format!("processor.{l}.node"), 2 * d, d, true);
-        }
-        if let Some(m) = &a.segment_transformer {
-            list.mlp("segment.encoder", d, d, true);
-            if spec.n_position_features() > 0 {
-                list.mlp("segment.position", spec.n_position_features(), d, false);
+        match &a.kind {
+            Kind::M4gn(m) => {
+                list.messages(spec, m.layers_before + m.layers_after);
+                list.macro_stage(spec, m);
             }
-            for l in 0..m.layers {
-                let name = format!("segment.transformer.{l}");
-                list.norm(&format!("{name}.norm1"), d);
-                for projection in ["q", "k", "v"] {
-                    list.add(format!("{name}.{projection}.weight"), &[d, d]);
-                }
-                list.linear(&format!("{name}.o"), d, d);
-                list.norm(&format!("{name}.norm2"), d);
-                list.linear(&format!("{name}.ffn.0"), d, m.ffn_width);
-                list.linear(&format!("{name}.ffn.1"), m.ffn_width, d);
-            }
-            if a.layers_after > 0 {
-                list.linear("segment.dispatch", 2 * d, d);
+            Kind::MeshGraphNet { layers } => list.messages(spec, *layers),
+            Kind::Gcn { layers } => {
+                (0..*layers).for_each(|l| list.linear(&format!("processor.{l}.convolution"), d, d));
             }
         }
-        let decoder_inputs = if a.segment_transformer.is_some() { 2 * d } else { d };
+        let decoder_inputs = if a.m4gn().is_some() { 2 * d } else { d };
         list.mlp("decoder", decoder_inputs, spec.n_outputs(), false);
         for (name, n) in [
             ("node", spec.n_field_inputs()),
@@ -73,6 +58,13 @@ impl Model {
             list.add(format!("norm.{name}.std"), &[n]);
         }
         list.shapes
+    }
+
+    /// Numbers in each tensor of a model; what overflows is as many as there can be.
+    pub fn tensor_sizes(spec: &ModelSpec) -> Vec<usize> {
+        let shapes = Self::tensor_shapes(spec);
+        let size = |shape: &Vec<usize>| shape.iter().fold(1usize, |n, extent| n.saturating_mul(*extent));
+        shapes.values().map(size).collect()
     }
 
     /// A model with its tensors checked against the description.
@@ -172,6 +164,39 @@ struct Shapes {
 }
 
 impl Shapes {
+    /// The encoder of edges and the networks of message-passing layers (eq. 1 to 3).
+    fn messages(&mut self, spec: &ModelSpec, layers: usize) {
+        let d = self.width;
+        self.mlp("encoder.edge", spec.n_edge_features(), d, true);
+        for l in 0..layers {
+            self.mlp(&format!("processor.{l}.edge"), 3 * d, d, true);
+            self.mlp(&format!("processor.{l}.node"), 2 * d, d, true);
+        }
+    }
+
+    /// The macro stage (eq. 9 to 13), and the dispatch where layers follow.
+    fn macro_stage(&mut self, spec: &ModelSpec, m: &M4gn) {
+        let (d, stage) = (self.width, &m.segment_transformer);
+        self.mlp("segment.encoder", d, d, true);
+        if spec.n_position_features() > 0 {
+            self.mlp("segment.position", spec.n_position_features(), d, false);
+        }
+        for l in 0..stage.layers {
+            let name = format!("segment.transformer.{l}");
+            self.norm(&format!("{name}.norm1"), d);
+            for projection in ["q", "k", "v"] {
+                self.add(format!("{name}.{projection}.weight"), &[d, d]);
+            }
+            self.linear(&format!("{name}.o"), d, d);
+            self.norm(&format!("{name}.norm2"), d);
+            self.linear(&format!("{name}.ffn.0"), d, stage.ffn_width);
+            self.linear(&format!("{name}.ffn.1"), stage.ffn_width, d);
+        }
+        if m.layers_after > 0 {
+            self.linear("segment.dispatch", 2 * d, d);
+        }
+    }
+
     fn add(&mut self, name: String, shape: &[usize]) {
         self.shapes.insert(name, shape.to_vec());
     }
@@ -204,7 +229,7 @@ impl Shapes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::tests::spec;
+    use crate::sample::spec;
 
     #[test]
     fn names_and_shapes_of_a_small_network() {
@@ -223,6 +248,20 @@ mod tests {
         // Two encoders and 2 x 3 processors of 6 tensors each, segment encoder 6, position 4, transformer 13,
         // dispatch 2, decoder 4, normalisers 6.
         assert_eq!(shapes.len(), 8 * 6 + 6 + 4 + 13 + 2 + 4 + 6);
+    }
+
+    #[test]
+    fn other_kinds_have_tensors_of_their_own() {
+        let mut s = spec();
+        s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
+        let shapes = Model::tensor_shapes(&s);
+        assert_eq!(shapes["decoder.0.weight"], [8, 8]);
+        assert_eq!(shapes.len(), 6 * 6 + 4 + 6);
+        s.architecture.kind = Kind::Gcn { layers: 2 };
+        let shapes = Model::tensor_shapes(&s);
+        assert_eq!(shapes["encoder.node.0.weight"], [8, 3 + 4]);
+        assert_eq!(shapes["processor.1.convolution.weight"], [8, 8]);
+        assert_eq!(shapes.len(), 6 + 2 * 2 + 4 + 6);
     }
 
     #[test]

@@ -1,22 +1,22 @@
 //! The Laplacian and the volumes of a mesh as a pair of matrices.
 
-use super::frame::{Extent, Frame};
+use super::frame::Frame;
 use super::problem::{Mass, Problem, Rows};
-use crate::Result;
-use crate::graph::Graph;
-use crate::mesh::Mesh;
-use crate::parallel::Comm;
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Extent, Ghosts, Mesh};
 
 /// K phi = lambda V phi of eq. 6, and where the cells are. Collective.
-pub(super) fn laplacian<'a>(mesh: &'a Mesh, graph: &mut Graph, comm: &Comm) -> Result<(Problem, Frame<'a>)> {
+pub(super) fn laplacian<'a>(mesh: &'a Mesh, comm: &Comm) -> Result<(Problem, Frame<'a>)> {
+    mesh.check(comm)?;
+    let mut ghosts = Ghosts::of(mesh, comm)?;
     let n = mesh.n_cells();
     let first = comm.exclusive_scan_i64(n as i64);
-    let mut number = vec![-1i64; graph.n_local];
+    let mut number = vec![-1i64; ghosts.n_local(mesh)];
     for (i, g) in number.iter_mut().take(n).enumerate() {
         *g = first + i as i64;
     }
-    graph.halo.exchange_i64(comm, &mut number, 1);
-    let coupled = comm.agree(Graph::coupled_nodes(mesh, comm))?;
+    ghosts.halo.exchange_i64(comm, &mut number, 1);
 
     let mut row = vec![1usize; n];
     for (&a, &b) in mesh.face_owner.iter().zip(&mesh.face_neighbour) {
@@ -51,7 +51,7 @@ pub(super) fn laplacian<'a>(mesh: &'a Mesh, graph: &mut Graph, comm: &Comm) -> R
         diagonal[a as usize] += c;
         diagonal[b as usize] += c;
     }
-    for (c, &node) in mesh.coupled.iter().zip(&coupled) {
+    for (c, &node) in mesh.coupled.iter().zip(&ghosts.behind) {
         put(c.owner, number[node as usize], -c.coeff);
         diagonal[c.owner as usize] += c.coeff;
     }

@@ -2,7 +2,7 @@
 
 use super::frame::Frame;
 use super::pair::Pair;
-use crate::parallel::Comm;
+use m4gn_mesh::parallel::Comm;
 
 /// Test functions tried at most.
 const CANDIDATES: usize = 24;

@@ -3,10 +3,10 @@
 use super::gathered::{self, Gathered, Triplet};
 use super::pair::Pair;
 use super::problem::Problem;
-use crate::parallel::Comm;
-use crate::{Error, Result};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
 
 /// All finite eigenpairs, those nearest to `shift` first; the root solves and tells the others. Collective.
 ///
@@ -100,8 +100,9 @@ fn flatten(theta: Vec<(f64, f64)>, vectors: MatRef<f64>, m: &Mat<f64>, shift: f6
     let weighted = m * vectors;
     let mut flat = Vec::with_capacity(order.len() * (2 + 2 * n));
     for i in order {
-        let square = size(&theta[i]).powi(2);
-        let value = (shift + theta[i].0 / square, -theta[i].1 / square);
+        // Not by the square, which is 0 where eigenvalues are beyond 1e154.
+        let s = size(&theta[i]);
+        let value = (shift + theta[i].0 / s / s, -theta[i].1 / s / s);
         gathered::push(&mut flat, value, vectors.col(i).iter(), weighted.col(i).iter());
     }
     flat

@@ -2,8 +2,8 @@
 
 use super::pair::Pair;
 use super::problem::{Mass, Problem, Rows};
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
 
 /// Entries of a symmetric matrix may differ from their mirror images by this, relative to the largest entry.
 const ASYMMETRY: f64 = 1e-8;

@@ -1,8 +1,11 @@
 //! A pair of matrices as distributed rows.
 
 use super::pair::Pair;
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_mesh::parallel::{Comm, same_on_all_ranks};
+use m4gn_mesh::{Error, Result};
+
+/// Sizes of entries and eigenvalues that the solvers' products of two still hold.
+const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
 
 /// This rank's rows of a distributed square matrix (CSR). Rows are numbered rank after rank.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -19,35 +22,6 @@ impl Rows {
     /// Rows of this rank.
     pub fn n(&self) -> usize {
         self.row.len().saturating_sub(1)
-    }
-
-    /// Of all rows on one rank: whether there is an entry (j, i) for each (i, j), whatever its value.
-    #[cfg(feature = "slepc")]
-    pub(crate) fn has_symmetric_pattern(&self) -> bool {
-        // Rows of each column, ascending.
-        let mut first = vec![0usize; self.n() + 1];
-        self.column.iter().for_each(|&j| first[j as usize + 1] += 1);
-        for j in 0..self.n() {
-            first[j + 1] += first[j];
-        }
-        let mut next = first.clone();
-        let mut rows = vec![0i64; self.column.len()];
-        for i in 0..self.n() {
-            for &j in &self.column[self.row[i]..self.row[i + 1]] {
-                rows[next[j as usize]] = i as i64;
-                next[j as usize] += 1;
-            }
-        }
-        let mut columns = Vec::new();
-        (0..self.n()).all(|i| {
-            columns.clear();
-            columns.extend_from_slice(&self.column[self.row[i]..self.row[i + 1]]);
-            columns.sort_unstable();
-            columns.dedup();
-            let mut rows = rows[first[i]..first[i + 1]].to_vec();
-            rows.dedup();
-            columns == rows
-        })
     }
 }
 
@@ -167,7 +141,8 @@ impl Problem {
     /// Size of the largest eigenvalues: the largest K_ii / M_ii where M has a diagonal. Collective.
     ///
     /// # Errors
-    /// [`Error::Input`] if M has no diagonal entry above 0.
+    /// [`Error::Input`] if M has no diagonal entry above 0, or for magnitudes whose squares are no doubles any more: the
+    /// solvers then return wrong eigenvalues, infinite ones among them.
     pub(super) fn eigenvalue_size(&self, comm: &Comm) -> Result<f64> {
         let (k, m) = (self.stiffness.diagonal(comm), self.mass.diagonal(comm));
         let mut largest = [m.iter().copied().fold(0.0, f64::max)];
@@ -180,6 +155,27 @@ impl Problem {
         let weighty = k.iter().zip(&m).filter(|(_, m)| **m > 1e-12 * largest[0]);
         let mut size = [weighty.map(|(k, m)| (k / m).abs()).fold(0.0, f64::max)];
         comm.max_f64(&mut size);
+        let most = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let mass = match &self.mass {
+            Mass::Diagonal(values) => values,
+            Mass::Matrix(rows) => &rows.value,
+        };
+        let mut sizes = [most(&self.stiffness.value), most(mass)];
+        comm.max_f64(&mut sizes);
+        let named = [
+            ("the largest entry of K", sizes[0]),
+            ("the largest entry of M", sizes[1]),
+            ("the largest K_ii / M_ii", size[0]),
+        ];
+        for (name, value) in named {
+            if value != 0.0 && !MAGNITUDES.contains(&value) {
+                return Err(Error::Input(format!(
+                    "{name} is {value:e}: expected a magnitude between {:e} and {:e}; give K and M in other units",
+                    MAGNITUDES.start(),
+                    MAGNITUDES.end()
+                )));
+            }
+        }
         // K = 0 has the eigenvalue 0 only; any size will do.
         Ok(if size[0] > 0.0 { size[0] } else { 1.0 })
     }
@@ -267,20 +263,6 @@ impl Rows {
         };
         self.row.windows(2).enumerate().map(entry).collect()
     }
-}
-
-/// An input error unless these values, none below 0, are those of all other ranks. Collective.
-pub(super) fn same_on_all_ranks(comm: &Comm, values: &[(&str, i64)]) -> Result<()> {
-    let mut extremes: Vec<i64> = values.iter().flat_map(|&(_, v)| [v, -v]).collect();
-    comm.max_i64(&mut extremes);
-    for (pair, (name, _)) in extremes.chunks_exact(2).zip(values) {
-        if pair[0] != -pair[1] {
-            return Err(Error::Input(format!(
-                "{name}: the ranks differ; expected the same on all"
-            )));
-        }
-    }
-    Ok(())
 }
 
 fn finite(name: &str, values: &[f64]) -> Result<()> {

@@ -1,8 +1,8 @@
 //! Which of the computed eigenpairs are taken: as many as asked for, repeated eigenvalues whole.
 
-use super::options::ModeCount;
 use super::pair::Pair;
-use crate::{Error, Result};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::modal::ModeCount;
 use std::ops::Range;
 
 /// Eigenvalues closer than this, relatively, are one repeated eigenvalue.

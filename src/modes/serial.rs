@@ -1,8 +1,8 @@
 //! What stands in for SLEPc in builds without it: faer on the root.
 
 use super::{ModalSolver, Pair, Problem, Request, dense, sparse};
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
 
 /// Most unknowns of a non-symmetric pair: it is solved densely.
 const DENSE: i64 = 2000;

@@ -3,8 +3,6 @@
 use super::gathered::{self, Gathered, Triplet};
 use super::pair::Pair;
 use super::problem::Problem;
-use crate::parallel::Comm;
-use crate::{Error, Result};
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::solvers::Solve;
 use faer::matrix_free::LinOp;
@@ -13,6 +11,8 @@ use faer::prelude::ReborrowMut;
 use faer::sparse::linalg::solvers::Llt;
 use faer::sparse::{SparseColMat, Triplet as Entry};
 use faer::{Col, Mat, MatMut, MatRef, Par, Side, c64};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
 
 /// Most sweeps that look for copies of repeated eigenvalues.
 const SWEEPS: usize = 40;

@@ -1,9 +1,9 @@
 //! Where segments lie: the geometric part of the positional encoding (section 3.4.1 leaves the choice open).
 
 use super::Segmentation;
-use crate::mesh::Mesh;
-use crate::model::ModelSpec;
-use crate::parallel::Comm;
+use m4gn_mesh::Mesh;
+use m4gn_mesh::parallel::Comm;
+use m4gn_model::ModelSpec;
 
 /// What a network reads of the segments besides their members.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,7 +17,7 @@ pub struct SegmentFeatures {
 
 /// The features that `spec` asks for. Collective.
 pub fn features(spec: &ModelSpec, mesh: &Mesh, segments: &Segmentation, comm: &Comm) -> SegmentFeatures {
-    let Some(stage) = &spec.architecture.segment_transformer else {
+    let Some(stage) = spec.architecture.segment_transformer() else {
         return SegmentFeatures::default();
     };
     let walk = segments.rwse(stage.rwse_steps);
@@ -108,9 +108,10 @@ fn rms(sum: f64, count: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::graph::Graph;
-    use crate::mesh::sample;
-    use crate::model::tests::spec;
-    use crate::segments::segment;
+    use crate::segment;
+    use m4gn_mesh::sample;
+    use m4gn_model::sample::spec;
+    use m4gn_modes::Modal;
 
     /// Four cells in a row of unit squares, two segments: centroids at 1 and 3, centre 2, cells half a unit from
     /// their centroid.
@@ -121,8 +122,16 @@ mod tests {
         let mut graph = Graph::new(&mesh, &comm).unwrap();
         let mut s = spec();
         s.segments.count = 2;
-        let segments = segment(&mesh, &mut graph, &s.segments, &comm, Some(&[0, 0, 1, 1])).unwrap();
-        let stage = s.architecture.segment_transformer.as_mut().unwrap();
+        let segments = segment(
+            &mesh,
+            &mut graph,
+            &s.segments,
+            &Modal::default(),
+            &comm,
+            Some(&[0, 0, 1, 1]),
+        )
+        .unwrap();
+        let stage = &mut s.architecture.m4gn_mut().unwrap().segment_transformer;
         stage.rwse_steps = 0;
         let found = features(&s, &mesh, &segments, &comm);
         assert_eq!(found.position, [-1.0, 0.0, 1.0, 0.0]);

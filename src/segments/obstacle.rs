@@ -1,12 +1,11 @@
 //! Distance to the obstacle: the feature of SLIC-MDOD_l and SLIC-MDOD_e (eq. 14).
 
-use super::everywhere;
-use crate::mesh::nearest::Nearest;
-use crate::mesh::{BoundaryFace, Mesh, NodeType};
-use crate::model::{SegmentMethod, SegmentSpec};
-use crate::modes::Extent;
-use crate::parallel::Comm;
-use crate::{Error, Result};
+use m4gn_mesh::Extent;
+use m4gn_mesh::nearest::Nearest;
+use m4gn_mesh::parallel::{Comm, everywhere};
+use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{SegmentMethod, SegmentSpec};
 use std::collections::BTreeSet;
 
 /// Distances count as at least this fraction of S: the logarithm of zero is not a feature.
@@ -126,7 +125,7 @@ fn names<'a>(comm: &Comm, words: impl Iterator<Item = &'a str>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::sample;
+    use m4gn_mesh::sample;
 
     fn distances(mesh: &Mesh, obstacles: &[&str]) -> Result<Vec<f64>> {
         let names: Vec<String> = obstacles.iter().map(|n| n.to_string()).collect();

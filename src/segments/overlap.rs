@@ -1,11 +1,11 @@
 //! Overlap of section 3.3.1, sizes, and the adjacency of eq. 10.
 
 use super::Segmentation;
-use crate::Result;
 use crate::graph::Graph;
-use crate::mesh::Mesh;
-use crate::model::SegmentSpec;
-use crate::parallel::Comm;
+use m4gn_mesh::Mesh;
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
+use m4gn_model::SegmentSpec;
 
 /// From the segment of each cell to the whole description. Collective.
 pub(super) fn complete(

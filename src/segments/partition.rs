@@ -1,7 +1,7 @@
 //! First partition: METIS on the root, in the canonical numbering.
 
 use super::cell_graph::CellGraph;
-use crate::{Error, Result};
+use m4gn_mesh::{Error, Result};
 use std::cmp::Reverse;
 use std::sync::Mutex;
 

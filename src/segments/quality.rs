@@ -3,12 +3,12 @@
 //! The graph of these figures has the cells as its nodes and the faces between cells as its edges: what was cut.
 //! Boundary faces always lie with their cell and would only dilute the figures.
 
-use super::{everywhere, preset_labels};
-use crate::Result;
+use super::preset_labels;
 use crate::graph::Graph;
-use crate::mesh::Mesh;
-use crate::modes::Modes;
-use crate::parallel::Comm;
+use m4gn_mesh::Mesh;
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::{Comm, everywhere};
+use m4gn_model::modal::Modes;
 
 /// Silhouettes of meshes of at most this many cells are exact.
 const EXACT: i64 = 20_000;
@@ -54,7 +54,7 @@ pub enum Dissimilarity<'a> {
 /// the cells' global numbers. Cost: N^2 (N x 4,000 for a sample) distances.
 ///
 /// # Errors
-/// [`crate::Error::Input`] for labels out of range or missing.
+/// [`m4gn_mesh::Error::Input`] for labels out of range or missing.
 pub fn quality(
     mesh: &Mesh,
     graph: &mut Graph,

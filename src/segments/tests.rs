@@ -1,12 +1,13 @@
 use super::*;
-use crate::mesh::sample;
-use crate::model::SegmentMethod;
+use m4gn_mesh::sample;
+use m4gn_model::SegmentMethod;
+use m4gn_modes::Modal;
 use proptest::prelude::*;
 
 fn cut(mesh: &Mesh, spec: &SegmentSpec, preset: Option<&[i32]>) -> Result<Segmentation> {
     let comm = Comm::serial();
     let mut graph = Graph::new(mesh, &comm)?;
-    segment(mesh, &mut graph, spec, &comm, preset)
+    segment(mesh, &mut graph, spec, &Modal::default(), &comm, preset)
 }
 
 fn metis(count: usize) -> SegmentSpec {

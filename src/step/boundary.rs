@@ -1,6 +1,6 @@
 //! Boundary values after a step where no solver imposes them: validation and training roll out by the same rule.
 
-use crate::mesh::{Mesh, NodeType};
+use m4gn_mesh::{Mesh, NodeType};
 
 /// How much a boundary value may differ from its cell's, relative to the field's largest value, to count as the
 /// same: data sets hold fp32.
@@ -83,7 +83,7 @@ pub fn impose_boundary<T: Copy>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::sample;
+    use m4gn_mesh::sample;
 
     #[test]
     fn outlets_follow_and_walls_are_prescribed() {

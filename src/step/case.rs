@@ -1,14 +1,37 @@
 //! Whether a model fits a case.
 
-use crate::mesh::{Mesh, NodeType};
-use crate::model::ModelSpec;
-use crate::{Error, Result};
+use super::SessionOptions;
+use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Mesh, NodeType};
+use m4gn_model::ModelSpec;
 
 /// Solved directions and node types of this rank's mesh against the model's.
 ///
 /// # Errors
 /// [`Error::Model`] saying what the model knows and what the mesh has, with the patch's name.
-pub fn check(spec: &ModelSpec, mesh: &Mesh) -> Result<()> {
+pub fn check(spec: &ModelSpec, mesh: &Mesh, options: &SessionOptions) -> Result<()> {
+    match (spec.contact, &mesh.body) {
+        (Some(_), None) => {
+            return Err(Error::Model(
+                "the model is of a body at points: it needs the body's elements; fields at cells need a model without \
+                 `contact`"
+                    .into(),
+            ));
+        }
+        (None, Some(_)) => {
+            return Err(Error::Model(
+                "the model is of fields at cells; a body at points needs one with `contact`, trained on trajectories at \
+                 points"
+                    .into(),
+            ));
+        }
+        (None, None) if options.projection.is_some() => {
+            return Err(Error::Input(
+                "projection: the model is of fields at cells, which no obstacle touches".into(),
+            ));
+        }
+        _ => {}
+    }
     if mesh.dim() != spec.dim {
         let names: Vec<_> = mesh
             .directions

@@ -1,16 +1,18 @@
-//! What a case may set differently from the model.
+//! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
-use crate::engine::{EngineOptions, Precision};
-use crate::model::{ModalOperator, SegmentMethod, SegmentSpec};
-use crate::modes::ModalOptions;
-use crate::{Error, Result};
+use m4gn_contact::projection::ProjectionOptions;
+use m4gn_engine::{EngineOptions, Precision};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, settings};
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Most threads a rank may be given: a larger number is a slip of the pen.
 const MAX_THREADS: usize = 1024;
 
 /// What runs the network.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Backend {
     /// This library's own engine.
     #[default]
@@ -36,52 +38,111 @@ impl Backend {
     }
 }
 
-/// What a case may set differently from the model; the default changes nothing.
-#[derive(Clone, Debug, Default, PartialEq)]
+impl TryFrom<String> for Backend {
+    type Error = Error;
+
+    fn try_from(word: String) -> Result<Self> {
+        Backend::parse(&word)
+    }
+}
+
+impl From<Backend> for String {
+    fn from(backend: Backend) -> String {
+        match backend {
+            Backend::Native => "native".into(),
+            Backend::Torch(None) => "torch".into(),
+            Backend::Torch(Some(device)) => format!("torch:{device}"),
+        }
+    }
+}
+
+/// What a session is made with, by the names that these entries have in a case dictionary and in JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct SessionOptions {
+    /// File of the model. [`crate::Session::open`] and the torch backend read it.
+    pub model: Option<PathBuf>,
     /// What runs the network.
     pub backend: Backend,
-    /// Threads of this rank; 0: 1.
+    /// Threads of this rank.
     pub n_threads: usize,
     /// Of the native engine's products; libtorch computes in fp32.
     pub precision: Precision,
-    /// Number of segments K.
-    pub segments: Option<usize>,
-    /// Number of modes m.
-    pub modes: Option<usize>,
-    /// Overlap delta, layers.
-    pub overlap: Option<usize>,
-    /// Largest number of SLIC sweeps.
-    pub slic_iterations: Option<usize>,
-    /// Compactness tau.
-    pub tau: Option<f64>,
-    /// Average cluster size S, m.
-    pub segment_size: Option<f64>,
-    /// METIS alone or a variant of SLIC.
-    pub segment_method: Option<SegmentMethod>,
-    /// Share of the energy that chooses the number of modes; `modes` is then the most.
-    pub energy: Option<f64>,
-    /// Whether every segment is made connected.
-    pub connected: Option<bool>,
-    /// Length over which the distance to the obstacle is taken, m; 0: off.
-    pub distance_scale: Option<f64>,
-    /// Patches that are the obstacle.
-    pub obstacles: Option<Vec<String>>,
-    /// Whose modes the segments are made of.
-    pub operator: Option<ModalOperator>,
-    /// The way to the modes; their number is that of `modes` and `energy`.
-    pub modal: ModalOptions,
-    /// Segment of each cell, computed before.
+    /// Mean distance of the network's nodes: the model's own, a node a cell, or a length.
+    pub resolution: Resolution,
+    /// What differs from the segmentation that the model was trained with.
+    pub segments: SegmentEntries,
+    /// Contact projection after each step of a body; none: the network's answer as it is.
+    pub projection: Option<ProjectionOptions>,
+    /// Segment of each cell, computed before; none: segments are computed.
+    #[serde(skip)]
     pub cell_segment: Option<Vec<i32>>,
-    /// File that the model came from; the torch backend reads it.
-    pub model_path: Option<PathBuf>,
+}
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        SessionOptions {
+            model: None,
+            backend: Backend::default(),
+            n_threads: 1,
+            precision: Precision::default(),
+            resolution: Resolution::default(),
+            segments: SegmentEntries::default(),
+            projection: None,
+            cell_segment: None,
+        }
+    }
 }
 
 impl SessionOptions {
+    /// From the text of a JSON object, checked.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the entry, what was expected and what was found.
+    pub fn parse(text: &str) -> Result<Self> {
+        let options: Self = settings::parse("session", text, &[])?;
+        options.check()?;
+        Ok(options)
+    }
+
+    /// Checks what needs neither a model nor a mesh.
+    ///
+    /// # Errors
+    /// As [`SessionOptions::parse`].
+    pub fn check(&self) -> Result<()> {
+        if !(1..=MAX_THREADS).contains(&self.n_threads) {
+            return Err(Error::Input(format!(
+                "n_threads: expected 1 to {MAX_THREADS}, found {}",
+                self.n_threads
+            )));
+        }
+        self.segments.over(&SegmentSpec::default())?;
+        self.projection.map_or(Ok(()), |p| p.check())
+    }
+
+    /// What all ranks must be given alike, a line for each entry: not the threads of a rank, its device, or the folder
+    /// in which it finds the model.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if they cannot be written as JSON.
+    pub fn shared(&self) -> Result<String> {
+        let mut alike = self.clone();
+        alike.n_threads = 1;
+        if let Backend::Torch(device) = &mut alike.backend {
+            *device = None;
+        }
+        alike.model = self
+            .model
+            .as_ref()
+            .and_then(|path| path.file_name())
+            .map(PathBuf::from);
+        settings::lines(&alike)
+    }
+
     /// What the native engine is made with.
     pub(super) fn engine(&self) -> EngineOptions {
         EngineOptions {
-            n_threads: self.n_threads.max(1),
+            n_threads: self.n_threads,
             precision: self.precision,
             ..EngineOptions::default()
         }
@@ -90,29 +151,9 @@ impl SessionOptions {
     /// The model's segmentation with what the case sets differently.
     ///
     /// # Errors
-    /// [`Error::Input`] for a value out of range.
+    /// As [`SessionOptions::check`].
     pub(super) fn segment_spec(&self, model: &SegmentSpec) -> Result<SegmentSpec> {
-        if self.n_threads > MAX_THREADS {
-            return Err(Error::Input(format!(
-                "n_threads: expected 1 to {MAX_THREADS}, found {}",
-                self.n_threads
-            )));
-        }
-        let spec = SegmentSpec {
-            method: self.segment_method.unwrap_or(model.method),
-            count: self.segments.unwrap_or(model.count),
-            modes: self.modes.unwrap_or(model.modes),
-            operator: self.operator.or(model.operator),
-            energy: self.energy.or(model.energy),
-            tau: self.tau.unwrap_or(model.tau),
-            size: self.segment_size.or(model.size),
-            iterations: self.slic_iterations.unwrap_or(model.iterations),
-            connected: self.connected.unwrap_or(model.connected),
-            distance_scale: self.distance_scale.or(model.distance_scale),
-            obstacles: self.obstacles.clone().unwrap_or_else(|| model.obstacles.clone()),
-            overlap: self.overlap.unwrap_or(model.overlap),
-        };
-        spec.check()?;
-        Ok(spec)
+        self.check()?;
+        self.segments.over(model)
     }
 }

@@ -1,9 +1,15 @@
 //! Sessions on sample meshes, in serial.
 
 use super::*;
-use crate::mesh::{NodeType, sample};
-use crate::model::tests::spec;
-use crate::model::{FieldSpec, Output};
+use m4gn_mesh::{NodeType, sample};
+use m4gn_model::sample::spec;
+use m4gn_model::{FieldSpec, Kind, Output, SegmentEntries};
+
+fn entries(name: &str, value: impl Into<serde_json::Value>) -> SegmentEntries {
+    let mut entries = SegmentEntries::default();
+    entries.set(name, value);
+    entries
+}
 
 fn session(options: &SessionOptions) -> Session {
     let mesh = sample::triangles(8, 6, 1.6, 0.41);
@@ -182,7 +188,7 @@ fn a_result_that_overflows_is_a_numerical_error() {
 
 #[test]
 fn cases_that_do_not_fit_are_refused() {
-    let refused = |mesh: &Mesh, spec: crate::model::ModelSpec, options: SessionOptions| {
+    let refused = |mesh: &Mesh, spec: m4gn_model::ModelSpec, options: SessionOptions| {
         let model = Model::random(spec, 1).unwrap();
         match Session::new(Comm::serial(), mesh, &model, &options) {
             Ok(_) => panic!("not refused"),
@@ -211,7 +217,7 @@ fn cases_that_do_not_fit_are_refused() {
         &mesh,
         spec(),
         SessionOptions {
-            segments: Some(25),
+            segments: entries("count", 25),
             ..default()
         },
     );
@@ -220,7 +226,7 @@ fn cases_that_do_not_fit_are_refused() {
         &mesh,
         spec(),
         SessionOptions {
-            tau: Some(f64::NAN),
+            segments: entries("tau", -1),
             ..default()
         },
     );
@@ -288,8 +294,7 @@ fn threads_and_given_segments_do_not_change_the_result() {
 #[test]
 fn a_plain_network_has_no_segments() {
     let mut s = spec();
-    s.architecture.segment_transformer = None;
-    s.architecture.layers_after = 0;
+    s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     s.fields.push(FieldSpec {
         name: "T".into(),
         vector: false,

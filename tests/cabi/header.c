@@ -7,20 +7,19 @@
 
 int main(void)
 {
-    m4gn_session_options options;
-    m4gn_session* session = (m4gn_session*)&options;
+    int place = 0;
+    m4gn_session* session = (m4gn_session*)&place;
     int failed = 0;
 
     failed += m4gn_abi_version() != M4GN_ABI_VERSION;
     failed += strlen(m4gn_version()) < 5;
     failed += strlen(m4gn_last_error()) != 0;
 
-    m4gn_session_options_init(&options);
-    failed += options.model != NULL || options.modes != -1 || options.tau >= 0 || options.n_threads != 0
-        || options.precision != NULL || options.connected != -1 || options.energy > 0 || options.distance_scale >= 0
-        || options.obstacles != NULL || options.petsc_options != NULL;
+    failed += m4gn_options_check("session", NULL) != M4GN_OK;
+    failed += m4gn_options_check("session", "{\"segmnets\": {}}") != M4GN_ERROR_INPUT;
+    failed += strstr(m4gn_last_error(), "segmnets: unknown entry") == NULL;
 
-    failed += m4gn_session_new(M4GN_NO_MPI, NULL, &options, &session) != M4GN_ERROR_INPUT;
+    failed += m4gn_session_new(M4GN_NO_MPI, NULL, "{}", NULL, &session) != M4GN_ERROR_INPUT;
     failed += session != NULL;
     failed += strstr(m4gn_last_error(), "mesh") == NULL;
 

@@ -23,6 +23,12 @@
         }                                                                                           \
     } while (false)
 
+// Settings of a session with this model, and more entries.
+inline std::string settings(const std::string& model, const std::string& more = "")
+{
+    return "{\"model\": " + m4gn::quoted(model) + (more.empty() ? "" : ", " + more) + "}";
+}
+
 class Channel
 {
 public:

@@ -68,7 +68,7 @@ void bar(int rank, int size, int32_t comm, int n)
 {
     const double h = 1.0/(n + 1);
     const Bands k(rank, size, n, {-1/h, 2/h, -1/h}), m(rank, size, n, {h/6, 4*h/6, h/6});
-    const m4gn::Modes modes(comm, k.csr, &m.csr, m4gn::modesOptions());
+    const m4gn::Modes modes(comm, k.csr, &m.csr);
     REQUIRE(modes.size() == 6);
     const auto values = modes.eigenvalues();
     for (int i = 0; i < 6; ++i)
@@ -96,10 +96,8 @@ void convection(int rank, int size, int32_t comm, int n)
 {
     const double c = 0.01;
     const Bands k(rank, size, n, {-1 - c, 2, -1 + c});
-    auto options = m4gn::modesOptions();
-    options.symmetric = 0;
-    options.modes = 4;
-    const auto values = m4gn::Modes(comm, k.csr, nullptr, options).eigenvalues();
+    const auto values =
+        m4gn::Modes(comm, k.csr, nullptr, R"({"symmetric": false, "modes": 4})").eigenvalues();
     REQUIRE(values.size() == 4);
     for (int i = 0; i < 4; ++i)
     {
@@ -113,14 +111,11 @@ void block(int rank, int size, int32_t comm)
 {
     const int n = 200;
     const Bands k(rank, size, n, {-1, 2, -1}, {1, 10});
-    auto options = m4gn::modesOptions();
-    options.block = 2;
-    options.modes = 5;
     const double root[] = {1, 2, 3, std::sqrt(10.0), 4};
     for (const char* solver : {"direct", "iterative"})
     {
-        options.solver = solver;
-        options.petsc = "-m4gn_eps_ncv 30";
+        const auto options =
+            R"({"block": 2, "modes": 5, "petsc_options": "-m4gn_eps_ncv 30", "modal_solver": )" + m4gn::quoted(solver) + "}";
         const auto values = m4gn::Modes(comm, k.csr, nullptr, options).eigenvalues();
         REQUIRE(values.size() == 5);
         for (std::size_t i = 0; i < 5; ++i)
@@ -130,10 +125,7 @@ void block(int rank, int size, int32_t comm)
         }
     }
     // sum of 1/lambda of (1, 2, 3, sqrt 10, 4)^2 is near 1.52: the first mode holds 0.66, two 0.82.
-    options.solver = nullptr;
-    options.petsc = nullptr;
-    options.energy = 0.8;
-    REQUIRE(m4gn::Modes(comm, k.csr, nullptr, options).size() == 2);
+    REQUIRE(m4gn::Modes(comm, k.csr, nullptr, R"({"block": 2, "modes": 5, "energy": 0.8})").size() == 2);
 }
 
 // What is wrong is said, on the rank where it is wrong; the others hear of it; and the next call works.
@@ -143,8 +135,8 @@ void refusals(int rank, int size, int32_t comm)
     std::string message;
     const int culprit = size - 1;
     const bool mine = rank == culprit;
-    const auto options = m4gn::modesOptions();
-    const auto expect = [&](const Bands& k, const m4gn_modes_options& o, bool all, const char* word)
+    const std::string options = "{}";
+    const auto expect = [&](const Bands& k, const std::string& o, bool all, const char* word)
     {
         const int32_t status = failure(message, [&] { m4gn::Modes(comm, k.csr, nullptr, o); });
         REQUIRE(status == (all || mine ? M4GN_ERROR_INPUT : M4GN_ERROR_OTHER_RANK));
@@ -164,29 +156,16 @@ void refusals(int rank, int size, int32_t comm)
     expect(k, options, false, "row");
 
     const Bands good(rank, size, n, {-1, 2, -1});
-    auto wrong = options;
-    wrong.modes = n;
-    expect(good, wrong, true, "at most 149");
-    wrong = options;
-    wrong.solver = "fast";
-    expect(good, wrong, true, "direct");
-    wrong = options;
-    wrong.petsc = "-eps_tol 1";
-    expect(good, wrong, true, "-m4gn_");
-    wrong.petsc = "-m4gn_no_such_option 1";
-    expect(good, wrong, true, "not used");
-    wrong = options;
-    wrong.energy = NAN;
-    expect(good, wrong, true, "share");
-    wrong = options;
-    wrong.block = 0;
-    expect(good, wrong, true, "points");
-    wrong = options;
-    wrong.modes = mine && size > 1 ? 5 : 150;
-    expect(good, wrong, true, size > 1 ? "differ" : "at most");
+    expect(good, R"({"modes": 150})", true, "at most 149");
+    expect(good, R"({"modal_solver": "fast"})", true, "modal_solver: expected one of auto, direct");
+    expect(good, R"({"petsc_options": "-eps_tol 1"})", true, "-m4gn_");
+    expect(good, R"({"petsc_options": "-m4gn_no_such_option 1"})", true, "not used");
+    expect(good, R"({"energy": 2})", true, "share");
+    expect(good, R"({"block": 0})", true, "points");
+    expect(good, R"({"simetric": true})", true, "is symmetric meant?");
+    expect(good, mine && size > 1 ? R"({"modes": 5})" : R"({"modes": 150})", true, size > 1 ? "differ" : "at most");
 
-    wrong = options;
-    wrong.petsc = "-m4gn_eps_type no_such_type";
+    const std::string wrong = R"({"petsc_options": "-m4gn_eps_type no_such_type"})";
     REQUIRE(failure(message, [&] { m4gn::Modes(comm, good.csr, nullptr, wrong); }) > 0);
     REQUIRE(contains(message, "no_such_type"));
     REQUIRE(m4gn::Modes(comm, good.csr, nullptr, options).size() == 6);

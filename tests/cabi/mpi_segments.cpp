@@ -8,12 +8,9 @@
 namespace
 {
 
-m4gn_segment_options options(const char* spec, bool withModes)
+std::string options(const std::string& segments, bool withModes)
 {
-    m4gn_segment_options o{};
-    o.spec = spec;
-    o.with_modes = withModes;
-    return o;
+    return "{\"segments\": " + segments + ", \"with_modes\": " + (withModes ? "true}" : "false}");
 }
 
 void sameAsSerial(int rank, int size, int32_t comm)
@@ -49,9 +46,7 @@ void sameAsSerial(int rank, int size, int32_t comm)
         }
 
         // Segments handed in come out again, and nothing is solved for
-        auto stored = options(spec, false);
-        stored.cell_segment = mine.data();
-        const m4gn::Segments again(comm, part.data, stored);
+        const m4gn::Segments again(comm, part.data, options(spec, false), mine.data());
         REQUIRE(again.cells(part.nCells()) == mine && again.nModes() == 0);
     }
 }
@@ -93,12 +88,17 @@ void badInput(int rank, int size, int32_t comm, const Channel& part)
     {
         REQUIRE(failure(message, [&] { m4gn::Segments(comm, part.data, options(spec, false)); }) == M4GN_ERROR_INPUT);
     }
-    // One rank alone is wrong
+    // One rank alone asks for something else: all are told what differs.
     const int32_t status = failure(message, [&] {
         m4gn::Segments(comm, part.data, options(rank == size - 1 ? "{\"cuont\": 3}" : "{}", false));
     });
     REQUIRE(status == (rank == size - 1 ? M4GN_ERROR_INPUT : M4GN_ERROR_OTHER_RANK));
-    REQUIRE(contains(message, "cuont"));
+    REQUIRE(contains(message, "segments.cuont: unknown entry") && contains(message, "is count meant?"));
+    const int32_t differing = failure(message, [&] {
+        m4gn::Segments(comm, part.data, options(rank == size - 1 ? "{\"count\": 3}" : "{\"count\": 4}", false));
+    });
+    REQUIRE(differing == (size > 1 ? M4GN_ERROR_INPUT : M4GN_OK));
+    REQUIRE(size == 1 || (contains(message, "segments.count 3") && contains(message, "segments.count 4")));
     REQUIRE(m4gn_segments_count(nullptr) == -1);
     m4gn_segments_free(nullptr);
 }

@@ -14,7 +14,7 @@ const std::string model = std::string(M4GN_TEST_DATA) + "/small.safetensors";
 double differenceFromSerial(int rank, int size, int32_t comm)
 {
     const int nx = 9, ny = 5;
-    const auto options = m4gn::sessionOptions(model.c_str());
+    const auto options = settings(model);
 
     Channel whole(nx, ny);
     Fields expected(whole);
@@ -54,7 +54,7 @@ void ranksAgree(int rank, int size, int32_t comm)
     Fields fields(part);
     const auto before = fields;
     std::string message;
-    m4gn::Session session(comm, part.data, m4gn::sessionOptions(model.c_str()));
+    m4gn::Session session(comm, part.data, settings(model));
     const int culprit = size - 1;
 
     auto in = fields.in();
@@ -74,7 +74,7 @@ void ranksAgree(int rank, int size, int32_t comm)
     session.step(fields.in(), fields.out());
 
     // The root alone reads the model.
-    const auto missing = m4gn::sessionOptions("/no/such/model");
+    const auto missing = settings("/no/such/model");
     status = failure(message, [&] { m4gn::Session(comm, part.data, missing); });
     REQUIRE(status == (rank == 0 ? M4GN_ERROR_FILE : M4GN_ERROR_OTHER_RANK));
     REQUIRE(contains(message, "/no/such/model"));
@@ -83,7 +83,7 @@ void ranksAgree(int rank, int size, int32_t comm)
     {
         part.boundaryType[0] = 99;
     }
-    status = failure(message, [&] { m4gn::Session(comm, part.data, m4gn::sessionOptions(model.c_str())); });
+    status = failure(message, [&] { m4gn::Session(comm, part.data, settings(model)); });
     REQUIRE(status == (rank == culprit ? M4GN_ERROR_MESH : M4GN_ERROR_OTHER_RANK));
 }
 

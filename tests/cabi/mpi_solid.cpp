@@ -133,12 +133,9 @@ private:
     }
 };
 
-m4gn_modes_options first(int n)
+std::string first(int n)
 {
-    m4gn_modes_options options;
-    m4gn_modes_options_init(&options);
-    options.modes = n;
-    return options;
+    return "{\"modes\": " + std::to_string(n) + "}";
 }
 
 void sameAsSerial(int rank, int size, int32_t comm)
@@ -202,6 +199,8 @@ void ranksAgree(int rank, int size, int32_t comm)
     loose.data.n_fixed = 0;
     REQUIRE(failure(message, [&] { m4gn::Modes(comm, loose.data, first(2)); }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "no displacement is held on any rank"));
+    REQUIRE(failure(message, [&] { m4gn::Modes(comm, loose.data, "{\"block\": 3}"); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "for matrices of the host"));
     loose.data.free_body = 1;
     const m4gn::Modes rigid(comm, loose.data, first(7));
     REQUIRE(std::abs(rigid.eigenvalues()[5]) < 1e-6*rigid.eigenvalues()[6]);

@@ -10,17 +10,11 @@
 namespace
 {
 
-const m4gn_recorder_field recorded[] = {{"U", 3, {0, 1, -1, 0, 0, 0, 0}}, {"p", 1, {0, 2, -2, 0, 0, 0, 0}}};
+const std::vector<m4gn_recorder_field> recorded {{"U", 3, {0, 1, -1, 0, 0, 0, 0}}, {"p", 1, {0, 2, -2, 0, 0, 0, 0}}};
 
-m4gn_recorder_options options(const std::string& path)
+std::string options(const std::string& path, const std::string& more = R"("split": "test")")
 {
-    m4gn_recorder_options o{};
-    o.path = path.c_str();
-    o.n_fields = 2;
-    o.fields = recorded;
-    o.provenance = "{\"application\": \"a test\"}";
-    o.split = "test";
-    return o;
+    return "{\"path\": " + m4gn::quoted(path) + ", " + more + "}";
 }
 
 // With . and ..
@@ -54,7 +48,10 @@ int main()
     std::string message;
 
     {
-        m4gn::Recorder recorder(M4GN_NO_MPI, mesh.data, options(path));
+        m4gn::Recorder recorder
+        (
+            M4GN_NO_MPI, mesh.data, options(path, R"("provenance": {"application": "a test"})"), recorded
+        );
         recorder.append(0.1, fields.in());
         recorder.append(0.2, fields.in());
         REQUIRE(recorder.nFrames() == 2);
@@ -83,35 +80,31 @@ int main()
 
     // Dropped before it is finished: nothing is left.
     {
-        m4gn::Recorder recorder(M4GN_NO_MPI, mesh.data, options(folder + "/b.h5"));
+        m4gn::Recorder recorder(M4GN_NO_MPI, mesh.data, options(folder + "/b.h5"), recorded);
         recorder.append(0.1, fields.in());
     }
     REQUIRE(filesIn(folder) == empty + 1);
 
-    const auto refused = [&](const m4gn_recorder_options& o)
+    auto given = recorded;
+    const auto refused = [&](const std::string& o)
     {
-        return failure(message, [&] { m4gn::Recorder(M4GN_NO_MPI, mesh.data, o); });
+        return failure(message, [&] { m4gn::Recorder(M4GN_NO_MPI, mesh.data, o, given); });
     };
     REQUIRE(refused(options(path)) == M4GN_ERROR_FILE);
     REQUIRE(contains(message, "a.h5"));
-    auto o = options(path);
-    o.overwrite = 1;
-    REQUIRE(refused(o) == M4GN_OK);
+    REQUIRE(refused(options(path, R"("overwrite": true)")) == M4GN_OK);
     const std::string nowhere = path + "/in-a-file.h5";
     REQUIRE(refused(options(nowhere)) == M4GN_ERROR_FILE);
     const std::string fresh = folder + "/d.h5";
-    o = options(fresh);
-    o.split = "holiday";
-    REQUIRE(refused(o) == M4GN_ERROR_INPUT);
-    o = options(fresh);
-    o.provenance = "not JSON";
-    REQUIRE(refused(o) == M4GN_ERROR_INPUT);
-    o = options(fresh);
-    o.n_fields = 0;
-    REQUIRE(refused(o) == M4GN_ERROR_INPUT);
-    o = options(fresh);
-    o.path = nullptr;
-    REQUIRE(refused(o) == M4GN_ERROR_INPUT);
+    REQUIRE(refused(options(fresh, R"("split": "holiday")")) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "split: expected one of train, valid, test, found holiday"));
+    REQUIRE(refused(options(fresh, R"("provenance": "none")")) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "provenance: expected a map"));
+    REQUIRE(refused("{}") == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "path: expected the name of the file"));
+    given.clear();
+    REQUIRE(refused(options(fresh)) == M4GN_ERROR_INPUT);
+    given = recorded;
     mesh.data.face_owner = nullptr;
     REQUIRE(refused(options(fresh)) == M4GN_ERROR_INPUT);
 

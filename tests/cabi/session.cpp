@@ -15,7 +15,7 @@ const std::string model = std::string(M4GN_TEST_DATA) + "/small.safetensors";
 void steps()
 {
     Channel mesh(6, 4);
-    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(model.c_str()));
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, settings(model));
 
     REQUIRE(session.stride() == 0.01);
     REQUIRE(session.nSegments() == 4);
@@ -53,10 +53,7 @@ void steps()
     REQUIRE(change > 1e-3);
 
     // Separate arrays, and segments handed in, give the same.
-    auto options = m4gn::sessionOptions(model.c_str());
-    options.cell_segment = segments.data();
-    options.n_threads = 2;
-    m4gn::Session again(M4GN_NO_MPI, mesh.data, options);
+    m4gn::Session again(M4GN_NO_MPI, mesh.data, settings(model, R"("n_threads": 2)"), segments.data());
     Fields fields2(mesh);
     again.step(before.in(), fields2.out());
     REQUIRE(fields2.U == fields1.U && fields2.p == fields1.p);
@@ -68,7 +65,7 @@ void refusesModels()
     std::string message;
     const auto open = [&](const std::string& path)
     {
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(path.c_str())); });
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(path)); });
     };
     REQUIRE(open("/no/such/model.safetensors") == M4GN_ERROR_FILE);
     REQUIRE(contains(message, "/no/such/model.safetensors") && contains(message, "No such file"));
@@ -85,9 +82,7 @@ void refusesModels()
     std::remove(damaged.c_str());
 
     REQUIRE(open("") == M4GN_ERROR_FILE);
-    m4gn_session_options none;
-    m4gn_session_options_init(&none);
-    REQUIRE(failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, none); }) == M4GN_ERROR_INPUT);
+    REQUIRE(failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, "{}"); }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "model"));
 }
 
@@ -95,36 +90,43 @@ void refusesOptions()
 {
     Channel mesh(6, 4);
     std::string message;
-    const auto with = [&](void (*change)(m4gn_session_options&))
+    const auto with = [&](const std::string& more)
     {
-        auto options = m4gn::sessionOptions(model.c_str());
-        change(options);
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, options); });
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(model, more)); });
     };
-    REQUIRE(with([](m4gn_session_options& o) { o.segments = 25; }) == M4GN_ERROR_INPUT);
+    const auto segments = [&](const std::string& entries) { return with("\"segments\": {" + entries + "}"); };
+    REQUIRE(segments(R"("count": 25)") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "25") && contains(message, "24"));
-    REQUIRE(with([](m4gn_session_options& o) { o.segments = -1; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](m4gn_session_options& o) { o.n_threads = -1; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](m4gn_session_options& o) { o.precision = "fp16"; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](m4gn_session_options& o) { o.tau = NAN; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](m4gn_session_options& o) { o.backend = "abacus"; }) == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("count": -1)") == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "segments.count: expected a whole number that is not negative, found integer -1"));
+    REQUIRE(with(R"("nThreads": -1)") == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "nThreads: expected"));
+    REQUIRE(with(R"("precision": "fp16")") == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "precision: expected fp32 or bf16, found fp16"));
+    REQUIRE(segments(R"("tau": -0.5)") == M4GN_ERROR_INPUT);
+    REQUIRE(with(R"("backend": "abacus")") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "abacus"));
-    REQUIRE(with([](m4gn_session_options& o) { o.segment_method = "scissors"; }) == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("method": "scissors")") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "scissors"));
     REQUIRE(contains(message, "slic-mdode"));
-    REQUIRE(with([](m4gn_session_options& o) { o.energy = 1.5; }) == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("energy": 1.5)") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "segments.energy"));
-    REQUIRE(with([](m4gn_session_options& o) { o.connected = 2; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](m4gn_session_options& o) { o.distance_scale = NAN; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](m4gn_session_options& o) { o.modal_solver = "abacus"; }) == M4GN_ERROR_INPUT);
-    REQUIRE
-    (
-        with([](m4gn_session_options& o) { o.segment_method = "slic-mdodl"; o.obstacles = "ball, stick"; })
-     == M4GN_ERROR_INPUT
-    );
+    REQUIRE(segments(R"("connected": 2)") == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("distance_scale": -1)") == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("distanceScale": -1)") == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("modal_solver": "abacus")") == M4GN_ERROR_INPUT);
+    REQUIRE(segments(R"("method": "slic-mdodl", "obstacles": ["ball", "stick"])") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "ball, stick: expected some of the patches"));
-    static const std::vector<int32_t> labels(24, 9);
-    REQUIRE(with([](m4gn_session_options& o) { o.cell_segment = labels.data(); }) == M4GN_ERROR_INPUT);
+    REQUIRE(with(R"("model": "another")") == M4GN_ERROR_FILE);
+    REQUIRE(with("nothing") == M4GN_ERROR_INPUT);
+    const std::vector<int32_t> labels(24, 9);
+    const auto given = [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(model), labels.data()); };
+    REQUIRE(failure(message, given) == M4GN_ERROR_INPUT);
+
+    // The same without a session.
+    m4gn::checkOptions("session", settings(model, R"("segments": {"count": 9})"));
+    REQUIRE(failure(message, [&] { m4gn::checkOptions("session", R"({"modle": "a"})"); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "modle: unknown entry") && contains(message, "is model meant?"));
 }
 
 void refusesMeshes()
@@ -134,7 +136,7 @@ void refusesMeshes()
     {
         Channel mesh(6, 4);
         change(mesh);
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(model.c_str())); });
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(model)); });
     };
     REQUIRE(with([](Channel& m) { m.data.n_cells = -1; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](Channel& m) { m.data.cell_centres = nullptr; }) == M4GN_ERROR_INPUT);
@@ -157,14 +159,14 @@ void refusesMeshes()
     REQUIRE(contains(message, "patch_names[1]"));
     // A communicator where there is no MPI.
     Channel mesh(6, 4);
-    REQUIRE(failure(message, [&] { m4gn::Session(0, mesh.data, m4gn::sessionOptions(model.c_str())); })
+    REQUIRE(failure(message, [&] { m4gn::Session(0, mesh.data, settings(model)); })
         == M4GN_ERROR_INPUT);
 }
 
 void refusesFields()
 {
     Channel mesh(6, 4);
-    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::sessionOptions(model.c_str()));
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, settings(model));
     std::string message;
     const auto with = [&](void (*change)(std::vector<m4gn_field>&, std::vector<m4gn_field_out>&))
     {

@@ -8,10 +8,10 @@ good="mode replace; solverSteps 5; surrogateSteps 2;"
 surrogate() { function_object m4gnSurrogate "$*"; }
 
 surrogate "$good model \"$small_model\"; tua 3;"
-refused 'Unknown entry tua' icoFoam
-grep -q 'Valid entries: .*solverSteps' log.run || fail "the valid entries are not named"
+refused 'tua: unknown entry, expected one of model,' icoFoam
+grep -q 'Other entries that it may have: .*solverSteps' log.run || fail "the valid entries are not named"
 surrogate "$good model \"$small_model\"; segments { cuont 3; }"
-refused 'Unknown entry cuont' icoFoam
+refused 'segments.cuont: unknown entry, .*is count meant?' icoFoam
 surrogate "$good model \"$small_model\"; nodeTypes { inlt inlet; }"
 refused 'fit no patch' icoFoam
 surrogate "$good model \"$small_model\"; nodeTypes { inlet inlt; }"
@@ -44,13 +44,15 @@ refused 'obstacle' icoFoam
 surrogate "$good model \"$small_model\"; segments { count 100000; }"
 refused '100000' icoFoam
 surrogate "$good model \"$small_model\"; segments { method slic-mdodx; }"
-refused 'expected one of metis, slic-md, slic-mdodl, slic-mdode' icoFoam
+refused 'segments.method: expected one of metis, .*, slic-mdode, found slic-mdodx; is slic-mdode meant' icoFoam
 surrogate "$good model \"$small_model\"; segments { energy 2; }"
 refused 'expected a share above 0 and at most 1' icoFoam
 surrogate "$good model \"$small_model\"; segments { method slic-mdode; obstacles (cylnder); }"
 refused 'cylnder: expected some of the patches' icoFoam
 surrogate "$good model \"$small_model\"; segments { connected maybe; }"
-refused 'connected' icoFoam
+refused 'segments.connected: expected yes or no' icoFoam
+surrogate "$good model \"$small_model\"; nThreads two;"
+refused 'nThreads: expected a whole number' icoFoam
 cp system/controlDict controlDict
 sed -i 's/^deltaT .*/deltaT 0.02;/' system/controlDict
 surrogate "$good model \"$small_model\";"
@@ -62,7 +64,9 @@ refused 'Handled: Euler, backward' icoFoam
 cp fvSchemes system/fvSchemes
 
 function_object m4gnHarvest 'field (U p);'
-refused 'Unknown entry field' icoFoam
+refused 'field: unknown entry, expected one of path' icoFoam
+function_object m4gnHarvest 'split trian;'
+refused 'split: expected one of train, valid, test, found trian; is train meant?' icoFoam
 function_object m4gnHarvest 'fields (U T);'
 refused 'Field T is neither' icoFoam
 [ ! -e postProcessing/test/0/trajectory.h5 ] || fail "a refused recording left a file"

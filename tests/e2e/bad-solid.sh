@@ -60,7 +60,7 @@ refused 'expected E, nu and rho' postProcess -func m4gnSegments -time 0
 
 rm -rf ./* && cp -r ../good/. .
 function_object m4gnSegments 'segments { count 8; operator plastic; }'
-refused 'expected elastic or laplacian' solidDisplacementFoam
+refused 'segments.operator: expected laplacian or elastic, found plastic' solidDisplacementFoam
 
 # A model of a solid in a solver without one, and with another displacement
 sed 's/\[0,1,0,0,0,0,0\]/[0,2,0,0,0,0,0]/; s/\[0,1,0,0,0,0,0\]/[0,2,0,0,0,0,0]/' "$solid_model" > units.safetensors

@@ -3,10 +3,11 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-cp -r "$M4GN_HOME/openfoam/templates/vibratingBeam" full
+cp -r "$M4GN_HOME/openfoam/templates/vibrating-beam" full
 cp "$M4GN_HOME"/openfoam/tutorials/beam/system/{controlDict,decomposeParDict,setExprFieldsDict} full/system
 cd full
-sed -i 's/@field@/D/; s/@tip@/0.02/; s/@endTime@/0.88/; s/@deltaT@/0.001/; s/binary;/ascii;/' 0/D system/*
+rm 0/D_0
+sed -i 's/@tip@/0.02/; s/@endTime@/0.88/; s/@deltaT@/0.001/; s/binary;/ascii;/' system/*
 : > system/functions
 runs blockMesh
 runs setExprFields

@@ -58,7 +58,7 @@ whole() {
 rank_of() { values 0/cellDist | awk -v cell="$1" 'NR == cell + 1'; }
 
 rm -f 0/*
-decomposes 4 'm4gnCoeffs { segments 16; }'
+decomposes 4 'm4gnCoeffs { count 16; }'
 grep -q '16 segments computed' log.run || fail "the segments were not computed"
 cp 0/m4gnSegment ../serial
 # A cyclic that is cut becomes processorCyclic, and changes nothing
@@ -99,15 +99,15 @@ decomposes 3 'constraints { keep { type singleProcessorFaceSets; sets ((belt -1)
 echo "constraints: hold"
 
 refuses 'to the processors' 3 'constraints { keep { type singleProcessorFaceSets; sets ((corner 2) (near 0)); } }'
-refuses 'Unknown entry cuont' 3 'm4gnCoeffs { cuont 16; }'
+refuses 'segments.cuont: unknown entry' 3 'm4gnCoeffs { cuont 16; }'
 refuses 'processorWeights has 2 entries' 3 'm4gnCoeffs { processorWeights (1 1); }'
 refuses 'expected positive numbers' 3 'm4gnCoeffs { processorWeights (1 1 0); }'
-refuses '0/m4gnSegment has 16 segments' 3 'm4gnCoeffs { segments 12; }'
+refuses 'count is 16 there, and 12 is wanted' 3 'm4gnCoeffs { count 12; stored refuse; }'
 refuses '16 segments, for 17 subdomains' 17
 refuses 'expected 0 to 2' 3 'constraints { keep { type singleProcessorFaceSets; sets ((corner 3)); } }'
 rm 0/m4gnSegment
-refuses '2 segments, for 3 subdomains' 3 'm4gnCoeffs { segments 2; }'
-refuses 'method is slick; expected one of' 3 'm4gnCoeffs { method slick; }'
+refuses '2 segments, for 3 subdomains' 3 'm4gnCoeffs { count 2; }'
+refuses 'segments.method: expected one of metis' 3 'm4gnCoeffs { method slick; }'
 [ ! -e 0/m4gnSegment ] || fail "a refused decomposition left segments"
 echo "bad input: refused"
 
@@ -126,7 +126,7 @@ baffles
 EOD
 runs createBaffles -overwrite
 rm -f 0/*
-decomposes 3 'm4gnCoeffs { segments 16; } constraints { keep { type preserveBaffles; } }'
+decomposes 3 'm4gnCoeffs { count 16; } constraints { keep { type preserveBaffles; } }'
 grep -q 'groups (preserveBaffles)' log.run || fail "the baffles hold nothing together"
 for j in $(seq 0 11); do
     [ "$(rank_of $((40*j + 19)))" = "$(rank_of $((40*j + 20)))" ] || fail "row $j: the baffle is torn"

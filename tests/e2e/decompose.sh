@@ -77,7 +77,7 @@ all_decompositions() {
         for method in hierarchical m4gn; do
             cp ../serial/m4gnSegment 0
             if [ $np -eq 4 ]; then n='(2 2 1)'; else n="($np 1 1)"; fi
-            decompose_by $np $method "hierarchicalCoeffs { n $n; order xyz; } m4gnCoeffs { segments $2; }"
+            decompose_by $np $method "hierarchicalCoeffs { n $n; order xyz; } m4gnCoeffs { count $2; }"
             [ $method = hierarchical ] || grep -q 'segments read from 0/m4gnSegment' log.run || { tail -n 30 log.run; fail "stored segments were not taken"; }
             table+=("$(printf '%-9s %2d  %-12s  %4d of %d  %6d  %8s %%' "$1" $np $method "$(straddling)" "$2" \
                 "$(sed -n 's/^Number of processor faces = //p' log.run)" \
@@ -90,7 +90,7 @@ all_decompositions() {
     done
     # Segments that the method itself computes
     rm -f 0/m4gn*
-    decompose_by 3 m4gn "m4gnCoeffs { segments $2; }"
+    decompose_by 3 m4gn "m4gnCoeffs { count $2; }"
     cmp <(values ../serial/m4gnSegment) <(values 0/m4gnSegment) || fail "decomposePar stored other segments"
     [ "$(straddling)" -eq 0 ] || fail "segments on several ranks"
     printf '%s\n' 'case     NP  method        straddling  faces    largest' "${table[@]}"

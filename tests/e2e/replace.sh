@@ -30,9 +30,9 @@ mkdir ../serial && cp -r 0.* ../serial
 # Two ranks, segments computed there and segments handed over
 for segments in computed stored; do
     [ $segments = stored ] && keep=0/m4gnSegment || keep=
-    cp 0/m4gnSegment ../m4gnSegment 2> /dev/null || true
+    cp 0/m4gnSegment 0/m4gnSegmentDict .. 2> /dev/null || true
     clean_case
-    [ -z "$keep" ] || cp ../m4gnSegment 0
+    [ -z "$keep" ] || cp ../m4gnSegment ../m4gnSegmentDict 0
     on_two_ranks icoFoam
     [ -z "$keep" ] || grep -q 'segments read from 0/m4gnSegment' log.run || fail "the segments were not read"
     runs reconstructPar

@@ -30,7 +30,7 @@ find . -name '*.unfinished' | grep . && fail "an unfinished file was left"
 
 # What was written is found by a run, and by its two ranks
 rm -rf VTK
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments { count 16; }"
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments { count 16; stored keep; }"
 runs icoFoam
 grep -q 'segments read from 0/m4gnSegment' log.run || fail "the run did not read the segments"
 clean_fields() { find . -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; rm -rf postProcessing processor*; }

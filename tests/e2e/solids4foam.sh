@@ -6,8 +6,7 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 if [ -z "${SOLIDS4FOAM_INST_DIR:-}" ]; then
-    echo "solids4foam: skipped (SOLIDS4FOAM_INST_DIR is not set)"
-    exit 0
+    skip "SOLIDS4FOAM_INST_DIR is not set"
 fi
 export PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/bin:$PATH
 export LD_LIBRARY_PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/lib:$LD_LIBRARY_PATH

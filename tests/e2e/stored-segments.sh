@@ -5,8 +5,8 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
 echo 'libs (m4gnFoam);' >> system/controlDict
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; writeControl writeTime;"
-printf 'type m4gnSegments; libs (m4gnFoam); modes no; segments { model "%s"; method metis; }\n' "$small_model" \
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; writeControl writeTime; segments { stored keep; }"
+printf 'type m4gnSegments; libs (m4gnFoam); modes no; segments { model "%s"; method metis; stored keep; }\n' "$small_model" \
     > system/m4gnSegments
 
 # span TIME START: end and start (startTime or latestTime) of the run
@@ -33,6 +33,12 @@ clean_case
 runs postProcess -func m4gnSegments -time 0
 computes
 cp 0/m4gnSegment ../m4gnSegment
+# A label that no mesh has cells for: refused before room is made for as many segments
+awk '/^\($/ { inside = 1; print; next } inside { print "100000000000"; inside = 0; next } { print }' \
+    ../m4gnSegment > 0/m4gnSegment
+cmp -s 0/m4gnSegment ../m4gnSegment && fail "the test did not change a label"
+refused 'labels of segments are whole numbers from 0 that are less than the number of cells' icoFoam
+cp ../m4gnSegment 0/m4gnSegment
 runs icoFoam
 reads 0/m4gnSegment
 [ "$(table 0 | wc -l)" -eq 1 ] || { table 0; fail "expected one row"; }

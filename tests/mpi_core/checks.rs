@@ -1,10 +1,10 @@
 //! Counted checks, and comparisons of a rank's part with the whole.
 
-use m4gn::Result;
-use m4gn::mesh::Mesh;
-use m4gn::modes::Modes;
-use m4gn::parallel::Comm;
-use m4gn::segments::Segmentation;
+use m4gn_mesh::Mesh;
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
+use m4gn_model::modal::Modes;
+use m4gn_segments::Segmentation;
 
 /// Counts checks and remembers what failed on this rank.
 pub struct Checks {

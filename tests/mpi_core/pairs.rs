@@ -1,11 +1,11 @@
 //! Pairs of matrices and the ways to their modes, on several ranks.
 
 use crate::checks::Checks;
-use m4gn::graph::Graph;
-use m4gn::mesh::sample;
-use m4gn::modes::{Mass, ModalOptions, ModalSolver, ModeCount, Modes, Problem, Rows, laplacian_modes, solve};
-use m4gn::parallel::Comm;
-use m4gn::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::sample;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::modal::{ModalOptions, ModalSolver, ModeCount, Modes};
+use m4gn_modes::{Mass, Problem, Rows, laplacian_modes, solve};
 use std::f64::consts::PI;
 
 /// Rank `rank` of `size`'s rows of a matrix of constant bands, the same for each of `block` unknowns of a point.
@@ -105,8 +105,7 @@ fn ways(checks: &mut Checks) {
         ("disk", sample::disk(8, 24, 1.0)),
         ("closed", closed),
     ] {
-        let whole = Graph::new(&mesh, &serial)
-            .and_then(|mut graph| laplacian_modes(&mesh, &mut graph, &serial, &ModalOptions::default()));
+        let whole = laplacian_modes(&mesh, &serial, &ModalOptions::default());
         let Some(whole) = checks.value(whole, name) else {
             continue;
         };
@@ -117,8 +116,7 @@ fn ways(checks: &mut Checks) {
                 solver,
                 ..Default::default()
             };
-            let found = Graph::new(&part, &comm)
-                .and_then(|mut graph| laplacian_modes(&part, &mut graph, &comm, &options));
+            let found = laplacian_modes(&part, &comm, &options);
             let name = format!("{name}, {solver:?}");
             let Some(found) = checks.value(found, &name) else {
                 continue;

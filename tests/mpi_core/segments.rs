@@ -1,13 +1,14 @@
 //! Segments and their quality on several ranks against one, by every method, on random and broken-up meshes.
 
 use super::checks::{Checks, compare_segments};
-use m4gn::graph::Graph;
-use m4gn::mesh::{Mesh, NodeType, sample};
-use m4gn::model::{SegmentMethod, SegmentSpec};
-use m4gn::modes::Modes;
-use m4gn::parallel::Comm;
-use m4gn::segments::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
-use m4gn::{Error, Result};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_model::modal::Modes;
+use m4gn_model::{SegmentMethod, SegmentSpec};
+use m4gn_modes::Modal;
+use m4gn_segments::graph::Graph;
+use m4gn_segments::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
 
 pub fn check(checks: &mut Checks) {
     let mut draw = Draw(1);
@@ -73,7 +74,7 @@ fn one(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], spec: &Segme
 
 fn solve(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<(Segmentation, Quality)> {
     let mut graph = Graph::new(mesh, comm)?;
-    let found = segment(mesh, &mut graph, spec, comm, None)?;
+    let found = segment(mesh, &mut graph, spec, &Modal::default(), comm, None)?;
     let labels = &found.node_segment[..mesh.n_cells()];
     let quality = quality(
         mesh,

@@ -1,11 +1,11 @@
 //! Bodies at points: an obstacle goes down on a beam that several ranks share, and away again.
 
-use m4gn::mesh::NodeType;
-use m4gn::model::{ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec};
-use m4gn::parallel::Comm;
-use m4gn::solids::sample;
-use m4gn::step::{BodySession, SessionOptions};
-use m4gn::{Error, Result};
+use m4gn_contact::sample;
+use m4gn_mesh::NodeType;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec};
+use m4gn_step::{Session, SessionOptions};
 
 /// The description of a model of bodies with this network.
 fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize) -> ModelSpec {
@@ -45,26 +45,31 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
     let body = sample::block([9, 3, 2], [4.5, 1.5, 1.0]);
     let obstacle = sample::octahedron([4.0, 0.8, 1.7], 0.5);
     let options = SessionOptions::default();
-    let mut serial = BodySession::new(Comm::serial(), &model, &body, Some(&obstacle), &options)?;
-    let mut session = BodySession::new(comm.clone(), &model, &body, Some(&obstacle), &options)?;
-    let labels = serial.segments().1.to_vec();
-    let (points, own) = session.segments();
-    for (&p, &segment) in points.iter().zip(own) {
-        if labels[p as usize] != segment {
+    let whole = body.mesh(Some(&obstacle));
+    // As a host may deal the points out: in turns along the beam.
+    let n = body.positions.len();
+    let size = comm.size() as usize;
+    let ranks: Vec<i32> = (0..n).map(|p| (p % 10 * size / 10) as i32).collect();
+    let part = body.share(Some(&obstacle), &ranks, comm.rank());
+    let mut serial = Session::new(Comm::serial(), &whole, &model, &options)?;
+    let mut session = Session::new(comm.clone(), &part, &model, &options)?;
+    for (&p, &segment) in part.cell_global.iter().zip(session.cell_segment()) {
+        if serial.cell_segment()[p as usize] != segment {
             return Err(Error::Internal(format!(
                 "point {p} has another segment than in serial"
             )));
         }
     }
-    let mut start = vec![[0.0; 3]; body.positions.len()];
+    let own = |u: &[[f64; 3]]| -> Vec<[f64; 3]> { part.cell_global.iter().map(|&p| u[p as usize]).collect() };
+    let mut start = vec![[0.0; 3]; n];
     let (mut worst, mut largest) = (0f64, 0f64);
     for step in [0, 1, 2, 9] {
         let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.2 * f64::from(s % 4)]; 6];
         let (now, next) = (at(step), at(step + 1));
-        let (mut alone, mut shared) = (start.clone(), start.clone());
-        serial.step(&mut alone, [&now, &next])?;
-        session.step(&mut shared, [&now, &next])?;
-        for ((a, b), before) in alone.iter().zip(&shared).zip(&start) {
+        let (mut alone, mut shared) = (start.clone(), own(&start));
+        serial.step_body(&mut alone, [&now, &next])?;
+        session.step_body(&mut shared, [&now, &next])?;
+        for ((a, b), before) in own(&alone).iter().zip(&shared).zip(own(&start)) {
             for i in 0..3 {
                 worst = worst.max((a[i] - b[i]).abs());
                 largest = largest.max((a[i] - before[i]).abs());
@@ -74,5 +79,7 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
         start = alone;
         start.iter_mut().flatten().for_each(|v| *v *= 0.02);
     }
-    Ok(worst / largest)
+    let mut figures = [worst, largest];
+    comm.max_f64(&mut figures);
+    Ok(figures[0] / figures[1])
 }

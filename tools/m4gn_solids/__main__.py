@@ -12,7 +12,7 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
-from . import draws, elements, meshing
+from . import draws, meshing
 from .equilibrium import March, NoEquilibrium, Solid
 from .recording import Recording
 
@@ -31,18 +31,17 @@ def attempt(case, parameters):
     family, frames = case["family"], case["frames"]
     body, obstacle = draws.build(parameters, family, frames, ".")
     material = {"young": draws.YOUNG, "poisson": draws.POISSON, "density": draws.DENSITY}
-    solid = Solid(body, **material)
+    solid = Solid(body, draws.YOUNG, draws.POISSON)
     march = March(body, obstacle, solid, draws.YOUNG)
     local, triangles = obstacle.shape.surface(march.size)
     start = obstacle.place(local, 0)
     recording = Recording("trajectory.h5", case["split"])
-    edges = elements.edges(body.cells, body.kind)
-    recording.body(body, edges, solid.stiffness(), solid.mass(), material)
+    recording.body(body, material)
     recording.obstacle(start, triangles)
     for k, displacement in enumerate(march.frames()):
         if march.gap < -DEEPEST * march.size:
             raise SunkIn(f"the obstacle is {-march.gap / march.size:.3f} cell sizes inside at frame {k}")
-        recording.append(k * case["interval"], displacement, solid.von_mises(), obstacle.place(local, k) - start)
+        recording.append(k * case["interval"], displacement, obstacle.place(local, k) - start)
     figures = {
         "points": len(body.points),
         "elements": len(body.cells),

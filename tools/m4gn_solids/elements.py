@@ -37,24 +37,14 @@ class Wedge(fem.Element):
         return np.vstack([below, above])
 
 
-def _wedge_scheme(triangle_points, triangle_weight):
-    gauss = 1 / np.sqrt(3)
-    points = [(r, s, t) for t in (-gauss, gauss) for r, s in triangle_points]
-    return fem.quadrature.Scheme(np.array(points), np.full(len(points), triangle_weight))
-
-
-def region(mesh_points, cells, kind, exact_mass=False):
-    """FElupe region. Stiffness: one point a tetrahedron, two a wedge (full rank); `exact_mass`: enough for N_i N_j."""
+def region(mesh_points, cells, kind):
+    """FElupe region: one quadrature point a tetrahedron, two a wedge (full rank)."""
     if kind == TETRAHEDRON:
-        mesh = fem.Mesh(mesh_points, cells, "tetra")
-        scheme = fem.TetrahedronQuadrature(order=2 if exact_mass else 1)
-        return fem.RegionTetra(mesh, quadrature=scheme)
-    mesh = fem.Mesh(mesh_points, cells, "wedge")
-    if exact_mass:
-        scheme = _wedge_scheme([(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)], 1 / 6)
-    else:
-        scheme = _wedge_scheme([(1 / 3, 1 / 3)], 1 / 2)
-    return fem.Region(mesh, Wedge(), scheme)
+        return fem.RegionTetra(fem.Mesh(mesh_points, cells, "tetra"), quadrature=fem.TetrahedronQuadrature(order=1))
+    gauss = 1 / np.sqrt(3)
+    points = np.array([(1 / 3, 1 / 3, -gauss), (1 / 3, 1 / 3, gauss)])
+    scheme = fem.quadrature.Scheme(points, np.full(2, 1 / 2))
+    return fem.Region(fem.Mesh(mesh_points, cells, "wedge"), Wedge(), scheme)
 
 
 def skin(cells, kind):

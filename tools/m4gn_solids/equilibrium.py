@@ -76,27 +76,19 @@ class Banded:
 
 
 class Solid:
-    """Internal forces, their derivative, mass and stress of a neo-Hookean body."""
+    """Internal forces of a neo-Hookean body, and their derivative."""
 
-    def __init__(self, body, young, poisson, density):
+    def __init__(self, body, young, poisson):
         self.body = body
         shear, bulk = young / (2 * (1 + poisson)), young / (3 * (1 - 2 * poisson))
         region = elements.region(body.points, body.cells, body.kind)
         self.field = fem.FieldContainer([fem.Field(region, dim=3)])
-        self.solid = fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), self.field, density=density)
+        self.solid = fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), self.field)
         dof = (3 * body.cells[:, :, None] + np.arange(3)).reshape(len(body.cells), -1)
         n = dof.shape[1]
         self.row, self.column = np.repeat(dof, n, axis=1).ravel(), np.tile(dof, n).ravel()
         self.size = 3 * len(body.points)
         self.cell_dof = dof.ravel()
-        self.shear, self.bulk, self.density = shear, bulk, density
-        # Mean of the quadrature points, then of the cells around a point by volume
-        volume = region.dV.sum(axis=0)
-        count = body.cells.shape[1]
-        spread = sp.csr_matrix(
-            (np.repeat(volume, count), (body.cells.ravel(), np.repeat(np.arange(len(volume)), count)))
-        )
-        self.to_points = sp.diags(1 / np.asarray(spread.sum(axis=1)).ravel()) @ spread
 
     def set(self, displacement):
         """Sets the displacement [N, 3]; False when a cell is turned inside out by it."""
@@ -120,29 +112,6 @@ class Solid:
         value = form.integrate()[0]
         n = self.body.cells.shape[1] * 3
         return np.moveaxis(value, -1, 0).reshape(-1, n, n).ravel()
-
-    def stiffness(self):
-        """K at rest with no point fixed, CSR, N/m."""
-        self.set(np.zeros_like(self.body.points))
-        k = sp.csr_matrix((self.tangent(), (self.row, self.column)), (self.size, self.size))
-        k.sum_duplicates()
-        return k
-
-    def mass(self):
-        """Consistent M, CSR, kg."""
-        region = elements.region(self.body.points, self.body.cells, self.body.kind, exact_mass=True)
-        field = fem.FieldContainer([fem.Field(region, dim=3)])
-        m = fem.SolidBody(self.solid.umat, field, density=self.density).assemble.mass().tocsr()
-        m.eliminate_zeros()
-        m.sort_indices()
-        return m
-
-    def von_mises(self):
-        """Von Mises stress (Cauchy) at the points [N], Pa."""
-        stress = self.solid.evaluate.cauchy_stress(self.field)
-        deviator = stress - np.einsum("kk...->...", stress) / 3 * np.eye(3)[:, :, None, None]
-        mises = np.sqrt(1.5 * np.einsum("ij...,ij...->...", deviator, deviator))
-        return self.to_points @ mises.mean(axis=0)
 
 
 class March:

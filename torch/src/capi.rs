@@ -1,15 +1,20 @@
 //! The C interface through which the core crate uses this library, loaded with libloading.
 //!
-//! Status codes are those of [`m4gn::Error::status`]; the message of the last failure of the calling thread is
+//! Status codes are those of [`m4gn_mesh::Error::status`]; the message of the last failure of the calling thread is
 //! kept for `m4gn_torch_last_error`. Panics end here.
 #![allow(unsafe_code)]
 
+use crate::backend::TorchBackend;
+use crate::device::parse_device;
 use crate::inference::Inference;
 use crate::pool::panic_message;
-use crate::request::{Request, parse_device};
 use crate::samples::Parts;
-use m4gn::engine::torch::{ABI_VERSION, TorchGraph};
-use m4gn::{Error, Result};
+use m4gn_engine::backward::Adam;
+use m4gn_engine::torch::{LIBRARY, TorchGraph};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_train::{Request, Task, train};
+use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -48,7 +53,7 @@ pub(crate) fn keep_memory() {
 /// Version of this interface.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_torch_abi_version() -> u32 {
-    ABI_VERSION
+    LIBRARY.version
 }
 
 /// Message of the last failure of this thread; valid until its next call.
@@ -57,7 +62,7 @@ pub extern "C" fn m4gn_torch_last_error() -> *const c_char {
     LAST_ERROR.with(|last| last.borrow().as_ptr())
 }
 
-/// Trains as a JSON request says (see [`Request`]). `stop` is read now and then: nonzero, save and stop.
+/// Trains as a JSON request says (see [`m4gn_train::Request`]). `stop` is read now and then: nonzero, save and stop.
 ///
 /// # Safety
 /// `request_json` is a NUL-terminated string; `stop` points to a byte that lives, and is only changed
@@ -78,8 +83,90 @@ pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *co
         // SAFETY: not null, lives and is atomic by this function's contract; a u8 is aligned anywhere.
         let stop = unsafe { AtomicU8::from_ptr(stop.cast_mut()) };
         keep_memory();
-        crate::trainer::train(&request, stop).map(|_| ())
+        // Before anything is read or written.
+        let device = parse_device(request.device.as_deref().unwrap_or("cpu"))?;
+        train(&request, stop, &Comm::serial(), |task| {
+            Ok(Box::new(TorchBackend::new(task, device)?))
+        })
+        .map(|_| ())
     })
+}
+
+/// A step of training to be measured.
+struct Measured {
+    backend: TorchBackend,
+    prepared: Prepared,
+    optimiser: Adam,
+}
+
+/// Prepares a [`Trial`] in JSON; `device` as in [`m4gn_torch_load`].
+///
+/// # Safety
+/// The strings are NUL-terminated; `handle` can be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_trial(
+    trial: *const c_char,
+    device: *const c_char,
+    handle: *mut *mut c_void,
+) -> i32 {
+    guard(|| {
+        if trial.is_null() || device.is_null() || handle.is_null() {
+            return Err(Error::Input("m4gn_torch_trial: a null pointer".into()));
+        }
+        // SAFETY: not null, and NUL-terminated by this function's contract.
+        let (text, device) = unsafe { (CStr::from_ptr(trial), CStr::from_ptr(device)) };
+        let trial: Trial = serde_json::from_slice(text.to_bytes())
+            .map_err(|e| Error::Input(format!("the trial to be measured: {e}")))?;
+        let device = parse_device(&device.to_string_lossy())?;
+        keep_memory();
+        let prepared = trial.prepare()?;
+        let task = Task {
+            config: &prepared.config,
+            spec: &prepared.spec,
+            work: &prepared.work,
+            threads: trial.threads,
+        };
+        let backend = TorchBackend::new(&task, device)?;
+        let measured = Measured {
+            backend,
+            optimiser: prepared.optimiser(),
+            prepared,
+        };
+        // SAFETY: not null, and can be written by this function's contract.
+        unsafe { *handle = Box::into_raw(Box::new(measured)).cast() };
+        Ok(())
+    })
+}
+
+/// One step of training.
+///
+/// # Safety
+/// `handle` came from [`m4gn_torch_trial`]; `loss` can be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_trial_step(handle: *mut c_void, loss: *mut f64) -> i32 {
+    guard(|| {
+        if handle.is_null() || loss.is_null() {
+            return Err(Error::Input("m4gn_torch_trial_step: a null pointer".into()));
+        }
+        // SAFETY: not null, and from m4gn_torch_trial by this function's contract.
+        let m = unsafe { &mut *handle.cast::<Measured>() };
+        let value = m.prepared.step(&mut m.backend, &mut m.optimiser)?;
+        // SAFETY: not null, and can be written by this function's contract.
+        unsafe { *loss = value };
+        Ok(())
+    })
+}
+
+/// Frees a trial; null does nothing.
+///
+/// # Safety
+/// `handle` came from [`m4gn_torch_trial`] and is not used again.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_torch_trial_free(handle: *mut c_void) {
+    if !handle.is_null() {
+        // SAFETY: made by Box::into_raw in m4gn_torch_trial, given back once.
+        drop(unsafe { Box::from_raw(handle.cast::<Measured>()) });
+    }
 }
 
 /// Loads a model for a graph, which is copied. `device` null: the CPU.

@@ -2,8 +2,8 @@
 
 use crate::network::Topology;
 use crate::rollout::State;
-use m4gn::graph::contact::ContactGraph;
-use m4gn::{Error, Result};
+use m4gn_contact::graph::ContactGraph;
+use m4gn_mesh::{Error, Result};
 use tch::{Device, Kind, Tensor};
 
 /// The graphs of a union with the world edges at a state instead of those they had: `bodies` are the union's, in its
@@ -53,7 +53,7 @@ pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Res
     })
 }
 
-/// Physical features of all edges at a state `[E x 9]`, as [`m4gn::graph::contact`] has them; what the graph holds
+/// Physical features of all edges at a state `[E x 9]`, as [`m4gn_contact::graph`] has them; what the graph holds
 /// where the nodes do not move.
 pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     let Some(is_world) = &graph.is_world else {

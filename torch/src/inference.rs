@@ -3,8 +3,8 @@
 use crate::network::{Network, Topology};
 use crate::samples::{HostGraph, Parts};
 use crate::weights::{Layout, Weights};
-use m4gn::model::{Model, ModelSpec};
-use m4gn::{Error, Result};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec};
 use std::path::Path;
 use tch::{Device, Tensor};
 
@@ -42,7 +42,7 @@ impl Inference {
                 spec.dim
             )));
         }
-        if spec.architecture.segment_transformer.is_some() && parts.segments == 0 {
+        if spec.architecture.segment_transformer().is_some() && parts.segments == 0 {
             return Err(Error::Model(
                 "the model has a macro stage, the graph comes without segments".into(),
             ));

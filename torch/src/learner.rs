@@ -3,30 +3,21 @@
 use crate::config::{Config, Precision};
 use crate::contact;
 use crate::network::{Network, Topology};
-use crate::normaliser::{Moments, Normaliser};
+use crate::normaliser::{Scales, moments as moments_of};
 use crate::rollout::{Boundary, State, Stepper};
-use crate::samples::{Components, HostGraph, Sample};
-use crate::weights::{Layout, normal};
-use m4gn::Result;
-use m4gn::graph::contact::ContactGraph;
-use m4gn::model::ModelSpec;
+use crate::samples::{HostGraph, Sample};
+use crate::weights::Layout;
+use m4gn_contact::graph::ContactGraph;
+use m4gn_engine::backward::normal;
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
+use m4gn_train::Example;
+use m4gn_train::normaliser::Normaliser;
+use m4gn_train::samples::Components;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
-
-/// One training example: a trajectory, a frame to start from, and its random numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Example {
-    /// Index of the training trajectory.
-    pub sample: usize,
-    /// First frame.
-    pub frame: usize,
-    /// Reflected in the second direction.
-    pub mirror: bool,
-    /// Seed of the noise.
-    pub seed: u64,
-}
 
 /// Work for one thread.
 pub enum Job {
@@ -225,9 +216,9 @@ impl Learner {
         if accumulate {
             let next = self.state(examples, 1);
             moments = Some(Normaliser {
-                node: Moments::of(&self.stepper.inputs(&state, &next)),
-                edge: Moments::of(&edges),
-                output: Moments::of(&self.stepper.target(&state, &next.cells)),
+                node: moments_of(&self.stepper.inputs(&state, &next)),
+                edge: moments_of(&edges),
+                output: moments_of(&self.stepper.target(&state, &next.cells)),
             });
         }
         if !learn {
@@ -241,7 +232,7 @@ impl Learner {
         let leaf = weights.detach().set_requires_grad(true);
         let views = self.layout.views(&leaf, self.half());
         let network = Network::new(&self.spec.architecture, &views);
-        let scales = normaliser.scales(self.device);
+        let scales = Scales::new(normaliser, self.device);
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
         let mut losses = Vec::new();
         for step in 1..=unroll {
@@ -293,7 +284,7 @@ impl Learner {
         // Validation measures the model that is exported, which the engine runs in fp32.
         let views = self.layout.views(weights, false);
         let network = Network::new(&self.spec.architecture, &views);
-        let scales = normaliser.scales(self.device);
+        let scales = Scales::new(normaliser, self.device);
         let boundary = sample.boundary();
         let read = |step: usize| {
             let (cells, boundary) = sample.frame(frame + step * self.frames_a_step, self.device);

@@ -1,25 +1,21 @@
-//! Trainable M4GN models: training and inference on libtorch.
+//! Trainable M4GN models on libtorch: the backend `torch` of the training, and inference.
 //!
-//! The modules stand in the order of the data's way: configuration and request -> trajectories in memory ->
-//! network -> one model step -> gradients on worker threads -> updates -> checkpoints, log, model file.
+//! The training itself, from the data to the model file, is `m4gn_train`; here is what computes: trajectories as tensors
+//! -> network -> one model step -> gradients on worker threads.
 
-pub mod bodies;
+pub mod backend;
 pub mod capi;
-pub mod checkpoint;
-pub mod config;
 pub mod contact;
+pub mod device;
 pub mod fused;
 pub mod inference;
-pub mod journal;
 pub mod learner;
 pub mod network;
 pub mod normaliser;
-pub mod optimiser;
 pub mod pool;
-pub mod report;
-pub mod request;
+pub mod processor;
 pub mod rollout;
 pub mod samples;
-pub mod trainer;
 pub mod weights;
-pub mod workload;
+
+pub use m4gn_train::config;

@@ -5,8 +5,9 @@
 //! CPU some operations are joined (`fused`); beside each stands the plain way.
 
 use crate::fused;
+use crate::processor;
 use crate::weights::Weights;
-use m4gn::model::{Activation, Architecture, MacroSpec};
+use m4gn_model::{Activation, Architecture, MacroSpec};
 use tch::{Device, Kind, Tensor};
 
 /// One or more graphs as index and feature tensors; graphs are a disjoint union.
@@ -68,7 +69,7 @@ impl Topology {
 }
 
 /// Rows picked from and summed into tensors by expanded indices, the fast path of libtorch's CPU kernels.
-fn pick(values: &Tensor, index: &Tensor) -> Tensor {
+pub(crate) fn pick(values: &Tensor, index: &Tensor) -> Tensor {
     values.gather(
         0,
         &index.unsqueeze(1).expand([-1, values.size()[1]], false),
@@ -76,7 +77,7 @@ fn pick(values: &Tensor, index: &Tensor) -> Tensor {
     )
 }
 
-fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
+pub(crate) fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
     let width = values.size()[1];
     Tensor::zeros([rows, width], (values.kind(), values.device())).scatter_add(
         0,
@@ -86,9 +87,9 @@ fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
 }
 
 /// Latent rows: fp32, and in the products' arithmetic (the same tensor where that is fp32).
-struct Rows {
-    full: Tensor,
-    operand: Tensor,
+pub struct Rows {
+    pub(crate) full: Tensor,
+    pub(crate) operand: Tensor,
 }
 
 /// The network with its weights, for as many forward passes as the weights live.
@@ -117,36 +118,25 @@ impl<'a> Network<'a> {
 
     /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
-        let a = self.architecture;
-        let mut h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1));
-        let mut e = self.encode("encoder.edge", edges);
-        for l in 0..a.layers_before {
-            self.message_passing(l, graph, &mut h, &mut e);
-        }
-        let mut segment_rows = None;
-        if let Some(spec) = &a.segment_transformer {
-            let context = self.to_nodes(graph, &self.segment_transformer(spec, graph, &h.full));
-            if a.layers_after > 0 {
-                let full =
-                    &h.full + float(&self.linear("segment.dispatch", &Tensor::cat(&[&h.full, &context], 1)));
-                h = self.rows(full);
-            }
-            segment_rows = Some(context.narrow(0, 0, graph.cells));
-        }
-        for l in a.layers_before..a.layers_before + a.layers_after {
-            self.message_passing(l, graph, &mut h, &mut e);
-        }
-        let cells = h.full.narrow(0, 0, graph.cells);
-        let input = match segment_rows {
-            Some(rows) => Tensor::cat(&[cells, rows], 1),
-            None => cells,
-        };
-        float(&self.mlp("decoder", &input))
+        let h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1));
+        let rows = processor::of(self.architecture).run(self, graph, h, edges);
+        float(&self.mlp("decoder", &rows))
+    }
+
+    /// h + dispatch([h, h_S]).
+    pub(crate) fn dispatch(&self, h: &Rows, context: &Tensor) -> Rows {
+        let both = Tensor::cat(&[&h.full, context], 1);
+        self.rows(&h.full + float(&self.linear("segment.dispatch", &both)))
+    }
+
+    /// f(W a + b) of a graph convolution.
+    pub(crate) fn convolution(&self, layer: usize, sums: &Tensor) -> Tensor {
+        float(&self.activate(&self.linear(&format!("processor.{layer}.convolution"), sums)))
     }
 
     /// The first layer is in fp32 in either precision, as in the engine: physical features differ in more digits than
     /// bfloat16 has.
-    fn encode(&self, name: &str, x: &Tensor) -> Rows {
+    pub(crate) fn encode(&self, name: &str, x: &Tensor) -> Rows {
         let full = |part: &str| self.weights.full(&format!("{name}.0.{part}"));
         let first = float(x).linear(full("weight"), Some(full("bias")));
         let x = self.hidden(name, self.activate(&first));
@@ -154,7 +144,7 @@ impl<'a> Network<'a> {
     }
 
     /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
-    fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
+    pub(crate) fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
         let (edge, node) = (
             format!("processor.{layer}.edge"),
             format!("processor.{layer}.node"),
@@ -226,7 +216,7 @@ impl<'a> Network<'a> {
     }
 
     /// Eq. 9 to 13: segments as means of their nodes, then pre-norm self-attention; `[graphs K x d]`.
-    fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
+    pub(crate) fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
         // Sums here are new tensors: the backward pass needs the old ones.
         let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
         let sums = match &graph.member_node {
@@ -270,7 +260,7 @@ impl<'a> Network<'a> {
     }
 
     /// Each node's segment row, or the mean over its segments.
-    fn to_nodes(&self, graph: &Topology, segments: &Tensor) -> Tensor {
+    pub(crate) fn to_nodes(&self, graph: &Topology, segments: &Tensor) -> Tensor {
         let rows = pick(segments, &graph.member_segment);
         match &graph.member_node {
             Some(index) => sum_into(graph.nodes, &rows, index) * &graph.node_weight,

@@ -2,8 +2,8 @@
 
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
-use crate::samples::Components;
-use m4gn::model::{ModelSpec, Output};
+use m4gn_model::{ModelSpec, Output};
+use m4gn_train::samples::Components;
 use tch::{Device, Tensor};
 
 /// Physical values of all fields at one time.

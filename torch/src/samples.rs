@@ -1,18 +1,11 @@
 //! Trajectories in memory: fields as tensors, graphs and segments made by the core crate, batches of both.
 
-use crate::config::Config;
 use crate::network::Topology;
 use crate::rollout::Boundary;
-use m4gn::dataset::Trajectory;
-use m4gn::graph::Graph;
-use m4gn::graph::contact::ContactGraph;
-use m4gn::mesh::NodeType;
-use m4gn::model::{ModalOperator, ModelSpec, Output, SegmentSpec};
-use m4gn::parallel::Comm;
-use m4gn::segments;
-use m4gn::step::{copied_faces, faces_seen_as_their_cells};
-use m4gn::{Error, Result};
-use std::path::Path;
+use m4gn_contact::graph::ContactGraph;
+use m4gn_mesh::NodeType;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::ModelSpec;
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
 
@@ -90,48 +83,6 @@ pub fn edge_width(spec: &ModelSpec) -> usize {
     match spec.contact {
         Some(_) => spec.dim,
         None => spec.n_edge_features(),
-    }
-}
-
-/// Components of the fields: which are inputs, which outputs, and how.
-#[derive(Clone, Debug)]
-pub struct Components {
-    /// Components of all fields together.
-    pub count: usize,
-    /// Field of each component.
-    pub field: Vec<usize>,
-    /// Components that are inputs.
-    pub inputs: Vec<usize>,
-    /// Components that are predicted.
-    pub outputs: Vec<usize>,
-    /// Components that change sign under reflection in the second direction.
-    pub odd: Vec<bool>,
-}
-
-impl Components {
-    /// Counts the components of a model's fields.
-    pub fn new(spec: &ModelSpec) -> Self {
-        let mut c = Components {
-            count: 0,
-            field: vec![],
-            inputs: vec![],
-            outputs: vec![],
-            odd: vec![],
-        };
-        for (f, field) in spec.fields.iter().enumerate() {
-            for i in 0..field.components(spec.dim) {
-                if field.input {
-                    c.inputs.push(c.count);
-                }
-                if field.output != Output::None {
-                    c.outputs.push(c.count);
-                }
-                c.field.push(f);
-                c.odd.push(field.vector && i == 1);
-                c.count += 1;
-            }
-        }
-        c
     }
 }
 
@@ -213,12 +164,7 @@ impl HostGraph {
                 spec.node_types.len() + 1,
             );
         }
-        if let Some(stage) = spec
-            .architecture
-            .segment_transformer
-            .as_ref()
-            .filter(|m| m.centroids)
-        {
+        if let Some(stage) = spec.architecture.segment_transformer().filter(|m| m.centroids) {
             negate(
                 &mut graph.position,
                 spec.n_position_features(),
@@ -298,20 +244,30 @@ impl HostGraph {
 }
 
 impl Sample {
-    /// Reads a trajectory and makes its graph and segments with the core crate's own functions.
-    pub fn read(trajectory: &Trajectory, path: &Path, spec: &ModelSpec, device: Device) -> Result<Self> {
-        let comm = Comm::serial();
-        let mesh = trajectory.mesh();
-        let here = |e: Error| Error::file(path, e.to_string());
-        let mut graph = Graph::new(mesh, &comm).map_err(here)?;
-        let segmentation = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).map_err(here)?;
-        let features = segments::features(spec, mesh, &segmentation, &comm);
+    /// The tensors of a trajectory in memory.
+    ///
+    /// Errors: [`Error::Model`] for a node type that the model does not know.
+    pub fn new(sample: &m4gn_train::samples::Sample, spec: &ModelSpec, device: Device) -> Result<Self> {
+        let (segmentation, features) = &sample.segments;
+        let graph = &sample.graph;
+        // Of a body the edges of its mesh; world edges come with each state.
+        let edges = sample.contact.as_ref().map(|c| c.mesh_edges());
+        let of_mesh = edges.map(|edges| {
+            let senders: Vec<i32> = edges.iter().map(|e| e.sender).collect();
+            let receivers: Vec<i32> = edges.iter().map(|e| e.receiver).collect();
+            let rest: Vec<f32> = edges.iter().flat_map(|e| e.rest.map(|v| v as f32)).collect();
+            (senders, receivers, rest)
+        });
+        let (senders, receivers, edge_features) = match &of_mesh {
+            Some((senders, receivers, rest)) => (senders, receivers, rest),
+            None => (&graph.senders, &graph.receivers, &graph.edge_features),
+        };
         let parts = Parts {
             n_cells: graph.n_cells,
             node_types: &graph.node_types[..graph.n_owned],
-            senders: &graph.senders,
-            receivers: &graph.receivers,
-            edge_features: &graph.edge_features,
+            senders,
+            receivers,
+            edge_features,
             segments: segmentation.count,
             member_row: &segmentation.member_row,
             member: &segmentation.member,
@@ -319,54 +275,29 @@ impl Sample {
             position: &features.position,
             offsets: &features.offsets,
         };
-        let host = HostGraph::new(&parts, spec).map_err(here)?;
+        let host = HostGraph::new(&parts, spec)?;
         let reflected = host.reflected(spec);
-        let components = Components::new(spec);
-        let (nodes, width, n_frames) = (mesh.n_nodes(), components.count, trajectory.times().len());
-        let mut values = vec![0f32; n_frames * nodes * width];
-        let mut copies = vec![0f32; mesh.boundary.len() * width];
-        let as_cells = faces_seen_as_their_cells(mesh);
-        let mut first = 0;
-        for field in &spec.fields {
-            let n = field.components(spec.dim);
-            let frames = trajectory.read_frames(&field.name, 0, 1, n_frames)?;
-            for (t, frame) in frames.iter().enumerate() {
-                let rows = frame.cells.chunks_exact(n).chain(frame.boundary.chunks_exact(n));
-                for (node, row) in rows.enumerate() {
-                    values[(t * nodes + node) * width + first..][..n].copy_from_slice(row);
-                }
-            }
-            if field.vector {
-                for (t, (face, cell)) in (0..n_frames).flat_map(|t| as_cells.iter().map(move |&f| (t, f))) {
-                    let at = |node: usize| (t * nodes + node) * width + first;
-                    values.copy_within(at(cell)..at(cell) + n, at(mesh.n_cells() + face));
-                }
-            }
-            let pairs = frames.iter().map(|f| (&f.cells[..], &f.boundary[..]));
-            for (face, copy) in copied_faces(mesh, field.vector, pairs).into_iter().enumerate() {
-                copies[face * width + first..][..n].fill(if copy { 1.0 } else { 0.0 });
-            }
-            first += n;
-        }
-        if let Some(at) = values.iter().position(|v| !v.is_finite()) {
-            let frame = at / (nodes * width);
-            return Err(Error::file(
-                path,
-                format!("frame {frame} holds a value that is not finite: generate this trajectory again"),
-            ));
-        }
-        let owners: Vec<i64> = mesh.boundary.iter().map(|b| b.owner as i64).collect();
+        let floats = |flags: &[bool]| -> Vec<f32> { flags.iter().map(|&f| f32::from(u8::from(f))).collect() };
+        let owners: Vec<i64> = sample.owners.iter().map(|&o| i64::from(o)).collect();
+        let (width, n_frames) = (sample.width as i64, sample.n_frames);
+        let shape = [n_frames as i64, graph.n_owned as i64, width];
         Ok(Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
-            hosts: [host, reflected].map(Arc::new),
             owners: Tensor::from_slice(&owners).to_device(device),
-            copies: Tensor::from_slice(&copies)
-                .view([-1, width as i64])
+            copies: Tensor::from_slice(&floats(&sample.copies))
+                .view([-1, width])
                 .to_device(device),
-            held: None,
-            frames: Tensor::from_slice(&values).view([n_frames as i64, nodes as i64, width as i64]),
+            held: sample
+                .held
+                .as_ref()
+                .map(|held| Tensor::from_slice(&floats(held)).view([-1, 1]).to_device(device)),
+            frames: Tensor::from_slice(&sample.frames).view(shape),
             n_frames,
-            contact: None,
+            contact: sample
+                .contact
+                .as_ref()
+                .map(|c| [c.clone(), c.reflected()].map(Arc::new)),
+            hosts: [host, reflected].map(Arc::new),
         })
     }
 
@@ -404,77 +335,4 @@ impl Sample {
         let (cells, boundary) = (self.hosts[0].cells as i64, self.hosts[0].boundary as i64);
         (all.narrow(0, 0, cells), all.narrow(0, cells, boundary))
     }
-}
-
-/// What the data say about a model: dimensions, fields, node types, and the stride in frames.
-pub fn describe(config: &Config, first: &Trajectory, path: &Path) -> Result<ModelSpec> {
-    let mesh = first.mesh();
-    let mut fields = Vec::new();
-    for wanted in &config.model.fields {
-        let found = first
-            .fields()
-            .iter()
-            .find(|f| f.name == wanted.name)
-            .ok_or_else(|| {
-                let names: Vec<&str> = first.fields().iter().map(|f| f.name.as_str()).collect();
-                Error::file(
-                    path,
-                    format!(
-                        "no field `{}`, which model.fields asks for; there are {}",
-                        wanted.name,
-                        names.join(", ")
-                    ),
-                )
-            })?;
-        fields.push(m4gn::model::FieldSpec {
-            name: found.name.clone(),
-            vector: found.vector,
-            dimensions: found.dimensions,
-            input: wanted.input,
-            output: wanted.output,
-        });
-    }
-    Ok(ModelSpec {
-        format: 1,
-        dim: mesh.dim(),
-        stride: config.model.stride,
-        fields,
-        node_types: Vec::new(),
-        architecture: config.architecture(),
-        contact: None,
-        segments: SegmentSpec {
-            operator: Some(match config.segments.is_elastic(mesh)? {
-                true => ModalOperator::Elastic,
-                false => ModalOperator::Laplacian,
-            }),
-            ..config.segments.clone()
-        },
-        training: serde_json::Value::Null,
-    })
-}
-
-/// Frames in one model step: the stride over the frame interval, which must be a whole number.
-pub fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
-    let count = times.len();
-    if count < 2 {
-        return Err(Error::file(
-            path,
-            format!("{count} frames: at least two are needed to learn from"),
-        ));
-    }
-    let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
-    let uneven = times
-        .windows(2)
-        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
-    let steps = stride / interval;
-    if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
-        return Err(Error::file(
-            path,
-            format!(
-                "frames every {interval:.6} s{}: model.stride = {stride} s must be a multiple of an even interval",
-                if uneven { " on average, not evenly" } else { "" }
-            ),
-        ));
-    }
-    Ok(steps.round() as usize)
 }

@@ -1,23 +1,24 @@
 //! The tch model against the native engine on the same weights, its fused operations against plain ones, and unions
 //! of graphs against single ones.
 
-use m4gn::engine::{Engine, EngineOptions, Forward, SegmentView};
-use m4gn::graph::Graph;
-use m4gn::mesh::{Mesh, NodeType, sample};
-use m4gn::model::{
-    Activation, Architecture, ContactSpec, FieldSpec, MacroSpec, Model, ModelSpec, Output, SegmentMethod,
-    SegmentSpec,
+use m4gn_engine::{Engine, EngineOptions, Forward, SegmentView};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_model::{
+    Activation, Architecture, ContactSpec, FieldSpec, M4gn, MacroSpec, Model, ModelSpec, Output,
+    SegmentMethod, SegmentSpec,
 };
-use m4gn::parallel::Comm;
-use m4gn::segments;
-use m4gn::step::{BodySession, SessionOptions};
+use m4gn_segments as segments;
+use m4gn_segments::graph::Graph;
+use m4gn_step::{Session, SessionOptions};
+use m4gn_torch::contact;
 use m4gn_torch::inference::Inference;
 use m4gn_torch::network::{Network, Topology};
 use m4gn_torch::normaliser::Scales;
 use m4gn_torch::rollout::{State, Stepper};
-use m4gn_torch::samples::{Components, HostGraph, Parts};
+use m4gn_torch::samples::{HostGraph, Parts, Sample};
 use m4gn_torch::weights::Layout;
-use m4gn_torch::{bodies, contact};
+use m4gn_train::samples::Components;
 use tch::{Device, Kind, Tensor};
 
 fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
@@ -36,12 +37,14 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
         node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
         architecture,
         contact: None,
+        resolution: None,
         segments: SegmentSpec {
             method: SegmentMethod::Metis,
             count: 6,
             overlap,
             ..Default::default()
         },
+        trained_on: None,
         training: serde_json::Value::Null,
     }
 }
@@ -49,7 +52,15 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
 fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
     let comm = Comm::serial();
     let mut graph = Graph::new(mesh, &comm).unwrap();
-    let cut = segments::segment(mesh, &mut graph, &spec.segments, &comm, None).unwrap();
+    let cut = segments::segment(
+        mesh,
+        &mut graph,
+        &spec.segments,
+        &m4gn_modes::Modal::default(),
+        &comm,
+        None,
+    )
+    .unwrap();
     let features = segments::features(spec, mesh, &cut, &comm);
     let parts = Parts {
         n_cells: graph.n_cells,
@@ -81,9 +92,11 @@ fn whole(width: usize) -> ModelSpec {
         width,
         hidden_layers: 1,
         activation: Activation::Relu,
-        layers_before: 2,
-        layers_after: 2,
-        segment_transformer: Some(stage),
+        kind: m4gn_model::Kind::M4gn(M4gn {
+            layers_before: 2,
+            layers_after: 2,
+            segment_transformer: stage,
+        }),
     };
     spec(architecture, 1)
 }
@@ -182,7 +195,15 @@ fn difference(spec: &ModelSpec) -> f64 {
     let comm = Comm::serial();
     let mesh = sample::triangles(14, 9, 1.6, 0.41);
     let mut graph = Graph::new(&mesh, &comm).unwrap();
-    let cut = segments::segment(&mesh, &mut graph, &spec.segments, &comm, None).unwrap();
+    let cut = segments::segment(
+        &mesh,
+        &mut graph,
+        &spec.segments,
+        &m4gn_modes::Modal::default(),
+        &comm,
+        None,
+    )
+    .unwrap();
     let features = segments::features(spec, &mesh, &cut, &comm);
     let view = SegmentView::new(&cut, &features);
     let parts = Parts {
@@ -222,30 +243,42 @@ fn difference(spec: &ModelSpec) -> f64 {
 
 #[test]
 fn native_engine_and_tch_model_agree() {
-    let network = |before, after, macro_stage: Option<MacroSpec>, activation, hidden_layers| Architecture {
+    let network = |kind: m4gn_model::Kind, activation, hidden_layers| Architecture {
         width: 32,
         hidden_layers,
         activation,
-        layers_before: before,
-        layers_after: after,
-        segment_transformer: macro_stage,
+        kind,
+    };
+    let m4gn = |layers_before, layers_after, segment_transformer| {
+        m4gn_model::Kind::M4gn(M4gn {
+            layers_before,
+            layers_after,
+            segment_transformer,
+        })
     };
     let stage = |layers, rwse_steps| {
         let geometry = rwse_steps > 0;
-        Some(MacroSpec {
+        MacroSpec {
             layers,
             heads: 4,
             ffn_width: 48,
             rwse_steps,
             centroids: geometry,
             offsets: geometry,
-        })
+        }
     };
     for (architecture, overlap) in [
-        (network(3, 0, None, Activation::Relu, 1), 0),
-        (network(3, 0, stage(2, 0), Activation::Relu, 2), 0),
-        (network(2, 2, stage(2, 5), Activation::Silu, 1), 0),
-        (network(2, 1, stage(1, 0), Activation::Relu, 1), 2),
+        (
+            network(m4gn_model::Kind::MeshGraphNet { layers: 3 }, Activation::Relu, 1),
+            0,
+        ),
+        (
+            network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1),
+            0,
+        ),
+        (network(m4gn(3, 0, stage(2, 0)), Activation::Relu, 2), 0),
+        (network(m4gn(2, 2, stage(2, 5)), Activation::Silu, 1), 0),
+        (network(m4gn(2, 1, stage(1, 0)), Activation::Relu, 1), 2),
     ] {
         let relative = difference(&spec(architecture.clone(), overlap));
         // fp32 sums in different orders, over a few layers.
@@ -273,13 +306,14 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
     spec.contact = Some(ContactSpec { radius: 0.6 });
     spec.segments.method = SegmentMethod::SlicExp;
     spec.segments.modes = 1;
-    let body = m4gn::solids::sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
-    let obstacle = m4gn::solids::sample::octahedron([2.6, 0.5, 1.6], 0.5);
+    let body = m4gn_contact::sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
+    let obstacle = m4gn_contact::sample::octahedron([2.6, 0.5, 1.6], 0.5);
     let model = Model::random(spec.clone(), 7).unwrap();
     let options = SessionOptions::default();
-    let mut session = BodySession::new(Comm::serial(), &model, &body, Some(&obstacle), &options).unwrap();
+    let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
-    let sample = bodies::sample(&body, Some(&obstacle), &spec, Device::Cpu).unwrap();
+    let sample = m4gn_train::samples::Sample::of_body(&body, Some(&obstacle), &spec).unwrap();
+    let sample = Sample::new(&sample, &spec, Device::Cpu).unwrap();
     let layout = Layout::new(&spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);
     let network = Network::new(&spec.architecture, &weights);
@@ -319,7 +353,7 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
         let output = stepper.predict(&network, &graph, &edges, &scales, &state, &target);
         let after = stepper.advance(&scales, &sample.boundary(), &state, &output, &target);
         let before = displacement.clone();
-        session.step(&mut displacement, [&now, &next]).unwrap();
+        session.step_body(&mut displacement, [&now, &next]).unwrap();
         let error = relative(&after.cells, &tensor(&displacement));
         assert!(error < 1e-5, "step {step}: {error:e}");
         assert!(relative(&after.cells, &tensor(&before)) > 1e-2, "nothing moved");

@@ -12,6 +12,7 @@ License
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticModes.H"
+#include "m4gnSurrogate.H"
 #include "OSspecific.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
@@ -35,6 +36,7 @@ static const Foam::label defaultModes = 12;
 void Foam::functionObjects::m4gnHarvest::start()
 {
     m4gn::checkAbi();
+    checkSource();
 
     nodes_ = m4gnNodes::New(mesh_, dict_);
 
@@ -82,15 +84,7 @@ void Foam::functionObjects::m4gnHarvest::start()
         mkDir(path_.path());
     }
 
-    const std::string about(provenance());
-
-    m4gn_recorder_options options = {};
-    options.path = path_.c_str();
-    options.n_fields = recorded.size();
-    options.fields = recorded.data();
-    options.provenance = about.c_str();
-    options.split = split_.c_str();
-    options.overwrite = overwrite_;
+    const std::string settings(options(dict_, path_));
 
     m4gn::check
     (
@@ -98,7 +92,9 @@ void Foam::functionObjects::m4gnHarvest::start()
         (
             m4gn::communicator(),
             &nodes_->data(),
-            &options,
+            settings.c_str(),
+            recorded.data(),
+            recorded.size(),
             &recorder_
         ),
         "m4gnHarvest cannot record"
@@ -107,6 +103,29 @@ void Foam::functionObjects::m4gnHarvest::start()
 
     Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_)
         << " to " << path_ << endl;
+}
+
+
+void Foam::functionObjects::m4gnHarvest::checkSource()
+{
+    const scalar last = Foam::min
+    (
+        dict_.getOrDefault<scalar>("timeEnd", VGREAT),
+        time_.endTime().value()
+    );
+    replacer_ = postProcess ? word::null : m4gnSurrogate::replacer(last);
+
+    if (replacer_.size() && !dict_.getOrDefault<bool>("hybrid", false))
+    {
+        FatalErrorInFunction
+            << "Function object " << name() << " would record states of the"
+            << " surrogate " << replacer_ << " as if they were the solver's"
+            << nl
+            << "    Record a run without mode replace, give " << name()
+            << " a timeEnd that is not later than the timeStart of "
+            << replacer_ << ", or, not for training, give it hybrid yes: the"
+            << " file then says so" << exit(FatalError);
+    }
 }
 
 
@@ -127,7 +146,36 @@ void Foam::functionObjects::m4gnHarvest::finish()
 }
 
 
-std::string Foam::functionObjects::m4gnHarvest::provenance() const
+Foam::wordList Foam::functionObjects::m4gnHarvest::ownKeys()
+{
+    wordList keys
+    ({
+        "fields", "file", "nodeTypes", "location", "U", "p", "phi", "D",
+        "modes", "hybrid"
+    });
+    keys.append(m4gnElasticModes::keys());
+    return keys;
+}
+
+
+std::string Foam::functionObjects::m4gnHarvest::options
+(
+    const dictionary& dict,
+    const fileName& path
+) const
+{
+    dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
+    settings = m4gn::without(settings, ownKeys());
+    settings.set("path", string(path));
+    settings.set("provenance", provenance(dict));
+    return m4gn::json(settings);
+}
+
+
+Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance
+(
+    const dictionary& dict
+) const
 {
     dictionary about;
     about.add("application", string(time_.controlDict().getOrDefault<word>("application", "unknown")));
@@ -136,9 +184,13 @@ std::string Foam::functionObjects::m4gnHarvest::provenance() const
     about.add("m4gn", string(m4gn_version()));
     about.add("ranks", Pstream::nProcs());
     about.add("deltaT", time_.deltaTValue());
-    about.merge(dict_.subOrEmptyDict("provenance"));
+    if (replacer_.size())
+    {
+        about.add("hybrid", string("with states of the surrogate " + replacer_));
+    }
+    about.merge(dict.subOrEmptyDict("provenance"));
 
-    return m4gn::json(about);
+    return about;
 }
 
 
@@ -162,7 +214,6 @@ Foam::functionObjects::m4gnHarvest::m4gnHarvest
 )
 :
     fvMeshFunctionObject(name, runTime, dict),
-    overwrite_(false),
     recorder_(nullptr),
     lastTime_(-VGREAT),
     finished_(false)
@@ -201,14 +252,9 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
 
     fvMeshFunctionObject::read(dict);
 
-    wordList valid
-    ({
-        "fields", "file", "overwrite", "split", "provenance", "nodeTypes",
-        "location", "U", "p", "D", "modes"
-    });
-    valid.append(m4gnElasticModes::keys());
-    m4gn::checkKeys(dict, valid, true);
+    m4gn::checkDictionaries(dict, {"nodeTypes", "provenance"});
     m4gnElasticModes::checkDictionary(dict);
+    m4gn::checkOptions(dict, "recorder", options(dict, "file"), ownKeys());
     m4gn::checkAtLeast
     (
         dict, "modes", dict.getOrDefault<label>("modes", defaultModes), 0
@@ -217,8 +263,7 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     dict_ = dict;
     fieldNames_ = dict.getOrDefault<wordList>("fields", wordList({"U", "p"}));
     file_ = dict.getOrDefault<fileName>("file", fileName());
-    overwrite_ = dict.getOrDefault<bool>("overwrite", false);
-    split_ = dict.getOrDefault<word>("split", "train");
+    dict.getOrDefault<bool>("hybrid", false);
 
     m4gnNodes::atPoints(dict);
 
@@ -226,14 +271,6 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     {
         FatalIOErrorInFunction(dict)
             << "Entry fields is empty; expected names such as (U p)"
-            << exit(FatalIOError);
-    }
-
-    if (split_ != "train" && split_ != "valid" && split_ != "test")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry split is " << split_
-            << "; expected train, valid or test"
             << exit(FatalIOError);
     }
 
@@ -293,7 +330,9 @@ bool Foam::functionObjects::m4gnHarvest::end()
 void Foam::functionObjects::m4gnHarvest::updateMesh(const mapPolyMesh&)
 {
     FatalErrorInFunction
-        << "The mesh has changed, and a trajectory has one mesh"
+        << "Function object " << name() << " of type " << type()
+        << ": the mesh has changed, and a trajectory has one mesh" << nl
+        << "    Remove the function object, or run on a fixed mesh"
         << exit(FatalError);
 }
 
@@ -301,7 +340,9 @@ void Foam::functionObjects::m4gnHarvest::updateMesh(const mapPolyMesh&)
 void Foam::functionObjects::m4gnHarvest::movePoints(const polyMesh&)
 {
     FatalErrorInFunction
-        << "The mesh has moved, and a trajectory has one mesh"
+        << "Function object " << name() << " of type " << type()
+        << ": the mesh has moved, and a trajectory has one mesh" << nl
+        << "    Remove the function object, or run on a fixed mesh"
         << exit(FatalError);
 }
 

@@ -23,10 +23,18 @@ namespace functionObjects
 }
 }
 
-static const char* const countKey = "count";
-
-
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::word Foam::functionObjects::m4gnSegments::instance() const
+{
+    // A run's start; in post-processing startFrom latestTime may be later than
+    // the time that was asked for
+    return
+        postProcess
+      ? time_.timeName()
+      : Time::timeName(time_.startTime().value());
+}
+
 
 template<class Type>
 void Foam::functionObjects::m4gnSegments::writeMode
@@ -39,7 +47,7 @@ void Foam::functionObjects::m4gnSegments::writeMode
     (
         mesh_,
         "m4gnMode" + Foam::name(modei + 1),
-        Time::timeName(time_.startTime().value())
+        instance()
     );
     tfield.ref().primitiveFieldRef() = cells;
     tfield.ref().correctBoundaryConditions();
@@ -72,12 +80,9 @@ bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
     fvMeshFunctionObject::read(dict);
 
     m4gn::checkKeys(dict, {"segments", "modes", "recompute", "nodeTypes", "D"}, true);
+    m4gn::checkDictionaries(dict, {"nodeTypes", "segments"});
 
-    const dictionary own(dict.subOrEmptyDict("segments"));
-    wordList valid(m4gnSegmentation::keys(countKey));
-    valid.append("model");
-    m4gn::checkKeys(own, valid, false);
-    m4gnSegmentation::checkDictionary(own, countKey);
+    m4gnSegmentation::checkDictionary(dict.subOrEmptyDict("segments"));
     dict.getOrDefault<bool>("modes", true);
     dict.getOrDefault<bool>("recompute", false);
 
@@ -109,7 +114,6 @@ bool Foam::functionObjects::m4gnSegments::execute()
         (
             mesh_,
             own,
-            countKey,
             dict_.getOrDefault<bool>("modes", true),
             dict_.getOrDefault<bool>("recompute", false)
         )
@@ -151,7 +155,7 @@ bool Foam::functionObjects::m4gnSegments::write()
     }
     written_ = true;
 
-    segmentation_->store();
+    segmentation_->store(instance());
 
     if (const m4gnElasticModes* modes = segmentation_->elastic())
     {

@@ -7,6 +7,8 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnObserve.H"
+#include "directionMixedFvPatchFields.H"
+#include "mixedFvPatchFields.H"
 #include "Time.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
@@ -16,11 +18,17 @@ namespace
 
 using namespace Foam;
 
-//- Root mean square over the cells of all ranks
-scalar rms(const scalarField& difference, const label nCells)
+//- Root mean square over the cells of all ranks and the solved components, as
+//  'm4gn compare' and 'm4gn validate' have it
+scalar rms
+(
+    const scalarField& difference,
+    const label nCells,
+    const label nSolved
+)
 {
     const scalar sum = gSumSqr(difference);
-    const label n = returnReduce(nCells, sumOp<label>());
+    const label n = nSolved*returnReduce(nCells, sumOp<label>());
 
     return std::sqrt(sum/n);
 }
@@ -79,10 +87,21 @@ void Foam::m4gnObserve::imposeBoundary
         const labelUList& owner = patch.patch().faceCells();
         const bool fixes = patch.fixesValue();
 
+        // Where they let go, the face has its cell's value
+        const auto* mixed =
+            dynamic_cast<const mixedFvPatchField<Type>*>(&patch);
+        const auto* directionMixed =
+            dynamic_cast<const directionMixedFvPatchField<Type>*>(&patch);
+
         forAll(patch, facei)
         {
+            const bool held =
+                mixed ? mixed->valueFraction()[facei] > 0.5
+              : directionMixed
+              ? tr(directionMixed->valueFraction()[facei]) > 0.5
+              : fixes;
             const scalar* from =
-                fixes
+                held
               ? reinterpret_cast<const scalar*>(&patch[facei])
               : &cells[n*owner[facei]];
 
@@ -177,17 +196,19 @@ void Foam::m4gnObserve::compare(const scalar fraction)
     {
         const scalarField now(solverValues(i));
         const label n = mesh_.nCells();
+        const label m =
+            session_.outputComponents(i) == 1 ? 1 : mesh_.nSolutionD();
 
         const FixedList<scalar, 4> errors
         ({
             oneStepFinite_
-          ? rms(between(start_[i], oneStep_[i], fraction) - now, n) : GREAT,
-            rms(start_[i] - now, n),
+          ? rms(between(start_[i], oneStep_[i], fraction) - now, n, m) : GREAT,
+            rms(start_[i] - now, n, m),
             rolloutFinite_
-          ? rms(between(rolloutOld_[i], rollout_[i], fraction) - now, n) : GREAT,
-            rms(first_[i] - now, n)
+          ? rms(between(rolloutOld_[i], rollout_[i], fraction) - now, n, m) : GREAT,
+            rms(first_[i] - now, n, m)
         });
-        const scalar size = rms(now, n);
+        const scalar size = rms(now, n, m);
 
         if (report)
         {
@@ -324,7 +345,7 @@ void Foam::m4gnObserve::end() const
         return;
     }
 
-    Info<< "m4gn: mean rms errors of the surrogate at " << nTimes_
+    Info<< "m4gn: mean rms errors of the surrogate, over cells and components, at " << nTimes_
         << " times" << nl;
 
     forAll(sums_, i)

@@ -7,7 +7,9 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnReplace.H"
+#include "m4gnAdapt.H"
 #include "m4gnCore.H"
+#include "m4gnOthers.H"
 #include "clockTime.H"
 #include "functionObjectList.H"
 #include "OFstream.H"
@@ -44,7 +46,7 @@ void Foam::m4gnReplace::executeOthers
     const bool after
 ) const
 {
-    if (!executeOthers_)
+    if (others_.empty())
     {
         return;
     }
@@ -58,7 +60,7 @@ void Foam::m4gnReplace::executeOthers
         {
             behind = true;
         }
-        else if (behind ? after : before)
+        else if ((behind ? after : before) && others_.found(list[i].name()))
         {
             list[i].execute();
             list[i].write();
@@ -135,9 +137,10 @@ Foam::m4gnReplace::m4gnReplace
     mesh_(mesh),
     time_(const_cast<Time&>(mesh.time())),
     nSteps_(dict.get<label>("surrogateSteps")),
-    executeOthers_(dict.getOrDefault<bool>("executeOthers", true)),
+    others_(m4gnOthers::chosen(name, mesh.time(), dict)),
     session_(session),
     state_(m4gnSolverState::New(mesh, dict, session)),
+    stale_(mesh, state_->advanced()),
     inputs_(mesh, session.inputs()),
     outputs_(mesh, session.outputs()),
     predicted_(session.outputs().size()),
@@ -154,23 +157,33 @@ Foam::m4gnReplace::m4gnReplace
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-bool Foam::m4gnReplace::jump(const scalar endTime)
+bool Foam::m4gnReplace::fits
+(
+    const scalar endTime,
+    const scalar deltaT
+) const
 {
-    const scalar deltaT = time_.deltaTValue();
-    const scalar stride = session_.stride();
+    return
+        time_.value() + session_.stride()
+      < min(endTime + deltaT, time_.endTime().value()) - 0.5*deltaT;
+}
 
-    // Room for a stride that leaves the solver the last step?
-    const auto fits = [&]()
-    {
-        return
-            time_.value() + stride
-          < min(endTime + deltaT, time_.endTime().value()) - 0.5*deltaT;
-    };
+
+bool Foam::m4gnReplace::jump
+(
+    const scalar endTime,
+    const m4gnAdapt* adapt
+)
+{
+    // Between its steps time has the surrogate's deltaT
+    const scalar deltaT = time_.deltaTValue();
+    const auto fits = [&]() { return this->fits(endTime, deltaT); };
 
     if (!nJumps_)
     {
         takeoverTime_ = time_.value();
     }
+    const word lastSolved(time_.timeName());
 
     clockTime timer;
     scalar surrogateSeconds = 0;
@@ -212,7 +225,12 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
             complete(last);
         }
 
-        time_.write();
+        stale_.write(time_, lastSolved);
+
+        if (adapt && time_.writeTime())
+        {
+            adapt->write();
+        }
     }
 
     if (!stepi)
@@ -240,7 +258,7 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
 
     ++nJumps_;
     nStepsDone_ += stepi;
-    replacedTime_ += stepi*stride;
+    replacedTime_ += stepi*session_.stride();
     surrogateSeconds_ += surrogateSeconds;
     handOverSeconds_ += handOverSeconds;
 
@@ -250,7 +268,7 @@ bool Foam::m4gnReplace::jump(const scalar endTime)
 }
 
 
-void Foam::m4gnReplace::end() const
+void Foam::m4gnReplace::end(const m4gnAdapt* adapt) const
 {
     const scalar total = max(time_.value() - firstTime_, VSMALL);
     const scalar fraction = replacedTime_/total;
@@ -271,8 +289,12 @@ void Foam::m4gnReplace::end() const
     mkDir(dir);
     OFstream os(dir/"summary.json");
 
-    os  << "{\n"
-        << "  \"replaced_time\": " << replacedTime_ << ",\n"
+    os  << "{\n";
+    if (adapt)
+    {
+        adapt->writeSummary(os);
+    }
+    os  << "  \"replaced_time\": " << replacedTime_ << ",\n"
         << "  \"solver_time\": " << total - replacedTime_ << ",\n"
         << "  \"replaced_fraction\": " << fraction << ",\n"
         << "  \"takeover_time\": " << takeoverTime_ << ",\n"

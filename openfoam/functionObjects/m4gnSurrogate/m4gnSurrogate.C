@@ -8,10 +8,13 @@ License
 
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
+#include "m4gnAdapt.H"
 #include "m4gnDictionary.H"
 #include "m4gnObserve.H"
+#include "m4gnOthers.H"
 #include "m4gnReplace.H"
 #include "m4gnSession.H"
+#include "m4gnSolverState.H"
 #include "m4gnFluxProjection.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
@@ -34,21 +37,140 @@ Foam::functionObjects::m4gnSurrogate::modeNames_
 
 bool Foam::functionObjects::m4gnSurrogate::jumping_ = false;
 
+Foam::DynamicList<const Foam::functionObjects::m4gnSurrogate*>
+Foam::functionObjects::m4gnSurrogate::all_;
+
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
-void Foam::functionObjects::m4gnSurrogate::start()
+void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
-    session_.reset(new m4gnSession(mesh_, dict_));
+    for (const m4gnSurrogate* other : all_)
+    {
+        if (other == this || other->mode_ != modeType::REPLACE)
+        {
+            continue;
+        }
 
-    if (mode_ == modeType::REPLACE)
+        if (mode_ == modeType::REPLACE)
+        {
+            FatalErrorInFunction
+                << "Both function objects " << name() << " and "
+                << other->name() << " replace the solver: one would jump right"
+                << " after the other, without a step of the solver between" << nl
+                << "    Have one of mode replace in a run"
+                << exit(FatalError);
+        }
+
+        if (other->timeStart_ < timeEnd_)
+        {
+            FatalErrorInFunction
+                << "Function object " << name() << " observes, and compares"
+                << " with a solver that " << other->name() << " replaces"
+                << nl << "    Observe in a run without mode replace, or give "
+                << name() << " a timeEnd that is not later than the timeStart"
+                << " of " << other->name() << exit(FatalError);
+        }
+    }
+}
+
+
+void Foam::functionObjects::m4gnSurrogate::load()
+{
+    if (!session_)
+    {
+        session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
+    }
+}
+
+
+bool Foam::functionObjects::m4gnSurrogate::adapts()
+{
+    const scalar half = 0.5*time_.deltaTValue();
+
+    if (!m4gnAdapt::wanted(dict_) || time_.value() > timeEnd_ + half)
+    {
+        return false;
+    }
+
+    if (!adapt_)
+    {
+        // A run that is carried on goes on with its frames
+        if
+        (
+            time_.value() < adaptStart_ - half
+         && !m4gnAdapt::stored(name(), time_)
+        )
+        {
+            return false;
+        }
+
+        load();
+        adapt_.reset(new m4gnAdapt(name(), mesh_, dict_, *session_));
+    }
+
+    return true;
+}
+
+
+void Foam::functionObjects::m4gnSurrogate::advance()
+{
+    if (adapts())
+    {
+        adapt_->frame(false);
+    }
+
+    const scalar half = 0.5*time_.deltaTValue();
+
+    if (time_.value() < timeStart_ - half || time_.value() > timeEnd_ + half)
+    {
+        return;
+    }
+
+    load();
+
+    if (mode_ == modeType::OBSERVE)
+    {
+        if (!observe_)
+        {
+            if (adapt_)
+            {
+                adapt_->run(dict_.getOrDefault<label>("rolloutSteps", 50));
+            }
+            observe_.reset(new m4gnObserve(name(), mesh_, dict_, *session_));
+        }
+        observe_->execute();
+        return;
+    }
+
+    if (!replace_)
     {
         replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_));
     }
-    else
+
+    if (time_.timeIndex() - handedBack_ < solverSteps_)
     {
-        observe_.reset(new m4gnObserve(name(), mesh_, dict_, *session_));
+        return;
     }
+
+    if (adapt_ && replace_->fits(timeEnd_, time_.deltaTValue()))
+    {
+        adapt_->run(dict_.get<label>("surrogateSteps"));
+    }
+
+    jumping_ = true;
+
+    if (replace_->jump(timeEnd_, adapt_.get()))
+    {
+        handedBack_ = time_.timeIndex();
+
+        if (adapt_)
+        {
+            adapt_->frame(true);
+        }
+    }
+
+    jumping_ = false;
 }
 
 
@@ -66,19 +188,58 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
     solverSteps_(1),
     timeStart_(-VGREAT),
     timeEnd_(VGREAT),
-    handedBack_(runTime.startTimeIndex())
+    handedBack_(runTime.startTimeIndex()),
+    adaptStart_(-VGREAT)
 {
     read(dict);
+
+    if (m4gnAdapt::wanted(dict))
+    {
+        // The dictionary is that of Foam::functionObjects::timeControl, which
+        // reads it when this object is made, and then does not execute it
+        // before timeStart. The model learns before, and timeStart is heeded
+        // here.
+        const_cast<dictionary&>(dict).remove("timeStart");
+    }
+
+    all_.append(this);
 }
 
 
 // * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
 
 Foam::functionObjects::m4gnSurrogate::~m4gnSurrogate()
-{}
+{
+    DynamicList<const m4gnSurrogate*> left;
+    for (const m4gnSurrogate* other : all_)
+    {
+        if (other != this)
+        {
+            left.append(other);
+        }
+    }
+    all_.transfer(left);
+}
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::word Foam::functionObjects::m4gnSurrogate::replacer
+(
+    const scalar before
+)
+{
+    for (const m4gnSurrogate* other : all_)
+    {
+        if (other->mode_ == modeType::REPLACE && other->timeStart_ < before)
+        {
+            return other->name();
+        }
+    }
+
+    return word::null;
+}
+
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
@@ -94,14 +255,15 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     fvMeshFunctionObject::read(dict);
 
-    wordList valid
-    ({
+    ownKeys_ =
+    {
         "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "phi",
-        "state", "executeOthers", "projection", "writePrecision", "writeToFile",
+        "state", "executeOthers", "adapt", "writePrecision", "writeToFile",
         "useUserTime"
-    });
-    valid.append(m4gnSession::keys());
-    m4gn::checkKeys(dict, valid, true);
+    };
+    ownKeys_.append(m4gnSolverState::keys(dict));
+    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt"});
+    m4gnOthers::checkDictionary(dict);
 
     const word mode(dict.get<word>("mode"));
     if (!modeNames_.found(mode))
@@ -113,7 +275,8 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     }
     mode_ = modeNames_.get(mode);
 
-    m4gnSession::checkDictionary(dict, time_.globalPath());
+    m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
+    m4gnAdapt::checkDictionary(dict);
 
     if (mode_ == modeType::REPLACE)
     {
@@ -125,15 +288,6 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         );
         const m4gnFluxProjection checked(mesh_, dict);
 
-        const wordList states(m4gnSolverState::names());
-        const word state(dict.getOrDefault<word>("state", states.first()));
-        if (!states.found(state))
-        {
-            FatalIOErrorInFunction(dict)
-                << "Entry state is " << state << "; expected "
-                << m4gn::join(states)
-                << exit(FatalIOError);
-        }
     }
     else
     {
@@ -155,6 +309,11 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     timeStart_ = dict.getOrDefault<scalar>("timeStart", -VGREAT);
     timeEnd_ = dict.getOrDefault<scalar>("timeEnd", VGREAT);
 
+    if (m4gnAdapt::wanted(dict))
+    {
+        adaptStart_ = m4gnAdapt::start(dict, time_, timeStart_);
+    }
+
     dict_ = dict;
 
     return true;
@@ -171,37 +330,23 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
             << exit(FatalError);
     }
 
-    const scalar half = 0.5*time_.deltaTValue();
+    if (!session_)
+    {
+        checkOthers();
+    }
 
-    if
-    (
-        jumping_
-     || time_.value() < timeStart_ - half
-     || time_.value() > timeEnd_ + half
-    )
+    // Foam::functionObjects::timeControl executes again what has led to
+    // another time: there the solver has not made a step
+    if (jumping_ || time_.timeIndex() == handedBack_)
     {
         return true;
     }
 
-    if (!session_)
-    {
-        start();
-    }
+    advance();
 
-    if (observe_)
+    if (adapt_ && time_.writeTime())
     {
-        observe_->execute();
-    }
-    else if (time_.timeIndex() - handedBack_ >= solverSteps_)
-    {
-        jumping_ = true;
-
-        if (replace_->jump(timeEnd_))
-        {
-            handedBack_ = time_.timeIndex();
-        }
-
-        jumping_ = false;
+        adapt_->write();
     }
 
     return true;
@@ -222,7 +367,7 @@ bool Foam::functionObjects::m4gnSurrogate::end()
     }
     if (replace_)
     {
-        replace_->end();
+        replace_->end(adapt_.get());
     }
 
     return true;
@@ -232,7 +377,9 @@ bool Foam::functionObjects::m4gnSurrogate::end()
 void Foam::functionObjects::m4gnSurrogate::updateMesh(const mapPolyMesh&)
 {
     FatalErrorInFunction
-        << "The mesh has changed, and a surrogate has one mesh"
+        << "Function object " << name() << " of type " << type()
+        << ": the mesh has changed, and a surrogate has one mesh" << nl
+        << "    Remove the function object, or run on a fixed mesh"
         << exit(FatalError);
 }
 
@@ -240,7 +387,9 @@ void Foam::functionObjects::m4gnSurrogate::updateMesh(const mapPolyMesh&)
 void Foam::functionObjects::m4gnSurrogate::movePoints(const polyMesh&)
 {
     FatalErrorInFunction
-        << "The mesh has moved, and a surrogate has one mesh"
+        << "Function object " << name() << " of type " << type()
+        << ": the mesh has moved, and a surrogate has one mesh" << nl
+        << "    Remove the function object, or run on a fixed mesh"
         << exit(FatalError);
 }
 

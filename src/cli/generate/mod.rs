@@ -1,20 +1,18 @@
 //! `m4gn generate`: training data by running solvers.
 
-mod beam;
-mod cylinder;
-mod openfoam;
+pub(crate) mod folder;
 mod solids;
 mod tally;
 
 use super::{progress_bar, stop_flag, write_json};
-use crate::dataset::Split;
-use crate::generate::automatic_split;
-use crate::generate::process::Surroundings;
-use crate::generate::queue::{Case, Made, Outcome, Queue};
-use crate::{Error, Result};
+use m4gn_data::Split;
+use m4gn_mesh::Result;
+use m4gn_workbench::generate::automatic_split;
+use m4gn_workbench::generate::process::Surroundings;
+use m4gn_workbench::generate::queue::{Case, Made, Outcome, Queue};
 use serde_json::Value;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tally::Tally;
 
@@ -22,7 +20,11 @@ use tally::Tally;
 ///
 /// One trajectory (an HDF5 file) a case, several cases at once. Case i of a seed is the same whatever the count.
 /// What is there already is kept, so that the same command goes on where it was stopped.
+///
+/// Beside the commands below, FAMILY is a family of OpenFOAM cases (cylinder-flow, vibrating-beam), or a folder of your own
+/// with a file family.toml: 'm4gn generate cylinder-flow --help' lists its parameters, docs/families.md describes the file.
 #[derive(Debug, clap::Args)]
+#[command(override_usage = "m4gn generate FAMILY --count N --out DIR [OPTIONS]")]
 pub struct Args {
     #[command(subcommand)]
     family: Family,
@@ -31,10 +33,10 @@ pub struct Args {
 /// Families of cases.
 #[derive(Debug, clap::Subcommand)]
 enum Family {
-    CylinderFlow(cylinder::Args),
-    VibratingBeam(beam::Args),
     DeformingPlate(solids::PlateArgs),
     DeformingBeam(solids::BeamArgs),
+    #[command(external_subcommand)]
+    Folder(Vec<OsString>),
 }
 
 /// Options of every family.
@@ -66,7 +68,7 @@ struct Common {
     json: Option<PathBuf>,
 }
 
-fn positive(text: &str) -> std::result::Result<f64, String> {
+pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() && v >= 1e-6 => Ok(v),
         Ok(v) => Err(format!("{v} is not a time of at least 1e-6 s")),
@@ -77,13 +79,12 @@ fn positive(text: &str) -> std::result::Result<f64, String> {
 /// Runs the command.
 ///
 /// # Errors
-/// Missing programs, a folder that cannot be used, interruption, or that every case failed.
+/// Missing programs, a folder that cannot be used, interruption, or a case that failed.
 pub fn run(args: Args) -> Result<()> {
     match args.family {
-        Family::CylinderFlow(args) => cylinder::run(args),
-        Family::VibratingBeam(args) => beam::run(args),
         Family::DeformingPlate(args) => solids::run_plate(args),
         Family::DeformingBeam(args) => solids::run_beam(args),
+        Family::Folder(arguments) => folder::run(&arguments),
     }
 }
 
@@ -102,7 +103,7 @@ impl Common {
         &self,
         folder: PathBuf,
         environment: Vec<(String, OsString)>,
-        case: impl Fn(u64, Split) -> C,
+        case: impl Fn(u64, Split) -> Result<C>,
         describe: impl Fn(&C, &Made<C::Figures>) -> (String, Value),
         whole: impl Fn(&[Value]) -> (String, Value),
     ) -> Result<()> {
@@ -113,7 +114,7 @@ impl Common {
         );
         let cases = (0..self.count)
             .map(|index| case(index, split.unwrap_or_else(|| automatic_split(index, self.count))))
-            .collect();
+            .collect::<Result<_>>()?;
         let queue = Queue {
             cases,
             folder,
@@ -164,18 +165,6 @@ impl Common {
             &tally.figures(self.count, self.seed, seconds, extra),
         )?;
         result?;
-        tally.fail_if_all(self.count)
+        tally.fail_if_any(self.count)
     }
-}
-
-/// The folder's full path.
-fn absolute(folder: &Path) -> Result<PathBuf> {
-    std::path::absolute(folder).map_err(|e| Error::file(folder, format!("is no path: {e}")))
-}
-
-/// One thread a program: several cases run at once.
-fn one_thread() -> Vec<(String, OsString)> {
-    ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
-        .map(|name| (name.to_string(), "1".into()))
-        .to_vec()
 }

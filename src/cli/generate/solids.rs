@@ -1,11 +1,12 @@
 //! `m4gn generate deforming-plate` and `deforming-beam`.
 
-use super::super::library_places;
-use super::{Common, absolute, one_thread, positive};
-use crate::generate::process::find_program;
-use crate::generate::queue::Made;
-use crate::generate::solids::{Family, Figures, Request, find_python};
-use crate::{Error, Result};
+use super::{Common, positive};
+use m4gn_mesh::plugin::places;
+use m4gn_mesh::{Error, Result};
+use m4gn_workbench::generate::openfoam::{absolute, one_thread};
+use m4gn_workbench::generate::process::find_program;
+use m4gn_workbench::generate::queue::Made;
+use m4gn_workbench::generate::solids::{Family, Figures, Request, find_python};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -89,17 +90,19 @@ fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Resul
         solid.frames,
         solid.frame_interval
     );
-    let case = |index, split| Request {
-        family,
-        large,
-        seed: common.seed,
-        index,
-        points: solid.points,
-        split,
-        frames: solid.frames,
-        interval: solid.frame_interval,
-        command: command.clone(),
-        python: python.clone(),
+    let case = |index, split| {
+        Ok(Request {
+            family,
+            large,
+            seed: common.seed,
+            index,
+            points: solid.points,
+            split,
+            frames: solid.frames,
+            interval: solid.frame_interval,
+            command: command.clone(),
+            python: python.clone(),
+        })
     };
     common.make(absolute(&common.out)?, environment, case, describe, whole)
 }
@@ -152,7 +155,7 @@ fn whole(made: &[Value]) -> (String, Value) {
 
 /// The folder that holds the package `m4gn_solids`: beside the libraries.
 fn package() -> Result<PathBuf> {
-    let folders = library_places()
+    let folders = places()
         .into_iter()
         .filter_map(|p| Some(p.parent()?.join("tools")));
     let folders: Vec<PathBuf> = folders.collect();

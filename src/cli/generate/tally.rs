@@ -1,6 +1,6 @@
 //! What became of the cases of a data set.
 
-use crate::{Error, Result};
+use m4gn_mesh::{Error, Result};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -62,13 +62,21 @@ impl Tally {
         figures
     }
 
-    pub(super) fn fail_if_all(&self, count: u64) -> Result<()> {
-        if self.failed.len() as u64 == count {
-            return Err(Error::Input(format!(
-                "all {count} cases failed; the first: {}",
-                self.failed[0].1
-            )));
+    /// # Errors
+    /// [`Error::Input`] with the list of the cases that failed.
+    pub(super) fn fail_if_any(&self, count: u64) -> Result<()> {
+        if self.failed.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        let cases: Vec<_> = self
+            .failed
+            .iter()
+            .map(|(index, message)| format!("\n  {index:04}: {message}"))
+            .collect();
+        Err(Error::Input(format!(
+            "{} of {count} cases failed:{}",
+            cases.len(),
+            cases.concat()
+        )))
     }
 }

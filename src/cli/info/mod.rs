@@ -1,12 +1,12 @@
 //! `m4gn info`: what is in a trajectory, a data set or a model.
 
-mod solid;
+mod body;
 
 use super::write_json;
-use crate::dataset::{Frame, Recorded, Split, Trajectory, list};
-use crate::mesh::NodeType;
-use crate::model::Model;
-use crate::{Error, Result};
+use m4gn_data::{Frame, Split, Trajectory, list};
+use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_model::{Kind, Model};
+use m4gn_workbench::report::number;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Trajectory (*.h5), folder of trajectories, or model (*.safetensors)
     path: PathBuf,
-    /// Of a deforming body's trajectory: also the worst gap to the obstacle in all frames, and what holding the last
+    /// Of a trajectory of a deforming body: also the worst gap to the obstacle in all frames, and what holding the last
     /// or the first frame scores in the mesh metrics
     #[arg(long)]
     metrics: bool,
@@ -30,6 +30,7 @@ pub struct Args {
 /// # Errors
 /// When the file cannot be read; for a folder, when any of its trajectories is damaged (after the table).
 pub fn run(args: Args) -> Result<()> {
+    super::check_outputs([args.json.as_deref()])?;
     let path = args.path.as_path();
     let is_model = path.extension().is_some_and(|e| e == "safetensors");
     let mut damaged = Vec::new();
@@ -38,10 +39,7 @@ pub fn run(args: Args) -> Result<()> {
     } else if is_model {
         model(path)?
     } else {
-        match Recorded::open(path)? {
-            Recorded::Cells(t) => trajectory(&t)?,
-            Recorded::Points(t) => solid::describe(&t, path.metadata().map_or(0, |m| m.len()), args.metrics)?,
-        }
+        trajectory(&Trajectory::open(path)?, args.metrics)?
     };
     print!("{text}");
     write_json(args.json.as_deref(), &figures)?;
@@ -55,9 +53,28 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
-fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
+/// The interval of equidistant times, and that or the range of intervals in words.
+fn spacing(times: &[f64]) -> (Option<f64>, String) {
+    let intervals = times.windows(2).map(|w| w[1] - w[0]);
+    let [low, high] = intervals.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| {
+        [a.min(v), b.max(v)]
+    });
+    match times {
+        [] | [_] => (None, String::new()),
+        // As exact as models need it.
+        [first, .., last] if high - low <= 1e-3 * low => {
+            let interval = (last - first) / (times.len() - 1) as f64;
+            (Some(interval), format!(", every {} s", short(interval)))
+        }
+        _ => {
+            let text = format!(", at irregular intervals of {} to {} s", short(low), short(high));
+            (None, text)
+        }
+    }
+}
+
+fn trajectory(t: &Trajectory, metrics: bool) -> Result<(String, Value)> {
     let path = t.path();
-    let mesh = t.mesh();
     let bytes = path.metadata().map_or(0, |m| m.len());
     let mut text = format!(
         "{}: trajectory, {:.1} MB, split {}\n",
@@ -65,6 +82,53 @@ fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
         megabytes(bytes),
         t.split().name()
     );
+    let times = t.times();
+    let (first, last) = (times[0], times[times.len() - 1]);
+    let (interval, every) = spacing(times);
+    let mut figures = json!({
+        "kind": "trajectory", "path": path.to_string_lossy(), "bytes": bytes, "split": t.split(),
+        "frames": times.len(), "first_time": first, "last_time": last, "interval": interval, "provenance": t.provenance(),
+    });
+    match t.body() {
+        Some(body) => body::describe(t, body, &mut text, &mut figures),
+        None => mesh(t.mesh(), &mut text, &mut figures),
+    }
+    let _ = writeln!(
+        text,
+        "frames      {} from {} to {} s{every}",
+        times.len(),
+        short(first),
+        short(last)
+    );
+    let mut fields = Vec::new();
+    for field in t.fields() {
+        let (from, to) = range(&t.read_frame(&field.name, times.len() - 1)?);
+        let kind = if field.vector { "vector" } else { "scalar" };
+        let d = field.dimensions.map(|d| d.to_string()).join(" ");
+        let _ = writeln!(
+            text,
+            "field       {:<16} {kind} [{d}], last frame {} to {}",
+            field.name,
+            number(from.into(), 4),
+            number(to.into(), 4)
+        );
+        fields.push(json!({"name": field.name, "vector": field.vector, "dimensions": field.dimensions, "last_range": [from, to]}));
+    }
+    figures["fields"] = fields.into();
+    if metrics {
+        figures["holding"] = body::metrics(t, &mut text)?;
+    }
+    if let Some(entries) = t.provenance().as_object() {
+        for (key, value) in entries {
+            let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);
+            let _ = writeln!(text, "provenance  {key:<16} {value}");
+        }
+    }
+    Ok((text, figures))
+}
+
+/// The mesh of fields at cells, added to text and figures.
+fn mesh(mesh: &Mesh, text: &mut String, figures: &mut Value) {
     let directions: String = mesh.directions.iter().map(|&d| ['x', 'y', 'z'][d]).collect();
     let _ = writeln!(
         text,
@@ -92,60 +156,20 @@ fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
             patches.push(json!({"name": name, "faces": faces.len(), "types": kinds}));
         }
     }
-    let times = t.times();
-    let (first, last) = (
-        times.first().copied().unwrap_or(0.0),
-        times.last().copied().unwrap_or(0.0),
-    );
-    let interval = (times.len() > 1).then(|| (last - first) / (times.len() - 1) as f64);
-    let every = interval.map_or(String::new(), |i| format!(", every {} s", short(i)));
-    let _ = writeln!(
-        text,
-        "frames      {} from {} to {} s{every}",
-        times.len(),
-        short(first),
-        short(last)
-    );
-    let mut fields = Vec::new();
-    for field in t.fields() {
-        let (from, to) = if times.is_empty() {
-            (0.0, 0.0)
-        } else {
-            range(&t.read_frame(&field.name, times.len() - 1)?)
-        };
-        let kind = if field.vector { "vector" } else { "scalar" };
-        let d = field.dimensions.map(|d| d.to_string()).join(" ");
-        let _ = writeln!(
-            text,
-            "field       {:<16} {kind} [{d}], last frame {from:.4} to {to:.4}",
-            field.name
-        );
-        fields.push(json!({"name": field.name, "vector": field.vector, "dimensions": field.dimensions, "last_range": [from, to]}));
-    }
-    if let Some(entries) = t.provenance().as_object() {
-        for (key, value) in entries {
-            let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);
-            let _ = writeln!(text, "provenance  {key:<16} {value}");
-        }
-    }
-    let figures = json!({
-        "kind": "trajectory", "path": path, "bytes": bytes, "split": t.split(), "cells": mesh.n_cells(),
-        "internal_faces": mesh.face_owner.len(), "boundary_faces": mesh.boundary.len(),
-        "cyclic_faces": mesh.coupled.len(), "directions": mesh.directions, "patches": patches,
-        "frames": times.len(), "first_time": first, "last_time": last, "interval": interval, "fields": fields,
-        "provenance": t.provenance(),
-    });
-    Ok((text, figures))
+    figures["cells"] = mesh.n_cells().into();
+    figures["internal_faces"] = mesh.face_owner.len().into();
+    figures["boundary_faces"] = mesh.boundary.len().into();
+    figures["cyclic_faces"] = mesh.coupled.len().into();
+    figures["directions"] = json!(mesh.directions);
+    figures["patches"] = patches.into();
 }
 
 /// A row a trajectory; damaged files are rows too.
 fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
     let files = list(path)?;
-    let solid = matches!(files.first().map(Recorded::open), Some(Ok(Recorded::Points(_))));
-    let other = if solid { "points" } else { "boundary" };
     let mut text = format!(
         "{:<20} {:<6} {:>8} {:>9} {:>7}  {:<18} {:>8}\n",
-        "file", "split", "cells", other, "frames", "times (s)", "MB"
+        "file", "split", "nodes", "boundary", "frames", "times (s)", "MB"
     );
     let mut rows = Vec::new();
     let mut count = [0usize; 3];
@@ -156,7 +180,7 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned();
-        let t = match Recorded::open(&file) {
+        let t = match Trajectory::open(&file) {
             Ok(t) => t,
             Err(e) => {
                 let _ = writeln!(text, "{name:<20} damaged");
@@ -167,33 +191,32 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
         };
         let size = file.metadata().map_or(0, |m| m.len());
         let (frames, split) = (t.times().len(), t.split());
-        let (first, last) = (
-            t.times().first().copied().unwrap_or(0.0),
-            t.times().last().copied().unwrap_or(0.0),
-        );
+        let (first, last) = (t.times()[0], t.times()[frames - 1]);
         let mut row = json!({
             "file": name, "split": split, "frames": frames, "first_time": first, "last_time": last, "bytes": size,
             "provenance": t.provenance(),
         });
-        let (large, small) = match &t {
-            Recorded::Cells(t) => {
-                let (cells, boundary) = (t.mesh().n_cells(), t.mesh().boundary.len());
-                row["cells"] = cells.into();
-                row["boundary_faces"] = boundary.into();
-                (cells, boundary)
+        let (nodes, boundary) = match t.body() {
+            Some(body) => {
+                row["elements"] = body.elements.len().into();
+                row["points"] = body.positions.len().into();
+                (
+                    body.positions.len(),
+                    t.obstacle().map_or(0, |o| o.positions.len()),
+                )
             }
-            Recorded::Points(t) => {
-                let (cells, points) = (t.body().elements.len(), t.body().positions.len());
-                row["elements"] = cells.into();
-                row["points"] = points.into();
-                (cells, points)
+            None => {
+                let (cells, faces) = (t.mesh().n_cells(), t.mesh().boundary.len());
+                row["cells"] = cells.into();
+                row["boundary_faces"] = faces.into();
+                (cells, faces)
             }
         };
         bytes += size;
         count[split as usize] += 1;
         let _ = writeln!(
             text,
-            "{name:<20} {:<6} {large:>8} {small:>9} {frames:>7}  {:<18} {:>8.1}",
+            "{name:<20} {:<6} {nodes:>8} {boundary:>9} {frames:>7}  {:<18} {:>8.1}",
             split.name(),
             format!("{} to {}", short(first), short(last)),
             megabytes(size)
@@ -208,9 +231,9 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
         megabytes(bytes)
     );
     let mut figures = json!({
-        "kind": "dataset", "path": path, "bytes": bytes, "train": train, "valid": valid, "test": test,
+        "kind": "dataset", "path": path.to_string_lossy(), "bytes": bytes, "train": train, "valid": valid, "test": test,
     });
-    if let Some((line, generated)) = solid::generated(&rows) {
+    if let Some((line, generated)) = body::generated(&rows) {
         let _ = writeln!(text, "{line}");
         figures["generated"] = generated;
     }
@@ -235,6 +258,12 @@ fn model(path: &Path) -> Result<(String, Value)> {
         short(spec.stride),
         spec.dim
     );
+    if let Some(length) = spec.resolution {
+        let _ = writeln!(
+            text,
+            "resolution  {length} m between nodes; finer meshes are agglomerated to it"
+        );
+    }
     for field in &spec.fields {
         let input = if field.input { "input" } else { "no input" };
         let output = format!("{:?}", field.output).to_lowercase();
@@ -245,12 +274,20 @@ fn model(path: &Path) -> Result<(String, Value)> {
             field.name
         );
     }
+    let layers = match &a.kind {
+        Kind::M4gn(m) => format!("{} + {} message-passing layers", m.layers_before, m.layers_after),
+        Kind::MeshGraphNet { layers } => format!("{layers} message-passing layers"),
+        Kind::Gcn { layers } => format!("{layers} graph convolutions"),
+    };
     let types: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
     let _ = writeln!(text, "node types  {}", types.join(", "));
     let _ = writeln!(
         text,
-        "network     width {}, {} + {} message-passing layers, MLPs with {} hidden layers, {:?}",
-        a.width, a.layers_before, a.layers_after, a.hidden_layers, a.activation
+        "network     {}: width {}, {layers}, MLPs with {} hidden layers, {:?}",
+        a.name().name(),
+        a.width,
+        a.hidden_layers,
+        a.activation
     );
     if let Some(contact) = &spec.contact {
         let _ = writeln!(
@@ -259,7 +296,7 @@ fn model(path: &Path) -> Result<(String, Value)> {
             contact.radius
         );
     }
-    match &a.segment_transformer {
+    match a.segment_transformer() {
         Some(m) => {
             let s = &spec.segments;
             let _ = writeln!(
@@ -294,7 +331,7 @@ fn model(path: &Path) -> Result<(String, Value)> {
     let spec = serde_json::to_value(spec).map_err(|e| Error::Internal(format!("a model's header: {e}")))?;
     Ok((
         text,
-        json!({"kind": "model", "path": path, "bytes": bytes, "parameters": numbers, "spec": spec}),
+        json!({"kind": "model", "path": path.to_string_lossy(), "bytes": bytes, "parameters": numbers, "spec": spec}),
     ))
 }
 
@@ -314,4 +351,20 @@ fn range(frame: &Frame) -> (f32, f32) {
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &v| {
             (a.min(v), b.max(v))
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn irregular_times_have_no_interval() {
+        assert_eq!(spacing(&[0.0, 0.5, 1.0]), (Some(0.5), ", every 0.5 s".into()));
+        // Written with six digits.
+        assert!(spacing(&[0.0, 0.333333, 0.666667, 1.0]).0.is_some());
+        let (interval, text) = spacing(&[0.0, 0.001, 0.0079]);
+        assert_eq!(interval, None);
+        assert_eq!(text, ", at irregular intervals of 0.001 to 0.0069 s");
+        assert_eq!(spacing(&[1.0]), (None, String::new()));
+    }
 }

@@ -1,10 +1,11 @@
 //! What `m4gn segment` is told.
 
-use crate::mesh::NodeType;
-use crate::model::SegmentMethod;
-use crate::modes::ModalSolver;
-use crate::segments::MAX_SEGMENTS;
-use crate::survey::plan;
+use m4gn_mesh::NodeType;
+use m4gn_model::MAX_SEGMENTS;
+use m4gn_model::modal::ModalSolver;
+use m4gn_model::{SegmentEntries, SegmentMethod};
+use m4gn_workbench::survey::plan;
+use serde_json::Value;
 use std::path::PathBuf;
 
 /// Cut the mesh of a case or a trajectory into segments, and say how good they are
@@ -100,6 +101,33 @@ pub struct Args {
     /// Replace m4gnSegment or m4gnMode... that something else wrote
     #[arg(long)]
     pub(super) overwrite: bool,
+}
+
+impl Args {
+    /// What the command line says of the segments.
+    pub(super) fn entries(&self) -> SegmentEntries {
+        let mut entries = SegmentEntries::default();
+        let mut say = |name: &str, value: Option<Value>| {
+            if let Some(value) = value {
+                entries.set(name, value);
+            }
+        };
+        say("method", self.method.first().map(|m| m.name().into()));
+        say("count", self.segments.map(Value::from));
+        say("modes", self.modes.map(Value::from));
+        say("energy", self.energy.map(Value::from));
+        say("modal_solver", self.modal_solver.map(|s| serde_json::json!(s)));
+        say("petsc_options", self.petsc.clone().map(Value::from));
+        say("tau", self.tau.map(Value::from));
+        say("size", self.size.map(Value::from));
+        say("iterations", self.iterations.map(Value::from));
+        say("overlap", self.overlap.map(Value::from));
+        say("connected", self.no_connect.then_some(Value::Bool(false)));
+        let obstacles = Some(&self.obstacle).filter(|names| !names.is_empty());
+        say("obstacles", obstacles.map(|names| names.clone().into()));
+        say("distance_scale", self.distance_scale.map(Value::from));
+        entries
+    }
 }
 
 fn count(text: &str) -> std::result::Result<usize, String> {

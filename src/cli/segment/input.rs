@@ -1,14 +1,16 @@
 //! Where the mesh comes from, and where segments and modes go.
 
-use crate::dataset::{self, Trajectory};
-use crate::foam_case::{FoamCase, Stored};
-use crate::mesh::{Mesh, NodeType};
-use crate::model::{ModalOperator, Model, ModelSpec, SegmentMethod, SegmentSpec};
-use crate::modes::{ModalOptions, ModalSolver, ModeCount};
-use crate::report::{CellMap, PointCloud, write_file};
-use crate::survey;
-use crate::{Error, Result};
-use serde_json::Value;
+use m4gn_data as dataset;
+use m4gn_data::Trajectory;
+use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Mesh, NodeType};
+use m4gn_model::modal::{ModalOptions, ModeCount};
+use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries, settings};
+use m4gn_workbench::foam_case::FoamCase;
+use m4gn_workbench::foam_case::Stored as Origin;
+use m4gn_workbench::report::{CellMap, PointCloud, write_file};
+use m4gn_workbench::survey;
+use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
 /// Field of the segments; m4gnSurrogate reads it.
@@ -18,12 +20,34 @@ const MODE: &str = "m4gnMode";
 /// What the notes of m4gn's own files begin with.
 const MARK: &str = "m4gn";
 
+/// Entries of `segments` that are the function object's own, and nothing of the description.
+const OF_THE_FUNCTION_OBJECT: [&str; 4] = ["model", "stored", "material", "freeBody"];
+
+/// What is read of a case's function object.
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct OfTheCase {
+    segments: SegmentEntries,
+}
+
+/// What is written.
+pub struct Stored<'a> {
+    /// Segment of each cell.
+    pub labels: &'a [i32],
+    /// Modes in the cells.
+    pub modes: &'a [Vec<f64>],
+    /// For people who read the files' headers.
+    pub note: &'a str,
+    /// How the segments were made, for the runs that read them.
+    pub record: &'a str,
+}
+
 /// An OpenFOAM case, or a recorded trajectory.
 pub enum Input {
     /// Case.
-    Case(FoamCase),
+    Case(Box<FoamCase>),
     /// Trajectory.
-    Data(Trajectory),
+    Data(Box<Trajectory>),
 }
 
 impl Input {
@@ -33,8 +57,7 @@ impl Input {
     /// [`Error::Input`] for what is neither; what opening it fails with.
     pub fn open(path: &Path) -> Result<Self> {
         if path.join("system/controlDict").is_file() {
-            let library = crate::cli::library_path("libm4gn_foam_bridge.so")?;
-            return Ok(Input::Case(FoamCase::open(&library, path)?));
+            return Ok(Input::Case(Box::new(FoamCase::open(path)?)));
         }
         if !path.exists() {
             return Err(Error::file(
@@ -49,7 +72,9 @@ impl Input {
             ),
             other => other,
         })?;
-        Ok(Input::Data(Trajectory::open(&files[0])?))
+        let trajectory = Trajectory::open(&files[0])?;
+        trajectory.cells()?;
+        Ok(Input::Data(Box::new(trajectory)))
     }
 
     /// For people.
@@ -85,7 +110,7 @@ impl Input {
         {
             let modal = ModalOptions {
                 count: ModeCount::Fixed(options.spec.modes.max(1)),
-                ..options.modal.clone()
+                ..options.spec.modal()
             };
             mesh.elastic = case.elastic_modes(&modal)?;
         }
@@ -98,7 +123,7 @@ impl Input {
     /// What reading the model fails with.
     pub fn model(&self) -> Result<Option<ModelSpec>> {
         let Some(name) = self
-            .function_object()?
+            .function_object()
             .get("model")
             .and_then(Value::as_str)
             .map(PathBuf::from)
@@ -119,68 +144,25 @@ impl Input {
         found.map(|file| Ok(Model::read(&file)?.spec)).transpose()
     }
 
-    /// `spec` and `modal` with what the `segments` entry of a case's function object says.
+    /// What the `segments` entry of a case's function object says differently from its model.
     ///
     /// # Errors
-    /// [`Error::Input`] for an entry that is no such number or word.
-    pub fn dictionary(
-        &self,
-        mut spec: SegmentSpec,
-        mut modal: ModalOptions,
-    ) -> Result<(SegmentSpec, ModalOptions)> {
-        let object = self.function_object()?;
-        let Some(entries) = object.get("segments").and_then(Value::as_object) else {
-            return Ok((spec, modal));
-        };
-        for (key, value) in entries {
-            let text = value.as_str().map_or_else(|| value.to_string(), str::to_string);
-            let wrong = |expected: &str| {
-                Error::Input(format!(
-                    "entry segments.{key} of the case's function object is {text}: expected {expected}"
-                ))
-            };
-            let count = || {
-                text.parse::<usize>()
-                    .map_err(|_| wrong("a whole number, not negative"))
-            };
-            let number = || text.parse::<f64>().map_err(|_| wrong("a number"));
-            match key.as_str() {
-                "count" => spec.count = count()?,
-                "modes" => spec.modes = count()?,
-                "operator" => spec.operator = Some(ModalOperator::parse(&text)?),
-                "energy" => spec.energy = Some(number()?),
-                "tau" => spec.tau = number()?,
-                "size" => spec.size = Some(number()?),
-                "iterations" => spec.iterations = count()?,
-                "overlap" => spec.overlap = count()?,
-                "method" => spec.method = SegmentMethod::parse(&text)?,
-                "connected" => {
-                    spec.connected = match text.as_str() {
-                        "yes" | "true" | "on" | "y" | "t" => true,
-                        "no" | "false" | "off" | "n" | "f" | "none" => false,
-                        _ => return Err(wrong("yes or no")),
-                    }
-                }
-                "distanceScale" => spec.distance_scale = Some(number()?),
-                "obstacles" => {
-                    let names = text.trim_start_matches(|c: char| c.is_ascii_digit() || c == ' ');
-                    let names = names.trim_matches(['(', ')', ' ']);
-                    spec.obstacles = names.split_whitespace().map(str::to_string).collect();
-                }
-                "modalSolver" => modal.solver = ModalSolver::parse(&text)?,
-                "petscOptions" => modal.petsc = text,
-                // A run knows them all, and refuses others.
-                _ => {}
-            }
+    /// [`Error::Input`] for an entry that is unknown or not of its type.
+    pub fn dictionary(&self) -> Result<SegmentEntries> {
+        let mut entries = self.function_object();
+        entries.retain(|key, _| key == "segments");
+        if let Some(Value::Object(segments)) = entries.get_mut("segments") {
+            segments.retain(|key, _| !OF_THE_FUNCTION_OBJECT.contains(&key.as_str()));
         }
-        Ok((spec, modal))
+        let text = Value::Object(entries).to_string();
+        Ok(settings::parse::<OfTheCase>("the case's function object", &text, &[])?.segments)
     }
 
-    fn function_object(&self) -> Result<Value> {
+    /// Entries of the case's function object; none of a trajectory.
+    fn function_object(&self) -> Map<String, Value> {
         match self {
-            Input::Case(case) => serde_json::from_str(&case.description().function_object)
-                .map_err(|e| Error::Internal(format!("dictionary of the function object: {e}"))),
-            Input::Data(_) => Ok(Value::Null),
+            Input::Case(case) => case.description().function_object.clone(),
+            Input::Data(_) => Map::new(),
         }
     }
 
@@ -205,7 +187,7 @@ impl Input {
     pub fn check_fields(&mut self, modes: usize, overwrite: bool) -> Result<()> {
         let Input::Case(case) = self else { return Ok(()) };
         for name in names(modes) {
-            if !overwrite && case.stored(&name, MARK)? == Stored::Foreign {
+            if !overwrite && case.stored(&name, MARK)? == Origin::Foreign {
                 return Err(Error::file(
                     case.start_folder().join(&name),
                     "is there already and was not written by m4gn: give --overwrite to replace it, --no-write to \
@@ -221,15 +203,8 @@ impl Input {
     ///
     /// # Errors
     /// When a file cannot be written; what was there is then still there.
-    pub fn write(
-        &mut self,
-        mesh: &Mesh,
-        labels: &[i32],
-        modes: &[Vec<f64>],
-        note: &str,
-        vtu: &Path,
-        overwrite: bool,
-    ) -> Result<String> {
+    pub fn write(&mut self, mesh: &Mesh, stored: &Stored, vtu: &Path, overwrite: bool) -> Result<String> {
+        let (labels, modes, note) = (stored.labels, stored.modes, stored.note);
         // A cluster of eigenvalues may have brought more modes than were asked for.
         self.check_fields(modes.len(), overwrite)?;
         let values = std::iter::once(labels.iter().map(|&l| f64::from(l)).collect());
@@ -243,11 +218,11 @@ impl Input {
                 for i in modes.len() + 1.. {
                     let name = format!("{MODE}{i}");
                     match case.stored(&name, MARK)? {
-                        Stored::Marked => stale.push(name),
+                        Origin::Marked => stale.push(name),
                         _ => break,
                     }
                 }
-                case.write_fields(&fields, &format!("{MARK} segment: {note}"), &stale)?;
+                case.write_fields(&fields, &format!("{MARK} segment: {note}"), &stale, stored.record)?;
                 let list: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
                 Ok(format!(
                     "{} in {}",

@@ -5,15 +5,17 @@ mod input;
 
 pub use args::Args;
 
-use crate::graph::Graph;
-use crate::mesh::Mesh;
-use crate::model::{Model, ModelSpec, SegmentMethod, SegmentSpec};
-use crate::modes::ModalOptions;
-use crate::parallel::Comm;
-use crate::report::write_file;
-use crate::survey::{self, Options, Pictured, Survey, plan};
-use crate::{Error, Result};
 use input::Input;
+use input::Stored;
+use m4gn_mesh::Mesh;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentMethod, SegmentSpec};
+use m4gn_segments::Record;
+use m4gn_segments::graph::Graph;
+use m4gn_workbench::report::write_file;
+use m4gn_workbench::survey;
+use m4gn_workbench::survey::{Options, Pictured, Survey, plan};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -43,20 +45,19 @@ pub fn run(args: Args) -> Result<()> {
         Some(path) => Some(Model::read(path)?.spec),
         None => input.model()?,
     };
-    let wanted = Wanted::new(&args, model.as_ref(), |spec, modal| input.dictionary(spec, modal))?;
+    let wanted = Wanted::new(&args, model.as_ref(), &input.dictionary()?)?;
     let mut mesh = input.mesh(&args.node_type)?;
     let options = wanted.options(&args, &mesh)?;
     input.add_elastic_modes(&mut mesh, &options)?;
     if let Some(path) = args.picture.as_ref().filter(|_| mesh.dim() != 2) {
         return Err(no_picture(path));
     }
-    let outputs = [&args.json, &args.picture].into_iter().flatten();
-    outputs.map(PathBuf::as_path).try_for_each(check_folder)?;
+    super::check_outputs([args.json.as_deref(), args.picture.as_deref()])?;
     let vtu = args.vtu.clone().unwrap_or_else(|| default_vtu(&args.path));
     if !args.no_write {
         input.check_fields(options.spec.modes, args.overwrite)?;
         if matches!(input, Input::Data(_)) {
-            check_folder(&vtu)?;
+            super::check_outputs([Some(vtu.as_path())])?;
         }
     }
 
@@ -120,7 +121,19 @@ pub fn run(args: Args) -> Result<()> {
         // Scalar fields of components would take the names of m4gnSegments' vector fields.
         let as_vectors = mesh.elastic.is_some() && matches!(input, Input::Case(_));
         let modes: &[Vec<f64>] = if as_vectors { &[] } else { &survey.modes.vectors };
-        let done = input.write(&mesh, &written.labels, modes, &note, &vtu, args.overwrite)?;
+        let spec = SegmentSpec {
+            method: written.method,
+            count: written.count,
+            ..options.spec.clone()
+        };
+        let record = Record::new(&mesh, &spec, &written.labels, &comm)?.text()?;
+        let stored = Stored {
+            labels: &written.labels,
+            modes,
+            note: &note,
+            record: &record,
+        };
+        let done = input.write(&mesh, &stored, &vtu, args.overwrite)?;
         println!("wrote {done} ({note})");
         if input.is_decomposed() {
             println!("The case is decomposed: 'decomposePar -fields' hands them to the processor folders.");
@@ -152,8 +165,6 @@ fn compute(mesh: &Mesh, graph: &mut Graph, options: &Options, comm: &Comm) -> Re
 /// What the user asked for, before the mesh is known.
 struct Wanted {
     spec: SegmentSpec,
-    /// The way to the modes.
-    modal: ModalOptions,
     /// K, where anybody says so.
     count: Option<usize>,
     /// Methods that are compared; empty: all.
@@ -163,41 +174,15 @@ struct Wanted {
 }
 
 impl Wanted {
-    /// Command line before `dictionary`, which changes what it is given, before model, before defaults.
-    fn new(
-        args: &Args,
-        model: Option<&ModelSpec>,
-        dictionary: impl Fn(SegmentSpec, ModalOptions) -> Result<(SegmentSpec, ModalOptions)>,
-    ) -> Result<Self> {
+    /// Command line before the case's dictionary, before model, before defaults.
+    fn new(args: &Args, model: Option<&ModelSpec>, case: &SegmentEntries) -> Result<Self> {
         let trained = model
-            .filter(|m| m.architecture.segment_transformer.is_some())
+            .filter(|m| m.architecture.segment_transformer().is_some())
             .map(|m| m.segments.clone());
-        // 0: nobody says.
-        let none = SegmentSpec {
-            count: 0,
-            ..SegmentSpec::default()
-        };
-        let (case, modal) = dictionary(trained.unwrap_or(none), ModalOptions::default())?;
-        let mut spec = SegmentSpec {
-            method: args.method.first().copied().unwrap_or(case.method),
-            count: args.segments.unwrap_or(case.count),
-            modes: args.modes.unwrap_or(case.modes),
-            operator: case.operator,
-            energy: args.energy.or(case.energy),
-            tau: args.tau.unwrap_or(case.tau),
-            size: args.size.or(case.size),
-            iterations: args.iterations.unwrap_or(case.iterations),
-            connected: case.connected && !args.no_connect,
-            distance_scale: args.distance_scale.or(case.distance_scale),
-            overlap: args.overlap.unwrap_or(case.overlap),
-            obstacles: match args.obstacle.is_empty() {
-                true => case.obstacles,
-                false => args.obstacle.clone(),
-            },
-        };
-        let count = Some(spec.count).filter(|&k| k > 0);
-        spec.count = count.unwrap_or(SegmentSpec::default().count);
-        spec.check()?;
+        let line = args.entries();
+        let said = line.has("count") || case.has("count") || trained.is_some();
+        let spec = line.over(&case.over(&trained.unwrap_or_default())?)?;
+        let count = said.then_some(spec.count);
         let mut methods = Vec::new();
         for m in &args.method {
             if !methods.contains(m) {
@@ -206,11 +191,6 @@ impl Wanted {
         }
         Ok(Wanted {
             few_modes: args.modes.is_none(),
-            modal: ModalOptions {
-                solver: args.modal_solver.unwrap_or(modal.solver),
-                petsc: args.petsc.clone().unwrap_or(modal.petsc),
-                ..modal
-            },
             spec,
             count,
             methods,
@@ -256,7 +236,6 @@ impl Wanted {
         };
         Ok(Options {
             spec,
-            modal: self.modal.clone(),
             methods,
             counts,
         })
@@ -285,7 +264,7 @@ fn no_picture(path: &Path) -> Error {
 fn network(args: &Args, model: Option<&ModelSpec>) -> plan::Network {
     let trained = model.map_or(NETWORK, |m| plan::Network {
         width: m.architecture.width,
-        layers: m.architecture.layers_before + m.architecture.layers_after,
+        layers: m.architecture.layers(),
     });
     plan::Network {
         width: args.width.unwrap_or(trained.width),
@@ -296,17 +275,6 @@ fn network(args: &Args, model: Option<&ModelSpec>) -> plan::Network {
 fn default_vtu(path: &Path) -> PathBuf {
     let name = path.file_stem().unwrap_or("trajectory".as_ref());
     PathBuf::from(format!("{}.segments.vtu", name.to_string_lossy()))
-}
-
-/// Fails where a file could not be put, before anything is computed.
-fn check_folder(file: &Path) -> Result<()> {
-    let folder = match file.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    tempfile::NamedTempFile::new_in(folder)
-        .map(|_| ())
-        .map_err(|e| Error::file(file, format!("cannot be written: {e}")))
 }
 
 #[cfg(test)]

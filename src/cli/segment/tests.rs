@@ -1,6 +1,6 @@
 use super::*;
-use crate::mesh::{NodeType, sample};
 use clap::Parser;
+use m4gn_mesh::{NodeType, sample};
 
 #[derive(Debug, Parser)]
 struct Line {
@@ -18,7 +18,7 @@ fn args(line: &str) -> std::result::Result<Args, String> {
 /// What is compared on the data set's mesh, without a case or a model that says anything.
 fn options(line: &str, mesh: &Mesh) -> Result<Options> {
     let args = args(line).unwrap();
-    let wanted = Wanted::new(&args, None, |spec, modal| Ok((spec, modal)))?;
+    let wanted = Wanted::new(&args, None, &SegmentEntries::default())?;
     wanted.options(&args, mesh)
 }
 

@@ -118,6 +118,18 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    unsafe fn where_positive(v: Pair, then: Pair) -> Pair {
+        // SAFETY: see above.
+        unsafe {
+            let zero = _mm256_setzero_ps();
+            [
+                _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(v[0], zero), then[0]),
+                _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(v[1], zero), then[1]),
+            ]
+        }
+    }
+
+    #[inline(always)]
     unsafe fn reciprocal(v: Pair) -> Pair {
         // SAFETY: see above.
         unsafe {

@@ -96,6 +96,15 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
     }
 
     #[inline(always)]
+    unsafe fn where_positive(v: __m512, then: __m512) -> __m512 {
+        // SAFETY: see above.
+        unsafe {
+            let positive = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(v, _mm512_setzero_ps());
+            _mm512_maskz_mov_ps(positive, then)
+        }
+    }
+
+    #[inline(always)]
     unsafe fn reciprocal(v: __m512) -> __m512 {
         // SAFETY: see above.
         unsafe {

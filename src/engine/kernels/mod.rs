@@ -5,6 +5,9 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod buffer;
+mod dense;
+mod gradient;
+mod outer;
 mod packed;
 mod portable;
 mod product;
@@ -14,6 +17,9 @@ mod simd;
 pub use super::options::Isa;
 use super::options::Level;
 pub use buffer::Buffer;
+pub use dense::{Adam, adam, multiply_add, softmax_backward};
+pub use gradient::{Kept, activation_backward, norm_backward, silu_keep};
+pub use outer::{Pairs, gather_add, outer, scatter_add};
 pub use packed::{Packed, padded};
 pub use product::{Addend, Output, product, registers};
 pub use rows::*;
@@ -51,21 +57,21 @@ macro_rules! dispatch {
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512bf16,avx2,fma")]
         unsafe fn avx512_bf16<$t: Number>($($arg: $kind),*) $(-> $result)? {
             // SAFETY: passed on.
-            unsafe { $name::<$crate::engine::kernels::avx512::Avx512<true>, $t, 6, true>($($arg),*) }
+            unsafe { $name::<$crate::kernels::avx512::Avx512<true>, $t, 6, true>($($arg),*) }
         }
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
         unsafe fn avx512<$t: Number>($($arg: $kind),*) $(-> $result)? {
             // SAFETY: passed on.
-            unsafe { $name::<$crate::engine::kernels::avx512::Avx512<false>, $t, 6, true>($($arg),*) }
+            unsafe { $name::<$crate::kernels::avx512::Avx512<false>, $t, 6, true>($($arg),*) }
         }
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,fma")]
         unsafe fn avx2<$t: Number>($($arg: $kind),*) $(-> $result)? {
             // SAFETY: passed on.
-            unsafe { $name::<$crate::engine::kernels::avx2::Avx2, $t, 6, false>($($arg),*) }
+            unsafe { $name::<$crate::kernels::avx2::Avx2, $t, 6, false>($($arg),*) }
         }
-        use $crate::engine::options::Level;
+        use $crate::options::Level;
         // SAFETY: an Isa of a level exists only where the processor has its features; the rest is the caller's.
         unsafe {
             match $isa.0 {
@@ -75,7 +81,7 @@ macro_rules! dispatch {
                 Level::Avx512 => avx512::<$t>($($value),*),
                 #[cfg(target_arch = "x86_64")]
                 Level::Avx2 => avx2::<$t>($($value),*),
-                Level::Portable => $name::<$crate::engine::kernels::portable::Portable, $t, 2, false>($($value),*),
+                Level::Portable => $name::<$crate::kernels::portable::Portable, $t, 2, false>($($value),*),
             }
         }
     }};

@@ -89,6 +89,11 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    unsafe fn where_positive(v: Lanes, then: Lanes) -> Lanes {
+        each(|i| if v[i] > 0.0 { then[i] } else { 0.0 })
+    }
+
+    #[inline(always)]
     unsafe fn reciprocal(v: Lanes) -> Lanes {
         v.map(|v| 1.0 / v)
     }

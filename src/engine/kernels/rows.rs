@@ -34,6 +34,26 @@ impl Norm {
             shift: pad(shift),
         }
     }
+
+    /// Numbers that are normalised together.
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// The same, padded.
+    pub fn columns(&self) -> usize {
+        self.gain.len()
+    }
+
+    /// Gain, padded with zeros.
+    pub(super) fn gain(&self) -> &[f32] {
+        &self.gain
+    }
+
+    /// One for numbers, zero for the padding.
+    pub(super) fn mask(&self) -> &[f32] {
+        &self.mask
+    }
 }
 
 /// Where a layer norm goes, rows of the padded width.
@@ -58,7 +78,42 @@ pub enum Normed<'a, T> {
 }
 
 /// y = LN(x[i]) * gain + shift (Ba et al. 2016, variance without Bessel's correction) for n rows of the padded width.
-pub fn layer_norm<T: Number>(isa: Isa, norm: &Norm, x: &[f32], n: usize, mut out: Normed<T>) {
+pub fn layer_norm<T: Number>(isa: Isa, norm: &Norm, x: &[f32], n: usize, out: Normed<T>) {
+    norms_of(isa, norm, x, n, out, None);
+}
+
+/// As [`layer_norm`], keeping what its derivative needs: the rows before gain and shift, rounded, and each row's factor.
+pub fn layer_norm_keep<T: Number>(
+    isa: Isa,
+    norm: &Norm,
+    x: &[f32],
+    n: usize,
+    out: Normed<T>,
+    (normed, scale): (&mut [T], &mut [f32]),
+) {
+    assert!(
+        normed.len() >= n * norm.columns() && scale.len() >= n,
+        "rows that a layer norm keeps"
+    );
+    norms_of(
+        isa,
+        norm,
+        x,
+        n,
+        out,
+        Some((normed.as_mut_ptr(), scale.as_mut_ptr())),
+    );
+}
+
+/// Pointers to keep rows at are good for n of them.
+fn norms_of<T: Number>(
+    isa: Isa,
+    norm: &Norm,
+    x: &[f32],
+    n: usize,
+    mut out: Normed<T>,
+    keep: Option<(*mut T, *mut f32)>,
+) {
     let columns = norm.gain.len();
     assert!(x.len() >= n * columns, "rows of a layer norm");
     let fits = match &out {
@@ -82,7 +137,8 @@ pub fn layer_norm<T: Number>(isa: Isa, norm: &Norm, x: &[f32], n: usize, mut out
     dispatch!(
         isa,
         T,
-        norms(norm: &Norm, x: *const f32, n: usize, out: &mut Normed<T>) = (norm, x.as_ptr(), n, &mut out)
+        norms(norm: &Norm, x: *const f32, n: usize, out: &mut Normed<T>, keep: Option<(*mut T, *mut f32)>)
+            = (norm, x.as_ptr(), n, &mut out, keep)
     )
 }
 
@@ -96,16 +152,17 @@ unsafe fn norms<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     x: *const f32,
     n: usize,
     out: &mut Normed<T>,
+    keep: Option<(*mut T, *mut f32)>,
 ) {
     let mut i = 0;
     // SAFETY: rows up to n.
     unsafe {
         while WIDE && i + 4 <= n {
-            norm_rows::<S, T, 4>(norm, x, i, out);
+            norm_rows::<S, T, 4>(norm, x, i, out, keep);
             i += 4;
         }
         while i < n {
-            norm_rows::<S, T, 1>(norm, x, i, out);
+            norm_rows::<S, T, 1>(norm, x, i, out, keep);
             i += 1;
         }
     }
@@ -121,6 +178,7 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
     x: *const f32,
     at: usize,
     out: &mut Normed<T>,
+    keep: Option<(*mut T, *mut f32)>,
 ) {
     let columns = norm.gain.len();
     let last = columns - LANES;
@@ -154,7 +212,20 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
         }
         let mut scale = squares;
         for i in 0..R {
-            scale[i] = S::splat(1.0 / (S::sum(squares[i]) * inverse + NORM_EPSILON).sqrt());
+            let factor = 1.0 / (S::sum(squares[i]) * inverse + NORM_EPSILON).sqrt();
+            scale[i] = S::splat(factor);
+            if let Some((_, kept)) = keep {
+                *kept.add(at + i) = factor;
+            }
+        }
+        if let Some((kept, _)) = keep {
+            let kept = kept.add(at * columns);
+            for j in (0..columns).step_by(LANES) {
+                for i in 0..R {
+                    let v = S::mul(S::sub(S::load(x[i].add(j)), mean[i]), scale[i]);
+                    T::store::<S>(kept.add(i * columns + j), v);
+                }
+            }
         }
         let y = |i: usize, j: usize| {
             let v = S::mul(S::sub(S::load(x[i].add(j)), mean[i]), scale[i]);

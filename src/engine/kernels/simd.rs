@@ -39,6 +39,8 @@ pub trait Simd: Copy {
     unsafe fn at_most(v: Self::V, limit: Self::V) -> Self::V;
     /// The larger of limit and v; NaN where v is.
     unsafe fn at_least(v: Self::V, limit: Self::V) -> Self::V;
+    /// `then` where v is positive, else 0.
+    unsafe fn where_positive(v: Self::V, then: Self::V) -> Self::V;
     /// 1 / v to fp32 rounding.
     unsafe fn reciprocal(v: Self::V) -> Self::V;
     /// 2^n where n stands in the low bits of the numbers' mantissas.

@@ -317,3 +317,71 @@ fn indices_out_of_range_are_caught() {
     assert!(!caught(1, 5, 2));
     assert!(caught(2, 5, 2) && caught(-1, 5, 2) && caught(1, 6, 2) && caught(1, 3, 2) && caught(1, 5, 3));
 }
+
+fn outer_products<T: Number>(isa: Isa) {
+    let shapes: &[(usize, usize, usize)] = match cfg!(miri) {
+        true => &[(3, 5, 16)],
+        false => &[(1, 1, 16), (5, 3, 16), (7, 17, 48), (48, 64, 64), (47, 81, 96)],
+    };
+    for &(n, outputs, columns) in shapes {
+        let left = padded(outputs);
+        let y: Buffer<T> = numbers(n * (left + 16), 2);
+        let x: Buffer<T> = numbers(n * (columns + 32), 9);
+        let (y_stride, x_stride) = (left + 16, columns + 32);
+        let mut sums = vec![1.0; outputs * columns];
+        let mut pairs = Pairs::new(n, outputs, columns);
+        // Twice: what is there is added to.
+        for _ in 0..2 {
+            let sizes = (outputs, columns);
+            outer(
+                isa,
+                (&y, y_stride),
+                (&x, x_stride),
+                n,
+                sizes,
+                &mut sums,
+                &mut pairs,
+            );
+        }
+        for o in 0..outputs {
+            for c in 0..columns {
+                let terms = (0..n).map(|i| {
+                    f64::from(y[i * y_stride + o].to_f32()) * f64::from(x[i * x_stride + c].to_f32())
+                });
+                let expected = 1.0 + 2.0 * terms.sum::<f64>();
+                let found = f64::from(sums[o * columns + c]);
+                let name = isa.name();
+                assert!(
+                    (found - expected).abs() < 1e-5 * n as f64,
+                    "{name}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn outer_products_are_sums() {
+    for isa in Isa::available() {
+        outer_products::<f32>(isa);
+        outer_products::<Bf16>(isa);
+    }
+}
+
+#[test]
+fn rows_are_gathered_and_scattered() {
+    for isa in Isa::available() {
+        let (index, columns) = ([7, 5, 7], 32);
+        let mut x: Buffer<f32> = numbers(3 * columns, 1);
+        let before = x.to_vec();
+        let mut table = vec![0.5; 3 * columns];
+        scatter_add(isa, &x, columns, &mut table, &index, 5);
+        assert_eq!(table[3], 0.5 + before[columns + 3]);
+        assert_eq!(table[columns], 0.5, "row 6 is nobody's");
+        assert_eq!(table[2 * columns + 1], 0.5 + before[1] + before[2 * columns + 1]);
+        gather_add(isa, &mut x, columns, &table, &index, 5);
+        assert_eq!(x[columns + 3], before[columns + 3] + table[3]);
+        let caught = std::panic::catch_unwind(|| gather_add(isa, &mut [0.0; 16], 16, &[0.0; 16], &[1], 0));
+        assert!(caught.is_err(), "row 1 of 1");
+    }
+}

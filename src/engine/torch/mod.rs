@@ -3,13 +3,13 @@
 
 mod library;
 
-pub use library::{ABI_VERSION, NAME, TorchLibrary};
+pub use library::{LIBRARY, TorchTrial, library, train};
 
 use super::{Forward, SegmentView};
-use crate::graph::Graph;
-use crate::parallel::Comm;
-use crate::{Error, Result};
-use library::c_string;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::plugin::{Plugin, c_string};
+use m4gn_mesh::{Error, Result};
+use m4gn_segments::graph::Graph;
 use std::ffi::{c_char, c_void};
 use std::path::Path;
 
@@ -63,8 +63,7 @@ pub struct TorchBackend {
     free: Free,
     n_inputs: usize,
     n_outputs: usize,
-    /// Keeps the functions above mapped.
-    library: TorchLibrary,
+    library: &'static Plugin,
 }
 
 impl TorchBackend {
@@ -91,7 +90,7 @@ impl TorchBackend {
         }
         let path = c_string(&model.to_string_lossy())?;
         let device = device.map(c_string).transpose()?;
-        let library = TorchLibrary::load(TorchLibrary::find()?)?;
+        let library = library()?;
         // SAFETY: the library's version fixes the types of these functions.
         let (load, step, free) = unsafe {
             (

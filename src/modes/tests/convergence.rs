@@ -1,7 +1,7 @@
 //! Eigenvalues against the continuous ones, under refinement.
 
 use super::super::*;
-use crate::mesh::sample;
+use m4gn_mesh::sample;
 use std::f64::consts::PI;
 
 /// Slope of log(error) over log(h) by least squares.
@@ -19,9 +19,8 @@ fn converges(mesh: impl Fn(usize) -> Mesh, sizes: &[usize], exact: &[f64], expec
     let mut errors = vec![Vec::new(); exact.len()];
     for &n in sizes {
         let mesh = mesh(n);
-        let mut graph = Graph::new(&mesh, &comm).unwrap();
         let options = ModalOptions::fixed(exact.len());
-        let modes = laplacian_modes(&mesh, &mut graph, &comm, &options).unwrap();
+        let modes = laplacian_modes(&mesh, &comm, &options).unwrap();
         for ((errors, value), exact) in errors.iter_mut().zip(&modes.eigenvalues).zip(exact) {
             errors.push((value / exact - 1.0).abs());
         }

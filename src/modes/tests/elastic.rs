@@ -1,9 +1,11 @@
-use crate::graph::Graph;
-use crate::mesh::{ElasticModes, Mesh, sample};
-use crate::model::{ModalOperator, SegmentSpec};
-use crate::modes::{ModalOptions, ModeCount, of_mesh};
-use crate::parallel::Comm;
-use crate::segments;
+use crate::Modal;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{ElasticModes, Mesh, sample};
+use m4gn_model::modal::ModalSource;
+use m4gn_model::modal::ModeCount;
+use m4gn_model::{ModalOperator, SegmentSpec};
+use m4gn_segments as segments;
+use m4gn_segments::graph::Graph;
 
 /// A mesh with modes of a body; the second and third have one frequency, and the basis is turned by `angle`.
 fn mesh(angle: f64) -> Mesh {
@@ -39,22 +41,18 @@ fn spec(operator: Option<ModalOperator>, modes: usize) -> SegmentSpec {
     }
 }
 
-fn labels(mesh: &Mesh, spec: &SegmentSpec) -> crate::Result<Vec<i32>> {
+fn labels(mesh: &Mesh, spec: &SegmentSpec) -> m4gn_mesh::Result<Vec<i32>> {
     let comm = Comm::serial();
     let mut graph = Graph::new(mesh, &comm)?;
-    Ok(segments::segment(mesh, &mut graph, spec, &comm, None)?.node_segment)
+    Ok(segments::segment(mesh, &mut graph, spec, &Modal::default(), &comm, None)?.node_segment)
 }
 
 #[test]
 fn repeated_frequencies_come_whole_and_each_solved_component_is_a_feature() {
     let (mesh, comm) = (mesh(0.0), Comm::serial());
-    let mut graph = Graph::new(&mesh, &comm).unwrap();
-    let mut of = |count| {
-        let options = ModalOptions {
-            count,
-            ..Default::default()
-        };
-        of_mesh(&mesh, &mut graph, &comm, true, &options).map(|m| m.eigenvalues)
+    let of = |count| {
+        let modes = Modal::default().of_mesh(&mesh, true, count, &comm);
+        modes.map(|m| m.eigenvalues)
     };
     let values = of(ModeCount::Fixed(2)).unwrap();
     assert_eq!(values, [1.0, 1.0, 4.0, 4.0, 4.0 + 1e-9, 4.0 + 1e-9]);

@@ -1,12 +1,11 @@
 use super::super::*;
-use crate::Error;
-use crate::mesh::sample;
+use m4gn_mesh::Error;
+use m4gn_mesh::sample;
 use std::f64::consts::PI;
 
 fn modes(mesh: &Mesh, n: usize) -> Result<Modes> {
     let comm = Comm::serial();
-    let mut graph = Graph::new(mesh, &comm)?;
-    laplacian_modes(mesh, &mut graph, &comm, &ModalOptions::fixed(n))
+    laplacian_modes(mesh, &comm, &ModalOptions::fixed(n))
 }
 
 /// Eigenvalues of the finite-volume Laplacian of a rectangle of quads: exact, not only in the limit.
@@ -132,12 +131,11 @@ fn two_cells_have_one_mode() {
 fn the_energy_chooses_the_number_of_modes() {
     let comm = Comm::serial();
     let energy = |mesh: &Mesh, share, most| {
-        let mut graph = Graph::new(mesh, &comm).unwrap();
         let options = ModalOptions {
             count: ModeCount::Energy { share, most },
             ..Default::default()
         };
-        laplacian_modes(mesh, &mut graph, &comm, &options).map(|m| m.eigenvalues.len())
+        laplacian_modes(mesh, &comm, &options).map(|m| m.eigenvalues.len())
     };
     // A chain's 1 / lambda goes as 1, 1/4, 1/9, 1/16 (up to 0.1 % here): 0.702, 0.878, 0.956, 1 of the sum.
     for n in [60, 300] {

@@ -1,18 +1,18 @@
 //! Ways to the same modes, and options of PETSc.
 
 use super::super::*;
-use crate::Error;
-use crate::mesh::sample;
+use m4gn_mesh::Error;
+use m4gn_mesh::sample;
+use m4gn_model::modal::ModalSolver;
 
 fn with(mesh: &Mesh, solver: ModalSolver, petsc: &str) -> Result<Modes> {
     let comm = Comm::serial();
-    let mut graph = Graph::new(mesh, &comm)?;
     let options = ModalOptions {
         solver,
         petsc: petsc.into(),
         ..Default::default()
     };
-    laplacian_modes(mesh, &mut graph, &comm, &options)
+    laplacian_modes(mesh, &comm, &options)
 }
 
 fn same(a: &Modes, b: &Modes) {
@@ -47,7 +47,6 @@ fn meshes() -> Vec<Mesh> {
 }
 
 #[test]
-#[cfg(feature = "slepc")]
 fn multigrid_gives_the_modes_of_the_factorisation() {
     for mesh in meshes() {
         let direct = with(&mesh, ModalSolver::Direct, "").unwrap();
@@ -64,8 +63,7 @@ fn faer_gives_the_same_modes_dense_and_sparse() {
             &laplacian_reference(&mesh, &comm, &ModalOptions::default()).unwrap(),
             &found,
         );
-        let mut graph = Graph::new(&mesh, &comm).unwrap();
-        let problem = laplacian(&mesh, &mut graph, &comm).unwrap();
+        let problem = laplacian(&mesh, &comm).unwrap();
         let taken = |v: &[f64]| {
             let whole = || select::whole_clusters(v, 6, 1e-6);
             (v.len() >= 6).then(whole).flatten()
@@ -82,7 +80,6 @@ fn faer_gives_the_same_modes_dense_and_sparse() {
 }
 
 #[test]
-#[cfg(feature = "slepc")]
 fn options_of_petsc_are_used_or_refused() {
     let mesh = sample::rectangle(24, 16, 2.0, 1.0);
     let expected = with(&mesh, ModalSolver::Auto, "").unwrap();
@@ -116,20 +113,4 @@ fn options_of_petsc_are_used_or_refused() {
         same(&with(&mesh, ModalSolver::Auto, "").unwrap(), &expected);
     }
     assert!(matches!(ModalSolver::parse("fast"), Err(Error::Input(_))));
-}
-
-#[test]
-#[cfg(not(feature = "slepc"))]
-fn what_needs_slepc_says_so() {
-    let mesh = sample::rectangle(24, 16, 2.0, 1.0);
-    for (solver, petsc) in [
-        (ModalSolver::Iterative, ""),
-        (ModalSolver::Auto, "-m4gn_eps_tol 1e-9"),
-    ] {
-        let error = with(&mesh, solver, petsc).unwrap_err();
-        assert!(
-            matches!(&error, Error::Input(m) if m.contains("SLEPc")),
-            "{error}"
-        );
-    }
 }

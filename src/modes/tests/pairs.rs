@@ -1,7 +1,7 @@
 //! General pairs of matrices with eigenvalues known on paper, by the dense and by the sparse solver.
 
 use super::super::*;
-use crate::Error;
+use m4gn_mesh::Error;
 use std::f64::consts::PI;
 
 /// A matrix of constant bands below, on and above the diagonal, one such band matrix for each unknown of a point.
@@ -304,4 +304,28 @@ fn entries_that_do_not_lie_symmetrically() {
     let exact = |m: usize| 2.0 - 2.0 * (m as f64 * PI / (n + 1) as f64).cos();
     let found = modes(&problem(k, None), 3).unwrap();
     close(&found.eigenvalues, (1..=3).map(exact), 1e-9);
+}
+
+/// Entries near the end of double's range: right modes, or an error; never wrong or infinite ones.
+#[test]
+fn matrices_near_the_end_of_double_are_refused() {
+    for points in [12, 160] {
+        for symmetric in [true, false] {
+            let of = |size: f64| {
+                let mut given = problem(bands(points, [-size, 2.0 * size, -size], &[1.0]), None);
+                given.symmetric = symmetric;
+                modes(&given, 3)
+            };
+            let exact = (1..4).map(|k| 2.0 - 2.0 * (f64::from(k) * PI / (points + 1) as f64).cos());
+            for size in [1e-90, 1e90] {
+                let found = of(size).unwrap();
+                let scaled: Vec<f64> = found.eigenvalues.iter().map(|v| v / size).collect();
+                close(&scaled, exact.clone(), 1e-6);
+            }
+            for size in [1e-300, 1e154, 1e300] {
+                let message = of(size).unwrap_err().to_string();
+                assert!(message.contains("the largest entry of K"), "{size:e}: {message}");
+            }
+        }
+    }
 }

@@ -9,8 +9,8 @@
 mod graph;
 mod refine;
 
-use crate::{Error, Result};
 use graph::SegmentGraph;
+use m4gn_mesh::{Error, Result};
 
 /// How good an assignment is.
 #[derive(Clone, Debug, PartialEq)]

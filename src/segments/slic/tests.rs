@@ -1,8 +1,8 @@
 use super::*;
-use crate::graph::Graph;
-use crate::mesh::sample;
-use crate::model::SegmentMethod;
-use crate::modes::{ModalOptions, laplacian_modes};
+use m4gn_mesh::sample;
+use m4gn_model::SegmentMethod;
+use m4gn_model::modal::ModalOptions;
+use m4gn_modes::laplacian_modes;
 
 fn spec(count: usize, modes: usize) -> SegmentSpec {
     SegmentSpec {
@@ -14,8 +14,7 @@ fn spec(count: usize, modes: usize) -> SegmentSpec {
 
 fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> {
     let comm = Comm::serial();
-    let mut graph = Graph::new(mesh, &comm)?;
-    let modes = laplacian_modes(mesh, &mut graph, &comm, &ModalOptions::fixed(spec.modes))?;
+    let modes = laplacian_modes(mesh, &comm, &ModalOptions::fixed(spec.modes))?;
     refine(mesh, spec, &modes, &comm, labels.to_vec()).map(|r| r.labels)
 }
 
@@ -45,8 +44,7 @@ fn plain_nearest(features: &Features, labels: &[i32], centroids: &[f64]) -> Vec<
 fn looking_at_near_centroids_alone_changes_nothing() {
     let comm = Comm::serial();
     let mesh = sample::triangles(24, 9, 1.6, 0.41);
-    let mut graph = Graph::new(&mesh, &comm).unwrap();
-    let modes = laplacian_modes(&mesh, &mut graph, &comm, &ModalOptions::fixed(5)).unwrap();
+    let modes = laplacian_modes(&mesh, &comm, &ModalOptions::fixed(5)).unwrap();
     for method in SegmentMethod::ALL {
         for (count, tau, size) in [
             (7, 1.0, None),

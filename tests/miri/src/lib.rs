@@ -19,13 +19,14 @@ impl std::fmt::Display for Error {
 /// As the core's.
 pub type Result<T> = std::result::Result<T, Error>;
 
+extern crate self as m4gn_mesh;
+
 #[allow(dead_code, unused_imports)]
-#[path = "."]
-mod engine {
-    #[path = "../../../src/engine/kernels/mod.rs"]
-    pub mod kernels;
-    #[path = "../../../src/engine/options.rs"]
-    pub mod options;
-    #[path = "../../../src/engine/pool.rs"]
-    pub mod pool;
-}
+#[path = "../../../src/engine/kernels/mod.rs"]
+pub mod kernels;
+#[allow(dead_code)]
+#[path = "../../../src/engine/options.rs"]
+pub mod options;
+#[allow(dead_code)]
+#[path = "../../../src/engine/pool.rs"]
+pub mod pool;

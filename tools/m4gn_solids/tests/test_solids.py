@@ -28,6 +28,11 @@ def tetrahedra():
     return Body(points, cells, elements.TETRAHEDRON, points[:, 0] == 0)
 
 
+def of_rubber(body):
+    """The body with the material of the fixture."""
+    return Solid(body, MATERIAL["young"], MATERIAL["poisson"])
+
+
 class Obstacles(unittest.TestCase):
     def test_known_distances(self):
         gap = SHAPES["sphere"].distance(np.array([(0, 0, 2.0), (0.1, 0, 0)]))[0]
@@ -82,11 +87,13 @@ class Obstacles(unittest.TestCase):
 
 
 class Bodies(unittest.TestCase):
-    def test_stiffness_and_mass(self):
+    def test_stiffness(self):
         for body in (bar(), tetrahedra()):
             with self.subTest(kind=body.kind):
-                solid = Solid(body, **MATERIAL)
-                stiffness, mass = solid.stiffness(), solid.mass()
+                solid = of_rubber(body)
+                solid.set(np.zeros_like(body.points))
+                stiffness = np.zeros((solid.size, solid.size))
+                np.add.at(stiffness, (solid.row, solid.column), solid.tangent())
                 x, y, z = body.points.T
                 zero = np.zeros_like(x)
                 scale = abs(stiffness).max()
@@ -94,25 +101,22 @@ class Bodies(unittest.TestCase):
                     force = stiffness @ np.array(turn).T.ravel()
                     self.assertLess(np.abs(force).max(), 1e-12 * scale * np.abs(body.points).max())
                 self.assertLess(abs(stiffness - stiffness.T).max(), 1e-12 * scale)
-                volume = np.prod(body.points.max(axis=0))
-                self.assertAlmostEqual(mass.sum() / (3 * 1000 * volume), 1, places=12)
-                values = np.linalg.eigvalsh(stiffness.toarray())
+                values = np.linalg.eigvalsh(stiffness)
                 self.assertLess(np.abs(values[:6]).max(), 1e-9 * values[-1])
                 self.assertGreater(values[6], 1e-4 * values[-1])
 
     def test_uniaxial_tension(self):
         """A stretch that only Poisson's ratio and E decide, small: stress E times strain."""
         body = bar()
-        solid = Solid(body, **MATERIAL)
+        solid = of_rubber(body)
         strain = 1e-5
         solid.set(body.points * strain * np.array([1, -0.4, -0.4]))
-        self.assertLess(np.abs(solid.von_mises() / (1e6 * strain) - 1).max(), 1e-3)
         pull = solid.force()[body.points[:, 0] > 0.019].sum(axis=0)
         self.assertLess(np.abs(pull - [1e6 * strain * 1e-4, 0, 0]).max(), 1e-3 * 1e6 * strain * 1e-4)
 
     def test_tangents_by_differences(self):
         body, obstacle = bar(), sphere(3)
-        solid = Solid(body, **MATERIAL)
+        solid = of_rubber(body)
         random = np.random.default_rng(1)
         contact = Contact(body, obstacle, 3e4, 3e-4)
         u = random.uniform(-2e-4, 2e-4, body.points.shape)
@@ -134,7 +138,7 @@ class Bodies(unittest.TestCase):
 
     def test_frames_are_equilibria(self):
         body, obstacle = bar(), sphere(3)
-        solid = Solid(body, **MATERIAL)
+        solid = of_rubber(body)
         march = March(body, obstacle, solid, 1e6)
         for frame, u in enumerate(march.frames()):
             solid.set(u)

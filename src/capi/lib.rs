@@ -1,0 +1,60 @@
+//! The C ABI, `cpp/include/m4gn.h`: the only exported symbols of `libm4gn.so`.
+//!
+//! Every export goes through one guarded door ([`door`]): floating-point traps are off inside, panics stop, and an
+//! error becomes a status with its message kept for `m4gn_last_error`. What a pointer must be is said in the header;
+//! here it is checked as far as it can be ([`raw`]), and the ranks agree before anything collective begins.
+#![allow(unsafe_code)]
+
+#[macro_use]
+mod door;
+mod adapt;
+mod fields;
+mod modes;
+mod options;
+mod raw;
+mod recorder;
+mod segments;
+mod session;
+mod solids;
+
+pub use adapt::AdaptReport;
+pub use modes::CsrData;
+pub use raw::{FieldData, FieldOut, MeshData, SolidData};
+pub use recorder::RecorderField;
+pub use segments::RankReport;
+pub use session::{FieldInfo, ProjectionData};
+
+use std::ffi::c_char;
+
+/// `M4GN_ABI_VERSION`
+pub const ABI_VERSION: i32 = 5;
+
+/// Version of this interface.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_abi_version() -> i32 {
+    ABI_VERSION
+}
+
+/// Version of the library.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_version() -> *const c_char {
+    const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
+    VERSION.as_ptr().cast()
+}
+
+/// Message of the last failed call on this thread, or an empty string.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_last_error() -> *const c_char {
+    door::last_error()
+}
+
+exports! {
+    /// Ends MPI and PETSc if they were started here.
+    fn m4gn_finalize() -> (), or |_| (); {
+        m4gn_mesh::parallel::finalize();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

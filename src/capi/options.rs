@@ -1,0 +1,97 @@
+//! Export: the check of settings before they are used.
+
+use super::modes::ModesOptions;
+use super::raw;
+use super::recorder::RecorderOptions;
+use super::segments::Request;
+use m4gn_mesh::{Error, Result};
+use m4gn_step::SessionOptions;
+use std::ffi::c_char;
+
+/// The settings of the call that makes an object of this kind.
+fn check(kind: &str, options: &str) -> Result<()> {
+    match kind {
+        "session" => SessionOptions::parse(options).map(|_| ()),
+        "segments" => Request::parse(options).map(|_| ()),
+        "modes" => ModesOptions::parse(options).map(|_| ()),
+        "solid_modes" => ModesOptions::of_body(options).map(|_| ()),
+        "recorder" => RecorderOptions::parse(options).map(|_| ()),
+        _ => Err(Error::Input(format!(
+            "kind of options '{kind}': expected session, segments, modes, solid_modes or recorder"
+        ))),
+    }
+}
+
+exports! {
+    /// Whether settings are valid, as far as they can be without a mesh, a model or other ranks.
+    fn m4gn_options_check(kind: *const c_char, options: *const c_char) -> i32, or |status| status; {
+        // SAFETY: the host's strings, or null.
+        let (kind, options) = unsafe { (raw::text("kind", kind)?, raw::options(options)?) };
+        check(kind, options).map(|()| 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_kind_has_its_own_settings() {
+        for (kind, good, bad, message) in [
+            (
+                "session",
+                r#"{"model": "a", "nThreads": 2}"#,
+                r#"{"n_threads": 0}"#,
+                "n_threads: expected 1 to",
+            ),
+            ("session", "{}", r#"{"projection": {"radius": 0}}"#, "radius 0"),
+            (
+                "session",
+                "{}",
+                r#"{"backend": "abacus"}"#,
+                "backend: backend 'abacus': expected native",
+            ),
+            (
+                "segments",
+                r#"{"segments": {"count": 3}}"#,
+                r#"{"segments": {"count": 0}}"#,
+                "segments.count: expected",
+            ),
+            (
+                "modes",
+                r#"{"block": 2}"#,
+                r#"{"block": -1}"#,
+                "block: expected a whole number",
+            ),
+            (
+                "solid_modes",
+                r#"{"modes": 2}"#,
+                r#"{"block": 2}"#,
+                "block and shift are for matrices",
+            ),
+            (
+                "recorder",
+                r#"{"path": "a", "split": "test"}"#,
+                r#"{"path": "a", "split": "tset"}"#,
+                "is test meant",
+            ),
+            (
+                "recorder",
+                r#"{"path": "a", "provenance": {"aB": 1}}"#,
+                "{}",
+                "path: expected",
+            ),
+            (
+                "recorder",
+                r#"{"path": "a"}"#,
+                r#"{"path": "a", "provenance": [1]}"#,
+                "provenance: expected a map",
+            ),
+        ] {
+            check(kind, good).unwrap();
+            let found = check(kind, bad).unwrap_err().to_string();
+            assert!(found.contains(message), "{kind} {bad}: {found}");
+        }
+        assert!(check("surrogate", "{}").is_err());
+    }
+}

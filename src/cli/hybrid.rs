@@ -1,0 +1,178 @@
+//! `m4gn hybrid`: many unseen cases of a family, hybrid runs against the full solver.
+
+use super::generate::folder::SetArgs;
+use super::{check_outputs, stop_flag, write_json};
+use m4gn_mesh::{Error, Result};
+use m4gn_workbench::generate::family::Family;
+use m4gn_workbench::generate::openfoam::{environment, plain_path};
+use m4gn_workbench::generate::process::Surroundings;
+use m4gn_workbench::hybrid::{
+    self, DrawResult, Event, Kind, Plan, Variant, case_table, summary, summary_tables, variants,
+};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Run many unseen cases of a family with and without the surrogate, and compare: errors, forces, times
+///
+/// Of each draw the plain solver runs once over the whole time span, then the hybrid with the family's schedule, each --variant and
+/// each cheaper plain solver. What is finished is kept in --out, so that the same command goes on where it was stopped; a run
+/// that was made with other settings is made anew. Exit status 1 if any run failed. See docs/hybrid.md.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The surrogate (*.safetensors)
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Family of cases: its name, or a folder with family.toml
+    #[arg(long, default_value = "cylinder-flow")]
+    family: PathBuf,
+    /// Number of draws
+    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    count: u64,
+    /// Seed of the draws: another one than the training data's
+    #[arg(long, default_value_t = 4321)]
+    seed: u64,
+    #[command(flatten)]
+    set: SetArgs,
+    /// A further hybrid: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones
+    #[arg(long, value_name = "NAME=FILE")]
+    variant: Vec<String>,
+    /// A plain solver to compare with: one of the family's by name, or NAME=PARAMETER=VALUE,...; none: no plain solver
+    /// [default: all of the family's]
+    #[arg(long, value_name = "NAME[=SETTINGS]")]
+    plain: Vec<String>,
+    /// The solver is alone before, s [default: the family's]
+    #[arg(long, value_name = "SECONDS", value_parser = super::generate::positive)]
+    start_up: Option<f64>,
+    /// End of the runs, s [default: the family's]
+    #[arg(long, value_name = "SECONDS", value_parser = super::generate::positive)]
+    end: Option<f64>,
+    /// Folder of the runs and results
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Draws at once; above 1, times disturb each other
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    jobs: u64,
+    /// Longest time for one program of one case, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 3600)]
+    timeout: u64,
+    /// Keep the folders of the runs
+    #[arg(long)]
+    keep_cases: bool,
+    /// Write all figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write a page with a chart and tables to this file, self-contained
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad settings, missing programs, a folder that cannot be used, interruption, or a run that failed.
+pub fn run(args: Args) -> Result<()> {
+    check_outputs([args.json.as_deref(), args.html.as_deref()])?;
+    let plan = plan(&args)?;
+    let order = plan.schedule.order_by.clone().unwrap_or("case".into());
+    let names: Vec<String> = plan.variants.iter().map(|v| v.name.clone()).collect();
+    let results = hybrid::run(&plan, |event| match event {
+        Event::Done { before: true, .. } => {}
+        Event::Done { index, name, .. } => eprintln!("{index:04}  {name}"),
+        Event::Failed { index, name, message } => eprintln!("{index:04}  {name} failed: {message}"),
+    })?;
+
+    println!(
+        "Velocity errors over holding the last field; forces and frequency against the full run; processor time after the takeover\n"
+    );
+    println!("{}", case_table(&results, &names, &order));
+    for (title, table) in summary_tables(&results, &names, &order) {
+        println!("{title}\n{table}");
+    }
+    write_json(args.json.as_deref(), &figures(&plan, &results, &names)?)?;
+    if let Some(path) = &args.html {
+        hybrid::report(&plan, &results, &names, &order)?.write(path)?;
+    }
+    let failed: Vec<String> = results
+        .iter()
+        .flat_map(|d| {
+            d.failed
+                .iter()
+                .map(move |(name, message)| format!("\n  {:04} {name}: {message}", d.index))
+        })
+        .collect();
+    match failed.is_empty() {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "{} runs failed:{}",
+            failed.len(),
+            failed.concat()
+        ))),
+    }
+}
+
+fn plan(args: &Args) -> Result<Plan> {
+    let family = Family::find(&args.family)?;
+    let mut schedule = family.hybrid.clone().ok_or_else(|| {
+        Error::Input(format!(
+            "family {} says nothing of hybrid runs: its family.toml needs a table [hybrid] (docs/families.md)",
+            family.name
+        ))
+    })?;
+    schedule.start_up = args.start_up.unwrap_or(schedule.start_up);
+    schedule.end = args.end.unwrap_or(schedule.end);
+    schedule.check()?;
+    let model = plain_path(&args.model)?;
+    if !model.is_file() {
+        return Err(Error::file(
+            model,
+            "there is no such file: expected a model (*.safetensors)",
+        ));
+    }
+    let variants = variants(&family, &schedule, &args.variant, &args.plain)?;
+    Ok(Plan {
+        settings: args.set.set.iter().cloned().collect(),
+        model,
+        seed: args.seed,
+        count: args.count,
+        variants,
+        folder: plain_path(&args.out)?,
+        jobs: args.jobs as usize,
+        keep_cases: args.keep_cases,
+        tools: Surroundings {
+            stop: stop_flag()?,
+            timeout: Duration::from_secs(args.timeout),
+            environment: environment(&family.programs())?,
+        },
+        family,
+        schedule,
+    })
+}
+
+fn figures(plan: &Plan, results: &[DrawResult], names: &[String]) -> Result<Value> {
+    let s = &plan.schedule;
+    let variant = |v: &Variant| match &v.kind {
+        Kind::Hybrid(entries) => json!({ "name": v.name, "entries": entries }),
+        Kind::Plain(settings) => {
+            let settings: Vec<String> = settings
+                .iter()
+                .map(|(name, setting)| format!("{name}={setting}"))
+                .collect();
+            json!({ "name": v.name, "settings": settings })
+        }
+    };
+    let settings = plan.settings.iter().map(|(name, v)| format!("{name}={v}"));
+    let cases =
+        serde_json::to_value(results).map_err(|e| Error::Internal(format!("figures of hybrid runs: {e}")))?;
+    Ok(json!({
+        "family": plan.family.name, "model": plan.model, "seed": plan.seed, "count": plan.count,
+        "settings": settings.collect::<Vec<_>>(),
+        "schedule": {
+            "start_up": s.start_up, "end": s.end, "interval": s.interval, "solver_time": s.solver_time,
+            "surrogate_steps": s.surrogate_steps, "patch": s.patch, "order_by": s.order_by,
+        },
+        "variants": plan.variants.iter().map(variant).collect::<Vec<_>>(),
+        "summary": summary(results, names),
+        "cases": cases,
+    }))
+}

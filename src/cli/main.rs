@@ -1,0 +1,88 @@
+//! The command line `m4gn`: exit status 0 done, 1 failed, 2 bad usage; errors are one paragraph on stderr.
+
+// First, since its macros print in all the others.
+#[macro_use]
+mod output;
+
+pub mod bench;
+mod bench_train;
+pub mod compare;
+pub mod doctor;
+pub mod generate;
+pub mod hybrid;
+pub mod info;
+pub mod segment;
+mod stop;
+pub mod train;
+pub mod validate;
+
+pub use output::{check_outputs, progress_bar, write_json};
+pub use stop::stop_flag;
+
+use clap::{Parser, Subcommand};
+use m4gn_mesh::{Error, Result};
+use std::process::ExitCode;
+
+/// M4GN surrogates for OpenFOAM
+///
+/// Data are recorded by the function object m4gnHarvest or made by 'm4gn generate'; the function object
+/// m4gnSurrogate takes over time steps of a solver.
+#[derive(Debug, Parser)]
+#[command(name = "m4gn", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Generate(generate::Args),
+    Info(info::Args),
+    Train(train::Args),
+    Validate(validate::Args),
+    Compare(compare::Args),
+    Hybrid(hybrid::Args),
+    Bench(bench::Args),
+    Segment(segment::Args),
+    Doctor(doctor::Args),
+}
+
+/// Runs the command line of this process.
+fn main() -> ExitCode {
+    m4gn_mesh::ffi::refuse_file_size_signal();
+    // Bad usage ends here with status 2.
+    let cli = Cli::parse();
+    let done = match cli.command {
+        Command::Generate(args) => generate::run(args),
+        Command::Info(args) => info::run(args),
+        Command::Train(args) => utf8_arguments().and_then(|()| train::run(args)),
+        Command::Validate(args) => validate::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Hybrid(args) => hybrid::run(args),
+        Command::Bench(args) => bench::run(args),
+        Command::Segment(args) => segment::run(args),
+        Command::Doctor(args) => doctor::run(args),
+    };
+    let status = match done.and_then(|()| output::printed()) {
+        Ok(()) => ExitCode::SUCCESS,
+        // That rank says it.
+        Err(Error::OtherRank { .. }) => ExitCode::FAILURE,
+        Err(e) => {
+            eprintln!("m4gn: {e}");
+            ExitCode::FAILURE
+        }
+    };
+    m4gn_mesh::parallel::finalize();
+    status
+}
+
+/// Training hands its paths on as JSON, which has no others.
+fn utf8_arguments() -> Result<()> {
+    match std::env::args_os().find(|a| a.to_str().is_none()) {
+        None => Ok(()),
+        Some(argument) => Err(Error::Input(format!(
+            "argument {:?}: expected UTF-8; give the file a name in UTF-8",
+            argument.to_string_lossy()
+        ))),
+    }
+}

@@ -1,0 +1,289 @@
+//! `m4gn validate`: a model against recorded trajectories.
+
+use m4gn_contact::projection::ProjectionOptions;
+use m4gn_data::{Split, Trajectory, list};
+use m4gn_engine::Precision;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, Resolution};
+use m4gn_step::{Backend, SessionOptions};
+use m4gn_workbench::report::number;
+use m4gn_workbench::validate::{self, Case, Keep, Pace, Way};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+/// Roll a model out on recorded trajectories and print its errors beside those of holding fields
+///
+/// RMSE-1: one step of the model's stride from every frame at that stride; RMSE-50: the rollout over its first 50 recorded
+/// frames (or --horizon), printed with its time; RMSE-all: over the whole trajectory. Persistence holds the recorded
+/// frame one stride before, extrapolation is the line through the two frames before, hold first the first frame. Of a body at
+/// points also the paper's mesh metrics and the worst gap to the obstacle, with and without contact projection.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model (*.safetensors)
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Folder of trajectories (*.h5), or one of them
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Trajectories to use
+    #[arg(long, value_enum, default_value_t = Choice::All)]
+    split: Choice,
+    /// Time that RMSE-50 covers, s [default: 50 frames of the data]
+    #[arg(long, value_name = "S")]
+    horizon: Option<f64>,
+    /// Of a body: rollouts with contact projection after each step, without it, or both [default: both]
+    #[arg(long, value_enum)]
+    projection: Option<Projecting>,
+    /// Of a body: the projection keeps it out of itself as well
+    #[arg(long)]
+    self_contact: bool,
+    /// What runs the network: native, torch, torch:DEVICE
+    #[arg(long, default_value = "native")]
+    backend: String,
+    /// Threads
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
+    /// Of the native engine's products: fp32, bf16
+    #[arg(long, default_value = "fp32")]
+    precision: String,
+    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
+    #[arg(long, default_value = "auto")]
+    resolution: Resolution,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write a report with plots and pictures to this file, self-contained
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Of a body: write the rollout on one trajectory for ParaView into this folder: truth.pvd, prediction.pvd, obstacle.pvd
+    #[arg(long, value_name = "DIR")]
+    vtu: Option<PathBuf>,
+}
+
+/// Which trajectories.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Choice {
+    Test,
+    Valid,
+    Train,
+    All,
+}
+
+impl Choice {
+    fn takes(self, split: Split) -> bool {
+        match self {
+            Choice::Test => split == Split::Test,
+            Choice::Valid => split == Split::Valid,
+            Choice::Train => split == Split::Train,
+            Choice::All => true,
+        }
+    }
+}
+
+/// Which rollouts of a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Projecting {
+    On,
+    Off,
+    Both,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the model does not fit the data, a file cannot be read, or a rollout becomes non-finite (after the table).
+pub fn run(args: Args) -> Result<()> {
+    let options = SessionOptions {
+        backend: Backend::parse(&args.backend)?,
+        n_threads: args.threads,
+        precision: Precision::parse(&args.precision)?,
+        resolution: args.resolution,
+        model: Some(args.model.clone()),
+        ..SessionOptions::default()
+    };
+    if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
+        return Err(Error::Input(format!(
+            "--horizon {h}: expected a positive time in s"
+        )));
+    }
+    crate::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
+    let model = Model::read(&args.model)?;
+    let ways = args.ways(&model)?;
+    let trajectories = args.trajectories(&model)?;
+    // One trajectory is pictured: the first of the split that counts.
+    let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
+    let shown = shown.unwrap_or(0);
+    let keep = match (&args.vtu, &args.html) {
+        (Some(_), _) => Keep::All,
+        (None, Some(_)) => Keep::Shown,
+        (None, None) => Keep::Nothing,
+    };
+    let total = trajectories.len();
+    let progress =
+        Progress::new(ways.len() * trajectories.iter().map(|(_, p)| Way::steps(*p)).sum::<usize>())?;
+    let mut cases: Vec<Case> = Vec::new();
+    for (i, (trajectory, _)) in trajectories.iter().enumerate() {
+        let keep = if i == shown { keep } else { Keep::Nothing };
+        let mut advance = || progress.advance();
+        let case = validate::run(
+            &model,
+            trajectory,
+            &options,
+            &ways,
+            (args.horizon, keep),
+            &mut advance,
+        );
+        let case = name_file(case, trajectory.path())?;
+        progress.say(|| format!("{}/{total} {}", i + 1, line(&case)));
+        cases.push(case);
+    }
+    progress.finish();
+
+    for summary in validate::summaries(&cases) {
+        summary.tables().iter().for_each(|t| println!("{t}"));
+        println!("  {}\n", summary.line());
+    }
+    crate::write_json(args.json.as_deref(), &validate::json(&cases))?;
+    if let Some(path) = &args.html {
+        validate::report(&args.model.display().to_string(), &model.spec, &cases)?.write(path)?;
+    }
+    if let Some(folder) = &args.vtu {
+        validate::write_series(folder, &cases[shown])?;
+    }
+    let diverged = cases.iter();
+    let diverged: Vec<_> = diverged
+        .filter_map(|c| Some((c.path.as_path(), c.diverged()?)))
+        .collect();
+    match diverged.first() {
+        None => Ok(()),
+        Some((path, why)) => Err(Error::Numerical(format!(
+            "{} of {total} rollouts became non-finite; the first: {}, {why}",
+            diverged.len(),
+            path.display(),
+        ))),
+    }
+}
+
+/// The headline figures of the model on a trajectory, in a line.
+fn line(case: &Case) -> String {
+    let rows = case.rows();
+    let figures = rows[0].figures[0];
+    let mut text = format!(
+        "{} ({}): RMSE-1 {}, RMSE-50 ({} s) {}, RMSE-all {}",
+        case.path.file_name().unwrap_or_default().to_string_lossy(),
+        case.split.name(),
+        number(figures.rmse_1, 3),
+        number(case.horizon, 3),
+        number(figures.rmse_50, 3),
+        number(figures.rmse_all, 3)
+    );
+    let gaps = rows
+        .iter()
+        .filter_map(|r| Some(format!("{} {:+.3}", r.name, r.gap?)));
+    let gaps: Vec<String> = gaps.collect();
+    if !gaps.is_empty() {
+        text += &format!(", worst gap of {} cells", gaps.join(", "));
+    }
+    text
+}
+
+impl Args {
+    /// The rollouts that are asked for.
+    fn ways(&self, model: &Model) -> Result<Vec<Way>> {
+        if model.spec.contact.is_none() {
+            for (given, option) in [
+                (self.projection.is_some(), "--projection"),
+                (self.self_contact, "--self-contact"),
+                (self.vtu.is_some(), "--vtu"),
+            ] {
+                if given {
+                    return Err(Error::Input(format!(
+                        "{option}: the model is of a flow at cells; this is for models of bodies at points"
+                    )));
+                }
+            }
+            return Ok(vec![Way::PLAIN]);
+        }
+        let choice = self.projection.unwrap_or(Projecting::Both);
+        if self.self_contact && choice == Projecting::Off {
+            return Err(Error::Input(
+                "--self-contact is an option of the projection: leave out --projection off".into(),
+            ));
+        }
+        let projected = Way::projected(ProjectionOptions {
+            self_contact: self.self_contact,
+            ..ProjectionOptions::default()
+        });
+        Ok(match choice {
+            Projecting::On => vec![projected],
+            Projecting::Off => vec![Way::PLAIN],
+            Projecting::Both => vec![Way::PLAIN, projected],
+        })
+    }
+
+    /// The trajectories of the split that was asked for, all fit for the model.
+    fn trajectories(&self, model: &Model) -> Result<Vec<(Trajectory, Pace)>> {
+        let mut trajectories = Vec::new();
+        for path in list(&self.data)? {
+            let trajectory = Trajectory::open(&path)?;
+            if self.split.takes(trajectory.split()) {
+                let pace = name_file(validate::fits(model, &trajectory), &path)?;
+                trajectories.push((trajectory, pace));
+            }
+        }
+        if trajectories.is_empty() {
+            return Err(Error::Input(format!(
+                "{}: no trajectory of this split",
+                self.data.display()
+            )));
+        }
+        Ok(trajectories)
+    }
+}
+
+/// Steps done so far, and whether to stop.
+struct Progress {
+    bar: Option<indicatif::ProgressBar>,
+    stop: &'static std::sync::atomic::AtomicU8,
+}
+
+impl Progress {
+    fn new(steps: usize) -> Result<Self> {
+        Ok(Progress {
+            bar: super::progress_bar(steps as u64, "steps"),
+            stop: super::stop_flag()?,
+        })
+    }
+
+    /// One step more.
+    fn advance(&self) -> Result<()> {
+        self.bar.iter().for_each(|b| b.inc(1));
+        match self.stop.load(Ordering::Relaxed) {
+            0 => Ok(()),
+            _ => Err(Error::Interrupted("stopped; nothing was written".into())),
+        }
+    }
+
+    /// A line where there is no bar.
+    fn say(&self, line: impl Fn() -> String) {
+        if self.bar.is_none() {
+            println!("{}", line());
+        }
+    }
+
+    fn finish(self) {
+        self.bar.iter().for_each(|b| b.finish_and_clear());
+        println!();
+    }
+}
+
+/// The error of a model that does not fit, or of a mesh that no session can be made of, names the file.
+fn name_file<T>(checked: Result<T>, path: &Path) -> Result<T> {
+    checked.map_err(|e| match e {
+        Error::Model(message) => {
+            Error::Model(format!("the model does not fit {}: {message}", path.display()))
+        }
+        Error::Mesh(message) => Error::file(path, message),
+        other => other,
+    })
+}

@@ -1,0 +1,348 @@
+//! The graph of bodies that deform and are touched (section 3.1): edges of the mesh, and world edges that change with
+//! every step.
+//!
+//! World edges lead from the obstacle's points to the points of the skin within the radius. None leads back: the
+//! obstacle's motion is prescribed, nothing acts on it. Its points are nodes of the first rank and ghosts of all others,
+//! so that the exchange stays the same while world edges come and go.
+
+use crate::part::BodyPart;
+use m4gn_mesh::NodeType;
+use m4gn_mesh::parallel::{Comm, Halo};
+use m4gn_mesh::vector::{Vector, sub};
+use m4gn_mesh::within::Within;
+use m4gn_mesh::{Error, Result};
+use m4gn_segments::graph::Graph;
+
+/// Features of an edge in three directions: at rest, at present, each with its length, and whether it is a world edge.
+pub const N_FEATURES: usize = 9;
+
+/// An edge that is there in all steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshEdge {
+    /// Local node, may be a ghost.
+    pub sender: i32,
+    /// Owned node.
+    pub receiver: i32,
+    /// Sender's position minus receiver's at rest, m.
+    pub rest: Vector,
+}
+
+/// Bodies at points with an obstacle, and the graph at the last displacement.
+#[derive(Clone, Debug)]
+pub struct ContactGraph {
+    radius: f64,
+    /// Sorted by receiver.
+    edges: Vec<MeshEdge>,
+    /// Own points that can be touched.
+    skin: Vec<u32>,
+    /// Positions at rest of the own points, m.
+    rest: Vec<Vector>,
+    /// Positions of the obstacle where its displacement is 0, m.
+    obstacle: Vec<Vector>,
+    /// Local nodes of the obstacle's points.
+    obstacle_nodes: Vec<i32>,
+    displacement: Vec<f32>,
+    graph: Graph,
+}
+
+impl ContactGraph {
+    /// For this rank's part of a body. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// As [`Graph::new`].
+    pub fn new(part: &BodyPart, radius: f64, comm: &Comm) -> Result<Self> {
+        let sizes = part.mesh.check(comm)?;
+        let (n, q) = (part.mesh.n_cells(), part.obstacle.len());
+        let here = if comm.is_root() { q } else { 0 };
+        let n_owned = n + here;
+        let number = |point: usize| sizes.cells + point as i64;
+        let mut global = part.mesh.cell_global.clone();
+        global.extend((0..here).map(number));
+        let mut ghosts: Vec<(i32, i64)> = part.mesh.coupled.iter().map(|c| (c.rank, c.global)).collect();
+        if !comm.is_root() {
+            ghosts.extend((0..q).map(|p| (0, number(p))));
+        }
+        ghosts.sort_unstable();
+        ghosts.dedup();
+        let halo = Halo::new(comm, &global, &ghosts, n_owned)?;
+        let ghost = |rank: i32, global: i64| {
+            ghosts
+                .binary_search(&(rank, global))
+                .map(|i| (n_owned + i) as i32)
+                .map_err(|_| Error::Internal(format!("point {global} of rank {rank} is no ghost")))
+        };
+        let obstacle_nodes = || -> Result<Vec<i32>> {
+            let node = |p: usize| match comm.is_root() {
+                true => Ok((n + p) as i32),
+                false => ghost(0, number(p)),
+            };
+            (0..q).map(node).collect()
+        };
+        let obstacle_nodes = comm.agree(obstacle_nodes())?;
+
+        let x = &part.mesh.cell_centres;
+        let mut edges = Vec::new();
+        let mut both = |a: i32, b: i32, rest: Vector| {
+            for (sender, receiver, rest) in [(b, a, rest), (a, b, rest.map(|v| -v))] {
+                edges.push(MeshEdge {
+                    sender,
+                    receiver,
+                    rest,
+                });
+            }
+        };
+        for (&a, &b) in part.mesh.face_owner.iter().zip(&part.mesh.face_neighbour) {
+            both(a, b, sub(x[b as usize], x[a as usize]));
+        }
+        for [a, b] in part.obstacle_edges.iter().filter(|_| comm.is_root()) {
+            let rest = sub(part.obstacle[*b as usize], part.obstacle[*a as usize]);
+            both(n as i32 + a, n as i32 + b, rest);
+        }
+        let across = |c: &m4gn_mesh::CoupledFace| {
+            Ok(MeshEdge {
+                sender: ghost(c.rank, c.global)?,
+                receiver: c.owner,
+                rest: c.delta,
+            })
+        };
+        let coupled: Result<Vec<_>> = part.mesh.coupled.iter().map(across).collect();
+        edges.extend(comm.agree(coupled)?);
+        edges.sort_by_key(|e| (e.receiver, e.sender));
+
+        let n_local = n_owned + ghosts.len();
+        let mut node_types = vec![NodeType::Body as i32; n_local];
+        for (code, kind) in node_types.iter_mut().zip(&part.types) {
+            if *kind == NodeType::Handle {
+                *code = NodeType::Handle as i32;
+            }
+        }
+        for &node in &obstacle_nodes {
+            node_types[node as usize] = NodeType::Obstacle as i32;
+        }
+        let mut graph = ContactGraph {
+            radius,
+            edges,
+            skin: (0..n as u32).filter(|&p| part.skin[p as usize]).collect(),
+            rest: x.clone(),
+            obstacle: part.obstacle.clone(),
+            obstacle_nodes,
+            displacement: vec![0.0; 3 * n_local],
+            graph: Graph {
+                n_cells: n,
+                n_owned,
+                n_local,
+                node_types,
+                row: Vec::new(),
+                senders: Vec::new(),
+                receivers: Vec::new(),
+                edge_features: Vec::new(),
+                halo,
+            },
+        };
+        graph.update(comm, &vec![0.0; 3 * n_owned])?;
+        Ok(graph)
+    }
+
+    /// The graph at the last displacement.
+    pub fn graph(&self) -> &Graph {
+        &self.graph
+    }
+
+    /// Edges that are there in all steps, sorted by receiver.
+    pub fn mesh_edges(&self) -> &[MeshEdge] {
+        &self.edges
+    }
+
+    /// World edges at a displacement of all local nodes from rest `[n_local x 3]`, m, sorted by receiver.
+    pub fn world_edges(&self, displacement: &[f32]) -> Vec<MeshEdge> {
+        let at = |x: Vector, node: usize| -> Vector {
+            std::array::from_fn(|i| x[i] + f64::from(displacement[3 * node + i]))
+        };
+        let positions: Vec<Vector> = self
+            .obstacle
+            .iter()
+            .zip(&self.obstacle_nodes)
+            .map(|(x, &node)| at(*x, node as usize))
+            .collect();
+        let grid = Within::new(&positions, self.radius);
+        let (mut near, mut edges) = (Vec::new(), Vec::new());
+        for &p in &self.skin {
+            let rest = self.rest[p as usize];
+            near.clear();
+            grid.query(at(rest, p as usize), &mut near);
+            edges.extend(near.iter().map(|&q| MeshEdge {
+                sender: self.obstacle_nodes[q as usize],
+                receiver: p as i32,
+                rest: sub(self.obstacle[q as usize], rest),
+            }));
+        }
+        edges
+    }
+
+    /// Rebuilds the world edges and the features for a displacement of the owned nodes from rest `[n_owned x 3]`, m:
+    /// points, then, on the first rank, the obstacle's. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`] for a displacement that is not finite.
+    pub fn update(&mut self, comm: &Comm, displacement: &[f32]) -> Result<&Graph> {
+        let owned = 3 * self.graph.n_owned;
+        let checked = match displacement.iter().position(|v| !v.is_finite()) {
+            _ if displacement.len() != owned => Err(Error::Input(format!(
+                "{} displacement components, expected {owned}",
+                displacement.len()
+            ))),
+            Some(i) => Err(Error::Numerical(format!(
+                "the displacement of node {} is {}",
+                i / 3,
+                displacement[i]
+            ))),
+            None => Ok(()),
+        };
+        comm.agree(checked)?;
+        self.displacement[..owned].copy_from_slice(displacement);
+        self.graph.halo.exchange_f32(comm, &mut self.displacement, 3);
+        let world = self.world_edges(&self.displacement);
+        let Graph {
+            row,
+            senders,
+            receivers,
+            edge_features,
+            n_owned,
+            ..
+        } = &mut self.graph;
+        row.clear();
+        senders.clear();
+        receivers.clear();
+        edge_features.clear();
+        row.push(0);
+        let (mut mesh, mut world) = (self.edges.iter().peekable(), world.iter().peekable());
+        for node in 0..*n_owned as i32 {
+            let of_mesh = std::iter::from_fn(|| mesh.next_if(|e| e.receiver == node)).map(|e| (e, false));
+            let of_world = std::iter::from_fn(|| world.next_if(|e| e.receiver == node)).map(|e| (e, true));
+            for (edge, is_world) in of_mesh.chain(of_world) {
+                senders.push(edge.sender);
+                receivers.push(node);
+                edge_features.extend(features(edge, is_world, &self.displacement));
+            }
+            row.push(senders.len() as u32);
+        }
+        Ok(&self.graph)
+    }
+}
+
+/// Features of an edge for the displacement of all local nodes.
+fn features(edge: &MeshEdge, is_world: bool, displacement: &[f32]) -> [f32; N_FEATURES] {
+    let u = |node: i32, i: usize| displacement[3 * node as usize + i];
+    let rest = edge.rest.map(|v| v as f32);
+    let now: [f32; 3] = std::array::from_fn(|i| rest[i] + (u(edge.sender, i) - u(edge.receiver, i)));
+    let m = if is_world { [0.0; 3] } else { rest };
+    let length = |v: [f32; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let flag = if is_world { 1.0 } else { 0.0 };
+    [
+        m[0],
+        m[1],
+        m[2],
+        length(m),
+        now[0],
+        now[1],
+        now[2],
+        length(now),
+        flag,
+    ]
+}
+
+impl ContactGraph {
+    /// The same body and obstacle reflected in y, at rest.
+    pub fn reflected(&self) -> Self {
+        let flip = |x: &mut Vector| x[1] = -x[1];
+        let mut other = self.clone();
+        other.rest.iter_mut().for_each(flip);
+        other.obstacle.iter_mut().for_each(flip);
+        other.edges.iter_mut().for_each(|e| flip(&mut e.rest));
+        other
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+
+    /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
+    fn cube() -> (ContactGraph, usize) {
+        let body = sample::block([1, 1, 1], [1.0; 3]);
+        let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        let graph = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
+        let mesh = graph.mesh_edges().len();
+        (graph, mesh)
+    }
+
+    #[test]
+    fn world_edges_come_and_go() {
+        let (mut contact, mesh) = cube();
+        // 12 edges of the cube and 12 of the octahedron, both ways.
+        assert_eq!(mesh, 48);
+        let comm = Comm::serial();
+        let graph = contact.graph();
+        assert_eq!((graph.n_cells, graph.n_owned, graph.n_local), (8, 14, 14));
+        // Point 7 is the corner (1, 1, 1); obstacle point 5, node 13, is 0.5 above it.
+        assert_eq!(graph.senders.len(), mesh + 1);
+        let e = graph.row[8] as usize - 1;
+        assert_eq!((graph.senders[e], graph.receivers[e]), (13, 7));
+        let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
+        assert_eq!(row, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 1.0]);
+        assert_eq!(
+            graph.node_types[..2],
+            [NodeType::Handle as i32, NodeType::Body as i32]
+        );
+        assert_eq!(graph.node_types[13], NodeType::Obstacle as i32);
+
+        // The obstacle goes up by 0.2 and is out of reach; point 1 moves by (0.1, 0, 0).
+        let mut u = vec![0.0; 3 * 14];
+        (8..14).for_each(|node| u[3 * node + 2] = 0.2);
+        u[3] = 0.1;
+        let graph = contact.update(&comm, &u).unwrap();
+        assert_eq!(graph.senders.len(), mesh);
+        let from = |s: i32, r: i32| {
+            let e = (0..mesh).find(|&e| (graph.senders[e], graph.receivers[e]) == (s, r));
+            &graph.edge_features[N_FEATURES * e.unwrap()..][..N_FEATURES]
+        };
+        let expected = [1.0, 0.0, 0.0, 1.0, 1.1, 0.0, 0.0, 1.1, 0.0];
+        assert!(
+            from(1, 0)
+                .iter()
+                .zip(expected)
+                .all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6)
+        );
+        assert!(contact.update(&comm, &u[3..]).is_err());
+        u[0] = f32::NAN;
+        assert!(
+            contact
+                .update(&comm, &u)
+                .unwrap_err()
+                .to_string()
+                .contains("node 0")
+        );
+    }
+
+    #[test]
+    fn held_points_are_not_touched() {
+        let (mut contact, mesh) = cube();
+        // The obstacle above the held corner (0, 1, 1).
+        let mut u = vec![0.0; 3 * 14];
+        (8..14).for_each(|node| u[3 * node] = -1.0);
+        let graph = contact.update(&Comm::serial(), &u).unwrap();
+        assert_eq!(graph.senders.len(), mesh);
+    }
+
+    #[test]
+    fn a_reflection_is_reflected() {
+        let (contact, _) = cube();
+        let mirror = contact.reflected();
+        for (a, b) in contact.mesh_edges().iter().zip(mirror.mesh_edges()) {
+            assert_eq!(a.rest, [b.rest[0], -b.rest[1], b.rest[2]]);
+        }
+        assert_eq!(mirror.world_edges(&[0.0; 42]).len(), 1);
+    }
+}

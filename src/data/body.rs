@@ -1,0 +1,97 @@
+//! A body at points and the obstacle that may touch it, as they are found in a file.
+
+use super::source::Source;
+use super::version2;
+use m4gn_mesh::body::{Body, Material, Obstacle};
+use m4gn_mesh::elements::{ElementKind, Elements};
+use m4gn_mesh::surface::check_closed;
+use m4gn_mesh::{NodeType, Result};
+
+impl Source<'_> {
+    /// The body at rest; none where the fields are at cells.
+    pub(super) fn body(&self, file: &hdf5::File, version: u32) -> Result<Option<Body>> {
+        if !file.link_exists("elements") {
+            return Ok(None);
+        }
+        let [positions, types] = version2::points(version);
+        let types_at = types;
+        let positions = self.points(file, positions)?;
+        let types: Vec<i32> = self.values(file, types, &[Some(positions.len())])?;
+        let types = types.iter().enumerate().map(|(i, &t)| match t {
+            6 => Ok(NodeType::Body),
+            7 => Ok(NodeType::Handle),
+            _ => Err(self.damaged(format!(
+                "/{types_at}[{i}] is {t}, expected 6 (body) or 7 (handle)"
+            ))),
+        });
+        let types = types.collect::<Result<_>>()?;
+        let elements = self.elements(file, positions.len())?;
+        let n = elements.len();
+        let value = |name: &str| -> Result<Vec<f64>> {
+            let path = format!("elements/{name}");
+            let values: Vec<f64> = self.values(file, &path, &[Some(n)])?;
+            self.check_finite(&path, &values)?;
+            Ok(values)
+        };
+        let (young, poisson, density) = (value("young")?, value("poisson")?, value("density")?);
+        let material = (0..n).map(|e| Material {
+            young: young[e],
+            poisson: poisson[e],
+            density: density[e],
+        });
+        let body = Body {
+            types,
+            material: material.collect(),
+            edges: elements.edges(),
+            positions,
+            elements,
+        };
+        body.check().map_err(|e| self.damaged(e.to_string()))?;
+        Ok(Some(body))
+    }
+
+    fn elements(&self, file: &hdf5::File, n_points: usize) -> Result<Elements> {
+        let kind: Vec<i32> = self.values(file, "elements/kind", &[None])?;
+        let kind = kind.iter().enumerate().map(|(i, &k)| {
+            let kind =
+                ElementKind::from_code(k).map_err(|e| self.damaged(format!("/elements/kind[{i}]: {e}")))?;
+            match kind.dim() {
+                3 => Ok(kind),
+                _ => Err(self.damaged(format!("/elements/kind[{i}] is flat, expected elements in 3-D"))),
+            }
+        });
+        let kind: Vec<ElementKind> = kind.collect::<Result<_>>()?;
+        let mut start = vec![0];
+        start.extend(kind.iter().scan(0, |end, k| {
+            *end += k.n_points();
+            Some(*end)
+        }));
+        let points = self.labels(file, "elements/points", start.last().copied(), n_points)?;
+        let elements = Elements { kind, start, points };
+        for e in 0..elements.len() {
+            let corners = elements.points_of(e);
+            if let Some(i) = (1..corners.len()).find(|&i| corners[..i].contains(&corners[i])) {
+                return Err(self.damaged(format!("element {e} has the point {} twice", corners[i])));
+            }
+        }
+        Ok(elements)
+    }
+
+    /// The closed surface of the obstacle, where there is one.
+    pub(super) fn obstacle(&self, file: &hdf5::File) -> Result<Option<Obstacle>> {
+        if !file.link_exists("obstacle") {
+            return Ok(None);
+        }
+        let positions = self.points(file, "obstacle/positions")?;
+        let triangles = self.label_rows(file, "obstacle/triangles", positions.len())?;
+        check_closed(&triangles).map_err(|e| self.damaged(format!("/obstacle/triangles: {e}")))?;
+        Ok(Some(Obstacle { positions, triangles }))
+    }
+
+    /// Finite positions, m.
+    fn points(&self, file: &hdf5::File, name: &str) -> Result<Vec<[f64; 3]>> {
+        let positions = self.vectors(file, name, None)?;
+        self.check_finite(name, positions.as_flattened())?;
+        Ok(positions)
+    }
+}

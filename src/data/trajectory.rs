@@ -1,0 +1,263 @@
+//! Reading trajectories. Whatever is in a file, the answer is values or an error that names the file.
+
+use super::schema::{FieldMeta, Frame, Split, h5_error};
+use super::source::{Source, open_file};
+use super::version2;
+use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use std::path::{Path, PathBuf};
+
+/// A whole recorded trajectory; frames are read on demand.
+///
+/// The file is opened for each read and not kept open, so that a data set of thousands of trajectories needs
+/// no more file descriptors than one.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    path: PathBuf,
+    version: u32,
+    mesh: Mesh,
+    body: Option<Body>,
+    times: Vec<f64>,
+    fields: Vec<FieldMeta>,
+    provenance: serde_json::Value,
+    split: Split,
+}
+
+impl Trajectory {
+    /// Opens a file and checks that it is a whole trajectory of a known version with consistent sizes.
+    ///
+    /// # Errors
+    /// [`Error::File`] when the file is missing, not HDF5, truncated, of another format or a newer version,
+    /// incomplete, or inconsistent in itself.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let file = open_file(path)?;
+        let source = Source::new(path)?;
+        let root = file.group("/").map_err(h5_error(path, "no root group"))?;
+        let version = source.version(&root)?;
+        source.check_own(&root, version)?;
+        let (split, provenance) = source.origin(&root)?;
+        let body = source.body(&file, version)?;
+        let mesh = match &body {
+            Some(body) => body.mesh(source.obstacle(&file)?.as_ref()),
+            None => source.mesh(&file)?,
+        };
+        let trajectory = Trajectory {
+            path: path.to_path_buf(),
+            version,
+            mesh,
+            body,
+            times: source.times(&file)?,
+            fields: source.fields(&file, version)?,
+            provenance,
+            split,
+        };
+        for field in &trajectory.fields {
+            trajectory.open_field(&source, &file, field)?;
+        }
+        trajectory.open_motion(&source, &file)?;
+        Ok(trajectory)
+    }
+
+    /// The file it was opened from.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The undecomposed mesh, as one rank would see it; of a body at points with the obstacle.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// The mesh of fields at cells.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a body at points, whose mesh has no cells.
+    pub fn cells(&self) -> Result<&Mesh> {
+        match self.body {
+            None => Ok(&self.mesh),
+            Some(_) => Err(Error::file(
+                &self.path,
+                "is a trajectory at points (a deforming body), expected one at cells (a flow)",
+            )),
+        }
+    }
+
+    /// The body at rest; none where the fields are at cells.
+    pub fn body(&self) -> Option<&Body> {
+        self.body.as_ref()
+    }
+
+    /// The obstacle that may touch the body, where there is one.
+    pub fn obstacle(&self) -> Option<&Obstacle> {
+        self.mesh.obstacle.as_ref()
+    }
+
+    /// Types of the nodes of its graph, some of them more than once.
+    pub fn node_types(&self) -> Vec<NodeType> {
+        let inside = self.body.as_ref().map_or(&[NodeType::Fluid][..], |b| &b.types);
+        let faces = self.mesh.boundary.iter().map(|b| b.kind);
+        let obstacle = self.obstacle().map(|_| NodeType::Obstacle);
+        inside.iter().copied().chain(faces).chain(obstacle).collect()
+    }
+
+    /// Times of the frames, s, increasing; at least one.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Recorded fields.
+    pub fn fields(&self) -> &[FieldMeta] {
+        &self.fields
+    }
+
+    /// Where the trajectory came from: application, versions, parameters.
+    pub fn provenance(&self) -> &serde_json::Value {
+        &self.provenance
+    }
+
+    /// What the trajectory is for.
+    pub fn split(&self) -> Split {
+        self.split
+    }
+
+    /// The field of this name.
+    ///
+    /// # Errors
+    /// [`Error::File`] that lists the fields there are.
+    pub fn field(&self, name: &str) -> Result<&FieldMeta> {
+        self.fields.iter().find(|f| f.name == name).ok_or_else(|| {
+            let names: Vec<_> = self.fields.iter().map(|f| f.name.as_str()).collect();
+            Error::file(
+                &self.path,
+                format!("no field '{name}'; recorded are {}", names.join(", ")),
+            )
+        })
+    }
+
+    /// Values of one field at one frame.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a frame that is not there; [`Error::File`] for a damaged or vanished file.
+    pub fn read_frame(&self, field: &str, frame: usize) -> Result<Frame> {
+        let mut frames = self.read_frames(field, frame, 1, 1)?;
+        frames
+            .pop()
+            .ok_or_else(|| Error::Internal("one frame asked for, none read".into()))
+    }
+
+    /// Values of one field at frames `first`, `first + step`, ... (`count` of them).
+    ///
+    /// # Errors
+    /// As [`Trajectory::read_frame`].
+    pub fn read_frames(&self, field: &str, first: usize, step: usize, count: usize) -> Result<Vec<Frame>> {
+        let frames = self.range(first, step, count)?;
+        let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
+        let [cells, boundary] = self.open_field(&source, &file, self.field(field)?)?;
+        let rows = |part: &Option<hdf5::Dataset>, frame| {
+            part.as_ref().map_or(Ok(Vec::new()), |p| source.frame(p, frame))
+        };
+        frames
+            .map(|frame| {
+                Ok(Frame {
+                    cells: rows(&cells, frame)?,
+                    boundary: rows(&boundary, frame)?,
+                })
+            })
+            .collect()
+    }
+
+    /// Displacement of the obstacle's points `[Q]`, m, at frames `first`, `first + step`, ... (`count` of them); empty ones
+    /// without obstacle.
+    ///
+    /// # Errors
+    /// As [`Trajectory::read_frame`].
+    pub fn read_motion(&self, first: usize, step: usize, count: usize) -> Result<Vec<Vec<[f32; 3]>>> {
+        let frames = self.range(first, step, count)?;
+        let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
+        match self.open_motion(&source, &file)? {
+            None => Ok(vec![Vec::new(); count]),
+            Some(motion) => frames
+                .map(|frame| Ok(source.frame(&motion, frame)?.as_chunks().0.to_vec()))
+                .collect(),
+        }
+    }
+
+    fn range(&self, first: usize, step: usize, count: usize) -> Result<impl Iterator<Item = usize>> {
+        let last = count.saturating_sub(1).checked_mul(step);
+        let last = last.and_then(|n| n.checked_add(first));
+        match last.is_some_and(|l| l < self.times.len()) || count == 0 {
+            true => Ok((0..count).map(move |i| first + i * step)),
+            false => Err(Error::Input(format!(
+                "{}: frames {first}, every {step}, {count} of them: the trajectory has {} frames",
+                self.path.display(),
+                self.times.len()
+            ))),
+        }
+    }
+
+    /// Opens the values of a field at cells or points, and those on the boundary, where it has faces; the file may have
+    /// been replaced since [`Trajectory::open`].
+    fn open_field(
+        &self,
+        source: &Source,
+        file: &hdf5::File,
+        field: &FieldMeta,
+    ) -> Result<[Option<hdf5::Dataset>; 2]> {
+        let open = |name: String, rows: usize| {
+            let shape = [self.times.len(), rows, field.components(self.mesh.dim())];
+            let opened = (rows > 0).then(|| source.frames(file, &name, shape));
+            opened.transpose()
+        };
+        Ok([
+            open(
+                version2::values(self.version, &field.name),
+                self.mesh.cell_global.len(),
+            )?,
+            open(
+                format!("fields/{}/boundary", field.name),
+                self.mesh.boundary.len(),
+            )?,
+        ])
+    }
+
+    /// Opens the obstacle's displacement, where there is one.
+    fn open_motion(&self, source: &Source, file: &hdf5::File) -> Result<Option<hdf5::Dataset>> {
+        let shape = |o: &Obstacle| [self.times.len(), o.positions.len(), 3];
+        let opened = self
+            .obstacle()
+            .map(|o| source.frames(file, "obstacle/displacement", shape(o)));
+        opened.transpose()
+    }
+}
+
+/// Trajectories of a folder (`*.h5`, sorted by name), or the one file given.
+///
+/// Files being recorded have other names and are never listed.
+///
+/// # Errors
+/// [`Error::File`] when the path does not exist, cannot be read, or is a folder without trajectories.
+pub fn list(path: &Path) -> Result<Vec<PathBuf>> {
+    let unreadable = |e: std::io::Error| Error::file(path, format!("cannot be read: {e}"));
+    if !path.metadata().map_err(unreadable)?.is_dir() {
+        return Ok(vec![path.to_path_buf()]);
+    }
+    let mut files = Vec::new();
+    for entry in path.read_dir().map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        let name = entry.file_name();
+        let hidden = name.as_encoded_bytes().first() == Some(&b'.');
+        let file = entry.path();
+        if !hidden && file.extension().is_some_and(|e| e == "h5") && file.is_file() {
+            files.push(file);
+        }
+    }
+    if files.is_empty() {
+        return Err(Error::file(
+            path,
+            "holds no trajectories (*.h5); 'm4gn generate' or m4gnHarvest make them",
+        ));
+    }
+    files.sort();
+    Ok(files)
+}

@@ -1,0 +1,207 @@
+//! Graph convolutions (Kipf & Welling 2016), forward with what is kept, and backward.
+
+use super::Scales;
+use super::graph::TrainGraph;
+use super::mlp::{activate, fit, function};
+use super::network::Buffers;
+use super::processor::Processor;
+use super::weights::{Dense, Gradients, Slots, Vector};
+use crate::kernels::{
+    Addend, Buffer, Function, Isa, Kept, Number, activation_backward, gather_add, narrow, padded, scatter_add,
+};
+use crate::processor::scales as scales_of;
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
+
+/// The convolutions of a model.
+#[derive(Debug)]
+pub struct Convolutions<T> {
+    isa: Isa,
+    columns: usize,
+    function: Function,
+    layers: Vec<(Dense<T>, Vector)>,
+}
+
+/// What the convolutions keep.
+#[derive(Debug)]
+pub struct ConvolutionsTape<T> {
+    layers: Vec<Layer<T>>,
+    /// 1 / sqrt(1 + received edges) of the nodes.
+    scale: Vec<f32>,
+    /// Latents times their scale; backward, derivatives by these.
+    scaled: Buffer<f32>,
+}
+
+/// What one of them keeps, a row a node.
+#[derive(Debug)]
+struct Layer<T> {
+    /// What the weight is applied to.
+    sums: Buffer<T>,
+    value: Buffer<T>,
+    /// The activation's derivative where the value does not tell it.
+    slope: Buffer<T>,
+}
+
+/// Multiplies rows by a number each.
+fn scale_rows(rows: &mut [f32], columns: usize, scale: &[f32]) {
+    for (row, scale) in rows.chunks_exact_mut(columns).zip(scale) {
+        row.iter_mut().for_each(|x| *x *= scale);
+    }
+}
+
+impl<T: Number> Processor<T> for Convolutions<T> {
+    type Tape = ConvolutionsTape<T>;
+
+    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+        let a = &spec.architecture;
+        let layer = |l: usize| {
+            let name = format!("processor.{l}.convolution");
+            Ok((
+                Dense::whole(isa, slots, &name)?,
+                Vector::new(slots, &format!("{name}.bias"))?,
+            ))
+        };
+        Ok(Convolutions {
+            isa,
+            columns: padded(a.width),
+            function: function(a),
+            layers: (0..a.layers()).map(layer).collect::<Result<_>>()?,
+        })
+    }
+
+    fn load(&mut self, flat: &[f32]) {
+        for (weight, bias) in &mut self.layers {
+            weight.load(flat);
+            bias.load(flat);
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        self.layers.iter().map(|(weight, _)| weight.bytes()).sum()
+    }
+
+    fn tape(&self) -> ConvolutionsTape<T> {
+        let layer = |_| Layer {
+            sums: Buffer::new(0),
+            value: Buffer::new(0),
+            slope: Buffer::new(0),
+        };
+        ConvolutionsTape {
+            layers: self.layers.iter().map(layer).collect(),
+            scale: Vec::new(),
+            scaled: Buffer::new(0),
+        }
+    }
+
+    fn kept(tape: &ConvolutionsTape<T>) -> usize {
+        let rows = |l: &Layer<T>| l.sums.bytes() + l.value.bytes() + l.slope.bytes();
+        tape.scaled.bytes() + tape.layers.iter().map(rows).sum::<usize>()
+    }
+
+    fn segments(_: &ConvolutionsTape<T>) -> Option<&[f32]> {
+        None
+    }
+
+    fn forward(&self, graph: &TrainGraph, _: &Scales, tape: &mut ConvolutionsTape<T>, work: &mut Buffers<T>) {
+        let (isa, columns, order) = (self.isa, self.columns, &graph.order);
+        let size = graph.n_nodes() * columns;
+        let ConvolutionsTape {
+            layers,
+            scale,
+            scaled,
+        } = tape;
+        *scale = scales_of(&order.row);
+        fit(scaled, size);
+        let work_rows = &mut work.shared.work;
+        for ((weight, bias), kept) in self.layers.iter().zip(layers) {
+            fit(&mut kept.sums, size);
+            fit(&mut kept.value, size);
+            if self.function == Function::Silu {
+                fit(&mut kept.slope, size);
+            }
+            scaled[..size].copy_from_slice(&work.latents[..size]);
+            scale_rows(&mut scaled[..size], columns, scale);
+            for tile in &graph.tiles {
+                let (n, first) = (tile.nodes.len(), tile.nodes.start);
+                let own = first * columns..tile.nodes.end * columns;
+                let sums = &mut work.latents[own.clone()];
+                sums.copy_from_slice(&scaled[own.clone()]);
+                for chunk in tile.chunks() {
+                    let rows = &mut work_rows.wide[..chunk.len() * columns];
+                    rows.fill(0.0);
+                    gather_add(isa, rows, columns, scaled, &order.senders[chunk.clone()], 0);
+                    scatter_add(isa, rows, columns, sums, &order.receivers[chunk], first);
+                }
+                scale_rows(sums, columns, &scale[tile.nodes.clone()]);
+                narrow(isa, sums, &mut kept.sums[own.clone()]);
+                let slope = match self.function {
+                    Function::Silu => &mut kept.slope[own.clone()],
+                    _ => &mut [],
+                };
+                activate(
+                    isa,
+                    weight.forward(),
+                    (&kept.sums[own.clone()], columns),
+                    n,
+                    Addend::Bias(&bias.data),
+                    self.function,
+                    &mut work_rows.wide,
+                    &mut kept.value[own.clone()],
+                    slope,
+                );
+                let values = sums.iter_mut().zip(&kept.value[own]);
+                values.for_each(|(h, value)| *h = value.to_f32());
+            }
+        }
+    }
+
+    fn backward(
+        &self,
+        graph: &TrainGraph,
+        _: &Scales,
+        tape: &mut ConvolutionsTape<T>,
+        work: &mut Buffers<T>,
+        gradients: &mut Gradients,
+        edges: Option<&mut Vec<f32>>,
+    ) {
+        let (isa, columns, order) = (self.isa, self.columns, &graph.order);
+        let size = graph.n_nodes() * columns;
+        let ConvolutionsTape {
+            layers,
+            scale,
+            scaled,
+        } = tape;
+        let rows_at_a_time = &mut work.shared.work;
+        for ((weight, bias), kept) in self.layers.iter().zip(layers).rev() {
+            scaled[..size].fill(0.0);
+            for tile in &graph.tiles {
+                let (n, first) = (tile.nodes.len(), tile.nodes.start);
+                let own = first * columns..tile.nodes.end * columns;
+                let d = &mut work.d_nodes[own.clone()];
+                let value = match self.function {
+                    Function::Silu => Kept::Slope(&kept.slope[own.clone()]),
+                    _ => Kept::Value(&kept.value[own.clone()]),
+                };
+                let dy = &mut rows_at_a_time.narrow[..n * columns];
+                let sum = gradients.block(bias.slot);
+                activation_backward(isa, value, (n, columns), d, dy, sum);
+                let (dy, x) = ((&*dy, columns), (&kept.sums[own.clone()], columns));
+                weight.learn(dy, x, n, gradients, &mut rows_at_a_time.pairs);
+                weight.back(dy, n, d);
+                scale_rows(d, columns, &scale[tile.nodes.clone()]);
+                let sums = scaled[own].iter_mut().zip(&*d);
+                sums.for_each(|(sum, d)| *sum += d);
+                for chunk in tile.chunks() {
+                    let rows = &mut rows_at_a_time.wide[..chunk.len() * columns];
+                    rows.fill(0.0);
+                    let receivers = &order.receivers[chunk.clone()];
+                    gather_add(isa, rows, columns, d, receivers, first);
+                    scatter_add(isa, rows, columns, &mut scaled[..size], &order.senders[chunk], 0);
+                }
+            }
+            work.d_nodes[..size].copy_from_slice(&scaled[..size]);
+            scale_rows(&mut work.d_nodes[..size], columns, scale);
+        }
+        edges.into_iter().for_each(|e| e.fill(0.0));
+    }
+}

@@ -1,0 +1,143 @@
+//! The macro stage within the network: its segments, and what they add to nodes that layers follow.
+
+use super::attention::add;
+use super::graph::TrainGraph;
+use super::messages::{Messages, MessagesTape};
+use super::mlp::{Work, fit};
+use super::network::Buffers;
+use super::weights::{Dense, Gradients, Vector};
+use crate::kernels::{Addend, Function, Number, Output, add_means, narrow, product};
+use crate::tiles::{block, blocks};
+
+/// h += dispatch([h, h_S]), where the model carries on after the macro stage.
+#[derive(Debug)]
+pub struct Dispatch<T> {
+    /// Of h.
+    pub own: Dense<T>,
+    /// Of h_S.
+    pub segment: Dense<f32>,
+    /// Of both.
+    pub bias: Vector,
+}
+
+impl<T: Number> Dispatch<T> {
+    /// Takes the weights of the flat vector.
+    pub fn load(&mut self, flat: &[f32]) {
+        self.own.load(flat);
+        self.segment.load(flat);
+        self.bias.load(flat);
+    }
+}
+
+impl<T: Number> Messages<T> {
+    /// Segments, and the dispatch where layers follow.
+    pub(super) fn macro_stage(&self, graph: &TrainGraph, tape: &mut MessagesTape<T>, work: &mut Buffers<T>) {
+        let (isa, columns) = (self.isa, self.columns);
+        let (Some(stage), Some(members), Some(kept)) = (&self.stage, &graph.members, &mut tape.stage) else {
+            return;
+        };
+        stage.forward(members, kept, &mut work.fp32, &work.latents);
+        let Some(dispatch) = &self.dispatch else { return };
+        fit(&mut work.table, members.count * columns);
+        let out = Output::Wide(&mut work.table[..]);
+        let bias = Addend::Bias(&dispatch.bias.data);
+        let (weight, x) = (dispatch.segment.forward(), (&kept.latents[..], columns));
+        product(isa, weight, x, members.count, bias, Function::Identity, out);
+        fit(&mut tape.dispatched, graph.n_nodes() * columns);
+        let zeros = work.shared.zeros();
+        for rows in blocks(graph.n_nodes()) {
+            let range = rows.start * columns..rows.end * columns;
+            let h = &mut work.latents[range.clone()];
+            let x = &mut tape.dispatched[range];
+            narrow(isa, h, x);
+            let row = &members.row[rows.start..=rows.end];
+            add_means(isa, h, columns, &work.table, row, &members.member);
+            let own = dispatch.own.forward();
+            let (x, n) = ((&*x, columns), rows.len());
+            product(
+                isa,
+                own,
+                x,
+                n,
+                Addend::Output(zeros),
+                Function::Identity,
+                Output::Wide(h),
+            );
+        }
+    }
+
+    /// From the latents behind the macro stage and its dispatch to those before it.
+    pub(super) fn stage_backward(
+        &self,
+        graph: &TrainGraph,
+        tape: &mut MessagesTape<T>,
+        work: &mut Buffers<T>,
+        gradients: &mut Gradients,
+    ) {
+        let (isa, columns) = (self.isa, self.columns);
+        let (Some(stage), Some(members), Some(kept)) = (&self.stage, &graph.members, &mut tape.stage) else {
+            return;
+        };
+        let k = members.count;
+        let Buffers {
+            shared,
+            fp32,
+            d_nodes,
+            d_table,
+            d_segments,
+            ..
+        } = work;
+        let d_nodes = &mut d_nodes[..graph.n_nodes() * columns];
+        let (d_table, d_segments) = (&mut d_table[..k * columns], &mut d_segments[..k * columns]);
+        if let Some(dispatch) = &self.dispatch {
+            d_table.fill(0.0);
+            let (work, zeros) = shared.split();
+            for rows in blocks(graph.n_nodes()) {
+                let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
+                let d = &mut d_nodes[range.clone()];
+                for (place, d) in rows.clone().zip(d.chunks_exact(columns)) {
+                    members.spread_mean(place, d, d_table);
+                    add(gradients.block(dispatch.bias.slot), d);
+                }
+                let dy = &mut work.narrow[..n * columns];
+                narrow(isa, d, dy);
+                let x = (&tape.dispatched[range], columns);
+                dispatch
+                    .own
+                    .learn((dy, columns), x, n, gradients, &mut work.pairs);
+                dispatch.own.back_add((dy, columns), n, d, zeros);
+            }
+            through_table(
+                &dispatch.segment,
+                &kept.latents,
+                columns,
+                d_table,
+                d_segments,
+                fp32,
+                gradients,
+            );
+        }
+        stage.backward(members, kept, fp32, d_segments, d_nodes, gradients);
+    }
+}
+
+/// `d_x += d_table W`, and `dW += d_table^T x`, for the rows of all segments.
+pub fn through_table(
+    weight: &Dense<f32>,
+    x: &[f32],
+    columns: usize,
+    d_table: &[f32],
+    d_x: &mut [f32],
+    work: &mut Work<f32>,
+    gradients: &mut Gradients,
+) {
+    let k = d_table.len() / columns;
+    for i in 0..blocks(k).len() {
+        let rows = block(i, k);
+        let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
+        let dy = (&d_table[range.clone()], columns);
+        weight.learn(dy, (&x[range.clone()], columns), n, gradients, &mut work.pairs);
+        weight.back(dy, n, &mut work.wide);
+        add(&mut d_x[range], &work.wide);
+    }
+}

@@ -1,0 +1,152 @@
+//! A graph as the backward pass reads it: in the engine's order, with its segments.
+
+use crate::order::Order;
+use crate::segment_stage::{check, inverted, reordered};
+use crate::tiles::{self, Tile};
+use crate::{SegmentView, check as check_graph};
+use m4gn_mesh::NodeType;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec};
+use m4gn_segments::graph::Graph;
+
+/// Segments of the nodes, by place in the engine's order.
+#[derive(Clone, Debug)]
+pub struct Members {
+    /// K.
+    pub count: usize,
+    /// Segments of place p: `member[row[p]..row[p + 1]]`.
+    pub row: Vec<u32>,
+    /// Segment numbers.
+    pub member: Vec<i32>,
+    /// Places of segment s: `place[place_row[s]..place_row[s + 1]]`.
+    pub place_row: Vec<u32>,
+    /// Places.
+    pub place: Vec<u32>,
+    /// 1 / members of each segment.
+    pub inverse_sizes: Vec<f32>,
+    /// Positional encoding `[K x n_position_features]`.
+    pub position: Vec<f32>,
+}
+
+/// One serial graph, its node features that do not change, and its segments.
+#[derive(Clone, Debug)]
+pub struct TrainGraph {
+    pub(super) order: Order,
+    pub(super) tiles: Vec<Tile>,
+    /// Place and number of each cell, by place.
+    pub(super) cells: Vec<(u32, u32)>,
+    /// Features that do not change with time, a row a node of the graph.
+    pub(super) fixed: Vec<f32>,
+    /// Physical, a row an edge of the graph.
+    pub(super) edge_features: Vec<f32>,
+    pub(super) members: Option<Members>,
+}
+
+impl TrainGraph {
+    /// Of a graph on one rank and, for a model with a macro stage, its segments.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a graph that the model does not know: directions, node types, segments.
+    pub fn new(spec: &ModelSpec, graph: &Graph, segments: Option<&SegmentView>) -> Result<Self> {
+        check_graph(
+            &Model {
+                spec: spec.clone(),
+                tensors: Default::default(),
+            },
+            graph,
+        )?;
+        if graph.n_local != graph.n_owned {
+            return Err(Error::Internal(
+                "a graph that is learned from stands on one rank".into(),
+            ));
+        }
+        let order = Order::new(graph);
+        let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
+        let mut fixed = vec![0.0; graph.n_owned * width];
+        for (node, row) in fixed.chunks_exact_mut(width).enumerate() {
+            let code = graph.node_types[node];
+            let at = spec.node_types.iter().position(|t| *t as i32 == code);
+            let at = at.ok_or_else(|| {
+                let known: Vec<_> = spec.node_types.iter().map(|t| t.name()).collect();
+                let found = NodeType::from_code(code).map_or("unknown", |t| t.name());
+                Error::Model(format!(
+                    "the model knows {}; the mesh has a {found} node",
+                    known.join(", ")
+                ))
+            })?;
+            row[at] = 1.0;
+        }
+        let members = match (spec.architecture.segment_transformer(), segments) {
+            (None, _) => None,
+            (Some(_), None) => return Err(Error::Model("the model needs segments, none were given".into())),
+            (Some(_), Some(view)) => {
+                check(view, graph.n_owned, spec)?;
+                for (row, offset) in fixed
+                    .chunks_exact_mut(width)
+                    .zip(view.offsets.chunks_exact(n_offsets.max(1)))
+                {
+                    row[width - n_offsets..].copy_from_slice(&offset[..n_offsets]);
+                }
+                let (row, member) = reordered((view.member_row, view.member), &order.node);
+                let (place_row, place) = inverted(view.count, &row, &member);
+                Some(Members {
+                    count: view.count,
+                    row,
+                    member,
+                    place_row,
+                    place,
+                    inverse_sizes: view.sizes.iter().map(|s| (1.0 / s.max(1.0)) as f32).collect(),
+                    position: view.position.to_vec(),
+                })
+            }
+        };
+        let numbered = (0..).zip(&order.node).map(|(p, &i)| (p, i));
+        Ok(TrainGraph {
+            tiles: tiles::cut(&order.row, order.n_interior),
+            cells: numbered.filter(|(_, i)| (*i as usize) < graph.n_cells).collect(),
+            order,
+            fixed,
+            edge_features: graph.edge_features.clone(),
+            members,
+        })
+    }
+
+    /// The same nodes with other edges: those of a graph that changes with time.
+    pub fn with_edges(&self, graph: &Graph) -> Self {
+        // On one rank no node waits for ghosts, so that the order of the nodes stays.
+        let order = Order::of(graph, &self.order.search);
+        TrainGraph {
+            tiles: tiles::cut(&order.row, order.n_interior),
+            order,
+            edge_features: graph.edge_features.clone(),
+            cells: self.cells.clone(),
+            fixed: self.fixed.clone(),
+            members: self.members.clone(),
+        }
+    }
+
+    /// Nodes.
+    pub fn n_nodes(&self) -> usize {
+        self.order.node.len()
+    }
+
+    /// Cells, or points of a body.
+    pub fn n_cells(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Directed edges.
+    pub fn n_edges(&self) -> usize {
+        self.order.senders.len()
+    }
+
+    /// Physical features, a row an edge of the graph.
+    pub fn edge_features(&self) -> &[f32] {
+        &self.edge_features
+    }
+
+    /// Segments, 0 without a macro stage.
+    pub fn n_segments(&self) -> usize {
+        self.members.as_ref().map_or(0, |m| m.count)
+    }
+}

@@ -1,0 +1,204 @@
+//! Message passing (eq. 1 to 3), with the macro stage (eq. 9 to 13) where there is one.
+
+use super::Scales;
+use super::dispatch::Dispatch;
+use super::ends::{Encoder, EncoderTape};
+use super::graph::TrainGraph;
+use super::layer::{Layer, LayerTape};
+use super::mlp::fit;
+use super::network::Buffers;
+use super::processor::Processor;
+use super::stage::{Stage, StageTape};
+use super::weights::{Dense, Gradients, Slots, Vector};
+use crate::kernels::{Buffer, Isa, Normed, Number, padded};
+use crate::tiles::blocks;
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
+
+/// The layers and the macro stage of a model.
+#[derive(Debug)]
+pub struct Messages<T> {
+    pub(super) isa: Isa,
+    pub(super) columns: usize,
+    n_edge_features: usize,
+    edges: Encoder<T>,
+    layers: Vec<Layer<T>>,
+    layers_before: usize,
+    pub(super) stage: Option<Stage>,
+    pub(super) dispatch: Option<Dispatch<T>>,
+    heads: usize,
+}
+
+/// What they keep.
+#[derive(Debug)]
+pub struct MessagesTape<T> {
+    edges: EncoderTape<T>,
+    layers: Vec<LayerTape<T>>,
+    pub(super) stage: Option<StageTape>,
+    /// Latents before the dispatch.
+    pub(super) dispatched: Buffer<T>,
+}
+
+impl<T: Number> Processor<T> for Messages<T> {
+    type Tape = MessagesTape<T>;
+
+    fn new(isa: Isa, s: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+        let a = &spec.architecture;
+        let stage = match a.m4gn() {
+            Some(m) => Some(Stage::new(isa, s, spec, &m.segment_transformer)?),
+            None => None,
+        };
+        let name = "segment.dispatch";
+        let dispatch = match a.m4gn().is_some_and(|m| m.layers_after > 0) {
+            true => Some(Dispatch {
+                own: Dense::columns(isa, s, name, 0, a.width)?,
+                segment: Dense::columns(isa, s, name, a.width, a.width)?,
+                bias: Vector::new(s, &format!("{name}.bias"))?,
+            }),
+            false => None,
+        };
+        Ok(Messages {
+            isa,
+            columns: padded(a.width),
+            n_edge_features: spec.n_edge_features(),
+            edges: Encoder::new(isa, s, "encoder.edge", a)?,
+            layers: (0..a.layers())
+                .map(|l| Layer::new(isa, s, a, l))
+                .collect::<Result<_>>()?,
+            layers_before: a.m4gn().map_or(a.layers(), |m| m.layers_before),
+            stage,
+            dispatch,
+            heads: a.segment_transformer().map_or(0, |m| m.heads),
+        })
+    }
+
+    fn load(&mut self, flat: &[f32]) {
+        self.edges.load(flat);
+        self.layers.iter_mut().for_each(|l| l.load(flat));
+        self.stage.iter_mut().for_each(|s| s.load(flat));
+        self.dispatch.iter_mut().for_each(|d| d.load(flat));
+    }
+
+    fn bytes(&self) -> usize {
+        let layers: usize = self.layers.iter().map(|l| l.bytes()).sum();
+        layers + self.edges.bytes() + self.stage.as_ref().map_or(0, |s| s.bytes())
+    }
+
+    fn tape(&self) -> MessagesTape<T> {
+        MessagesTape {
+            edges: EncoderTape::new(&self.edges),
+            layers: self.layers.iter().map(LayerTape::new).collect(),
+            stage: self.stage.as_ref().map(|s| s.tape(self.heads)),
+            dispatched: Buffer::new(0),
+        }
+    }
+
+    fn kept(tape: &MessagesTape<T>) -> usize {
+        let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
+        layers + tape.edges.bytes() + tape.dispatched.bytes()
+    }
+
+    fn segments(tape: &MessagesTape<T>) -> Option<&[f32]> {
+        tape.stage.as_ref().map(|s| &s.latents[..])
+    }
+
+    fn forward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut MessagesTape<T>,
+        work: &mut Buffers<T>,
+    ) {
+        let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
+        tape.edges.fit(n_edges, &self.edges);
+        tape.layers
+            .iter_mut()
+            .for_each(|l| l.fit(n_nodes, n_edges, columns));
+        let k = self.n_edge_features;
+        let rows = tape.edges.features.chunks_exact_mut(self.edges.stride);
+        for (to, &edge) in rows.zip(&graph.order.edge) {
+            let edge = edge as usize;
+            scales
+                .edge
+                .normalise(&graph.edge_features[edge * k..(edge + 1) * k], to);
+        }
+        if let Some(first) = tape.layers.first_mut() {
+            let wide = &mut work.shared.work.wide;
+            for rows in blocks(n_edges) {
+                let out = &mut first.edges[rows.start * columns..rows.end * columns];
+                self.edges
+                    .forward(&mut tape.edges, &rows, wide, Normed::Narrow(out));
+            }
+        }
+        for (l, layer) in self.layers.iter().enumerate() {
+            if l == self.layers_before {
+                self.macro_stage(graph, tape, work);
+            }
+            let (done, rest) = tape.layers.split_at_mut(l + 1);
+            let next = rest.first_mut().map(|t| &mut t.edges);
+            let nodes = &mut work.latents[..n_nodes * columns];
+            let (order, tiles) = (&graph.order, &graph.tiles);
+            layer.forward(order, tiles, &mut done[l], &mut work.shared, nodes, next);
+        }
+        if self.layers_before == self.layers.len() {
+            self.macro_stage(graph, tape, work);
+        }
+    }
+
+    fn backward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut MessagesTape<T>,
+        work: &mut Buffers<T>,
+        gradients: &mut Gradients,
+        mut edges: Option<&mut Vec<f32>>,
+    ) {
+        let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
+        fit(&mut work.d_edges, n_edges * columns);
+        work.d_edges[..n_edges * columns].fill(0.0);
+        for (l, layer) in self.layers.iter().enumerate().rev() {
+            if l + 1 == self.layers_before {
+                self.stage_backward(graph, tape, work, gradients);
+            }
+            let d = (
+                &mut work.d_nodes[..n_nodes * columns],
+                &mut work.d_edges[..n_edges * columns],
+            );
+            let (order, tiles) = (&graph.order, &graph.tiles);
+            layer.backward(order, tiles, &tape.layers[l], &mut work.shared, d, gradients);
+        }
+        if self.layers_before == 0 {
+            self.stage_backward(graph, tape, work, gradients);
+        }
+        if self.layers.is_empty() {
+            edges.into_iter().for_each(|e| e.fill(0.0));
+            return;
+        }
+        let Buffers {
+            shared,
+            fp32,
+            d_edges,
+            d_features,
+            ..
+        } = work;
+        for rows in blocks(n_edges) {
+            let n = rows.len();
+            shared.work.wide[..n * columns]
+                .copy_from_slice(&d_edges[rows.start * columns..rows.end * columns]);
+            let wanted = edges.is_some().then_some(&mut d_features[..]);
+            let work = &mut shared.work;
+            self.edges
+                .backward(&tape.edges, &rows, work, fp32, gradients, wanted);
+            if let Some(to) = edges.as_deref_mut() {
+                let k = self.n_edge_features;
+                let numbers = graph.order.edge[rows].iter();
+                for (&edge, d) in numbers.zip(d_features.chunks_exact(self.edges.stride)) {
+                    let to = &mut to[edge as usize * k..(edge as usize + 1) * k];
+                    let pairs = to.iter_mut().zip(d).zip(&scales.edge.inverse);
+                    pairs.for_each(|((to, d), inverse)| *to = d * inverse);
+                }
+            }
+        }
+    }
+}

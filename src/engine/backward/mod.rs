@@ -1,0 +1,251 @@
+//! Gradients of the network on the processor, for training: the engine's arithmetic, tiles and kernels, forward with
+//! what is kept and backward.
+//!
+//! A graph is one thread's work, so that nothing within it is shared and its gradient does not depend on the number of
+//! threads. For a linear layer y = x W^T the backward pass is dx = dy W and dW = dy^T x. Activations are kept, not
+//! computed again: writing and reading a row of d numbers costs less than the 2 d^2 operations that made it. With N
+//! nodes, E edges, L layers, h hidden layers, padded width d and s bytes a number (4 in fp32, 2 in bf16), the tape of one
+//! application holds `s d L ((h + 2) E + (h + 3) N)` bytes, and as much again for h E + h N of them with SiLU.
+//!
+//! In bf16 products read operands rounded to bf16 and add up in fp32; master weights, norms, sums, derivatives between
+//! layers and the macro stage are in fp32.
+
+mod attention;
+mod convolution;
+mod dispatch;
+mod ends;
+mod graph;
+mod layer;
+mod layout;
+mod messages;
+mod mlp;
+mod network;
+mod optimiser;
+mod processor;
+mod stage;
+#[cfg(test)]
+mod tests;
+mod weights;
+
+pub use graph::TrainGraph;
+pub use layout::{Layout, normal};
+pub use optimiser::{Adam, norm};
+
+use super::kernels::{Bf16, Number};
+use super::{Isa, Precision};
+use convolution::Convolutions;
+use m4gn_mesh::Result;
+use m4gn_model::{Kind, ModelSpec};
+use messages::Messages;
+use network::{Network, Thread};
+use processor::Processor;
+use std::any::Any;
+use std::fmt::Debug;
+
+/// Mean and deviation of the channels of features.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scale {
+    /// Means.
+    pub mean: Vec<f32>,
+    /// Deviations.
+    pub std: Vec<f32>,
+    /// One over these.
+    pub inverse: Vec<f32>,
+}
+
+impl Scale {
+    /// Of means and deviations.
+    pub fn new(mean: Vec<f32>, std: Vec<f32>) -> Self {
+        let inverse = std.iter().map(|s| 1.0 / s).collect();
+        Scale { mean, std, inverse }
+    }
+
+    /// A row of channels.
+    fn normalise(&self, row: &[f32], to: &mut [f32]) {
+        let scales = self.mean.iter().zip(&self.inverse);
+        for ((to, x), (mean, inverse)) in to.iter_mut().zip(row).zip(scales) {
+            *to = (x - mean) * inverse;
+        }
+    }
+}
+
+/// The normalisers of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scales {
+    /// Of node inputs.
+    pub node: Scale,
+    /// Of edge features.
+    pub edge: Scale,
+    /// Of outputs.
+    pub output: Scale,
+}
+
+/// Derivatives by what goes into the network, physical, in the graph's order.
+#[derive(Clone, Debug, Default)]
+pub struct InputGradient {
+    /// `[nodes x n_field_inputs]`
+    pub nodes: Vec<f32>,
+    /// `[edges x n_edge_features]`, where edges depend on the state.
+    pub edges: Option<Vec<f32>>,
+}
+
+/// The network with its weights, for gradients; shared by threads.
+#[derive(Debug)]
+pub struct Trainable(Box<dyn AnyNetwork>);
+
+/// One thread's buffers: what applications of the network keep, and sums of gradients.
+#[derive(Debug)]
+pub struct Worker(Box<dyn Any + Send + Sync>);
+
+/// A network of any kind and precision.
+trait AnyNetwork: Debug + Send + Sync {
+    fn layout(&self) -> &Layout;
+    fn load(&mut self, flat: &[f32]);
+    fn worker(&self) -> Worker;
+    fn forward(&self, worker: &mut Worker, at: usize, task: Task, inputs: &[f32], outputs: &mut [f32]);
+    fn backward(
+        &self,
+        worker: &mut Worker,
+        at: usize,
+        task: Task,
+        d_outputs: &[f32],
+        inputs: Option<&mut InputGradient>,
+    );
+    fn flush(&self, worker: &mut Worker, flat: &mut [f32]);
+    fn memory(&self, worker: &Worker) -> (usize, usize, usize);
+}
+
+/// What a network is applied to.
+type Task<'a> = (&'a TrainGraph, &'a Scales);
+
+impl<T: Number, P: Processor<T>> Network<T, P> {
+    fn of<'a>(&self, worker: &'a mut Worker) -> &'a mut Thread<T, P::Tape> {
+        match worker.0.downcast_mut() {
+            Some(thread) => thread,
+            None => unreachable!("a worker of another network"),
+        }
+    }
+}
+
+impl<T: Number, P: Processor<T>> AnyNetwork for Network<T, P> {
+    fn layout(&self) -> &Layout {
+        self.layout()
+    }
+
+    fn load(&mut self, flat: &[f32]) {
+        self.load(flat);
+    }
+
+    fn worker(&self) -> Worker {
+        Worker(Box::new(self.thread()))
+    }
+
+    fn forward(
+        &self,
+        worker: &mut Worker,
+        at: usize,
+        (graph, scales): Task,
+        inputs: &[f32],
+        outputs: &mut [f32],
+    ) {
+        self.forward(graph, scales, inputs, outputs, self.of(worker), at);
+    }
+
+    fn backward(
+        &self,
+        worker: &mut Worker,
+        at: usize,
+        (graph, scales): Task,
+        d_outputs: &[f32],
+        inputs: Option<&mut InputGradient>,
+    ) {
+        self.backward(graph, scales, d_outputs, self.of(worker), at, inputs);
+    }
+
+    fn flush(&self, worker: &mut Worker, flat: &mut [f32]) {
+        self.flush(self.of(worker), flat);
+    }
+
+    fn memory(&self, worker: &Worker) -> (usize, usize, usize) {
+        match worker.0.downcast_ref() {
+            Some(thread) => self.memory(thread),
+            None => unreachable!("a worker of another network"),
+        }
+    }
+}
+
+/// The network of a model's kind. One that only libtorch can train has an error here, which says to use
+/// `--backend torch`.
+fn of_kind<T: Number>(spec: &ModelSpec, isa: Isa) -> Result<Box<dyn AnyNetwork>> {
+    Ok(match spec.architecture.kind {
+        Kind::M4gn(_) | Kind::MeshGraphNet { .. } => Box::new(Network::<T, Messages<T>>::new(spec, isa)?),
+        Kind::Gcn { .. } => Box::new(Network::<T, Convolutions<T>>::new(spec, isa)?),
+    })
+}
+
+impl Trainable {
+    /// Of a model's shape, with all weights zero until [`Trainable::load`].
+    ///
+    /// # Errors
+    /// [`m4gn_mesh::Error::Model`] for a shape beyond a model's limits.
+    pub fn new(spec: &ModelSpec, precision: Precision, isa: Option<Isa>) -> Result<Self> {
+        let isa = isa.unwrap_or_else(Isa::detect);
+        Ok(Trainable(match precision {
+            Precision::Fp32 => of_kind::<f32>(spec, isa)?,
+            Precision::Bf16 => of_kind::<Bf16>(spec, isa)?,
+        }))
+    }
+
+    /// The order of the flat vector of weights.
+    pub fn layout(&self) -> &Layout {
+        self.0.layout()
+    }
+
+    /// Takes the weights of the flat vector, which is as long as the layout.
+    pub fn load(&mut self, flat: &[f32]) {
+        self.0.load(flat);
+    }
+
+    /// Buffers of another thread.
+    pub fn worker(&self) -> Worker {
+        self.0.worker()
+    }
+
+    /// From physical node inputs `[nodes x n_field_inputs]` to normalised outputs `[cells x n_outputs]`; what
+    /// [`Trainable::backward`] needs is kept in tape `at` of the worker.
+    pub fn forward(
+        &self,
+        worker: &mut Worker,
+        at: usize,
+        graph: &TrainGraph,
+        scales: &Scales,
+        inputs: &[f32],
+        outputs: &mut [f32],
+    ) {
+        self.0.forward(worker, at, (graph, scales), inputs, outputs);
+    }
+
+    /// From dL/d normalised outputs of the application kept in tape `at`, once: adds to the worker's gradient, and writes
+    /// dL/d inputs where asked for.
+    pub fn backward(
+        &self,
+        worker: &mut Worker,
+        at: usize,
+        graph: &TrainGraph,
+        scales: &Scales,
+        d_outputs: &[f32],
+        inputs: Option<&mut InputGradient>,
+    ) {
+        self.0.backward(worker, at, (graph, scales), d_outputs, inputs);
+    }
+
+    /// Adds the worker's gradient to a flat one and clears it.
+    pub fn flush(&self, worker: &mut Worker, flat: &mut [f32]) {
+        self.0.flush(worker, flat);
+    }
+
+    /// Bytes of the packed weights, of a worker without its tapes, and of each tape.
+    pub fn memory(&self, worker: &Worker) -> (usize, usize, usize) {
+        self.0.memory(worker)
+    }
+}

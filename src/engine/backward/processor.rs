@@ -1,0 +1,52 @@
+//! What stands between the encoder of the nodes and the decoder, for gradients: one implementation a kind of network.
+
+use super::Scales;
+use super::graph::TrainGraph;
+use super::network::Buffers;
+use super::weights::{Gradients, Slots};
+use crate::kernels::{Isa, Number};
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
+use std::fmt::Debug;
+
+/// A part of a network with its weights, shared by threads.
+pub trait Processor<T: Number>: Debug + Send + Sync + Sized + 'static {
+    /// What one application keeps for its backward pass.
+    type Tape: Debug + Send + Sync + 'static;
+
+    /// Of a model's shape, with all weights zero.
+    ///
+    /// # Errors
+    /// [`m4gn_mesh::Error::Internal`] for a weight that the layout lacks.
+    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self>;
+
+    /// Takes the weights of the flat vector.
+    fn load(&mut self, flat: &[f32]);
+
+    /// Bytes of the weights.
+    fn bytes(&self) -> usize;
+
+    /// Nothing kept yet.
+    fn tape(&self) -> Self::Tape;
+
+    /// Bytes of what is kept.
+    fn kept(tape: &Self::Tape) -> usize;
+
+    /// h_S of the last forward pass, rows of the padded width; none without a macro stage.
+    fn segments(tape: &Self::Tape) -> Option<&[f32]>;
+
+    /// Advances `work.latents`.
+    fn forward(&self, graph: &TrainGraph, scales: &Scales, tape: &mut Self::Tape, work: &mut Buffers<T>);
+
+    /// From derivatives by the latents behind it (`work.d_nodes`, and `work.d_segments` by h_S) to those before it, in
+    /// `work.d_nodes`; to `edges`, where asked for, those by the physical edge features.
+    fn backward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut Self::Tape,
+        work: &mut Buffers<T>,
+        gradients: &mut Gradients,
+        edges: Option<&mut Vec<f32>>,
+    );
+}

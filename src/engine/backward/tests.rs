@@ -1,0 +1,273 @@
+//! Gradients against central differences of the plain network in fp64, on every switch and instruction set.
+
+use super::*;
+use crate::tests::{Segments, instruction_sets};
+use crate::{SegmentView, plain};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::sample;
+use m4gn_model::sample::spec;
+use m4gn_model::{Activation, Kind, M4gn, Model, Output};
+use m4gn_segments::graph::Graph;
+
+/// A model on a small channel of triangles, and a loss: a fixed weight for each output.
+struct Case {
+    model: Model,
+    graph: Graph,
+    segments: Option<Segments>,
+    inputs: Vec<f32>,
+    loss: Vec<f32>,
+}
+
+fn wave(n: usize, step: f32) -> Vec<f32> {
+    (0..n).map(|i| (i as f32 * step + 0.3).sin()).collect()
+}
+
+pub(crate) fn scales(model: &Model) -> Scales {
+    let scale = |name: &str| {
+        let part = |which: &str| {
+            model
+                .tensor(&format!("norm.{name}.{which}"))
+                .unwrap()
+                .data
+                .clone()
+        };
+        Scale::new(part("mean"), part("std"))
+    };
+    Scales {
+        node: scale("node"),
+        edge: scale("edge"),
+        output: scale("output"),
+    }
+}
+
+impl Case {
+    fn new(spec: ModelSpec, overlap: bool) -> Self {
+        let graph = Graph::new(&sample::triangles(4, 3, 1.6, 0.41), &Comm::serial()).unwrap();
+        let stage = spec.architecture.m4gn().is_some();
+        Case {
+            inputs: wave(graph.n_owned * spec.n_field_inputs(), 0.7),
+            loss: wave(graph.n_cells * spec.n_outputs(), 1.9),
+            segments: stage.then(|| Segments::new(&spec, &graph, overlap)),
+            model: Model::random(spec, 5).unwrap(),
+            graph,
+        }
+    }
+
+    fn view(&self) -> Option<SegmentView<'_>> {
+        self.segments.as_ref().map(|s| s.view())
+    }
+
+    /// The loss by the plain network.
+    fn plain(&self, model: &Model, graph: &Graph, inputs: &[f32]) -> f64 {
+        let s = scales(model);
+        let m = s.output.mean.len();
+        let y = plain::forward(model, graph, self.view().as_ref(), inputs);
+        let normalised = y.iter().enumerate().map(|(i, y)| {
+            let (mean, std) = (s.output.mean[i % m], s.output.std[i % m]);
+            (y - f64::from(mean)) / f64::from(std)
+        });
+        normalised.zip(&self.loss).map(|(y, w)| y * f64::from(*w)).sum()
+    }
+
+    /// Loss, gradient and gradient of the inputs; twice, so that what the first one left is seen.
+    fn gradient(&self, precision: Precision, isa: Isa) -> (f64, Vec<f32>, InputGradient) {
+        let mut network = Trainable::new(&self.model.spec, precision, Some(isa)).unwrap();
+        network.load(&network.layout().flatten(&self.model).unwrap());
+        let graph = TrainGraph::new(&self.model.spec, &self.graph, self.view().as_ref()).unwrap();
+        let (mut worker, scales) = (network.worker(), scales(&self.model));
+        let mut outputs = vec![0.0; self.loss.len()];
+        let mut inputs = InputGradient {
+            nodes: vec![f32::NAN; self.inputs.len()],
+            edges: Some(vec![f32::NAN; self.graph.edge_features.len()]),
+        };
+        let mut flat = Vec::new();
+        for at in [1, 0] {
+            flat = vec![0.0; network.layout().len()];
+            network.forward(&mut worker, at, &graph, &scales, &self.inputs, &mut outputs);
+            network.backward(&mut worker, at, &graph, &scales, &self.loss, Some(&mut inputs));
+            network.flush(&mut worker, &mut flat);
+        }
+        let loss = outputs
+            .iter()
+            .zip(&self.loss)
+            .map(|(y, w)| f64::from(*y) * f64::from(*w))
+            .sum();
+        (loss, flat, inputs)
+    }
+}
+
+fn length(x: &[f64]) -> f64 {
+    x.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// A step along the gradient, and one across, of this size.
+fn steps(gradient: &[f32], size: f32) -> [Vec<f32>; 2] {
+    let largest = gradient.iter().fold(f32::MIN_POSITIVE, |m, g| m.max(g.abs()));
+    [
+        gradient.iter().map(|g| size * g / largest).collect(),
+        wave(gradient.len(), 2.3).iter().map(|w| size * w).collect(),
+    ]
+}
+
+/// Checks a gradient by `loss(x)`, in fp64, at x plus and minus steps.
+fn check(what: &str, x: &[f32], gradient: &[f32], tolerance: f64, loss: impl Fn(&[f32]) -> f64) {
+    let wide: Vec<f64> = gradient.iter().map(|g| f64::from(*g)).collect();
+    for step in steps(gradient, 2e-6) {
+        let at = |sign: f32| -> Vec<f32> { x.iter().zip(&step).map(|(x, s)| x + sign * s).collect() };
+        let (plus, minus) = (at(1.0), at(-1.0));
+        // What the step really is after rounding.
+        let moved = plus.iter().zip(&minus);
+        let moved: Vec<f64> = moved.map(|(a, b)| f64::from(*a) - f64::from(*b)).collect();
+        let expected = loss(&plus) - loss(&minus);
+        let found: f64 = wide.iter().zip(&moved).map(|(g, d)| g * d).sum();
+        let size = length(&wide) * length(&moved);
+        assert!(
+            (found - expected).abs() <= tolerance * size + 1e-12,
+            "{what}: {found:e} where differences say {expected:e}; of {size:e}"
+        );
+    }
+}
+
+fn m4gn(s: &mut ModelSpec) -> &mut M4gn {
+    s.architecture.m4gn_mut().unwrap()
+}
+
+/// Every entry of a list with each of the others' first ones.
+fn specs() -> Vec<(String, ModelSpec, bool)> {
+    let mut all = Vec::new();
+    let mut add = |name: &str, overlap: bool, change: &dyn Fn(&mut ModelSpec)| {
+        let mut s = spec();
+        change(&mut s);
+        all.push((name.to_string(), s, overlap));
+    };
+    add("small", false, &|_| ());
+    add("overlap", true, &|_| ());
+    for hidden in [2, 3] {
+        add("hidden layers", true, &|s| s.architecture.hidden_layers = hidden);
+    }
+    for hidden in [1, 2] {
+        add("silu", true, &|s| {
+            s.architecture.activation = Activation::Silu;
+            s.architecture.hidden_layers = hidden;
+        });
+    }
+    for (width, heads) in [(20, 4), (64, 4), (81, 3)] {
+        add("width", false, &|s| {
+            s.architecture.width = width;
+            let m = &mut m4gn(s).segment_transformer;
+            (m.heads, m.layers, m.ffn_width) = (heads, 2, 24);
+        });
+    }
+    add("paper's order", false, &|s| m4gn(s).layers_after = 0);
+    add("all layers after", true, &|s| {
+        (m4gn(s).layers_before, m4gn(s).layers_after) = (0, 2);
+    });
+    add("no encodings", false, &|s| {
+        let m = &mut m4gn(s).segment_transformer;
+        (m.rwse_steps, m.centroids, m.offsets) = (0, false, false);
+    });
+    add("no transformer layers", false, &|s| {
+        let m = &mut m4gn(s).segment_transformer;
+        (m.layers, m.heads) = (1, 1);
+    });
+    add("mesh-graph-net", false, &|s| {
+        s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
+    });
+    for layers in [1, 3] {
+        add("gcn", false, &|s| s.architecture.kind = Kind::Gcn { layers });
+    }
+    add("values", false, &|s| {
+        s.fields[0].output = Output::Value;
+        s.fields[1].output = Output::None;
+    });
+    all
+}
+
+/// Every switch with SiLU, which has no kinks, and with max(0, x): there an activation whose argument fp32 and fp64 see
+/// on different sides of zero makes a difference (libtorch, which sees what the engine sees, is the sharp test of it).
+#[test]
+fn gradients_are_those_of_differences() {
+    for (name, spec, overlap) in specs() {
+        for (activation, tolerance) in [(Activation::Silu, 1e-4), (Activation::Relu, 0.1)] {
+            let mut spec = spec.clone();
+            spec.architecture.activation = activation;
+            differences(
+                &format!("{name}, {activation:?}"),
+                Case::new(spec, overlap),
+                tolerance,
+            );
+        }
+    }
+}
+
+fn differences(name: &str, mut case: Case, tolerance: f64) {
+    // Gains of one and biases of zero would hide what is left out.
+    for (at, tensor) in case.model.tensors.values_mut().enumerate() {
+        if tensor.shape.len() == 1 {
+            let shift = wave(tensor.data.len(), 0.9 + at as f32);
+            tensor.data.iter_mut().zip(shift).for_each(|(x, s)| *x += 0.2 * s);
+        }
+    }
+    let (loss, flat, inputs) = case.gradient(Precision::Fp32, Isa::detect());
+    let plain = case.plain(&case.model, &case.graph, &case.inputs);
+    assert!(
+        (loss - plain).abs() < 1e-4 * (1.0 + plain.abs()),
+        "{name}: {loss} {plain}"
+    );
+    let layout = Layout::new(&case.model.spec);
+    for (tensor, shape) in layout.entries() {
+        let start = layout.find(tensor).unwrap().0;
+        let n: usize = shape.iter().product();
+        let weights = &case.model.tensors[tensor].data;
+        let own = &flat[start..start + n];
+        check(&format!("{name}: {tensor}"), weights, own, tolerance, |x| {
+            let mut model = case.model.clone();
+            model.tensors.get_mut(tensor).unwrap().data = x.to_vec();
+            case.plain(&model, &case.graph, &case.inputs)
+        });
+    }
+    check(
+        &format!("{name}: inputs"),
+        &case.inputs,
+        &inputs.nodes,
+        tolerance,
+        |x| case.plain(&case.model, &case.graph, x),
+    );
+    let (what, features) = (format!("{name}: edges"), inputs.edges.unwrap());
+    check(&what, &case.graph.edge_features, &features, tolerance, |x| {
+        let graph = Graph {
+            edge_features: x.to_vec(),
+            ..case.graph.clone()
+        };
+        case.plain(&case.model, &graph, &case.inputs)
+    });
+}
+
+/// Distance of two vectors, relative to the length of the second.
+fn distance(a: &[f32], b: &[f32]) -> f64 {
+    let wide = |x: &[f32]| -> Vec<f64> { x.iter().map(|x| f64::from(*x)).collect() };
+    let (a, b) = (wide(a), wide(b));
+    let apart: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+    length(&apart) / length(&b)
+}
+
+#[test]
+fn instruction_sets_and_precisions_agree() {
+    for (name, spec, overlap) in specs() {
+        let case = Case::new(spec, overlap);
+        let (_, expected, by_inputs) = case.gradient(Precision::Fp32, Isa::portable());
+        for isa in instruction_sets() {
+            let (_, found, inputs) = case.gradient(Precision::Fp32, isa);
+            let off = distance(&found, &expected);
+            assert!(off < 1e-5, "{name}, {}: {off:e}", isa.name());
+            assert!(distance(&inputs.nodes, &by_inputs.nodes) < 1e-5);
+            // A few units of eight bits say little about narrow networks; libtorch's bf16 is compared in torch/tests.
+            if case.model.spec.architecture.width < 20 {
+                continue;
+            }
+            let (_, found, _) = case.gradient(Precision::Bf16, isa);
+            let off = distance(&found, &expected);
+            assert!((1e-5..0.3).contains(&off), "{name}, bf16 {}: {off:e}", isa.name());
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Outer products, which are the gradients of weights, and rows gathered and scattered by index.
+// Loops over constant ranges are unrolled, which keeps what they index in registers.
+#![allow(clippy::needless_range_loop)]
+
+use super::buffer::Buffer;
+use super::packed::{PANEL, padded};
+use super::product::rows_within;
+use super::simd::{LANES, Number, Simd};
+use super::{Isa, dispatch};
+
+/// Rows of both operands of an outer product in the order that its steps read them, where steps take several rows.
+#[derive(Debug)]
+pub struct Pairs<T> {
+    left: Buffer<T>,
+    right: Buffer<T>,
+}
+
+impl<T: Number> Pairs<T> {
+    /// For up to `rows` rows of up to `left` and `right` numbers.
+    pub fn new(rows: usize, left: usize, right: usize) -> Self {
+        let size = |width: usize| match T::STEP {
+            1 => 0,
+            step => rows.next_multiple_of(step) * padded(width),
+        };
+        Pairs {
+            left: Buffer::new(size(left)),
+            right: Buffer::new(size(right)),
+        }
+    }
+}
+
+/// `sums[o * columns + c] += sum over n rows i of y[i][o] * x[i][c]`, for `outputs` numbers of y and `columns`, whole
+/// vectors, of x: dW = dY^T X. Rows stand a stride apart and are readable to whole vectors.
+#[allow(clippy::too_many_arguments)]
+pub fn outer<T: Number>(
+    isa: Isa,
+    (y, y_stride): (&[T], usize),
+    (x, x_stride): (&[T], usize),
+    n: usize,
+    (outputs, columns): (usize, usize),
+    sums: &mut [f32],
+    pairs: &mut Pairs<T>,
+) {
+    if n == 0 || outputs == 0 {
+        return;
+    }
+    let left = padded(outputs);
+    assert!(
+        columns.is_multiple_of(LANES) && sums.len() >= outputs * columns,
+        "sums of an outer product"
+    );
+    assert!(
+        y.len() >= (n - 1) * y_stride + left && x.len() >= (n - 1) * x_stride + columns,
+        "rows of an outer product"
+    );
+    let (y, y_step, x, x_step, steps) = match T::STEP {
+        1 => (y.as_ptr(), y_stride, x.as_ptr(), x_stride, n),
+        step => {
+            interleave(isa, (y, y_stride), n, left, &mut pairs.left);
+            interleave(isa, (x, x_stride), n, columns, &mut pairs.right);
+            let (y, x) = (pairs.left.as_ptr(), pairs.right.as_ptr());
+            (y, step * left, x, step * columns, n.div_ceil(step))
+        }
+    };
+    let sums = sums.as_mut_ptr();
+    // SAFETY: rows and sums are as long as checked above, or as interleave() made them.
+    dispatch!(
+        isa,
+        T,
+        outer_panels(
+            y: *const T,
+            y_step: usize,
+            x: *const T,
+            x_step: usize,
+            steps: usize,
+            outputs: usize,
+            columns: usize,
+            sums: *mut f32
+        ) = (y, y_step, x, x_step, steps, outputs, columns, sums)
+    )
+}
+
+/// Rows two by two, number by number; a missing last row is zero.
+fn interleave<T: Number>(isa: Isa, (x, stride): (&[T], usize), n: usize, width: usize, out: &mut [T]) {
+    assert!(
+        T::STEP == 2 && out.len() >= n.next_multiple_of(2) * width && x.len() >= (n - 1) * stride + width,
+        "rows to be interleaved"
+    );
+    let (x, out) = (x.as_ptr(), out.as_mut_ptr());
+    // SAFETY: n rows of x, n rounded up to pairs of out.
+    dispatch!(
+        isa,
+        T,
+        interleave_all(x: *const T, stride: usize, n: usize, width: usize, out: *mut T) = (x, stride, n, width, out)
+    )
+}
+
+/// # Safety
+/// As [`interleave`] checks.
+#[inline(always)]
+unsafe fn interleave_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    x: *const T,
+    stride: usize,
+    n: usize,
+    width: usize,
+    out: *mut T,
+) {
+    for i in (0..n).step_by(2) {
+        // SAFETY: rows i and, where there is one, i + 1, of `width` numbers.
+        unsafe {
+            let out = std::slice::from_raw_parts_mut(out.add(i * width), 2 * width);
+            let first = std::slice::from_raw_parts(x.add(i * stride), width);
+            if i + 1 < n {
+                let second = std::slice::from_raw_parts(x.add((i + 1) * stride), width);
+                for ((out, a), b) in out.chunks_exact_mut(2).zip(first).zip(second) {
+                    (out[0], out[1]) = (*a, *b);
+                }
+            } else {
+                for (out, a) in out.chunks_exact_mut(2).zip(first) {
+                    (out[0], out[1]) = (*a, T::default());
+                }
+            }
+        }
+    }
+}
+
+/// # Safety
+/// As [`outer`] checks.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+unsafe fn outer_panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    y: *const T,
+    y_step: usize,
+    x: *const T,
+    x_step: usize,
+    steps: usize,
+    outputs: usize,
+    columns: usize,
+    sums: *mut f32,
+) {
+    let mut column = 0;
+    while column < columns {
+        let left = (columns - column) / LANES;
+        let vectors = if WIDE { left.min(PANEL) } else { 1 };
+        // SAFETY: the panel is within the columns.
+        unsafe {
+            let x = x.add(column * T::STEP);
+            let sums = sums.add(column);
+            let sizes = (outputs, columns);
+            match vectors {
+                4 if WIDE => outer_panel::<S, T, MR, 4>(y, y_step, x, x_step, steps, sizes, sums),
+                3 if WIDE => outer_panel::<S, T, MR, 3>(y, y_step, x, x_step, steps, sizes, sums),
+                2 if WIDE => outer_panel::<S, T, MR, 2>(y, y_step, x, x_step, steps, sizes, sums),
+                _ => outer_panel::<S, T, MR, 1>(y, y_step, x, x_step, steps, sizes, sums),
+            }
+        }
+        column += vectors * LANES;
+    }
+}
+
+/// # Safety
+/// As [`outer`] checks.
+#[inline(always)]
+unsafe fn outer_panel<S: Simd, T: Number, const MR: usize, const NR: usize>(
+    y: *const T,
+    y_step: usize,
+    x: *const T,
+    x_step: usize,
+    steps: usize,
+    (outputs, columns): (usize, usize),
+    sums: *mut f32,
+) {
+    let mut start = 0;
+    while start < outputs {
+        // SAFETY: outputs and columns are within what outer() checked.
+        unsafe {
+            // Past the end the last output is computed again, and not added.
+            let y: [*const T; MR] = std::array::from_fn(|i| y.add((start + i).min(outputs - 1) * T::STEP));
+            let mut acc = [[S::splat(0.0); NR]; MR];
+            let mut x = x;
+            let mut at = 0;
+            for _ in 0..steps {
+                T::step::<S, MR, NR>(&mut acc, &y, at, x);
+                x = x.add(x_step);
+                at += y_step;
+            }
+            for i in 0..MR {
+                if start + i < outputs {
+                    let to = sums.add((start + i) * columns);
+                    for j in 0..NR {
+                        let to = to.add(j * LANES);
+                        S::store(to, S::add(S::load(to), acc[i][j]));
+                    }
+                }
+            }
+        }
+        start += MR;
+    }
+}
+
+/// `x[i] += table[index[i] - first]`, n rows.
+pub fn gather_add(isa: Isa, x: &mut [f32], columns: usize, table: &[f32], index: &[i32], first: usize) {
+    let n = index.len();
+    assert!(
+        columns.is_multiple_of(LANES)
+            && x.len() >= n * columns
+            && rows_within(index, n, first..first + table.len() / columns),
+        "rows to be gathered"
+    );
+    let both = (x.as_mut_ptr(), table.as_ptr().cast_mut());
+    // SAFETY: all rows are within; the table is only read.
+    unsafe { move_rows(isa, both, columns, index, first, true) }
+}
+
+/// `table[index[i] - first] += x[i]`, n rows.
+pub fn scatter_add(isa: Isa, x: &[f32], columns: usize, table: &mut [f32], index: &[i32], first: usize) {
+    let n = index.len();
+    assert!(
+        columns.is_multiple_of(LANES)
+            && x.len() >= n * columns
+            && rows_within(index, n, first..first + table.len() / columns),
+        "rows to be scattered"
+    );
+    let both = (x.as_ptr().cast_mut(), table.as_mut_ptr());
+    // SAFETY: all rows are within; x is only read.
+    unsafe { move_rows(isa, both, columns, index, first, false) }
+}
+
+/// Either way; only the side that is added to is written.
+///
+/// # Safety
+/// All rows are within, whole vectors.
+unsafe fn move_rows(
+    isa: Isa,
+    (x, table): (*mut f32, *mut f32),
+    columns: usize,
+    index: &[i32],
+    first: usize,
+    gather: bool,
+) {
+    type T = f32;
+    // SAFETY: passed on to the caller.
+    dispatch!(
+        isa,
+        T,
+        move_all(x: *mut f32, table: *mut f32, columns: usize, index: &[i32], first: usize, gather: bool)
+            = (x, table, columns, index, first, gather)
+    )
+}
+
+/// # Safety
+/// As [`gather_add`] and [`scatter_add`] check.
+#[inline(always)]
+unsafe fn move_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
+    x: *mut f32,
+    table: *mut f32,
+    columns: usize,
+    index: &[i32],
+    first: usize,
+    gather: bool,
+) {
+    for (i, &row) in index.iter().enumerate() {
+        // SAFETY: row i of x and this row of the table.
+        unsafe {
+            let x = x.add(i * columns);
+            let row = table.add((row as usize - first) * columns);
+            let (to, from) = if gather { (x, row) } else { (row, x) };
+            for j in (0..columns).step_by(LANES) {
+                S::store(to.add(j), S::add(S::load(to.add(j)), S::load(from.add(j))));
+            }
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! The forward step of the network on this rank's part of the graph, on the processor, in fp32 or bf16.
+//!
+//! Latents are rows of width d: h `[n_owned x d]` for nodes, e `[n_edges x d]` for edges, padded to whole vectors. A
+//! message-passing layer (eq. 2, 3) is one sweep over tiles of receivers and their edges, small enough to stay in
+//! cache. The first layer of the edge network is linear in its three inputs, so that W [e, h_s, h_r] = We e + Ws h_s +
+//! Wr h_r: Ws h is computed once a node and exchanged with the neighbouring ranks (the one exchange of a layer), then
+//! gathered while the product is still in registers. Edge features do not change with time: their encoding is
+//! computed once, unless that would take too much memory.
+//!
+//! Within the engine nodes stand in an order of its own (see [`order`]); inputs and outputs are in the graph's.
+//! Nothing is allocated and nothing locked in a step. The result does not depend on the number of threads.
+#![allow(unsafe_code)]
+
+pub mod backward;
+mod ends;
+mod grid;
+mod kernels;
+mod linear;
+mod network;
+mod options;
+mod order;
+mod passing;
+mod peak;
+pub mod plain;
+mod pool;
+mod processor;
+mod profile;
+mod segment_stage;
+mod tiles;
+pub mod torch;
+mod transformer;
+
+pub use options::{EngineOptions, Isa, Precision};
+pub use peak::{Peak, peak};
+pub use profile::{Phase, Profile};
+
+use kernels::Bf16;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::Model;
+use m4gn_segments::graph::Graph;
+use m4gn_segments::{SegmentFeatures, Segmentation};
+use network::Network;
+
+/// Segments as a network needs them: members of this rank, sizes over all ranks, positional encoding.
+#[derive(Clone, Copy, Debug)]
+pub struct SegmentView<'a> {
+    /// Number of segments, K.
+    pub count: usize,
+    /// Segments of owned node i: `member[member_row[i]..member_row[i + 1]]`, at least one.
+    pub member_row: &'a [u32],
+    /// Segment numbers, 0 to K - 1.
+    pub member: &'a [i32],
+    /// Number of member nodes of each segment over all ranks `[K]`.
+    pub sizes: &'a [f64],
+    /// Positional encoding `[K x n_position_features]`; empty when the model has none.
+    pub position: &'a [f32],
+    /// Offsets of the owned nodes from their segment's centroid `[n_owned x n_offset_features]`; empty when the
+    /// model has none.
+    pub offsets: &'a [f32],
+}
+
+impl<'a> SegmentView<'a> {
+    /// Of a segmentation and its features.
+    pub fn new(segments: &'a Segmentation, features: &'a SegmentFeatures) -> Self {
+        SegmentView {
+            count: segments.count,
+            member_row: &segments.member_row,
+            member: &segments.member,
+            sizes: &segments.sizes,
+            position: &features.position,
+            offsets: &features.offsets,
+        }
+    }
+}
+
+/// What advances the graph by one step: the native engine or another backend.
+pub trait Forward {
+    /// From `inputs [n_owned x n_field_inputs]`, physical, to `outputs [n_cells x n_outputs]`, physical, changes not
+    /// yet added. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for slices of other lengths; what a backend may fail with.
+    fn forward(&mut self, comm: &Comm, inputs: &[f32], outputs: &mut [f32]) -> Result<()>;
+}
+
+/// The native engine.
+#[derive(Debug)]
+pub struct Engine(Inner);
+
+#[derive(Debug)]
+enum Inner {
+    Fp32(Box<Network<f32>>),
+    Bf16(Box<Network<Bf16>>),
+}
+
+/// Runs an expression on the network of either precision.
+macro_rules! either {
+    ($engine:expr, $network:ident => $what:expr) => {
+        match $engine {
+            Inner::Fp32($network) => $what,
+            Inner::Bf16($network) => $what,
+        }
+    };
+}
+
+impl Engine {
+    /// Prepares a model for this graph. `segments` may be none only for a model without a macro stage.
+    ///
+    /// # Errors
+    /// [`Error::Model`] when the model does not fit the graph (dimension, node types, segments);
+    /// [`Error::Input`] for a segmentation of another graph.
+    pub fn new(
+        model: &Model,
+        graph: &Graph,
+        segments: Option<&SegmentView>,
+        options: &EngineOptions,
+    ) -> Result<Self> {
+        let keep = if model.spec.contact.is_some() {
+            0
+        } else {
+            processor::KEEP_ENCODED
+        };
+        Self::with_limit(model, graph, segments, options, keep)
+    }
+
+    /// Takes other edges between the same nodes, for graphs that change with time. The next step uses them.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a graph of other nodes.
+    pub fn set_edges(&mut self, graph: &Graph) -> Result<()> {
+        check_edges(graph)?;
+        either!(&mut self.0, network => network.set_edges(graph))
+    }
+
+    /// As [`Engine::new`]; encoded edges are kept up to `keep_encoded` bytes.
+    fn with_limit(
+        model: &Model,
+        graph: &Graph,
+        segments: Option<&SegmentView>,
+        options: &EngineOptions,
+        keep_encoded: usize,
+    ) -> Result<Self> {
+        check(model, graph)?;
+        Ok(Engine(match options.precision {
+            Precision::Fp32 => Inner::Fp32(Box::new(Network::new(
+                model,
+                graph,
+                segments,
+                options,
+                keep_encoded,
+            )?)),
+            Precision::Bf16 => Inner::Bf16(Box::new(Network::new(
+                model,
+                graph,
+                segments,
+                options,
+                keep_encoded,
+            )?)),
+        }))
+    }
+
+    /// What the steps so far took; none unless [`EngineOptions::profile`] was set.
+    pub fn profile(&self) -> Option<Profile> {
+        either!(&self.0, network => network.profile())
+    }
+
+    /// Bytes of everything that the engine holds, by what it is.
+    ///
+    /// With N owned and G ghost nodes, E directed edges, d the width padded to a multiple of 16, and s bytes a number
+    /// (4 in fp32, 2 in bf16), the large ones are: edge latents `s d E`; the same again for encoded edges, or
+    /// `4 (dim + 1) E` for their features where that is more than 256 MiB; node latents `4 d N`; projected senders
+    /// `s d (N + G)`; the graph `8 E + 20 N`.
+    pub fn memory(&self) -> Vec<(&'static str, usize)> {
+        either!(&self.0, network => network.memory())
+    }
+}
+
+impl Forward for Engine {
+    fn forward(&mut self, comm: &Comm, inputs: &[f32], outputs: &mut [f32]) -> Result<()> {
+        let expected = either!(&self.0, network => network.lengths());
+        if (inputs.len(), outputs.len()) != expected {
+            return Err(Error::Input(format!(
+                "forward step: expected {} inputs and {} outputs, found {} and {}",
+                expected.0,
+                expected.1,
+                inputs.len(),
+                outputs.len()
+            )));
+        }
+        either!(&mut self.0, network => network.forward(comm, inputs, outputs));
+        Ok(())
+    }
+}
+
+// SAFETY: a Bf16 is a u16 by its representation.
+unsafe impl mpi::datatype::traits::Equivalence for Bf16 {
+    type Out = mpi::datatype::DatatypeRef<'static>;
+
+    fn equivalent_datatype() -> Self::Out {
+        u16::equivalent_datatype()
+    }
+}
+impl m4gn_mesh::parallel::Element for Bf16 {}
+
+/// Whether model and graph have the same number of dimensions, and the graph is one.
+fn check(model: &Model, graph: &Graph) -> Result<()> {
+    let n_edges = graph.senders.len();
+    if graph.edge_features.len() != n_edges * model.spec.n_edge_features() {
+        if model.spec.contact.is_some() {
+            return Err(Error::Model(
+                "the model is one of bodies at points that an obstacle touches; this is a mesh whose unknowns are cells"
+                    .into(),
+            ));
+        }
+        let found = graph.edge_features.len() as f64 / n_edges.max(1) as f64 - 1.0;
+        return Err(Error::Model(format!(
+            "the model was trained in {} dimensions, the mesh has {found} solved directions",
+            model.spec.dim
+        )));
+    }
+    check_edges(graph)
+}
+
+/// Whether the graph's edges join its nodes.
+fn check_edges(graph: &Graph) -> Result<()> {
+    let n_edges = graph.senders.len();
+    let whole = graph.n_cells <= graph.n_owned
+        && graph.n_owned <= graph.n_local
+        && graph.node_types.len() >= graph.n_owned
+        && graph.row.len() == graph.n_owned + 1
+        && graph.row.windows(2).all(|w| w[0] <= w[1])
+        && (graph.row[0], graph.row[graph.n_owned] as usize) == (0, n_edges)
+        && graph
+            .senders
+            .iter()
+            .all(|&s| usize::try_from(s).is_ok_and(|s| s < graph.n_local));
+    match whole {
+        true => Ok(()),
+        false => Err(Error::Internal("the graph's edges do not fit its nodes".into())),
+    }
+}
+
+#[cfg(test)]
+mod tests;

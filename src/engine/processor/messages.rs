@@ -1,0 +1,273 @@
+//! Message passing (eq. 1 to 3), with the macro stage (eq. 9 to 13) where there is one.
+
+use super::Processor;
+use crate::ends::{Encoder, normaliser};
+use crate::grid::Grid;
+use crate::kernels::{Addend, Buffer, Function, Normed, Number, Output, Packed, add_means, narrow, product};
+use crate::linear;
+use crate::passing::{Layer, Topology};
+use crate::pool::Parts;
+use crate::profile::Phase;
+use crate::segment_stage::SegmentStage;
+use crate::tiles::{Scratch, Tile};
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::{Comm, Element};
+use m4gn_model::Model;
+use m4gn_segments::graph::Graph;
+use std::ops::Range;
+
+/// Message-passing layers and macro stage of a model on a graph.
+#[derive(Debug)]
+pub struct Messages<T> {
+    edge_encoder: Encoder<T>,
+    edge_bias: Vec<f32>,
+    /// Mean, and one over the deviation, of each edge feature.
+    edge_scale: (Vec<f32>, Vec<f32>),
+    layers: Vec<Layer<T>>,
+    layers_before: usize,
+    stage: Option<SegmentStage>,
+    /// Of h, where layers follow the macro stage.
+    dispatch: Option<Packed<T>>,
+    /// Most bytes of encoded edges that are kept.
+    keep_encoded: usize,
+    /// Edge features, normalised; empty once the edges are encoded for good.
+    features: Vec<f32>,
+    /// Encoded edges, where they are kept.
+    encoded: Option<Buffer<T>>,
+    /// e
+    edges: Buffer<T>,
+    /// Ws h of all local nodes, ghosts included.
+    projected: Buffer<T>,
+    message: Vec<T>,
+}
+
+impl<T: Number + Element> Messages<T> {
+    /// Of so many layers before and after the macro stage.
+    pub fn new(
+        model: &Model,
+        graph: &Graph,
+        grid: &Grid<T>,
+        (before, after): (usize, usize),
+        stage: Option<SegmentStage>,
+        keep_encoded: usize,
+    ) -> Result<Self> {
+        let (isa, d) = (grid.isa, model.spec.architecture.width);
+        let dispatch = after > 0 && stage.is_some();
+        Ok(Messages {
+            edge_encoder: Encoder::new(isa, model, "encoder.edge", model.spec.n_edge_features())?,
+            edge_bias: linear::bias(model, "encoder.edge.0")?,
+            edge_scale: normaliser(model, "edge")?,
+            layers: (0..before + after)
+                .map(|l| Layer::new(isa, model, l))
+                .collect::<Result<_>>()?,
+            layers_before: before,
+            dispatch: dispatch
+                .then(|| linear::columns(isa, model, "segment.dispatch", 0..d))
+                .transpose()?,
+            stage,
+            keep_encoded,
+            features: Vec::new(),
+            encoded: None,
+            edges: Buffer::new(0),
+            projected: Buffer::new(grid.n_local * grid.columns),
+            message: Vec::with_capacity(graph.halo.n_sent() * grid.columns),
+        })
+    }
+
+    /// f_e of eq. 1, for good.
+    fn encode_edges(&mut self, grid: &mut Grid<T>) {
+        let (columns, tiles) = (grid.columns, &grid.tiles);
+        let (encoder, bias) = (&self.edge_encoder, &self.edge_bias[..]);
+        let (features, k) = (&self.features[..], self.edge_scale.0.len());
+        let mut encoded = Buffer::new(self.edges.len());
+        let out = Parts::new(&mut encoded);
+        let task = |s: &mut Scratch<T>, i: usize| {
+            // SAFETY: tiles are disjoint.
+            let out = unsafe { out.rows(&tiles[i].edges, columns) };
+            encode_tile(encoder, bias, (features, k), &tiles[i], s, out);
+        };
+        grid.pool.run(&mut grid.scratch, tiles.len(), task, || ());
+        self.features = Vec::new();
+        self.encoded = Some(encoded);
+    }
+
+    /// One message-passing layer (eq. 2, 3) with its halo exchange, which goes on while the nodes that do not wait
+    /// for it are done.
+    fn pass(&mut self, comm: &Comm, grid: &mut Grid<T>, l: usize) {
+        let (columns, layer) = (grid.columns, &self.layers[l]);
+        let own = &mut self.projected[..grid.n_owned * columns];
+        grid.on_nodes(own, |s, _, h, out| layer.project(s, h, out));
+
+        let edges = Parts::new(&mut self.edges);
+        let encoded = self.encoded.as_deref().filter(|_| l == 0);
+        let compute = l == 0 && encoded.is_none();
+        let (encoder, bias) = (&self.edge_encoder, &self.edge_bias[..]);
+        let features = (&self.features[..], self.edge_scale.0.len());
+        let keep = l + 1 < self.layers.len();
+        let (projected, message) = (&mut self.projected, &mut self.message);
+        grid.sweep(comm, projected, message, |s, tile, order, projected, h| {
+            // SAFETY: tiles are disjoint.
+            let e = unsafe { edges.rows(&tile.edges, columns) };
+            if compute {
+                s.clock.start();
+                encode_tile(encoder, bias, features, tile, s, e);
+                s.clock.stop(Phase::EncodeEdges);
+            }
+            let before = encoded.map(|e| &e[tile.edges.start * columns..tile.edges.end * columns]);
+            let graph = Topology {
+                senders: &order.senders,
+                receivers: &order.receivers,
+                projected,
+            };
+            layer.sweep(&graph, tile, s, h, e, before, keep);
+        });
+    }
+
+    /// The macro stage, and h += dispatch([h, h_S]) where the model carries on after it.
+    fn segments(&mut self, comm: &Comm, grid: &mut Grid<T>) {
+        let Some(stage) = &mut self.stage else { return };
+        grid.scratch[0].clock.start();
+        stage.run(comm, &grid.pool, &grid.nodes);
+        grid.scratch[0].clock.stop(Phase::Segments);
+        let (Some(weight), Some(table)) = (&self.dispatch, stage.dispatched()) else {
+            return;
+        };
+        let (isa, columns, tiles) = (grid.isa, grid.columns, &grid.tiles);
+        let (row, member) = (&stage.member_row, &stage.member);
+        let nodes = Parts::new(&mut grid.nodes);
+        let task = |s: &mut Scratch<T>, i: usize| {
+            s.clock.start();
+            let places = &tiles[i].nodes;
+            // SAFETY: tiles are disjoint.
+            let h = unsafe { nodes.rows(places, columns) };
+            narrow(isa, h, &mut s.a[..h.len()]);
+            add_means(isa, h, columns, table, &row[places.start..=places.end], member);
+            s.sums[..h.len()].copy_from_slice(h);
+            let rows = Addend::Rows(&s.sums);
+            let identity = Function::Identity;
+            product(
+                isa,
+                weight,
+                (&s.a, columns),
+                places.len(),
+                rows,
+                identity,
+                Output::Wide(h),
+            );
+            s.clock.stop(Phase::Segments);
+        };
+        grid.pool.run(&mut grid.scratch, tiles.len(), task, || ());
+    }
+}
+
+impl<T: Number + Element> Processor<T> for Messages<T> {
+    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph) {
+        let (mean, scale) = &self.edge_scale;
+        let k = mean.len();
+        self.features.clear();
+        self.features.reserve_exact(grid.order.edge.len() * k);
+        for &e in &grid.order.edge {
+            let row = &graph.edge_features[e as usize * k..(e as usize + 1) * k];
+            let normed = row.iter().zip(mean).zip(scale).map(|((x, m), s)| (x - m) * s);
+            self.features.extend(normed);
+        }
+        self.encoded = None;
+        let size = grid.order.edge.len() * grid.columns;
+        if self.edges.len() < size {
+            self.edges = Buffer::new(size);
+        }
+        if self.edges.bytes() <= self.keep_encoded {
+            self.encode_edges(grid);
+        }
+    }
+
+    fn reorder(&mut self, before: &[u32], node: &[u32]) {
+        if let Some(stage) = &mut self.stage {
+            stage.reorder(before, node);
+        }
+    }
+
+    fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {
+        for l in 0..self.layers_before {
+            self.pass(comm, grid, l);
+        }
+        self.segments(comm, grid);
+        for l in self.layers_before..self.layers.len() {
+            self.pass(comm, grid, l);
+        }
+    }
+
+    fn stage(&self) -> Option<&SegmentStage> {
+        self.stage.as_ref()
+    }
+
+    fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
+        let (stage_weights, stage) = self.stage.as_ref().map_or((0, 0), |s| s.bytes());
+        let layers: usize = self.layers.iter().map(|l| l.bytes()).sum();
+        let dispatch = self.dispatch.as_ref().map_or(0, |w| w.bytes());
+        let arrays = vec![
+            ("edge latents", self.edges.bytes()),
+            ("encoded edges", self.encoded.as_ref().map_or(0, |e| e.bytes())),
+            ("edge features", 4 * self.features.capacity()),
+            ("projected senders", self.projected.bytes()),
+            ("halo", self.message.capacity() * size_of::<T>()),
+            ("segments", stage),
+        ];
+        (
+            arrays,
+            layers + dispatch + stage_weights + self.edge_encoder.bytes(),
+        )
+    }
+
+    fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
+        let a = &model.spec.architecture;
+        let (d, h) = (a.width as f64, a.hidden_layers as f64);
+        let square = 2.0 * d * d;
+        let (n, e) = (grid.n_owned as f64, grid.order.senders.len() as f64);
+        let layers = self.layers.len() as f64;
+        let mut flops = vec![
+            (Phase::Project, layers * n * square),
+            (Phase::Edges, layers * (e * (1.0 + h) + n) * square),
+            (Phase::Nodes, layers * n * (2.0 + h) * square),
+        ];
+        if self.encoded.is_none() {
+            let features = self.edge_scale.0.len() as f64;
+            flops.push((Phase::EncodeEdges, e * (2.0 * d * features + h * square)));
+        }
+        if let (Some(stage), Some(spec)) = (&self.stage, a.segment_transformer()) {
+            let k = stage.count() as f64;
+            let layer = 4.0 * square + 4.0 * d * spec.ffn_width as f64 + 4.0 * k * d;
+            let dispatched = if self.dispatch.is_some() { n + k } else { 0.0 };
+            let stage = k * ((1.0 + h) * square + spec.layers as f64 * layer);
+            flops.push((Phase::Segments, stage + dispatched * square));
+        }
+        flops
+    }
+}
+
+/// Encodes a tile's edges into `out`, its rows.
+fn encode_tile<T: Number>(
+    encoder: &Encoder<T>,
+    bias: &[f32],
+    (features, k): (&[f32], usize),
+    tile: &Tile,
+    scratch: &mut Scratch<T>,
+    out: &mut [T],
+) {
+    let columns = bias.len();
+    let own = |chunk: &Range<usize>| {
+        (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns
+    };
+    for chunk in tile.chunks() {
+        let Scratch { a, b, c, .. } = &mut *scratch;
+        let from = (&features[chunk.start * k..], k);
+        let bias = Addend::Bias(bias);
+        encoder.run(
+            from,
+            chunk.len(),
+            bias,
+            (a, b, c),
+            Normed::Narrow(&mut out[own(&chunk)]),
+        );
+    }
+}

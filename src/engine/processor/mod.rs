@@ -1,0 +1,85 @@
+//! What advances the nodes' latents between encoder and decoder: one implementation a kind of network.
+
+mod convolution;
+mod messages;
+
+use super::SegmentView;
+use super::grid::Grid;
+use super::kernels::Number;
+use super::profile::Phase;
+use super::segment_stage::SegmentStage;
+use convolution::Convolutions;
+pub use convolution::scales;
+use m4gn_mesh::parallel::{Comm, Element};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Kind, Model};
+use m4gn_segments::graph::Graph;
+use messages::Messages;
+use std::fmt::Debug;
+
+/// Encoded edges are kept beside the latents up to this size; beyond it they are computed anew in each step, which
+/// takes about a tenth more time and half the memory.
+pub const KEEP_ENCODED: usize = 256 << 20;
+
+/// The network between its encoder and its decoder, on a graph.
+pub trait Processor<T>: Debug + Send + Sync {
+    /// Takes the edges of a graph, whose order `grid` has; again where a graph has got other edges.
+    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph);
+
+    /// Moves what it knows of the nodes to another order: `before` is each node's place until now, `node` the node at each
+    /// place from now on.
+    fn reorder(&mut self, before: &[u32], node: &[u32]);
+
+    /// Advances the latents of the nodes. Collective.
+    fn run(&mut self, comm: &Comm, grid: &mut Grid<T>);
+
+    /// The macro stage, whose latents the decoder reads as well; none without one.
+    fn stage(&self) -> Option<&SegmentStage>;
+
+    /// Bytes of its arrays, by what they are, and of its weights.
+    fn memory(&self) -> (Vec<(&'static str, usize)>, usize);
+
+    /// Operations of the products of a step.
+    fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)>;
+}
+
+/// The processor of a model, for a graph whose order `grid` has. A kind of network that only libtorch knows has an error
+/// here, which says to use `backend torch`.
+///
+/// # Errors
+/// [`Error::Model`] when segments are needed and not given; [`Error::Input`] for segments of another graph.
+pub fn new<T: Number + Element>(
+    model: &Model,
+    graph: &Graph,
+    segments: Option<&SegmentView>,
+    grid: &Grid<T>,
+    keep_encoded: usize,
+) -> Result<Box<dyn Processor<T>>> {
+    let architecture = &model.spec.architecture;
+    let stage = match (architecture.segment_transformer(), segments) {
+        (Some(_), Some(view)) => Some(SegmentStage::new(
+            grid.isa,
+            model,
+            view,
+            &grid.order.node,
+            grid.pool.n_threads(),
+        )?),
+        (Some(_), None) => return Err(Error::Model("the model needs segments, none were given".into())),
+        (None, _) => None,
+    };
+    Ok(match &architecture.kind {
+        Kind::M4gn(m) => {
+            let layers = (m.layers_before, m.layers_after);
+            Box::new(Messages::new(model, graph, grid, layers, stage, keep_encoded)?)
+        }
+        Kind::MeshGraphNet { layers } => Box::new(Messages::new(
+            model,
+            graph,
+            grid,
+            (*layers, 0),
+            None,
+            keep_encoded,
+        )?),
+        Kind::Gcn { layers } => Box::new(Convolutions::new(model, graph, grid, *layers)?),
+    })
+}

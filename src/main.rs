@@ -1,5 +1,0 @@
-//! The command line `m4gn`.
-
-fn main() -> std::process::ExitCode {
-    m4gn::cli::main()
-}

@@ -1,0 +1,271 @@
+//! A body that deforms, by its points, and a rigid obstacle that may touch it.
+
+use crate::elements::{ElementKind, Elements};
+use crate::parallel::{Comm, everywhere};
+use crate::{Error, Mesh, NodeType, Result};
+
+/// Isotropic material of an element.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Material {
+    /// Young's modulus, Pa.
+    pub young: f64,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Density at rest, kg/m^3.
+    pub density: f64,
+}
+
+/// A body at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    /// Points `[N]`, m.
+    pub positions: Vec<[f64; 3]>,
+    /// What they are `[N]`: [`NodeType::Body`], free to move, or [`NodeType::Handle`], held.
+    pub types: Vec<NodeType>,
+    /// Elements over them.
+    pub elements: Elements,
+    /// Material of each element.
+    pub material: Vec<Material>,
+    /// Edges of the mesh, each once, smaller point first, sorted.
+    pub edges: Vec<[i32; 2]>,
+}
+
+/// The closed surface of a rigid obstacle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Obstacle {
+    /// Points `[Q]` where its displacement is 0, m.
+    pub positions: Vec<[f64; 3]>,
+    /// Triangles, normals outward.
+    pub triangles: Vec<[i32; 3]>,
+}
+
+/// This rank's share of a body whose points are the cells of a [`Mesh`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BodyShare {
+    /// What this rank's points are: [`NodeType::Body`] or [`NodeType::Handle`].
+    pub types: Vec<NodeType>,
+    /// Kinds of this rank's elements: each element of the body belongs to one rank.
+    pub kind: Vec<ElementKind>,
+    /// Points of the elements, one after the other, by their numbers among all ranks ([`Mesh::cell_global`]).
+    pub points: Vec<i64>,
+    /// Material of each element.
+    pub material: Vec<Material>,
+}
+
+impl Body {
+    /// Checks types, materials, volumes at rest, and that the edges are those of the elements.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] naming the element or the point.
+    pub fn check(&self) -> Result<()> {
+        let held = |t: &NodeType| matches!(t, NodeType::Body | NodeType::Handle);
+        if let Some(p) = self.types.iter().position(|t| !held(t)) {
+            return Err(Error::Mesh(format!(
+                "point {p} of the body is {}: expected body or handle",
+                self.types[p].name()
+            )));
+        }
+        for (e, m) in self.material.iter().enumerate() {
+            let Material {
+                young,
+                poisson,
+                density,
+            } = m;
+            let positive = |v: f64| v.is_finite() && v > 0.0;
+            if !positive(*young) || !positive(*density) || !(-1.0..0.5).contains(poisson) {
+                return Err(Error::Mesh(format!(
+                    "element {e} has E {young} Pa, nu {poisson}, rho {density} kg/m^3, expected E and rho above 0 and nu \
+                     below 0.5"
+                )));
+            }
+        }
+        for e in 0..self.elements.len() {
+            let volume = self.elements.kind[e].measure(&self.elements.corners(e, &self.positions));
+            if !(volume.is_finite() && volume > 0.0) {
+                return Err(Error::Mesh(format!(
+                    "element {e} has the volume {volume} m^3 at rest"
+                )));
+            }
+        }
+        if self.edges != self.elements.edges() {
+            return Err(Error::Mesh(
+                "the edges of the body are not the sorted edges of its elements".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// The body, and the obstacle that may touch it, as a mesh on one rank.
+    pub fn mesh(&self, obstacle: Option<&Obstacle>) -> Mesh {
+        self.share(obstacle, &vec![0; self.positions.len()], 0)
+    }
+
+    /// The part of rank `rank`, which has the points p with `ranks[p] == rank` and the elements whose first point is
+    /// one of them. The obstacle is whole on all ranks.
+    pub fn share(&self, obstacle: Option<&Obstacle>, ranks: &[i32], rank: i32) -> Mesh {
+        let own: Vec<usize> = (0..self.positions.len()).filter(|&p| ranks[p] == rank).collect();
+        let elements: Vec<usize> = (0..self.elements.len())
+            .filter(|&e| ranks[self.elements.points_of(e)[0] as usize] == rank)
+            .collect();
+        let points = elements.iter().flat_map(|&e| self.elements.points_of(e));
+        Mesh {
+            directions: vec![0, 1, 2],
+            cell_global: own.iter().map(|&p| p as i64).collect(),
+            cell_centres: own.iter().map(|&p| self.positions[p]).collect(),
+            body: Some(BodyShare {
+                types: own.iter().map(|&p| self.types[p]).collect(),
+                points: points.map(|&p| i64::from(p)).collect(),
+                kind: elements.iter().map(|&e| self.elements.kind[e]).collect(),
+                material: elements.iter().map(|&e| self.material[e]).collect(),
+            }),
+            obstacle: obstacle.cloned(),
+            ..Mesh::default()
+        }
+    }
+}
+
+impl Mesh {
+    /// The whole body that the ranks share, on each of them, and the rank of each of its points: bodies at points are
+    /// small beside what ranks are for. Elements are in the order of their points, whoever had them. Collective; all
+    /// ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for points that are no permutation of 0 to N - 1, an element with a point that no rank has, and
+    /// as [`Body::check`].
+    pub fn whole_body(&self, comm: &Comm) -> Result<(Body, Vec<i32>)> {
+        let n = self.check_points(comm)?;
+        let share =
+            comm.agree(self.body.as_ref().ok_or_else(|| {
+                Error::Mesh("the mesh has no elements: a body needs them on all ranks".into())
+            }))?;
+        comm.agree(share.check(self.cell_global.len(), n))?;
+        let number = everywhere(comm, &self.cell_global);
+        let place = everywhere(comm, self.cell_centres.as_flattened());
+        let kind: Vec<i32> = share.types.iter().map(|&t| t as i32).collect();
+        let kind = everywhere(comm, &kind);
+        let rank = everywhere(comm, &vec![comm.rank(); self.cell_global.len()]);
+        let mut positions = vec![[0.0; 3]; n];
+        let mut types = vec![NodeType::Body; n];
+        let mut ranks = vec![0; n];
+        for (i, &p) in number.iter().enumerate() {
+            positions[p as usize].copy_from_slice(&place[3 * i..3 * i + 3]);
+            types[p as usize] = NodeType::from_code(kind[i])?;
+            ranks[p as usize] = rank[i];
+        }
+        let kinds: Vec<i32> = share.kind.iter().map(|&k| k as i32).collect();
+        let kinds = everywhere(comm, &kinds);
+        let corners = everywhere(comm, &share.points);
+        let values: Vec<f64> = share
+            .material
+            .iter()
+            .flat_map(|m| [m.young, m.poisson, m.density])
+            .collect();
+        let values = everywhere(comm, &values);
+        let mut rest = &corners[..];
+        let mut all = Vec::with_capacity(kinds.len());
+        for (&kind, value) in kinds.iter().zip(values.chunks_exact(3)) {
+            let kind = ElementKind::from_code(kind)?;
+            let (points, tail) = rest.split_at(kind.n_points());
+            rest = tail;
+            all.push((points, kind, value));
+        }
+        all.sort_by_key(|e| e.0);
+        let mut elements = Elements {
+            kind: all.iter().map(|e| e.1).collect(),
+            start: vec![0],
+            points: Vec::with_capacity(corners.len()),
+        };
+        for (points, ..) in &all {
+            elements.points.extend(points.iter().map(|&p| p as i32));
+            elements.start.push(elements.points.len());
+        }
+        let material = all.iter().map(|(_, _, v)| Material {
+            young: v[0],
+            poisson: v[1],
+            density: v[2],
+        });
+        let body = Body {
+            positions,
+            types,
+            material: material.collect(),
+            edges: elements.edges(),
+            elements,
+        };
+        comm.agree(body.check())?;
+        Ok((body, ranks))
+    }
+}
+
+impl BodyShare {
+    fn check(&self, own: usize, all: usize) -> Result<()> {
+        let expect = |what: &str, found: usize, expected: usize| match found == expected {
+            true => Ok(()),
+            false => Err(Error::Mesh(format!("{what}: expected {expected}, found {found}"))),
+        };
+        expect("types of the body's points", self.types.len(), own)?;
+        expect("materials of the elements", self.material.len(), self.kind.len())?;
+        if let Some(e) = self.kind.iter().position(|k| k.dim() != 3) {
+            return Err(Error::Mesh(format!(
+                "element {e} is flat: expected elements in space"
+            )));
+        }
+        let corners = self.kind.iter().map(|k| k.n_points()).sum();
+        expect("points of the elements", self.points.len(), corners)?;
+        match self.points.iter().find(|p| !(0..all as i64).contains(p)) {
+            Some(p) => Err(Error::Mesh(format!(
+                "an element has the point {p}: expected 0 to {} over all ranks",
+                all as i64 - 1
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+
+    #[test]
+    fn a_body_comes_back_whole() {
+        let body = sample::bar(3);
+        let obstacle = Obstacle {
+            positions: vec![[0.0; 3]; 3],
+            triangles: vec![[0, 1, 2]],
+        };
+        let mesh = body.mesh(Some(&obstacle));
+        assert_eq!(mesh.obstacle.as_ref(), Some(&obstacle));
+        let (whole, ranks) = mesh.whole_body(&Comm::serial()).unwrap();
+        assert_eq!((whole, ranks), (body, vec![0; 16]));
+    }
+
+    #[test]
+    fn each_element_has_one_rank() {
+        let body = sample::bar(3);
+        let ranks: Vec<i32> = (0..16).map(|p| p / 6).collect();
+        let parts: Vec<BodyShare> = (0..3)
+            .map(|r| body.share(None, &ranks, r).body.unwrap())
+            .collect();
+        assert_eq!(parts.iter().map(|p| p.types.len()).collect::<Vec<_>>(), [6, 6, 4]);
+        assert_eq!(parts.iter().map(|p| p.kind.len()).sum::<usize>(), 3);
+    }
+
+    #[test]
+    fn what_is_no_body_is_named() {
+        let broken = |change: &dyn Fn(&mut Mesh)| {
+            let mut mesh = sample::bar(2).mesh(None);
+            change(&mut mesh);
+            mesh.whole_body(&Comm::serial()).unwrap_err().to_string()
+        };
+        let share = |change: &dyn Fn(&mut BodyShare)| broken(&|m| change(m.body.as_mut().unwrap()));
+        assert!(broken(&|m| m.body = None).contains("no elements"));
+        assert!(broken(&|m| m.cell_global[0] = 3).contains("more than once"));
+        assert!(broken(&|m| m.cell_centres[0][0] = f64::NAN).contains("finite"));
+        assert!(share(&|s| s.types[1] = NodeType::Wall).contains("is wall: expected body or handle"));
+        assert!(share(&|s| s.points[0] = 12).contains("the point 12: expected 0 to 11"));
+        assert!(share(&|s| s.kind[0] = ElementKind::Quadrilateral).contains("is flat"));
+        assert!(share(&|s| s.material[1].young = 0.0).contains("element 1 has E 0 Pa"));
+        assert!(share(&|s| s.points[..8].rotate_left(4)).contains("m^3 at rest"));
+        assert!(share(&|s| s.types.truncate(3)).contains("expected 12, found 3"));
+    }
+}

@@ -1,0 +1,36 @@
+//! Vectors in space.
+
+/// A point or a vector in space.
+pub type Vector = [f64; 3];
+
+/// a - b.
+pub fn sub(a: Vector, b: Vector) -> Vector {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Scalar product.
+pub fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Vector product.
+pub fn cross(a: Vector, b: Vector) -> Vector {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// Length.
+pub fn norm(a: Vector) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// Positions of points that moved from `rest` by `displacement`, m.
+pub fn moved<T: Copy + Into<f64>>(rest: &[[f64; 3]], displacement: &[[T; 3]]) -> Vec<[f64; 3]> {
+    rest.iter()
+        .zip(displacement)
+        .map(|(x, u)| std::array::from_fn(|i| x[i] + u[i].into()))
+        .collect()
+}

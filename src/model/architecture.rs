@@ -1,0 +1,339 @@
+//! The network's shape: its kind, and what each kind needs.
+//!
+//! Every network has an encoder of nodes and a decoder at cells (multi-layer perceptrons, eq. 1 and section 3.4.3). Its
+//! [`Kind`] says what advances the nodes' latents between the two.
+
+use m4gn_mesh::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Macro stage: transformer over segments (section 3.4).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MacroSpec {
+    /// Self-attention layers.
+    pub layers: usize,
+    /// Heads; must divide the width.
+    pub heads: usize,
+    /// Hidden width of the point-wise feed-forward network.
+    pub ffn_width: usize,
+    /// Random-walk steps of the segment positional encoding (RWSE of the eq. 10 graph); 0: none.
+    pub rwse_steps: usize,
+    /// Whether the segments' centroids, from the domain's centre, join the positional encoding. The random walk
+    /// tells how segments touch, not which lies upstream.
+    pub centroids: bool,
+    /// Whether each node's displacement from its segment's centroid joins the node features, so that what is
+    /// dispatched to a segment can vary within it.
+    pub offsets: bool,
+}
+
+impl MacroSpec {
+    /// Positional features a segment: random walk, then centroid.
+    pub fn n_position_features(&self, dim: usize) -> usize {
+        self.rwse_steps + if self.centroids { dim } else { 0 }
+    }
+}
+
+/// Activation of all multi-layer perceptrons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Activation {
+    /// max(0, x), the paper's.
+    Relu,
+    /// x * sigmoid(x).
+    Silu,
+}
+
+/// Message passing with a segment transformer.
+///
+/// Order of a forward step: encoders (eq. 1), `layers_before` message-passing layers (eq. 2, 3), macro stage
+/// (eq. 9 to 13), and, when `layers_after` > 0, `h <- h + dispatch([h, h_S])` and that many more layers; the
+/// decoder reads `[h, h_S]` (section 3.4.3). The paper has `layers_after = 0`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct M4gn {
+    /// Message-passing layers before the macro stage.
+    pub layers_before: usize,
+    /// Message-passing layers after it.
+    pub layers_after: usize,
+    /// Macro stage.
+    pub segment_transformer: MacroSpec,
+}
+
+/// What advances the nodes' latents between encoder and decoder.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// The paper's network.
+    M4gn(M4gn),
+    /// Message passing alone (eq. 2, 3): MeshGraphNets of Pfaff et al. 2020.
+    MeshGraphNet {
+        /// Message-passing layers.
+        layers: usize,
+    },
+    /// Graph convolutions (Kipf & Welling 2016): `h <- f(W sum_s h_s / sqrt((1 + n_s) (1 + n_r)) + b)` over a node's
+    /// neighbours and itself, n being the number of edges that a node receives. The paper's baseline of appendix B.2: no
+    /// edge features.
+    Gcn {
+        /// Convolutions.
+        layers: usize,
+    },
+}
+
+/// Names of the kinds, in configurations and model files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KindName {
+    /// [`Kind::M4gn`]
+    M4gn,
+    /// [`Kind::MeshGraphNet`]
+    MeshGraphNet,
+    /// [`Kind::Gcn`]
+    Gcn,
+}
+
+/// The network's shape.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "ArchitectureKeys", into = "ArchitectureKeys")]
+pub struct Architecture {
+    /// Latent width d.
+    pub width: usize,
+    /// Hidden layers of each MLP; an MLP has one more linear layer (the paper's 3-layer MLP: 2).
+    pub hidden_layers: usize,
+    /// Activation between linear layers.
+    pub activation: Activation,
+    /// What stands between encoder and decoder.
+    pub kind: Kind,
+}
+
+impl Architecture {
+    /// The kind's name.
+    pub fn name(&self) -> KindName {
+        match self.kind {
+            Kind::M4gn(_) => KindName::M4gn,
+            Kind::MeshGraphNet { .. } => KindName::MeshGraphNet,
+            Kind::Gcn { .. } => KindName::Gcn,
+        }
+    }
+
+    /// What makes it an M4GN; none of another kind.
+    pub fn m4gn(&self) -> Option<&M4gn> {
+        match &self.kind {
+            Kind::M4gn(m) => Some(m),
+            _ => None,
+        }
+    }
+
+    /// The same, to change it.
+    pub fn m4gn_mut(&mut self) -> Option<&mut M4gn> {
+        match &mut self.kind {
+            Kind::M4gn(m) => Some(m),
+            _ => None,
+        }
+    }
+
+    /// The macro stage; none where the network needs no segments.
+    pub fn segment_transformer(&self) -> Option<&MacroSpec> {
+        self.m4gn().map(|m| &m.segment_transformer)
+    }
+
+    /// Layers that exchange latents between neighbouring nodes.
+    pub fn layers(&self) -> usize {
+        match &self.kind {
+            Kind::M4gn(m) => m.layers_before + m.layers_after,
+            Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => *layers,
+        }
+    }
+
+    /// Whether the network reads edge features.
+    pub fn reads_edges(&self) -> bool {
+        !matches!(self.kind, Kind::Gcn { .. })
+    }
+}
+
+/// A network's shape as it is written down: all keys of all kinds.
+///
+/// Without `kind` it is an M4GN where there is a macro stage and a MeshGraphNet of `layers_before` layers otherwise: files
+/// from before there were kinds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ArchitectureKeys {
+    /// Which network.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<KindName>,
+    /// As [`Architecture::width`].
+    pub width: usize,
+    /// As [`Architecture::hidden_layers`].
+    pub hidden_layers: usize,
+    /// As [`Architecture::activation`].
+    pub activation: Activation,
+    /// Of a network without a macro stage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layers: Option<usize>,
+    /// As [`M4gn::layers_before`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layers_before: Option<usize>,
+    /// As [`M4gn::layers_after`]; 0 where it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layers_after: Option<usize>,
+    /// As [`M4gn::segment_transformer`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment_transformer: Option<MacroSpec>,
+}
+
+impl TryFrom<ArchitectureKeys> for Architecture {
+    type Error = Error;
+
+    fn try_from(keys: ArchitectureKeys) -> Result<Self> {
+        let bad = |message: String| Err(Error::Model(message));
+        let kind = match (keys.kind, &keys.segment_transformer) {
+            (Some(kind), _) => kind,
+            (None, Some(_)) => KindName::M4gn,
+            (None, None) => KindName::MeshGraphNet,
+        };
+        let before_kinds = keys.kind.is_none();
+        let kind = match (kind, keys.segment_transformer) {
+            (KindName::M4gn, Some(segment_transformer)) => {
+                if keys.layers.is_some() {
+                    return bad("layers: an m4gn network has layers_before and layers_after".into());
+                }
+                let Some(layers_before) = keys.layers_before else {
+                    return bad("layers_before: missing; the layers before the macro stage".into());
+                };
+                Kind::M4gn(M4gn {
+                    layers_before,
+                    layers_after: keys.layers_after.unwrap_or(0),
+                    segment_transformer,
+                })
+            }
+            (KindName::M4gn, None) => {
+                return bad(
+                    "kind m4gn: the macro stage ([macro] of a configuration) is missing; without one, kind \
+                     \"mesh-graph-net\""
+                        .into(),
+                );
+            }
+            (kind, Some(_)) => {
+                let name = kind.name();
+                return bad(format!(
+                    "kind {name}: it has no macro stage ([macro] of a configuration); with one, kind \"m4gn\""
+                ));
+            }
+            (kind, None) => {
+                let name = kind.name();
+                if keys.layers_after.is_some_and(|n| n > 0) {
+                    return bad(format!(
+                        "layers_after: kind {name} has no macro stage that layers could come after; use layers"
+                    ));
+                }
+                let layers = match (keys.layers, keys.layers_before) {
+                    (Some(layers), None) => layers,
+                    (None, Some(layers)) if before_kinds => layers,
+                    (_, Some(_)) => return bad(format!("layers_before: kind {name} has layers")),
+                    (None, None) => return bad(format!("layers: missing; the layers of kind {name}")),
+                };
+                match kind {
+                    KindName::Gcn => Kind::Gcn { layers },
+                    _ => Kind::MeshGraphNet { layers },
+                }
+            }
+        };
+        Ok(Architecture {
+            width: keys.width,
+            hidden_layers: keys.hidden_layers,
+            activation: keys.activation,
+            kind,
+        })
+    }
+}
+
+impl From<Architecture> for ArchitectureKeys {
+    fn from(a: Architecture) -> Self {
+        let mut keys = ArchitectureKeys {
+            kind: Some(a.name()),
+            width: a.width,
+            hidden_layers: a.hidden_layers,
+            activation: a.activation,
+            layers: None,
+            layers_before: None,
+            layers_after: None,
+            segment_transformer: None,
+        };
+        match a.kind {
+            Kind::M4gn(m) => {
+                keys.layers_before = Some(m.layers_before);
+                keys.layers_after = Some(m.layers_after);
+                keys.segment_transformer = Some(m.segment_transformer);
+            }
+            Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => keys.layers = Some(layers),
+        }
+        keys
+    }
+}
+
+impl KindName {
+    /// As it is written in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            KindName::M4gn => "m4gn",
+            KindName::MeshGraphNet => "mesh-graph-net",
+            KindName::Gcn => "gcn",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::spec;
+
+    fn read(text: &str) -> std::result::Result<Architecture, String> {
+        serde_json::from_str(text).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn kinds_survive_json() {
+        let mut a = spec().architecture;
+        for kind in [
+            a.kind.clone(),
+            Kind::MeshGraphNet { layers: 3 },
+            Kind::Gcn { layers: 2 },
+        ] {
+            a.kind = kind;
+            let text = serde_json::to_string(&a).unwrap();
+            assert!(
+                text.contains(&format!("\"kind\":\"{}\"", a.name().name())),
+                "{text}"
+            );
+            assert_eq!(read(&text).unwrap(), a);
+        }
+    }
+
+    #[test]
+    fn files_from_before_there_were_kinds_mean_what_they_did() {
+        let shape = r#""width":8,"hidden_layers":1,"activation":"relu","layers_before":4,"layers_after""#;
+        let plain = read(&format!(r#"{{{shape}:0,"segment_transformer":null}}"#)).unwrap();
+        assert_eq!(plain.kind, Kind::MeshGraphNet { layers: 4 });
+        let stage =
+            r#"{"layers":1,"heads":2,"ffn_width":4,"rwse_steps":0,"centroids":false,"offsets":false}"#;
+        let m4gn = read(&format!(r#"{{{shape}:2,"segment_transformer":{stage}}}"#)).unwrap();
+        let m4gn = m4gn.m4gn().unwrap();
+        assert_eq!((m4gn.layers_before, m4gn.layers_after), (4, 2));
+    }
+
+    #[test]
+    fn keys_of_another_kind_are_refused() {
+        let shape = r#""width":8,"hidden_layers":1,"activation":"relu""#;
+        for (rest, word) in [
+            (r#""kind":"gat","layers":1"#, "mesh-graph-net"),
+            (r#""kind":"gcn","layers_before":1"#, "gcn has layers"),
+            (r#""kind":"gcn""#, "layers: missing"),
+            (r#""kind":"m4gn","layers_before":1"#, "macro stage"),
+            (
+                r#""kind":"mesh-graph-net","layers":1,"layers_after":1"#,
+                "layers_after",
+            ),
+            (r#""kind":"gcn","layers":1,"width_":1"#, "width_"),
+        ] {
+            let message = read(&format!("{{{shape},{rest}}}")).unwrap_err();
+            assert!(message.contains(word), "{message}");
+        }
+    }
+}

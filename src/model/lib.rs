@@ -1,0 +1,185 @@
+//! What a model is: its architecture, the fields it reads and writes, and its weights (safetensors).
+
+mod architecture;
+mod check;
+mod file;
+pub mod modal;
+mod resolution;
+pub mod sample;
+mod segmentation;
+pub mod settings;
+mod tensors;
+mod trained_on;
+
+pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec};
+pub use resolution::Resolution;
+pub use segmentation::{ModalOperator, SegmentEntries, SegmentMethod, SegmentSpec};
+pub use tensors::{Model, Tensor};
+pub use trained_on::{Extent, InputRange, TrainedOn, cell_size};
+
+use m4gn_mesh::NodeType;
+use serde::{Deserialize, Serialize};
+
+/// Most segments: their adjacency is dense and replicated, 0.5 GB at this number.
+pub const MAX_SEGMENTS: usize = 8192;
+
+/// How a field leaves the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// Not predicted.
+    None,
+    /// The change over one stride (paper: the time derivative).
+    Delta,
+    /// The value at the end of the stride.
+    Value,
+}
+
+/// One physical field of the model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldSpec {
+    /// OpenFOAM's name of the field, `U` or `p`.
+    pub name: String,
+    /// True for a vector (one feature a solved direction), false for a scalar.
+    pub vector: bool,
+    /// Exponents of mass, length, time, temperature, moles, current, luminous intensity (`dimensionSet`).
+    pub dimensions: [i32; 7],
+    /// Whether the field is a node feature.
+    pub input: bool,
+    /// Whether and how it is predicted.
+    pub output: Output,
+}
+
+impl FieldSpec {
+    /// Components as features in `dim` solved directions.
+    pub fn components(&self, dim: usize) -> usize {
+        if self.vector { dim } else { 1 }
+    }
+
+    /// Whether it is a velocity, m/s.
+    pub fn is_velocity(&self) -> bool {
+        self.vector && self.dimensions == [0, 1, -1, 0, 0, 0, 0]
+    }
+
+    /// Its unit in those of SI: `m/s`, `kg/m/s^2`; `1` without dimensions.
+    pub fn unit(&self) -> String {
+        let power = |name: &str, exponent: i32| match exponent {
+            1 => name.to_string(),
+            n => format!("{name}^{n}"),
+        };
+        let names = ["kg", "m", "s", "K", "mol", "A", "cd"];
+        let all = || names.into_iter().zip(self.dimensions);
+        let above: Vec<String> = all().filter(|d| d.1 > 0).map(|(n, d)| power(n, d)).collect();
+        let below = all()
+            .filter(|d| d.1 < 0)
+            .map(|(n, d)| format!("/{}", power(n, -d)));
+        let above = match above.is_empty() {
+            true => "1".to_string(),
+            false => above.join(" "),
+        };
+        above + &below.collect::<String>()
+    }
+}
+
+/// Bodies at points that an obstacle may touch (section 3.1, Lagrangian systems).
+///
+/// Nodes are the bodies' points and the obstacle's. The first field is the displacement from rest: it carries the
+/// positions, enters through the edges only, and its change is what the model predicts. Every node has the prescribed
+/// motion of the obstacle over the stride (0 in a body) as a feature.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactSpec {
+    /// World edges lead from the obstacle's points to points of a body's skin that are nearer than this, m.
+    pub radius: f64,
+}
+
+/// Everything about a model but its numbers: the `m4gn` entry of the safetensors header.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelSpec {
+    /// Version of this header's schema: 1.
+    pub format: u32,
+    /// Solved directions.
+    pub dim: usize,
+    /// Time the model advances in one step, s.
+    pub stride: f64,
+    /// Fields in the order of their features.
+    pub fields: Vec<FieldSpec>,
+    /// Node types in the order of their one-hot features.
+    pub node_types: Vec<NodeType>,
+    /// Network.
+    pub architecture: Architecture,
+    /// Bodies at points and their contact; none: fields at the cells of a mesh that does not move.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactSpec>,
+    /// Mean distance of neighbouring nodes that the network was trained on, m: the cells of finer meshes are agglomerated to
+    /// groups of this size. None: the nodes are the cells of any mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<f64>,
+    /// Segmentation the model was trained with.
+    #[serde(deserialize_with = "segmentation::of_model_file")]
+    pub segments: SegmentSpec,
+    /// Ranges of the data that it was trained on; none in models from before there was this entry.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trained_on: Option<TrainedOn>,
+    /// Where it came from: configuration, data, seed, steps, errors. For people; the engine ignores it.
+    pub training: serde_json::Value,
+}
+
+impl ModelSpec {
+    /// Features that change with time: of the fields that are inputs, then the obstacle's motion where the model knows
+    /// contact.
+    pub fn n_field_inputs(&self) -> usize {
+        let inputs = self.fields.iter().filter(|f| f.input);
+        let fields: usize = inputs.map(|f| f.components(self.dim)).sum();
+        fields + if self.contact.is_some() { self.dim } else { 0 }
+    }
+
+    /// Node features: field inputs, then those that do not change with time.
+    pub fn n_node_features(&self) -> usize {
+        self.n_field_inputs() + self.n_static_features()
+    }
+
+    /// Node features that do not change with time: the one-hot node type, then the offset from the segment's
+    /// centroid where the macro stage has `offsets`.
+    pub fn n_static_features(&self) -> usize {
+        self.node_types.len() + self.n_offset_features()
+    }
+
+    /// Components of the offset from the segment's centroid: the solved directions, or none.
+    pub fn n_offset_features(&self) -> usize {
+        match self.architecture.segment_transformer() {
+            Some(m) if m.offsets => self.dim,
+            _ => 0,
+        }
+    }
+
+    /// Positional features a segment.
+    pub fn n_position_features(&self) -> usize {
+        self.architecture
+            .segment_transformer()
+            .map_or(0, |m| m.n_position_features(self.dim))
+    }
+
+    /// Edge features: displacement from receiver to sender in the solved directions, and its length. With contact at
+    /// rest (0 for world edges), then at present, then 1 for a world edge (table 2: m, |m|, x, |x|).
+    pub fn n_edge_features(&self) -> usize {
+        match self.contact {
+            Some(_) => 2 * (self.dim + 1) + 1,
+            None => self.dim + 1,
+        }
+    }
+
+    /// Outputs a node, in the order of the fields that are predicted.
+    pub fn n_outputs(&self) -> usize {
+        self.fields
+            .iter()
+            .filter(|f| f.output != Output::None)
+            .map(|f| f.components(self.dim))
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,264 @@
+//! Large eigenproblems, by PETSc and SLEPc in `libm4gn_slepc.so`: loaded when modes are computed and not before, for
+//! they bring some hundred libraries with them.
+//!
+//! Its C interface, version [`LIBRARY`]`.version`:
+//!
+//! ```c
+//! uint32_t    m4gn_slepc_abi_version(void);
+//! const char *m4gn_slepc_last_error(void);          /* of this thread, valid until its next call */
+//! int32_t     m4gn_slepc_eigenpairs(const RawProblem *problem, const RawHost *host);   /* collective */
+//! void        m4gn_slepc_finalize(void);            /* before MPI ends */
+//! ```
+#![allow(unsafe_code)]
+
+use crate::pair::Pair;
+use crate::{Mass, Problem, Request, Rows};
+use m4gn_mesh::parallel::{self, Comm};
+use m4gn_mesh::plugin::{Description, Plugin, c_string};
+use m4gn_mesh::{Error, Result};
+use std::ffi::{c_char, c_void};
+use std::sync::OnceLock;
+
+/// The library.
+pub const LIBRARY: Description = Description {
+    file: "libm4gn_slepc.so",
+    prefix: "m4gn_slepc",
+    version: 1,
+    remedy: "It computes modes with PETSc and SLEPc (Debian: libslepc-real3.18, libpetsc-real3.18) and is built by \
+             setup/build.sh; runs with stored segments, or with segments of METIS alone, need none",
+    global: false,
+};
+
+/// This rank's rows of a matrix, as [`Rows`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RawRows {
+    /// Rows.
+    pub n: usize,
+    /// Entries.
+    pub entries: usize,
+    /// `[n + 1]`.
+    pub row: *const usize,
+    /// `[entries]`.
+    pub column: *const i64,
+    /// `[entries]`.
+    pub value: *const f64,
+}
+
+/// What is asked.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RawProblem {
+    /// As [`Comm::fortran`]; MPI is up also for a rank alone.
+    pub comm: i32,
+    /// Whether both matrices are symmetric.
+    pub symmetric: i32,
+    /// Unknowns a point.
+    pub block: usize,
+    /// K.
+    pub stiffness: RawRows,
+    /// M where it is no diagonal matrix.
+    pub mass: RawRows,
+    /// M's diagonal; null: `mass` counts.
+    pub mass_diagonal: *const f64,
+    /// Below the eigenvalues wanted.
+    pub shift: f64,
+    /// Pairs wanted at first.
+    pub wanted: usize,
+    /// [`m4gn_model::modal::ModalSolver`] as a number.
+    pub solver: i32,
+    /// PETSc's options.
+    pub petsc: *const c_char,
+}
+
+/// What the library calls while it works.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RawHost {
+    /// First argument of all calls.
+    pub context: *mut c_void,
+    /// The matrices have been copied and are not read any more.
+    pub copied: extern "C" fn(*mut c_void),
+    /// [`Request::taken`] of so many eigenvalues; -1: more have to be seen.
+    pub taken: extern "C" fn(*mut c_void, *const f64, usize) -> i64,
+    /// A pair: eigenvalue, imaginary part, vector, M times the vector, their length.
+    pub pair: extern "C" fn(*mut c_void, f64, f64, *const f64, *const f64, usize),
+}
+
+/// Type of `m4gn_slepc_eigenpairs`.
+pub type Eigenpairs = unsafe extern "C" fn(*const RawProblem, *const RawHost) -> i32;
+
+/// The library, loaded once a process.
+pub(crate) fn library() -> Result<&'static Plugin> {
+    static LOADED: OnceLock<Result<Plugin>> = OnceLock::new();
+    LOADED
+        .get_or_init(|| LIBRARY.load())
+        .as_ref()
+        .map_err(Clone::clone)
+}
+
+/// The state of a call that the library's calls back work on.
+struct Host<'a> {
+    request: &'a Request<'a>,
+    release: &'a mut dyn FnMut(),
+    pairs: Vec<Pair>,
+}
+
+/// Eigenpairs by ascending distance from the shift, those that are taken and a few more. `release` is called when the
+/// matrices are not read any more. Collective; all ranks fail together.
+///
+/// # Errors
+/// [`Error::File`] where the library is not found; what the library reports.
+pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Request) -> Result<Vec<Pair>> {
+    let prepared = library().and_then(|library| {
+        // SAFETY: the type is that of the interface.
+        let call = unsafe { library.function::<Eigenpairs>("m4gn_slepc_eigenpairs")? };
+        Ok((library, call, c_string(&request.options.petsc)?))
+    });
+    let (library, call, petsc) = comm.agree(prepared)?;
+    // PETSc needs MPI on a rank alone too, and whoever starts MPI ends it.
+    comm.agree(parallel::start())?;
+    announce_end();
+    let raw = {
+        let problem = problem.get();
+        RawProblem {
+            comm: comm.fortran(),
+            symmetric: i32::from(request.symmetric),
+            block: request.block,
+            stiffness: raw_rows(&problem.stiffness),
+            mass: match &problem.mass {
+                Mass::Matrix(rows) => raw_rows(rows),
+                Mass::Diagonal(_) => raw_rows(&Rows::default()),
+            },
+            mass_diagonal: match &problem.mass {
+                Mass::Diagonal(values) => values.as_ptr(),
+                Mass::Matrix(_) => std::ptr::null(),
+            },
+            shift: request.shift,
+            wanted: request.wanted,
+            solver: request.options.solver as i32,
+            petsc: petsc.as_ptr(),
+        }
+    };
+    let mut release = || problem.release();
+    let mut host = Host {
+        request,
+        release: &mut release,
+        pairs: Vec::new(),
+    };
+    let calls = RawHost {
+        context: (&raw mut host).cast(),
+        copied,
+        taken,
+        pair,
+    };
+    // SAFETY: all pointers live through the call, but those of the stiffness, which live until `copied` is called.
+    let status = unsafe { call(&raw, &calls) };
+    library.check(status)?;
+    Ok(host.pairs)
+}
+
+/// The problem, given back piece by piece where it is owned: a factor needs the room.
+pub(crate) enum ProblemRef<'a> {
+    Borrowed(&'a Problem),
+    Owned(&'a mut Problem),
+}
+
+impl ProblemRef<'_> {
+    fn get(&self) -> &Problem {
+        match self {
+            ProblemRef::Borrowed(p) => p,
+            ProblemRef::Owned(p) => p,
+        }
+    }
+
+    fn release(&mut self) {
+        if let ProblemRef::Owned(p) = self {
+            p.stiffness = Rows::default();
+        }
+    }
+}
+
+/// Has PETSc ended before MPI.
+fn announce_end() {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        parallel::before_finalize(|| {
+            if let Ok(library) = library()
+                // SAFETY: the type is that of the interface.
+                && let Ok(end) = unsafe { library.function::<unsafe extern "C" fn()>("m4gn_slepc_finalize") }
+            {
+                // SAFETY: takes nothing and may be called at any time.
+                unsafe { end() };
+            }
+        });
+    });
+}
+
+fn raw_rows(rows: &Rows) -> RawRows {
+    RawRows {
+        n: rows.n(),
+        entries: rows.column.len(),
+        row: rows.row.as_ptr(),
+        column: rows.column.as_ptr(),
+        value: rows.value.as_ptr(),
+    }
+}
+
+extern "C" fn copied(context: *mut c_void) {
+    // SAFETY: the context is the Host of the call that is running, used by nobody else meanwhile.
+    let host = unsafe { &mut *context.cast::<Host>() };
+    (host.release)();
+}
+
+extern "C" fn taken(context: *mut c_void, values: *const f64, n: usize) -> i64 {
+    // SAFETY: as above; `n` values live through this call.
+    let (host, values) = unsafe { (&*context.cast::<Host>(), slice(values, n)) };
+    (host.request.taken)(values).map_or(-1, |n| n as i64)
+}
+
+extern "C" fn pair(
+    context: *mut c_void,
+    value: f64,
+    imaginary: f64,
+    x: *const f64,
+    mx: *const f64,
+    n: usize,
+) {
+    // SAFETY: as above, for both vectors.
+    let (host, vector, weighted) = unsafe {
+        (
+            &mut *context.cast::<Host>(),
+            slice(x, n).to_vec(),
+            slice(mx, n).to_vec(),
+        )
+    };
+    host.pairs.push(Pair {
+        value,
+        imaginary,
+        vector,
+        weighted,
+    });
+}
+
+/// # Safety
+/// `n` values at `data`, or none.
+unsafe fn slice<'a>(data: *const f64, n: usize) -> &'a [f64] {
+    match n {
+        0 => &[],
+        // SAFETY: as promised.
+        _ => unsafe { std::slice::from_raw_parts(data, n) },
+    }
+}
+
+/// The modal solver of a number that came through the interface.
+///
+/// # Errors
+/// [`Error::Internal`] for a number that is none.
+pub fn solver_of(number: i32) -> Result<m4gn_model::modal::ModalSolver> {
+    use m4gn_model::modal::ModalSolver;
+    [ModalSolver::Auto, ModalSolver::Direct, ModalSolver::Iterative]
+        .into_iter()
+        .find(|s| *s as i32 == number)
+        .ok_or_else(|| Error::Internal(format!("modal solver {number}")))
+}

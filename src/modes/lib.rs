@@ -1,0 +1,267 @@
+//! Modes of a mesh (Algorithm 1): K phi = lambda M phi.
+//!
+//! Fluid: K is the solver's own finite-volume Laplacian (off-diagonal -c of each face, every boundary face a
+//! Dirichlet one, eq. 6), M the cell volumes; eigenvalues are in 1/m^2. Solid: stiffness and mass (eq. 5), with
+//! several unknowns a point; eigenvalues are in 1/s^2. Any solver can hand in its own pair as a [`Problem`].
+//!
+//! Two traps are closed here: the sign of an eigenvector, and the basis of a repeated eigenvalue's space, are chosen
+//! by a rule that looks at positions alone (`canonical.rs`), so that they depend neither on the ranks nor on the
+//! solver's start vector.
+
+mod assemble;
+mod canonical;
+mod dense;
+pub mod eigen;
+pub mod fem;
+mod frame;
+mod gathered;
+mod pair;
+mod problem;
+mod select;
+#[cfg(test)]
+mod sparse;
+
+pub use problem::{Mass, Problem, Rows};
+
+use eigen::ProblemRef;
+use frame::Frame;
+use m4gn_mesh::body::Body;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{ElasticModes, Error, Mesh, Result};
+use m4gn_model::modal::{ModalOptions, ModalSource, ModeCount, Modes};
+use pair::Pair;
+use std::borrow::Cow;
+
+/// Problems of at most this many unknowns are solved densely: Krylov spaces are no smaller there.
+const DENSE: usize = 100;
+
+/// Whether the graph of K is that of a plane mesh: rows of at most six entries an unknown of a point (four of
+/// triangles, five of quads; hexahedra have seven). `unknowns` and `entries` of all ranks.
+pub fn is_plane(unknowns: i64, entries: i64, block: usize) -> bool {
+    entries <= 6 * unknowns * block as i64
+}
+
+/// Whether [`ModalSolver::Auto`] does without a factorisation: above 4 million unknowns of a plane mesh, 400,000 else.
+///
+/// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, its work like n^(3/2) and n^2;
+/// at these sizes the factor takes some 3 GB, over all ranks.
+pub fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
+    let limit = if is_plane(unknowns, entries, block) {
+        4_000_000
+    } else {
+        400_000
+    };
+    unknowns > limit
+}
+
+/// The pair of matrices of the Laplacian modes, eq. 6. Collective; all ranks fail together.
+///
+/// # Errors
+/// [`m4gn_mesh::Error::Mesh`] for coupled faces whose other side is not found.
+pub fn laplacian(mesh: &Mesh, comm: &Comm) -> Result<Problem> {
+    let (mut problem, _) = assemble::laplacian(mesh, comm)?;
+    problem.positions.clone_from(&mesh.cell_centres);
+    Ok(problem)
+}
+
+/// The first Laplacian modes. Collective; all ranks fail together.
+///
+/// If the last eigenvalue is repeated, its whole cluster is returned: there may be more modes than asked for, never
+/// fewer. Without Dirichlet boundaries (all cyclic) the first mode is the constant one with eigenvalue 0.
+///
+/// # Errors
+/// [`m4gn_mesh::Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
+/// [`m4gn_mesh::Error::Numerical`] if the solver fails.
+pub fn laplacian_modes(mesh: &Mesh, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    let (problem, frame) = assemble::laplacian(mesh, comm)?;
+    Solution::new(Cow::Owned(problem), frame, comm, options)?.modes(false)
+}
+
+/// Modes computed here, in the way that these options say; their number is what is asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Modal(pub ModalOptions);
+
+impl Modal {
+    fn options(&self, count: ModeCount) -> ModalOptions {
+        ModalOptions {
+            count,
+            ..self.0.clone()
+        }
+    }
+}
+
+impl ModalSource for Modal {
+    fn of_mesh(&self, mesh: &Mesh, elastic: bool, count: ModeCount, comm: &Comm) -> Result<Modes> {
+        match mesh.elastic.as_ref().filter(|_| elastic) {
+            Some(modes) => comm.agree(of_body(mesh, modes, count)),
+            None => laplacian_modes(mesh, comm, &self.options(count)),
+        }
+    }
+
+    fn of_body(&self, body: &Body, count: ModeCount) -> Result<Modes> {
+        fem::body_modes(body, &self.options(count))
+    }
+}
+
+fn of_body(mesh: &Mesh, modes: &ElasticModes, count: ModeCount) -> Result<Modes> {
+    let there = modes.eigenvalues.len();
+    let wanted = select::candidates(count, usize::MAX);
+    if wanted > there {
+        return Err(Error::Input(format!(
+            "{wanted} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnHarvest)"
+        )));
+    }
+    let n = select::first(&modes.eigenvalues, count);
+    let components = |i: usize| mesh.directions.iter().map(move |&d| (i, d));
+    let taken: Vec<(usize, usize)> = (0..n).flat_map(components).collect();
+    Ok(Modes {
+        eigenvalues: taken.iter().map(|&(i, _)| modes.eigenvalues[i]).collect(),
+        vectors: taken
+            .iter()
+            .map(|&(i, d)| modes.vectors[i].iter().map(|u| u[d]).collect())
+            .collect(),
+    })
+}
+
+/// The first modes of a pair of matrices. Collective; all ranks fail together.
+///
+/// Symmetric pairs have K and M positive semi-definite, and no vector that both make 0; M may be singular, its null
+/// space has no finite eigenvalues. Of non-symmetric pairs the eigenvalues nearest to the shift are taken, which lies
+/// just below 0 if none is given; they are sorted by real part. A complex pair a +- ib counts as one repeated
+/// eigenvalue a with the real and the imaginary part of its vector; with |b| > |a| / 10 it is an error, as it is no
+/// vibration any more.
+///
+/// # Errors
+/// [`m4gn_mesh::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
+/// unknowns, or wrong options; [`m4gn_mesh::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
+pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    problem.check(comm)?;
+    Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(false)
+}
+
+/// The same modes as [`solve`] by a dense eigen-decomposition, which it serves to test.
+///
+/// # Errors
+/// As [`solve`].
+pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    problem.check(comm)?;
+    Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(true)
+}
+
+/// The same modes as [`laplacian_modes`] by a dense eigen-decomposition, which it serves to test.
+///
+/// # Errors
+/// As [`laplacian_modes`].
+pub fn laplacian_reference(mesh: &Mesh, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
+    let (problem, frame) = assemble::laplacian(mesh, comm)?;
+    Solution::new(Cow::Owned(problem), frame, comm, options)?.modes(true)
+}
+
+/// One run.
+struct Solution<'a> {
+    problem: Cow<'a, Problem>,
+    frame: Frame<'a>,
+    comm: &'a Comm,
+    options: &'a ModalOptions,
+    /// Unknowns of all ranks.
+    total: usize,
+}
+
+impl<'a> Solution<'a> {
+    fn new(
+        problem: Cow<'a, Problem>,
+        frame: Frame<'a>,
+        comm: &'a Comm,
+        options: &'a ModalOptions,
+    ) -> Result<Self> {
+        let mut total = [problem.stiffness.n() as i64];
+        comm.sum_i64(&mut total);
+        let solution = Solution {
+            problem,
+            frame,
+            comm,
+            options,
+            total: total[0] as usize,
+        };
+        options.same_on_all_ranks(comm)?;
+        comm.agree(select::check(options.count, solution.total))?;
+        Ok(solution)
+    }
+
+    fn modes(mut self, plain: bool) -> Result<Modes> {
+        let comm = self.comm;
+        let wanted = select::candidates(self.options.count, self.total);
+        if wanted == 0 {
+            return Ok(Modes {
+                eigenvalues: Vec::new(),
+                vectors: Vec::new(),
+            });
+        }
+        let size = comm.agree(self.problem.eigenvalue_size(comm))?;
+        // Eigenvalues that are 0 come out smaller than this.
+        let zero = self
+            .problem
+            .shift
+            .map_or(1e-13 * size, |s| (1e-4 * s.abs()).max(1e-14 * size));
+        let mut pairs = if plain || self.total <= DENSE {
+            let shift = self.problem.shift.unwrap_or(-1e-4 * size);
+            dense::eigenpairs(&self.problem, shift, comm)?
+        } else {
+            let taken = |values: &[f64]| {
+                (values.len() >= wanted)
+                    .then(|| select::whole_clusters(values, wanted, zero))
+                    .flatten()
+            };
+            let request = Request {
+                symmetric: self.problem.symmetric,
+                block: self.problem.block,
+                shift: self.problem.shift.unwrap_or(-1e-10 * size),
+                wanted,
+                taken: &taken,
+                options: self.options,
+            };
+            let mut problem = match &mut self.problem {
+                Cow::Owned(problem) => ProblemRef::Owned(problem),
+                Cow::Borrowed(problem) => ProblemRef::Borrowed(problem),
+            };
+            eigen::eigenpairs(comm, &mut problem, &request)?
+        };
+        let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
+        pairs.truncate(count);
+        pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
+        let scale = self.problem.scale(self.total, comm, &mut pairs);
+        for cluster in select::clusters(&pairs, zero) {
+            canonical::choose_basis(&self.frame, self.problem.block, scale, comm, &mut pairs[cluster]);
+        }
+        let finite = |p: &Pair| p.value.is_finite() && p.vector.iter().all(|x| x.is_finite());
+        comm.agree(match pairs.iter().all(finite) {
+            true => Ok(()),
+            false => Err(Error::Numerical(
+                "a mode is not finite: the entries of K and M leave the range of double on the way; give them in other \
+                 units"
+                    .into(),
+            )),
+        })?;
+        let (eigenvalues, vectors) = pairs.into_iter().map(|p| (p.value, p.vector)).unzip();
+        Ok(Modes { eigenvalues, vectors })
+    }
+}
+
+/// What is asked of the solver.
+pub(crate) struct Request<'a> {
+    /// Whether both matrices are symmetric.
+    pub symmetric: bool,
+    /// Unknowns a point.
+    pub block: usize,
+    /// Below the eigenvalues wanted: K - shift M is positive definite where both are symmetric.
+    pub shift: f64,
+    /// Pairs wanted at first.
+    pub wanted: usize,
+    /// How many of these eigenvalues, nearest to the shift first, are taken; none: more have to be seen.
+    pub taken: &'a dyn Fn(&[f64]) -> Option<usize>,
+    /// The way to them.
+    pub options: &'a ModalOptions,
+}
+
+#[cfg(test)]
+mod tests;

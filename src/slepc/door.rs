@@ -1,0 +1,197 @@
+//! The C interface: raw arrays in, pairs out, no panic through it.
+
+use crate::eigen::{Matrices, eigenpairs};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::modal::ModalSolver;
+use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, solver_of};
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// This rank's rows of a distributed square matrix; see `m4gn_modes::Rows`.
+#[derive(Clone, Copy)]
+pub(crate) struct Csr<'a> {
+    pub(crate) row: &'a [usize],
+    pub(crate) column: &'a [i64],
+    pub(crate) value: &'a [f64],
+}
+
+impl<'a> Csr<'a> {
+    /// # Safety
+    /// The arrays have the lengths that are said and live as long as what comes back.
+    unsafe fn new(raw: &RawRows) -> Self {
+        // SAFETY: as promised.
+        unsafe {
+            Csr {
+                row: slice(raw.row, raw.n + 1),
+                column: slice(raw.column, raw.entries),
+                value: slice(raw.value, raw.entries),
+            }
+        }
+    }
+
+    /// Rows of this rank.
+    pub(crate) fn n(&self) -> usize {
+        self.row.len().saturating_sub(1)
+    }
+
+    /// Of all rows on one rank: whether there is an entry (j, i) for each (i, j), whatever its value.
+    pub(crate) fn has_symmetric_pattern(&self) -> bool {
+        // Rows of each column, ascending.
+        let mut first = vec![0usize; self.n() + 1];
+        self.column.iter().for_each(|&j| first[j as usize + 1] += 1);
+        for j in 0..self.n() {
+            first[j + 1] += first[j];
+        }
+        let mut next = first.clone();
+        let mut rows = vec![0i64; self.column.len()];
+        for i in 0..self.n() {
+            for &j in &self.column[self.row[i]..self.row[i + 1]] {
+                rows[next[j as usize]] = i as i64;
+                next[j as usize] += 1;
+            }
+        }
+        let mut columns = Vec::new();
+        (0..self.n()).all(|i| {
+            columns.clear();
+            columns.extend_from_slice(&self.column[self.row[i]..self.row[i + 1]]);
+            columns.sort_unstable();
+            columns.dedup();
+            let mut rows = rows[first[i]..first[i + 1]].to_vec();
+            rows.dedup();
+            columns == rows
+        })
+    }
+}
+
+/// The right-hand matrix.
+#[derive(Clone, Copy)]
+pub(crate) enum Mass<'a> {
+    Diagonal(&'a [f64]),
+    Matrix(Csr<'a>),
+}
+
+/// What is asked of the solver.
+pub(crate) struct Call<'a> {
+    pub(crate) symmetric: bool,
+    pub(crate) block: usize,
+    pub(crate) stiffness: Csr<'a>,
+    pub(crate) mass: Mass<'a>,
+    pub(crate) shift: f64,
+    pub(crate) wanted: usize,
+    pub(crate) solver: ModalSolver,
+    pub(crate) petsc: &'a str,
+    host: RawHost,
+}
+
+impl Call<'_> {
+    /// How many of these eigenvalues, nearest to the shift first, are taken; none: more have to be seen.
+    pub(crate) fn taken(&self, values: &[f64]) -> Option<usize> {
+        usize::try_from((self.host.taken)(
+            self.host.context,
+            values.as_ptr(),
+            values.len(),
+        ))
+        .ok()
+    }
+
+    /// The matrices are not read any more.
+    pub(crate) fn copied(&self) {
+        (self.host.copied)(self.host.context);
+    }
+
+    /// Hands a pair out.
+    pub(crate) fn pair(&self, value: f64, imaginary: f64, vector: &[f64], weighted: &[f64]) {
+        let (x, mx) = (vector.as_ptr(), weighted.as_ptr());
+        (self.host.pair)(self.host.context, value, imaginary, x, mx, vector.len());
+    }
+}
+
+thread_local! {
+    static LAST_ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Version of the interface.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_slepc_abi_version() -> u32 {
+    LIBRARY.version
+}
+
+/// Message of this thread's last failure, valid until its next call.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_slepc_last_error() -> *const c_char {
+    LAST_ERROR
+        .try_with(|m| m.borrow().as_ptr())
+        .unwrap_or(c"".as_ptr())
+}
+
+/// Ends SLEPc and PETSc if they were started here and MPI is still up.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_slepc_finalize() {
+    // There is nobody left to tell of a panic.
+    let _ = catch_unwind(crate::finalize);
+}
+
+/// Eigenpairs nearest to a shift. Collective; all ranks fail together. Returns a status of `m4gn.h`.
+///
+/// # Safety
+/// The pointers are what [`RawProblem`] and [`RawHost`] say.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_slepc_eigenpairs(problem: *const RawProblem, host: *const RawHost) -> i32 {
+    // SAFETY: passed on to the caller.
+    let result = catch_unwind(AssertUnwindSafe(|| unsafe { solve(&*problem, *host) }));
+    let error = match result {
+        Ok(Ok(())) => return 0,
+        Ok(Err(error)) => error,
+        Err(panic) => {
+            let text = panic.downcast_ref::<&str>().map(|s| (*s).to_string());
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+            Error::Internal(text.unwrap_or_else(|| "panic without a message".into()))
+        }
+    };
+    let message = CString::new(error.to_string().replace('\0', " ")).unwrap_or_default();
+    let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
+    error.status()
+}
+
+/// # Safety
+/// As [`m4gn_slepc_eigenpairs`].
+unsafe fn solve(problem: &RawProblem, host: RawHost) -> Result<()> {
+    let comm = Comm::from_fortran(problem.comm)?;
+    let call = || -> Result<Call> {
+        // SAFETY: as promised by the caller.
+        unsafe {
+            Ok(Call {
+                symmetric: problem.symmetric != 0,
+                block: problem.block,
+                stiffness: Csr::new(&problem.stiffness),
+                mass: match problem.mass_diagonal.is_null() {
+                    true => Mass::Matrix(Csr::new(&problem.mass)),
+                    false => Mass::Diagonal(slice(problem.mass_diagonal, problem.stiffness.n)),
+                },
+                shift: problem.shift,
+                wanted: problem.wanted,
+                solver: solver_of(problem.solver)?,
+                petsc: CStr::from_ptr(problem.petsc)
+                    .to_str()
+                    .map_err(|_| Error::Input("PETSc options: expected UTF-8".into()))?,
+                host,
+            })
+        }
+    };
+    let call = comm.agree(call())?;
+    let matrices = Matrices::new(&comm, &call)?;
+    call.copied();
+    eigenpairs(&comm, &matrices, &call)
+}
+
+/// # Safety
+/// `n` values at `data`, or none.
+unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
+    match n {
+        0 => &[],
+        // SAFETY: as promised.
+        _ => unsafe { std::slice::from_raw_parts(data, n) },
+    }
+}

@@ -1,0 +1,398 @@
+//! Eigenpairs of K x = lambda M x nearest to a shift, by Krylov-Schur with shift-and-invert.
+
+use super::database::{Options, PREFIX};
+use super::door::{Call, Mass};
+use super::method::Method;
+use super::objects::{Matrix, Solver, Vector};
+use super::{Quiet, c, check, raw, start};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use std::mem::ManuallyDrop;
+use std::sync::{Mutex, MutexGuard};
+
+/// Most sweeps that look for copies of repeated eigenvalues, or for the end of a cluster.
+const SWEEPS: usize = 40;
+
+/// Most restarts of a sweep.
+const ITERATIONS: i32 = 1000;
+
+/// Residual of the sweep that only looks whether something was missed, and the margin that its eigenvalue then has.
+const PROBE: (f64, f64) = (1e-3, 1e-2);
+
+/// Residuals above this, relative to the terms of K x = lambda M x, are no solution.
+const RESIDUAL: f64 = 1e-3;
+
+/// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
+pub(crate) struct Matrices {
+    k: ManuallyDrop<Matrix>,
+    m: ManuallyDrop<Matrix>,
+    diagonal_mass: bool,
+    /// On one rank: whether the entries of both lie symmetrically, zeros among them or not.
+    pub(super) symmetric_pattern: bool,
+    /// Unknowns and entries of K over all ranks.
+    pub(super) unknowns: i64,
+    pub(super) entries: i64,
+}
+
+impl Matrices {
+    /// Copies the problem's matrices. Collective; all ranks fail together.
+    pub(crate) fn new(comm: &Comm, problem: &Call) -> Result<Self> {
+        let turn = turn();
+        comm.agree(start(comm))?;
+        let quiet = Quiet::new();
+        let mut sizes = [
+            problem.stiffness.n() as i64,
+            problem.stiffness.column.len() as i64,
+        ];
+        comm.sum_i64(&mut sizes);
+        let make = || {
+            let k = Matrix::new(comm, problem.stiffness, problem.symmetric, problem.block)?;
+            let m = match problem.mass {
+                Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
+                Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
+            };
+            Ok(Matrices {
+                k: ManuallyDrop::new(k),
+                m: ManuallyDrop::new(m),
+                diagonal_mass: matches!(problem.mass, Mass::Diagonal(_)),
+                symmetric_pattern: comm.size() == 1
+                    && problem.stiffness.has_symmetric_pattern()
+                    && match problem.mass {
+                        Mass::Diagonal(_) => true,
+                        Mass::Matrix(rows) => rows.has_symmetric_pattern(),
+                    },
+                unknowns: sizes[0],
+                entries: sizes[1],
+            })
+        };
+        let made = make();
+        // To drop them takes a turn as well.
+        drop((quiet, turn));
+        comm.agree(made)
+    }
+}
+
+impl Drop for Matrices {
+    fn drop(&mut self) {
+        let _turn = turn();
+        // SAFETY: neither is used again.
+        unsafe {
+            ManuallyDrop::drop(&mut self.k);
+            ManuallyDrop::drop(&mut self.m);
+        }
+    }
+}
+
+/// PETSc keeps global state and is not thread-safe.
+fn turn() -> MutexGuard<'static, ()> {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
+}
+
+/// Hands eigenpairs out by ascending distance from the shift, those that are taken and a few more. Collective; all ranks fail
+/// together.
+///
+/// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies until
+/// nothing new lies within the range that is taken: with the found vectors deflated where the matrices are symmetric,
+/// else from other start vectors.
+pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Result<()> {
+    let _turn = turn();
+    let _quiet = Quiet::new();
+    let mut last = Error::Internal("no method was tried".into());
+    for &method in Method::of(comm, matrices, request) {
+        let mut options = comm.agree(Options::new(request.petsc))?;
+        let mut run = || {
+            options.defaults(method.defaults())?;
+            let found = Search::new(comm, matrices, request, method)?.run()?;
+            // The solver with its factor is gone by now.
+            found
+                .into_iter()
+                .map(|f| f.into_pair(comm, &matrices.m))
+                .collect::<Result<Vec<_>>>()
+        };
+        let found = run();
+        match comm.agree(found) {
+            Ok(pairs) => {
+                comm.agree(options.all_used())?;
+                pairs
+                    .iter()
+                    .for_each(|p| request.pair(p.value, p.imaginary, &p.vector, &p.weighted));
+                return Ok(());
+            }
+            Err(e) => last = options.explain(e),
+        }
+    }
+    Err(last)
+}
+
+/// An eigenvalue and its vector; of a complex pair, the real part for the first and the imaginary part for the second.
+pub(super) struct Found {
+    pub(super) value: f64,
+    pub(super) imaginary: f64,
+    pub(super) vector: Vector,
+}
+
+impl Found {
+    fn into_pair(self, comm: &Comm, m: &Matrix) -> Result<Pair> {
+        let pair = Pair {
+            value: self.value,
+            imaginary: self.imaginary,
+            weighted: m.times(&self.vector)?.values()?,
+            vector: self.vector.values()?,
+        };
+        let finite = match pair.value.is_finite() && pair.vector.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(Error::Numerical(
+                "a mode is not finite: look at the mesh for cells of extreme size or coefficients".into(),
+            )),
+        };
+        comm.agree(finite)?;
+        Ok(pair)
+    }
+}
+
+/// What is handed out: eigenvalue, imaginary part, vector, M times the vector.
+struct Pair {
+    value: f64,
+    imaginary: f64,
+    vector: Vec<f64>,
+    weighted: Vec<f64>,
+}
+
+struct Search<'a> {
+    comm: &'a Comm,
+    request: &'a Call<'a>,
+    matrices: &'a Matrices,
+    eps: Solver,
+    /// As set by the method or the options.
+    tolerance: f64,
+    /// Sizes of the subspace as set by the options, or PETSc's default.
+    space: (i32, i32),
+    found: Vec<Found>,
+}
+
+impl<'a> Search<'a> {
+    fn new(comm: &'a Comm, matrices: &'a Matrices, request: &'a Call<'a>, method: Method) -> Result<Self> {
+        let kind = match request.symmetric {
+            true => c::EPSProblemType_EPS_GHEP,
+            false => c::EPSProblemType_EPS_GNHEP,
+        };
+        let mut eps = Solver::null();
+        let (mut tolerance, mut space) = (0.0, (0, 0));
+        // SAFETY: objects are live; the strings are C strings; ST and KSP are borrowed from the solver.
+        unsafe {
+            check(c::EPSCreate(raw(comm), &mut eps.0))?;
+            check(c::EPSSetOptionsPrefix(eps.0, PREFIX.as_ptr()))?;
+            check(c::EPSSetOperators(eps.0, matrices.k.0, matrices.m.0))?;
+            check(c::EPSSetProblemType(eps.0, kind))?;
+            check(c::EPSSetType(eps.0, c"krylovschur".as_ptr()))?;
+            check(c::EPSSetTarget(eps.0, request.shift))?;
+            check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_TARGET_MAGNITUDE))?;
+            check(c::EPSSetTolerances(eps.0, method.tolerance(), ITERATIONS))?;
+            let (mut st, mut ksp) = (std::ptr::null_mut(), std::ptr::null_mut());
+            check(c::EPSGetST(eps.0, &mut st))?;
+            check(c::STSetType(st, c"sinvert".as_ptr()))?;
+            check(c::STSetShift(st, request.shift))?;
+            if matrices.diagonal_mass {
+                check(c::STSetMatStructure(st, c::MatStructure_SUBSET_NONZERO_PATTERN))?;
+            }
+            check(c::STGetKSP(st, &mut ksp))?;
+            method.set(ksp)?;
+            check(c::EPSSetFromOptions(eps.0))?;
+            let mut ignored = 0;
+            check(c::EPSGetTolerances(eps.0, &mut tolerance, &mut ignored))?;
+            check(c::EPSGetDimensions(
+                eps.0,
+                &mut ignored,
+                &mut space.0,
+                &mut space.1,
+            ))?;
+        }
+        Ok(Search {
+            comm,
+            request,
+            matrices,
+            eps,
+            tolerance,
+            space,
+            found: Vec::new(),
+        })
+    }
+
+    fn run(mut self) -> Result<Vec<Found>> {
+        let symmetric = self.request.symmetric;
+        let total = self.matrices.unknowns as usize;
+        let mut ask = (self.request.wanted + 2).min(total);
+        for _ in 0..SWEEPS {
+            let first = self.found.is_empty();
+            let bound = self.bound();
+            let run = self.sweep(ask)?;
+            let new = match symmetric {
+                true => run,
+                false => super::subspace::independent(self.comm, &self.found, run)?,
+            };
+            let fresh = first || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
+            self.found.extend(new);
+            let mut found = std::mem::take(&mut self.found);
+            // Stable: the two of a complex pair stay together.
+            found.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
+            self.found = found;
+            let done = !fresh && self.bound().is_some();
+            if done || self.found.len() >= total || (symmetric && self.nothing_missed()?) {
+                return Ok(self.found);
+            }
+            ask = match symmetric {
+                true => 2.min(total - self.found.len()),
+                // All over again, from another start; wider while the end of a cluster is not seen.
+                false if self.bound().is_none() => (2 * ask).min(total),
+                false => ask,
+            };
+        }
+        Err(Error::Numerical(format!(
+            "{} modes did not suffice to find the end of a cluster of repeated eigenvalues: ask for fewer or more modes",
+            self.found.len()
+        )))
+    }
+
+    fn distance(&self, f: &Found) -> f64 {
+        (f.value - self.request.shift).hypot(f.imaginary)
+    }
+
+    /// Distance from the shift of the farthest pair that is taken, once that can be said.
+    fn bound(&self) -> Option<f64> {
+        let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
+        let taken = self.request.taken(&values)?;
+        Some(self.found[..taken].last().map_or(0.0, |f| self.distance(f)))
+    }
+
+    /// Whether a look, as rough as it can be, at what remains besides the known vectors sees nothing within the range
+    /// that is taken.
+    fn nothing_missed(&self) -> Result<bool> {
+        let Some(bound) = self.bound() else {
+            return Ok(false);
+        };
+        self.set_up(1, PROBE.0)?;
+        let (mut value, mut converged) = (0.0, 0);
+        // SAFETY: the solver is live and set up; vectors and the imaginary part are not asked for.
+        unsafe {
+            check(c::EPSSolve(self.eps.0))?;
+            check(c::EPSGetConverged(self.eps.0, &mut converged))?;
+            if converged < 1 {
+                return Ok(false);
+            }
+            check(c::EPSGetEigenvalue(
+                self.eps.0,
+                0,
+                &mut value,
+                std::ptr::null_mut(),
+            ))?;
+        }
+        Ok((value - self.request.shift) * (1.0 - PROBE.1) > bound)
+    }
+
+    /// Prepares the solver for `wanted` pairs with the known ones kept out.
+    fn set_up(&self, wanted: usize, tolerance: f64) -> Result<()> {
+        let default = c::PETSC_DEFAULT;
+        // The options' sizes of the subspace are those of the first run.
+        let (ncv, mpd) = if self.found.is_empty() {
+            self.space
+        } else {
+            (default, default)
+        };
+        let mut handles: Vec<c::Vec> = match self.request.symmetric {
+            true => self.found.iter().map(|f| f.vector.0).collect(),
+            false => Vec::new(),
+        };
+        // SAFETY: the solver is live; PETSc copies the vectors of the deflation space.
+        unsafe {
+            check(c::EPSSetDimensions(self.eps.0, wanted as i32, ncv, mpd))?;
+            check(c::EPSSetTolerances(self.eps.0, tolerance, ITERATIONS))?;
+            if !handles.is_empty() {
+                let n = handles.len() as i32;
+                check(c::EPSSetDeflationSpace(self.eps.0, n, handles.as_mut_ptr()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// One run of the solver.
+    fn sweep(&self, wanted: usize) -> Result<Vec<Found>> {
+        self.set_up(wanted, self.tolerance)?;
+        let mut converged = 0;
+        // SAFETY: the solver is live.
+        unsafe {
+            check(c::EPSSolve(self.eps.0))?;
+            check(c::EPSGetConverged(self.eps.0, &mut converged))?;
+        }
+        let left = self.matrices.unknowns as usize - self.found.len();
+        if (converged as usize) < wanted.min(left) {
+            return Err(Error::Numerical(format!(
+                "{converged} of {wanted} modes converged: are there as many finite eigenvalues (the rank of M)? Ask \
+                 for fewer modes, or look at the mesh for badly scaled cells (option -m4gn_eps_monitor shows the \
+                 progress)"
+            )));
+        }
+        let mut found = Vec::with_capacity(converged as usize);
+        let mut i = 0;
+        while i < converged {
+            let (x, y) = (self.matrices.k.vector()?, self.matrices.k.vector()?);
+            let (mut value, mut imaginary) = (0.0, 0.0);
+            // SAFETY: i is below the number of converged pairs; both vectors have the matrix's layout.
+            check(unsafe { c::EPSGetEigenpair(self.eps.0, i, &mut value, &mut imaginary, x.0, y.0) })?;
+            i += 1;
+            found.push(Found {
+                value,
+                imaginary,
+                vector: x,
+            });
+            if imaginary != 0.0 {
+                // Its conjugate is the next one.
+                i += 1;
+                found.push(Found {
+                    value,
+                    imaginary: -imaginary,
+                    vector: y,
+                });
+            } else if let Some(last) = found.last_mut() {
+                self.judge(last)?;
+            }
+        }
+        Ok(found)
+    }
+
+    /// Sets a symmetric pair's eigenvalue to its Rayleigh quotient, whose error is the square of the vector's, and
+    /// looks at the residual. Collective.
+    fn judge(&self, found: &mut Found) -> Result<()> {
+        let (x, kx, mx) = (
+            found.vector.values()?,
+            self.matrices.k.times(&found.vector)?.values()?,
+            self.matrices.m.times(&found.vector)?.values()?,
+        );
+        let mut sums = [0.0; 5];
+        for i in 0..x.len() {
+            let terms = [
+                x[i] * kx[i],
+                x[i] * mx[i],
+                kx[i] * kx[i],
+                mx[i] * mx[i],
+                (kx[i] - found.value * mx[i]).powi(2),
+            ];
+            sums.iter_mut().zip(terms).for_each(|(s, t)| *s += t);
+        }
+        self.comm.sum_f64(&mut sums);
+        let [k, m, kk, mm, residual] = sums;
+        if self.request.symmetric && m > 0.0 {
+            found.value = k / m;
+        }
+        let size = kk.sqrt() + (found.value.abs() + self.request.shift.abs()) * mm.sqrt();
+        if residual.sqrt() > RESIDUAL * size {
+            return Err(Error::Numerical(format!(
+                "the mode of eigenvalue {:e} has a relative residual of {:.1e}: the matrices are too badly scaled for \
+                 this method, or a symmetric pair was announced that is none",
+                found.value,
+                residual.sqrt() / size
+            )));
+        }
+        Ok(())
+    }
+}

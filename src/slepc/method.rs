@@ -1,0 +1,124 @@
+//! How the shifted systems are solved.
+
+use super::door::Call;
+use super::eigen::Matrices;
+use super::{c, check};
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
+use m4gn_model::modal::ModalSolver;
+use std::ffi::CStr;
+
+/// A solver of (K - shift M) x = b.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Method {
+    /// Factorisation by this package.
+    Factor {
+        /// L L^T or, without symmetry, L U.
+        cholesky: bool,
+        /// PETSc's name of the package.
+        package: &'static CStr,
+    },
+    /// Conjugate gradients, or GMRES without symmetry, preconditioned by algebraic multigrid.
+    Multigrid {
+        /// Whether the matrices are.
+        symmetric: bool,
+    },
+}
+
+const PETSC: Method = Method::Factor {
+    cholesky: true,
+    package: c"petsc",
+};
+const CHOLMOD: Method = Method::Factor {
+    cholesky: true,
+    package: c"cholmod",
+};
+const MUMPS: Method = Method::Factor {
+    cholesky: true,
+    package: c"mumps",
+};
+const MUMPS_LU: Method = Method::Factor {
+    cholesky: false,
+    package: c"mumps",
+};
+
+impl Method {
+    /// What is tried, one after the other.
+    pub(super) fn of(comm: &Comm, matrices: &Matrices, request: &Call) -> &'static [Method] {
+        let (unknowns, entries, block) = (matrices.unknowns, matrices.entries, request.block);
+        let iterative = match request.solver {
+            ModalSolver::Direct => false,
+            ModalSolver::Iterative => true,
+            ModalSolver::Auto => m4gn_modes::prefers_iterative(unknowns, entries, block),
+        };
+        let plane = m4gn_modes::is_plane(unknowns, entries, block);
+        match (iterative, request.symmetric, comm.size()) {
+            (true, true, _) => &[Method::Multigrid { symmetric: true }],
+            (true, false, _) => &[Method::Multigrid { symmetric: false }],
+            // K - shift M is positive definite, so Cholesky; LU with pivoting is the second chance where rounding
+            // has spoilt that.
+            // On one rank PETSc's own factors are the quickest of plane meshes; CHOLMOD's supernodes win in space.
+            // The ordering of PETSc's never ends where the entries of a symmetric matrix do not lie symmetrically, as
+            // those of one from which zeros were dropped.
+            (false, true, 1) if !matrices.symmetric_pattern => &[CHOLMOD, MUMPS_LU],
+            (false, true, 1) if plane => &[PETSC, MUMPS_LU],
+            (false, true, 1) => &[CHOLMOD, PETSC, MUMPS_LU],
+            (false, true, _) => &[MUMPS, MUMPS_LU],
+            (false, false, _) => &[MUMPS_LU],
+        }
+    }
+
+    /// Relative residual at which an eigenpair counts as converged: far below the quantum that SLIC sees (1e-7). The
+    /// Rayleigh quotient squares it for the eigenvalue.
+    pub(super) fn tolerance(self) -> f64 {
+        match self {
+            Method::Factor { .. } => 1e-11,
+            Method::Multigrid { .. } => 1e-9,
+        }
+    }
+
+    /// Options that hold unless others are given.
+    pub(super) fn defaults(self) -> &'static [(&'static CStr, &'static CStr)] {
+        match self {
+            Method::Factor { .. } => &[],
+            Method::Multigrid { .. } => &[
+                (c"-m4gn_st_pc_hypre_type", c"boomeramg"),
+                (c"-m4gn_st_pc_hypre_boomeramg_coarsen_type", c"HMIS"),
+                (c"-m4gn_st_pc_hypre_boomeramg_interp_type", c"ext+i"),
+                (c"-m4gn_st_pc_hypre_boomeramg_P_max", c"4"),
+            ],
+        }
+    }
+
+    /// Sets the linear solver up so.
+    ///
+    /// # Safety
+    /// `ksp` is a live solver.
+    pub(super) unsafe fn set(self, ksp: c::KSP) -> Result<()> {
+        let mut pc = std::ptr::null_mut();
+        // SAFETY: as promised by the caller; PC is borrowed from it; the strings are C strings.
+        unsafe {
+            check(c::KSPGetPC(ksp, &mut pc))?;
+            match self {
+                Method::Factor { cholesky, package } => {
+                    check(c::KSPSetType(ksp, c"preonly".as_ptr()))?;
+                    let kind = if cholesky { c"cholesky" } else { c"lu" };
+                    check(c::PCSetType(pc, kind.as_ptr()))?;
+                    check(c::PCFactorSetMatSolverType(pc, package.as_ptr()))?;
+                    if package == c"petsc" {
+                        // Nested dissection; PETSc's default for Cholesky is no reordering, which fills in.
+                        check(c::PCFactorSetMatOrderingType(pc, c"nd".as_ptr()))?;
+                    }
+                }
+                Method::Multigrid { symmetric } => {
+                    let kind = if symmetric { c"cg" } else { c"gmres" };
+                    check(c::KSPSetType(ksp, kind.as_ptr()))?;
+                    let default = f64::from(c::PETSC_DEFAULT);
+                    check(c::KSPSetTolerances(ksp, 1e-10, default, default, 500))?;
+                    check(c::PCSetType(pc, c"hypre".as_ptr()))?;
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,262 @@
+//! A body at points in a session: edges that change with every step, an obstacle with prescribed motion, and contact
+//! projection after the step.
+
+use super::SessionOptions;
+use m4gn_contact::graph::ContactGraph;
+use m4gn_contact::part::BodyPart;
+use m4gn_contact::projection::{Projection, ProjectionReport, check_start};
+use m4gn_contact::segments;
+use m4gn_engine::{Engine, Forward, SegmentView};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_model::Model;
+use m4gn_model::modal::ModalSource;
+use m4gn_modes::Modal;
+
+type Vector = [f64; 3];
+
+/// A displacement beyond which no solver would take on, m; contact projection and search trees need not either.
+const FARTHEST: f64 = 1e6;
+
+/// The network of a body, and what moves.
+pub(super) struct Moving {
+    graph: ContactGraph,
+    engine: Engine,
+    /// For each of the host's own points its place in the graph.
+    place: Vec<usize>,
+    /// Own points of the graph that are free to move.
+    free: Vec<bool>,
+    /// Own points of the graph, as numbers of the whole body.
+    points: Vec<u32>,
+    n_points: usize,
+    n_obstacle: usize,
+    /// Displacement of the obstacle's points now and after the step, once it is known.
+    motion: Option<[Vec<Vector>; 2]>,
+    /// Displacement of the owned nodes `[n_owned x 3]`.
+    displacement: Vec<f32>,
+    /// Prescribed motion of the owned nodes `[n_owned x 3]`.
+    inputs: Vec<f32>,
+    /// Change of the displacement of the own points `[n x 3]`.
+    outputs: Vec<f32>,
+    projection: Option<(Projection, ProjectionReport)>,
+}
+
+/// What a session says of its segments: their number, and that of each of the host's own points.
+pub(super) type Cut = (usize, Vec<i32>);
+
+impl Moving {
+    /// Builds graph, modes and segments for a model of bodies. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a mesh without elements or an obstacle that overlaps the body at rest; [`Error::Input`] for a
+    /// body without handle, options out of range, or backend torch; what the modes may fail with.
+    pub(super) fn new(
+        comm: &Comm,
+        mesh: &Mesh,
+        model: &Model,
+        radius: f64,
+        options: &SessionOptions,
+    ) -> Result<(Self, Cut)> {
+        let spec = &model.spec;
+        if options.backend != super::Backend::Native {
+            return Err(Error::Input(
+                "backend torch: a body's edges change with every step; use backend native".into(),
+            ));
+        }
+        let (body, ranks) = mesh.whole_body(comm)?;
+        let obstacle = mesh.obstacle.as_ref();
+        if let Some(obstacle) = obstacle {
+            comm.agree(check_start(&body, obstacle))?;
+        }
+        let projection = match &options.projection {
+            Some(settings) => {
+                let made = comm.agree(Projection::new(&body, obstacle, settings))?;
+                Some((made, ProjectionReport::default()))
+            }
+            None => None,
+        };
+        let settings = comm.agree(options.segment_spec(&spec.segments))?;
+        let whole = spec.architecture.segment_transformer().is_some();
+        // Every rank computes the same modes: bodies at points are small beside what ranks are for.
+        let modes = match whole && settings.method.uses_modes() && settings.count > 1 {
+            true => {
+                let modal = Modal(settings.modal());
+                Some(comm.agree(modal.of_body(&body, settings.mode_count()))?)
+            }
+            false => None,
+        };
+        let part = comm.agree(BodyPart::of_rank(&body, obstacle, &ranks, comm.rank()))?;
+        let graph = ContactGraph::new(&part, radius, comm)?;
+        let cut = match whole {
+            true => Some(segments::segment(
+                &part,
+                &graph,
+                spec,
+                &settings,
+                modes.as_ref(),
+                comm,
+            )?),
+            false => None,
+        };
+        let view = cut.as_ref().map(|(s, f)| SegmentView::new(s, f));
+        let engine = Engine::new(model, graph.graph(), view.as_ref(), &options.engine());
+        let engine = comm.agree(engine)?;
+        let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
+        let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();
+        let cut = cut.map_or((0, Vec::new()), |(s, _)| {
+            // The obstacle is the last one, and none of the body's.
+            let count = s.count - usize::from(obstacle.is_some());
+            (count, place.iter().map(|&i| s.node_segment[i]).collect())
+        });
+        let n_owned = graph.graph().n_owned;
+        let moving = Moving {
+            n_points: body.positions.len(),
+            n_obstacle: part.obstacle.len(),
+            motion: None,
+            displacement: vec![0.0; 3 * n_owned],
+            inputs: vec![0.0; 3 * n_owned],
+            outputs: vec![0.0; 3 * part.points.len()],
+            free: part.types.iter().map(|&t| t == NodeType::Body).collect(),
+            points: part.points,
+            place,
+            graph,
+            engine,
+            projection,
+        };
+        Ok((moving, cut))
+    }
+
+    /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the
+    /// first rank counts. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for other lengths; [`Error::Numerical`] for values that are not finite.
+    pub(super) fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
+        let check = |values: &[Vector], when: &str| {
+            if values.len() != self.n_obstacle {
+                return Err(Error::Input(format!(
+                    "displacement of the obstacle {when}: expected {} points, found {}",
+                    self.n_obstacle,
+                    values.len()
+                )));
+            }
+            match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+                Some(i) => Err(Error::Numerical(format!(
+                    "displacement of the obstacle {when}: {:?} at point {i}",
+                    values[i]
+                ))),
+                None => Ok(()),
+            }
+        };
+        let checked = check(motion[0], "now").and_then(|()| check(motion[1], "after the step"));
+        comm.agree(checked)?;
+        self.motion = Some(motion.map(|values| {
+            let mut flat = values.as_flattened().to_vec();
+            comm.broadcast(&mut flat);
+            flat.as_chunks().0.to_vec()
+        }));
+        Ok(())
+    }
+
+    /// One step of the displacement of the host's own points, m; held points stay. Collective; all ranks fail together,
+    /// and `displacement` is then as it was.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for other lengths, or where the obstacle's motion in this step was not given;
+    /// [`Error::Numerical`] for values that are not finite, going in or coming out.
+    pub(super) fn step(&mut self, comm: &Comm, displacement: &mut [Vector]) -> Result<()> {
+        let motion = match self.motion.take() {
+            Some(motion) => Ok(motion),
+            None if self.n_obstacle == 0 => Ok([Vec::new(), Vec::new()]),
+            None => Err(Error::Input(
+                "the obstacle's motion in this step is not known: give it before every step (m4gn_session_set_obstacle)"
+                    .into(),
+            )),
+        };
+        let checked = motion.and_then(|m| self.check(displacement).map(|()| m));
+        let [now, after] = comm.agree(checked)?;
+        let n = self.points.len();
+        let (own, here) = self.displacement.split_at_mut(3 * n);
+        let own = own.as_chunks_mut::<3>().0;
+        for (&i, u) in self.place.iter().zip(&*displacement) {
+            own[i] = u.map(|v| v as f32);
+        }
+        // Only the first rank has rows of the obstacle.
+        let moves = self.inputs[3 * n..].as_chunks_mut::<3>().0.iter_mut();
+        let rows = here.as_chunks_mut::<3>().0.iter_mut().zip(moves);
+        for ((u, step), (before, after)) in rows.zip(now.iter().zip(&after)) {
+            *u = before.map(|v| v as f32);
+            *step = std::array::from_fn(|i| (after[i] - before[i]) as f32);
+        }
+        let graph = self.graph.update(comm, &self.displacement)?;
+        let edges = self.engine.set_edges(graph);
+        comm.agree(edges)?;
+        let done = self.engine.forward(comm, &self.inputs, &mut self.outputs);
+        let mut end = comm.agree(done.and_then(|()| self.moved(displacement)))?;
+        self.project(comm, &mut end, &after)?;
+        displacement.copy_from_slice(&end);
+        Ok(())
+    }
+
+    /// The displacement of the host's own points after the change that the network says; held points stay.
+    fn moved(&self, displacement: &[Vector]) -> Result<Vec<Vector>> {
+        let changes = self.outputs.as_chunks::<3>().0;
+        let mut end = displacement.to_vec();
+        for (&i, u) in self.place.iter().zip(&mut end).filter(|(i, _)| self.free[**i]) {
+            (0..3).for_each(|k| u[k] += f64::from(changes[i][k]));
+            if !u.iter().all(|v| v.abs() < FARTHEST) {
+                return Err(Error::Numerical(format!(
+                    "the model's displacement is {u:?} at point {}: the state has left what it was trained on; hand back \
+                     to the solver sooner",
+                    self.points[i]
+                )));
+            }
+        }
+        Ok(end)
+    }
+
+    /// Pushes the body out of the obstacle. Every rank does so with the whole body, and to the same effect.
+    fn project(&mut self, comm: &Comm, own: &mut [Vector], obstacle: &[Vector]) -> Result<()> {
+        let Some((projection, report)) = &mut self.projection else {
+            return Ok(());
+        };
+        let mut all = vec![0.0; 3 * self.n_points];
+        let number = |i: usize| 3 * self.points[i] as usize;
+        for (&i, u) in self.place.iter().zip(&*own) {
+            all[number(i)..][..3].copy_from_slice(u);
+        }
+        comm.sum_f64(&mut all);
+        let all = all.as_chunks_mut::<3>().0;
+        *report = comm.agree(projection.apply(all, obstacle))?;
+        for (&i, u) in self.place.iter().zip(own) {
+            *u = all[self.points[i] as usize];
+        }
+        Ok(())
+    }
+
+    /// What the projection did in the last step; none without one.
+    pub(super) fn projection(&self) -> Option<&ProjectionReport> {
+        self.projection.as_ref().map(|(_, report)| report)
+    }
+
+    fn check(&self, displacement: &[Vector]) -> Result<()> {
+        if displacement.len() != self.place.len() {
+            return Err(Error::Input(format!(
+                "displacement of the body: expected {} points, found {}",
+                self.place.len(),
+                displacement.len()
+            )));
+        }
+        match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the body: {:?} at point {}",
+                displacement[i], self.points[self.place[i]]
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "moving_tests.rs"]
+mod tests;

@@ -1,0 +1,139 @@
+use super::*;
+use crate::Session;
+use m4gn_contact::sample;
+use m4gn_engine::plain;
+use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_model::sample::bodies;
+
+fn case() -> (Model, Body, Obstacle) {
+    let mut spec = bodies();
+    spec.segments.count = 3;
+    spec.segments.modes = 1;
+    let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
+    (
+        Model::random(spec, 5).unwrap(),
+        sample::block([6, 2, 2], [3.0, 1.0, 1.0]),
+        obstacle,
+    )
+}
+
+/// The engine that takes new edges in each step against the plain loops on a graph made for that step.
+#[test]
+fn steps_are_those_of_the_plain_network() {
+    let (model, body, obstacle) = case();
+    let comm = Comm::serial();
+    let options = SessionOptions::default();
+    let mut session = Session::new(comm.clone(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
+    let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+    let mut graph = ContactGraph::new(&part, 0.5, &comm).unwrap();
+    let settings = &model.spec.segments;
+    let modes = Modal(settings.modal())
+        .of_body(&body, settings.mode_count())
+        .unwrap();
+    let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
+    let (cut, features) = cut;
+    let view = SegmentView::new(&cut, &features);
+    let mut displacement = vec![[0.0; 3]; 63];
+    let mut edges = Vec::new();
+    for step in 0..4 {
+        // Down until it touches, then away.
+        let at = |s: i32| [0.0, 0.0, -0.15 * f64::from(if s > 2 { 9 - 3 * s } else { s })];
+        let (now, next) = (vec![at(step); 6], vec![at(step + 1); 6]);
+        let mut owned: Vec<f32> = displacement
+            .iter()
+            .chain(&now)
+            .flatten()
+            .map(|v: &f64| *v as f32)
+            .collect();
+        let mut inputs = vec![0.0; owned.len()];
+        for i in 0..6 {
+            inputs[3 * (63 + i) + 2] = (next[i][2] - now[i][2]) as f32;
+        }
+        let graph = graph.update(&comm, &owned).unwrap();
+        edges.push(graph.senders.len());
+        let plain = plain::forward(&model, graph, Some(&view), &inputs);
+        let before = displacement.clone();
+        session.step_body(&mut displacement, [&now, &next]).unwrap();
+        for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {
+            for i in 0..3 {
+                let expected = match body.types[p] {
+                    NodeType::Body => old[i] + plain[3 * p + i],
+                    _ => 0.0,
+                };
+                assert!((u[i] - expected).abs() < 1e-4, "{step} {p}: {} {expected}", u[i]);
+            }
+        }
+        owned.clear();
+        // Random weights move points far: the next step starts from a small part of it.
+        displacement.iter_mut().flatten().for_each(|v| *v *= 0.01);
+    }
+    assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let (model, body, obstacle) = case();
+    let new = |model: &Model, options: &SessionOptions| {
+        Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), model, options).map(|_| ())
+    };
+    let cells = Model::random(m4gn_model::sample::spec(), 1).unwrap();
+    let says = |result: Result<()>, word: &str| {
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    };
+    says(new(&cells, &SessionOptions::default()), "contact");
+    let torch = SessionOptions {
+        backend: crate::Backend::Torch(None),
+        ..SessionOptions::default()
+    };
+    says(new(&model, &torch), "backend native");
+    let inside = sample::octahedron([2.6, 0.5, 1.2], 0.5);
+    let options = SessionOptions::default();
+    let overlap = Session::new(Comm::serial(), &body.mesh(Some(&inside)), &model, &options);
+    says(overlap.map(|_| ()), "overlaps the body at the start");
+    let mut session = Session::new(
+        Comm::serial(),
+        &body.mesh(Some(&obstacle)),
+        &model,
+        &SessionOptions::default(),
+    )
+    .unwrap();
+    let still = vec![[0.0; 3]; 6];
+    says(
+        session.step_body(&mut vec![[0.0; 3]; 62], [&still, &still]),
+        "expected 189",
+    );
+    says(
+        session.step_body(&mut vec![[0.0; 3]; 63], [&still, &still[1..]]),
+        "after the step",
+    );
+    let mut broken = vec![[0.0; 3]; 63];
+    broken[7][1] = f64::NAN;
+    says(session.step_body(&mut broken, [&still, &still]), "point 7");
+}
+
+/// A network that throws points out of all bounds: what contact projection and searches would choke on is refused before.
+#[test]
+fn displacements_out_of_all_bounds_are_refused() {
+    let (mut model, body, obstacle) = case();
+    model.tensors.get_mut("norm.output.std").unwrap().data.fill(1e12);
+    let options = SessionOptions {
+        projection: Some(m4gn_contact::projection::ProjectionOptions::default()),
+        ..SessionOptions::default()
+    };
+    let mesh = body.mesh(Some(&obstacle));
+    let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
+    let still = vec![[0.0; 3]; 6];
+    let mut displacement = vec![[0.0; 3]; 63];
+    let error = session
+        .step_body(&mut displacement, [&still, &still])
+        .unwrap_err();
+    assert!(matches!(error, Error::Numerical(_)), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("the state has left what it was trained on"),
+        "{error}"
+    );
+    assert!(displacement.iter().all(|u| *u == [0.0; 3]));
+}

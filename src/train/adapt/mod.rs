@@ -1,0 +1,286 @@
+//! A model learns the case that it is used in, from the solver's own steps, inside the solver's run.
+//!
+//! Frames of the solver are gathered in the order of the undecomposed mesh to every rank, which makes a serial graph of
+//! them, as the training does of a recorded trajectory. The examples of a batch are shared out to the ranks and the
+//! gradients summed, so that the weights are those of one rank up to rounding. The last frames are held back: the adapted
+//! weights are used only where a rollout there is nearer to the solver than with the weights before.
+
+mod round;
+mod settings;
+mod state;
+#[cfg(test)]
+mod tests;
+mod window;
+
+pub use round::Outcome;
+pub use settings::{Layers, Mode, Settings};
+
+use super::config::TrainingConfig;
+use super::normaliser::Normaliser;
+use super::samples::Sample;
+use m4gn_data::{Place, whole_mesh};
+use m4gn_engine::backward::{Adam, Layout};
+use m4gn_mesh::parallel::{Comm, everywhere};
+use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_model::{Model, ModelSpec, SegmentSpec, Tensor};
+use m4gn_step::{Field, Session};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use window::Window;
+
+/// Bytes of frames that a rank keeps at most.
+const ROOM: usize = 1 << 30;
+
+/// A model that learns its case. All methods but the ones that only look are collective, and all ranks fail together.
+#[derive(Debug)]
+pub struct Adaptation {
+    comm: Comm,
+    settings: Settings,
+    /// What the settings mean for this model.
+    training: TrainingConfig,
+    threads: usize,
+    spec: ModelSpec,
+    layout: Layout,
+    /// Weights of the model's file, and its other tensors.
+    shipped: Vec<f32>,
+    others: BTreeMap<String, Tensor>,
+    normaliser: Normaliser,
+    /// The weights that are used, and how they came about.
+    optimiser: Adam,
+    /// This rank's part of the mesh, and the undecomposed one.
+    mesh: Mesh,
+    whole: Mesh,
+    /// Node of the undecomposed mesh of each row that the ranks send.
+    places: Vec<usize>,
+    /// Graph, segments and frames of the undecomposed mesh.
+    sample: Arc<Sample>,
+    window: Window,
+    /// Optimisation steps made.
+    steps: u64,
+    /// Wall time of them, s.
+    seconds: f64,
+    /// Whether nothing more is to be learned.
+    done: bool,
+}
+
+impl Adaptation {
+    /// For a model on the mesh of a session. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings that ask for nothing, or a model of bodies at points, which is not adapted yet;
+    /// [`Error::Mesh`] for global numbers that are no permutation.
+    pub fn new(session: &Session, mesh: &Mesh, model: &Model, settings: Settings) -> Result<Self> {
+        let comm = session.comm().clone();
+        comm.agree(check(&model.spec, &settings))?;
+        let whole = whole_mesh(&comm, mesh, Place::Everywhere);
+        let whole = whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into())));
+        let whole = comm.agree(whole)?;
+        let cells = everywhere(&comm, &mesh.cell_global);
+        let labels = everywhere(&comm, session.cell_segment());
+        let (segments, labels) = segments(session, &cells, &labels);
+        let sample = comm.agree(Sample::of_mesh(
+            &whole,
+            &model.spec,
+            &segments,
+            session.resolution(),
+            Some(&labels),
+        ))?;
+        let n_cells = whole.n_cells() as i64;
+        let faces = mesh.boundary.iter().map(|face| n_cells + face.global);
+        let nodes: Vec<i64> = mesh.cell_global.iter().copied().chain(faces).collect();
+        let normaliser = comm.agree(Normaliser::of_model(model))?;
+        let layout = Layout::new(&model.spec);
+        let shipped = comm.agree(layout.flatten(model))?;
+        let training = settings.training(&model.spec, &normaliser.scales().node.std);
+        let window = Window::new(&settings, model.spec.stride, sample.graph.n_owned * sample.width);
+        Ok(Adaptation {
+            threads: settings.threads.unwrap_or_else(|| session.threads()),
+            optimiser: Adam::new(shipped.clone(), training.betas, false),
+            places: everywhere(&comm, &nodes)
+                .into_iter()
+                .map(|node| node as usize)
+                .collect(),
+            mesh: mesh.clone(),
+            spec: model.spec.clone(),
+            others: model
+                .tensors
+                .clone()
+                .into_iter()
+                .filter(|(name, _)| name.starts_with("norm."))
+                .collect(),
+            sample: Arc::new(sample),
+            steps: 0,
+            seconds: 0.0,
+            done: false,
+            comm,
+            settings,
+            training,
+            layout,
+            shipped,
+            normaliser,
+            whole,
+            window,
+        })
+    }
+
+    /// Takes the fields after a step of the solver; every one of them is to be handed in. `begins`: this state does not
+    /// follow from the last one by a step of the solver. Collective; all ranks fail together, and the frames are then as
+    /// they were.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a field that is missing or of another shape, times that do not increase, or a time step of
+    /// which no whole number is the model's stride; [`Error::Numerical`] for a value that is not finite.
+    pub fn frame(&mut self, time: f64, begins: bool, fields: &[Field]) -> Result<()> {
+        if self.done {
+            return Ok(());
+        }
+        let mut window = self.window.clone();
+        if !self.comm.agree(window.next(time, begins))? {
+            self.window = window;
+            return Ok(());
+        }
+        let rows = self.comm.agree(self.rows(fields))?;
+        let rows = everywhere(&self.comm, &rows);
+        let width = self.sample.width;
+        let sample = Arc::get_mut(&mut self.sample);
+        let sample = sample.ok_or_else(|| Error::Internal("frames that are still being read".into()))?;
+        let mut frame = vec![0.0; self.whole.n_nodes() * width];
+        for (row, place) in rows.chunks_exact(width).zip(&self.places) {
+            frame[place * width..][..width].copy_from_slice(row);
+        }
+        sample.push(&self.whole, &self.spec, frame);
+        let size = sample.graph.n_owned * width;
+        if let Some(stays) = window.thin() {
+            let kept = stays.iter().enumerate().filter(|(_, stays)| **stays);
+            let mut n = 0;
+            for (frame, _) in kept {
+                sample
+                    .frames
+                    .copy_within(frame * size..(frame + 1) * size, n * size);
+                n += 1;
+            }
+            sample.frames.truncate(n * size);
+            sample.n_frames = n;
+        }
+        self.window = window;
+        Ok(())
+    }
+
+    /// This rank's values, cells and then boundary faces, all components of a node together.
+    fn rows(&self, fields: &[Field]) -> Result<Vec<f32>> {
+        let (width, cells) = (self.sample.width, self.mesh.n_cells());
+        let mut rows = vec![0f32; self.mesh.n_nodes() * width];
+        let mut column = 0;
+        for spec in &self.spec.fields {
+            let name = &spec.name;
+            let field = fields.iter().find(|f| f.name == name);
+            let field = field
+                .ok_or_else(|| Error::Input(format!("adapt: field '{name}' is missing from the frame")))?;
+            let c = if spec.vector { 3 } else { 1 };
+            let expected = (c, c * cells, c * self.mesh.boundary.len());
+            let found = (field.components, field.cells.len(), field.boundary.len());
+            if found != expected {
+                return Err(Error::Input(format!(
+                    "adapt: field '{name}': expected {} components, {} cell and {} boundary values; found {}, {} and {}",
+                    expected.0, expected.1, expected.2, found.0, found.1, found.2
+                )));
+            }
+            let scalar = [0];
+            let directions = if spec.vector {
+                &self.mesh.directions[..]
+            } else {
+                &scalar
+            };
+            let values = field.cells.chunks_exact(c).chain(field.boundary.chunks_exact(c));
+            for (row, value) in rows.chunks_exact_mut(width).zip(values) {
+                for (i, &d) in directions.iter().enumerate() {
+                    row[column + i] = value[d] as f32;
+                }
+            }
+            column += directions.len();
+        }
+        match rows.iter().all(|v| v.is_finite()) {
+            true => Ok(rows),
+            false => Err(Error::Numerical(
+                "adapt: a frame holds a value that is not finite".into(),
+            )),
+        }
+    }
+
+    /// The ranks of the session.
+    pub fn comm(&self) -> &Comm {
+        &self.comm
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Whether frames and rounds are of no more use.
+    pub fn is_done(&self) -> bool {
+        self.done
+    }
+
+    /// Forgets the frames: nothing more is to be learned.
+    fn finish(&mut self) {
+        if let Some(sample) = Arc::get_mut(&mut self.sample) {
+            (sample.frames, sample.n_frames) = (Vec::new(), 0);
+            self.window = self.window.emptied();
+        }
+        self.done = true;
+    }
+
+    /// Frames in memory.
+    pub fn frames(&self) -> usize {
+        self.sample.n_frames
+    }
+
+    /// This rank's part of the mesh, with which a session takes the weights over.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// The model with the weights that are used, and where they are from.
+    pub fn model(&self) -> Model {
+        let mut tensors = self.layout.unflatten(&self.optimiser.weights);
+        tensors.extend(self.others.clone());
+        let mut spec = self.spec.clone();
+        if self.steps > 0 {
+            spec.training = serde_json::json!({
+                "adapted": { "settings": self.settings, "steps": self.steps, "version": env!("CARGO_PKG_VERSION") },
+                "from": self.spec.training,
+            });
+        }
+        Model { spec, tensors }
+    }
+}
+
+fn check(spec: &ModelSpec, settings: &Settings) -> Result<()> {
+    if settings.mode == Mode::Off {
+        return Err(Error::Input("adapt: mode off asks for nothing".into()));
+    }
+    if spec.contact.is_some() {
+        return Err(Error::Input(
+            "adapt: the model is of bodies at points that an obstacle touches, which do not learn in a run: leave adapt out".into(),
+        ));
+    }
+    Ok(())
+}
+
+/// The session's segmentation in the order of the undecomposed mesh; one segment where the model has no macro stage.
+fn segments(session: &Session, cells: &[i64], labels: &[i32]) -> (SegmentSpec, Vec<i32>) {
+    let mut ordered = vec![0; cells.len()];
+    if session.n_segments() == 0 {
+        let one = SegmentSpec {
+            count: 1,
+            overlap: 0,
+            ..SegmentSpec::default()
+        };
+        return (one, ordered);
+    }
+    for (&cell, &label) in cells.iter().zip(labels) {
+        ordered[cell as usize] = label;
+    }
+    (session.segment_spec().clone(), ordered)
+}

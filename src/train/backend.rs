@@ -1,0 +1,80 @@
+//! What computes: gradients of batches, and rollouts for validation.
+
+use super::normaliser::Normaliser;
+use m4gn_mesh::Result;
+
+/// One training example: a trajectory, a frame to start from, and its random numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Example {
+    /// Index of the training trajectory.
+    pub sample: usize,
+    /// First frame.
+    pub frame: usize,
+    /// Reflected in the second direction.
+    pub mirror: bool,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// A part of a step's batch.
+#[derive(Clone, Copy, Debug)]
+pub struct Batch<'a> {
+    /// Its examples. In pieces of [`Batch::micro`] their errors are averaged over all cells together.
+    pub examples: &'a [Example],
+    /// Examples of a piece.
+    pub micro: usize,
+    /// Examples of the whole batch, of which this may be one rank's share.
+    pub total: usize,
+    /// Model steps in the loss.
+    pub unroll: usize,
+    /// Whether to return what the normalisers need.
+    pub accumulate: bool,
+    /// Whether to compute the loss and its gradient.
+    pub learn: bool,
+}
+
+/// What came of a part of a batch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Learned {
+    /// Its part of the gradient of the batch's mean loss; none if it was not to be computed.
+    pub gradient: Option<Vec<f32>>,
+    /// Its part of the mean squared normalised error of each predicted field, over the unrolled steps.
+    pub losses: Vec<f64>,
+    /// Moments of the examples.
+    pub moments: Option<Normaliser>,
+}
+
+/// A rollout of a validation trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rollout {
+    /// Index of the trajectory.
+    pub sample: usize,
+    /// First frame.
+    pub frame: usize,
+    /// Model steps.
+    pub steps: usize,
+}
+
+/// The native engine, or libtorch. What it computes does not depend on its threads.
+pub trait Backend {
+    /// What it runs on, for people.
+    fn name(&self) -> String;
+
+    /// Loss and gradient of a part of a batch.
+    ///
+    /// # Errors
+    /// What the backend may fail with.
+    fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned>;
+
+    /// For each rollout the mean squared error of the first predicted field at each step, of the model and of holding
+    /// the first frame.
+    ///
+    /// # Errors
+    /// What the backend may fail with.
+    fn roll_out(
+        &mut self,
+        weights: &[f32],
+        normaliser: &Normaliser,
+        plan: &[Rollout],
+    ) -> Result<Vec<Vec<(f64, f64)>>>;
+}

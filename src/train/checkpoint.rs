@@ -1,0 +1,181 @@
+//! Checkpoints: everything a training needs to go on exactly, in one safetensors file, replaced atomically.
+
+use super::journal::Validation;
+use super::normaliser::{Moments, Normaliser};
+use super::tensor_file::{Arrays, TensorFile};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::ModelSpec;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What a checkpoint says about itself and the run; the `m4gn_checkpoint` entry of the header.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Version of this schema: 1.
+    pub version: u32,
+    /// Steps made.
+    pub step: u64,
+    /// Updates of the weights made.
+    pub updates: u64,
+    /// Graphs seen times unrolled steps.
+    pub samples: u64,
+    /// Seconds of training.
+    pub seconds: f64,
+    /// Seed of the run.
+    pub seed: u64,
+    /// The configuration, as JSON.
+    pub config: serde_json::Value,
+    /// Names and lengths of the trajectories.
+    pub data: Vec<String>,
+    /// Step and validation of the best weights.
+    pub best: Option<(u64, Validation)>,
+    /// Sums over the unfinished interval of the log: rows, loss, gradient norm, losses of the fields.
+    pub interval: (u64, f64, f64, Vec<f64>),
+    /// Model that the training started from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<String>,
+}
+
+/// A checkpoint in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// Counters and descriptions.
+    pub progress: Progress,
+    /// Weights.
+    pub weights: Vec<f32>,
+    /// Adam's first moment.
+    pub first: Vec<f32>,
+    /// Adam's second moment.
+    pub second: Vec<f32>,
+    /// Running average of the weights, if kept.
+    pub average: Option<Vec<f32>>,
+    /// Best weights so far, if there was a validation.
+    pub best: Option<Vec<f32>>,
+    /// Normalisers.
+    pub normaliser: Normaliser,
+    /// Normalisers of the best weights, if there was a validation.
+    pub best_normaliser: Option<Normaliser>,
+}
+
+impl Checkpoint {
+    /// Whether the tensors are those of a training of this model: lengths, and no number that is not finite.
+    ///
+    /// # Errors
+    /// [`Error::File`] naming the first that is not.
+    pub fn check(&self, spec: &ModelSpec, weights: usize, path: &Path) -> Result<()> {
+        let damaged = |what: String| {
+            Error::file(
+                path,
+                format!("not a usable checkpoint ({what}); delete it to start the training anew"),
+            )
+        };
+        let tensors = [
+            ("weights", Some(&self.weights)),
+            ("first", Some(&self.first)),
+            ("second", Some(&self.second)),
+            ("average", self.average.as_ref()),
+            ("best", self.best.as_ref()),
+        ];
+        for (name, values) in tensors.into_iter().filter_map(|(n, v)| Some((n, v?))) {
+            if values.len() != weights {
+                let n = values.len();
+                return Err(damaged(format!(
+                    "tensor `{name}`: {n} numbers, expected {weights}"
+                )));
+            }
+            if let Some(i) = values.iter().position(|v| !v.is_finite()) {
+                return Err(damaged(format!("tensor `{name}`: number {i} is {}", values[i])));
+            }
+        }
+        if let Some(i) = self.second.iter().position(|v| *v < 0.0) {
+            return Err(damaged(format!("tensor `second`: number {i} is negative")));
+        }
+        if self.best.is_some() != self.best_normaliser.is_some()
+            || self.best.is_some() != self.progress.best.is_some()
+        {
+            return Err(damaged("the best weights are not complete".into()));
+        }
+        for normaliser in [Some(&self.normaliser), self.best_normaliser.as_ref()]
+            .into_iter()
+            .flatten()
+        {
+            normaliser.check(spec).map_err(|e| damaged(e.to_string()))?;
+        }
+        Ok(())
+    }
+}
+
+const ENTRY: &str = "m4gn_checkpoint";
+
+impl Checkpoint {
+    /// Writes a temporary file and puts it in the place of the old one.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let mut arrays = Arrays::default();
+        for (name, values) in [
+            ("weights", Some(&self.weights)),
+            ("first", Some(&self.first)),
+            ("second", Some(&self.second)),
+            ("average", self.average.as_ref()),
+            ("best", self.best.as_ref()),
+        ] {
+            values.into_iter().for_each(|values| arrays.floats(name, values));
+        }
+        for (prefix, normaliser) in [
+            ("", Some(&self.normaliser)),
+            ("best.", self.best_normaliser.as_ref()),
+        ] {
+            for (name, m) in normaliser.iter().flat_map(|n| n.named()) {
+                arrays.doubles(&format!("{prefix}{name}.count"), &[m.count]);
+                arrays.doubles(&format!("{prefix}{name}.sum"), &m.sum);
+                arrays.doubles(&format!("{prefix}{name}.square"), &m.square);
+            }
+        }
+        arrays.write(path, "checkpoint", ENTRY, &self.progress)
+    }
+
+    /// Reads a checkpoint back.
+    pub fn read(path: &Path) -> Result<Self> {
+        let fail = |e: String| {
+            Error::file(
+                path,
+                format!("not a usable checkpoint ({e}); delete it to start the training anew"),
+            )
+        };
+        let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
+        let (progress, file): (Progress, _) = TensorFile::parse(&bytes, ENTRY).map_err(&fail)?;
+        if progress.version != 1 {
+            return Err(fail(format!(
+                "schema version {}, this program reads 1",
+                progress.version
+            )));
+        }
+        let moments = |name: &str| -> Option<Moments> {
+            Some(Moments {
+                count: *file.doubles(&format!("{name}.count"))?.first()?,
+                sum: file.doubles(&format!("{name}.sum"))?,
+                square: file.doubles(&format!("{name}.square"))?,
+            })
+        };
+        let normaliser = |prefix: &str| -> Option<Normaliser> {
+            Some(Normaliser {
+                node: moments(&format!("{prefix}norm.node"))?,
+                edge: moments(&format!("{prefix}norm.edge"))?,
+                output: moments(&format!("{prefix}norm.output"))?,
+            })
+        };
+        let need = |name: &str| {
+            file.floats(name)
+                .ok_or_else(|| fail(format!("no tensor `{name}`")))
+        };
+        Ok(Checkpoint {
+            weights: need("weights")?,
+            first: need("first")?,
+            second: need("second")?,
+            average: file.floats("average"),
+            best: file.floats("best"),
+            normaliser: normaliser("").ok_or_else(|| fail("no normalisers".into()))?,
+            best_normaliser: normaliser("best."),
+            progress,
+        })
+    }
+}

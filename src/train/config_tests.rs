@@ -1,0 +1,128 @@
+//! Configurations, right and wrong.
+
+use super::*;
+
+const SMALL: &str = r#"
+    [model]
+    stride = 0.05
+    width = 8
+    hidden_layers = 1
+    activation = "relu"
+    kind = "mesh-graph-net"
+    layers = 1
+    fields = [{ name = "U", input = true, output = "delta" }, { name = "p", input = false, output = "value" }]
+    [training]
+    steps = 10
+    learning_rate = 1e-4
+    learning_rate_end = 1e-6
+    decay_start = 1000
+    decay_steps = 1000
+    unroll = [[0, 1], [20, 2]]
+    noise = { U = 0.02 }
+"#;
+
+#[test]
+fn schedule_is_the_papers() {
+    let t = Config::parse(SMALL).unwrap().training;
+    assert_eq!(t.learning_rate_at(0), 1e-4);
+    assert_eq!(t.learning_rate_at(1000), 1e-4);
+    assert!((t.learning_rate_at(1500) - 1e-5).abs() < 1e-18);
+    assert!((t.learning_rate_at(5000) - 1e-6).abs() < 1e-18);
+    assert_eq!((t.unroll_at(19), t.unroll_at(20)), (1, 2));
+}
+
+#[test]
+fn a_restart_decays_to_the_last_step() {
+    let text = SMALL.replace(
+        "steps = 10\n",
+        "steps = 6000\nrestarts = [{ step = 2000, learning_rate = 1e-3 }, { step = 5000, learning_rate = 1e-4 }]\n",
+    );
+    let t = Config::parse(&text).unwrap().training;
+    assert!((t.learning_rate_at(1999) - 1e-6).abs() < 1e-8);
+    assert_eq!((t.learning_rate_at(2000), t.learning_rate_at(5000)), (1e-3, 1e-4));
+    assert!((t.learning_rate_at(4999) - 1e-6).abs() < 1e-8);
+    assert!((t.learning_rate_at(5500) - 1e-5).abs() < 1e-18);
+    assert!((t.learning_rate_at(6000) - 1e-6).abs() < 1e-18);
+}
+
+#[test]
+fn shipped_configurations_are_valid() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+    for name in [
+        "cylinder-flow.toml",
+        "cylinder-flow-paper.toml",
+        "vibrating-beam.toml",
+    ] {
+        Config::read(&folder.join(name)).unwrap();
+    }
+}
+
+#[test]
+fn each_wrong_value_is_named() {
+    for (from, to, key) in [
+        ("width = 8", "widht = 8", "widht"),
+        ("width = 8", "width = 0", "width: expected 1"),
+        ("stride = 0.05", "stride = -1.0", "stride: expected"),
+        (
+            "hidden_layers = 1",
+            "hidden_layers = 0",
+            "hidden_layers: expected 1",
+        ),
+        ("kind = \"mesh-graph-net\"", "kind = \"gat\"", "gcn"),
+        ("kind = \"mesh-graph-net\"", "kind = \"m4gn\"", "the macro stage"),
+        (
+            "[training]",
+            "[contact]\nradius = 0.01\n[training]",
+            "the displacement",
+        ),
+        (
+            "[training]",
+            "[segments]\ncount = 0\n[training]",
+            "segments.count",
+        ),
+        (
+            "[training]",
+            "[segments]\nenergy = 2.0\n[training]",
+            "segments.energy",
+        ),
+        (
+            "[training]",
+            "[segments]\nmethod = \"slic-x\"\n[training]",
+            "slic-mdode",
+        ),
+        ("layers = 1", "layers = 1\nlayers_after = 2", "layers_after"),
+        ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),
+        ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
+        ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
+        (" steps = 10\n", " steps = 0\n", "training.steps"),
+        (
+            "[training]",
+            "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]",
+            "has no macro stage",
+        ),
+    ] {
+        let text = SMALL.replace(from, to);
+        assert_ne!(text, SMALL);
+        let message = Config::parse(&text).unwrap_err().to_string();
+        assert!(message.contains(key), "{message}");
+    }
+}
+
+#[test]
+fn without_a_kind_the_macro_table_tells() {
+    let old = SMALL
+        .replace("kind = \"mesh-graph-net\"\n", "")
+        .replace("    layers = 1", "    layers_before = 1");
+    let kind = |text: &str| Config::parse(text).unwrap().architecture().unwrap().name();
+    assert_eq!(kind(&old), KindName::MeshGraphNet);
+    let stage = "[macro]\nlayers = 1\nheads = 2\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]";
+    assert_eq!(kind(&old.replace("[training]", stage)), KindName::M4gn);
+    assert_eq!(kind(&SMALL.replace("mesh-graph-net", "gcn")), KindName::Gcn);
+    let heads = stage.replace("heads = 2", "heads = 3");
+    let message = Config::parse(&old.replace("[training]", &heads)).unwrap_err();
+    assert!(
+        message
+            .to_string()
+            .contains("heads: 3 does not divide the width 8")
+    );
+}

@@ -1,0 +1,287 @@
+//! Loss and gradient of one example on the native engine, through all its unrolled steps.
+
+use super::backend::{Batch, Example};
+use super::native::NativeBackend;
+use super::normaliser::{Moments, Normaliser};
+use super::samples::Sample;
+use m4gn_contact::graph::ContactGraph;
+use m4gn_engine::backward::{InputGradient, Scales, TrainGraph, Worker, normal};
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::time::Instant;
+
+/// Bytes that one thread keeps of unrolled steps; beyond it they are computed again in the backward pass.
+const KEEP: usize = 1 << 30;
+
+/// The graph of a body at a state, with its senders and receivers.
+type Moved = (TrainGraph, Vec<i32>, Vec<i32>);
+
+/// An application of the network: the state before it, and, of bodies, the graph there with its senders and receivers.
+struct Applied {
+    state: Vec<f32>,
+    graph: Option<Moved>,
+}
+
+/// What comes of one example.
+pub struct Piece {
+    /// Its part of the gradient.
+    pub gradient: Option<Vec<f32>>,
+    /// Its part of the losses.
+    pub losses: Vec<f64>,
+    /// What the normalisers need.
+    pub moments: Option<Normaliser>,
+}
+
+impl NativeBackend<'_> {
+    /// Loss and gradient of an example, whose part of the batch is `share`.
+    pub(super) fn learn_one(
+        &self,
+        worker: &mut Worker,
+        scales: &Scales,
+        example: &Example,
+        batch: &Batch,
+        share: f64,
+    ) -> Result<Piece> {
+        let sample = &self.work.train[example.sample];
+        let base = &self.graphs[example.sample][usize::from(example.mirror)];
+        let stride = self.work.frames_a_step;
+        let frame = |step: usize| {
+            self.stepper
+                .frame(sample, example.frame + step * stride, example.mirror)
+        };
+        let mut contact = sample.contact.as_ref().map(|c| match example.mirror {
+            true => c.reflected(),
+            false => c.clone(),
+        });
+        let began = Instant::now();
+        let mut state = frame(0);
+        self.add_noise(sample, example.seed, &mut state);
+        let (mut inputs, mut target) = (Vec::new(), Vec::new());
+        let mut moments = None;
+        let mut graph = at_state(base, &mut contact, &state)?;
+        if batch.accumulate {
+            let next = frame(1);
+            self.stepper.inputs(sample, &state, &next, &mut inputs);
+            self.stepper.target(sample, &state, &next, &mut target);
+            let edges = graph.as_ref().map_or(base, |g| &g.0).edge_features();
+            moments = Some(Normaliser {
+                node: Moments::of(&inputs, self.spec.n_field_inputs()),
+                edge: Moments::of(edges, self.spec.n_edge_features()),
+                output: Moments::of(&target, self.spec.n_outputs()),
+            });
+        }
+        let mut losses = vec![0.0; self.groups.len()];
+        if !batch.learn {
+            return Ok(Piece {
+                gradient: None,
+                losses,
+                moments,
+            });
+        }
+        let m = self.spec.n_outputs();
+        let mut outputs = vec![0.0; sample.n_cells() * m];
+        // Derivatives by the normalised outputs of each step, and the applications they belong to.
+        let mut d_outputs: Vec<Vec<f32>> = Vec::new();
+        let mut applied: Vec<Applied> = Vec::new();
+        let mut keep = batch.unroll;
+        for step in 1..=batch.unroll {
+            let next = frame(step);
+            self.stepper.inputs(sample, &state, &next, &mut inputs);
+            let here = graph.as_ref().map_or(base, |g| &g.0);
+            let tape = if step <= keep { step - 1 } else { 0 };
+            self.network
+                .forward(worker, tape, here, scales, &inputs, &mut outputs);
+            if step == 1 && batch.unroll > 1 && batch.unroll * self.network.memory(worker).2 > KEEP {
+                keep = 1;
+            }
+            self.stepper.target(sample, &state, &next, &mut target);
+            d_outputs.push(self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses));
+            let new = match step < batch.unroll {
+                true => {
+                    let scale = &scales.output;
+                    for row in outputs.chunks_exact_mut(m) {
+                        let physical = row.iter_mut().zip(&scale.std).zip(&scale.mean);
+                        physical.for_each(|((y, std), mean)| *y = *y * std + mean);
+                    }
+                    self.stepper.advance(sample, &state, &outputs, &next)
+                }
+                false => Vec::new(),
+            };
+            applied.push(Applied {
+                state: std::mem::replace(&mut state, new),
+                graph: graph.take(),
+            });
+            if step < batch.unroll {
+                graph = at_state(base, &mut contact, &state)?;
+            }
+        }
+        let began = self.lap(1, began);
+        self.backward(worker, scales, base, sample, example, (applied, d_outputs, keep));
+        let mut gradient = vec![0.0; self.network.layout().len()];
+        self.network.flush(worker, &mut gradient);
+        self.lap(2, began);
+        Ok(Piece {
+            gradient: Some(gradient),
+            losses,
+            moments,
+        })
+    }
+
+    /// Through all applications, last to first.
+    fn backward(
+        &self,
+        worker: &mut Worker,
+        scales: &Scales,
+        base: &TrainGraph,
+        sample: &Sample,
+        example: &Example,
+        (applied, d_outputs, keep): (Vec<Applied>, Vec<Vec<f32>>, usize),
+    ) {
+        let unroll = applied.len();
+        let m = self.spec.n_outputs();
+        let stride = self.work.frames_a_step;
+        let mut by_inputs = InputGradient::default();
+        let (mut inputs, mut unread) = (Vec::new(), Vec::new());
+        // Derivative by the state behind the step.
+        let mut behind: Option<Vec<f32>> = None;
+        for (step, (application, loss)) in applied.iter().zip(&d_outputs).enumerate().rev() {
+            let graph = application.graph.as_ref().map_or(base, |g| &g.0);
+            let mut d = loss.clone();
+            let mut d_state = None;
+            if let Some(mut behind) = behind.take() {
+                let mut physical = vec![0.0; d.len()];
+                d_state = Some(self.stepper.advance_backward(sample, &mut behind, &mut physical));
+                for (d, physical) in d.chunks_exact_mut(m).zip(physical.chunks_exact(m)) {
+                    let both = d.iter_mut().zip(physical).zip(&scales.output.std);
+                    both.for_each(|((d, p), std)| *d += p * std);
+                }
+            }
+            if keep < unroll && step + 1 < unroll {
+                let next = self
+                    .stepper
+                    .frame(sample, example.frame + (step + 1) * stride, example.mirror);
+                self.stepper
+                    .inputs(sample, &application.state, &next, &mut inputs);
+                unread.resize(d.len(), 0.0);
+                self.network
+                    .forward(worker, 0, graph, scales, &inputs, &mut unread);
+            }
+            let tape = if keep < unroll { 0 } else { step };
+            let wanted = step > 0 && self.through_unroll;
+            if wanted {
+                by_inputs
+                    .nodes
+                    .resize(graph.n_nodes() * self.spec.n_field_inputs(), 0.0);
+                by_inputs.edges = application
+                    .graph
+                    .as_ref()
+                    .map(|_| vec![0.0; graph.edge_features().len()]);
+            }
+            let by = wanted.then_some(&mut by_inputs);
+            self.network.backward(worker, tape, graph, scales, &d, by);
+            if !wanted {
+                continue;
+            }
+            let size = application.state.len();
+            let mut d_state = d_state.unwrap_or_else(|| vec![0.0; size]);
+            self.stepper.inputs_backward(&by_inputs.nodes, &mut d_state);
+            // The target of a change is as far as the state is off.
+            let mut d_target = loss.clone();
+            for row in d_target.chunks_exact_mut(m) {
+                let scaled = row.iter_mut().zip(&scales.output.inverse);
+                scaled.for_each(|(d, inverse)| *d *= -inverse);
+            }
+            self.stepper.target_backward(&d_target, &mut d_state);
+            if let (Some((graph, senders, receivers)), Some(d)) = (&application.graph, &by_inputs.edges) {
+                edges_backward(graph.edge_features(), d, (senders, receivers), &mut d_state);
+            }
+            behind = Some(d_state);
+        }
+    }
+
+    /// Adds to the losses, and gives the derivative of their weighted sum by the normalised outputs.
+    fn loss(
+        &self,
+        scales: &Scales,
+        outputs: &[f32],
+        target: &[f32],
+        (unroll, share): (usize, f64),
+        losses: &mut [f64],
+    ) -> Vec<f32> {
+        let m = self.spec.n_outputs();
+        let cells = outputs.len() / m;
+        let mut d = vec![0.0; outputs.len()];
+        let mut sums = vec![0.0; self.groups.len()];
+        for ((d, y), target) in d
+            .chunks_exact_mut(m)
+            .zip(outputs.chunks_exact(m))
+            .zip(target.chunks_exact(m))
+        {
+            for (&(first, n, weight), sum) in self.groups.iter().zip(&mut sums) {
+                let factor = (2.0 * weight * share / (unroll * cells * n) as f64) as f32;
+                for i in first..first + n {
+                    let wanted = (target[i] - scales.output.mean[i]) * scales.output.inverse[i];
+                    let off = y[i] - wanted;
+                    *sum += f64::from(off) * f64::from(off);
+                    d[i] = factor * off;
+                }
+            }
+        }
+        for ((loss, sum), &(_, n, _)) in losses.iter_mut().zip(sums).zip(&self.groups) {
+            *loss += share * sum / (unroll * cells * n) as f64;
+        }
+        d
+    }
+
+    /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.
+    fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
+        if self.noise.iter().all(|&n| n == 0.0) {
+            return;
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let rows = state.chunks_exact_mut(self.noise.len()).take(sample.n_cells());
+        for (cell, row) in rows.enumerate() {
+            let held = sample.held.as_ref().is_some_and(|held| held[cell]);
+            for (x, std) in row.iter_mut().zip(&self.noise).filter(|(_, std)| **std > 0.0) {
+                let noise = (std * normal(&mut rng)) as f32;
+                if !held {
+                    *x += noise;
+                }
+            }
+        }
+        self.stepper.copy_to_boundary(sample, state, false);
+    }
+}
+
+/// The graph of a body at a state, with its senders and receivers; none for cells, whose graph stays.
+fn at_state(base: &TrainGraph, contact: &mut Option<ContactGraph>, state: &[f32]) -> Result<Option<Moved>> {
+    let Some(contact) = contact else { return Ok(None) };
+    let graph = contact.update(&Comm::serial(), state)?;
+    Ok(Some((
+        base.with_edges(graph),
+        graph.senders.clone(),
+        graph.receivers.clone(),
+    )))
+}
+
+/// From the derivative by the features of a body's edges to that by the displacement of its nodes: `now` is the rest
+/// plus the sender's displacement minus the receiver's.
+fn edges_backward(features: &[f32], d: &[f32], (senders, receivers): (&[i32], &[i32]), d_state: &mut [f32]) {
+    const N: usize = m4gn_contact::graph::N_FEATURES;
+    let rows = features.chunks_exact(N).zip(d.chunks_exact(N));
+    for ((x, d), (&s, &r)) in rows.zip(senders.iter().zip(receivers)) {
+        let length = x[7];
+        for i in 0..3 {
+            let along = if length > 0.0 {
+                d[7] * x[4 + i] / length
+            } else {
+                0.0
+            };
+            let by = d[4 + i] + along;
+            d_state[3 * s as usize + i] += by;
+            d_state[3 * r as usize + i] -= by;
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! The CSV log of a training: one row an interval, validation columns empty where there was none.
+
+use m4gn_mesh::{Error, Result};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Errors of a validation and of holding the first frame, in the units of the first predicted field.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Validation {
+    /// After one step: model, persistence.
+    pub rmse_1: [f64; 2],
+    /// Over rollouts of the validation horizon.
+    pub rmse_horizon: [f64; 2],
+    /// Over whole trajectories.
+    pub rmse_all: [f64; 2],
+}
+
+impl Validation {
+    /// Whether all rollouts stayed finite.
+    pub fn is_finite(&self) -> bool {
+        let all = [self.rmse_1, self.rmse_horizon, self.rmse_all];
+        all.as_flattened().iter().all(|v| v.is_finite())
+    }
+
+    /// What is compared to find the best weights: the geometric mean of the rollouts' errors relative to persistence.
+    /// Infinite where a rollout left the finite numbers.
+    pub fn score(&self) -> f64 {
+        let ratio = |[model, held]: [f64; 2]| {
+            if model.is_finite() {
+                model / held.max(1e-30)
+            } else {
+                f64::INFINITY
+            }
+        };
+        (ratio(self.rmse_horizon) * ratio(self.rmse_all)).sqrt()
+    }
+}
+
+/// One row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Steps made.
+    pub step: u64,
+    /// Graphs seen times unrolled steps.
+    pub samples: u64,
+    /// Seconds of training, over all resumptions.
+    pub seconds: f64,
+    /// Learning rate.
+    pub learning_rate: f64,
+    /// Weighted loss, mean over the interval.
+    pub loss: f64,
+    /// Loss of each predicted field.
+    pub losses: Vec<f64>,
+    /// Mean norm of the gradient.
+    pub gradient: f64,
+    /// The validation at this step.
+    pub validation: Option<Validation>,
+}
+
+/// The open log file.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+}
+
+impl Journal {
+    /// Starts a log, or carries one on: rows after `step` are dropped, they will be made again.
+    pub fn open(path: &Path, fields: &[String], step: u64) -> Result<Self> {
+        let fail = |e: std::io::Error| Error::file(path, format!("cannot write the training log: {e}"));
+        let losses: Vec<String> = fields.iter().map(|f| format!("loss_{f}")).collect();
+        let mut text = format!(
+            "step,samples,seconds,learning_rate,loss,{},gradient_norm,rmse_1,rmse_50,rmse_all,persistence_1,persistence_50,persistence_all\n",
+            losses.join(",")
+        );
+        let old = if step > 0 {
+            std::fs::read_to_string(path).unwrap_or_default()
+        } else {
+            String::new()
+        };
+        for line in old.lines().skip(1) {
+            let at = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
+            if at.is_some_and(|at| at <= step) {
+                text.push_str(line);
+                text.push('\n');
+            }
+        }
+        std::fs::write(path, text).map_err(fail)?;
+        let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
+        Ok(Journal {
+            path: path.to_path_buf(),
+            file,
+        })
+    }
+
+    /// Appends a row.
+    pub fn append(&mut self, row: &Row) -> Result<()> {
+        let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
+        let validation = match &row.validation {
+            Some(v) => [
+                v.rmse_1[0],
+                v.rmse_horizon[0],
+                v.rmse_all[0],
+                v.rmse_1[1],
+                v.rmse_horizon[1],
+                v.rmse_all[1],
+            ]
+            .map(|x| format!("{x:.6e}"))
+            .join(","),
+            None => ",,,,,".into(),
+        };
+        writeln!(
+            self.file,
+            "{},{},{:.1},{:.6e},{:.6e},{},{:.4e},{validation}",
+            row.step,
+            row.samples,
+            row.seconds,
+            row.learning_rate,
+            row.loss,
+            losses.join(","),
+            row.gradient
+        )
+        .map_err(|e| Error::file(&self.path, format!("cannot write the training log: {e}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_after_the_checkpoint_are_dropped() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("log.csv");
+        let row = |step| Row {
+            step,
+            samples: step,
+            seconds: 1.0,
+            learning_rate: 1e-3,
+            loss: 1.0,
+            losses: vec![1.0],
+            gradient: 1.0,
+            validation: None,
+        };
+        let mut journal = Journal::open(&path, &["U".into()], 0).unwrap();
+        (1..=3).for_each(|s| journal.append(&row(s)).unwrap());
+        let text = std::fs::read_to_string(&path).unwrap();
+        let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
+        assert_eq!(columns, [13; 4]);
+        drop(Journal::open(&path, &["U".into()], 2).unwrap());
+        assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 3);
+    }
+}

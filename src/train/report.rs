@@ -1,0 +1,107 @@
+//! What a training says while it runs: a progress bar on a terminal, plain lines otherwise.
+
+use super::journal::{Row, Validation};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::cell::RefCell;
+use std::io::IsTerminal;
+use std::time::Instant;
+
+/// The terminal, or lines on standard error.
+pub struct Report {
+    /// Of several ranks one speaks.
+    speaks: bool,
+    terminal: bool,
+    bar: RefCell<ProgressBar>,
+    since: RefCell<(Instant, u64)>,
+}
+
+impl Report {
+    /// Looks at what standard error is.
+    pub fn new(speaks: bool) -> Self {
+        Report {
+            speaks,
+            terminal: speaks && std::io::stderr().is_terminal(),
+            bar: RefCell::new(ProgressBar::hidden()),
+            since: RefCell::new((Instant::now(), 0)),
+        }
+    }
+
+    /// A line that stays.
+    pub fn line(&self, text: &str) {
+        if self.terminal {
+            self.bar.borrow().suspend(|| eprintln!("{text}"));
+        } else if self.speaks {
+            eprintln!("{text}");
+        }
+    }
+
+    /// Before reading `total` trajectories.
+    pub fn begin_loading(&self, total: u64) {
+        self.line(&format!(
+            "reading {total} trajectories, making their graphs and segments"
+        ));
+        self.start(total, 0, "{bar:30} {pos}/{len} trajectories");
+    }
+
+    /// One trajectory was read.
+    pub fn loaded(&self) {
+        self.bar.borrow().inc(1);
+    }
+
+    /// Before the first of `steps` steps, `done` of which an earlier run made.
+    pub fn begin(&self, steps: u64, done: u64) {
+        self.start(steps, done, "{bar:30} {pos}/{len} steps, {msg}, {eta} left");
+        *self.since.borrow_mut() = (Instant::now(), done);
+    }
+
+    /// After a step.
+    pub fn advance(&self, step: u64) {
+        self.bar.borrow().set_position(step);
+    }
+
+    /// After an interval of the log.
+    pub fn row(&self, row: &Row) {
+        let mut since = self.since.borrow_mut();
+        let rate = (row.step - since.1.min(row.step)) as f64 / since.0.elapsed().as_secs_f64().max(1e-9);
+        *since = (Instant::now(), row.step);
+        let text = format!("loss {:.4}, {rate:.2} steps/s", row.loss);
+        if self.terminal {
+            self.bar.borrow().set_message(text);
+        } else if self.speaks {
+            eprintln!(
+                "step {}, {:.0} s: {text}, learning rate {:.2e}",
+                row.step, row.seconds, row.learning_rate
+            );
+        }
+    }
+
+    /// After a validation.
+    pub fn validation(&self, step: u64, v: &Validation, better: bool) {
+        self.line(&format!(
+            "validation at step {step}: RMSE-1 {:.4} ({:.0} % of persistence), RMSE-50 {:.4} ({:.0} %), RMSE-all {:.4} ({:.0} %){}",
+            v.rmse_1[0],
+            100.0 * v.rmse_1[0] / v.rmse_1[1],
+            v.rmse_horizon[0],
+            100.0 * v.rmse_horizon[0] / v.rmse_horizon[1],
+            v.rmse_all[0],
+            100.0 * v.rmse_all[0] / v.rmse_all[1],
+            if better { ", best so far" } else { "" }
+        ));
+    }
+
+    /// Takes the bar away.
+    pub fn end(&self) {
+        self.bar.borrow().finish_and_clear();
+    }
+
+    fn start(&self, total: u64, done: u64, template: &str) {
+        if self.terminal {
+            let bar = ProgressBar::new(total).with_position(done);
+            if let Ok(style) = ProgressStyle::with_template(template) {
+                bar.set_style(style);
+            }
+            bar.reset_eta();
+            *self.bar.borrow_mut() = bar;
+        }
+    }
+}

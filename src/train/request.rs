@@ -1,0 +1,79 @@
+//! What the command line asks for, as it crosses the C interface.
+
+use super::config::Config;
+use m4gn_mesh::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// `m4gn train`'s arguments.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Request {
+    /// Folder of trajectories, or one.
+    pub data: PathBuf,
+    /// TOML file.
+    pub config: PathBuf,
+    /// Model file to write.
+    pub out: PathBuf,
+    /// `cpu`, `cuda`, `cuda:0`.
+    #[serde(default)]
+    pub device: Option<String>,
+    /// Model to start from.
+    #[serde(default)]
+    pub from: Option<PathBuf>,
+    /// Carry on from the checkpoint beside `out`.
+    #[serde(default)]
+    pub resume: bool,
+    /// Worker threads.
+    #[serde(default)]
+    pub threads: Option<usize>,
+    /// Overrides `training.steps`; 0 with `from`: no training, but the ranges of the data in a copy of the model.
+    #[serde(default)]
+    pub steps: Option<u64>,
+    /// Overrides `training.seed`.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// File for the figures.
+    #[serde(default)]
+    pub json: Option<PathBuf>,
+}
+
+impl Request {
+    /// The configuration with the overrides.
+    pub fn config(&self) -> Result<Config> {
+        let mut config = Config::read(&self.config)?;
+        if let Some(steps) = self.steps {
+            if steps == 0 && self.from.is_none() {
+                return Err(Error::Input(
+                    "--steps 0: expected at least 1; with --from MODEL, 0 writes the ranges of --data into a copy of the model"
+                        .into(),
+                ));
+            }
+            config.training.steps = steps;
+        }
+        if let Some(seed) = self.seed {
+            config.training.seed = seed;
+        }
+        Ok(config)
+    }
+
+    /// Worker threads: as asked, else one a core up to the pieces of work.
+    pub fn threads(&self, pieces: usize) -> usize {
+        let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+        self.threads.unwrap_or(cores).clamp(1, pieces.clamp(1, 1024))
+    }
+
+    /// The checkpoint beside the model file.
+    pub fn checkpoint(&self) -> PathBuf {
+        beside(&self.out, "checkpoint")
+    }
+
+    /// The log beside the model file.
+    pub fn log(&self) -> PathBuf {
+        beside(&self.out, "csv")
+    }
+}
+
+fn beside(out: &Path, extension: &str) -> PathBuf {
+    out.with_extension(extension)
+}

@@ -1,0 +1,380 @@
+//! Trajectories in memory: fields, graphs and segments, made by the functions that the session uses.
+
+use super::config::Config;
+use m4gn_contact::graph::ContactGraph;
+use m4gn_contact::part::BodyPart;
+use m4gn_data::Trajectory;
+use m4gn_engine::SegmentView;
+use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_model::modal::ModalSource;
+use m4gn_model::{FieldSpec, ModalOperator, ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_modes::Modal;
+use m4gn_segments as segments;
+use m4gn_segments::coarse::Coarse;
+use m4gn_segments::graph::Graph;
+use m4gn_segments::{SegmentFeatures, Segmentation};
+use m4gn_step::{copied_faces, faces_seen_as_their_cells};
+use std::path::Path;
+
+/// One recorded trajectory.
+#[derive(Debug)]
+pub struct Sample {
+    /// Its graph; of a body at points at rest.
+    pub graph: Graph,
+    /// Its segments and their features.
+    pub segments: (Segmentation, SegmentFeatures),
+    /// A body at points.
+    pub contact: Option<ContactGraph>,
+    /// Owner cell of each boundary node.
+    pub owners: Vec<u32>,
+    /// Whether a boundary value is its owner's (outflow, symmetry) or prescribed, `[B x components]`.
+    pub copies: Vec<bool>,
+    /// Points that are held; none for cells.
+    pub held: Option<Vec<bool>>,
+    /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`.
+    pub frames: Vec<f32>,
+    /// Number of frames.
+    pub n_frames: usize,
+    /// Mean distance of neighbouring nodes, m; 0 of bodies, whose points move.
+    pub cell_size: f64,
+    /// The way from the cells, where the nodes are groups of them.
+    pub coarse: Option<Coarse>,
+    /// Components of all fields together.
+    pub width: usize,
+}
+
+/// Components of the fields: which are inputs, which outputs, and how.
+#[derive(Clone, Debug)]
+pub struct Components {
+    /// Components of all fields together.
+    pub count: usize,
+    /// Field of each component.
+    pub field: Vec<usize>,
+    /// Components that are inputs.
+    pub inputs: Vec<usize>,
+    /// Components that are predicted.
+    pub outputs: Vec<usize>,
+    /// Components that change sign under reflection in the second direction.
+    pub odd: Vec<bool>,
+}
+
+impl Components {
+    /// Counts the components of a model's fields.
+    pub fn new(spec: &ModelSpec) -> Self {
+        let mut c = Components {
+            count: 0,
+            field: vec![],
+            inputs: vec![],
+            outputs: vec![],
+            odd: vec![],
+        };
+        for (f, field) in spec.fields.iter().enumerate() {
+            for i in 0..field.components(spec.dim) {
+                if field.input {
+                    c.inputs.push(c.count);
+                }
+                if field.output != Output::None {
+                    c.outputs.push(c.count);
+                }
+                c.field.push(f);
+                c.odd.push(field.vector && i == 1);
+                c.count += 1;
+            }
+        }
+        c
+    }
+}
+
+impl Sample {
+    /// Reads a trajectory and makes its graph and segments. Of a body, the obstacle's points are the boundary.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a trajectory that cannot be read, or that no graph or segments can be made of.
+    pub fn read(trajectory: &Trajectory, spec: &ModelSpec) -> Result<Self> {
+        let mesh = trajectory.mesh();
+        let made = match trajectory.body() {
+            Some(body) => Self::of_body(body, trajectory.obstacle(), spec),
+            None => Self::of_mesh(mesh, spec, &spec.segments, spec.resolution, None),
+        };
+        let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
+        let n_frames = trajectory.times().len();
+        let motion = trajectory.read_motion(0, 1, n_frames)?;
+        let width = sample.width;
+        let nodes = match &sample.coarse {
+            Some(_) => mesh.n_nodes(),
+            None => sample.graph.n_owned,
+        };
+        let mut frames = vec![vec![0f32; nodes * width]; n_frames];
+        let mut first = 0;
+        for field in &spec.fields {
+            let n = field.components(spec.dim);
+            let read = trajectory.read_frames(&field.name, 0, 1, n_frames)?;
+            for ((frame, motion), to) in read.iter().zip(&motion).zip(&mut frames) {
+                let parts = [&frame.cells[..], &frame.boundary, motion.as_flattened()];
+                let rows = parts.into_iter().flat_map(|p| p.chunks_exact(n));
+                for (to, row) in to.chunks_exact_mut(width).zip(rows) {
+                    to[first..first + n].copy_from_slice(row);
+                }
+            }
+            first += n;
+        }
+        sample
+            .frames
+            .reserve_exact(n_frames * sample.graph.n_owned * width);
+        for frame in frames {
+            sample.push(mesh, spec, frame);
+        }
+        sample.find_copies(mesh, spec);
+        Ok(sample)
+    }
+
+    /// Graph and segments of an undecomposed mesh, without frames, at a resolution (m) or a node a cell. `labels [C]` are
+    /// segments of the cells computed before.
+    ///
+    /// # Errors
+    /// For a mesh that no graph can be made of, or segments that cannot be found.
+    pub fn of_mesh(
+        mesh: &Mesh,
+        spec: &ModelSpec,
+        segments: &SegmentSpec,
+        resolution: Option<f64>,
+        labels: Option<&[i32]>,
+    ) -> Result<Self> {
+        let comm = Comm::serial();
+        let coarse = match resolution {
+            Some(length) => Coarse::new(mesh, length, &comm)?,
+            None => None,
+        };
+        let nodes = coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
+        let labels = match (&coarse, labels) {
+            (Some(coarse), Some(labels)) => Some(coarse.labels_of_groups(mesh, labels, &comm)),
+            (_, labels) => labels.map(<[i32]>::to_vec),
+        };
+        let mut graph = Graph::new(nodes, &comm)?;
+        let modal = Modal(segments.modal());
+        let cut = segments::segment(nodes, &mut graph, segments, &modal, &comm, labels.as_deref())?;
+        let features = segments::features(spec, nodes, &cut, &comm);
+        let owners = nodes.boundary.iter().map(|b| b.owner as u32).collect();
+        Ok(Sample {
+            cell_size: cell_size(nodes, &comm),
+            coarse,
+            ..Self::without_frames(graph, (cut, features), owners, spec)
+        })
+    }
+
+    /// Appends a frame of the mesh that the sample was made of: all fields, cells and then boundary nodes
+    /// `[(C + B) x components]`. Faces that the network sees as their cells get the cells' vectors.
+    pub fn push(&mut self, mesh: &Mesh, spec: &ModelSpec, mut frame: Vec<f32>) {
+        let width = self.width;
+        let as_cells = faces_seen_as_their_cells(mesh);
+        let mut first = 0;
+        for field in &spec.fields {
+            let n = field.components(spec.dim);
+            for &(face, cell) in as_cells.iter().filter(|_| field.vector) {
+                let at = |node: usize| node * width + first;
+                frame.copy_within(at(cell)..at(cell) + n, at(mesh.n_cells() + face));
+            }
+            first += n;
+        }
+        match &self.coarse {
+            Some(coarse) => {
+                let nodes = coarse.transfer.restrict(&frame, width, &Comm::serial());
+                self.frames.extend(nodes);
+            }
+            None => self.frames.extend(frame),
+        }
+        self.n_frames += 1;
+    }
+
+    /// Finds by the frames which boundary values are their owners'. `mesh` is the one that the sample was made of.
+    pub fn find_copies(&mut self, mesh: &Mesh, spec: &ModelSpec) {
+        let width = self.width;
+        let mut copies = vec![false; self.copies.len()];
+        let nodes = self.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
+        let mut first = 0;
+        for field in &spec.fields {
+            let n = field.components(spec.dim);
+            let column = |t: usize| -> (Vec<f32>, Vec<f32>) {
+                let mut column = self.frame(t).chunks_exact(width).map(|row| row[first]);
+                let cells = column.by_ref().take(nodes.n_cells()).collect();
+                (cells, column.collect())
+            };
+            // The rule of vectors asks for no values.
+            let frames = if field.vector { 0 } else { self.n_frames };
+            let columns: Vec<_> = (0..frames).map(column).collect();
+            let pairs = columns.iter().map(|(c, b)| (&c[..], &b[..]));
+            for (face, copy) in copied_faces(nodes, field.vector, pairs).into_iter().enumerate() {
+                copies[face * width + first..][..n].fill(copy);
+            }
+            first += n;
+        }
+        self.copies = copies;
+    }
+
+    /// The graph and segments of a body, without frames.
+    ///
+    /// # Errors
+    /// For a body or an obstacle that no graph can be made of, or segments that cannot be found.
+    pub fn of_body(body: &Body, obstacle: Option<&Obstacle>, spec: &ModelSpec) -> Result<Self> {
+        let comm = Comm::serial();
+        let radius = spec.contact.map_or(0.0, |c| c.radius);
+        let part = BodyPart::whole(body, obstacle)?;
+        let contact = ContactGraph::new(&part, radius, &comm)?;
+        let settings = &spec.segments;
+        let modes = match settings.method.uses_modes() && settings.count > 1 {
+            true => Some(Modal::default().of_body(body, settings.mode_count())?),
+            false => None,
+        };
+        let cut = m4gn_contact::segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm)?;
+        let graph = contact.graph().clone();
+        let owners = vec![0; graph.n_owned - graph.n_cells];
+        Ok(Sample {
+            contact: Some(contact),
+            held: Some(body.types.iter().map(|t| *t == NodeType::Handle).collect()),
+            ..Self::without_frames(graph, cut, owners, spec)
+        })
+    }
+
+    fn without_frames(
+        graph: Graph,
+        segments: (Segmentation, SegmentFeatures),
+        owners: Vec<u32>,
+        spec: &ModelSpec,
+    ) -> Self {
+        let width = Components::new(spec).count;
+        Sample {
+            graph,
+            segments,
+            contact: None,
+            copies: vec![false; owners.len() * width],
+            owners,
+            held: None,
+            frames: Vec::new(),
+            n_frames: 0,
+            cell_size: 0.0,
+            coarse: None,
+            width,
+        }
+    }
+
+    /// Cells, or points of a body.
+    pub fn n_cells(&self) -> usize {
+        self.graph.n_cells
+    }
+
+    /// Nodes of the boundary, or points of the obstacle.
+    pub fn n_boundary(&self) -> usize {
+        self.graph.n_owned - self.graph.n_cells
+    }
+
+    /// All fields of a frame: cells, then boundary nodes.
+    pub fn frame(&self, frame: usize) -> &[f32] {
+        let size = self.graph.n_owned * self.width;
+        &self.frames[frame * size..(frame + 1) * size]
+    }
+
+    /// Its segments as networks read them.
+    pub fn view(&self) -> SegmentView<'_> {
+        SegmentView::new(&self.segments.0, &self.segments.1)
+    }
+
+    /// Features of the segments, reflected in the second direction.
+    pub fn reflected_features(&self, spec: &ModelSpec) -> SegmentFeatures {
+        let mut features = self.segments.1.clone();
+        let negate = |values: &mut [f32], width: usize, column: usize| {
+            let column = values.iter_mut().skip(column).step_by(width.max(1));
+            column.for_each(|v| *v = -*v);
+        };
+        if spec.n_offset_features() > 0 {
+            negate(&mut features.offsets, spec.n_offset_features(), 1);
+        }
+        let stage = spec.architecture.segment_transformer();
+        if let Some(stage) = stage.filter(|m| m.centroids) {
+            negate(
+                &mut features.position,
+                spec.n_position_features(),
+                stage.rwse_steps + 1,
+            );
+        }
+        features
+    }
+
+    /// The graph reflected in the second direction; of a body at points at rest.
+    pub fn reflected_graph(&self, spec: &ModelSpec) -> Graph {
+        if let Some(contact) = &self.contact {
+            return contact.reflected().graph().clone();
+        }
+        let mut graph = self.graph.clone();
+        let column = graph
+            .edge_features
+            .iter_mut()
+            .skip(1)
+            .step_by(spec.n_edge_features());
+        column.for_each(|v| *v = -*v);
+        graph
+    }
+}
+
+/// What the data say about a model: dimensions, fields, and whose modes its segments are made of.
+pub(super) fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
+    let mesh = first.mesh();
+    let fields = config.model.fields.iter().map(|wanted| {
+        let found = first.field(&wanted.name)?;
+        Ok(FieldSpec {
+            name: found.name.clone(),
+            vector: found.vector,
+            dimensions: found.dimensions,
+            input: wanted.input,
+            output: wanted.output,
+        })
+    });
+    let operator = match first.body() {
+        Some(_) => config.segments.operator,
+        None if config.segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
+        None => Some(ModalOperator::Laplacian),
+    };
+    Ok(ModelSpec {
+        format: 1,
+        dim: mesh.dim(),
+        stride: config.model.stride,
+        fields: fields.collect::<Result<_>>()?,
+        node_types: Vec::new(),
+        architecture: config.architecture()?,
+        contact: config.contact,
+        resolution: config.model.resolution,
+        segments: SegmentSpec {
+            operator,
+            ..config.segments.clone()
+        },
+        trained_on: None,
+        training: serde_json::Value::Null,
+    })
+}
+
+/// Frames in one model step: the stride over the frame interval, which must be a whole number.
+pub fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
+    let count = times.len();
+    if count < 2 {
+        return Err(Error::file(
+            path,
+            format!("{count} frames: at least two are needed to learn from"),
+        ));
+    }
+    let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
+    let uneven = times
+        .windows(2)
+        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
+    let steps = stride / interval;
+    if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
+        return Err(Error::file(
+            path,
+            format!(
+                "frames every {interval:.6} s{}: model.stride = {stride} s must be a multiple of an even interval",
+                if uneven { " on average, not evenly" } else { "" }
+            ),
+        ));
+    }
+    Ok(steps.round() as usize)
+}

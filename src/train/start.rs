@@ -1,0 +1,136 @@
+//! What a training starts from: configuration, data, a model, an earlier checkpoint.
+
+use super::checkpoint::{Checkpoint, Progress};
+use super::config::Config;
+use super::report::Report;
+use super::request::Request;
+use super::trainer::Trainer;
+use super::workload::Workload;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec, SegmentSpec};
+use std::path::Path;
+use std::sync::atomic::AtomicU8;
+
+/// What a training reads before it starts.
+pub(super) struct Loaded {
+    pub config: Config,
+    pub work: Workload,
+    pub spec: ModelSpec,
+    pub from: Option<Model>,
+    pub earlier: Option<Checkpoint>,
+}
+
+/// Reads all of it, and checks that it goes together.
+pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Report) -> Result<Loaded> {
+    let config = request.config()?;
+    let path = request.checkpoint();
+    if path.exists() && !request.resume {
+        return Err(Error::Input(format!(
+            "{} holds an earlier training of this model: carry it on with --resume, or delete it, or give another --out",
+            path.display()
+        )));
+    }
+    let ranks = comm.size() as usize;
+    if config.training.batch_size < ranks {
+        return Err(Error::Input(format!(
+            "training.batch_size: found {}, expected at least the number of ranks, {ranks}: each takes its share of a batch",
+            config.training.batch_size
+        )));
+    }
+    let earlier = match path.exists() {
+        true => Some(Checkpoint::read(&path)?),
+        false => None,
+    };
+    // A training that was started from a model goes on with that model's normalisers.
+    let started = earlier.as_ref().and_then(|e| e.progress.from.as_ref());
+    let from = match (&request.from, started) {
+        (Some(path), _) => Some(Model::read(path)?),
+        (None, Some(path)) => Some(Model::read(Path::new(path))?),
+        (None, None) => None,
+    };
+    let (work, spec) = Workload::load(&request.data, &config, from.as_ref(), report, stop)?;
+    Ok(Loaded {
+        config,
+        work,
+        spec,
+        from,
+        earlier,
+    })
+}
+
+impl Trainer<'_> {
+    /// Takes up a checkpoint.
+    pub(super) fn resume(&mut self, earlier: Checkpoint, report: &Report) -> Result<()> {
+        let path = self.request.checkpoint();
+        let misfit = |what: &str| {
+            Error::file(
+                &path,
+                format!("made with another {what}: resume with what it was made with, or give another --out"),
+            )
+        };
+        let table = |c: &serde_json::Value, name: &str| c.get(name).cloned().unwrap_or_default();
+        let segments = |c: &serde_json::Value| {
+            let entries = table(c, "segments").as_object().cloned().unwrap_or_default();
+            SegmentSpec::of_training(entries).ok()
+        };
+        for name in ["model", "macro", "segments"] {
+            let (old, new) = (&earlier.progress.config, &self.progress.config);
+            let same = match name {
+                "segments" => segments(old) == segments(new),
+                _ => table(old, name) == table(new, name),
+            };
+            if !same {
+                return Err(misfit(&format!("[{name}] table in the configuration")));
+            }
+        }
+        if earlier.progress.data != self.progress.data {
+            return Err(misfit("data set"));
+        }
+        if earlier.weights.len() != self.layout.len() {
+            return Err(misfit("network"));
+        }
+        earlier.check(self.spec, self.layout.len(), &path)?;
+        if earlier.progress.from.is_some() != self.frozen {
+            return Err(misfit("start (--from)"));
+        }
+        let (old, new) = (
+            table(&earlier.progress.config, "training"),
+            table(&self.progress.config, "training"),
+        );
+        let changed: Vec<String> = new
+            .as_object()
+            .into_iter()
+            .flatten()
+            .filter(|(key, value)| {
+                old.get(key.as_str()) != Some(value) && *key != "steps" && *key != "max_minutes"
+            })
+            .map(|(key, _)| key.clone())
+            .collect();
+        if !changed.is_empty() {
+            report.line(&format!(
+                "note: [training] differs from the checkpoint's in {}",
+                changed.join(", ")
+            ));
+        }
+        let t = &self.config.training;
+        if t.ema_decay > 0.0 {
+            self.optimiser.average = Some(earlier.average.unwrap_or_else(|| earlier.weights.clone()));
+        }
+        self.optimiser.weights = earlier.weights;
+        self.optimiser.first = earlier.first;
+        self.optimiser.second = earlier.second;
+        self.optimiser.updates = earlier.progress.updates;
+        self.normaliser = earlier.normaliser;
+        self.best = earlier.best.zip(earlier.best_normaliser);
+        self.resumed_seconds = earlier.progress.seconds;
+        let config = std::mem::take(&mut self.progress.config);
+        self.progress = Progress {
+            config,
+            seed: t.seed,
+            ..earlier.progress
+        };
+        report.line(&format!("resumed at step {}", self.progress.step));
+        Ok(())
+    }
+}

@@ -1,0 +1,306 @@
+//! Trainings on the native engine, from data on disk to model files: they learn, stop and go on exactly, and refuse what
+//! does not fit.
+
+use super::checkpoint::Checkpoint;
+use super::normaliser::Normaliser;
+use super::*;
+use m4gn_mesh::Error;
+use m4gn_model::Model;
+use sample::request;
+use std::path::Path;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+fn data() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("data")).unwrap();
+    sample::write_data(&folder.path().join("data"), 3).unwrap();
+    folder
+}
+
+fn run(request: &Request) -> Result<serde_json::Value> {
+    train_native(request, &AtomicU8::new(0), &Comm::serial())
+}
+
+fn edit(path: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.contains(from), "{from}");
+    std::fs::write(path, text.replace(from, to)).unwrap();
+}
+
+/// Everything that the next step depends on.
+fn state(request: &Request) -> (u64, Vec<Vec<f32>>, Normaliser) {
+    let c = Checkpoint::read(&request.checkpoint()).unwrap();
+    let weights = vec![c.weights, c.first, c.second, c.average.unwrap(), c.best.unwrap()];
+    (c.progress.step, weights, c.normaliser)
+}
+
+fn losses(request: &Request) -> Vec<f64> {
+    let text = std::fs::read_to_string(request.log()).unwrap();
+    let rows = text.lines().skip(1);
+    rows.map(|l| l.split(',').nth(4).unwrap().parse().unwrap())
+        .collect()
+}
+
+#[test]
+fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
+    let folder = data();
+    let whole = request(folder.path(), "whole", "checkpoint_interval = 5", 14);
+    run(&whole).unwrap();
+    for round in 0..20u64 {
+        let mut parts = request(
+            folder.path(),
+            &format!("parts{round}"),
+            "checkpoint_interval = 5",
+            14,
+        );
+        parts.resume = true;
+        // Stopped after some rows of the log were written, three times, on one and two threads in turn.
+        for part in 0..3u64 {
+            parts.threads = Some(1 + (part as usize + round as usize) % 2);
+            let (stop, log) = (AtomicU8::new(0), parts.log());
+            let count = |log: &Path| std::fs::read_to_string(log).unwrap_or_default().lines().count() as u64;
+            let rows = count(&log).max(1) + (7 * round + 3 * part) % 3;
+            let outcome = std::thread::scope(|scope| {
+                let training = scope.spawn(|| train_native(&parts, &stop, &Comm::serial()));
+                while !training.is_finished() {
+                    if count(&log) > rows {
+                        stop.store(1, Ordering::Relaxed);
+                    }
+                    std::thread::yield_now();
+                }
+                training.join().unwrap()
+            });
+            match outcome {
+                Ok(_) => {}
+                Err(Error::Interrupted(message)) => assert!(message.contains("--resume"), "{message}"),
+                Err(other) => panic!("{other}"),
+            }
+        }
+        run(&parts).unwrap();
+        assert!(
+            state(&whole) == state(&parts),
+            "round {round}: the weights differ"
+        );
+        assert_eq!(losses(&whole).last(), losses(&parts).last(), "round {round}");
+    }
+}
+
+#[test]
+fn training_lowers_the_loss_and_leaves_a_model() {
+    let folder = data();
+    for (precision, most) in [("fp32", 0.3), ("bf16", 0.35)] {
+        let training = format!("precision = \"{precision}\"\nvalidation_interval = 100");
+        let request = request(folder.path(), precision, &training, 150);
+        let figures = run(&request).unwrap();
+        let loss = losses(&request);
+        // The first row is the normalisers' warm-up.
+        assert!(loss.last().unwrap() < &(most * loss[1]), "{loss:?}");
+        let rmse = |who: &str| figures[who]["rmse_1"].as_f64().unwrap();
+        assert!(
+            rmse("model") < 0.75 * rmse("persistence"),
+            "no better than persistence: {figures}"
+        );
+        let model = Model::read(&request.out).unwrap();
+        assert_eq!(model.spec.stride, 0.02);
+        assert_eq!(model.spec.fields[0].dimensions, [0, 1, -1, 0, 0, 0, 0]);
+        let text = std::fs::read_to_string(request.json.as_ref().unwrap()).unwrap();
+        assert_eq!(
+            text,
+            format!("{}\n", serde_json::to_string_pretty(&figures).unwrap())
+        );
+    }
+}
+
+#[test]
+fn a_model_is_trained_further() {
+    let folder = data();
+    let first = request(folder.path(), "first", "validation_interval = 100", 100);
+    run(&first).unwrap();
+    let mut second = request(folder.path(), "second", "", 4);
+    second.from = Some(first.out.clone());
+    run(&second).unwrap();
+    let (old, new) = (
+        Model::read(&first.out).unwrap(),
+        Model::read(&second.out).unwrap(),
+    );
+    for (name, tensor) in &old.tensors {
+        let pairs = tensor.data.iter().zip(&new.tensors[name].data);
+        let apart = pairs.fold(0f32, |m, (a, b)| m.max((a - b).abs()));
+        // Four steps of at most 2e-3 from there; the normalisers stay.
+        let most = if name.starts_with("norm.") {
+            1e-6
+        } else {
+            4.0 * 2.1e-3
+        };
+        assert!(apart <= most, "{name}: {apart}");
+    }
+    assert!(new.spec.training["from"].as_str().unwrap().contains("first"));
+    assert!(
+        losses(&second)[0] < 0.5 * losses(&first)[1],
+        "{:?}",
+        losses(&second)
+    );
+    second.resume = true;
+    second.steps = Some(6);
+    second.from = None;
+    run(&second).unwrap();
+    let mut other = request(folder.path(), "other", "", 4);
+    other.from = Some(first.out.clone());
+    edit(&other.config, "width = 16", "width = 8");
+    let message = run(&other).unwrap_err().to_string();
+    assert!(message.contains("[model] and [macro]"), "{message}");
+}
+
+#[test]
+fn a_training_that_diverges_keeps_what_was_good() {
+    let folder = data();
+    for interval in [1, 2] {
+        let name = format!("wild{interval}");
+        let training = format!("checkpoint_interval = {interval}\nvalidation_interval = 4");
+        let mut r = request(folder.path(), &name, &training, 8);
+        run(&r).unwrap();
+        let good = std::fs::read(&r.out).unwrap();
+        r.resume = true;
+        r.steps = Some(400);
+        let wild = "learning_rate = 1e37\nlearning_rate_end = 1e37";
+        edit(&r.config, "learning_rate = 2e-3", wild);
+        let error = run(&r).unwrap_err();
+        assert!(matches!(error, Error::Numerical(_)), "{error}");
+        assert!(error.to_string().contains("Lower learning_rate"), "{error}");
+        assert!(
+            good == std::fs::read(&r.out).unwrap(),
+            "the best model was overwritten"
+        );
+        // The first wild update is in no checkpoint, though its weights are finite.
+        let left = Checkpoint::read(&r.checkpoint()).unwrap();
+        assert!(left.weights.iter().all(|w| w.abs() < 1e3) && left.best.is_some());
+        edit(&r.config, wild, "learning_rate = 1e-3");
+        r.steps = Some(left.progress.step + 2);
+        run(&r).unwrap();
+    }
+    // From the start: no model, no checkpoint, and a status that says so.
+    let r = request(folder.path(), "new", "learning_rate_end = 1e37", 4);
+    edit(&r.config, "learning_rate = 2e-3", "learning_rate = 1e37");
+    assert!(matches!(run(&r).unwrap_err(), Error::Numerical(_)));
+    assert!(!r.out.exists() && !r.checkpoint().exists());
+}
+
+#[test]
+fn damaged_checkpoints_are_refused() {
+    let folder = data();
+    let mut r = request(folder.path(), "model", "", 4);
+    run(&r).unwrap();
+    r.resume = true;
+    r.steps = Some(6);
+    let good = Checkpoint::read(&r.checkpoint()).unwrap();
+    type Change = fn(&mut Checkpoint);
+    let changes: [(&str, Change); 7] = [
+        ("`first`", |c| c.first.truncate(10)),
+        ("`second`", |c| c.second.push(0.0)),
+        ("`weights`: number 3 is inf", |c| c.weights[3] = f32::INFINITY),
+        ("`average`: number 0 is NaN", |c| {
+            c.average.as_mut().unwrap()[0] = f32::NAN
+        }),
+        ("`best`", |c| c.best.as_mut().unwrap().clear()),
+        ("norm.edge", |c| c.normaliser.edge.sum[1] = f64::NAN),
+        ("norm.node", |c| {
+            c.best_normaliser.as_mut().unwrap().node.square.clear()
+        }),
+    ];
+    for (what, change) in changes {
+        let mut bad = good.clone();
+        change(&mut bad);
+        bad.write(&r.checkpoint()).unwrap();
+        let message = run(&r).unwrap_err().to_string();
+        assert!(
+            message.contains(what) && message.contains("model.checkpoint"),
+            "{message}"
+        );
+    }
+    good.write(&r.checkpoint()).unwrap();
+    run(&r).unwrap();
+}
+
+#[test]
+fn what_does_not_fit_is_refused_before_anything_is_written() {
+    let folder = data();
+    let mut first = request(folder.path(), "first", "", 2);
+    run(&first).unwrap();
+    let again = run(&first).unwrap_err().to_string();
+    assert!(again.contains("--resume"), "{again}");
+    first.resume = true;
+    first.steps = Some(3);
+    edit(&first.config, "width = 16", "width = 8");
+    let other = run(&first).unwrap_err().to_string();
+    assert!(other.contains("[model]"), "{other}");
+
+    let message = |change: &dyn Fn(&mut Request)| {
+        let mut request = request(folder.path(), "bad", "", 2);
+        change(&mut request);
+        let message = run(&request).unwrap_err().to_string();
+        assert!(!request.out.exists() && !request.checkpoint().exists());
+        message
+    };
+    let edited = |from: &'static str, to: &'static str| message(&move |r| edit(&r.config, from, to));
+    assert!(edited("stride = 0.02", "stride = 0.015").contains("model.stride"));
+    assert!(edited("stride = 0.02", "stride = 0.2").contains("at least 41"));
+    let temperature = "fields = [{ name = \"T\", input = true, output = \"none\" }, ";
+    assert!(edited("fields = [", temperature).contains("recorded are U, p"));
+    assert!(edited("count = 4", "count = 400").contains("400 segments"));
+    // Limits of a model, at once.
+    assert!(
+        edited("layers_before = 1", "layers_before = 1025").contains("layers_before: expected 0 to 1024")
+    );
+    assert!(edited("width = 16", "width = 32768").contains("width: expected 1 to 16384"));
+    let huge = message(&|r| {
+        edit(&r.config, "width = 16", "width = 16384");
+        edit(&r.config, "layers_before = 1", "layers_before = 1000");
+    });
+    assert!(huge.contains("million weights"), "{huge}");
+    assert!(edited("batch_size = 3", "batch_size = 99999999999").contains("training.batch_size"));
+    assert!(edited("[6, 2]", "[6, 99999999999]").contains("training.unroll"));
+    assert!(message(&|r| r.data = "nowhere".into()).contains("nowhere"));
+    let cut = folder.path().join("data/000.h5");
+    let bytes = std::fs::read(&cut).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(message(&|_| ()).contains("000.h5"));
+}
+
+const BODY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.h5");
+
+/// Of a body, points stand before the obstacle's, which are the boundary.
+#[test]
+fn a_body_is_read_as_a_flow_is() {
+    let trajectory = m4gn_data::Trajectory::open(BODY).unwrap();
+    let mut spec = m4gn_model::sample::bodies();
+    spec.segments.count = 2;
+    spec.segments.modes = 1;
+    let sample = samples::Sample::read(&trajectory, &spec).unwrap();
+    assert_eq!((sample.n_cells(), sample.n_boundary()), (12, 26));
+    assert_eq!((sample.n_frames, sample.width), (4, 3));
+    let displacement = trajectory.read_frame("D", 3).unwrap().cells;
+    let motion = trajectory.read_motion(3, 1, 1).unwrap().concat();
+    assert_eq!(
+        sample.frame(3),
+        [&displacement[..], motion.as_flattened()].concat()
+    );
+    assert_eq!(
+        sample.held.unwrap().iter().filter(|h| **h).count(),
+        4,
+        "points of the handle"
+    );
+    assert!(sample.contact.is_some() && !sample.copies.contains(&true));
+}
+
+#[test]
+fn bodies_among_flows_are_refused() {
+    let folder = data();
+    std::fs::copy(BODY, folder.path().join("data/body.h5")).unwrap();
+    let message = run(&request(folder.path(), "mixed", "", 2))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("body.h5") && message.contains("a table [contact] with a radius"),
+        "{message}"
+    );
+}

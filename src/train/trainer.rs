@@ -1,0 +1,418 @@
+//! The training loop: batches, updates, validation, checkpoints, log, interruption; the same for every backend.
+
+use super::backend::{Backend, Batch, Example, Learned, Rollout};
+use super::checkpoint::Progress;
+use super::config::Config;
+use super::journal::{Journal, Row, Validation};
+use super::normaliser::Normaliser;
+use super::report::Report;
+use super::request::Request;
+use super::start::load;
+use super::together::{learn_together, roll_out_together};
+use super::workload::Workload;
+use m4gn_engine::backward::{Adam, Layout, norm};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec, Output};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::Instant;
+
+/// What a backend is made from.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    /// The configuration.
+    pub config: &'a Config,
+    /// The model.
+    pub spec: &'a ModelSpec,
+    /// The data.
+    pub work: &'a Workload,
+    /// Threads of this rank.
+    pub threads: usize,
+}
+
+/// A training under way.
+pub(super) struct Trainer<'a> {
+    pub(super) request: &'a Request,
+    pub(super) config: &'a Config,
+    pub(super) spec: &'a ModelSpec,
+    pub(super) work: &'a Workload,
+    pub(super) comm: &'a Comm,
+    backend: Box<dyn Backend + 'a>,
+    pub(super) layout: Layout,
+    pub(super) optimiser: Adam,
+    pub(super) normaliser: Normaliser,
+    /// Whether the normalisers are those of the model that the training started from.
+    pub(super) frozen: bool,
+    pub(super) progress: Progress,
+    pub(super) best: Option<(Vec<f32>, Normaliser)>,
+    pub(super) resumed_seconds: f64,
+    started: Instant,
+}
+
+/// Trains as asked, on a backend that `make` puts together; returns the figures of the end. Collective: every rank takes
+/// its share of each batch, the first one writes.
+///
+/// # Errors
+/// What the configuration, the data, the checkpoint or the backend may be at fault with; [`Error::Interrupted`] after
+/// `stop` was raised, with a checkpoint saved. All ranks fail together.
+pub fn train(
+    request: &Request,
+    stop: &AtomicU8,
+    comm: &Comm,
+    make: impl for<'a> FnOnce(&Task<'a>) -> Result<Box<dyn Backend + 'a>>,
+) -> Result<serde_json::Value> {
+    let report = Report::new(comm.is_root());
+    let loaded = comm.agree(load(request, stop, comm, &report))?;
+    let (config, work, spec) = (&loaded.config, &loaded.work, &loaded.spec);
+    let t = &config.training;
+    if let (0, Some(model)) = (t.steps, &loaded.from) {
+        return describe(request, model, spec, comm, &report);
+    }
+    let share = t.batch_size.div_ceil(comm.size() as usize);
+    let threads = request.threads(share.max(work.valid.len()));
+    let task = Task {
+        config,
+        spec,
+        work,
+        threads,
+    };
+    let backend = comm.agree(make(&task))?;
+    let layout = Layout::new(spec);
+    let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
+    let (weights, normaliser) = match &loaded.from {
+        Some(model) => (layout.flatten(model)?, Normaliser::of_model(model)?),
+        None => (layout.initial(spec, &mut rng), Normaliser::new(spec)),
+    };
+    let progress = Progress {
+        version: 1,
+        step: 0,
+        updates: 0,
+        samples: 0,
+        seconds: 0.0,
+        seed: t.seed,
+        config: serde_json::to_value(config).map_err(|e| Error::Internal(e.to_string()))?,
+        data: work.names.clone(),
+        best: None,
+        interval: (0, 0.0, 0.0, vec![]),
+        from: request.from.as_ref().map(|p| p.display().to_string()),
+    };
+    report.line(&format!(
+        "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate; {}{}",
+        layout.len(),
+        work.train.len(),
+        work.train.iter().map(|s| s.graph.n_owned).max().unwrap_or(0),
+        work.train.iter().map(|s| s.n_frames).max().unwrap_or(0),
+        work.valid.len(),
+        backend.name(),
+        match comm.size() {
+            1 => String::new(),
+            n => format!(" on each of {n} ranks"),
+        }
+    ));
+    let mut trainer = Trainer {
+        request,
+        comm,
+        optimiser: Adam::new(weights, t.betas, t.ema_decay > 0.0),
+        normaliser,
+        frozen: loaded.from.is_some(),
+        config,
+        spec,
+        layout,
+        work,
+        backend,
+        progress,
+        best: None,
+        resumed_seconds: 0.0,
+        started: Instant::now(),
+    };
+    if let Some(earlier) = loaded.earlier {
+        comm.agree(trainer.resume(earlier, &report))?;
+    }
+    trainer.run(stop, &report)
+}
+
+/// Writes the model that was to be trained further as it is, with the ranges of the data. Collective.
+fn describe(
+    request: &Request,
+    model: &Model,
+    spec: &ModelSpec,
+    comm: &Comm,
+    report: &Report,
+) -> Result<serde_json::Value> {
+    let mut model = model.clone();
+    model.spec.trained_on = spec.trained_on.clone();
+    let written = match comm.is_root() {
+        true => model.write(&request.out),
+        false => Ok(()),
+    };
+    comm.agree(written)?;
+    report.line(&format!(
+        "not trained: the ranges of the data are in {}",
+        request.out.display()
+    ));
+    Ok(serde_json::json!({ "trained_on": model.spec.trained_on, "steps": 0, "out": request.out }))
+}
+
+impl Trainer<'_> {
+    fn run(&mut self, stop: &AtomicU8, report: &Report) -> Result<serde_json::Value> {
+        let t = &self.config.training;
+        let predicted = self.spec.fields.iter().filter(|f| f.output != Output::None);
+        let fields: Vec<String> = predicted.map(|f| f.name.clone()).collect();
+        let journal = match self.comm.is_root() {
+            true => Journal::open(&self.request.log(), &fields, self.progress.step).map(Some),
+            false => Ok(None),
+        };
+        let mut journal = self.comm.agree(journal)?;
+        report.begin(t.steps, self.progress.step);
+        while self.progress.step < t.steps {
+            let mut stopped = [i64::from(stop.load(Ordering::Relaxed))];
+            self.comm.max_i64(&mut stopped);
+            if stopped[0] != 0 {
+                report.end();
+                self.save()?;
+                return Err(Error::Interrupted(format!(
+                    "interrupted at step {} of {}; saved in {}. Carry on with the same command and --resume",
+                    self.progress.step,
+                    t.steps,
+                    self.request.checkpoint().display()
+                )));
+            }
+            if let Err(error) = self.step() {
+                report.end();
+                return Err(error);
+            }
+            let step = self.progress.step;
+            // The clocks of ranks differ; the first one's counts.
+            let mut late = [i64::from(
+                self.comm.is_root() && t.max_minutes.is_some_and(|most| self.seconds() >= 60.0 * most),
+            )];
+            self.comm.max_i64(&mut late);
+            let out_of_time = late[0] != 0;
+            let last = step == t.steps || out_of_time;
+            let validated = last || step.is_multiple_of(t.validation_interval);
+            let validation = if validated {
+                Some(self.validate(report)?)
+            } else {
+                None
+            };
+            if validated || step.is_multiple_of(t.log_interval) {
+                let row = self.row(validation);
+                let written = match &mut journal {
+                    Some(journal) => journal.append(&row),
+                    None => Ok(()),
+                };
+                self.comm.agree(written)?;
+                report.row(&row);
+            }
+            report.advance(step);
+            if last || step.is_multiple_of(t.checkpoint_interval) {
+                self.save()?;
+            }
+            if out_of_time {
+                report.line(&format!("stopped at step {step}: max_minutes reached"));
+                break;
+            }
+        }
+        report.end();
+        self.summary(report)
+    }
+
+    /// Loss and gradient of the batch of a step, of all ranks together. Collective.
+    fn learn(&mut self, step: u64) -> Result<Learned> {
+        let t = &self.config.training;
+        // Random numbers belong to the step, not to a stream that would have to be saved.
+        let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
+        rng.set_stream(step + 1);
+        let unroll = t.unroll_at(step);
+        let span = unroll * self.work.frames_a_step;
+        let examples: Vec<Example> = (0..t.batch_size)
+            .map(|_| {
+                let sample = rng.random_range(0..self.work.train.len());
+                let frame = rng.random_range(0..self.work.train[sample].n_frames - span);
+                Example {
+                    sample,
+                    frame,
+                    mirror: t.mirror && rng.random::<bool>(),
+                    seed: rng.random(),
+                }
+            })
+            .collect();
+        let batch = Batch {
+            examples: &examples,
+            micro: t.micro_batch,
+            total: t.batch_size,
+            unroll,
+            accumulate: !self.frozen && step < t.normaliser_steps,
+            learn: self.learns(step),
+        };
+        let (weights, normaliser) = (&self.optimiser.weights, &self.normaliser);
+        let learned = learn_together(self.comm, &mut *self.backend, weights, normaliser, &batch)?;
+        if let Some(gradient) = &learned.gradient {
+            // Before anything is changed or saved: what is on disk stays as good as it was.
+            let (loss, length) = (self.weighted(&learned.losses), norm(gradient));
+            if !(loss.is_finite() && length.is_finite()) {
+                return Err(Error::Numerical(format!(
+                    "the training has diverged: loss {loss:e} and norm of the gradient {length:e} at step {}; the checkpoint \
+                     and the best model written before are kept. Lower learning_rate, or set gradient_clip, and carry on \
+                     with --resume",
+                    step + 1
+                )));
+            }
+        }
+        Ok(learned)
+    }
+
+    /// Whether a step changes the weights, or only accumulates normalisers.
+    fn learns(&self, step: u64) -> bool {
+        self.frozen || step >= self.config.training.normaliser_warmup
+    }
+
+    /// Whether the weights give a finite loss and gradient, by the batch of the next step. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`] where they do not.
+    pub(super) fn probe(&mut self) -> Result<()> {
+        match self.learns(self.progress.step) {
+            true => self.learn(self.progress.step).map(|_| ()),
+            false => Ok(()),
+        }
+    }
+
+    /// One step: a batch, its gradient, an update.
+    fn step(&mut self) -> Result<()> {
+        let step = self.progress.step;
+        let learned = self.learn(step)?;
+        if let Some(moments) = &learned.moments {
+            self.normaliser.add(moments);
+        }
+        self.progress.step += 1;
+        let Some(gradient) = learned.gradient else {
+            return Ok(());
+        };
+        let t = &self.config.training;
+        let (length, losses) = (norm(&gradient), learned.losses);
+        let rate = t.learning_rate_at(step);
+        self.optimiser
+            .update(&gradient, length, rate, t.gradient_clip, t.ema_decay);
+        self.progress.updates = self.optimiser.updates;
+        self.progress.samples += (t.batch_size * t.unroll_at(step)) as u64;
+        let weighted = self.weighted(&losses);
+        let (rows, loss, gradient, sums) = &mut self.progress.interval;
+        *rows += 1;
+        *loss += weighted;
+        *gradient += length;
+        sums.resize(losses.len(), 0.0);
+        sums.iter_mut().zip(&losses).for_each(|(sum, l)| *sum += l);
+        Ok(())
+    }
+
+    /// Weighted sum of the fields' losses.
+    fn weighted(&self, losses: &[f64]) -> f64 {
+        losses.iter().zip(&self.loss_weights()).map(|(l, w)| l * w).sum()
+    }
+
+    fn loss_weights(&self) -> Vec<f64> {
+        let t = &self.config.training;
+        let predicted = self.spec.fields.iter().filter(|f| f.output != Output::None);
+        predicted
+            .map(|f| t.loss_weights.get(&f.name).copied().unwrap_or(1.0))
+            .collect()
+    }
+
+    /// The log row of the interval that ends here.
+    fn row(&mut self, validation: Option<Validation>) -> Row {
+        let seconds = self.seconds();
+        let (rows, loss, gradient, sums) = std::mem::take(&mut self.progress.interval);
+        let n = rows.max(1) as f64;
+        let outputs = self.loss_weights().len();
+        Row {
+            step: self.progress.step,
+            samples: self.progress.samples,
+            seconds,
+            learning_rate: self
+                .config
+                .training
+                .learning_rate_at(self.progress.step.saturating_sub(1)),
+            loss: loss / n,
+            losses: (0..outputs).map(|i| sums.get(i).map_or(0.0, |s| s / n)).collect(),
+            gradient: gradient / n,
+            validation,
+        }
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
+        self.resumed_seconds + self.started.elapsed().as_secs_f64()
+    }
+
+    /// Rolls out the validation trajectories and keeps the weights if they are the best so far.
+    fn validate(&mut self, report: &Report) -> Result<Validation> {
+        let t = &self.config.training;
+        let weights = self.optimiser.best_guess().to_vec();
+        let stride = self.work.frames_a_step;
+        let short = ((t.validation_horizon / self.config.model.stride).round() as usize).max(1);
+        // (kind of rollout, job); the long ones first, so that the threads end together.
+        let mut plan = Vec::new();
+        for (sample, s) in self.work.valid.iter().enumerate() {
+            let steps = (s.n_frames - 1) / stride;
+            plan.push((2, sample, 0, steps));
+            let short = short.min(steps);
+            for part in 1..3 {
+                plan.push((1, sample, (s.n_frames - 1 - short * stride) * part / 2, short));
+            }
+            for part in 0..8 {
+                plan.push((0, sample, (s.n_frames - 1 - stride) * part / 7, 1));
+            }
+        }
+        plan.sort_by_key(|p| std::cmp::Reverse(p.0));
+        let rollouts: Vec<Rollout> = plan
+            .iter()
+            .map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps })
+            .collect();
+        let outcomes = roll_out_together(
+            self.comm,
+            &mut *self.backend,
+            &weights,
+            &self.normaliser,
+            &rollouts,
+        )?;
+        // Sums of (model, persistence) squared errors and counts, of the three figures.
+        let mut sums = [[0.0; 3]; 3];
+        for (plan, errors) in plan.iter().zip(outcomes) {
+            let mut add = |figure: usize, errors: &[(f64, f64)]| {
+                for (model, held) in errors {
+                    let parts = [*model, *held, 1.0];
+                    sums[figure].iter_mut().zip(parts).for_each(|(sum, x)| *sum += x);
+                }
+            };
+            add(plan.0, &errors);
+            if plan.0 == 2 {
+                add(1, &errors[..short.min(errors.len())]);
+            }
+        }
+        let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
+        let validation = Validation {
+            rmse_1: root(sums[0]),
+            rmse_horizon: root(sums[1]),
+            rmse_all: root(sums[2]),
+        };
+        let better = validation.is_finite()
+            && self
+                .progress
+                .best
+                .is_none_or(|(_, best)| validation.score() < best.score());
+        if better {
+            self.progress.best = Some((self.progress.step, validation));
+            self.best = Some((weights, self.normaliser.clone()));
+            let exported = if self.comm.is_root() {
+                self.export()
+            } else {
+                Ok(())
+            };
+            self.comm.agree(exported)?;
+        }
+        report.validation(self.progress.step, &validation, better);
+        Ok(validation)
+    }
+}

@@ -1,0 +1,243 @@
+//! The data set in memory, and the model description that follows from it.
+
+use super::config::Config;
+use super::ranges;
+use super::report::Report;
+use super::samples::{Sample, describe, frames_a_step};
+use m4gn_data as dataset;
+use m4gn_data::{Split, Trajectory};
+use m4gn_mesh::NodeType;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Extent, Model, ModelSpec, TrainedOn};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Trajectories to train on and to validate on.
+#[derive(Debug)]
+pub struct Workload {
+    /// Of split `train`.
+    pub train: Vec<Arc<Sample>>,
+    /// The first of split `valid`; of `train` if there are none.
+    pub valid: Vec<Arc<Sample>>,
+    /// Data frames in one model step.
+    pub frames_a_step: usize,
+    /// File name and number of frames of each trajectory; a resumed training must find the same.
+    pub names: Vec<String>,
+}
+
+impl Workload {
+    /// Reads all trajectories.
+    pub fn load(
+        folder: &Path,
+        config: &Config,
+        from: Option<&Model>,
+        report: &Report,
+        stop: &AtomicU8,
+    ) -> Result<(Self, ModelSpec)> {
+        let paths = dataset::list(folder)?;
+        let mut train: Vec<Trajectory> = Vec::new();
+        let mut valid = Vec::new();
+        let mut types = Vec::new();
+        for path in paths {
+            let trajectory = Trajectory::open(&path)?;
+            check_kind(&trajectory, config)?;
+            types.extend(trajectory.node_types());
+            match trajectory.split() {
+                Split::Train => train.push(trajectory),
+                Split::Valid if valid.len() < config.training.validation_rollouts => valid.push(trajectory),
+                _ => {}
+            }
+        }
+        let Some(first) = train.first() else {
+            return Err(Error::file(
+                folder,
+                "no complete trajectory of split `train`: make some with `m4gn generate`",
+            ));
+        };
+        let mut spec = describe(config, first)?;
+        spec.node_types = NodeType::ALL.into_iter().filter(|t| types.contains(t)).collect();
+        if let Some(model) = from {
+            carry_on(&mut spec, model)?;
+        }
+        // Now, not when a model is exported, hours later.
+        spec.check()?;
+        check_memory(&spec)?;
+        let frames = frames_a_step(first.times(), spec.stride, first.path())?;
+        let needed = 1 + frames * config.training.longest_unroll();
+        let mut names = Vec::new();
+        for trajectory in train.iter().chain(&valid) {
+            check(trajectory, &spec, frames, needed)?;
+            let name = trajectory
+                .path()
+                .file_name()
+                .map(|n| n.to_string_lossy().into_owned())
+                .unwrap_or_default();
+            names.push(format!("{name} {}", trajectory.times().len()));
+        }
+        let total = train.len() + valid.len();
+        report.begin_loading(total as u64);
+        let read = |list: &[Trajectory]| -> Result<Vec<Arc<Sample>>> {
+            list.iter()
+                .map(|trajectory| {
+                    if stop.load(Ordering::Relaxed) != 0 {
+                        return Err(Error::Interrupted(
+                            "interrupted while the data were read; nothing was written".into(),
+                        ));
+                    }
+                    let sample = Sample::read(trajectory, &spec);
+                    report.loaded();
+                    sample.map(Arc::new)
+                })
+                .collect()
+        };
+        if valid.is_empty() {
+            report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
+            let count = config.training.validation_rollouts.max(1);
+            valid = train.iter().take(count).cloned().collect();
+        }
+        let (train, valid) = (read(&train)?, read(&valid)?);
+        report.end();
+        let extents: Vec<Extent> = match spec.contact {
+            Some(_) => Vec::new(),
+            None => train.iter().map(|sample| ranges::extent(sample, &spec)).collect(),
+        };
+        spec.trained_on = TrainedOn::over(&extents, spec.stride);
+        Ok((
+            Workload {
+                train,
+                valid,
+                frames_a_step: frames,
+                names,
+            },
+            spec,
+        ))
+    }
+}
+
+/// Takes over the description of a model that is to be trained further.
+fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
+    let old = &model.spec;
+    let misfit = |what: &str, found: String, expected: String| {
+        Error::Input(format!(
+            "the model to start from has {what} {found}; configuration and data say {expected}: they must be the same"
+        ))
+    };
+    if let Some(kind) = spec.node_types.iter().find(|t| !old.node_types.contains(t)) {
+        let known: Vec<&str> = old.node_types.iter().map(|t| t.name()).collect();
+        return Err(misfit(
+            "the node types",
+            known.join(", "),
+            format!("{} as well", kind.name()),
+        ));
+    }
+    spec.node_types = old.node_types.clone();
+    let pairs = [
+        (
+            "[model] and [macro]",
+            format!("{:?}", old.architecture),
+            format!("{:?}", spec.architecture),
+        ),
+        (
+            "model.fields",
+            format!("{:?}", old.fields),
+            format!("{:?}", spec.fields),
+        ),
+        ("model.stride", old.stride.to_string(), spec.stride.to_string()),
+        ("directions", old.dim.to_string(), spec.dim.to_string()),
+        (
+            "[contact]",
+            format!("{:?}", old.contact),
+            format!("{:?}", spec.contact),
+        ),
+        (
+            "model.resolution",
+            format!("{:?}", old.resolution),
+            format!("{:?}", spec.resolution),
+        ),
+        (
+            "[segments]",
+            format!("{:?}", old.segments),
+            format!("{:?}", spec.segments),
+        ),
+    ];
+    match pairs.into_iter().find(|(_, found, expected)| found != expected) {
+        Some((what, found, expected)) => Err(misfit(what, found, expected)),
+        None => Ok(()),
+    }
+}
+
+/// Whether weights, gradient, moments and their packed copies fit into this machine.
+fn check_memory(spec: &ModelSpec) -> Result<()> {
+    let sizes = Model::tensor_sizes(spec);
+    // Weights, two moments, average, best, gradient, and two packed copies.
+    let needed = sizes
+        .iter()
+        .map(|n| n.saturating_mul(32))
+        .fold(0usize, usize::saturating_add);
+    let have = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
+        let line = text.lines().find(|l| l.starts_with("MemTotal:"))?;
+        line.split_whitespace().nth(1)?.parse::<usize>().ok()
+    });
+    let have = have.map_or(usize::MAX, |kib| kib.saturating_mul(1024));
+    if needed > have {
+        return Err(Error::Input(format!(
+            "the network of [model] and [macro] has {} million weights, which take {} GB to train; this machine has {} GB: \
+             a smaller width, or fewer layers",
+            needed / 32_000_000,
+            needed / 1_000_000_000,
+            have / 1_000_000_000
+        )));
+    }
+    Ok(())
+}
+
+/// Whether the trajectory is of the kind, at cells or at points, that the configuration is for.
+fn check_kind(trajectory: &Trajectory, config: &Config) -> Result<()> {
+    let message = match (trajectory.body(), &config.contact) {
+        (Some(_), None) => {
+            "is a trajectory at points (a deforming body): give the configuration a table [contact] with a radius"
+        }
+        (None, Some(_)) => {
+            "is a trajectory at cells: [contact] is for deforming bodies at points; leave the table out, or give a folder \
+             with trajectories at points only"
+        }
+        _ => return Ok(()),
+    };
+    Err(Error::file(trajectory.path(), message))
+}
+
+/// Whether a trajectory has the fields, the directions and the frame interval that the first one promised, and enough
+/// frames.
+fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize, needed: usize) -> Result<()> {
+    let (path, times) = (trajectory.path(), trajectory.times());
+    let dim = trajectory.mesh().dim();
+    if dim != spec.dim {
+        return Err(Error::file(
+            path,
+            format!("{dim} solved directions, the first trajectory has {}", spec.dim),
+        ));
+    }
+    for field in &spec.fields {
+        let found = trajectory.field(&field.name)?;
+        if (found.vector, found.dimensions) != (field.vector, field.dimensions) {
+            return Err(Error::file(
+                path,
+                format!("no field `{}` of the kind in the first trajectory", field.name),
+            ));
+        }
+    }
+    if frames_a_step(times, spec.stride, path)? != frames {
+        return Err(Error::file(
+            path,
+            "its frame interval differs from the first trajectory's",
+        ));
+    }
+    match times.len() {
+        found if found < needed => Err(Error::file(
+            path,
+            format!("{found} frames; training.unroll and model.stride need at least {needed}"),
+        )),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,209 @@
+//! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
+
+use super::{Segments, Shape, hexahedra, o_mesh};
+use m4gn_engine::Precision;
+use m4gn_engine::backward::{Adam, Layout, norm};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{ArchitectureKeys, Model, ModelSpec};
+use m4gn_segments::graph::Graph;
+use m4gn_train::config;
+use m4gn_train::config::{Config, FieldConfig, ModelConfig, TrainingConfig};
+use m4gn_train::normaliser::Normaliser;
+use m4gn_train::samples::{Components, Sample};
+use m4gn_train::{Backend, Batch, Example, Workload};
+use rand::{RngExt, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+/// What is measured; both backends make the same from it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Nodes of the made graph.
+    pub nodes: usize,
+    /// A cube of hexahedra in place of an O-mesh.
+    pub hex: bool,
+    /// Message-passing layers.
+    pub layers: usize,
+    /// Latent width.
+    pub width: usize,
+    /// Hidden layers of each perceptron.
+    pub hidden: usize,
+    /// Segments of the paper's transformer.
+    pub segments: Option<usize>,
+    /// Graphs in a batch.
+    pub batch: usize,
+    /// Model steps in the loss.
+    pub unroll: usize,
+    /// Threads.
+    pub threads: usize,
+    /// Products in bf16.
+    pub bf16: bool,
+}
+
+/// Everything that a step needs but a backend.
+#[derive(Debug)]
+pub struct Prepared {
+    /// Configuration of such a training.
+    pub config: Config,
+    /// The network.
+    pub spec: ModelSpec,
+    /// The graph as a data set.
+    pub work: Workload,
+    /// Normalisers of random fields.
+    pub normaliser: Normaliser,
+    examples: Vec<Example>,
+    unroll: usize,
+}
+
+impl Trial {
+    /// Graph, network, fields.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for sizes out of range; what makes graph and network.
+    pub fn prepare(&self) -> Result<Prepared> {
+        if !(1..=4096).contains(&self.batch) || !(1..=64).contains(&self.unroll) {
+            return Err(Error::Input(format!(
+                "--batch {}, --unroll {}: expected 1 to 4096 and 1 to 64",
+                self.batch, self.unroll
+            )));
+        }
+        let comm = Comm::serial();
+        let spec = Shape {
+            dim: if self.hex { 3 } else { 2 },
+            layers: self.layers,
+            width: self.width,
+            hidden_layers: self.hidden,
+            segments: self.segments,
+        }
+        .spec();
+        spec.check()?;
+        let (graph, segments) = match self.hex {
+            true => {
+                let mesh = hexahedra(self.nodes)?;
+                let mut graph = Graph::new(&mesh, &comm)?;
+                let segments = Segments::of_mesh(&spec, &mesh, &mut graph, &comm)?;
+                (graph, segments)
+            }
+            false => {
+                let graph = o_mesh(self.nodes, &comm)?;
+                let segments = Segments::consecutive(&spec, graph.n_owned)?;
+                (graph, segments)
+            }
+        };
+        let width = Components::new(&spec).count;
+        let n_frames = self.unroll + 1;
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let frames = (0..n_frames * graph.n_owned * width).map(|_| rng.random_range(-1.7f32..1.7));
+        let boundary = graph.n_owned - graph.n_cells;
+        let sample = Sample {
+            frames: frames.collect(),
+            n_frames,
+            cell_size: 0.0,
+            coarse: None,
+            width,
+            segments: Segments::parts(segments.as_ref()),
+            contact: None,
+            owners: vec![0; boundary],
+            copies: vec![false; boundary * width],
+            held: None,
+            graph,
+        };
+        let normaliser = Normaliser::of_model(&Model::random(spec.clone(), 1)?)?;
+        let fields = spec.fields.iter().map(|f| FieldConfig {
+            name: f.name.clone(),
+            input: f.input,
+            output: f.output,
+        });
+        let a = &spec.architecture;
+        let keys = ArchitectureKeys::from(a.clone());
+        let config = Config {
+            model: ModelConfig {
+                stride: spec.stride,
+                resolution: None,
+                width: a.width,
+                hidden_layers: a.hidden_layers,
+                activation: a.activation,
+                kind: keys.kind,
+                layers: keys.layers,
+                layers_before: keys.layers_before,
+                layers_after: keys.layers_after.unwrap_or(0),
+                fields: fields.collect(),
+            },
+            segment_transformer: keys.segment_transformer,
+            contact: None,
+            segments: spec.segments.clone(),
+            training: TrainingConfig {
+                batch_size: self.batch,
+                precision: match self.bf16 {
+                    true => config::Precision::Bf16,
+                    false => config::Precision::Fp32,
+                },
+                noise: [("U".to_string(), 0.02)].into(),
+                ..TrainingConfig::default()
+            },
+        };
+        let example = |seed: usize| Example {
+            sample: 0,
+            frame: 0,
+            mirror: false,
+            seed: seed as u64,
+        };
+        Ok(Prepared {
+            config,
+            spec,
+            work: Workload {
+                train: vec![sample.into()],
+                valid: Vec::new(),
+                frames_a_step: 1,
+                names: Vec::new(),
+            },
+            normaliser,
+            examples: (0..self.batch).map(example).collect(),
+            unroll: self.unroll,
+        })
+    }
+
+    /// Precision of the products.
+    pub fn precision(&self) -> Precision {
+        if self.bf16 {
+            Precision::Bf16
+        } else {
+            Precision::Fp32
+        }
+    }
+}
+
+impl Prepared {
+    /// Random first weights.
+    pub fn optimiser(&self) -> Adam {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let weights = Layout::new(&self.spec).initial(&self.spec, &mut rng);
+        Adam::new(weights, [0.9, 0.999], false)
+    }
+
+    /// One step of training; returns the loss.
+    ///
+    /// # Errors
+    /// What the backend may fail with; [`Error::Numerical`] for a loss that is not finite.
+    pub fn step(&self, backend: &mut dyn Backend, optimiser: &mut Adam) -> Result<f64> {
+        let batch = Batch {
+            examples: &self.examples,
+            micro: 1,
+            total: self.examples.len(),
+            unroll: self.unroll,
+            accumulate: false,
+            learn: true,
+        };
+        let learned = backend.learn(&optimiser.weights, &self.normaliser, &batch)?;
+        let loss: f64 = learned.losses.iter().sum();
+        if let Some(gradient) = learned.gradient {
+            optimiser.update(&gradient, norm(&gradient), 1e-5, 1.0, 0.0);
+        }
+        match loss.is_finite() {
+            true => Ok(loss),
+            false => Err(Error::Numerical(format!(
+                "the loss of the measured step is {loss}"
+            ))),
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! A network, a graph, and the programs that run one on the other.
+
+use super::{Segments, o_mesh};
+use m4gn_engine::torch::TorchBackend;
+use m4gn_engine::{Engine, EngineOptions};
+use m4gn_mesh::Mesh;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::Model;
+use m4gn_segments::graph::Graph;
+use rand::{RngExt, SeedableRng};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Where the graph comes from.
+#[derive(Debug)]
+pub enum Source {
+    /// [`o_mesh`] of about so many nodes.
+    OMesh(usize),
+    /// The cells and boundary faces of a mesh.
+    Mesh(Box<Mesh>),
+}
+
+impl Source {
+    /// Solved directions.
+    pub fn dim(&self) -> usize {
+        match self {
+            Source::OMesh(_) => 2,
+            Source::Mesh(mesh) => mesh.dim(),
+        }
+    }
+}
+
+/// A network and what it is run on.
+pub struct Workload {
+    /// The network.
+    pub model: Model,
+    /// File of the model, where it has one.
+    pub path: Option<PathBuf>,
+    /// What it is run on.
+    pub source: Source,
+    /// This process alone.
+    pub comm: Comm,
+}
+
+/// A graph with its segments.
+#[derive(Debug)]
+pub struct Case {
+    /// The graph.
+    pub graph: Graph,
+    /// Its segments, where the model needs some.
+    pub segments: Option<Segments>,
+}
+
+impl Workload {
+    /// The graph and its segments.
+    ///
+    /// # Errors
+    /// What makes them.
+    pub fn case(&self) -> Result<Case> {
+        let spec = &self.model.spec;
+        match &self.source {
+            Source::OMesh(nodes) => {
+                let graph = o_mesh(*nodes, &self.comm)?;
+                let segments = Segments::consecutive(spec, graph.n_owned)?;
+                Ok(Case { graph, segments })
+            }
+            Source::Mesh(mesh) => {
+                let mut graph = Graph::new(mesh, &self.comm)?;
+                let segments = Segments::of_mesh(spec, mesh, &mut graph, &self.comm)?;
+                Ok(Case { graph, segments })
+            }
+        }
+    }
+
+    /// The native engine for a case.
+    ///
+    /// # Errors
+    /// As [`Engine::new`].
+    pub fn engine(&self, case: &Case, options: &EngineOptions) -> Result<Engine> {
+        let view = case.segments.as_ref().map(Segments::view);
+        Engine::new(&self.model, &case.graph, view.as_ref(), options)
+    }
+
+    /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
+    ///
+    /// # Errors
+    /// As [`TorchBackend::new`]; [`Error::Input`] where the environment says another number.
+    pub fn torch(&self, case: &Case, device: Option<&str>, threads: usize) -> Result<TorchBackend> {
+        if std::env::var("OMP_NUM_THREADS").ok().as_deref() != Some(&threads.to_string()) {
+            return Err(Error::Input(format!(
+                "backend torch takes its threads from the environment: set OMP_NUM_THREADS={threads}"
+            )));
+        }
+        let view = case.segments.as_ref().map(Segments::view);
+        let lengths = self.lengths(&case.graph);
+        let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
+        let path = match &self.path {
+            Some(path) => path.clone(),
+            None => {
+                let path = folder.path().join("model.safetensors");
+                self.model.write(&path)?;
+                path
+            }
+        };
+        TorchBackend::new(&path, &case.graph, view.as_ref(), lengths, device, &self.comm)
+    }
+
+    /// Lengths of the inputs and the outputs of a step.
+    fn lengths(&self, graph: &Graph) -> (usize, usize) {
+        let spec = &self.model.spec;
+        (
+            graph.n_owned * spec.n_field_inputs(),
+            graph.n_cells * spec.n_outputs(),
+        )
+    }
+
+    /// Physical inputs of the size that the model was trained on, and room for the outputs.
+    ///
+    /// # Errors
+    /// None for a model that was checked.
+    pub fn values(&self, graph: &Graph) -> Result<(Vec<f32>, Vec<f32>)> {
+        let mean = &self.model.tensor("norm.node.mean")?.data;
+        let std = &self.model.tensor("norm.node.std")?.data;
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+        let ((n, m), k) = (self.lengths(graph), mean.len().max(1));
+        let inputs = (0..n).map(|i| mean[i % k] + std[i % k] * rng.random_range(-1.7f32..1.7));
+        Ok((inputs.collect(), vec![0.0; m]))
+    }
+
+    fn parameters(&self) -> usize {
+        let weights = self
+            .model
+            .tensors
+            .iter()
+            .filter(|(name, _)| !name.starts_with("norm."));
+        weights.map(|(_, t)| t.data.len()).sum()
+    }
+
+    /// Sizes of the network and its graph, for people and programs.
+    pub fn describe(&self, graph: &Graph) -> Value {
+        let a = &self.model.spec.architecture;
+        json!({
+            "nodes": graph.n_owned, "cells": graph.n_cells, "edges": graph.senders.len(),
+            "parameters": self.parameters(), "width": a.width, "hidden_layers": a.hidden_layers,
+            "layers": a.layers(),
+        })
+    }
+}

@@ -1,0 +1,66 @@
+//! Cell fields in the folder that a run starts from.
+
+use super::FoamCase;
+use m4gn_mesh::{Error, Result};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Who wrote a field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stored {
+    /// There is no such field.
+    Nowhere,
+    /// The note in its header begins with the mark that was asked for.
+    Marked,
+    /// Somebody else.
+    Foreign,
+}
+
+impl FoamCase {
+    /// Folder that a run starts from, and that [`Self::write_fields`] writes to.
+    pub fn start_folder(&self) -> PathBuf {
+        PathBuf::from(&self.description.path).join(&self.description.start)
+    }
+
+    /// Whether a field is stored in the folder of the start time (compressed or not), and by whom.
+    ///
+    /// # Errors
+    /// OpenFOAM's message for a file that cannot be read.
+    pub fn stored(&mut self, name: &str, mark: &str) -> Result<Stored> {
+        let found = self
+            .handle
+            .query(&json!({ "query": "start_field", "name": name, "mark": mark }))?;
+        Ok(match found[..] {
+            [0.0] => Stored::Nowhere,
+            [1.0] => Stored::Marked,
+            _ => Stored::Foreign,
+        })
+    }
+
+    /// Writes volScalarFields without dimensions, a value a cell, zeroGradient on patches, in the case's own
+    /// `writeFormat` and `writeCompression`, into the folder of the start time: all of them or none. Afterwards the
+    /// fields `remove` are removed from there. `note` stands in the headers; `segment_record` is stored with the segments.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a wrong number of values; OpenFOAM's message when a file cannot be written.
+    pub fn write_fields(
+        &mut self,
+        fields: &[(String, Vec<f64>)],
+        note: &str,
+        remove: &[String],
+        segment_record: &str,
+    ) -> Result<()> {
+        let cells = self.description.cells;
+        if let Some((name, values)) = fields.iter().find(|(_, v)| v.len() != cells) {
+            return Err(Error::Input(format!(
+                "field {name}: {} values for {cells} cells",
+                values.len()
+            )));
+        }
+        let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
+        let values: Vec<f64> = fields.iter().flat_map(|(_, v)| v).copied().collect();
+        let request =
+            json!({ "fields": names, "note": note, "remove": remove, "segment_record": segment_record });
+        self.handle.write(&request, &values)
+    }
+}

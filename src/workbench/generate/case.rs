@@ -1,0 +1,334 @@
+//! A case of a family, from nothing to a trajectory: files from templates, the family's commands, the check of what was
+//! recorded.
+
+use super::family::{Draw, FILE, Family, RESERVED};
+use super::parameter::Value;
+use super::process::Surroundings;
+use super::queue::{Case, other_number};
+use m4gn_data::{Split, Trajectory};
+use m4gn_mesh::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Name of the recording inside the case.
+const RECORDING: &str = "trajectory.h5";
+
+/// What `system/controlDict` says of time.
+#[derive(Clone, Copy, Debug)]
+pub struct Times {
+    /// Step of the solver, s.
+    pub delta_t: f64,
+    /// End of the run, s.
+    pub end: f64,
+    /// Time between stored fields, s.
+    pub write_interval: f64,
+}
+
+/// Everything that makes a case of a data set.
+#[derive(Clone, Debug)]
+pub struct FamilyCase {
+    /// The family.
+    pub family: Arc<Family>,
+    /// Seed of the set.
+    pub seed: u64,
+    /// Number of the case in the set.
+    pub index: u64,
+    /// What was drawn.
+    pub draw: Draw,
+    /// What the trajectory is for.
+    pub split: Split,
+    /// Frames after the first one.
+    pub frames: u32,
+    /// Time between frames, s.
+    pub interval: f64,
+    /// Time of the first frame, s.
+    pub spin_up: f64,
+    /// The command, for provenance.
+    pub command: String,
+}
+
+/// What there is to say about a trajectory that was made.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Figures {
+    /// Number of cells.
+    pub cells: usize,
+    /// Number of frames.
+    pub frames: usize,
+    /// Largest Courant number that the solver reported.
+    pub courant: Option<f64>,
+}
+
+impl Family {
+    /// Writes a case into a new folder; `functions` is the text of its `system/functions`.
+    ///
+    /// # Errors
+    /// [`Error::File`] when a file cannot be read or written, or has a placeholder that the family does not know.
+    pub fn write(&self, draw: &Draw, times: Times, functions: &str, folder: &Path) -> Result<()> {
+        let value = |name: &str| match name {
+            "deltaT" => Some(times.delta_t.to_string()),
+            "endTime" => Some(times.end.to_string()),
+            "writeInterval" => Some(times.write_interval.to_string()),
+            _ => draw.variables.get(name).map(f64::to_string),
+        };
+        for file in files(&self.folder)? {
+            let from = self.folder.join(&file);
+            let bytes =
+                std::fs::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
+            let bytes = match String::from_utf8(bytes) {
+                Err(binary) => binary.into_bytes(),
+                Ok(text) => match fill(&text, value) {
+                    (text, None) => text.into_bytes(),
+                    (_, Some(unknown)) => {
+                        let mut known: Vec<&str> = draw.variables.keys().map(String::as_str).collect();
+                        known.extend(RESERVED);
+                        return Err(Error::file(
+                            from,
+                            format!(
+                                "@{unknown}@ stands for nothing: expected @NAME@ with one of {}",
+                                known.join(", ")
+                            ),
+                        ));
+                    }
+                },
+            };
+            put(&folder.join(file), &bytes)?;
+        }
+        put(&folder.join("system/functions"), functions.as_bytes())
+    }
+
+    /// Runs the commands that make the mesh and the first fields.
+    ///
+    /// # Errors
+    /// As [`Surroundings::run`].
+    pub fn prepare(&self, folder: &Path, tools: &Surroundings) -> Result<()> {
+        self.prepare
+            .iter()
+            .try_for_each(|command| tools.run(folder, command))
+    }
+}
+
+impl FamilyCase {
+    /// Entries of the function object m4gnHarvest.
+    fn functions(&self, delta_t: f64, steps: u32) -> String {
+        let mut entries = vec![
+            ("command".to_string(), format!("\"{}\"", self.command)),
+            ("family".into(), self.family.name.clone()),
+            ("seed".into(), self.seed.to_string()),
+            ("index".into(), self.index.to_string()),
+        ];
+        let values = self.draw.values.iter();
+        entries.extend(values.map(|(name, value)| (name.clone(), value.to_string())));
+        let derived = self.family.derived.iter().filter(|d| d.record);
+        entries.extend(derived.map(|d| (d.name.clone(), self.draw.variables[&d.name].to_string())));
+        entries.extend([
+            ("frames".into(), self.frames.to_string()),
+            ("frameInterval".into(), self.interval.to_string()),
+            ("spinUp".into(), self.spin_up.to_string()),
+        ]);
+        let provenance: String = entries
+            .iter()
+            .map(|(key, value)| format!("        {key:<15} {value};\n"))
+            .collect();
+        // Half a step off, so that rounding of the times does not matter
+        let start = self.spin_up - 0.5 * delta_t;
+        format!(
+            "harvest\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
+             file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
+             timeStep;\n    writeInterval   {steps};\n\n    provenance\n    {{\n{provenance}    }}\n}}\n",
+            self.family.recording.fields.join(" "),
+            self.split.name()
+        )
+    }
+
+    /// Writes the case into a new folder.
+    fn write(&self, folder: &Path) -> Result<()> {
+        let steps = self.family.steps(&self.draw, self.interval)?;
+        let times = Times {
+            delta_t: self.interval / f64::from(steps),
+            end: self.spin_up + f64::from(self.frames) * self.interval,
+            // Nothing but the recording is kept.
+            write_interval: 1e6,
+        };
+        let functions = self.functions(times.delta_t, steps);
+        self.family.write(&self.draw, times, &functions, folder)
+    }
+
+    /// Whether a recorded trajectory is this case's: the first entry of its provenance that differs.
+    ///
+    /// What an older version did not write down was as it is when nothing is set.
+    fn difference(&self, provenance: &serde_json::Value) -> Option<String> {
+        let found = &provenance["family"];
+        if found != self.family.name.as_str() {
+            return Some(format!("family {found} instead of \"{}\"", self.family.name));
+        }
+        let usual = &self.family.recording;
+        let mut numbers = vec![
+            ("seed", self.seed as f64, None),
+            ("index", self.index as f64, None),
+            ("frames", f64::from(self.frames), Some(f64::from(usual.frames))),
+            ("frameInterval", self.interval, Some(usual.interval)),
+            ("spinUp", self.spin_up, Some(usual.spin_up)),
+        ];
+        for (p, (name, value)) in self.family.parameters.iter().zip(&self.draw.values) {
+            match value {
+                Value::Number(v) => {
+                    let usual = match &p.value {
+                        Some(Value::Number(usual)) => Some(*usual),
+                        _ => None,
+                    };
+                    numbers.push((name, *v, usual));
+                }
+                Value::Name(wanted) => {
+                    let found = match provenance.get(name) {
+                        Some(found) => found.as_str().map(str::to_string),
+                        None => p.value.as_ref().map(Value::to_string),
+                    };
+                    if found.as_deref() != Some(wanted) {
+                        return Some(format!("{name} {} instead of {wanted}", provenance[name]));
+                    }
+                }
+            }
+        }
+        let told: Vec<(&str, f64)> = numbers
+            .into_iter()
+            .filter(|(name, wanted, usual)| provenance.get(name).is_some() || *usual != Some(*wanted))
+            .map(|(name, wanted, _)| (name, wanted))
+            .collect();
+        other_number(provenance, &told)
+    }
+}
+
+impl Case for FamilyCase {
+    type Figures = Figures;
+
+    fn index(&self) -> u64 {
+        self.index
+    }
+
+    fn split(&self) -> Split {
+        self.split
+    }
+
+    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
+        self.write(folder)?;
+        self.family.prepare(folder, tools)?;
+        tools.run(folder, &self.family.solver)?;
+
+        let solver = program(&self.family.solver);
+        let (path, trajectory) = recorded(folder, self.frames, solver)?;
+        let figures = Figures {
+            cells: trajectory.mesh().n_cells(),
+            frames: trajectory.times().len(),
+            courant: largest_courant(&folder.join(format!("log.{solver}"))),
+        };
+        Ok((path, figures))
+    }
+
+    fn compare(&self, existing: &Path) -> Result<(Split, Option<String>)> {
+        let trajectory = Trajectory::open(existing)?;
+        Ok((trajectory.split(), self.difference(trajectory.provenance())))
+    }
+}
+
+/// Name of a command's program without its folder.
+pub(crate) fn program(command: &[String]) -> &str {
+    command[0].rsplit('/').next().unwrap_or(&command[0])
+}
+
+/// The template with each `@name@` replaced by its value, and the first name that has none.
+pub(super) fn fill(template: &str, value: impl Fn(&str) -> Option<String>) -> (String, Option<String>) {
+    let (mut text, mut unknown, mut rest) = (String::with_capacity(template.len()), None, template);
+    while let Some(at) = rest.find('@') {
+        let (before, from) = rest.split_at(at);
+        text += before;
+        let end = from[1..].find(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+        // An @ that begins no @name@ is an @.
+        let name = end
+            .filter(|&end| end > 0 && from[1 + end..].starts_with('@'))
+            .map(|end| &from[1..=end]);
+        let Some(name) = name else {
+            text.push('@');
+            rest = &from[1..];
+            continue;
+        };
+        match value(name) {
+            Some(value) => text += &value,
+            None => unknown = unknown.or(Some(name.to_string())),
+        }
+        rest = &from[name.len() + 2..];
+    }
+    (text + rest, unknown)
+}
+
+/// Files of a family's folder that belong to the case, relative to it.
+fn files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let unreadable = |path: &Path, e: std::io::Error| Error::file(path, format!("cannot be read: {e}"));
+    let (mut found, mut open) = (Vec::new(), vec![PathBuf::new()]);
+    while let Some(relative) = open.pop() {
+        let path = folder.join(&relative);
+        for entry in std::fs::read_dir(&path).map_err(|e| unreadable(&path, e))? {
+            let entry = entry.map_err(|e| unreadable(&path, e))?;
+            let (name, kind) = (
+                entry.file_name(),
+                entry.file_type().map_err(|e| unreadable(&path, e))?,
+            );
+            let relative = relative.join(&name);
+            if kind.is_dir() {
+                open.push(relative);
+            } else if relative != Path::new(FILE) && name != "README.md" {
+                found.push(relative);
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn put(path: &Path, bytes: &[u8]) -> Result<()> {
+    let folder = path.parent().unwrap_or(path);
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(path, bytes))
+        .map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+}
+
+/// The trajectory that `solver` left in the folder, which must have `frames` frames after its first.
+fn recorded(folder: &Path, frames: u32, solver: &str) -> Result<(PathBuf, Trajectory)> {
+    let path = folder.join(RECORDING);
+    if !path.is_file() {
+        return Err(Error::file(
+            folder.join(format!("log.{solver}")),
+            format!(
+                "{solver} ended without a recording: the function object m4gnHarvest (libm4gnFoam.so) did not run; does \
+                 the family's system/controlDict have 'functions {{ #include \"functions\" }}'?"
+            ),
+        ));
+    }
+    let trajectory = Trajectory::open(&path)?;
+    let (found, expected) = (trajectory.times().len(), frames as usize + 1);
+    if found != expected {
+        return Err(Error::file(
+            &path,
+            format!("{found} frames were recorded, expected {expected}"),
+        ));
+    }
+    Ok((path, trajectory))
+}
+
+/// Largest of the solver's "Courant Number mean: ... max: ..." lines.
+fn largest_courant(log: &Path) -> Option<f64> {
+    let text = std::fs::read_to_string(log).ok()?;
+    text.lines()
+        .filter_map(|l| {
+            l.strip_prefix("Courant Number")?
+                .rsplit("max:")
+                .next()?
+                .trim()
+                .parse()
+                .ok()
+        })
+        .max_by(f64::total_cmp)
+}
+
+#[cfg(test)]
+#[path = "case_tests.rs"]
+mod tests;

@@ -1,0 +1,218 @@
+//! Draws and files of the families that come with m4gn.
+
+use super::*;
+use crate::generate::parameter::{Settings, parse_setting};
+
+fn family(name: &str) -> Family {
+    let home = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam/templates");
+    Family::load(&home.join(name)).unwrap()
+}
+
+fn settings(texts: &[&str]) -> Settings {
+    texts.iter().map(|t| parse_setting(t).unwrap()).collect()
+}
+
+fn case(name: &str, set: &[&str]) -> FamilyCase {
+    let family = family(name);
+    FamilyCase {
+        seed: 3,
+        index: 4,
+        draw: family.draw(3, 4, &settings(set)).unwrap(),
+        split: Split::Valid,
+        frames: family.recording.frames,
+        interval: family.recording.interval,
+        spin_up: family.recording.spin_up,
+        command: "m4gn generate".into(),
+        family: Arc::new(family),
+    }
+}
+
+/// What version 0.1.0 drew: the data sets of the shipped models are these.
+#[test]
+fn the_draws_of_a_seed_stay() {
+    let family = family("cylinder-flow");
+    let draw = |seed, index| {
+        let draw = family.draw(seed, index, &Settings::new()).unwrap();
+        ["x", "y", "radius", "u0"].map(|name| draw.variables[name])
+    };
+    assert_eq!(draw(1, 0), OLD[0]);
+    assert_eq!(draw(7, 1), OLD[1]);
+}
+
+const OLD: [[f64; 4]; 2] = [
+    [0.300621, 0.142058, 0.05588, 1.185122],
+    [0.448027, 0.131358, 0.060256, 1.586537],
+];
+
+#[test]
+fn draws_are_in_range_and_depend_on_seed_and_index_only() {
+    let family = family("cylinder-flow");
+    let mut all = std::collections::BTreeSet::new();
+    for index in 0..500 {
+        let draw = family.draw(7, index, &Settings::new()).unwrap();
+        assert_eq!(draw, family.draw(7, index, &Settings::new()).unwrap());
+        let [x, y, r] = ["x", "y", "radius"].map(|n| draw.variables[n]);
+        assert!((0.2..=0.45).contains(&x), "{draw:?}");
+        // At least 5 cm between the cylinder and either wall
+        assert!(y - r >= 0.05 && 0.41 - y - r >= 0.05, "{draw:?}");
+        all.insert(x.to_bits());
+    }
+    assert!(all.len() > 490, "{} different of 500", all.len());
+}
+
+#[test]
+fn faster_flow_and_finer_meshes_need_more_steps() {
+    let family = family("cylinder-flow");
+    let steps = |set: &[&str], interval| {
+        let mut all = settings(&["x=0.3", "y=0.2"]);
+        all.extend(settings(set));
+        family.steps(&family.draw(1, 0, &all).unwrap(), interval).unwrap()
+    };
+    let slow = steps(&["u0=0.9", "radius=0.035", "mesh=coarse"], 0.01);
+    let fast = steps(&["u0=2.2", "radius=0.07"], 0.01);
+    assert!(slow >= 2 && slow < fast, "{slow} {fast}");
+    assert!(fast < steps(&["u0=2.2", "radius=0.07", "mesh=fine"], 0.01));
+    assert!(fast < steps(&["u0=2.2", "radius=0.07", "cells=4"], 0.01));
+    // The tutorial: 0.002 s
+    let tutorial = ["u0=1.55", "radius=0.052", "courant=1"];
+    assert_eq!(steps(&tutorial, 0.05), 25);
+}
+
+#[test]
+fn every_placeholder_is_filled() {
+    for (name, end) in [("cylinder-flow", "7;"), ("vibrating-beam", "1.3;")] {
+        let dir = tempfile::tempdir().unwrap();
+        let case = case(name, &[]);
+        case.write(dir.path()).unwrap();
+        let files = files(&case.family.folder).unwrap();
+        assert!(files.len() >= 8, "{files:?}");
+        for file in files {
+            let text = std::fs::read_to_string(dir.path().join(&file)).unwrap();
+            let left = text
+                .lines()
+                .find(|l| !l.trim_start().starts_with("//") && l.contains('@'));
+            assert_eq!(left, None, "{file:?}");
+        }
+        let control = std::fs::read_to_string(dir.path().join("system/controlDict")).unwrap();
+        assert!(control.contains(&format!("endTime         {end}")), "{control}");
+        assert!(!dir.path().join(FILE).exists());
+    }
+}
+
+#[test]
+fn an_unknown_placeholder_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("my-family");
+    std::fs::create_dir_all(&folder).unwrap();
+    let text = "about = 'x'\nsolver = ['icoFoam']\nsteps = '1'\n[recording]\nfields = ['U']\nframes = 1\ninterval = 1\nspin_up = 1\n";
+    std::fs::write(folder.join(FILE), text).unwrap();
+    std::fs::write(folder.join("a"), "1 @ 2 @@ @deltaT@ @size@").unwrap();
+    let family = Family::load(&folder).unwrap();
+    let times = Times {
+        delta_t: 0.5,
+        end: 1.0,
+        write_interval: 1.0,
+    };
+    let draw = family.draw(1, 1, &Settings::new()).unwrap();
+    let write = || family.write(&draw, times, "", &dir.path().join("case"));
+    let message = write().unwrap_err().to_string();
+    assert!(
+        message.contains("my-family/a") && message.contains("@size@"),
+        "{message}"
+    );
+    std::fs::write(folder.join("a"), "1 @ 2 @@ @deltaT@").unwrap();
+    write().unwrap();
+    let written = std::fs::read_to_string(dir.path().join("case/a")).unwrap();
+    assert_eq!(written, "1 @ 2 @@ 0.5");
+    // What family.toml has wrong
+    for (bad, words) in [
+        ("surplus = 1\n", "surplus"),
+        ("[[parameter]]\nname = 'a'\n", "either 'range'"),
+        (
+            "[[parameter]]\nname = 'deltaT'\nvalue = 1\n",
+            "cannot be the name",
+        ),
+        ("[[derived]]\nname = 'b'\n", "value"),
+    ] {
+        let text = match bad.starts_with('[') {
+            true => format!("{text}{bad}"),
+            false => format!("{bad}{text}"),
+        };
+        std::fs::write(folder.join(FILE), text).unwrap();
+        let message = Family::load(&folder).unwrap_err().to_string();
+        assert!(
+            message.contains("family.toml") && message.contains(words),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn another_case_is_told_from_this_one() {
+    let plain = case("cylinder-flow", &[]);
+    let number = |name: &str| plain.draw.variables[name];
+    // As version 0.1.0 wrote it
+    let mut provenance = serde_json::json!({
+        "family": "cylinder-flow", "seed": 3, "index": 4, "mesh": "standard", "x": number("x"), "y": number("y"),
+        "radius": number("radius"), "u0": number("u0"), "nu": 0.001, "frames": 600, "frameInterval": 0.01, "spinUp": 1,
+    });
+    assert_eq!(plain.difference(&provenance), None);
+    let finer = case("cylinder-flow", &["cells=2"]).difference(&provenance);
+    assert_eq!(finer.unwrap(), "cells null instead of 2");
+    let square = case("cylinder-flow", &["shape=square"]).difference(&provenance);
+    assert_eq!(square.unwrap(), "shape null instead of square");
+    provenance["u0"] = 5.into();
+    assert!(
+        plain
+            .difference(&provenance)
+            .unwrap()
+            .starts_with("u0 5 instead of")
+    );
+    assert!(plain.difference(&serde_json::Value::Null).is_some());
+}
+
+#[test]
+fn impossible_cases_are_refused() {
+    let family = family("cylinder-flow");
+    let refused = |set: &[&str]| family.draw(1, 0, &settings(set)).unwrap_err().to_string();
+    assert!(refused(&["radius=0.3"]).contains("from either wall"));
+    assert!(refused(&["speed=1"]).contains("it has x, y, radius, u0, nu"));
+    assert!(refused(&["mesh=thin"]).contains("coarse, fine, standard"));
+    assert!(refused(&["nu=-1:1"]).contains("above 0"));
+    let message = Family::find(Path::new("no-such-family")).unwrap_err().to_string();
+    assert!(message.contains("family.toml"), "{message}");
+}
+
+#[test]
+fn the_courant_number_is_read_from_the_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = dir.path().join("log");
+    std::fs::write(
+        &log,
+        "Time = 1\nCourant Number mean: 0.1 max: 0.7\nCourant Number mean: 0.2 max: 0.65\n",
+    )
+    .unwrap();
+    assert_eq!(largest_courant(&log), Some(0.7));
+    assert_eq!(largest_courant(&dir.path().join("none")), None);
+}
+
+/// The first mode has 0.851 1/s and the others the ratios of a cantilever.
+#[test]
+fn the_beam_starts_as_it_was_drawn() {
+    let family = family("vibrating-beam");
+    for index in 0..20 {
+        let v = family.draw(7, index, &Settings::new()).unwrap().variables;
+        let frequency = |k: u32| v[&format!("omega{k}")] / std::f64::consts::TAU;
+        assert!((frequency(1) - 0.8513).abs() < 1e-4);
+        assert!((frequency(2) / frequency(1) - 6.2669).abs() < 1e-3);
+        assert!((frequency(3) / frequency(1) - 17.5475).abs() < 1e-3);
+        for k in 1..=3 {
+            let [a, phase, omega, now, before] =
+                ["amplitude", "phase", "omega", "d", "o"].map(|name| v[&format!("{name}{k}")]);
+            assert!(now.abs() <= a && a <= [0.025, 2e-3, 3e-4][k - 1]);
+            // The backward difference is the rate half a step earlier
+            let middle = -a * omega * (phase - 0.5 * omega * 1e-3).sin();
+            assert!(((now - before) / 1e-3 - middle).abs() < 1e-3 * a * omega + 1e-12);
+        }
+    }
+}

@@ -1,0 +1,388 @@
+//! A family of OpenFOAM cases as a folder of data: `family.toml` beside the case's files.
+//!
+//! The files are a case in which `@name@` stands for a parameter or a derived quantity, and for `@endTime@`, `@deltaT@` and
+//! `@writeInterval@`; its `controlDict` includes `system/functions`, which the command writes. docs/families.md describes
+//! every key.
+
+use super::expression::{self, Variables};
+use super::parameter::{self, Parameter, Setting, Settings, Value, is_word};
+use m4gn_mesh::{Error, Result};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// What a folder must hold to be a family.
+pub const FILE: &str = "family.toml";
+
+/// Names that templates may use beside those of the family.
+pub(super) const RESERVED: [&str; 3] = ["deltaT", "endTime", "writeInterval"];
+
+/// A family.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Family {
+    /// Name of the folder.
+    #[serde(skip)]
+    pub name: String,
+    /// The folder.
+    #[serde(skip)]
+    pub folder: PathBuf,
+    /// What is computed, in a line.
+    pub about: String,
+    /// More of it.
+    #[serde(default)]
+    pub details: String,
+    /// What is said of a case beside its number, with `@name@`.
+    #[serde(default)]
+    pub label: String,
+    /// Decimals that draws are rounded to.
+    #[serde(default = "six")]
+    pub decimals: i32,
+    /// Commands that make the mesh and the first fields, in their order.
+    #[serde(default)]
+    pub prepare: Vec<Vec<String>>,
+    /// The solver.
+    pub solver: Vec<String>,
+    /// Steps of the solver in `interval` seconds.
+    pub steps: String,
+    /// What is recorded.
+    pub recording: Recording,
+    /// Parameters in the order of their draw.
+    #[serde(default, rename = "parameter")]
+    pub parameters: Vec<Parameter>,
+    /// Quantities that follow from the parameters and from the ones before.
+    #[serde(default, rename = "derived")]
+    pub derived: Vec<Derived>,
+    /// What must hold of every case.
+    #[serde(default, rename = "require")]
+    pub requirements: Vec<Requirement>,
+    /// What `m4gn hybrid` runs.
+    pub hybrid: Option<Hybrid>,
+}
+
+fn six() -> i32 {
+    6
+}
+
+/// What a trajectory holds unless the user says otherwise.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recording {
+    /// Fields, as the function object m4gnHarvest names them.
+    pub fields: Vec<String>,
+    /// Frames after the first one.
+    pub frames: u32,
+    /// Time between frames, s.
+    pub interval: f64,
+    /// Time of the first frame, s.
+    pub spin_up: f64,
+}
+
+/// A quantity that follows from the parameters.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Derived {
+    /// Name.
+    pub name: String,
+    /// What it is.
+    #[serde(default)]
+    pub about: String,
+    /// Expression.
+    pub value: String,
+    /// Decimals that it is rounded to.
+    pub decimals: Option<i32>,
+    /// Whether it is kept with the data.
+    #[serde(default)]
+    pub record: bool,
+}
+
+/// What must hold of every case.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Requirement {
+    /// Condition.
+    pub that: String,
+    /// What is said where it does not hold.
+    pub otherwise: String,
+}
+
+/// Hybrid runs: the solver alone, then by turns with the surrogate.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hybrid {
+    /// The solver is alone before, s.
+    pub start_up: f64,
+    /// End of the runs, s.
+    pub end: f64,
+    /// Time between stored times, s.
+    pub interval: f64,
+    /// Time that the solver does before each jump, s.
+    pub solver_time: f64,
+    /// Strides of the model in a jump.
+    pub surrogate_steps: u32,
+    /// Patch whose forces are compared.
+    pub patch: Option<String>,
+    /// Quantity by which the cases are put in order.
+    pub order_by: Option<String>,
+    /// Settings of all runs.
+    #[serde(default)]
+    pub set: Settings,
+    /// Cheaper plain solvers, to compare at equal cost.
+    #[serde(default)]
+    pub plain: Vec<Plain>,
+}
+
+/// A plain solver with other settings.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plain {
+    /// Name.
+    pub name: String,
+    /// Its settings.
+    pub set: Settings,
+}
+
+/// One case: the value of every parameter, and what follows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Draw {
+    /// Parameters in their order.
+    pub values: Vec<(String, Value)>,
+    /// Numbers of parameters and derived quantities.
+    pub variables: Variables,
+}
+
+impl Family {
+    /// Reads `folder/family.toml` and checks all that can be checked before a case is drawn.
+    ///
+    /// # Errors
+    /// [`Error::File`] naming the file and what is wrong in it.
+    pub fn load(folder: &Path) -> Result<Self> {
+        let file = folder.join(FILE);
+        let folder = folder
+            .canonicalize()
+            .map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+        let text =
+            std::fs::read_to_string(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+        let mut family: Family =
+            toml::from_str(&text).map_err(|e| Error::file(&file, e.to_string().trim().to_string()))?;
+        family.name = folder
+            .file_name()
+            .and_then(|n| n.to_str())
+            .unwrap_or_default()
+            .into();
+        family.folder = folder;
+        family.check().map_err(|e| Error::file(&file, e.to_string()))?;
+        Ok(family)
+    }
+
+    fn check(&self) -> Result<()> {
+        let fault = |what: String| Err(Error::Input(what));
+        if !is_word(&self.name) {
+            return fault(format!(
+                "the folder is named '{}': expected letters, digits, - and _",
+                self.name
+            ));
+        }
+        self.parameters.iter().try_for_each(Parameter::check)?;
+        let parameters = self.parameters.iter().map(|p| p.name.as_str());
+        let names: Vec<&str> = parameters
+            .chain(self.derived.iter().map(|d| d.name.as_str()))
+            .collect();
+        for (i, name) in names.iter().enumerate() {
+            if !is_word(name) || RESERVED.contains(name) || *name == "interval" || names[..i].contains(name) {
+                return fault(format!(
+                    "'{name}' cannot be the name of a quantity, or is one already"
+                ));
+            }
+        }
+        if let Some(empty) = self
+            .prepare
+            .iter()
+            .chain([&self.solver])
+            .find(|c| c.iter().all(String::is_empty))
+        {
+            return fault(format!("command {empty:?}: expected a program and its arguments"));
+        }
+        let r = &self.recording;
+        times(r.interval, r.spin_up)?;
+        let plain = |f: &&String| f.chars().any(|c| c.is_whitespace() || "\"'{};$#/".contains(c));
+        if let Some(field) = r.fields.iter().find(|f| f.is_empty() || plain(f)) {
+            return fault(format!("recording: '{field}' is no name of a field"));
+        }
+        let Some(hybrid) = &self.hybrid else { return Ok(()) };
+        hybrid.check()?;
+        self.check_settings(&hybrid.set)?;
+        for plain in &hybrid.plain {
+            if !is_word(&plain.name) {
+                return fault(format!("hybrid: '{}' is no name of a variant", plain.name));
+            }
+            self.check_settings(&plain.set)?;
+        }
+        match &hybrid.order_by {
+            Some(name) if !names.contains(&name.as_str()) => {
+                fault(format!("hybrid: there is no quantity '{name}' to order by"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether the parameters exist and can be set to this.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that lists the parameters, or what the parameter can be set to.
+    pub fn check_settings(&self, settings: &Settings) -> Result<()> {
+        settings.iter().try_for_each(|(name, setting)| {
+            let known = self.parameters.iter().find(|p| &p.name == name);
+            match known {
+                Some(p) => p.check_setting(setting),
+                None => {
+                    let names: Vec<&str> = self.parameters.iter().map(|p| p.name.as_str()).collect();
+                    Err(Error::Input(format!(
+                        "family {} has no parameter '{name}': it has {}",
+                        self.name,
+                        names.join(", ")
+                    )))
+                }
+            }
+        })
+    }
+
+    /// Case `index` of the set `seed` with these settings: the same whatever else is drawn.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings that [`Family::check_settings`] refuses, an expression that cannot be computed, or a
+    /// requirement that does not hold.
+    pub fn draw(&self, seed: u64, index: u64, settings: &Settings) -> Result<Draw> {
+        self.check_settings(settings)?;
+        let values = parameter::draw(&self.parameters, settings, seed, index, self.decimals);
+        let mut variables = Variables::new();
+        for (p, value) in self.parameters.iter().zip(&values) {
+            variables.insert(p.name.clone(), p.number(value));
+        }
+        for derived in &self.derived {
+            let mut value = expression::number(&derived.value, &variables)?;
+            if let Some(decimals) = derived.decimals {
+                let scale = 10f64.powi(decimals);
+                value = (value * scale).round() / scale;
+            }
+            variables.insert(derived.name.clone(), value);
+        }
+        for requirement in &self.requirements {
+            if !expression::holds(&requirement.that, &variables)? {
+                let drawn: Vec<String> = self
+                    .parameters
+                    .iter()
+                    .zip(&values)
+                    .map(|(p, v)| format!("{} {v}", p.name))
+                    .collect();
+                return Err(Error::Input(format!(
+                    "case {index} of family {} cannot be: {} ({})",
+                    self.name,
+                    requirement.otherwise,
+                    drawn.join(", ")
+                )));
+            }
+        }
+        let names = self.parameters.iter().map(|p| p.name.clone());
+        Ok(Draw {
+            values: names.zip(values).collect(),
+            variables,
+        })
+    }
+
+    /// Steps of the solver in `interval` seconds.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the expression gives none.
+    pub fn steps(&self, draw: &Draw, interval: f64) -> Result<u32> {
+        let mut variables = draw.variables.clone();
+        variables.insert("interval".into(), interval);
+        let steps = (expression::number(&self.steps, &variables)? - 1e-6)
+            .ceil()
+            .max(1.0);
+        match steps <= 1e7 {
+            true => Ok(steps as u32),
+            false => Err(Error::Input(format!(
+                "family {}: {steps} steps of the solver in {interval} s: expected at most 1e7",
+                self.name
+            ))),
+        }
+    }
+
+    /// The programs that its commands begin with, each once.
+    pub fn programs(&self) -> Vec<&str> {
+        let mut programs = Vec::new();
+        for command in self.prepare.iter().chain([&self.solver]) {
+            let program = command[0].as_str();
+            if !programs.contains(&program) {
+                programs.push(program);
+            }
+        }
+        programs
+    }
+
+    /// Parameters, one a line, for people.
+    pub fn parameter_help(&self) -> String {
+        let width = self.parameters.iter().map(|p| p.name.len()).max().unwrap_or(0);
+        let line = |p: &Parameter| {
+            let usual = match (&p.range, &p.value) {
+                (Some([low, high]), _) => format!("{low}:{high}"),
+                (_, Some(value)) => value.to_string(),
+                _ => String::new(),
+            };
+            let choices: Vec<&str> = p.choices.keys().map(String::as_str).collect();
+            let choices = match choices.is_empty() {
+                true => String::new(),
+                false => format!(": {}", choices.join(", ")),
+            };
+            format!("  {:<width$}  {}{choices} [{usual}]\n", p.name, p.about)
+        };
+        self.parameters.iter().map(line).collect()
+    }
+}
+
+impl Hybrid {
+    /// Whether the times are in order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where not.
+    pub fn check(&self) -> Result<()> {
+        let ordered =
+            0.0 < self.start_up && self.start_up + self.solver_time < self.end && self.end.is_finite();
+        let positive = self.interval > 0.0 && self.solver_time > 0.0 && self.surrogate_steps > 0;
+        match ordered && positive {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "hybrid runs: start_up {} s, solver_time {} s, end {} s, interval {} s, surrogate_steps {}: expected all \
+                 above 0, and start_up + solver_time before the end",
+                self.start_up, self.solver_time, self.end, self.interval, self.surrogate_steps
+            ))),
+        }
+    }
+}
+
+impl Draw {
+    /// The text with each `@name@` of the family replaced.
+    pub fn text(&self, template: &str) -> String {
+        super::case::fill(template, |name| self.variables.get(name).map(f64::to_string)).0
+    }
+}
+
+/// Whether frames every `interval` seconds from `spin_up` on can be recorded.
+///
+/// # Errors
+/// [`Error::Input`] where not.
+pub fn times(interval: f64, spin_up: f64) -> Result<()> {
+    match interval >= 1e-6 && spin_up >= 0.999_999 * interval && spin_up.is_finite() {
+        true => Ok(()),
+        false => Err(Error::Input(format!(
+            "frames every {interval} s from {spin_up} s on: expected an interval of at least 1e-6 s, and a spin-up of at \
+             least one interval"
+        ))),
+    }
+}
+
+/// The settings as options of a command, for provenance.
+pub fn settings_text(settings: &Settings) -> String {
+    let one = |(name, setting): (&String, &Setting)| format!(" --set {name}={setting}");
+    settings.iter().map(one).collect()
+}

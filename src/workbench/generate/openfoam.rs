@@ -1,0 +1,80 @@
+//! What OpenFOAM's tools need to run: programs in PATH, our libraries, a folder that OpenFOAM can work in.
+
+use super::process::find_program;
+use m4gn_mesh::plugin::{find, places};
+use m4gn_mesh::{Error, Result};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// Where Debian's package keeps OpenFOAM's `etc`.
+pub const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
+
+/// Variables for the tools: OpenFOAM's folder, and our libraries for the function objects; one thread a program.
+///
+/// # Errors
+/// [`Error::Input`] that names the programs that are missing; [`Error::File`] without libm4gnFoam.so.
+pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
+    let missing: Vec<&str> = programs
+        .iter()
+        .copied()
+        .filter(|p| !p.contains('/') && find_program(p).is_none())
+        .collect();
+    if !missing.is_empty() {
+        return Err(Error::Input(format!(
+            "{} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
+             OpenFOAM's etc/bashrc; 'm4gn doctor' says more",
+            missing.join(", ")
+        )));
+    }
+    find("libm4gnFoam.so", "./Allrun builds it")?;
+    let mut places: Vec<PathBuf> = places();
+    places.extend(
+        std::env::var_os("LD_LIBRARY_PATH")
+            .iter()
+            .flat_map(std::env::split_paths),
+    );
+    let libraries = std::env::join_paths(places).map_err(|e| {
+        Error::Input(format!(
+            "the folder of the libraries cannot be in LD_LIBRARY_PATH: {e}"
+        ))
+    })?;
+    let mut variables = one_thread();
+    variables.push(("LD_LIBRARY_PATH".to_string(), libraries));
+    if std::env::var_os("WM_PROJECT_DIR").is_none_or(|v| v.is_empty()) {
+        variables.push(("WM_PROJECT_DIR".to_string(), DEBIAN_OPENFOAM.into()));
+    }
+    Ok(variables)
+}
+
+/// One thread a program: several cases run at once.
+pub fn one_thread() -> Vec<(String, OsString)> {
+    ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
+        .map(|name| (name.to_string(), "1".into()))
+        .to_vec()
+}
+
+/// The folder's full path, which OpenFOAM can only use without blanks and quotes.
+///
+/// # Errors
+/// [`Error::File`] where OpenFOAM cannot use it.
+pub fn plain_path(folder: &Path) -> Result<PathBuf> {
+    let path = absolute(folder)?;
+    let usable = path
+        .to_str()
+        .is_some_and(|p| !p.contains(|c: char| c.is_whitespace() || "\"'\\${};".contains(c)));
+    if !usable {
+        return Err(Error::file(
+            path,
+            "OpenFOAM cannot work in folders with blanks, quotes or $ in their path: choose another",
+        ));
+    }
+    Ok(path)
+}
+
+/// The folder's full path.
+///
+/// # Errors
+/// [`Error::File`] where it is none.
+pub fn absolute(folder: &Path) -> Result<PathBuf> {
+    std::path::absolute(folder).map_err(|e| Error::file(folder, format!("is no path: {e}")))
+}

@@ -1,0 +1,194 @@
+//! Running one tool: output into a log file, ended when it takes too long, the user stops, or this program ends.
+
+use super::guard::Guard;
+use m4gn_mesh::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::{Duration, Instant};
+
+/// Conditions under which tools run.
+#[derive(Clone, Debug)]
+pub struct Surroundings {
+    /// Nonzero: end what runs and start nothing more.
+    pub stop: &'static AtomicU8,
+    /// Longest time for one tool.
+    pub timeout: Duration,
+    /// Variables to set.
+    pub environment: Vec<(String, std::ffi::OsString)>,
+}
+
+impl Surroundings {
+    /// Whether the user has asked to stop.
+    pub fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) != 0
+    }
+
+    /// Runs a command, a program (a name, or a path) and its arguments, in `folder` and waits for it; its output goes to
+    /// `log.<name>` there. What the program started and left running is ended with it.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when the user stops; [`Error::File`], naming the log, when the program cannot be
+    /// started, fails or takes too long. The program is not running any more then.
+    pub fn run(&self, folder: &Path, command: &[impl AsRef<str>]) -> Result<()> {
+        let words: Vec<&str> = command.iter().map(AsRef::as_ref).collect();
+        let [program, arguments @ ..] = words.as_slice() else {
+            return Err(Error::Internal("a command without a program".into()));
+        };
+        let name = program.rsplit('/').next().unwrap_or(program);
+        let log = folder.join(format!("log.{name}"));
+        let unwritable = |e: std::io::Error| Error::file(&log, format!("cannot be written: {e}"));
+        let output = std::fs::File::create(&log).map_err(unwritable)?;
+        let errors = output.try_clone().map_err(unwritable)?;
+        let cannot_start = |e: std::io::Error| Error::file(program, format!("cannot be started: {e}"));
+        let guard = Guard::start().map_err(cannot_start)?;
+        let mut command = Command::new(program);
+        command
+            .args(arguments)
+            .current_dir(folder)
+            .envs(self.environment.iter().map(|(k, v)| (k, v)))
+            .stdin(Stdio::null())
+            .stdout(output)
+            .stderr(errors);
+        let mut child = guard.join(&mut command).spawn().map_err(cannot_start)?;
+        let start = Instant::now();
+        let ended = loop {
+            match child.try_wait() {
+                Ok(Some(status)) => break Ok(status),
+                Ok(None) if self.stopped() => break Err(Error::Interrupted("stopped by the user".into())),
+                Ok(None) if start.elapsed() > self.timeout => {
+                    let seconds = self.timeout.as_secs();
+                    break Err(Error::file(
+                        &log,
+                        format!("{name} was ended after {seconds} s (--timeout)"),
+                    ));
+                }
+                Ok(None) => std::thread::sleep(Duration::from_millis(20)),
+                Err(e) => break Err(Error::file(&log, format!("{name} cannot be waited for: {e}"))),
+            }
+        };
+        let status = match ended {
+            Ok(status) => status,
+            Err(e) => {
+                drop(guard);
+                let _ = child.wait();
+                return Err(e);
+            }
+        };
+        drop(guard);
+        if status.success() {
+            return Ok(());
+        }
+        Err(Error::file(
+            &log,
+            format!("{name} failed ({status}){}", reason(&log)),
+        ))
+    }
+}
+
+/// The message of an OpenFOAM tool's fatal error, or the last line of the log.
+fn reason(log: &Path) -> String {
+    let text = std::fs::read(log).unwrap_or_default();
+    let text = String::from_utf8_lossy(&text);
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let fatal = lines.iter().rposition(|l| l.contains("FOAM FATAL"));
+    let shown = match fatal {
+        Some(i) => lines[i + 1..]
+            .iter()
+            .filter(|l| !l.is_empty())
+            .take(3)
+            .copied()
+            .collect::<Vec<_>>()
+            .join(" "),
+        None => lines
+            .iter()
+            .rfind(|l| !l.is_empty())
+            .map_or(String::new(), |l| l.to_string()),
+    };
+    if shown.is_empty() {
+        shown
+    } else {
+        format!(": {}", shown.chars().take(400).collect::<String>())
+    }
+}
+
+/// Where each program is in PATH; None where it is not.
+pub fn find_program(name: &str) -> Option<PathBuf> {
+    use std::os::unix::fs::PermissionsExt;
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path).map(|d| d.join(name)).find(|p| {
+        p.metadata()
+            .is_ok_and(|m| m.is_file() && m.permissions().mode() & 0o111 != 0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    static GO: AtomicU8 = AtomicU8::new(0);
+    static STOP: AtomicU8 = AtomicU8::new(1);
+
+    fn surroundings(stop: &'static AtomicU8, milliseconds: u64) -> Surroundings {
+        Surroundings {
+            stop,
+            timeout: Duration::from_millis(milliseconds),
+            environment: vec![("A".into(), "b".into())],
+        }
+    }
+
+    #[test]
+    fn output_and_failures_are_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = |s: Surroundings, script: &str| s.run(dir.path(), &["sh", "-c", script]);
+        run(surroundings(&GO, 9000), "echo $A").unwrap();
+        assert_eq!(std::fs::read_to_string(dir.path().join("log.sh")).unwrap(), "b\n");
+        let fatal =
+            "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnHarvest cannot record: full\\n\\n From\\n'; exit 1";
+        let message = run(surroundings(&GO, 9000), fatal).unwrap_err().to_string();
+        assert!(
+            message.contains("log.sh") && message.contains("cannot record: full"),
+            "{message}"
+        );
+        let killed = run(surroundings(&GO, 9000), "kill -9 $$")
+            .unwrap_err()
+            .to_string();
+        assert!(killed.contains("signal: 9"), "{killed}");
+        let late = run(surroundings(&GO, 100), "sleep 60").unwrap_err().to_string();
+        assert!(late.contains("--timeout"), "{late}");
+        assert!(matches!(
+            run(surroundings(&STOP, 9000), "sleep 60"),
+            Err(Error::Interrupted(_))
+        ));
+        let missing = surroundings(&GO, 9)
+            .run(dir.path(), &["no-such-program"])
+            .unwrap_err()
+            .to_string();
+        assert!(missing.contains("cannot be started"), "{missing}");
+    }
+
+    /// A tool that ends leaves nothing of what it started behind.
+    #[test]
+    fn what_a_tool_started_ends_with_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let script = "sleep 600 & echo $!";
+        surroundings(&GO, 9000)
+            .run(dir.path(), &["sh", "-c", script])
+            .unwrap();
+        let log = std::fs::read_to_string(dir.path().join("log.sh")).unwrap();
+        let stat = format!("/proc/{}/stat", log.trim());
+        // Gone, or a zombie that nobody has waited for.
+        let goes_on = || std::fs::read_to_string(&stat).is_ok_and(|state| !state.contains(") Z "));
+        let start = Instant::now();
+        while goes_on() {
+            assert!(start.elapsed() < Duration::from_secs(60), "it goes on");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    #[test]
+    fn programs_are_found_in_path() {
+        assert!(find_program("sh").is_some_and(|p| p.is_absolute()));
+        assert_eq!(find_program("no-such-program"), None);
+    }
+}

@@ -1,0 +1,218 @@
+//! Many cases at once: what is there is kept, what fails is reported and skipped.
+
+use super::process::Surroundings;
+use m4gn_data::Split;
+use m4gn_mesh::{Error, Result};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::Instant;
+
+/// A case of a data set, of whatever family.
+pub trait Case: Sync {
+    /// What there is to say about a trajectory that was made.
+    type Figures: Send;
+
+    /// Number of the case in the set.
+    fn index(&self) -> u64;
+
+    /// What its trajectory is for.
+    fn split(&self) -> Split;
+
+    /// Makes the trajectory in the folder, which does not exist yet; where it is there, and its figures.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when the user stops; otherwise [`Error::File`].
+    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Self::Figures)>;
+
+    /// The split of an existing trajectory, and in what it differs from this case.
+    ///
+    /// # Errors
+    /// [`Error::File`] when it is damaged or no trajectory.
+    fn compare(&self, existing: &Path) -> Result<(Split, Option<String>)>;
+}
+
+/// What to make and how.
+#[derive(Clone, Debug)]
+pub struct Queue<C> {
+    /// Cases in order.
+    pub cases: Vec<C>,
+    /// Folder of the data set; cases run in its folder `cases`.
+    pub folder: PathBuf,
+    /// Whether the split was asked for; then an existing trajectory must have it.
+    pub split: Option<Split>,
+    /// Cases at once.
+    pub jobs: usize,
+    /// Whether case folders stay.
+    pub keep_cases: bool,
+    /// Conditions of the tools.
+    pub tools: Surroundings,
+}
+
+/// A trajectory that was made.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Made<F> {
+    /// Its file.
+    pub path: PathBuf,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+    /// Wall time, s.
+    pub seconds: f64,
+    /// What its family says.
+    #[serde(flatten)]
+    pub figures: F,
+}
+
+/// What became of one case.
+#[derive(Clone, Debug)]
+pub enum Outcome<F> {
+    /// It was made.
+    Made(Made<F>),
+    /// A whole trajectory of the same parameters was there.
+    There(PathBuf),
+    /// It failed.
+    Failed(Error),
+}
+
+impl<C: Case> Queue<C> {
+    /// Name of a case's trajectory.
+    pub fn target(&self, case: &C) -> PathBuf {
+        self.folder.join(format!("{:04}.h5", case.index()))
+    }
+
+    fn case_folder(&self, case: &C) -> PathBuf {
+        self.folder.join("cases").join(format!("{:04}", case.index()))
+    }
+
+    /// Runs all cases; `report` is called as each ends, on the calling thread.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when the user stops. [`Error::File`] when the folder cannot be made, or holds a
+    /// trajectory of the same name and other parameters, or another program works in it: nothing is run then. Failed
+    /// cases are only reported.
+    pub fn run(&self, mut report: impl FnMut(&C, &Outcome<C::Figures>)) -> Result<()> {
+        std::fs::create_dir_all(self.folder.join("cases"))
+            .map_err(|e| Error::file(&self.folder, format!("cannot be made: {e}")))?;
+        let _lock = lock(&self.folder)?;
+        let mut missing = Vec::new();
+        for case in &self.cases {
+            let target = self.target(case);
+            if target.exists() {
+                self.check_existing(case, &target)?;
+                report(case, &Outcome::There(target));
+            } else {
+                missing.push(case);
+            }
+        }
+        self.run_missing(&missing, &mut report);
+        // Goes only when it is empty: failed and kept cases stay.
+        let _ = std::fs::remove_dir(self.folder.join("cases"));
+        if self.tools.stopped() {
+            return Err(Error::Interrupted(format!(
+                "stopped by the user; the same command goes on with {}",
+                self.folder.display()
+            )));
+        }
+        Ok(())
+    }
+
+    fn run_missing(&self, missing: &[&C], report: &mut impl FnMut(&C, &Outcome<C::Figures>)) {
+        let next = AtomicUsize::new(0);
+        let (sender, outcomes) = mpsc::channel();
+        std::thread::scope(|scope| {
+            for _ in 0..self.jobs.clamp(1, missing.len().max(1)) {
+                let (sender, next) = (sender.clone(), &next);
+                scope.spawn(move || {
+                    while !self.tools.stopped() {
+                        let Some(case) = missing.get(next.fetch_add(1, Ordering::Relaxed)) else {
+                            break;
+                        };
+                        let outcome = match self.make(case) {
+                            Ok(made) => Outcome::Made(made),
+                            Err(Error::Interrupted(_)) => break,
+                            Err(e) => Outcome::Failed(e),
+                        };
+                        if sender.send((*case, outcome)).is_err() {
+                            break;
+                        }
+                    }
+                });
+            }
+            drop(sender);
+            for (case, outcome) in outcomes {
+                report(case, &outcome);
+            }
+        });
+    }
+
+    /// Makes one trajectory. The case's folder is removed afterwards unless it is to be kept or the case failed.
+    fn make(&self, case: &C) -> Result<Made<C::Figures>> {
+        let (start, folder) = (Instant::now(), self.case_folder(case));
+        if folder.exists() {
+            std::fs::remove_dir_all(&folder)
+                .map_err(|e| Error::file(&folder, format!("cannot be replaced: {e}")))?;
+        }
+        let result = case.run(&folder, &self.tools).and_then(|(recorded, figures)| {
+            let target = self.target(case);
+            let bytes = recorded.metadata().map_or(0, |m| m.len());
+            std::fs::rename(&recorded, &target)
+                .map_err(|e| Error::file(&target, format!("cannot be given its final name: {e}")))?;
+            Ok(Made {
+                path: target,
+                bytes,
+                seconds: start.elapsed().as_secs_f64(),
+                figures,
+            })
+        });
+        let interrupted = matches!(result, Err(Error::Interrupted(_)));
+        if interrupted || (result.is_ok() && !self.keep_cases) {
+            let _ = std::fs::remove_dir_all(&folder);
+        }
+        result
+    }
+
+    fn check_existing(&self, case: &C, target: &Path) -> Result<()> {
+        let (found, difference) = case.compare(target)?;
+        let difference = difference.or_else(|| {
+            let wanted = self.split?;
+            (found != wanted).then(|| format!("split {} instead of {}", found.name(), wanted.name()))
+        });
+        match difference {
+            None => Ok(()),
+            Some(difference) => Err(Error::file(
+                target,
+                format!("was made with other settings ({difference}): choose another folder, or remove it"),
+            )),
+        }
+    }
+}
+
+/// Keeps other programs of this kind out of the folder while the result lives; the system ends the lock with the process.
+///
+/// # Errors
+/// [`Error::File`] where one works in the folder already.
+pub fn lock(folder: &Path) -> Result<std::fs::File> {
+    let handle =
+        std::fs::File::open(folder).map_err(|e| Error::file(folder, format!("cannot be opened: {e}")))?;
+    match handle.try_lock() {
+        Ok(()) => Ok(handle),
+        Err(std::fs::TryLockError::WouldBlock) => Err(Error::file(
+            folder,
+            "another m4gn works in this folder: wait until it has ended, or choose another folder",
+        )),
+        Err(std::fs::TryLockError::Error(e)) => Err(Error::file(folder, format!("cannot be locked: {e}"))),
+    }
+}
+
+/// The first number of a trajectory's provenance that is not the wanted one.
+pub(super) fn other_number(provenance: &serde_json::Value, wanted: &[(&str, f64)]) -> Option<String> {
+    let same = |found: &serde_json::Value, wanted: f64| {
+        found
+            .as_f64()
+            .is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs().max(1.0))
+    };
+    wanted
+        .iter()
+        .find(|(key, wanted)| !same(&provenance[*key], *wanted))
+        .map(|(key, wanted)| format!("{key} {} instead of {wanted}", provenance[*key]))
+}

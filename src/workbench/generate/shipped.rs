@@ -1,0 +1,51 @@
+//! Finding a family: in a folder of the user's, or among those that come with m4gn.
+
+use super::family::{FILE, Family};
+use m4gn_mesh::{Error, Result, plugin};
+use std::path::{Path, PathBuf};
+
+impl Family {
+    /// The family of this name among those that come with m4gn, or in this folder of the user's.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that lists the families where there is none; otherwise as [`Family::load`].
+    pub fn find(name: &Path) -> Result<Self> {
+        if name.join(FILE).is_file() {
+            return Family::load(name);
+        }
+        let folders = folders();
+        if let Some(folder) = folders
+            .iter()
+            .map(|f| f.join(name))
+            .find(|f| f.join(FILE).is_file())
+        {
+            return Family::load(&folder);
+        }
+        let tried: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
+        Err(Error::Input(format!(
+            "'{}' is no family of cases: expected {}, or a folder with a file {FILE} (looked in {}; set M4GN_HOME to the \
+             checkout if this program was moved)",
+            name.display(),
+            names(&folders).join(", "),
+            tried.join(", ")
+        )))
+    }
+}
+
+/// Folders of the families that come with m4gn: beside those of the libraries.
+fn folders() -> Vec<PathBuf> {
+    let beside = |p: PathBuf| Some(p.parent()?.join("openfoam/templates"));
+    plugin::places().into_iter().filter_map(beside).collect()
+}
+
+/// Names of the families in these folders.
+fn names(folders: &[PathBuf]) -> Vec<String> {
+    let entries = folders.iter().filter_map(|f| std::fs::read_dir(f).ok()).flatten();
+    let families = entries.flatten().filter(|e| e.path().join(FILE).is_file());
+    let mut names: Vec<String> = families
+        .filter_map(|e| e.file_name().into_string().ok())
+        .collect();
+    names.sort();
+    names.dedup();
+    names
+}

@@ -1,0 +1,240 @@
+//! Deforming plates and beams: a case is a request that the Python package `tools/m4gn_solids` answers.
+//!
+//! The package runs in an environment of its own, which `setup/solids.sh` makes outside the checkout. It draws the
+//! parameters (again, where a draw has no quasi-static path), meshes with gmsh, simulates with FElupe and records.
+
+use super::process::Surroundings;
+use super::queue::{Case, other_number};
+use m4gn_data::{Split, Trajectory};
+use m4gn_mesh::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// What is deformed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Family {
+    /// Hyperelastic plates with one to three holes: tetrahedra.
+    DeformingPlate,
+    /// Nearly incompressible neo-Hookean beams: wedges.
+    DeformingBeam,
+}
+
+impl Family {
+    /// Name on the command line and in provenance.
+    pub fn name(self) -> &'static str {
+        match self {
+            Family::DeformingPlate => "deforming-plate",
+            Family::DeformingBeam => "deforming-beam",
+        }
+    }
+
+    /// Points of a body of the paper's sets, about.
+    pub fn usual_points(self, large: bool) -> u32 {
+        match (self, large) {
+            (Family::DeformingPlate, _) => 1271,
+            (Family::DeformingBeam, false) => 1542,
+            (Family::DeformingBeam, true) => 4540,
+        }
+    }
+}
+
+/// Everything that makes a case.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// What is deformed.
+    pub family: Family,
+    /// Beams of twice the length.
+    pub large: bool,
+    /// Seed of the set.
+    pub seed: u64,
+    /// Number of the case in the set.
+    pub index: u64,
+    /// About how many points the body has; None: as many as in the paper.
+    pub points: Option<u32>,
+    /// What the trajectory is for.
+    pub split: Split,
+    /// Frames after the first one.
+    pub frames: u32,
+    /// Time between frames, s; quasi-static, so that it only scales velocities.
+    pub interval: f64,
+    /// The command, for provenance.
+    pub command: String,
+    /// Python of the environment.
+    pub python: String,
+}
+
+/// A draw that could not be used.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Redraw {
+    /// Why.
+    pub reason: String,
+    /// Processor time spent on it, s.
+    pub cpu_seconds: f64,
+}
+
+/// What the package says about a trajectory that it made.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Figures {
+    /// Points of the body.
+    pub points: usize,
+    /// Cells of the body.
+    pub elements: usize,
+    /// Points of the obstacle's surface.
+    pub obstacle_points: usize,
+    /// Mean edge length at rest, m.
+    pub cell_size: f64,
+    /// Smallest distance between the body's skin and the obstacle in all frames, in cell sizes; negative: penetration.
+    pub worst_gap: f64,
+    /// The frame of it.
+    pub worst_gap_frame: usize,
+    /// Newton iterations of all frames.
+    pub newton_iterations: u64,
+    /// Processor time of the draw that was used, s.
+    pub cpu_seconds: f64,
+    /// Draws that could not be used.
+    pub redraws: Vec<Redraw>,
+}
+
+impl Request {
+    fn write(&self, folder: &Path) -> Result<()> {
+        let request = serde_json::json!({
+            "family": self.family.name(), "large": self.large, "seed": self.seed, "index": self.index,
+            "points": self.points, "split": self.split, "frames": self.frames, "interval": self.interval, "command": self.command,
+        });
+        let path = folder.join("case.json");
+        std::fs::create_dir_all(folder)
+            .and_then(|()| std::fs::write(&path, request.to_string()))
+            .map_err(|e| Error::file(&path, format!("cannot be written: {e}")))
+    }
+}
+
+impl Case for Request {
+    type Figures = Figures;
+
+    fn index(&self) -> u64 {
+        self.index
+    }
+
+    fn split(&self) -> Split {
+        self.split
+    }
+
+    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
+        self.write(folder)?;
+        tools.run(folder, &[self.python.as_str(), "-m", "m4gn_solids"])?;
+        let result = folder.join("result.json");
+        let figures: Figures = std::fs::read_to_string(&result)
+            .map_err(|e| Error::file(&result, format!("cannot be read: {e}")))
+            .and_then(|text| {
+                serde_json::from_str(&text)
+                    .map_err(|e| Error::file(&result, format!("is not what was expected: {e}")))
+            })?;
+        let recorded = folder.join("trajectory.h5");
+        let trajectory = Trajectory::open(&recorded)?;
+        let (found, expected) = (trajectory.times().len(), self.frames as usize + 1);
+        if found != expected {
+            return Err(Error::file(
+                &recorded,
+                format!("{found} frames were recorded, expected {expected}"),
+            ));
+        }
+        Ok((recorded, figures))
+    }
+
+    fn compare(&self, existing: &Path) -> Result<(Split, Option<String>)> {
+        let trajectory = Trajectory::open(existing)?;
+        let provenance = trajectory.provenance();
+        let family = &provenance["family"];
+        let points = &provenance["parameters"]["body"]["points"];
+        let wanted = self.points.unwrap_or(self.family.usual_points(self.large));
+        let difference = if family != self.family.name() {
+            Some(format!("family {family} instead of \"{}\"", self.family.name()))
+        } else if provenance["large"] != self.large {
+            Some(format!("large {} instead of {}", provenance["large"], self.large))
+        } else if *points != wanted {
+            Some(format!("about {points} points instead of {wanted}"))
+        } else {
+            let numbers = [
+                ("seed", self.seed as f64),
+                ("index", self.index as f64),
+                ("frames", f64::from(self.frames)),
+                ("interval", self.interval),
+            ];
+            other_number(provenance, &numbers)
+        };
+        Ok((trajectory.split(), difference))
+    }
+}
+
+/// The Python with FElupe: the one that `M4GN_SOLIDS_PYTHON` names, or that `setup/solids.sh` made in the cache.
+///
+/// # Errors
+/// [`Error::Input`] that says where it was looked for.
+pub fn find_python() -> Result<String> {
+    let variable = |name: &str| {
+        std::env::var_os(name)
+            .filter(|v| !v.is_empty())
+            .map(PathBuf::from)
+    };
+    let cache = variable("M4GN_CACHE")
+        .or_else(|| Some(variable("XDG_CACHE_HOME")?.join("m4gn")))
+        .or_else(|| Some(variable("HOME")?.join(".cache/m4gn")));
+    let places: Vec<PathBuf> = variable("M4GN_SOLIDS_PYTHON")
+        .into_iter()
+        .chain(cache.map(|c| c.join("solids/bin/python")))
+        .collect();
+    let found = places.iter().find(|p| p.is_file()).and_then(|p| p.to_str());
+    found.map(str::to_string).ok_or_else(|| {
+        let tried: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
+        Error::Input(format!(
+            "the Python environment with FElupe is not there (looked for {}): 'setup/solids.sh' makes it, once, with \
+             a network",
+            tried.join(", ")
+        ))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request() -> Request {
+        Request {
+            family: Family::DeformingBeam,
+            large: false,
+            seed: 5,
+            index: 2,
+            points: None,
+            split: Split::Valid,
+            frames: 3,
+            interval: 0.5,
+            command: "m4gn generate".into(),
+            python: String::new(),
+        }
+    }
+
+    #[test]
+    fn the_request_says_everything() {
+        let dir = tempfile::tempdir().unwrap();
+        request().write(&dir.path().join("new")).unwrap();
+        let text = std::fs::read_to_string(dir.path().join("new/case.json")).unwrap();
+        let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let expected = serde_json::json!({
+            "family": "deforming-beam", "large": false, "seed": 5, "index": 2, "points": null, "split": "valid",
+            "frames": 3, "interval": 0.5, "command": "m4gn generate",
+        });
+        assert_eq!(found, expected);
+    }
+
+    /// The trajectory of the tests was not generated: it differs, and says in what.
+    #[test]
+    fn other_trajectories_are_told_apart() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.h5");
+        let (split, difference) = request().compare(Path::new(file)).unwrap();
+        assert_eq!(split, Split::Test);
+        assert_eq!(
+            difference.unwrap(),
+            "family \"bar\" instead of \"deforming-beam\""
+        );
+        assert!(request().compare(Path::new("/nowhere.h5")).is_err());
+    }
+}

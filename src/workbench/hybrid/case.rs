@@ -1,0 +1,322 @@
+//! The runs of one draw: files, solver, cost, comparison, and the result that stays.
+
+use super::score::Score;
+use super::variant::{FULL, Kind};
+use super::{DrawResult, Event, Plan};
+use crate::compare::{self, Options, records};
+use crate::foam_case::FoamCase;
+use crate::generate::case::{Times, program};
+use crate::generate::family::Draw;
+use crate::generate::parameter::Settings;
+use m4gn_mesh::files::write_whole;
+use m4gn_mesh::{Error, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// What a run took.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Cost {
+    /// Wall seconds of the solver with what rides in it, measured around its process.
+    pub wall: f64,
+    /// Processor seconds (`ExecutionTime` of the log).
+    pub processor: f64,
+    /// Those after the takeover: without the start-up, which all runs have.
+    pub after_takeover: f64,
+}
+
+/// A finished run, as it is kept.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// What the run was made with, as JSON: another one is run anew. (A text, since numbers may lose a digit when they are
+    /// read.)
+    pub made_with: String,
+    /// What it took.
+    pub cost: Cost,
+    /// Its figures against the full run; none of the full run itself.
+    pub score: Option<Score>,
+    /// The whole comparison.
+    pub comparison: Option<Value>,
+}
+
+/// What all draws have in common.
+pub(super) struct Job<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub model: String,
+    pub comparing: &'a Mutex<()>,
+    pub report: &'a (dyn Fn(Event) + Sync),
+}
+
+impl Job<'_> {
+    /// Everything of draw `index` that is not there yet.
+    pub fn run(&self, index: u64, draw: &Draw) -> DrawResult {
+        let order = self.plan.schedule.order_by.as_ref();
+        let mut result = DrawResult {
+            index,
+            quantities: draw.variables.clone(),
+            order: order.map_or(index as f64, |name| draw.variables[name]),
+            full: None,
+            runs: Default::default(),
+            failed: Vec::new(),
+        };
+        let folder = self.plan.folder.join(format!("{index:04}"));
+        let mut missing = Vec::new();
+        for variant in &self.plan.variants {
+            match self
+                .key(index, &variant.kind)
+                .map(|key| (kept(&folder, &variant.name, &key), key))
+            {
+                Ok((Some(record), _)) => {
+                    self.done(index, &variant.name, true);
+                    result.runs.insert(variant.name.clone(), record);
+                }
+                Ok((None, key)) => missing.push((variant, key)),
+                Err(e) => self.failed(&mut result, &variant.name, &e),
+            }
+        }
+        let key = self.full_key(index);
+        let (record, full) = (kept(&folder, FULL, &key), folder.join(FULL));
+        // Its fields are there as long as this file is.
+        let whole = full.join("system/controlDict").is_file();
+        result.full = match record {
+            Some(record) if whole || missing.is_empty() => {
+                self.done(index, FULL, true);
+                Some(record)
+            }
+            _ => self.make(&folder, index, FULL, draw, None, key, &mut result),
+        };
+        if result.full.is_none() {
+            return result;
+        }
+        for (variant, key) in missing {
+            if self.plan.tools.stopped() {
+                return result;
+            }
+            let draw = match &variant.kind {
+                Kind::Hybrid(_) => Ok(draw.clone()),
+                Kind::Plain(_) => self.draw_plain(index, &variant.kind),
+            };
+            let made = match draw {
+                Ok(draw) => self.make(
+                    &folder,
+                    index,
+                    &variant.name,
+                    &draw,
+                    Some(&variant.kind),
+                    key,
+                    &mut result,
+                ),
+                Err(e) => {
+                    self.failed(&mut result, &variant.name, &e);
+                    None
+                }
+            };
+            if let Some(record) = made {
+                result.runs.insert(variant.name.clone(), record);
+            }
+        }
+        if result.failed.is_empty() && !self.plan.keep_cases {
+            remove(&full);
+        }
+        result
+    }
+
+    fn done(&self, index: u64, name: &str, before: bool) {
+        let name = name.to_string();
+        (self.report)(Event::Done { index, name, before });
+    }
+
+    fn failed(&self, result: &mut DrawResult, name: &str, error: &Error) {
+        let (index, message) = (result.index, error.to_string());
+        result.failed.push((name.into(), message.clone()));
+        let name = name.to_string();
+        (self.report)(Event::Failed { index, name, message });
+    }
+
+    /// Settings of a plain variant: its own replace those of the full run.
+    fn plain(&self, kind: &Kind) -> Settings {
+        let mut all = self.settings.clone();
+        if let Kind::Plain(own) = kind {
+            all.extend(own.clone());
+        }
+        all
+    }
+
+    fn draw_plain(&self, index: u64, kind: &Kind) -> Result<Draw> {
+        self.plan.family.draw(self.plan.seed, index, &self.plain(kind))
+    }
+
+    /// What the full run is made with.
+    fn full_key(&self, index: u64) -> String {
+        let s = &self.plan.schedule;
+        let settings: Vec<String> = self
+            .settings
+            .iter()
+            .map(|(name, setting)| format!("{name}={setting}"))
+            .collect();
+        json!({
+            "m4gn": env!("CARGO_PKG_VERSION"), "family": self.plan.family.name, "seed": self.plan.seed, "index": index,
+            "settings": settings, "start_up": s.start_up, "end": s.end, "interval": s.interval,
+            "solver_time": s.solver_time, "patch": s.patch,
+        })
+        .to_string()
+    }
+
+    /// What a variant is made with.
+    fn key(&self, index: u64, kind: &Kind) -> Result<String> {
+        let own = match kind {
+            Kind::Hybrid(entries) => json!({
+                "model": self.model, "surrogate_steps": self.plan.schedule.surrogate_steps, "entries": entries,
+            }),
+            Kind::Plain(_) => json!({ "quantities": self.draw_plain(index, kind)?.variables }),
+        };
+        Ok(json!({ "full": self.full_key(index), "variant": own }).to_string())
+    }
+
+    /// Makes one run; a failure goes into the result. `kind` is none for the full run.
+    #[allow(clippy::too_many_arguments)]
+    fn make(
+        &self,
+        folder: &Path,
+        index: u64,
+        name: &str,
+        draw: &Draw,
+        kind: Option<&Kind>,
+        made_with: String,
+        result: &mut DrawResult,
+    ) -> Option<RunRecord> {
+        let case = folder.join(name);
+        let made = self
+            .try_make(folder, &case, draw, kind)
+            .and_then(|(cost, score, comparison)| {
+                let record = RunRecord {
+                    made_with,
+                    cost,
+                    score,
+                    comparison,
+                };
+                let text = serde_json::to_vec(&record).map_err(|e| Error::Internal(e.to_string()))?;
+                write_whole(&folder.join(format!("{name}.json")), &text)?;
+                Ok(record)
+            });
+        match made {
+            Ok(record) => {
+                self.done(index, name, false);
+                if kind.is_some() && !self.plan.keep_cases {
+                    remove(&case);
+                }
+                Some(record)
+            }
+            Err(Error::Interrupted(_)) => None,
+            Err(e) => {
+                self.failed(result, name, &e);
+                None
+            }
+        }
+    }
+
+    fn try_make(
+        &self,
+        folder: &Path,
+        case: &Path,
+        draw: &Draw,
+        kind: Option<&Kind>,
+    ) -> Result<(Cost, Option<Score>, Option<Value>)> {
+        let (plan, schedule) = (self.plan, &self.plan.schedule);
+        if case.exists() {
+            std::fs::remove_dir_all(case)
+                .map_err(|e| Error::file(case, format!("cannot be replaced: {e}")))?;
+        }
+        let steps = plan.family.steps(draw, schedule.interval)?;
+        let times = Times {
+            delta_t: schedule.interval / f64::from(steps),
+            end: schedule.end,
+            write_interval: schedule.interval,
+        };
+        let functions = match kind {
+            Some(Kind::Hybrid(entries)) => self.surrogate(times.delta_t, entries),
+            _ => String::new(),
+        };
+        plan.family.write(draw, times, &functions, case)?;
+        plan.family.prepare(case, &plan.tools)?;
+        let start = Instant::now();
+        plan.tools.run(case, &plan.family.solver)?;
+        let wall = start.elapsed().as_secs_f64();
+        let (solver, takeover) = (
+            program(&plan.family.solver),
+            schedule.start_up + schedule.solver_time,
+        );
+        let [before, after] = records::processor_seconds(case, solver, takeover).ok_or_else(|| {
+            let log = case.join(format!("log.{solver}"));
+            Error::file(
+                log,
+                "expected lines 'ExecutionTime = .. s' of an OpenFOAM solver, found none",
+            )
+        })?;
+        let cost = Cost {
+            wall,
+            processor: before + after,
+            after_takeover: after,
+        };
+        let Some(kind) = kind else {
+            return Ok((cost, None, None));
+        };
+        let _one = self.comparing.lock().unwrap_or_else(|e| e.into_inner());
+        let (mut a, mut b) = (FoamCase::open(&folder.join(FULL))?, FoamCase::open(case)?);
+        let plain = matches!(kind, Kind::Plain(_));
+        let options = Options {
+            patch: schedule.patch.clone(),
+            takeover: plain.then_some(takeover),
+            interpolate: plain,
+            ..Options::default()
+        };
+        let (comparison, _) = compare::compare(&mut a, &mut b, &options, |_, _| {})?;
+        if !plain && comparison.replaced_fraction.is_none() {
+            return Err(Error::file(
+                case,
+                format!(
+                    "the surrogate replaced nothing up to {} s; {} says why",
+                    schedule.end,
+                    case.join(format!("log.{solver}")).display()
+                ),
+            ));
+        }
+        let score = Score::of(
+            &comparison,
+            schedule.interval,
+            f64::from(schedule.surrogate_steps),
+        );
+        Ok((cost, Some(score), Some(comparison.json()?)))
+    }
+
+    /// The function object's entries; those of the variant come last, so that they count.
+    fn surrogate(&self, delta_t: f64, entries: &str) -> String {
+        let s = &self.plan.schedule;
+        // The function object allows for half a step of rounding.
+        let start = s.start_up + s.solver_time;
+        format!(
+            "surrogate\n{{\n    type            m4gnSurrogate;\n    libs            (m4gnFoam);\n    mode            replace;\n    \
+             model           \"{}\";\n    precision       bf16;\n    timeStart       {start};\n    solverSteps     {};\n    \
+             surrogateSteps  {};\n\n{entries}\n}}\n",
+            self.plan.model.display(),
+            (s.solver_time / delta_t).round().max(1.0),
+            s.surrogate_steps
+        )
+    }
+}
+
+/// The record of a run that is finished and was made with this; none where it must be run.
+fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
+    let text = std::fs::read(folder.join(format!("{name}.json"))).ok()?;
+    let record: RunRecord = serde_json::from_slice(&text).ok()?;
+    (record.made_with == made_with).then_some(record)
+}
+
+/// Removes a case, first the file that says it is whole.
+fn remove(case: &Path) {
+    let _ = std::fs::remove_file(case.join("system/controlDict"));
+    let _ = std::fs::remove_dir_all(case);
+}

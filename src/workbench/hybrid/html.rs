@@ -1,0 +1,80 @@
+//! The results as a page: error over processor time, tables.
+
+use super::tables::{case_table, relative_time, summary_tables};
+use super::{DrawResult, Plan};
+use crate::report::chart::{BLUE, GREY, ORANGE};
+use crate::report::{Chart, Page, Series};
+use m4gn_mesh::Result;
+
+/// Colours of the variants, by turns (Okabe and Ito).
+const COLOURS: [(u8, u8, u8); 7] = [
+    ORANGE,
+    BLUE,
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+    GREY,
+];
+
+/// The page.
+///
+/// # Errors
+/// Of a chart that cannot be drawn.
+pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &str) -> Result<Page> {
+    let s = &plan.schedule;
+    let mut page = Page::new(&format!(
+        "{}: hybrid runs against the full solver",
+        plan.family.name
+    ));
+    page.paragraph(&format!(
+        "{} draws of seed {}: the solver alone up to {} s, then by turns {} s of the solver and {} strides of the surrogate, up to {} s. \
+         Velocity errors are root mean squares over cells, components and stored times, over those of holding the full run's last \
+         field before the first jump. Times are processor times after the takeover over the full run's. Forces are relative \
+         to the full run's.",
+        plan.count, plan.seed, s.start_up, s.solver_time, s.surrogate_steps, s.end
+    ));
+    page.heading("Error against processor time");
+    let series = variants.iter().enumerate().map(|(i, name)| {
+        let points = results.iter().filter_map(|d| {
+            let run = d.runs.get(name)?;
+            Some((100.0 * relative_time(d, run)?, run.score.as_ref()?.end?))
+        });
+        Series {
+            name: name.clone(),
+            points: points.collect(),
+            colour: COLOURS[i % COLOURS.len()],
+            dots: true,
+        }
+    });
+    let chart = Chart {
+        x_label: "processor time / full run [%]".into(),
+        y_label: "error of U / hold last".into(),
+        series: series.collect(),
+        from_zero: true,
+    };
+    page.svg(
+        &chart.svg()?,
+        "A dot a case: error of the velocity over the whole run. Left and low is better; 1 is as bad as holding the last field.",
+    );
+    page.heading("Each variant");
+    for (title, table) in summary_tables(results, variants, order) {
+        page.paragraph(&title);
+        page.table(&table);
+    }
+    page.heading("Each case");
+    page.table(&case_table(results, variants, order));
+    let failed: Vec<String> = results
+        .iter()
+        .flat_map(|d| {
+            d.failed
+                .iter()
+                .map(move |(name, message)| format!("{:04} {name}: {message}", d.index))
+        })
+        .collect();
+    if !failed.is_empty() {
+        page.heading("Failed");
+        page.listing(&failed.join("\n"));
+    }
+    Ok(page)
+}

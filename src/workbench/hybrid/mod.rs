@@ -1,0 +1,156 @@
+//! Hybrid runs of many unseen cases against the full solver: what a model does on a whole family, not on one chosen case.
+//!
+//! For each draw of a family the plain solver runs once over the whole time span, and each [`Variant`] once: hybrids (the
+//! function object m4gnSurrogate with other entries) and cheaper plain solvers. Each is compared with the full run by
+//! [`crate::compare`]. [`run`] keeps what is finished, so that the same command goes on where it was stopped.
+
+mod case;
+mod html;
+mod score;
+mod tables;
+mod variant;
+
+pub use case::{Cost, RunRecord};
+pub use html::report;
+pub use score::{Score, median};
+pub use tables::{case_table, summary, summary_tables};
+pub use variant::{FULL, Kind, Variant, variants};
+
+use crate::foam_bridge;
+use crate::generate::family::{Draw, Family, Hybrid};
+use crate::generate::parameter::Settings;
+use crate::generate::process::Surroundings;
+use crate::generate::queue;
+use m4gn_mesh::{Error, Result};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// What to run and how.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The family; its `hybrid` is [`Plan::schedule`].
+    pub family: Family,
+    /// Time span and schedule.
+    pub schedule: Hybrid,
+    /// What the user sets, over what the schedule sets.
+    pub settings: Settings,
+    /// Model file, with its whole path.
+    pub model: PathBuf,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Number of draws.
+    pub count: u64,
+    /// What is run of each draw beside the full solver.
+    pub variants: Vec<Variant>,
+    /// Folder of the cases and results.
+    pub folder: PathBuf,
+    /// Draws at once.
+    pub jobs: usize,
+    /// Whether case folders stay.
+    pub keep_cases: bool,
+    /// Conditions of the tools.
+    pub tools: Surroundings,
+}
+
+/// The results of one draw.
+#[derive(Clone, Debug, Serialize)]
+pub struct DrawResult {
+    /// Number of the draw.
+    pub index: u64,
+    /// Parameters and derived quantities.
+    pub quantities: BTreeMap<String, f64>,
+    /// What the cases are put in order by; the number of the draw where the family names nothing.
+    pub order: f64,
+    /// The full run.
+    pub full: Option<RunRecord>,
+    /// The variants that ended, by name.
+    pub runs: BTreeMap<String, RunRecord>,
+    /// What failed: name of the run and message.
+    pub failed: Vec<(String, String)>,
+}
+
+/// What happens while it happens.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// A run is done, or was done before.
+    Done {
+        /// Number of the draw.
+        index: u64,
+        /// Name of the run.
+        name: String,
+        /// Whether an earlier command has made it.
+        before: bool,
+    },
+    /// A run failed.
+    Failed {
+        /// Number of the draw.
+        index: u64,
+        /// Name of the run.
+        name: String,
+        /// Why.
+        message: String,
+    },
+}
+
+/// Runs everything that is not there yet. Results in the order of the draws.
+///
+/// # Errors
+/// [`Error::Interrupted`] when the user stops. [`Error::Input`] for settings or a schedule that cannot be. [`Error::File`]
+/// when the folder cannot be used, or OpenFOAM's libraries cannot be loaded. Failed runs are in the results.
+pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>> {
+    let mut settings = plan.schedule.set.clone();
+    settings.extend(plan.settings.clone());
+    let draws: Vec<Draw> = (0..plan.count)
+        .map(|index| plan.family.draw(plan.seed, index, &settings))
+        .collect::<Result<_>>()?;
+    let model =
+        std::fs::read(&plan.model).map_err(|e| Error::file(&plan.model, format!("cannot be read: {e}")))?;
+    // Before there are threads, and before anything is run that could not be compared.
+    foam_bridge::load()?;
+    std::fs::create_dir_all(&plan.folder)
+        .map_err(|e| Error::file(&plan.folder, format!("cannot be made: {e}")))?;
+    let _lock = queue::lock(&plan.folder)?;
+    // OpenFOAM's libraries are not made for several threads.
+    let comparing = Mutex::new(());
+    let job = case::Job {
+        plan,
+        settings: &settings,
+        model: fingerprint(&model),
+        comparing: &comparing,
+        report: &report,
+    };
+    let next = AtomicUsize::new(0);
+    let results: Mutex<Vec<DrawResult>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..plan.jobs.clamp(1, draws.len().max(1)) {
+            scope.spawn(|| {
+                while !plan.tools.stopped() {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(draw) = draws.get(index) else { break };
+                    let result = job.run(index as u64, draw);
+                    results.lock().unwrap_or_else(|e| e.into_inner()).push(result);
+                }
+            });
+        }
+    });
+    if plan.tools.stopped() {
+        return Err(Error::Interrupted(format!(
+            "stopped by the user; the same command goes on with {}",
+            plan.folder.display()
+        )));
+    }
+    let mut results = results.into_inner().unwrap_or_else(|e| e.into_inner());
+    results.sort_by_key(|r| r.index);
+    Ok(results)
+}
+
+/// FNV-1a of a file's bytes: tells another model from the one that a finished run had.
+fn fingerprint(bytes: &[u8]) -> String {
+    let hash = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, &b| {
+        (hash ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+    });
+    format!("{hash:016x}")
+}

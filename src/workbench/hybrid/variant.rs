@@ -1,0 +1,134 @@
+//! What is run of a draw beside the full solver.
+
+use crate::generate::family::{Family, Hybrid};
+use crate::generate::parameter::{Settings, is_word, parse_setting};
+use m4gn_mesh::{Error, Result};
+use std::path::Path;
+
+/// Name of the full run.
+pub const FULL: &str = "full";
+/// Name of the hybrid with the family's own schedule.
+const HYBRID: &str = "hybrid";
+
+/// One way to run a case.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variant {
+    /// Name: of its folder, in tables and figures.
+    pub name: String,
+    /// What is different from the full run.
+    pub kind: Kind,
+}
+
+/// What is different from the full run.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// The surrogate; these entries replace or join those of the function object.
+    Hybrid(String),
+    /// The solver alone with other settings.
+    Plain(Settings),
+}
+
+/// The hybrid with the family's schedule, then the variants `NAME=FILE`, whose file has entries for the function object, and
+/// the plain solvers: those of the family, or, where any are given, these: `NAME` of the family's, or
+/// `NAME=PARAMETER=VALUE,...`.
+///
+/// # Errors
+/// [`Error::Input`] for a name that is none or occurs twice, or for settings that cannot be; [`Error::File`] for a file that
+/// cannot be read.
+pub fn variants(
+    family: &Family,
+    schedule: &Hybrid,
+    hybrids: &[String],
+    plain: &[String],
+) -> Result<Vec<Variant>> {
+    let mut all = vec![Variant {
+        name: HYBRID.into(),
+        kind: Kind::Hybrid(String::new()),
+    }];
+    for text in hybrids {
+        let (name, file) = text
+            .split_once('=')
+            .ok_or_else(|| Error::Input(format!("--variant {text}: expected NAME=FILE")))?;
+        let entries = std::fs::read_to_string(file)
+            .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
+        all.push(Variant {
+            name: name.into(),
+            kind: Kind::Hybrid(entries),
+        });
+    }
+    let known = |name: &str| schedule.plain.iter().find(|p| p.name == name);
+    let own = schedule.plain.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
+    for text in if plain.is_empty() { &own } else { plain } {
+        if text == "none" {
+            continue;
+        }
+        let (name, settings) = match (text.split_once('='), known(text)) {
+            (Some((name, settings)), _) => {
+                let all = settings.split(',').map(parse_setting);
+                (name.to_string(), all.collect::<Result<Settings>>()?)
+            }
+            (None, Some(plain)) => (plain.name.clone(), plain.set.clone()),
+            (None, None) => {
+                return Err(Error::Input(format!(
+                    "--plain {text}: expected NAME=PARAMETER=VALUE,..., none, or one of the family's: {}",
+                    own.join(", ")
+                )));
+            }
+        };
+        family.check_settings(&settings)?;
+        all.push(Variant {
+            name,
+            kind: Kind::Plain(settings),
+        });
+    }
+    for (i, variant) in all.iter().enumerate() {
+        let name = &variant.name;
+        if !is_word(name) || name == FULL || all[..i].iter().any(|v| &v.name == name) {
+            return Err(Error::Input(format!(
+                "'{name}' cannot be the name of a variant, or is one already: expected another one, of letters, digits, - and _"
+            )));
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_are_the_familys_or_what_is_given() {
+        let home = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam/templates/cylinder-flow");
+        let family = Family::load(&home).unwrap();
+        let schedule = family.hybrid.clone().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("v");
+        std::fs::write(&file, "precision fp32;\n").unwrap();
+        let hybrid = [format!("fp32={}", file.display())];
+        let names = |hybrids: &[String], plain: &[&str]| {
+            let plain: Vec<String> = plain.iter().map(ToString::to_string).collect();
+            variants(&family, &schedule, hybrids, &plain)
+                .map(|all| all.into_iter().map(|v| v.name).collect::<Vec<_>>())
+        };
+        assert_eq!(
+            names(&hybrid, &[]).unwrap(),
+            ["hybrid", "fp32", "loose", "coarse"]
+        );
+        assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid"]);
+        assert_eq!(
+            names(&[], &["loose", "half=cells=0.5,courant=2"]).unwrap(),
+            ["hybrid", "loose", "half"]
+        );
+        for (plain, words) in [
+            ("fine", "loose, coarse"),
+            ("full=cells=2", "'full' cannot be"),
+            ("a=size=2", "no parameter 'size'"),
+        ] {
+            let message = names(&[], &[plain]).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+        assert!(names(&["a=/nowhere".into()], &[]).is_err());
+        let twice = [hybrid[0].clone(), hybrid[0].clone()];
+        assert!(names(&twice, &[]).is_err());
+    }
+}

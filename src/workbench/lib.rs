@@ -1,0 +1,13 @@
+//! What is done with models and trajectories outside of a solver: validation, comparison of runs, surveys of segments,
+//! generators of training data, hybrid runs of many cases, benchmarks, and the reports of all of them.
+
+pub mod bench;
+pub mod compare;
+mod foam_bridge;
+pub mod foam_case;
+pub mod generate;
+pub mod holding;
+pub mod hybrid;
+pub mod report;
+pub mod survey;
+pub mod validate;

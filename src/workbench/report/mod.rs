@@ -1,0 +1,74 @@
+//! What people look at: self-contained HTML pages with tables, charts (SVG) and pictures of fields (PNG), and files
+//! for ParaView.
+
+pub mod cells;
+pub mod chart;
+pub mod page;
+pub mod picture;
+pub mod raster;
+pub mod surface;
+pub mod table;
+pub mod velocity;
+pub mod vtu;
+
+pub use cells::CellMap;
+pub use chart::{Chart, Series};
+pub use page::Page;
+pub use picture::FieldPicture;
+pub use table::Table;
+pub use velocity::VelocityRow;
+pub use vtu::{Grid, PointCloud};
+
+pub use m4gn_mesh::files::write_whole as write_file;
+
+/// A number with `digits` significant digits, without an exponent where that reads better.
+pub fn number(value: f64, digits: usize) -> String {
+    if !value.is_finite() {
+        return "-".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    let exponent = value.abs().log10().floor() as i32;
+    if (-4..7).contains(&exponent) {
+        let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.*e}", digits.saturating_sub(1))
+    }
+}
+
+/// A fraction as a percentage; "-" for none.
+pub fn percent(value: Option<f64>) -> String {
+    match value {
+        Some(v) if v.is_finite() => format!("{} %", number(100.0 * v, 3)),
+        _ => "-".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_their_digits() {
+        assert_eq!(number(0.012345, 3), "0.0123");
+        assert_eq!(number(1234.5, 3), "1234");
+        assert_eq!(number(1.5e-9, 2), "1.5e-9");
+        assert_eq!(number(f64::NAN, 3), "-");
+        assert_eq!(percent(Some(0.0123)), "1.23 %");
+        assert_eq!(percent(None), "-");
+    }
+
+    #[test]
+    fn a_file_is_written_whole_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("report.html");
+        write_file(&path, b"one").unwrap();
+        write_file(&path, b"two").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        let error = write_file(&dir.path().join("none/report.html"), b"x").unwrap_err();
+        assert!(error.to_string().contains("cannot be written"), "{error}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+}

@@ -1,0 +1,209 @@
+//! VTK's XML formats, which ParaView opens: unstructured grids (*.vtu) and series of them (*.pvd).
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use m4gn_mesh::elements::{ElementKind, Elements};
+use m4gn_mesh::{Error, Result};
+use std::fmt::Write;
+
+/// Cell values as points with values.
+#[derive(Clone, Copy, Debug)]
+pub struct PointCloud<'a> {
+    /// Positions, m.
+    pub points: &'a [[f64; 3]],
+    /// Names and a value a point.
+    pub fields: &'a [(String, Vec<f64>)],
+}
+
+impl PointCloud<'_> {
+    /// The file's text. Numbers are in base64, without loss.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a field of another length.
+    pub fn vtu(&self) -> Result<String> {
+        let n = self.points.len();
+        let fields = self.fields.iter().map(|(name, values)| {
+            let data = bytes(values.iter().map(|v| v.to_le_bytes()));
+            (name.as_str(), 1, values.len(), data)
+        });
+        let fields: Vec<Data> = fields.collect();
+        // A vertex a point: without cells ParaView draws nothing.
+        let cells = Cells {
+            points: (0..n as i64).collect(),
+            ends: (1..=n as i64).collect(),
+            kinds: vec![1; n],
+        };
+        text(self.points, &cells, "Float64", &fields)
+    }
+}
+
+/// Cells with vectors at their points.
+#[derive(Clone, Debug)]
+pub struct Grid {
+    cells: Cells,
+}
+
+/// Cells as VTK counts their points.
+#[derive(Clone, Debug, Default)]
+struct Cells {
+    points: Vec<i64>,
+    ends: Vec<i64>,
+    kinds: Vec<u8>,
+}
+
+impl Cells {
+    fn add(&mut self, kind: ElementKind, points: impl Iterator<Item = i32>) {
+        self.points.extend(points.map(i64::from));
+        self.ends.push(self.points.len() as i64);
+        self.kinds.push(kind as i32 as u8);
+    }
+}
+
+impl Grid {
+    /// Of elements.
+    pub fn of_elements(elements: &Elements) -> Self {
+        let mut cells = Cells::default();
+        for e in 0..elements.len() {
+            let (kind, p) = (elements.kind[e], elements.points_of(e));
+            match kind {
+                // VTK's wedges have the normal of their first triangle outward.
+                ElementKind::Wedge => cells.add(kind, [0, 2, 1, 3, 5, 4].into_iter().map(|i| p[i])),
+                _ => cells.add(kind, p.iter().copied()),
+            }
+        }
+        Grid { cells }
+    }
+
+    /// Of triangles.
+    pub fn of_triangles(triangles: &[[i32; 3]]) -> Self {
+        let mut cells = Cells::default();
+        for t in triangles {
+            cells.add(ElementKind::Triangle, t.iter().copied());
+        }
+        Grid { cells }
+    }
+
+    /// The file's text with the points at `points` `[N]`, m, and vectors `[N]` there, in single precision.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a field of another length.
+    pub fn vtu(&self, points: &[[f64; 3]], vectors: &[(&str, &[[f64; 3]])]) -> Result<String> {
+        let single = |v: &[[f64; 3]]| bytes(v.iter().flatten().map(|x| (*x as f32).to_le_bytes()));
+        let fields: Vec<Data> = vectors
+            .iter()
+            .map(|(name, v)| (*name, 3, v.len(), single(v)))
+            .collect();
+        text(points, &self.cells, "Float32", &fields)
+    }
+}
+
+/// The text of a series: times in s and the files, as seen from where the series lies.
+pub fn pvd(files: &[(f64, String)]) -> String {
+    let mut text = String::from(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n",
+    );
+    for (time, file) in files {
+        // Writing to a String does not fail.
+        let _ = writeln!(
+            text,
+            "<DataSet timestep=\"{time}\" file=\"{}\"/>",
+            super::page::escape(file)
+        );
+    }
+    text + "</Collection>\n</VTKFile>\n"
+}
+
+/// Name, components, number of points, bytes.
+type Data<'a> = (&'a str, usize, usize, Vec<u8>);
+
+fn text(points: &[[f64; 3]], cells: &Cells, kind: &str, fields: &[Data]) -> Result<String> {
+    let (n, c) = (points.len(), cells.kinds.len());
+    if let Some((name, _, found, _)) = fields.iter().find(|f| f.2 != n) {
+        return Err(Error::Internal(format!(
+            "field {name} has {found} values for {n} points"
+        )));
+    }
+    let mut text = format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+         header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{c}\">\n<PointData>\n"
+    );
+    for (name, components, _, data) in fields {
+        array(&mut text, kind, &super::page::escape(name), *components, data);
+    }
+    text += "</PointData>\n<Points>\n";
+    let flat = points.iter().flatten().map(|v| v.to_le_bytes());
+    array(&mut text, "Float64", "Points", 3, &bytes(flat));
+    text += "</Points>\n<Cells>\n";
+    for (name, values) in [("connectivity", &cells.points), ("offsets", &cells.ends)] {
+        let data = bytes(values.iter().map(|v| v.to_le_bytes()));
+        array(&mut text, "Int64", name, 1, &data);
+    }
+    array(&mut text, "UInt8", "types", 1, &cells.kinds);
+    text += "</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
+    Ok(text)
+}
+
+fn bytes<const N: usize>(values: impl Iterator<Item = [u8; N]>) -> Vec<u8> {
+    values.flatten().collect()
+}
+
+/// An array as VTK's inline "binary": its length in bytes, then the bytes, together in base64.
+fn array(text: &mut String, kind: &str, name: &str, components: usize, data: &[u8]) {
+    let mut all = (data.len() as u64).to_le_bytes().to_vec();
+    all.extend(data);
+    // Writing to a String does not fail.
+    let _ = writeln!(
+        text,
+        "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"binary\">\n{}\n</DataArray>",
+        STANDARD.encode(&all)
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_points_on_paper() {
+        let cloud = PointCloud {
+            points: &[[0.0; 3], [1.0, 0.0, 0.0]],
+            fields: &[("m4gnSegment".into(), vec![0.0, 1.0])],
+        };
+        let text = cloud.vtu().unwrap();
+        let after = text.split("Name=\"m4gnSegment\"").nth(1).unwrap();
+        let data = STANDARD.decode(after.lines().nth(1).unwrap()).unwrap();
+        assert_eq!(data[..8], 16u64.to_le_bytes());
+        assert_eq!(data[8..16], 0f64.to_le_bytes());
+        assert_eq!(data[16..], 1f64.to_le_bytes());
+        assert!(text.contains("NumberOfPoints=\"2\" NumberOfCells=\"2\""));
+        assert_eq!(
+            text.matches("<DataArray").count(),
+            text.matches("</DataArray>").count()
+        );
+        let short = PointCloud {
+            points: cloud.points,
+            fields: &[("a".into(), vec![1.0])],
+        };
+        assert!(short.vtu().is_err());
+    }
+
+    #[test]
+    fn a_wedge_and_a_series() {
+        let wedge = Elements::of_kind(ElementKind::Wedge, (0..6).collect());
+        let points = [[0.0; 3]; 6];
+        let text = Grid::of_elements(&wedge).vtu(&points, &[("D", &points)]).unwrap();
+        let after = text.split("Name=\"connectivity\"").nth(1).unwrap();
+        let data = STANDARD.decode(after.lines().nth(1).unwrap()).unwrap();
+        let numbers: Vec<u8> = data[8..].iter().step_by(8).copied().collect();
+        assert_eq!(numbers, [0, 2, 1, 3, 5, 4]);
+        assert!(text.contains("Name=\"D\" NumberOfComponents=\"3\"") && text.contains("NumberOfCells=\"1\""));
+        assert!(
+            Grid::of_triangles(&[[0, 1, 2]])
+                .vtu(&points, &[("D", &points[1..])])
+                .is_err()
+        );
+        let series = pvd(&[(0.5, "a_0.vtu".into()), (1.0, "a_1.vtu".into())]);
+        assert!(
+            series.contains("timestep=\"0.5\" file=\"a_0.vtu\"") && series.matches("<DataSet").count() == 2
+        );
+    }
+}

@@ -1,0 +1,237 @@
+//! Checks of trained models against recorded data, of flows at cells and of bodies at points alike.
+//!
+//! Errors are the paper's (Table 1): root mean squares of each predicted field over nodes and solved components, over the
+//! steps up to a horizon, averaged over trajectories. Boundary values, held points and the obstacle's motion are prescribed
+//! and do not count. The headline is the velocity `U`, or else the first predicted vector, or else the first field.
+//!
+//! - RMSE-1: one step of the model's stride, from every frame that is a multiple of the stride.
+//! - RMSE-50: the rollout from the first frame, over the steps within its first 50 recorded frames ([`Pace::rmse_50`]),
+//!   or a time given; it is printed with its time.
+//! - RMSE-all: the same over the whole trajectory.
+//!
+//! Beside the model stand predictions that know nothing ([`Scene::baselines`]). Of a domain with elements there are mesh
+//! metrics as well ([`m4gn_contact::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
+//! (the smallest of all steps, in mean edges): see [`Shape`]. A rollout with contact projection is one whose session
+//! projects after each step.
+
+mod html;
+pub mod pace;
+mod pictures;
+mod prediction;
+pub mod rmse;
+mod scene;
+mod series;
+mod shape;
+mod summary;
+
+pub use html::report;
+pub use pace::Pace;
+pub use prediction::{FieldErrors, Keep, Prediction};
+pub use scene::{Scene, Step, predicted};
+pub use series::write as write_series;
+pub use shape::Shape;
+pub use summary::{Figures, Row, Summary, headline, json, summaries};
+
+use m4gn_contact::projection::ProjectionOptions;
+use m4gn_data::{Split, Trajectory};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{FieldSpec, Model, Output};
+use m4gn_step::{Field, FieldMut, Session, SessionOptions};
+use std::path::PathBuf;
+
+/// Recorded frames that RMSE-50 covers, where no time is given.
+pub const HORIZON: usize = 50;
+
+/// A way to roll a model out.
+#[derive(Clone, Copy, Debug)]
+pub struct Way {
+    /// Name in figures files.
+    pub key: &'static str,
+    /// Name for people.
+    pub name: &'static str,
+    /// Contact projection after each step of a body.
+    pub projection: Option<ProjectionOptions>,
+}
+
+impl Way {
+    /// The model's steps as they are.
+    pub const PLAIN: Way = Way {
+        key: "model",
+        name: "model",
+        projection: None,
+    };
+
+    /// With contact projection after each step.
+    pub fn projected(options: ProjectionOptions) -> Self {
+        Way {
+            key: "projected",
+            name: "model, projected",
+            projection: Some(options),
+        }
+    }
+
+    /// Steps of a trajectory: the progress of [`run`] is called that often.
+    pub fn steps(pace: Pace) -> usize {
+        2 * pace.steps
+    }
+}
+
+/// What a trajectory gave.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// Its file.
+    pub path: PathBuf,
+    /// What it is for.
+    pub split: Split,
+    /// Its frames and the model's stride.
+    pub pace: Pace,
+    /// Time that RMSE-50 covers, s from the first frame.
+    pub horizon: f64,
+    /// Names and units of the predicted fields, the headline first.
+    pub fields: Vec<(String, String)>,
+    /// Times of the steps' ends, from the first frame, s.
+    pub times: Vec<f64>,
+    /// The model's rollouts, then the predictions that know nothing.
+    pub predictions: Vec<Prediction>,
+    /// Smallest gap of the data at the steps' ends, mean edges; empty without obstacle.
+    pub data_gap: Vec<f64>,
+    /// Processor time of the solver that made the data, s a frame, where it was recorded.
+    pub solver: Option<f64>,
+}
+
+impl Case {
+    /// What a model's `predictions` on a scene gave, with those that know nothing.
+    fn of(
+        trajectory: &Trajectory,
+        scene: &Scene,
+        fields: &[FieldSpec],
+        horizon: Option<f64>,
+        mut predictions: Vec<Prediction>,
+    ) -> Result<Self> {
+        predictions.extend(scene.baselines()?);
+        let pace = scene.pace();
+        let names = predicted(fields).into_iter();
+        Ok(Case {
+            path: trajectory.path().to_path_buf(),
+            split: trajectory.split(),
+            pace,
+            horizon: horizon.unwrap_or(pace.rmse_50()),
+            fields: names.map(|f| (f.name.clone(), f.unit())).collect(),
+            times: times(trajectory.times(), pace),
+            predictions,
+            data_gap: scene.data_gap()?,
+            solver: seconds_a_frame(trajectory),
+        })
+    }
+
+    /// Why a rollout ended early.
+    pub fn diverged(&self) -> Option<&str> {
+        self.predictions.iter().find_map(|p| p.diverged.as_deref())
+    }
+
+    /// The last rollout of the model whose states were kept: the one with contact projection, where there is one.
+    pub fn kept(&self) -> Option<&Prediction> {
+        self.predictions.iter().rfind(|p| !p.kept.is_empty())
+    }
+}
+
+/// Whether the model can be rolled out on the trajectory.
+///
+/// # Errors
+/// [`Error::Model`] for a model of another kind of domain, for fields that are not there or of another kind, and as
+/// [`Pace::new`].
+pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
+    let misfit = |message: String| Err(Error::Model(message));
+    match (model.spec.contact, trajectory.body()) {
+        (Some(_), None) => {
+            return misfit("the model is of bodies at points, the data are fields at cells (a flow)".into());
+        }
+        (None, Some(_)) => {
+            return misfit("the model is of fields at cells (a flow), the data are a body at points".into());
+        }
+        _ => {}
+    }
+    let kind = |vector: bool| if vector { "vector" } else { "scalar" };
+    for spec in &model.spec.fields {
+        let Some(found) = trajectory.fields().iter().find(|f| f.name == spec.name) else {
+            let names: Vec<&str> = trajectory.fields().iter().map(|f| f.name.as_str()).collect();
+            return misfit(format!(
+                "the model needs field {}, the data hold {}",
+                spec.name,
+                names.join(", ")
+            ));
+        };
+        if (found.vector, found.dimensions) != (spec.vector, spec.dimensions) {
+            return misfit(format!(
+                "field {}: the model knows a {} with dimensions {:?}, the data hold a {} with {:?}",
+                spec.name,
+                kind(spec.vector),
+                spec.dimensions,
+                kind(found.vector),
+                found.dimensions
+            ));
+        }
+        if spec.input && spec.output == Output::None {
+            return misfit(format!(
+                "the model reads {} and does not predict it: there is nothing to roll out with",
+                spec.name
+            ));
+        }
+    }
+    if predicted(&model.spec.fields).is_empty() {
+        return misfit("the model predicts no field".into());
+    }
+    Pace::new(trajectory.times(), model.spec.stride)
+}
+
+/// Rolls the model out on a trajectory in each of the ways. `progress` is called after each step, and ends the run with an
+/// error of its own; `horizon` is the time that RMSE-50 covers, s.
+///
+/// # Errors
+/// As [`fits`], [`Session::new`] and [`Scene::predict`].
+pub fn run(
+    model: &Model,
+    trajectory: &Trajectory,
+    options: &SessionOptions,
+    ways: &[Way],
+    (horizon, keep): (Option<f64>, Keep),
+    progress: &mut dyn FnMut() -> Result<()>,
+) -> Result<Case> {
+    let pace = fits(model, trajectory)?;
+    let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
+    let mut predictions = Vec::new();
+    for way in ways {
+        let options = SessionOptions {
+            projection: way.projection,
+            ..options.clone()
+        };
+        let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
+        let has_obstacle = trajectory.obstacle().is_some();
+        let mut step = |fields: &[Field], out: &mut [FieldMut], motion: [&[Vector]; 2]| {
+            if has_obstacle {
+                session.set_obstacle(motion[0], motion[1])?;
+            }
+            session.step(fields, out)
+        };
+        predictions.push(scene.predict((way.key, way.name), keep, &mut step, progress)?);
+    }
+    Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)
+}
+
+/// Times of the steps' ends, from the first frame, s.
+fn times(recorded: &[f64], pace: Pace) -> Vec<f64> {
+    let ends = recorded.iter().skip(pace.frames).step_by(pace.frames);
+    ends.map(|t| t - recorded[0]).collect()
+}
+
+/// Processor time of the solver that made the data, s a frame, where it was recorded.
+fn seconds_a_frame(trajectory: &Trajectory) -> Option<f64> {
+    let seconds = trajectory.provenance()["cpu_seconds"].as_f64()?;
+    let frames = trajectory.times().len().checked_sub(1).filter(|n| *n > 0)?;
+    Some(seconds / frames as f64)
+}
+
+#[cfg(test)]
+mod tests;

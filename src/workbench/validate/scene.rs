@@ -1,0 +1,359 @@
+//! A recorded trajectory as predictions are scored on it: single steps from every frame, and rollouts from the first.
+
+use super::prediction::{FieldErrors, Keep, Prediction};
+use super::{pace::Pace, rmse::SquaredError, shape::Shape};
+use m4gn_contact::quality::Quality;
+use m4gn_data::Trajectory;
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_model::{FieldSpec, Output};
+use m4gn_step::{Field, FieldMut, copied_faces, impose_boundary};
+use std::borrow::Cow;
+use std::time::Instant;
+
+/// Takes all fields one stride on, from the first into the second; the displacement of the obstacle's points is given
+/// before and after, empty without obstacle.
+pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], [&[Vector]; 2]) -> Result<()> + 'a;
+
+/// A predicted field on the trajectory.
+struct Track {
+    spec: FieldSpec,
+    /// Values a row as a session takes them: 3 or 1.
+    width: usize,
+    /// Recorded frames at the stride, rows of `width`: nodes, and boundary faces.
+    recorded: Vec<(Vec<f64>, Vec<f64>)>,
+    /// Boundary faces that take their owner's value.
+    copied: Vec<bool>,
+}
+
+/// A trajectory's recorded frames at a stride.
+pub struct Scene<'a> {
+    mesh: &'a Mesh,
+    pace: Pace,
+    /// The headline field first.
+    tracks: Vec<Track>,
+    /// Displacement of the obstacle's points, m; empty without obstacle.
+    motion: Vec<Vec<Vector>>,
+    shape: Option<Shape<'a>>,
+}
+
+/// The predicted fields, the headline first: `U`, or else the first vector, or else the first one.
+pub fn predicted(fields: &[FieldSpec]) -> Vec<&FieldSpec> {
+    let mut found: Vec<&FieldSpec> = fields.iter().filter(|f| f.output != Output::None).collect();
+    let headline = found.iter().position(|f| f.vector && f.name == "U");
+    if let Some(i) = headline.or_else(|| found.iter().position(|f| f.vector)) {
+        found[..=i].rotate_right(1);
+    }
+    found
+}
+
+impl<'a> Scene<'a> {
+    /// Reads the frames of the predicted fields.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a field that is not there, or frames that cannot be read.
+    pub fn read(trajectory: &'a Trajectory, fields: &[FieldSpec], pace: Pace) -> Result<Self> {
+        let mesh = trajectory.mesh();
+        let track = |spec: &FieldSpec| {
+            let frames = trajectory.read_frames(&spec.name, 0, pace.frames, pace.steps + 1)?;
+            let pairs = frames.iter().map(|f| (&f.cells[..], &f.boundary[..]));
+            let copied = copied_faces(mesh, spec.vector, pairs);
+            let wide = |values: &[f32]| widen(values, spec.vector, &mesh.directions);
+            Ok(Track {
+                spec: spec.clone(),
+                width: if spec.vector { 3 } else { 1 },
+                recorded: frames
+                    .iter()
+                    .map(|f| (wide(&f.cells), wide(&f.boundary)))
+                    .collect(),
+                copied,
+            })
+        };
+        let motion = trajectory.read_motion(0, pace.frames, pace.steps + 1)?;
+        let wide = |frame: Vec<[f32; 3]>| frame.into_iter().map(|u| u.map(f64::from)).collect();
+        Ok(Scene {
+            mesh,
+            pace,
+            tracks: predicted(fields).into_iter().map(track).collect::<Result<_>>()?,
+            motion: motion.into_iter().map(wide).collect(),
+            shape: Shape::new(trajectory),
+        })
+    }
+
+    /// How the frames and the stride fit.
+    pub fn pace(&self) -> Pace {
+        self.pace
+    }
+
+    /// What is measured of the shape of a domain with elements.
+    pub fn shape(&self) -> Option<&Shape<'a>> {
+        self.shape.as_ref()
+    }
+
+    /// Recorded values of predicted field `k` at the nodes at the end of step `frame`; 0: the first frame.
+    pub fn truth(&self, k: usize, frame: usize) -> &[f64] {
+        &self.tracks[k].recorded[frame].0
+    }
+
+    /// Displacement of the obstacle's points at the end of step `frame`, m.
+    pub fn motion(&self, frame: usize) -> &[Vector] {
+        &self.motion[frame]
+    }
+
+    /// Error of predicted field `k` over the nodes that count and the solved components.
+    pub fn error(&self, k: usize, found: &[f64], frame: usize) -> SquaredError {
+        let track = &self.tracks[k];
+        let row = |p: usize| track.width * p..track.width * (p + 1);
+        let [found, truth] = [found, self.truth(k, frame)].map(|v| match &self.shape {
+            Some(s) => Cow::Owned(s.free.iter().flat_map(|&p| &v[row(p)]).copied().collect()),
+            None => Cow::Borrowed(v),
+        });
+        match track.spec.vector {
+            true => SquaredError::of_solved(&found, &truth, self.mesh.dim()),
+            false => SquaredError::between(&found, &truth),
+        }
+    }
+
+    fn quality(&self, found: &[f64], frame: usize) -> Result<Option<Quality>> {
+        let shape = self.shape.as_ref();
+        shape.map(|s| s.quality(self.truth(0, frame), found)).transpose()
+    }
+
+    fn gap(&self, found: &[f64], frame: usize) -> Result<Option<f64>> {
+        let Some(shape) = &self.shape else { return Ok(None) };
+        Ok(shape.gap(found, &self.motion[frame])?.map(|g| g.cells))
+    }
+
+    /// Smallest gap of the data at the steps' ends, mean edges; empty without obstacle.
+    ///
+    /// # Errors
+    /// When the obstacle is no closed surface.
+    pub fn data_gap(&self) -> Result<Vec<f64>> {
+        let gap = |frame| self.gap(self.truth(0, frame), frame).transpose();
+        (1..=self.pace.steps).filter_map(gap).collect()
+    }
+
+    /// The predictions that need no model: persistence (the recorded frame one stride before, held), extrapolation (the line
+    /// through the two recorded frames before; through the first one alone at first), hold first (the first frame; of single
+    /// steps, which start anew each time, persistence).
+    ///
+    /// # Errors
+    /// What the mesh metrics fail with.
+    pub fn baselines(&self) -> Result<Vec<Prediction>> {
+        let held = |k: usize, from: &dyn Fn(usize) -> usize| -> Vec<SquaredError> {
+            let error = |i| self.error(k, self.truth(k, from(i)), i + 1);
+            (0..self.pace.steps).map(error).collect()
+        };
+        let line = |k: usize| -> Vec<SquaredError> {
+            let error = |i: usize| {
+                let before = self.truth(k, i.saturating_sub(1));
+                let pairs = self.truth(k, i).iter().zip(before);
+                let line: Vec<f64> = pairs.map(|(a, b)| 2.0 * a - b).collect();
+                self.error(k, &line, i + 1)
+            };
+            (0..self.pace.steps).map(error).collect()
+        };
+        let fields = |single: &dyn Fn(usize) -> Vec<SquaredError>,
+                      rollout: &dyn Fn(usize) -> Vec<SquaredError>| {
+            let errors = |k| FieldErrors {
+                single: single(k),
+                rollout: rollout(k),
+            };
+            (0..self.tracks.len()).map(errors).collect()
+        };
+        let persistence = |k| held(k, &|i| i);
+        let first = self.truth(0, 0);
+        let quality = (1..=self.pace.steps).map(|frame| self.quality(first, frame));
+        let all = [
+            (
+                "persistence",
+                "persistence",
+                fields(&persistence, &persistence),
+                None,
+            ),
+            ("extrapolation", "extrapolation", fields(&line, &line), None),
+            (
+                "hold_first",
+                "hold first",
+                fields(&persistence, &|k| held(k, &|_| 0)),
+                quality.collect::<Result<Option<Vec<_>>>>()?,
+            ),
+        ];
+        let prediction = |(key, name, fields, quality)| Prediction {
+            key,
+            name,
+            fields,
+            quality,
+            ..Prediction::default()
+        };
+        Ok(all.into_iter().map(prediction).collect())
+    }
+
+    /// Scores what `step` predicts. `progress` is called after each step, and ends the run with an error of its own.
+    ///
+    /// # Errors
+    /// When a single step fails. A rollout that becomes non-finite is no error but noted.
+    pub fn predict(
+        &self,
+        (key, name): (&'static str, &'static str),
+        keep: Keep,
+        step: &mut Step,
+        progress: &mut dyn FnMut() -> Result<()>,
+    ) -> Result<Prediction> {
+        let steps = self.pace.steps;
+        let mut p = Prediction {
+            key,
+            name,
+            fields: vec![FieldErrors::default(); self.tracks.len()],
+            quality: self.shape.as_ref().map(|_| Vec::new()),
+            ..Prediction::default()
+        };
+        let start = || self.tracks.iter().map(|t| &t.recorded[0]);
+        let mut next: Vec<Vec<f64>> = start().map(|r| r.0.clone()).collect();
+        for i in 0..steps {
+            let state: Vec<_> = self.tracks.iter().map(|t| &t.recorded[i]).collect();
+            self.step(step, i, &state, &mut next, &mut p.seconds)?;
+            for (k, errors) in p.fields.iter_mut().enumerate() {
+                errors.single.push(self.error(k, &next[k], i + 1));
+            }
+            progress()?;
+        }
+
+        let mut state: Vec<(Vec<f64>, Vec<f64>)> = start().cloned().collect();
+        let mut largest = 0.0f64;
+        for i in 0..steps {
+            let now: Vec<_> = state.iter().collect();
+            match self.step(step, i, &now, &mut next, &mut p.seconds) {
+                Ok(()) => {}
+                Err(Error::Numerical(why)) => {
+                    p.diverged = Some(format!("step {}: {why}", i + 1));
+                    break;
+                }
+                Err(other) => return Err(other),
+            }
+            for (k, track) in self.tracks.iter().enumerate() {
+                let (nodes, boundary) = &mut state[k];
+                nodes.clone_from(&next[k]);
+                let prescribed = &track.recorded[i + 1].1;
+                impose_boundary(self.mesh, track.width, &track.copied, nodes, prescribed, boundary);
+                p.fields[k].rollout.push(self.error(k, nodes, i + 1));
+            }
+            let headline = &state[0].0;
+            largest = largest.max(self.largest(headline));
+            if let (Some(all), Some(quality)) = (&mut p.quality, self.quality(headline, i + 1)?) {
+                all.push(quality);
+            }
+            p.gap.extend(self.gap(headline, i + 1)?);
+            if keep.takes(i + 1, steps) {
+                p.kept.insert(i + 1, headline.clone());
+            }
+            progress()?;
+        }
+        let recorded = (0..=steps)
+            .map(|i| self.largest(self.truth(0, i)))
+            .fold(0.0, f64::max);
+        p.largest = Some(match p.diverged {
+            Some(_) => f64::INFINITY,
+            None => largest / recorded.max(f64::MIN_POSITIVE),
+        });
+        Ok(p)
+    }
+
+    /// Largest value of the headline field, of a vector its length.
+    fn largest(&self, values: &[f64]) -> f64 {
+        lengths(values, self.tracks[0].width)
+            .into_iter()
+            .fold(0.0, f64::max)
+    }
+
+    /// One step from a state, at the start of step `i`.
+    fn step(
+        &self,
+        step: &mut Step,
+        i: usize,
+        state: &[&(Vec<f64>, Vec<f64>)],
+        next: &mut [Vec<f64>],
+        seconds: &mut (f64, usize),
+    ) -> Result<()> {
+        let states = self.tracks.iter().zip(state);
+        let fields: Vec<Field> = states
+            .map(|(t, s)| Field {
+                name: &t.spec.name,
+                components: t.width,
+                cells: &s.0,
+                boundary: &s.1,
+            })
+            .collect();
+        let places = self.tracks.iter().zip(next);
+        let mut out: Vec<FieldMut> = places
+            .map(|(t, cells)| FieldMut {
+                name: &t.spec.name,
+                components: t.width,
+                cells,
+            })
+            .collect();
+        let began = Instant::now();
+        let done = step(&fields, &mut out, [&self.motion[i], &self.motion[i + 1]]);
+        seconds.0 += began.elapsed().as_secs_f64();
+        seconds.1 += 1;
+        done
+    }
+}
+
+/// Recorded values of a field at the nodes at one frame, rows as a session takes them.
+///
+/// # Errors
+/// As [`Trajectory::read_frame`].
+pub(super) fn recorded(trajectory: &Trajectory, field: &str, frame: usize) -> Result<Vec<f64>> {
+    let vector = trajectory.field(field)?.vector;
+    let values = trajectory.read_frame(field, frame)?.cells;
+    Ok(widen(&values, vector, &trajectory.mesh().directions))
+}
+
+/// Lengths of the rows of a field, of a scalar its absolute values.
+pub(super) fn lengths(values: &[f64], width: usize) -> Vec<f64> {
+    let rows = values.chunks_exact(width);
+    rows.map(|r| r.iter().map(|v| v * v).sum::<f64>().sqrt())
+        .collect()
+}
+
+/// Components in the solved directions to rows of x, y, z.
+fn widen(values: &[f32], vector: bool, directions: &[usize]) -> Vec<f64> {
+    if !vector {
+        return values.iter().map(|&v| f64::from(v)).collect();
+    }
+    let mut rows = vec![0.0; values.len() / directions.len() * 3];
+    let pairs = rows
+        .chunks_exact_mut(3)
+        .zip(values.chunks_exact(directions.len()));
+    for (row, value) in pairs {
+        let components = directions.iter().zip(value);
+        components.for_each(|(&d, &v)| row[d] = f64::from(v));
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_dimensional_vectors_become_rows_of_three() {
+        let rows = widen(&[1.0, 2.0, 3.0, 4.0], true, &[0, 2]);
+        assert_eq!(rows, [1.0, 0.0, 2.0, 3.0, 0.0, 4.0]);
+    }
+
+    #[test]
+    fn the_headline_is_the_velocity_or_the_first_vector() {
+        let mut fields = m4gn_model::sample::spec().fields;
+        let names = |fields: &[FieldSpec]| -> Vec<String> {
+            predicted(fields).iter().map(|f| f.name.clone()).collect()
+        };
+        fields.reverse();
+        assert_eq!(names(&fields), ["U", "p"]);
+        fields[1].output = Output::None;
+        assert_eq!(names(&fields), ["p"]);
+        fields[0].output = Output::None;
+        assert!(names(&fields).is_empty());
+    }
+}

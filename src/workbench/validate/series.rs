@@ -1,0 +1,69 @@
+//! A rollout for ParaView: the true shape, the predicted one and the obstacle, step by step.
+
+use super::{Case, scene::recorded};
+use crate::report::vtu::pvd;
+use crate::report::{Grid, write_file};
+use m4gn_data::Trajectory;
+use m4gn_mesh::vector::{Vector, moved};
+use m4gn_mesh::{Error, Result};
+use std::path::Path;
+
+/// Writes `truth.pvd`, `prediction.pvd` and `obstacle.pvd` with their files into a folder, which is made. Points lie where
+/// they are; vectors are the displacement `D` (m) and, of the prediction, `D_true` and `error` = D - D_true. The rollout is
+/// the one with contact projection, where there is one.
+///
+/// # Errors
+/// When the trajectory is none of a body or cannot be read again, no step of the rollout was kept, or a file cannot be
+/// written.
+pub fn write(folder: &Path, case: &Case) -> Result<()> {
+    let trajectory = Trajectory::open(&case.path)?;
+    let Some(body) = trajectory.body() else {
+        return Err(Error::file(
+            &case.path,
+            "is a trajectory at cells: a series of shapes is written of a body at points",
+        ));
+    };
+    let Some(rollout) = case.kept() else {
+        return Err(Error::Numerical(format!(
+            "{}: there is no finite step of a rollout to write",
+            case.path.display()
+        )));
+    };
+    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
+    let grid = Grid::of_elements(&body.elements);
+    let name = &case.fields[0].0;
+    let mut series = [
+        ("truth", Vec::new()),
+        ("prediction", Vec::new()),
+        ("obstacle", Vec::new()),
+    ];
+    let first = recorded(&trajectory, name, 0)?;
+    for (step, found) in std::iter::once((&0, &first)).chain(&rollout.kept) {
+        let frame = step * case.pace.frames;
+        let truth = recorded(&trajectory, name, frame)?;
+        let error: Vec<f64> = found.iter().zip(&truth).map(|(a, b)| a - b).collect();
+        let [found, truth, error] = [found, &truth, &error].map(|v| v.as_chunks::<3>().0);
+        let mut texts = vec![
+            grid.vtu(&moved(&body.positions, truth), &[("D", truth)])?,
+            grid.vtu(
+                &moved(&body.positions, found),
+                &[("D", found), ("D_true", truth), ("error", error)],
+            )?,
+        ];
+        if let Some(o) = trajectory.obstacle() {
+            let motion = trajectory.read_motion(frame, 1, 1)?.concat();
+            let motion: Vec<Vector> = motion.into_iter().map(|u| u.map(f64::from)).collect();
+            let surface = Grid::of_triangles(&o.triangles);
+            texts.push(surface.vtu(&moved(&o.positions, &motion), &[("D", &motion)])?);
+        }
+        for ((name, files), text) in series.iter_mut().zip(texts) {
+            let file = format!("{name}_{step:04}.vtu");
+            write_file(&folder.join(&file), text.as_bytes())?;
+            files.push((trajectory.times()[frame], file));
+        }
+    }
+    for (name, files) in series.iter().filter(|(_, files)| !files.is_empty()) {
+        write_file(&folder.join(format!("{name}.pvd")), pvd(files).as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,362 @@
+//! Figures of trajectories, together and one by one: tables for people, and the figures file.
+
+use super::rmse::{SquaredError, cumulative};
+use super::{Case, Pace, Prediction};
+use crate::report::{Table, number};
+use m4gn_contact::quality::Quality;
+use m4gn_data::Split;
+use serde_json::{Map, Value, json};
+
+/// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    /// RMSE-1.
+    pub rmse_1: f64,
+    /// RMSE-50.
+    pub rmse_50: f64,
+    /// RMSE-all.
+    pub rmse_all: f64,
+}
+
+impl Figures {
+    fn of(single: &[SquaredError], rollout: &[SquaredError], pace: Pace, horizon: f64) -> Self {
+        let over = cumulative(rollout);
+        let at = |steps: usize| match steps.min(pace.steps) {
+            n if n <= over.len() => over[n - 1],
+            _ => f64::INFINITY,
+        };
+        Figures {
+            rmse_1: cumulative(single).last().copied().unwrap_or(f64::INFINITY),
+            rmse_50: at(pace.steps_within(horizon)),
+            rmse_all: at(pace.steps),
+        }
+    }
+
+    fn mean<'a>(all: impl Iterator<Item = &'a Figures> + Clone) -> Self {
+        let count = all.clone().count() as f64;
+        let mean = |of: fn(&Figures) -> f64| all.clone().map(of).sum::<f64>() / count;
+        Figures {
+            rmse_1: mean(|f| f.rmse_1),
+            rmse_50: mean(|f| f.rmse_50),
+            rmse_all: mean(|f| f.rmse_all),
+        }
+    }
+
+    /// As JSON; null where not finite.
+    fn json(self) -> Value {
+        json!({ "rmse_1": self.rmse_1, "rmse_50": self.rmse_50, "rmse_all": self.rmse_all })
+    }
+
+    fn cells(self) -> [String; 3] {
+        [self.rmse_1, self.rmse_50, self.rmse_all].map(|v| match v.is_finite() {
+            true => number(v, 3),
+            false => "not finite".into(),
+        })
+    }
+}
+
+/// A way to predict, and what it scores.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Name in figures files.
+    pub key: &'static str,
+    /// Name for people.
+    pub name: &'static str,
+    /// Errors of each predicted field, the headline first.
+    pub figures: Vec<Figures>,
+    /// Mesh metrics of the rollout.
+    pub quality: Option<Quality>,
+    /// Smallest gap of the rollout, mean edges.
+    pub gap: Option<f64>,
+    /// Largest value of the headline field over the largest recorded one.
+    pub largest: Option<f64>,
+    /// Wall seconds of all steps, and their number.
+    pub seconds: (f64, usize),
+}
+
+impl Row {
+    fn of(p: &Prediction, pace: Pace, horizon: f64) -> Self {
+        let infinite = Quality {
+            gf_h: f64::INFINITY,
+            gf_c: f64::INFINITY,
+            mc: f64::INFINITY,
+            ar: f64::INFINITY,
+            inverted: f64::INFINITY,
+        };
+        let fields = p.fields.iter();
+        Row {
+            key: p.key,
+            name: p.name,
+            figures: fields
+                .map(|f| Figures::of(&f.single, &f.rollout, pace, horizon))
+                .collect(),
+            quality: p.quality.as_ref().map(|all| match p.diverged {
+                None => Quality::mean(all),
+                Some(_) => infinite,
+            }),
+            gap: smallest(&p.gap),
+            largest: p.largest,
+            seconds: p.seconds,
+        }
+    }
+
+    /// The same row of several trajectories.
+    fn merged(all: &[&Row]) -> Self {
+        let rows = || all.iter();
+        let quality: Option<Vec<Quality>> = rows().map(|r| r.quality).collect();
+        let seconds = rows().fold((0.0, 0), |(s, n), r| (s + r.seconds.0, n + r.seconds.1));
+        Row {
+            figures: (0..all[0].figures.len())
+                .map(|k| Figures::mean(rows().map(|r| &r.figures[k])))
+                .collect(),
+            quality: quality.map(|q| Quality::mean(&q)),
+            gap: rows().filter_map(|r| r.gap).reduce(f64::min),
+            largest: rows().filter_map(|r| r.largest).reduce(f64::max),
+            seconds,
+            ..all[0].clone()
+        }
+    }
+
+    /// Mean wall time of a step, ms; none of predictions that take none.
+    pub fn step_ms(&self) -> Option<f64> {
+        let (seconds, count) = self.seconds;
+        (count > 0).then(|| 1e3 * seconds / count as f64)
+    }
+
+    fn json(&self) -> Value {
+        let mut row = self.figures[0].json();
+        let quality = self.quality.map(|q| {
+            [
+                ("gf_h", q.gf_h),
+                ("gf_c", q.gf_c),
+                ("mc", q.mc),
+                ("ar", q.ar),
+                ("inverted", q.inverted),
+            ]
+        });
+        let others = [
+            ("worst_gap", self.gap),
+            ("largest_ratio", self.largest),
+            ("ms_per_step", self.step_ms()),
+        ];
+        let others = others.into_iter().filter_map(|(key, v)| Some((key, v?)));
+        for (key, value) in quality.into_iter().flatten().chain(others) {
+            row[key] = json!(value);
+        }
+        row
+    }
+}
+
+fn smallest(gaps: &[f64]) -> Option<f64> {
+    gaps.iter().copied().reduce(f64::min)
+}
+
+impl Case {
+    /// All ways to predict: the model's first.
+    pub fn rows(&self) -> Vec<Row> {
+        let row = |p| Row::of(p, self.pace, self.horizon);
+        self.predictions.iter().map(row).collect()
+    }
+}
+
+/// The figures of the trajectories of one split, or of all.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// `test`, `valid`, `train` or `all`.
+    pub name: &'static str,
+    /// Number of trajectories.
+    pub count: usize,
+    /// Names and units of the predicted fields, the headline first.
+    pub fields: Vec<(String, String)>,
+    /// Ways to predict, the model's first.
+    pub rows: Vec<Row>,
+    /// Smallest gap of the data, mean edges.
+    pub data_gap: Option<f64>,
+    /// Trajectories with a rollout that became non-finite.
+    pub diverged: usize,
+    /// Mean processor time of the data's solver over one stride, ms, where it was recorded.
+    pub solver_ms: Option<f64>,
+    /// Times that RMSE-50 covers, s: the shortest and the longest of the trajectories.
+    pub horizon: [f64; 2],
+}
+
+impl Summary {
+    fn of(name: &'static str, cases: &[&Case]) -> Option<Self> {
+        let first = cases.first()?;
+        let tables: Vec<Vec<Row>> = cases.iter().map(|c| c.rows()).collect();
+        let merged = |i| Row::merged(&tables.iter().map(|t| &t[i]).collect::<Vec<_>>());
+        let solver = cases.iter().map(|c| Some(1e3 * c.solver? * c.pace.frames as f64));
+        let solver: Option<Vec<f64>> = solver.collect();
+        let horizons = cases.iter().map(|c| c.horizon);
+        Some(Summary {
+            name,
+            count: cases.len(),
+            fields: first.fields.clone(),
+            rows: (0..tables[0].len()).map(merged).collect(),
+            data_gap: cases
+                .iter()
+                .filter_map(|c| smallest(&c.data_gap))
+                .reduce(f64::min),
+            diverged: cases.iter().filter(|c| c.diverged().is_some()).count(),
+            solver_ms: solver.map(|s| s.iter().sum::<f64>() / s.len() as f64),
+            horizon: horizons.fold([f64::INFINITY, 0.0], |[a, b], v| [a.min(v), b.max(v)]),
+        })
+    }
+
+    /// The rows that people compare, a table a predicted field. The headline's has the mesh metrics and gaps as well.
+    pub fn tables(&self) -> Vec<Table> {
+        let [shortest, longest] = self.horizon;
+        let time = match longest - shortest > 1e-6 * longest {
+            true => format!("{} to {} s", number(shortest, 3), number(longest, 3)),
+            false => format!("{} s", number(longest, 3)),
+        };
+        let table = |(k, (field, unit)): (usize, &(String, String))| {
+            let mut columns = vec![
+                format!("{}, {field}", self.name),
+                format!("RMSE-1 [{unit}]"),
+                format!("RMSE-50 ({time}) [{unit}]"),
+                format!("RMSE-all [{unit}]"),
+            ];
+            let has_quality = k == 0 && self.rows.iter().any(|r| r.quality.is_some());
+            let has_gap = k == 0 && self.rows.iter().any(|r| r.gap.is_some());
+            if has_quality {
+                columns.extend(["GFh [m]", "GFc [m2]", "MC", "AR"].map(String::from));
+            }
+            columns.extend(has_gap.then(|| "worst gap [cells]".to_string()));
+            let mut table = Table::new(columns);
+            for row in &self.rows {
+                let mut cells = vec![row.name.to_string()];
+                cells.extend(row.figures[k].cells());
+                if has_quality {
+                    let quality = row.quality.map(|q| [q.gf_h, q.gf_c, q.mc, q.ar]);
+                    cells.extend(quality.map_or([const { String::new() }; 4], |q| q.map(|v| number(v, 3))));
+                }
+                if has_gap {
+                    cells.push(row.gap.map_or(String::new(), |g| format!("{g:+.4}")));
+                }
+                table.row(cells);
+            }
+            table
+        };
+        self.fields.iter().enumerate().map(table).collect()
+    }
+
+    /// Times, the largest value, and the gap of the data, in a sentence or two.
+    pub fn line(&self) -> String {
+        let times = self.rows.iter().filter_map(|r| Some((r.name, r.step_ms()?)));
+        let times: Vec<String> = times
+            .map(|(name, ms)| format!("{} ms a step ({name})", number(ms, 3)))
+            .collect();
+        let mut text = format!("{} trajectories, {}", self.count, times.join(", "));
+        if let (Some(ms), Some(ratio)) = (self.solver_ms, self.ratio()) {
+            text += &format!(
+                "; the data's solver took {} ms for as much, {} times as long",
+                number(ms, 3),
+                number(ratio, 3)
+            );
+        }
+        if let Some(largest) = self.rows.iter().filter_map(|r| r.largest).reduce(f64::max) {
+            let field = &self.fields[0].0;
+            text += &match self.diverged {
+                0 => format!(
+                    ". Largest {field} of a rollout: {} of the largest recorded",
+                    number(largest, 3)
+                ),
+                n => format!(". {n} trajectories with a rollout that became non-finite"),
+            };
+        }
+        if let Some(gap) = self.data_gap {
+            text += &format!(". Worst gap of the data {gap:+.4} cells");
+        }
+        text
+    }
+
+    /// Solver's time over the time of a step of the model's last row, which projects where one does.
+    fn ratio(&self) -> Option<f64> {
+        let own = self.rows.iter().filter_map(Row::step_ms).next_back()?;
+        self.solver_ms.filter(|_| own > 0.0).map(|s| s / own)
+    }
+
+    fn json(&self) -> Value {
+        let mut figures = json!({
+            "trajectories": self.count,
+            "rmse_50_seconds": self.horizon[1],
+            "worst_gap_data": self.data_gap,
+            "diverged": self.diverged,
+            "solver_ms_per_step": self.solver_ms,
+            "solver_ratio": self.ratio(),
+        });
+        add_rows(&mut figures, &self.rows, &self.fields);
+        figures
+    }
+}
+
+/// Adds the headline field with its rows, and the other fields with theirs.
+fn add_rows(figures: &mut Value, rows: &[Row], fields: &[(String, String)]) {
+    figures["field"] = json!(fields[0].0);
+    figures["unit"] = json!(fields[0].1);
+    for row in rows {
+        figures[row.key] = row.json();
+    }
+    let mut others = Map::new();
+    for (k, (name, unit)) in fields.iter().enumerate().skip(1) {
+        let mut other = json!({ "unit": unit });
+        for row in rows {
+            other[row.key] = row.figures[k].json();
+        }
+        others.insert(name.clone(), other);
+    }
+    figures["fields"] = Value::Object(others);
+}
+
+/// The cases that count: those of the test split where there are any, else all.
+pub(super) fn that_count(cases: &[Case]) -> (&'static str, Vec<&Case>) {
+    let test = of_split(cases, Split::Test);
+    match test.is_empty() {
+        false => (Split::Test.name(), test),
+        true => ("all", cases.iter().collect()),
+    }
+}
+
+fn of_split(cases: &[Case], split: Split) -> Vec<&Case> {
+    cases.iter().filter(|c| c.split == split).collect()
+}
+
+/// One summary a split that has trajectories: test, valid, train.
+pub fn summaries(cases: &[Case]) -> Vec<Summary> {
+    let splits = [Split::Test, Split::Valid, Split::Train].into_iter();
+    splits
+        .filter_map(|s| Summary::of(s.name(), &of_split(cases, s)))
+        .collect()
+}
+
+/// The figures that count: those of the test split where there is one, else of all trajectories.
+pub fn headline(cases: &[Case]) -> Option<Summary> {
+    let (name, cases) = that_count(cases);
+    Summary::of(name, &cases)
+}
+
+/// The figures file: those of [`headline`] at the top, all splits and trajectories below.
+pub fn json(cases: &[Case]) -> Value {
+    let mut figures = headline(cases).map_or(json!({}), |s| {
+        let mut object = s.json();
+        object["split"] = json!(s.name);
+        object
+    });
+    let splits = summaries(cases)
+        .into_iter()
+        .map(|s| (s.name.to_string(), s.json()));
+    figures["splits"] = Value::Object(splits.collect());
+    let one = |c: &Case| {
+        let mut case = json!({
+            "path": c.path.to_string_lossy(),
+            "split": c.split.name(),
+            "horizon": c.horizon,
+            "diverged": c.diverged(),
+        });
+        add_rows(&mut case, &c.rows(), &c.fields);
+        case
+    };
+    figures["cases"] = cases.iter().map(one).collect();
+    figures
+}

@@ -1,0 +1,374 @@
+//! Figures on paper; predictions whose errors are known, and sessions, on the trajectory of a body that Python wrote: 12
+//! points, 4 frames, 0.01 s apart.
+
+use super::rmse::SquaredError;
+use super::*;
+use m4gn_contact::quality::Quality;
+use m4gn_mesh::NodeType;
+use serde_json::Value;
+
+const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.h5");
+
+fn errors(values: &[f64]) -> Vec<SquaredError> {
+    let error = |v: &f64| SquaredError::between(&[*v], &[0.0]);
+    values.iter().map(error).collect()
+}
+
+fn prediction(key: &'static str, single: &[f64], rollout: &[f64]) -> Prediction {
+    Prediction {
+        key,
+        name: key,
+        fields: vec![FieldErrors {
+            single: errors(single),
+            rollout: errors(rollout),
+        }],
+        ..Prediction::default()
+    }
+}
+
+fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) -> Case {
+    let twice = vec![2.0 * single; hold.len()];
+    let model = Prediction {
+        largest: Some(1.1),
+        diverged: (rollout.len() < hold.len()).then(|| "step 2".into()),
+        seconds: (0.4, 4),
+        ..prediction("model", &vec![single; hold.len()], rollout)
+    };
+    Case {
+        path: "x.h5".into(),
+        split,
+        horizon: HORIZON as f64 * pace.interval,
+        pace,
+        fields: vec![("U".into(), "m/s".into())],
+        times: (1..=hold.len()).map(|i| 0.2 * i as f64).collect(),
+        predictions: vec![
+            model,
+            prediction("persistence", &twice, &twice),
+            prediction("hold_first", &twice, hold),
+        ],
+        data_gap: Vec::new(),
+        solver: None,
+    }
+}
+
+/// 20 frames a step: two steps within the first 50 frames.
+const PACE: Pace = Pace {
+    interval: 0.01,
+    frames: 20,
+    steps: 3,
+};
+
+fn figures(case: &Case, row: usize) -> [f64; 3] {
+    let f = case.rows()[row].figures[0];
+    [f.rmse_1, f.rmse_50, f.rmse_all]
+}
+
+#[test]
+fn figures_on_paper() {
+    let c = case(Split::Test, PACE, 0.5, &[1.0, 7.0, 4.0], &[2.0, 2.0, 2.0]);
+    for (found, expected) in figures(&c, 0).into_iter().zip([0.5, 5.0, 22.0_f64.sqrt()]) {
+        assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+    }
+    assert_eq!(figures(&c, 1), [1.0, 1.0, 1.0]);
+    assert_eq!(figures(&c, 2), [1.0, 2.0, 2.0]);
+    // A stride beyond 50 frames: one step.
+    let long = Pace {
+        interval: 0.01,
+        frames: 100,
+        steps: 3,
+    };
+    let c = case(Split::Test, long, 0.5, &[1.0, 7.0, 4.0], &[2.0; 3]);
+    assert_eq!(figures(&c, 0)[1], 1.0);
+}
+
+#[test]
+fn splits_are_averaged_apart_and_test_counts() {
+    let cases = [
+        case(Split::Train, PACE, 0.1, &[1.0; 3], &[2.0; 3]),
+        case(Split::Test, PACE, 0.2, &[2.0; 3], &[4.0; 3]),
+        case(Split::Test, PACE, 0.4, &[4.0; 3], &[4.0; 3]),
+    ];
+    let figures = json(&cases);
+    assert_eq!(
+        (figures["split"].as_str(), figures["trajectories"].as_u64()),
+        (Some("test"), Some(2))
+    );
+    assert_eq!(
+        (&figures["field"], &figures["unit"]),
+        (&"U".into(), &"m/s".into())
+    );
+    assert!((figures["model"]["rmse_1"].as_f64().unwrap() - 0.3).abs() < 1e-12);
+    assert!((figures["model"]["rmse_50"].as_f64().unwrap() - 3.0).abs() < 1e-12);
+    assert!((figures["splits"]["train"]["model"]["rmse_all"].as_f64().unwrap() - 1.0).abs() < 1e-12);
+    assert_eq!(figures["model"]["ms_per_step"], 100.0);
+    assert_eq!(figures["model"]["largest_ratio"], 1.1);
+    assert!(figures["hold_first"]["ms_per_step"].is_null());
+    assert_eq!(headline(&cases[..1]).unwrap().name, "all");
+    assert!(headline(&[]).is_none());
+}
+
+#[test]
+fn a_rollout_that_blew_up_has_no_figures() {
+    let cases = [case(Split::Test, PACE, 0.1, &[1.0], &[2.0; 3])];
+    let figures = json(&cases);
+    assert!(figures["model"]["rmse_all"].is_null() && figures["model"]["rmse_1"].is_number());
+    assert_eq!(figures["diverged"], 1);
+    assert!(
+        summaries(&cases)[0].tables()[0]
+            .to_string()
+            .contains("not finite")
+    );
+}
+
+/// Two models of one flow, one in steps of two frames: RMSE-50 is of the same time, and says so.
+#[test]
+fn rmse_50_is_fifty_recorded_frames_whatever_the_stride() {
+    let pace = |frames, steps| Pace {
+        interval: 0.02,
+        frames,
+        steps,
+    };
+    assert_eq!(pace(1, 100).rmse_50(), 1.0);
+    assert_eq!(pace(4, 25).rmse_50(), 1.0);
+    assert_eq!(pace(4, 25).steps_within(pace(4, 25).rmse_50()), 12);
+    let table = &summaries(&[case(Split::Test, pace(4, 3), 0.1, &[1.0; 3], &[2.0; 3])])[0].tables()[0];
+    assert!(table.to_string().contains("RMSE-50 (1.00 s) [m/s]"), "{table}");
+}
+
+#[test]
+fn other_predicted_fields_have_figures_too() {
+    let mut one = case(Split::Test, PACE, 0.5, &[1.0, 7.0, 4.0], &[2.0; 3]);
+    one.fields.push(("p".into(), "m^2/s^2".into()));
+    for (p, value) in one.predictions.iter_mut().zip([3.0, 5.0, 6.0]) {
+        p.fields.push(FieldErrors {
+            single: errors(&[value; 3]),
+            rollout: errors(&[value + 1.0; 3]),
+        });
+    }
+    let figures = json(&[one.clone()]);
+    assert_eq!(figures["fields"]["p"]["model"]["rmse_1"], 3.0);
+    assert_eq!(figures["fields"]["p"]["hold_first"]["rmse_50"], 7.0);
+    assert_eq!(figures["cases"][0]["fields"]["p"]["model"]["rmse_all"], 4.0);
+    let tables = summaries(&[one])[0].tables();
+    assert!(tables[1].to_string().contains("[m^2/s^2]"), "{}", tables[1]);
+}
+
+/// Scores a step that knows the truth, and what is done to it.
+fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<()>) -> Case {
+    let t = Trajectory::open(FILE).unwrap();
+    let fields = m4gn_model::sample::bodies().fields;
+    let pace = Pace::new(t.times(), stride).unwrap();
+    let scene = Scene::read(&t, &fields, pace).unwrap();
+    let mut step = |_: &[Field], out: &mut [FieldMut], motion: [&[Vector]; 2]| {
+        let k = (0..pace.steps).find(|&k| scene.motion(k) == motion[0]).unwrap();
+        assert_eq!(scene.motion(k + 1), motion[1]);
+        out[0].cells.copy_from_slice(scene.truth(0, k + 1));
+        wrong(out[0].cells, &t)
+    };
+    let mut calls = 0;
+    let mut count = || {
+        calls += 1;
+        Ok(())
+    };
+    let model = scene.predict(("model", "model"), Keep::All, &mut step, &mut count);
+    assert!(calls <= Way::steps(pace));
+    let mut case = Case::of(&t, &scene, &fields, None, vec![model.unwrap()]).unwrap();
+    case.solver = Some(0.5);
+    case
+}
+
+/// Moves the free points in y.
+fn shift(u: &mut [f64], t: &Trajectory, by: f64) {
+    let rows = u.chunks_exact_mut(3).zip(&t.body().unwrap().types);
+    rows.filter(|(_, kind)| **kind == NodeType::Body)
+        .for_each(|(u, _)| u[1] += by);
+}
+
+#[test]
+fn the_truth_has_no_error() {
+    let case = known(0.01, |_, _| Ok(()));
+    let rows = case.rows();
+    assert_eq!(figures(&case, 0), [0.0; 3]);
+    assert_eq!(rows[0].quality, Some(Quality::default()));
+    assert_eq!(rows[0].gap, case.data_gap.iter().copied().reduce(f64::min));
+    assert_eq!(rows[0].largest, Some(1.0));
+    // Holding scores what `m4gn info --metrics` says
+    let held = crate::holding::score(&Trajectory::open(FILE).unwrap(), 1).unwrap();
+    let row = |key: &str| rows.iter().find(|r| r.key == key).unwrap();
+    assert!((row("persistence").figures[0].rmse_all - held.persistence.rmse).abs() < 1e-15);
+    assert!((row("hold_first").figures[0].rmse_all - held.hold_first.rmse).abs() < 1e-15);
+    assert_eq!(row("hold_first").quality, Some(held.hold_first.quality));
+    assert_eq!(
+        row("hold_first").figures[0].rmse_1,
+        row("persistence").figures[0].rmse_1
+    );
+}
+
+/// All free points are 1e-4 m too far in y: a third of the squared errors is 1e-8.
+#[test]
+fn a_shift_on_paper() {
+    let case = known(0.01, |u, t| {
+        shift(u, t, 1e-4);
+        Ok(())
+    });
+    let figures = json(std::slice::from_ref(&case));
+    let of = |path: &str| figures.pointer(path).and_then(Value::as_f64).unwrap();
+    let expected = (1e-8f64 / 3.0).sqrt();
+    for key in ["/model/rmse_1", "/model/rmse_50", "/model/rmse_all"] {
+        assert!((of(key) - expected).abs() < 1e-12, "{key} {}", of(key));
+    }
+    // The Hausdorff distance is at most the shift
+    assert!(of("/model/gf_h") <= 1e-4 + 1e-12 && of("/model/gf_h") > 0.0);
+    // 0.5 s a frame of the solver
+    assert_eq!(of("/solver_ms_per_step"), 500.0);
+    assert!(of("/model/ms_per_step") >= 0.0 && of("/solver_ratio") > 0.0);
+    assert_eq!(figures["split"], "test");
+    assert!(figures["cases"][0]["hold_first"]["mc"].is_number());
+}
+
+#[test]
+fn a_prediction_that_blows_up_has_no_figures() {
+    let mut calls = 0;
+    let case = known(0.01, |_, _| {
+        calls += 1;
+        match calls {
+            5 => Err(Error::Numerical("nan".into())),
+            _ => Ok(()),
+        }
+    });
+    assert_eq!(case.predictions[0].fields[0].rollout.len(), 1);
+    assert!(case.diverged().unwrap().starts_with("step 2: nan"));
+    let figures = json(std::slice::from_ref(&case));
+    assert!(figures["model"]["rmse_all"].is_null() && figures["model"]["rmse_1"] == 0.0);
+    assert!(figures["model"]["gf_h"].is_null() && figures["diverged"] == 1);
+}
+
+/// A model of bodies whose steps change next to nothing: the obstacle sinks into the body where nothing projects.
+fn still() -> Model {
+    let mut spec = m4gn_model::sample::bodies();
+    spec.segments.count = 2;
+    spec.segments.modes = 1;
+    let mut model = Model::random(spec, 5).unwrap();
+    for name in ["norm.output.mean", "norm.output.std"] {
+        let tensor = model.tensors.get_mut(name).unwrap();
+        tensor.data.fill(1e-9);
+    }
+    model
+}
+
+#[test]
+fn a_session_projects_and_lifts_the_gap() {
+    let t = Trajectory::open(FILE).unwrap();
+    let ways = [Way::PLAIN, Way::projected(ProjectionOptions::default())];
+    let mut calls = 0;
+    let mut count = || {
+        calls += 1;
+        Ok(())
+    };
+    let options = SessionOptions::default();
+    let case = run(&still(), &t, &options, &ways, (None, Keep::Shown), &mut count).unwrap();
+    let rows = case.rows();
+    let keys: Vec<&str> = rows.iter().map(|r| r.key).collect();
+    assert_eq!(
+        keys,
+        ["model", "projected", "persistence", "extrapolation", "hold_first"]
+    );
+    let [model, projected] = [0, 1].map(|i: usize| rows[i].gap.unwrap());
+    assert!(model < -0.1 && projected >= -0.02, "{model} {projected}");
+    // Standing still is holding the first frame, to what such a step adds.
+    let [model, hold] = [0, 4].map(|i| figures(&case, i)[2]);
+    assert!((model / hold - 1.0).abs() < 1e-3, "{model} {hold}");
+    assert_eq!(calls, 2 * Way::steps(case.pace));
+    // The rollout that projects is the one that is shown
+    assert_eq!(case.kept().unwrap().key, "projected");
+    assert!(case.diverged().is_none());
+}
+
+#[test]
+fn models_and_data_of_other_kinds_are_refused() {
+    let t = Trajectory::open(FILE).unwrap();
+    let message = |spec: m4gn_model::ModelSpec| {
+        let model = Model::random(spec, 1).unwrap();
+        fits(&model, &t).unwrap_err().to_string()
+    };
+    assert!(message(m4gn_model::sample::spec()).contains("the data are a body at points"));
+    let mut spec = m4gn_model::sample::bodies();
+    spec.fields[0].dimensions[2] = -1;
+    assert!(message(spec).contains("the model knows a vector with dimensions [0, 1, -1"));
+}
+
+/// A flow at cells in two directions, its fields by whatever names.
+#[test]
+fn a_flow_whose_field_has_another_name() {
+    let folder = tempfile::tempdir().unwrap();
+    m4gn_train::sample::write_data(folder.path(), 1).unwrap();
+    let t = Trajectory::open(folder.path().join("000.h5")).unwrap();
+    let mut spec = m4gn_model::sample::spec();
+    spec.segments.method = m4gn_model::SegmentMethod::Metis;
+    spec.fields.reverse();
+    let model = Model::random(spec, 3).unwrap();
+    let options = SessionOptions::default();
+    let go = |model: &Model| {
+        run(
+            model,
+            &t,
+            &options,
+            &[Way::PLAIN],
+            (Some(0.1), Keep::Shown),
+            &mut || Ok(()),
+        )
+    };
+    let case = go(&model).unwrap();
+    let names: Vec<&str> = case.fields.iter().map(|f| f.0.as_str()).collect();
+    assert_eq!(names, ["U", "p"]);
+    // Persistence by hand
+    let frames = t.read_frames("U", 0, 1, 30).unwrap();
+    let mut total = SquaredError::default();
+    frames
+        .windows(2)
+        .for_each(|w| total.add(SquaredError::between(&w[0].cells, &w[1].cells)));
+    assert!((figures(&case, 1)[2] / total.rmse() - 1.0).abs() < 1e-12);
+    assert!(case.rows().iter().all(|r| r.quality.is_none() && r.gap.is_none()));
+
+    let mut scalar = model.spec.clone();
+    scalar.fields.retain(|f| f.name == "p");
+    let case = go(&Model::random(scalar, 3).unwrap()).unwrap();
+    assert_eq!(case.fields[0], ("p".to_string(), "m^2/s^2".to_string()));
+    assert!(figures(&case, 0).iter().all(|v| v.is_finite()));
+    let spec = m4gn_model::sample::spec();
+    let page = report("m.safetensors", &spec, &[case]).unwrap().html();
+    assert!(page.contains("error of p [m^2/s^2]") && page.contains("Fields"));
+}
+
+#[test]
+fn the_page_and_the_series() {
+    let case = known(0.01, |u, t| {
+        shift(u, t, 1e-4);
+        Ok(())
+    });
+    let spec = m4gn_model::sample::bodies();
+    let html = report("m.safetensors", &spec, std::slice::from_ref(&case))
+        .unwrap()
+        .html();
+    for text in [
+        "worst gap",
+        "Shapes",
+        "hold first",
+        "Gap over time",
+        "solver took 500 ms",
+    ] {
+        assert!(html.contains(text), "{text}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("series");
+    write_series(&folder, &case).unwrap();
+    // Four states of three things, and their lists
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 15);
+    let list = std::fs::read_to_string(folder.join("prediction.pvd")).unwrap();
+    assert!(
+        list.contains("timestep=\"0.03\" file=\"prediction_0003.vtu\""),
+        "{list}"
+    );
+    let last = std::fs::read_to_string(folder.join("prediction_0003.vtu")).unwrap();
+    assert!(last.contains("Name=\"error\"") && last.contains("NumberOfPoints=\"12\""));
+}

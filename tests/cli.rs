@@ -1,0 +1,175 @@
+//! What the command line does with its outputs: closed pipes, full devices, odd names.
+
+use std::fs;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+fn model() -> PathBuf {
+    root().join("models/beam.safetensors")
+}
+
+fn m4gn() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_m4gn"))
+}
+
+/// Fails with a message of ours, not with a panic or a signal.
+fn fails(run: &Output, words: &str) {
+    let text = String::from_utf8_lossy(&run.stderr);
+    assert_eq!(run.status.code(), Some(1), "{text}");
+    assert!(
+        text.starts_with("m4gn: ") && text.contains(words),
+        "expected '{words}' in '{text}'"
+    );
+}
+
+#[test]
+fn a_full_device_is_an_error_with_a_message() {
+    let full = || Stdio::from(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+    let run = m4gn().arg("info").arg(model()).stdout(full()).output().unwrap();
+    fails(&run, "standard output cannot be written");
+    let run = m4gn()
+        .args(["info", "--json", "/dev/full"])
+        .arg(model())
+        .output()
+        .unwrap();
+    fails(&run, "/dev/full: cannot be written: No space left");
+    // Nowhere to say it either.
+    let run = m4gn()
+        .arg("info")
+        .arg("/nowhere")
+        .stderr(full())
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(1));
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = folder.path().join("figures.json");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let run = m4gn()
+        .args(["info", "--json"])
+        .arg(&json)
+        .arg(model())
+        .stdout(Stdio::from(writer))
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    assert!(run.stderr.is_empty(), "{}", String::from_utf8_lossy(&run.stderr));
+    assert!(json.is_file(), "the figures are written all the same");
+}
+
+#[test]
+fn devices_and_standard_output_are_written_to() {
+    let before = fs::metadata("/dev/null").unwrap();
+    let run = m4gn()
+        .args(["info", "--json", "/dev/null"])
+        .arg(model())
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let after = fs::metadata("/dev/null").unwrap();
+    assert_eq!(before.file_type(), after.file_type(), "the device is still one");
+
+    // Into a pipe, and into a file, where the figures follow what was printed.
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("out");
+    let piped = m4gn()
+        .args(["info", "--json", "/dev/stdout"])
+        .arg(model())
+        .output()
+        .unwrap();
+    let mut command = m4gn();
+    command.args(["info", "--json", "/dev/stdout"]).arg(model());
+    let status = command.stdout(fs::File::create(&file).unwrap()).status().unwrap();
+    assert!(piped.status.success() && status.success());
+    assert_eq!(fs::read(&file).unwrap(), piped.stdout);
+    let text = String::from_utf8(piped.stdout).unwrap();
+    let figures = text.find("\n{").expect("figures after the text");
+    serde_json::from_str::<serde_json::Value>(&text[figures..]).unwrap();
+}
+
+#[test]
+fn a_file_that_may_not_grow_is_an_error_with_a_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = folder.path().join("figures.json");
+    let script = format!(
+        "ulimit -f 0; exec '{}' info --json '{}' '{}'",
+        env!("CARGO_BIN_EXE_m4gn"),
+        json.display(),
+        model().display()
+    );
+    let run = Command::new("bash").args(["-c", &script]).output().unwrap();
+    fails(&run, "File too large");
+    assert_eq!(
+        fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "nothing is left behind"
+    );
+}
+
+#[test]
+fn names_may_be_anything() {
+    let folder = tempfile::tempdir().unwrap();
+    let odd = folder
+        .path()
+        .join(std::ffi::OsStr::from_bytes(b"m\xff\xfe.safetensors"));
+    fs::copy(model(), &odd).unwrap();
+    let json = folder.path().join("figures.json");
+    let run = m4gn()
+        .args(["info", "--json"])
+        .arg(&json)
+        .arg(&odd)
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let run = m4gn()
+        .args(["train", "--data", "/nowhere", "--config", "/nowhere", "--out"])
+        .arg(&odd)
+        .output()
+        .unwrap();
+    fails(&run, "expected UTF-8");
+
+    // A name that would colour the terminal, or worse.
+    let bytes = fs::read(root().join("tests/cabi/small.safetensors")).unwrap();
+    let end = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let header = String::from_utf8(bytes[8..end].to_vec()).unwrap();
+    let evil = header.replace(
+        "\\\"name\\\":\\\"p\\\"",
+        "\\\"name\\\":\\\"p\\\\u001b[31m\\\\u0007\\\"",
+    );
+    assert_ne!(header, evil);
+    let mut file = (evil.len() as u64).to_le_bytes().to_vec();
+    file.extend(evil.as_bytes());
+    file.extend(&bytes[end..]);
+    let path = folder.path().join("evil.safetensors");
+    fs::write(&path, file).unwrap();
+    let run = m4gn().arg("info").arg(&path).output().unwrap();
+    let shown = [run.stdout, run.stderr].concat();
+    let text = String::from_utf8_lossy(&shown);
+    assert!(text.contains("\\u{1b}[31m"), "{text}");
+    assert!(!shown.contains(&0x1b) && !shown.contains(&7), "{text}");
+}
+
+#[test]
+fn outputs_are_checked_before_anything_is_computed() {
+    let nowhere = "/nowhere/report.html";
+    for (command, rest) in [
+        ("compare", &["/no/case", "/no/case"][..]),
+        ("validate", &["--model", "/no/model", "--data", "/no/data"]),
+    ] {
+        let run = m4gn()
+            .args([command, "--html", nowhere])
+            .args(rest)
+            .output()
+            .unwrap();
+        fails(&run, "/nowhere/report.html: cannot be written");
+    }
+}

@@ -1,0 +1,75 @@
+#!/usr/bin/env bash
+# m4gnSurrogate, adapt: on a mesh that is coarser than those of the training the shipped model learns the case from the
+# solver's steps, and the hybrid run is nearer to the full one; two ranks agree with one; a restart is the uninterrupted run.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+sed -i 's/^endTime .*/endTime 1.15;/; s/^writeInterval .*/writeInterval 0.05;/' system/controlDict
+runs icoFoam
+mkdir ../full && cp -r [01].* ../full
+
+# One stride of the solver, 0.05 s, before each jump of 0.25 s: from 0.5 to 0.75, from 0.8 to 1.05
+surrogate() {
+    function_object m4gnSurrogate "mode replace; model cylinder-flow.safetensors; timeStart 0.5; solverSteps 25; surrogateSteps 5;
+        $*"
+}
+# error: root mean square of the difference of U from the full run at 0.75, in front of the first solver step
+error() {
+    paste <(values ../full/0.75/U) <(values 0.75/U) |
+        awk '{ s += ($1-$4)^2 + ($2-$5)^2 } END { printf "%.12g", sqrt(s/(2*NR)) }'
+}
+surrogate ''
+clean_case
+runs icoFoam
+before=$(error)
+
+clean_case
+surrogate 'adapt { mode during; start 0.1; steps 40; stepsEach 4; threads 2; writeModel yes; }'
+runs icoFoam
+grep '^m4gn: adapted' log.run || { tail -n 20 log.run; fail "nothing was adapted"; }
+[ "$(grep -c '^m4gn: adapted in' log.run)" -eq 2 ] || fail "expected two rounds"
+after=$(error)
+below "$after" "$(awk "BEGIN { print 0.9*$before }")" "error of U after the first jump, not adapted $before"
+summary=postProcessing/test/0/summary.json
+grep -q '"adapt_runs": 2,' $summary || { cat $summary; fail "the summary does not tell of the adaptation"; }
+m4gn info postProcessing/test/0/adapted.safetensors > log.info || { cat log.info; fail "the adapted model cannot be read"; }
+grep -q stride log.info || { cat log.info; fail "the adapted model is not described"; }
+[ -f 0.75/uniform/test.adapt ] || fail "no state at 0.75"
+mkdir ../whole && cp -r [01].* ../whole
+
+# Carried on from the end of the first jump: weights, frames and random numbers are those of the uninterrupted run
+rm -rf 0.8* 0.9* 1.* postProcessing
+sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
+runs icoFoam
+grep -q 'carried on from .*0.75/uniform/test.adapt' log.run || fail "the state was not taken up"
+for field in U p; do
+    below "$(difference ../whole/1.05/$field 1.05/$field)" 1e-4 "$field at 1.05, restarted at 0.75"
+done
+# A state of another model is refused
+cp 0.75/uniform/test.adapt ../state
+printf 'damaged' > 0.75/uniform/test.adapt
+refused 'not a usable state of this adaptation' icoFoam
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+
+# Before the first jump alone, on two ranks as on one
+surrogate 'adapt { mode before; start 0.1; steps 20; }'
+clean_case
+runs icoFoam
+mkdir ../serial && cp -r 0.75 ../serial
+clean_case
+on_two_ranks icoFoam
+[ "$(grep -c '^m4gn: adapted in' log.run)" -eq 1 ] || fail "expected one round on two ranks"
+runs reconstructPar -time 0.75
+for field in U p; do
+    below "$(difference ../serial/0.75/$field 0.75/$field)" 1e-3 "$field at 0.75, 2 ranks"
+done
+
+# What is wrong is said before the run begins
+clean_case
+surrogate 'adapt { mode later; }'
+refused 'later' icoFoam
+surrogate 'adapt { learning_rate 1; }'
+refused 'learningRate' icoFoam
+surrogate 'adapt { heldBack 2; }'
+refused 'heldBack: found 2, expected' icoFoam
+echo "adapt: passed"

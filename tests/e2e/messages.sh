@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# Messages and small things that users met: each was wrong once.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+sed -i 's/^endTime .*/endTime 0.02;/' system/controlDict
+
+# Entries that are no dictionaries are errors, not warnings
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; nodeTypes outlet;"
+refused 'Entry nodeTypes of .* is no dictionary' icoFoam
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments 16;"
+refused 'Entry segments of .* is no dictionary' icoFoam
+function_object m4gnHarvest 'provenance none;'
+refused 'Entry provenance of .* is no dictionary' icoFoam
+function_object m4gnSegments 'segments 16;'
+refused 'Entry segments of .* is no dictionary' icoFoam
+
+# A resolution is a word, a switch of OpenFOAM's, or a length
+for resolution in auto off 0.2; do
+    function_object m4gnSurrogate "mode observe; model \"$small_model\"; resolution $resolution;"
+    runs icoFoam
+done
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; resolution on;"
+refused 'resolution: expected auto, off or a positive length in m' icoFoam
+
+# postProcess -time 0 writes to 0, whatever startFrom says
+: > system/functions
+runs icoFoam
+sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
+echo 'type m4gnSegments; libs (m4gnFoam); segments { count 16; modes 4; }' > system/m4gnSegments
+runs postProcess -func m4gnSegments -time 0
+if [ ! -f 0/m4gnSegment ] || [ ! -f 0/m4gnMode1 ]; then find . -name 'm4gn*'; fail "-time 0 did not write to 0"; fi
+[ -z "$(ls 0.02/m4gn* 2> /dev/null)" ] || fail "-time 0 wrote to the last time"
+
+# A serial run that has computed modes ends without a warning
+! grep -q 'Finalizing MPI' log.run || { tail -20 log.run; fail "postProcess ends with a warning of MPI"; }
+sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
+function_object m4gnSegments 'segments { count 16; modes 4; } recompute yes;'
+runs icoFoam
+! grep -q 'Finalizing MPI' log.run || { tail -20 log.run; fail "icoFoam ends with a warning of MPI"; }
+
+# What 'm4gn segment' says about a patch that it does not know
+clean_case
+rm -f 0/m4gn*
+: > system/functions
+sed -i '/^    outlet/,/}/s/type .*/type fixedGradient; gradient uniform (0 0 0);/' 0/U
+sed -i '/^    outlet/,/}/{s/type .*/type zeroGradient;/; /value/d}' 0/p
+refused '--node-type outlet=outlet' m4gn segment .
+runs m4gn segment . --node-type outlet=outlet
+echo "messages: passed"

@@ -1,0 +1,109 @@
+#!/usr/bin/env bash
+# A scalar that the solver transports itself: buoyantBoussinesqPimpleFoam with U, p_rgh and T observed and replaced by a
+# graph convolutional network, on one rank and on two; p and the density follow from p_rgh and T.
+# scalar.safetensors has random weights, as `random_model FILE 1 scalar` makes them, and normalisers near this case.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+# A channel of 1 x 0.3 m, flow from left to right, its lower wall heated; g points down
+mkdir -p case/0 case/constant case/system && cd case
+{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
+vertices ((0 0 0) (1 0 0) (1 0.3 0) (0 0.3 0) (0 0 0.1) (1 0 0.1) (1 0.3 0.1) (0 0.3 0.1));
+blocks (hex (0 1 2 3 4 5 6 7) (20 6 1) simpleGrading (1 1 1));
+boundary
+(
+    left { type patch; faces ((0 4 7 3)); }
+    right { type patch; faces ((1 2 6 5)); }
+    bottom { type wall; faces ((0 1 5 4)); }
+    top { type wall; faces ((3 7 6 2)); }
+    frontAndBack { type empty; faces ((0 3 2 1) (4 5 6 7)); }
+);
+EOD
+{ header controlDict; cat <<'EOD'; } > system/controlDict
+application     buoyantBoussinesqPimpleFoam;
+startFrom       startTime;
+startTime       0;
+stopAt          endTime;
+endTime         0.06;
+deltaT          0.002;
+writeControl    adjustableRunTime;
+writeInterval   0.01;
+writeFormat     ascii;
+writePrecision  12;
+timePrecision   8;
+functions       { #include "functions" }
+EOD
+{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
+ddtSchemes { default Euler; }
+gradSchemes { default Gauss linear; }
+divSchemes { default Gauss linear; div(phi,U) Gauss upwind; div(phi,T) Gauss upwind; }
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+EOD
+{ header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers
+{
+    "p_rgh.*" { solver PCG; preconditioner DIC; tolerance 1e-12; relTol 0; }
+    "(U|T).*" { solver PBiCGStab; preconditioner DILU; tolerance 1e-12; relTol 0; }
+}
+PIMPLE { momentumPredictor yes; nCorrectors 2; }
+EOD
+cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
+{ header g uniformDimensionedVectorField; echo 'dimensions [0 1 -2 0 0 0 0]; value (0 -9.81 0);'; } > constant/g
+{ header turbulenceProperties; echo 'simulationType laminar;'; } > constant/turbulenceProperties
+{ header transportProperties; echo 'transportModel Newtonian; nu 1e-3; beta 3e-3; TRef 300; Pr 0.7; Prt 0.9;'; } \
+    > constant/transportProperties
+
+# field NAME CLASS DIMENSIONS VALUE LEFT RIGHT BOTTOM TOP
+field() {
+    { header "$1" "$2"; echo "dimensions $3; internalField uniform $4;"
+      echo "boundaryField { left { $5 } right { $6 } bottom { $7 } top { $8 } frontAndBack { type empty; } }"; } > "0/$1"
+}
+zero='type zeroGradient;' buoyant='type fixedFluxPressure; value uniform 0;'
+field U volVectorField '[0 1 -1 0 0 0 0]' '(1 0 0)' 'type fixedValue; value uniform (1 0 0);' "$zero" 'type noSlip;' 'type noSlip;'
+field p_rgh volScalarField '[0 2 -2 0 0 0 0]' 0 "$buoyant" 'type fixedValue; value uniform 0;' "$buoyant" "$buoyant"
+field T volScalarField '[0 0 0 1 0 0 0]' 300 'type fixedValue; value uniform 300;' "$zero" 'type fixedValue; value uniform 310;' "$zero"
+still='type calculated; value uniform 0;'
+field alphat volScalarField '[0 2 -1 0 0 0 0]' 0 "$still" "$still" "$still" "$still"
+: > system/functions
+runs blockMesh
+
+surrogate() { function_object m4gnSurrogate "model \"$M4GN_HOME/tests/e2e/scalar.safetensors\"; p p_rgh; timeStart 0.02; $1"; }
+
+# Beside the solver: an error of each of the three
+surrogate 'mode observe;'
+runs buoyantBoussinesqPimpleFoam
+table=postProcessing/test/0/surrogateError.dat
+for name in U p_rgh T; do
+    grep -q "hold($name)" $table || { cat $table; fail "observe does not report $name"; }
+done
+[ "$(grep -vc '^#' $table)" -eq 4 ] || { cat $table; fail "expected four rows"; }
+
+# In its place, between 0.03 and 0.05; p is what p_rgh and T make of it, within the digits that are written
+surrogate 'mode replace; solverSteps 5; surrogateSteps 2;'
+follows() {
+    for name in U p_rgh T p; do
+        ! grep -q 'not advanced by the surrogate' "$1/$name" || fail "$1/$name is of an earlier time"
+    done
+    below "$(paste <(values "$1/p") <(values "$1/p_rgh") <(values "$1/T") | awk '
+        { y = 0.05*(int((NR - 1)/20) + 0.5); e = $1 - $2 + 9.81*y*(1 - 3e-3*($3 - 300)); if (e < 0) e = -e; if (e > m) m = e }
+        END { if (NR != 120) m = 1e9; print m }')" 1e-8 "p - p_rgh - rhok gh"
+}
+clean_case
+runs buoyantBoussinesqPimpleFoam
+grep -q '^m4gn: jumped 2 steps' log.run || { cat log.run; fail "no jump"; }
+grep -q '^End' log.run || fail "the run did not end"
+follows 0.04
+[ "$(difference 0.03/T 0.04/T)" != 0 ] || fail "T stood still in the jump"
+[ -f 0.06/T ] || fail "the solver did not carry on"
+mkdir ../serial && cp -r 0.* ../serial
+
+clean_case
+on_two_ranks buoyantBoussinesqPimpleFoam
+runs reconstructPar -time 0.04
+follows 0.04
+for name in U p_rgh T; do
+    below "$(difference ../serial/0.04/$name 0.04/$name)" 1e-4 "$name on two ranks"
+done
+echo "scalar: passed"

@@ -1,0 +1,318 @@
+//! What a host hands to the C ABI.
+
+use crate::damaged::{at, host, shorter, size, word};
+use crate::fuzzing::{Random, fuzz};
+use crate::host::*;
+use crate::{place, read_all, root};
+use m4gn::{CsrData, FieldData, FieldOut, RecorderField};
+use m4gn_mesh::parallel::NO_MPI;
+use m4gn_modes::fem::sample::{Flat, Kind, block, rectangle};
+use serde_json::{Value, json};
+use std::ffi::CString;
+use std::ptr::null;
+
+#[test]
+fn session_arguments() {
+    let model = root().join("tests/cabi/small.safetensors");
+    fuzz("session", |r| {
+        let h = host(r);
+        let labels: Vec<i32> = (0..h.mesh.n_cells()).map(|_| label(r)).collect();
+        let mut o = json!({ "model": model, "segments": {} });
+        let mut cell_segment = null();
+        let s = &mut o["segments"];
+        match r.below(16) {
+            0 => s["count"] = r.integer().into(),
+            1 => s["modes"] = r.integer().into(),
+            2 => s["overlap"] = r.integer().into(),
+            3 => s["iterations"] = r.integer().into(),
+            4 => s["tau"] = r.real().into(),
+            5 => s["size"] = r.real().into(),
+            6 => s["energy"] = r.real().into(),
+            7 => s["connected"] = r.integer().into(),
+            8 => s["distanceScale"] = r.real().into(),
+            9 => cell_segment = labels.as_ptr(),
+            10 => s["method"] = (*r.pick(&["metis", "slic-md", "slic-mdodl", ""])).into(),
+            11 => s["obstacles"] = json!([r.pick(&["wall", "a,b", "", "left"])]),
+            12 => o["precision"] = (*r.pick(&["bf16", "fp64"])).into(),
+            13 => o["n_threads"] = (r.integer() % 5).into(),
+            14 => o["projection"] = json!({ "radius": r.real(), "sweeps": r.integer() }),
+            _ => {
+                let texts = ["-m4gn_eps_tol 1", "-m4gn_eps_max_it -3", "-", "- - -x"];
+                s["petsc_options"] = (*r.pick(&texts)).into();
+            }
+        }
+        let o = damaged(&o, r);
+        let mut session = none();
+        // SAFETY: arrays at least of the lengths that the counts say.
+        unsafe {
+            if m4gn_session_new(NO_MPI, &h.data, o.as_ptr(), cell_segment, &mut session) == 0 {
+                let (n, b) = (h.data.n_cells as usize, h.data.n_boundary as usize);
+                let value = if r.below(2) == 0 { 0.5 } else { r.real() };
+                let (cells, faces) = (vec![value; 3 * n], vec![value; 3 * b]);
+                let mut out = vec![0.0; 4 * n];
+                let (u_out, p_out) = out.split_at_mut(3 * n);
+                let field = |name: &'static std::ffi::CStr, components: i32| FieldData {
+                    name: name.as_ptr(),
+                    components,
+                    cells: cells.as_ptr(),
+                    boundary: faces.as_ptr(),
+                };
+                let to = |name: &'static std::ffi::CStr, components: i32, cells: &mut [f64]| FieldOut {
+                    name: name.as_ptr(),
+                    components,
+                    cells: cells.as_mut_ptr(),
+                };
+                let fields = [field(c"U", 3), field(c"p", 1)];
+                let outputs = [to(c"U", 3, u_out), to(c"p", 1, p_out)];
+                if m4gn_session_step(session, fields.as_ptr(), 2, outputs.as_ptr(), 2) == 0 {
+                    assert!(
+                        out.iter().all(|v| v.is_finite()),
+                        "a step gave what is not finite"
+                    );
+                }
+            }
+            not_internal();
+            m4gn_session_free(session);
+        }
+        size(&h)
+    });
+}
+
+/// The settings as text, now and then with bytes that were changed.
+fn damaged(settings: &Value, r: &mut Random) -> CString {
+    let mut text = settings.to_string().into_bytes();
+    match r.below(8) {
+        0 => r.damage(&mut text),
+        1 => r.damage_number(&mut text, 0),
+        _ => (),
+    }
+    text.retain(|b| *b != 0);
+    CString::new(text).unwrap()
+}
+
+/// Fails after a panic behind the ABI's door, which is a status there.
+fn not_internal() {
+    let message = message();
+    assert!(!message.contains("internal error"), "{message}");
+}
+
+fn label(r: &mut Random) -> i32 {
+    match r.below(6) {
+        0 => r.integer() as i32,
+        _ => r.below(4) as i32,
+    }
+}
+
+/// What a stored field m4gnSegment may hold.
+#[test]
+fn stored_segments() {
+    fuzz("segments", |r| {
+        let h = host(r);
+        let mut settings = json!({
+            "segments": { "method": "slic-md", "count": 4, "modes": 3, "overlap": 1, "tau": 1.0 },
+            "with_modes": r.below(2) == 0,
+        });
+        if r.below(3) == 0 {
+            let solver = *r.pick(&["direct", "iterative", "none"]);
+            settings["segments"]["modal_solver"] = solver.into();
+        }
+        let settings = damaged(&settings, r);
+        let labels: Vec<i32> = match r.below(3) {
+            // All four, as a good one has them.
+            0 => (0..h.mesh.n_cells()).map(|c| c as i32 % 4).collect(),
+            _ => (0..h.mesh.n_cells()).map(|_| label(r)).collect(),
+        };
+        let cell_segment = if r.below(3) == 0 { null() } else { labels.as_ptr() };
+        let mut segments = none();
+        // SAFETY: arrays at least of the lengths that the counts say.
+        unsafe {
+            m4gn_segments_new(NO_MPI, &h.data, settings.as_ptr(), cell_segment, &mut segments);
+            not_internal();
+            m4gn_segments_free(segments);
+        }
+        size(&h)
+    });
+}
+
+#[test]
+fn matrices() {
+    fuzz("modes", |r| {
+        let n = *r.pick(&[1usize, 2, 5, 12, 30, 130]);
+        let scale = if r.below(3) == 0 { r.real() } else { 1.0 };
+        let band = |r: &mut Random, inner: f64, outer: f64| {
+            let (mut row, mut column, mut value) = (vec![0i64], Vec::new(), Vec::new());
+            for i in 0..n as i64 {
+                for (j, v) in [(i - 1, outer), (i, inner), (i + 1, outer)] {
+                    if (0..n as i64).contains(&j) {
+                        column.push(j);
+                        value.push(v * scale);
+                    }
+                }
+                row.push(column.len() as i64);
+            }
+            for _ in 0..r.below(3) {
+                match r.below(4) {
+                    // The last offset is a length, which must be that of the arrays.
+                    0 => row[r.below(n)] = r.integer(),
+                    1 => *at(&mut column, r) = r.integer(),
+                    2 => row[n] = r.below(column.len() + 1) as i64,
+                    _ => *at(&mut value, r) = r.real(),
+                }
+            }
+            (row, column, value)
+        };
+        let (k, m) = (band(r, 2.0, -1.0), band(r, 4.0, 1.0));
+        let csr = |a: &(Vec<i64>, Vec<i64>, Vec<f64>)| CsrData {
+            n_rows: n as i32,
+            row: a.0.as_ptr(),
+            column: a.1.as_ptr(),
+            value: a.2.as_ptr(),
+        };
+        let (mut stiffness, mass) = (csr(&k), csr(&m));
+        if r.below(8) == 0 {
+            // Not shorter: a damaged offset would then be a length.
+            stiffness.n_rows = -1 - r.below(1 << 30) as i32;
+        }
+        let mut o = json!({ "modes": 3 });
+        match r.below(8) {
+            0 => o["modes"] = r.integer().into(),
+            1 => o["symmetric"] = false.into(),
+            2 => o["block"] = r.integer().into(),
+            3 => o["energy"] = r.real().into(),
+            4 => o["shift"] = r.real().into(),
+            5 => o["modal_solver"] = (*r.pick(&["direct", "iterative"])).into(),
+            _ => (),
+        }
+        let o = damaged(&o, r);
+        let mut modes = none();
+        let mass = if r.below(2) == 0 { null() } else { &raw const mass };
+        // SAFETY: arrays at least of the lengths that the counts say.
+        unsafe {
+            if m4gn_modes_new(NO_MPI, &stiffness, mass, o.as_ptr(), null(), &mut modes) == 0 {
+                let mut values = vec![0.0; m4gn_modes_count(modes) as usize];
+                m4gn_modes_eigenvalues(modes, values.as_mut_ptr());
+                assert!(values.iter().all(|v| v.is_finite()), "eigenvalues {values:?}");
+            }
+            not_internal();
+            m4gn_modes_free(modes);
+        }
+        100 * n
+    });
+}
+
+#[test]
+fn elastic_bodies() {
+    fuzz("solid", |r| {
+        let mut mesh = match r.below(3) {
+            0 => rectangle(*r.pick(&Flat::ALL), 3, 2, 1.0, 0.5),
+            _ => block(*r.pick(&Kind::ALL), [3, 2, 1], [1.0, 0.4, 0.3]),
+        };
+        for _ in 0..r.below(3) {
+            let (i, x) = (r.integer(), r.real());
+            let last = mesh.face_start.len() - 1;
+            match r.below(7) {
+                0 => *at(&mut mesh.point_global, r) = i,
+                1 => at(&mut mesh.points, r)[r.below(3)] = x,
+                // The last offset is a length.
+                2 => mesh.face_start[r.below(last)] = i as i32,
+                3 => *at(&mut mesh.face_points, r) = i as i32,
+                4 => *at(&mut mesh.face_owner, r) = i as i32,
+                5 if !mesh.face_neighbour.is_empty() => *at(&mut mesh.face_neighbour, r) = i as i32,
+                _ => mesh.points.iter_mut().flatten().for_each(|v| *v *= 1e-160),
+            }
+        }
+        let n = mesh.n_cells;
+        let mut h = BodyHost::new(mesh);
+        let (material, fixed) = (vec![r.real(); n], [r.integer() as i32]);
+        match r.below(12) {
+            0 => h.data.young = material.as_ptr(),
+            1 => h.data.poisson = material.as_ptr(),
+            2 => h.data.density = material.as_ptr(),
+            3 => (h.data.n_fixed, h.data.fixed_point) = (1, fixed.as_ptr()),
+            4 => shorter(&mut h.data.n_fixed, r),
+            5 => h.data.free_body = 1,
+            6 => h.data.lumped_mass = 1,
+            7 => shorter(&mut h.data.n_internal_faces, r),
+            8 => h.data.n_directions = r.integer() as i32,
+            9 => h.data.face_points = null(),
+            10 => shorter(&mut h.data.n_points, r),
+            _ => (),
+        }
+        let modes = if r.below(6) == 0 { r.integer() } else { 3 };
+        let o = damaged(&json!({ "modes": modes }), r);
+        let mut modes = none();
+        // SAFETY: arrays at least of the lengths that the counts say.
+        unsafe {
+            if m4gn_solid_modes_new(NO_MPI, &h.data, o.as_ptr(), &mut modes) == 0 {
+                let mut values = vec![0.0; m4gn_modes_count(modes) as usize];
+                m4gn_modes_eigenvalues(modes, values.as_mut_ptr());
+                assert!(values.iter().all(|v| v.is_finite()), "eigenvalues {values:?}");
+            }
+            not_internal();
+            m4gn_modes_free(modes);
+        }
+        1000 * (n + h.mesh.points.len())
+    });
+}
+
+#[test]
+fn recorder_arguments() {
+    let (_folder, path) = place("recorded.h5");
+    fuzz("recorder", |r| {
+        let h = host(r);
+        let declared = |name: *const std::ffi::c_char, components| RecorderField {
+            name,
+            components,
+            dimensions: [0, 1, -1, 0, 0, 0, 0],
+        };
+        let odd = word(r, &[c"a/b", c"", c".", c"..", c"\xff", c"times", c"p"]);
+        let fields = [
+            declared(c"U".as_ptr(), 3),
+            declared(if odd.is_null() { c"p".as_ptr() } else { odd }, 1),
+        ];
+        let provenance = [json!({ "a": [1, 2] }), json!([]), json!({ "aB": { "c": null } })];
+        let settings = json!({
+            "path": path,
+            "provenance": r.pick(&provenance),
+            "split": r.pick(&["train", "test", "other"]),
+            "overwrite": true,
+        });
+        let settings = CString::new(settings.to_string()).unwrap();
+        let mut n_fields = 2;
+        if r.below(6) == 0 {
+            shorter(&mut n_fields, r);
+        }
+        let mut recorder = none();
+        // SAFETY: arrays at least of the lengths that the counts say.
+        unsafe {
+            if m4gn_recorder_new(
+                NO_MPI,
+                &h.data,
+                settings.as_ptr(),
+                fields.as_ptr(),
+                n_fields,
+                &mut recorder,
+            ) == 0
+            {
+                let (n, b) = (h.data.n_cells as usize, h.data.n_boundary as usize);
+                let (cells, faces) = (vec![0.5; 3 * n], vec![0.5; 3 * b]);
+                let fields = fields.map(|f| FieldData {
+                    name: f.name,
+                    components: f.components,
+                    cells: cells.as_ptr(),
+                    boundary: faces.as_ptr(),
+                });
+                for _ in 0..2 {
+                    let time = if r.below(2) == 0 { 0.5 } else { r.real() };
+                    m4gn_recorder_append(recorder, time, fields.as_ptr(), 2);
+                }
+                if m4gn_recorder_finish(recorder) == 0 {
+                    read_all(&path);
+                }
+            }
+            not_internal();
+            m4gn_recorder_free(recorder);
+        }
+        size(&h)
+    });
+}

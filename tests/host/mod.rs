@@ -1,0 +1,250 @@
+//! The C ABI as a host sees it: its functions, and meshes as plain arrays.
+// Each test program uses a part of it.
+#![allow(dead_code, unsafe_code)]
+
+use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData};
+use m4gn_mesh::ElasticModes;
+use m4gn_mesh::Mesh;
+use m4gn_modes::fem::PointMesh;
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::ptr::{null, null_mut};
+
+pub type Handle = *mut c_void;
+
+unsafe extern "C" {
+    pub fn m4gn_last_error() -> *const c_char;
+    pub fn m4gn_options_check(kind: *const c_char, options: *const c_char) -> i32;
+    pub fn m4gn_model_elastic_modes(comm: i32, model: *const c_char) -> i32;
+    pub fn m4gn_session_new(
+        comm: i32,
+        mesh: *const MeshData,
+        options: *const c_char,
+        cell_segment: *const i32,
+        session: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_session_free(session: Handle);
+    pub fn m4gn_session_step(
+        session: Handle,
+        fields: *const FieldData,
+        n_in: i32,
+        out: *const FieldOut,
+        n_out: i32,
+    ) -> i32;
+    pub fn m4gn_segments_new(
+        comm: i32,
+        mesh: *const MeshData,
+        options: *const c_char,
+        cell_segment: *const i32,
+        segments: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_segments_free(segments: Handle);
+    pub fn m4gn_modes_new(
+        comm: i32,
+        stiffness: *const CsrData,
+        mass: *const CsrData,
+        options: *const c_char,
+        positions: *const f64,
+        modes: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_modes_count(modes: Handle) -> i32;
+    pub fn m4gn_modes_eigenvalues(modes: Handle, eigenvalues: *mut f64) -> i32;
+    pub fn m4gn_modes_free(modes: Handle);
+    pub fn m4gn_solid_modes_new(
+        comm: i32,
+        body: *const SolidData,
+        options: *const c_char,
+        modes: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_recorder_new(
+        comm: i32,
+        mesh: *const MeshData,
+        options: *const c_char,
+        fields: *const RecorderField,
+        n_fields: i32,
+        recorder: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_recorder_append(recorder: Handle, time: f64, fields: *const FieldData, n_fields: i32) -> i32;
+    pub fn m4gn_recorder_finish(recorder: Handle) -> i32;
+    pub fn m4gn_recorder_free(recorder: Handle);
+}
+
+/// Message of the last failed call.
+pub fn message() -> String {
+    // SAFETY: a string of this thread until its next call.
+    unsafe { CStr::from_ptr(m4gn_last_error()) }
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Settings as a host hands them over.
+pub fn options(settings: &serde_json::Value) -> CString {
+    CString::new(settings.to_string()).unwrap()
+}
+
+/// A mesh as arrays; what `data` points to lives here.
+pub struct Host {
+    pub data: MeshData,
+    pub mesh: Mesh,
+    modes: [Vec<f64>; 2],
+    vectors: [Vec<f64>; 4],
+    integers: [Vec<i32>; 5],
+    longs: [Vec<i64>; 2],
+    reals: [Vec<f64>; 2],
+    _names: Vec<CString>,
+    names: Vec<*const c_char>,
+}
+
+impl Host {
+    pub fn new(mesh: Mesh) -> Box<Host> {
+        let flat = |v: Vec<[f64; 3]>| v.into_flattened();
+        let (b, c) = (&mesh.boundary, &mesh.coupled);
+        let names: Vec<CString> = mesh
+            .patches
+            .iter()
+            .map(|p| CString::new(p.as_str()).unwrap())
+            .collect();
+        let mut host = Box::new(Host {
+            // SAFETY: integers and null pointers; filled in below.
+            data: unsafe { std::mem::zeroed() },
+            modes: Default::default(),
+            vectors: [
+                flat(mesh.cell_centres.clone()),
+                flat(b.iter().map(|f| f.centre).collect()),
+                flat(b.iter().map(|f| f.area).collect()),
+                flat(c.iter().map(|f| f.delta).collect()),
+            ],
+            integers: [
+                b.iter().map(|f| f.owner).collect(),
+                b.iter().map(|f| f.kind as i32).collect(),
+                b.iter().map(|f| f.patch).collect(),
+                c.iter().map(|f| f.owner).collect(),
+                c.iter().map(|f| f.rank).collect(),
+            ],
+            longs: [
+                b.iter().map(|f| f.global).collect(),
+                c.iter().map(|f| f.global).collect(),
+            ],
+            reals: [
+                b.iter().map(|f| f.coeff).collect(),
+                c.iter().map(|f| f.coeff).collect(),
+            ],
+            names: names.iter().map(|n| n.as_ptr()).collect(),
+            _names: names,
+            mesh,
+        });
+        let mut directions = [-1; 3];
+        for (to, from) in directions.iter_mut().zip(&host.mesh.directions) {
+            *to = *from as i32;
+        }
+        host.data = MeshData {
+            n_directions: host.mesh.directions.len() as i32,
+            directions,
+            n_cells: host.mesh.n_cells() as i32,
+            cell_global: host.mesh.cell_global.as_ptr(),
+            cell_centres: host.vectors[0].as_ptr(),
+            cell_volumes: host.mesh.cell_volumes.as_ptr(),
+            n_faces: host.mesh.face_owner.len() as i32,
+            face_owner: host.mesh.face_owner.as_ptr(),
+            face_neighbour: host.mesh.face_neighbour.as_ptr(),
+            face_coeff: host.mesh.face_coeff.as_ptr(),
+            n_boundary: host.mesh.boundary.len() as i32,
+            boundary_owner: host.integers[0].as_ptr(),
+            boundary_global: host.longs[0].as_ptr(),
+            boundary_centres: host.vectors[1].as_ptr(),
+            boundary_area: host.vectors[2].as_ptr(),
+            boundary_coeff: host.reals[0].as_ptr(),
+            boundary_type: host.integers[1].as_ptr(),
+            boundary_patch: host.integers[2].as_ptr(),
+            n_coupled: host.mesh.coupled.len() as i32,
+            coupled_owner: host.integers[3].as_ptr(),
+            coupled_rank: host.integers[4].as_ptr(),
+            coupled_global: host.longs[1].as_ptr(),
+            coupled_delta: host.vectors[3].as_ptr(),
+            coupled_coeff: host.reals[1].as_ptr(),
+            n_patches: host.names.len() as i32,
+            patch_names: host.names.as_ptr(),
+            n_modes: 0,
+            mode_eigenvalues: null(),
+            mode_cells: null(),
+            cell_type: null(),
+            n_elements: 0,
+            element_kind: null(),
+            element_points: null(),
+            element_material: null(),
+            n_obstacle: 0,
+            obstacle_positions: null(),
+            n_obstacle_triangles: 0,
+            obstacle_triangles: null(),
+        };
+        host
+    }
+}
+
+impl Host {
+    /// Hands elastic modes in with the mesh.
+    pub fn give_modes(&mut self, modes: &ElasticModes) {
+        let cells = modes.vectors.iter().flatten().flatten().copied().collect();
+        self.modes = [modes.eigenvalues.clone(), cells];
+        self.data.n_modes = modes.eigenvalues.len() as i32;
+        self.data.mode_eigenvalues = self.modes[0].as_ptr();
+        self.data.mode_cells = self.modes[1].as_ptr();
+    }
+}
+
+/// An elastic body as arrays; what `data` points to lives here.
+pub struct BodyHost {
+    pub data: SolidData,
+    pub mesh: PointMesh,
+    points: Vec<f64>,
+    cells: [Vec<f64>; 3],
+    fixed: Vec<i32>,
+}
+
+impl BodyHost {
+    /// Of one material, held at x = 0.
+    pub fn new(mesh: PointMesh) -> Box<BodyHost> {
+        let n = mesh.n_cells;
+        let held = |p: &usize| mesh.points[*p][0] < 1e-9;
+        let mut host = Box::new(BodyHost {
+            // SAFETY: integers and null pointers; filled in below.
+            data: unsafe { std::mem::zeroed() },
+            points: mesh.points.clone().into_flattened(),
+            cells: [vec![1e6; n], vec![0.3; n], vec![1000.0; n]],
+            fixed: (0..mesh.points.len()).filter(held).map(|p| p as i32).collect(),
+            mesh,
+        });
+        let mut directions = [-1; 3];
+        for (to, from) in directions.iter_mut().zip(&host.mesh.directions) {
+            *to = *from as i32;
+        }
+        host.data = SolidData {
+            n_directions: host.mesh.directions.len() as i32,
+            directions,
+            n_points: host.mesh.points.len() as i32,
+            point_global: host.mesh.point_global.as_ptr(),
+            points: host.points.as_ptr(),
+            n_faces: host.mesh.n_faces() as i32,
+            n_internal_faces: host.mesh.face_neighbour.len() as i32,
+            face_start: host.mesh.face_start.as_ptr(),
+            face_points: host.mesh.face_points.as_ptr(),
+            face_owner: host.mesh.face_owner.as_ptr(),
+            face_neighbour: host.mesh.face_neighbour.as_ptr(),
+            n_cells: n as i32,
+            young: host.cells[0].as_ptr(),
+            poisson: host.cells[1].as_ptr(),
+            density: host.cells[2].as_ptr(),
+            n_fixed: host.fixed.len() as i32,
+            fixed_point: host.fixed.as_ptr(),
+            fixed_components: null(),
+            plane_stress: 0,
+            lumped_mass: 0,
+            free_body: 0,
+        };
+        host
+    }
+}
+
+/// No handle yet.
+pub fn none() -> Handle {
+    null_mut()
+}

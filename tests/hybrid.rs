@@ -1,0 +1,140 @@
+//! `m4gn hybrid` with OpenFOAM's own tools: one draw on a coarse mesh, a short time span.
+//!
+//! Needs gmsh, OpenFOAM, and in `lib` libm4gnFoam.so and libm4gn_foam_bridge.so (setup/build.sh).
+
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const HOME: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+
+/// One second of flow, the surrogate from 0.55 s on, which replaces 0.5 s of each 0.55 s.
+fn hybrid(folder: &Path, options: &str) -> Output {
+    let model = Path::new(HOME).join("models/cylinder-flow.safetensors");
+    Command::new(env!("CARGO_BIN_EXE_m4gn"))
+        .env("M4GN_HOME", HOME)
+        .env_remove("WM_PROJECT_DIR")
+        .args("hybrid --count 1 --set mesh=coarse --start-up 0.5 --end 1.6 --seed 7".split(' '))
+        .arg("--model")
+        .arg(model)
+        .arg("--out")
+        .arg(folder.join("runs"))
+        .args(options.split_whitespace())
+        .output()
+        .unwrap()
+}
+
+fn text(output: &Output) -> String {
+    format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+#[test]
+fn runs_are_compared_kept_and_made_anew_when_they_change() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let options = format!(
+        "--variant short={} --plain loose --plain half=cells=0.5 --json {} --html {}",
+        path("short").display(),
+        path("f.json").display(),
+        path("f.html").display()
+    );
+    fs::write(path("short"), "surrogateSteps 5;\n").unwrap();
+    let first = hybrid(dir.path(), &options);
+    assert!(first.status.success(), "{}", text(&first));
+    let figures = || -> Value { serde_json::from_slice(&fs::read(path("f.json")).unwrap()).unwrap() };
+    let found = figures();
+    let runs = &found["cases"][0]["runs"];
+    let number = |run: &str, key: &str| {
+        let value = &runs[run]["score"][key];
+        value.as_f64().unwrap_or_else(|| panic!("{run} {key}: {value}"))
+    };
+    // 0.5 and 0.25 s of the surrogate after each 0.05 s of the solver, from 0.55 s on; the last jump may be cut
+    assert!(number("hybrid", "replaced") > 0.8);
+    assert!((0.6..0.9).contains(&number("short", "replaced")));
+    assert!(number("short", "replaced") < number("hybrid", "replaced"));
+    for name in ["hybrid", "short", "loose", "half"] {
+        for key in ["first", "jump", "end", "drag", "cells"] {
+            assert!(number(name, key).is_finite());
+        }
+        let cost = &runs[name]["cost"];
+        let [whole, after] = ["processor", "after_takeover"].map(|k| cost[k].as_f64().unwrap());
+        assert!(after > 0.0 && after < whole, "{cost}");
+    }
+    // A plain solver with looser tolerances is nearly the full one; on half as many cells it is not.
+    assert!(number("loose", "end") < 0.05, "{}", number("loose", "end"));
+    assert!(number("half", "end") > number("loose", "end"));
+    assert!(number("half", "cells") < 0.7 * number("loose", "cells"));
+    assert_eq!(runs["hybrid"]["score"]["cells"], runs["loose"]["score"]["cells"]);
+    assert_eq!(
+        found["summary"][0]["runs"]["hybrid"]["end"]["median"].as_f64(),
+        Some(number("hybrid", "end"))
+    );
+    let page = fs::read_to_string(path("f.html")).unwrap();
+    assert_eq!(page.matches("<circle").count(), 4);
+    // Results stay, the runs themselves do not.
+    let names = || {
+        let all = fs::read_dir(path("runs/0000")).unwrap();
+        let mut names: Vec<_> = all
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    };
+    assert_eq!(
+        names(),
+        [
+            "full.json",
+            "half.json",
+            "hybrid.json",
+            "loose.json",
+            "short.json"
+        ]
+    );
+
+    // The same command runs nothing.
+    let again = hybrid(dir.path(), &options);
+    assert!(again.status.success(), "{}", text(&again));
+    assert_eq!(again.stderr, b"", "{}", text(&again));
+    let kept = &figures()["cases"][0]["runs"]["hybrid"];
+    assert_eq!(kept["made_with"], runs["hybrid"]["made_with"]);
+    assert_eq!(kept["score"]["cells"], runs["hybrid"]["score"]["cells"]);
+
+    // A variant that changed is made anew, with the full run that it is compared with; one that fails is told.
+    fs::write(path("short"), "noSuchEntry 1;\n").unwrap();
+    let failed = hybrid(dir.path(), &options);
+    assert_eq!(failed.status.code(), Some(1), "{}", text(&failed));
+    let told = text(&failed);
+    assert!(
+        told.contains("1 runs failed:\n  0000 short:") && told.contains("noSuchEntry"),
+        "{told}"
+    );
+    assert!(
+        told.contains("0000  full\n") && !told.contains("0000  hybrid\n"),
+        "{told}"
+    );
+    assert_eq!(figures()["cases"][0]["failed"][0][0], "short");
+    assert!(path("runs/0000/short/log.icoFoam").is_file());
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_anything_runs() {
+    let dir = tempfile::tempdir().unwrap();
+    for (options, words) in [
+        ("--family vibrating-beam", "[hybrid]"),
+        ("--family none-such", "cylinder-flow, vibrating-beam"),
+        ("--set u0=-1", "above 0"),
+        ("--plain fast", "loose, coarse"),
+        ("--variant hybrid=/dev/null", "'hybrid' cannot be"),
+        ("--variant a=/no/file", "/no/file"),
+    ] {
+        let run = hybrid(dir.path(), options);
+        assert_eq!(run.status.code(), Some(1), "{options}: {}", text(&run));
+        assert!(text(&run).contains(words), "{options}: {}", text(&run));
+    }
+    assert!(!dir.path().join("runs").exists());
+}

@@ -1,0 +1,245 @@
+//! The calls that are tried, what may be odd in them, and how they end.
+
+use crate::host::*;
+use crate::{SCENARIO, timed};
+use m4gn::{FieldData, FieldOut};
+use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
+use m4gn_mesh::sample;
+use std::ffi::CString;
+use std::ptr::null;
+
+/// What is wrong on the odd rank.
+pub type Oddity = &'static str;
+
+/// What may be wrong in a call.
+pub fn oddities(call: &str) -> &'static [Oddity] {
+    match call {
+        "elastic_modes" => &["null", "no file", "other model"],
+        "session_new" => &[
+            "null",
+            "no mesh",
+            "no options",
+            "no file",
+            "volume",
+            "owner",
+            "global",
+            "components",
+            "segments",
+            "modes",
+            "overlap",
+            "iterations",
+            "tau",
+            "size",
+            "method",
+            "precision",
+            "energy",
+            "connected",
+            "distance",
+            "obstacles",
+            "solver",
+            "petsc",
+            "operator",
+            "model",
+            "labels",
+            "text",
+        ],
+        "session_step" => &["missing", "null", "nan", "count", "output"],
+        "segments_new" => &[
+            "null",
+            "no mesh",
+            "no options",
+            "volume",
+            "owner",
+            "global",
+            "spec",
+            "json",
+            "solver",
+            "petsc",
+            "modes",
+            "labels",
+        ],
+        "modes_new" => &[
+            "null",
+            "no stiffness",
+            "no options",
+            "nan",
+            "column",
+            "modes",
+            "symmetric",
+            "block",
+            "shift",
+            "energy",
+            "solver",
+            "petsc",
+            "mass",
+        ],
+        "solid_modes_new" => &[
+            "null",
+            "no body",
+            "no options",
+            "start",
+            "young",
+            "modes",
+            "lumped",
+            "free",
+            "solver",
+            "fixed",
+        ],
+        "recorder_new" => &[
+            "null",
+            "no mesh",
+            "no options",
+            "path",
+            "fields",
+            "split",
+            "overwrite",
+            "volume",
+            "json",
+        ],
+        "recorder_append" => &["missing", "nan", "count", "time"],
+        _ => &[],
+    }
+}
+
+/// How a call ended on this rank.
+pub struct Ended {
+    pub status: i32,
+    pub message: String,
+    /// Collective operations of it.
+    pub operations: i64,
+    /// Of a handle: whether a good call works after it.
+    pub usable: Option<bool>,
+}
+
+/// What all calls are made with.
+pub struct Bench {
+    pub world: Comm,
+    pub folder: tempfile::TempDir,
+}
+
+/// Many more than a call has.
+const NEVER: u32 = 1 << 30;
+
+impl Bench {
+    pub fn new(world: Comm) -> Self {
+        Bench {
+            world,
+            folder: tempfile::tempdir().unwrap(),
+        }
+    }
+
+    pub fn range(&self, status: i32) -> (i64, i64) {
+        let mut both = [i64::from(status), -i64::from(status)];
+        self.world.min_i64(&mut both);
+        (both[0], -both[1])
+    }
+
+    pub fn host(&self, odd: Option<Oddity>) -> Box<Host> {
+        let whole = sample::triangles(8, 6, 1.0, 0.7);
+        let ranks = sample::strips(whole.n_cells(), self.world.size());
+        let mut mesh = sample::part(&whole, &ranks, self.world.rank());
+        match odd {
+            Some("volume") => mesh.cell_volumes[2] = -1.0,
+            Some("owner") => mesh.face_owner[1] = 1 << 30,
+            Some("global") => mesh.cell_global[0] = 1 << 40,
+            _ => (),
+        }
+        Host::new(mesh)
+    }
+
+    /// Makes the call with something odd on this rank, or a panic at an operation of it.
+    pub fn run(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        *SCENARIO.lock().unwrap() = format!("{call}, odd {odd:?}, panic {panic:?}");
+        match call {
+            "elastic_modes" => self.elastic_modes(odd, panic),
+            "session_new" => self.session_new(odd, panic).0,
+            "session_step" => self.session_step(odd, panic),
+            "segments_new" => self.segments_new(odd, panic),
+            "modes_new" => self.modes_new(odd, panic),
+            "solid_modes_new" => self.solid_modes_new(odd, panic),
+            "recorder_new" => {
+                let (ended, recorder) = self.recorder_new(odd, panic);
+                // SAFETY: null, or a recorder that is not used again.
+                unsafe { m4gn_recorder_free(recorder) };
+                ended
+            }
+            "recorder_append" => self.recorder_append(odd, panic),
+            _ => self.recorder_finish(panic),
+        }
+    }
+
+    /// The call itself, which is under the clock and has the panic.
+    pub fn made(&self, panic: Option<u32>, call: impl FnOnce() -> i32) -> Ended {
+        self.world.barrier();
+        let after = panic.unwrap_or(NEVER);
+        panic_after(after);
+        let status = timed(call);
+        Ended {
+            status,
+            operations: operations_since(after),
+            message: if status != 0 { message() } else { String::new() },
+            usable: None,
+        }
+    }
+
+    pub fn elastic_modes(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let path = match odd {
+            Some("no file") => c("/nowhere/other.safetensors".into()),
+            Some("other model") => c(format!(
+                "{}/../../tests/e2e/solid.safetensors",
+                env!("CARGO_MANIFEST_DIR")
+            )),
+            _ => model(),
+        };
+        let path = unless(odd == Some("null"), path.as_ptr());
+        // SAFETY: a C string or null.
+        self.made(panic, || unsafe {
+            m4gn_model_elastic_modes(self.world.fortran(), path)
+        })
+    }
+}
+
+/// The pointer, or null where that is what is odd.
+pub fn unless<T>(is_odd: bool, pointer: *const T) -> *const T {
+    if is_odd { null() } else { pointer }
+}
+
+/// As [`unless`], of a place that is written to.
+pub fn unless_mut<T>(is_odd: bool, pointer: *mut T) -> *mut T {
+    unless(is_odd, pointer).cast_mut()
+}
+
+pub fn c(text: String) -> CString {
+    CString::new(text).unwrap()
+}
+
+pub fn model() -> CString {
+    c(format!(
+        "{}/../../tests/cabi/small.safetensors",
+        env!("CARGO_MANIFEST_DIR")
+    ))
+}
+
+/// U and p in cells, and zeros at boundary faces.
+pub fn values(host: &Host) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    let n = host.mesh.n_cells();
+    let u = (0..3 * n).map(|i| 0.01 * i as f64).collect();
+    (u, vec![1.0; n], vec![0.0; 3 * host.mesh.boundary.len()])
+}
+
+pub fn field(name: &'static std::ffi::CStr, components: i32, cells: &[f64], boundary: &[f64]) -> FieldData {
+    FieldData {
+        name: name.as_ptr(),
+        components,
+        cells: cells.as_ptr(),
+        boundary: boundary.as_ptr(),
+    }
+}
+
+pub fn output(name: &'static std::ffi::CStr, components: i32, cells: &mut [f64]) -> FieldOut {
+    FieldOut {
+        name: name.as_ptr(),
+        components,
+        cells: cells.as_mut_ptr(),
+    }
+}

@@ -1,0 +1,243 @@
+//! One rank at odds with the others, in every collective call of m4gn.h: bad input, other options, a panic, a killed
+//! rank. All return the same class of status, or the job ends with a message, within 20 s.
+//!
+//! `cargo test --test odds` starts mpirun with this program on 2 and 3 ranks for each call; `--test odds -- step` only
+//! for the calls with this in their names.
+#![allow(unsafe_code)]
+
+mod calls;
+#[path = "../host/mod.rs"]
+mod host;
+mod matrices;
+mod recording;
+mod surrogate;
+
+use calls::{Bench, oddities};
+use m4gn_mesh::parallel::{Comm, finalize};
+use std::process::{Command, ExitCode, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Longest that any call may take on any rank.
+const LIMIT: Duration = Duration::from_secs(20);
+
+/// Most places in a call at which a panic is tried.
+const PLACES: i64 = 12;
+
+const CALLS: [&str; 9] = [
+    "elastic_modes",
+    "session_new",
+    "session_step",
+    "segments_new",
+    "modes_new",
+    "solid_modes_new",
+    "recorder_new",
+    "recorder_append",
+    "recorder_finish",
+];
+
+fn main() -> ExitCode {
+    let asked = std::env::var("M4GN_ODDS");
+    match asked {
+        Ok(asked) => worker(&asked),
+        Err(_) => driver(),
+    }
+}
+
+// ---- the driver: mpirun, and the clock ----
+
+fn driver() -> ExitCode {
+    let filter = std::env::args().nth(1).filter(|a| !a.starts_with('-'));
+    let chosen = CALLS
+        .iter()
+        .filter(|c| filter.as_ref().is_none_or(|f| c.contains(f.as_str())));
+    let (mut passed, mut failed) = (0, 0);
+    for call in chosen {
+        for ranks in [2, 3] {
+            for kind in ["odds", "kill"] {
+                let verdict = launch(call, kind, ranks);
+                println!(
+                    "test {call}::{kind}::on_{ranks} ... {}",
+                    if verdict.is_ok() { "ok" } else { "FAILED" }
+                );
+                match verdict {
+                    Ok(()) => passed += 1,
+                    Err(e) => {
+                        println!("{e}");
+                        failed += 1;
+                    }
+                }
+            }
+        }
+    }
+    let verdict = if failed == 0 { "ok" } else { "FAILED" };
+    println!("\ntest result: {verdict}. {passed} passed; {failed} failed; 0 ignored");
+    ExitCode::from(u8::from(failed > 0))
+}
+
+fn launch(call: &str, kind: &str, ranks: usize) -> Result<(), String> {
+    let started = Instant::now();
+    let mut job = Command::new("mpirun")
+        .args([
+            "--allow-run-as-root",
+            "--oversubscribe",
+            "-np",
+            &ranks.to_string(),
+        ])
+        .arg(std::env::current_exe().map_err(|e| e.to_string())?)
+        .env("M4GN_ODDS", format!("{call} {kind}"))
+        .env("OMPI_MCA_mpi_yield_when_idle", "1")
+        .env("OMP_NUM_THREADS", "1")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|e| format!("mpirun: {e}"))?;
+    // A killed rank ends the job at once; the other kind has a clock of its own for each call.
+    let limit = if kind == "kill" { LIMIT } else { 20 * LIMIT };
+    let status = loop {
+        match job.try_wait().map_err(|e| e.to_string())? {
+            Some(status) => break Some(status),
+            None if started.elapsed() > limit => {
+                let _ = job.kill();
+                break None;
+            }
+            None => std::thread::sleep(Duration::from_millis(50)),
+        }
+    };
+    let output = job.wait_with_output().map_err(|e| e.to_string())?;
+    let text = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    match (status, kind) {
+        (None, _) => Err(format!("did not end in {} s\n{text}", limit.as_secs())),
+        (Some(status), "kill") if !status.success() && text.contains("signal 9") => Ok(()),
+        (Some(status), "odds") if status.success() && text.contains("odds: passed") => Ok(()),
+        (Some(status), _) => Err(format!("{status}\n{text}")),
+    }
+}
+
+// ---- a rank ----
+
+/// Seconds since the start at which the scenario under way is too late; 0: none is.
+static DEADLINE: AtomicU64 = AtomicU64::new(0);
+
+fn watch() {
+    let started = Instant::now();
+    std::thread::spawn(move || {
+        loop {
+            std::thread::sleep(Duration::from_millis(200));
+            let deadline = DEADLINE.load(Ordering::Relaxed);
+            if deadline != 0 && started.elapsed().as_millis() as u64 > deadline {
+                let what = SCENARIO.lock().unwrap();
+                eprintln!("odds: a call took more than {} s: {what}", LIMIT.as_secs());
+                std::process::abort();
+            }
+        }
+    });
+    CLOCK.get_or_init(|| started);
+}
+
+/// What is tried.
+static SCENARIO: std::sync::Mutex<String> = std::sync::Mutex::new(String::new());
+
+static CLOCK: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+
+/// Runs a call under the clock.
+fn timed<T>(call: impl FnOnce() -> T) -> T {
+    let now = CLOCK.get().unwrap().elapsed();
+    DEADLINE.store((now + LIMIT).as_millis() as u64, Ordering::Relaxed);
+    let value = call();
+    DEADLINE.store(0, Ordering::Relaxed);
+    value
+}
+
+fn worker(asked: &str) -> ExitCode {
+    watch();
+    let (call, kind) = asked.split_once(' ').unwrap();
+    let world = Comm::world().unwrap();
+    let bench = Bench::new(world.clone());
+    let failures = match kind {
+        "kill" => {
+            // The panic asked for kills instead: one rank is gone in the middle of the call.
+            let odd = world.rank() == world.size() - 1;
+            if odd {
+                std::panic::set_hook(Box::new(|_| {
+                    // SAFETY: ends this process.
+                    unsafe { libc::raise(libc::SIGKILL) };
+                }));
+            }
+            bench.run(call, None, odd.then_some(1));
+            vec!["the killed rank's call returned".to_string()]
+        }
+        _ => {
+            // The panics asked for are no news.
+            std::panic::set_hook(Box::new(|_| ()));
+            odds(&bench, call)
+        }
+    };
+    let mut worst = [failures.len() as i64];
+    world.max_i64(&mut worst);
+    for failure in &failures {
+        eprintln!("rank {}: {call}: {failure}", world.rank());
+    }
+    if worst[0] == 0 && world.is_root() {
+        println!("odds: passed");
+    }
+    drop((bench, world));
+    finalize();
+    ExitCode::from(u8::from(worst[0] != 0))
+}
+
+fn odds(bench: &Bench, call: &str) -> Vec<String> {
+    let world = &bench.world;
+    let mut failures = Vec::new();
+    let good = bench.run(call, None, None);
+    if good.status < 0 || good.status > 0 && call != "elastic_modes" {
+        return vec![format!("a good call gives {}: {}", good.status, good.message)];
+    }
+    for odd_rank in [0, world.size() - 1] {
+        let odd = world.rank() == odd_rank;
+        for what in oddities(call) {
+            let found = bench.run(call, odd.then_some(*what), None);
+            let (low, high) = bench.range(found.status);
+            // A count of modes has no classes: -1 on all.
+            let together = if call == "elastic_modes" {
+                high < 0
+            } else {
+                low > 0
+            };
+            if !together {
+                failures.push(format!(
+                    "'{what}' on rank {odd_rank}: statuses from {low} to {high}; here {} {}",
+                    found.status, found.message
+                ));
+            }
+            if found.usable == Some(false) {
+                failures.push(format!(
+                    "'{what}' on rank {odd_rank} broke the handle: {}",
+                    found.message
+                ));
+            }
+        }
+        let n = good.operations;
+        let step = (n / PLACES).max(1);
+        for at in (0..n).step_by(step as usize) {
+            let found = bench.run(call, None, odd.then_some(at as u32));
+            let (low, high) = bench.range(found.status);
+            if high >= 0 || !found.message.contains("a fault that a test asked for") {
+                failures.push(format!(
+                    "a panic on rank {odd_rank} at operation {at} of {n}: statuses from {low} to {high}; here {} {}",
+                    found.status, found.message
+                ));
+            }
+        }
+        // The host and its communicator are as good as before.
+        let after = bench.run(call, None, None);
+        if after.status != good.status {
+            failures.push(format!(
+                "a good call afterwards gives {}: {}",
+                after.status, after.message
+            ));
+        }
+    }
+    failures
+}

@@ -1,0 +1,104 @@
+//! Modes of matrices and of elastic bodies.
+
+use crate::calls::{Bench, Ended, Oddity, unless, unless_mut};
+use crate::host::*;
+use crate::timed;
+use m4gn::CsrData;
+use m4gn_mesh::sample;
+use m4gn_modes::fem::sample::{Kind, block, part as body_part};
+use serde_json::json;
+use std::ptr::null;
+
+impl Bench {
+    /// A chain of springs, enough for PETSc.
+    pub fn modes_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (n, size, rank) = (900i64, i64::from(self.world.size()), i64::from(self.world.rank()));
+        let (first, last) = (n * rank / size, n * (rank + 1) / size);
+        let (mut row, mut column, mut value) = (vec![0i64], Vec::new(), Vec::new());
+        for i in first..last {
+            for (j, v) in [(i - 1, -1.0), (i, 2.0), (i + 1, -1.0)] {
+                if (0..n).contains(&j) {
+                    column.push(j);
+                    value.push(v);
+                }
+            }
+            row.push(column.len() as i64);
+        }
+        match odd {
+            Some("nan") => value[3] = f64::NAN,
+            Some("column") => column[3] = n,
+            _ => (),
+        }
+        let matrix = CsrData {
+            n_rows: (last - first) as i32,
+            row: row.as_ptr(),
+            column: column.as_ptr(),
+            value: value.as_ptr(),
+        };
+        let mut settings = json!({ "modes": 3 });
+        match odd {
+            Some("modes") => settings["modes"] = 4.into(),
+            Some("symmetric") => settings["symmetric"] = false.into(),
+            Some("block") => settings["block"] = 2.into(),
+            Some("shift") => settings["shift"] = (-0.01).into(),
+            Some("energy") => settings["energy"] = 0.5.into(),
+            Some("solver") => settings["modal_solver"] = "iterative".into(),
+            Some("petsc") => settings["petsc_options"] = "-m4gn_eps_tol 1e-3".into(),
+            _ => (),
+        }
+        let settings = options(&settings);
+        let mut modes = none();
+        let place = unless_mut(odd == Some("null"), &raw mut modes);
+        let stiffness = unless(odd == Some("no stiffness"), &raw const matrix);
+        let mass = if odd == Some("mass") {
+            &raw const matrix
+        } else {
+            null()
+        };
+        let given = unless(odd == Some("no options"), settings.as_ptr());
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        let ended = self.made(panic, || unsafe {
+            m4gn_modes_new(self.world.fortran(), stiffness, mass, given, null(), place)
+        });
+        // SAFETY: null, or freed once.
+        timed(|| unsafe { m4gn_modes_free(modes) });
+        ended
+    }
+
+    pub fn solid_modes_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let whole = block(Kind::ALL[0], [6, 2, 2], [1.0, 0.3, 0.3]);
+        let ranks = sample::strips(whole.n_cells, self.world.size());
+        let mut mesh = body_part(&whole, &ranks, self.world.rank());
+        if odd == Some("start") {
+            // The sum of it and 3 is no i32.
+            mesh.face_start[1] = i32::MAX;
+        }
+        let mut host = BodyHost::new(mesh);
+        let (young, fixed) = (vec![f64::NAN; host.mesh.n_cells], [1 << 30]);
+        match odd {
+            Some("young") => host.data.young = young.as_ptr(),
+            Some("lumped") => host.data.lumped_mass = 1,
+            Some("free") => host.data.free_body = 1,
+            Some("fixed") => (host.data.n_fixed, host.data.fixed_point) = (1, fixed.as_ptr()),
+            _ => (),
+        }
+        let mut settings = json!({ "modes": 3 });
+        match odd {
+            Some("modes") => settings["modes"] = 4.into(),
+            Some("solver") => settings["modal_solver"] = "iterative".into(),
+            _ => (),
+        }
+        let settings = options(&settings);
+        let mut modes = none();
+        let place = unless_mut(odd == Some("null"), &raw mut modes);
+        let body = unless(odd == Some("no body"), &raw const host.data);
+        let given = unless(odd == Some("no options"), settings.as_ptr());
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        let ended = self.made(panic, || unsafe {
+            m4gn_solid_modes_new(self.world.fortran(), body, given, place)
+        });
+        // SAFETY: null, or freed once.
+        timed(|| unsafe { m4gn_modes_free(modes) });
+        ended
+    }
+}

@@ -1,0 +1,139 @@
+//! Sessions and segments.
+
+use crate::calls::{Bench, Ended, Oddity, c, field, output, unless, unless_mut, values};
+use crate::host::*;
+use crate::timed;
+use serde_json::json;
+use std::ptr::null;
+
+impl Bench {
+    pub fn session_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
+        let host = self.host(odd);
+        let labels = vec![0; host.mesh.n_cells()];
+        let folder = format!("{}/../../tests", env!("CARGO_MANIFEST_DIR"));
+        let model = match odd {
+            Some("no file") => "/nowhere/other.safetensors".into(),
+            Some("model") => format!("{folder}/e2e/solid.safetensors"),
+            _ => format!("{folder}/cabi/small.safetensors"),
+        };
+        let segments = match odd {
+            Some("segments") => json!({ "count": 5 }),
+            Some("modes") => json!({ "modes": 2 }),
+            Some("overlap") => json!({ "overlap": 1 }),
+            Some("iterations") => json!({ "iterations": 1 }),
+            Some("tau") => json!({ "tau": -1.0 }),
+            Some("size") => json!({ "size": 0.3 }),
+            Some("method") => json!({ "method": "metis" }),
+            Some("energy") => json!({ "energy": 0.5 }),
+            Some("connected") => json!({ "connected": false }),
+            Some("distance") => json!({ "distance_scale": 0.1 }),
+            Some("obstacles") => json!({ "obstacles": ["wall"] }),
+            Some("solver") => json!({ "modal_solver": "iterative" }),
+            Some("petsc") => json!({ "petsc_options": "-m4gn_eps_tol 1e-3" }),
+            Some("operator") => json!({ "operator": "elastic" }),
+            Some("components") => json!({ "cuont": 5 }),
+            _ => json!({}),
+        };
+        let mut settings = json!({ "model": model, "segments": segments });
+        match odd {
+            Some("precision") => settings["precision"] = "bf16".into(),
+            Some("text") => settings["backend"] = "abacus".into(),
+            _ => (),
+        }
+        let settings = options(&settings);
+        let cell_segment = unless(odd != Some("labels"), labels.as_ptr());
+        let mut session = none();
+        let place = unless_mut(odd == Some("null"), &raw mut session);
+        let mesh = unless(odd == Some("no mesh"), &raw const host.data);
+        let given = unless(odd == Some("no options"), settings.as_ptr());
+        // SAFETY: arrays of their lengths, or the null pointers and labels that the call refuses.
+        let ended = self.made(panic, || unsafe {
+            m4gn_session_new(self.world.fortran(), mesh, given, cell_segment, place)
+        });
+        if odd.is_some() || panic.is_some() || ended.status != 0 {
+            // SAFETY: null, or a session that is not used again.
+            unsafe { m4gn_session_free(std::mem::replace(&mut session, none())) };
+        }
+        (ended, session)
+    }
+
+    pub fn session_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (made, session) = self.session_new(None, None);
+        if made.status != 0 {
+            return made;
+        }
+        let host = self.host(None);
+        let step = |odd: Option<Oddity>, panic| {
+            let (mut u, p, b) = values(&host);
+            if odd == Some("nan") {
+                u[0] = f64::NAN;
+            }
+            let (mut u_out, mut p_out) = (u.clone(), p.clone());
+            let mut fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
+            let mut out = [output(c"U", 3, &mut u_out), output(c"p", 1, &mut p_out)];
+            match odd {
+                Some("null") => fields[1].cells = null(),
+                Some("output") => out[0].components = 2,
+                _ => (),
+            }
+            let n = match odd {
+                Some("missing") => 1,
+                Some("count") => -3,
+                _ => 2,
+            };
+            // SAFETY: arrays of their lengths, or what the call refuses.
+            self.made(panic, || unsafe {
+                m4gn_session_step(session, fields.as_ptr(), n, out.as_ptr(), 2)
+            })
+        };
+        let mut ended = step(odd, panic);
+        if odd.is_some() || panic.is_none() {
+            ended.usable = Some(true);
+        }
+        // After bad input the session works, after a panic it refuses, on all ranks.
+        let again = step(None, None);
+        let (low, high) = self.range(again.status);
+        let (low_before, _) = self.range(ended.status);
+        let expected = if low_before < 0 {
+            high < 0
+        } else {
+            low == 0 && high == 0
+        };
+        if !expected {
+            ended.usable = Some(false);
+            ended.message = format!("the next step gives {low} to {high}: {}", again.message);
+        }
+        // SAFETY: freed once.
+        timed(|| unsafe { m4gn_session_free(session) });
+        ended
+    }
+
+    pub fn segments_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let host = self.host(odd);
+        let labels = vec![0; host.mesh.n_cells()];
+        let mut settings = json!({ "segments": { "count": 4, "modes": 3 }, "with_modes": true });
+        match odd {
+            Some("spec") => settings["segments"]["count"] = 5.into(),
+            Some("solver") => settings["segments"]["modal_solver"] = "direct".into(),
+            Some("petsc") => settings["segments"]["petsc_options"] = "-m4gn_eps_tol 1e-3".into(),
+            Some("modes") => settings["with_modes"] = false.into(),
+            _ => (),
+        }
+        let settings = match odd {
+            Some("json") => c("{\"segments\": ".into()),
+            _ => options(&settings),
+        };
+        let cell_segment = unless(odd != Some("labels"), labels.as_ptr());
+        let mut segments = none();
+        let place = unless_mut(odd == Some("null"), &raw mut segments);
+        let mesh = unless(odd == Some("no mesh"), &raw const host.data);
+        let given = unless(odd == Some("no options"), settings.as_ptr());
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        let ended = self.made(panic, || unsafe {
+            m4gn_segments_new(self.world.fortran(), mesh, given, cell_segment, place)
+        });
+        // SAFETY: null, or freed once.
+        timed(|| unsafe { m4gn_segments_free(segments) });
+        ended
+    }
+}

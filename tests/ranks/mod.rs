@@ -1,0 +1,32 @@
+//! The way in and out of a test program that runs on several ranks and collects what failed.
+
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::{Comm, finalize};
+use std::process::ExitCode;
+
+/// Runs the checks on all ranks, prints each rank's failures, and ends MPI: a failure anywhere is one everywhere.
+pub fn run(name: &str, checks: impl FnOnce(&Comm) -> Result<Vec<String>>) -> ExitCode {
+    let comm = match Comm::world() {
+        Ok(comm) => comm,
+        Err(e) => {
+            eprintln!("{name}: {e}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let failures = checks(&comm).unwrap_or_else(|e| vec![e.to_string()]);
+    failures
+        .iter()
+        .for_each(|f| eprintln!("{name}, rank {} of {}: {f}", comm.rank(), comm.size()));
+    let mut count = [failures.len() as i64];
+    comm.sum_i64(&mut count);
+    if comm.is_root() && count[0] == 0 {
+        println!("{name}: ok on {} ranks", comm.size());
+    }
+    drop(comm);
+    finalize();
+    if count[0] == 0 {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}

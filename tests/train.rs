@@ -1,0 +1,191 @@
+//! `m4gn train` from outside: its files, its refusals, and how the process ends.
+
+use m4gn_engine::torch::LIBRARY;
+use m4gn_model::Model;
+use m4gn_train::sample;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Data, and a configuration whose segments need the modes of PETSc and SLEPc.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("data")).unwrap();
+    sample::write_data(&folder.path().join("data"), 3).unwrap();
+    let config = sample::config("").replace("\"metis\"", "\"slic-md\"");
+    std::fs::write(folder.path().join("config.toml"), config).unwrap();
+    folder
+}
+
+fn train(folder: &Path, name: &str, extra: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_m4gn"))
+        .current_dir(folder)
+        .args(["train", "--data", "data", "--config", "config.toml"])
+        .args(["--out", name])
+        .args(extra)
+        .output()
+        .unwrap()
+}
+
+/// What a command prints.
+fn m4gn(folder: &Path, arguments: &[&str]) -> String {
+    let program = env!("CARGO_BIN_EXE_m4gn");
+    let output = Command::new(program)
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn message(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_model_is_trained_carried_on_and_trained_further() {
+    let folder = folder();
+    let first = train(folder.path(), "a.safetensors", &["--steps", "4"]);
+    assert!(first.status.success(), "{first:?}");
+    for file in ["a.safetensors", "a.checkpoint", "a.csv"] {
+        assert!(folder.path().join(file).is_file(), "{file}");
+    }
+    assert!(message(&train(folder.path(), "a.safetensors", &[])).contains("--resume"));
+    let further = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
+    assert!(further.status.success(), "{further:?}");
+    assert!(String::from_utf8_lossy(&further.stderr).contains("resumed at step 4"));
+    let options = ["--from", "a.safetensors", "--steps", "2"];
+    let tuned = train(folder.path(), "b.safetensors", &options);
+    assert!(tuned.status.success(), "{tuned:?}");
+}
+
+/// Keys of a network without a macro stage, in place of those of the sample.
+fn of_kind(config: &str, kind: &str) -> String {
+    let (before, rest) = config.split_once("[macro]").unwrap();
+    let (_, after) = rest.split_once("[segments]").unwrap();
+    let before = before
+        .replace(
+            "layers_before = 1",
+            &format!("kind = \"{kind}\"\n        layers = 2"),
+        )
+        .replace("layers_after = 1", "");
+    format!("{before}[segments]{after}")
+}
+
+#[test]
+fn every_kind_is_trained_saved_and_validated() {
+    let folder = folder();
+    for (kind, layers) in [
+        ("gcn", "2 graph convolutions"),
+        ("mesh-graph-net", "2 message-passing layers"),
+    ] {
+        let config = of_kind(&sample::config(""), kind);
+        std::fs::write(folder.path().join("config.toml"), config).unwrap();
+        let name = format!("{kind}.safetensors");
+        let trained = train(folder.path(), &name, &["--steps", "12"]);
+        assert!(trained.status.success(), "{trained:?}");
+        let said = m4gn(folder.path(), &["info", &name]);
+        assert!(
+            said.contains(&format!("network     {kind}: width 16, {layers}")),
+            "{said}"
+        );
+        assert!(said.contains("macro       none"), "{said}");
+        let figures = folder.path().join("figures.json");
+        let _ = std::fs::remove_file(&figures);
+        m4gn(
+            folder.path(),
+            &[
+                "validate",
+                "--model",
+                &name,
+                "--data",
+                "data",
+                "--json",
+                "figures.json",
+            ],
+        );
+        assert!(std::fs::read_to_string(figures).unwrap().contains("rmse"));
+    }
+}
+
+#[test]
+fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
+    let folder = folder();
+    let trained = train(folder.path(), "a.safetensors", &["--steps", "4"]);
+    assert!(trained.status.success(), "{trained:?}");
+    let mut model = Model::read(folder.path().join("a.safetensors")).unwrap();
+    let ranges = model.spec.trained_on.clone().unwrap();
+    // Triangles in 6 x 4 rectangles of 0.25 x 0.25; speeds are 1 and the vortex's.
+    let [low, high] = ranges.cell_size;
+    assert!(0.05 < low && low <= high && high < 0.25, "{low} to {high}");
+    let [slow, fast] = ranges.speed.unwrap();
+    assert!(1.0 < slow && slow <= fast && fast < 3.0, "{slow} to {fast}");
+    let inputs: Vec<&str> = ranges.inputs.iter().map(|i| i.field.as_str()).collect();
+    assert_eq!(inputs, ["U", "p"]);
+
+    model.spec.trained_on = None;
+    model.write(folder.path().join("old.safetensors")).unwrap();
+    let told = train(
+        folder.path(),
+        "new.safetensors",
+        &["--from", "old.safetensors", "--steps", "0"],
+    );
+    assert!(told.status.success(), "{told:?}");
+    let new = Model::read(folder.path().join("new.safetensors")).unwrap();
+    assert_eq!(new.spec.trained_on, Some(ranges));
+    assert_eq!(
+        (&new.tensors, &new.spec.training),
+        (&model.tensors, &model.spec.training)
+    );
+    assert!(!folder.path().join("new.checkpoint").exists());
+    let said = message(&train(folder.path(), "b.safetensors", &["--steps", "0"]));
+    assert!(said.contains("--from MODEL"), "{said}");
+}
+
+#[test]
+fn backends_and_devices_that_do_not_go_together_are_refused() {
+    let folder = folder();
+    let said = message(&train(folder.path(), "a.safetensors", &["--backend", "jax"]));
+    assert!(said.contains("expected native or torch"), "{said}");
+    let options = ["--backend", "native", "--device", "cuda"];
+    let said = message(&train(folder.path(), "a.safetensors", &options));
+    assert!(said.contains("use --backend torch"), "{said}");
+}
+
+/// The library of libtorch, where it was built.
+fn library() -> Option<PathBuf> {
+    let own = Path::new(env!("CARGO_BIN_EXE_m4gn")).parent()?;
+    let places = [own.join(LIBRARY.file), own.join("../../lib").join(LIBRARY.file)];
+    let found = places.into_iter().find(|p| p.is_file());
+    if found.is_none() {
+        println!("not tested: {} was not built", LIBRARY.file);
+    }
+    found
+}
+
+#[test]
+fn libtorch_ends_with_its_own_status() {
+    if library().is_none() {
+        return;
+    }
+    let folder = folder();
+    let options = ["--backend", "torch", "--steps", "4"];
+    let done = train(folder.path(), "a.safetensors", &options);
+    assert!(done.status.success(), "{done:?}");
+    // What one backend began the other carries on.
+    let further = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
+    assert!(further.status.success(), "{further:?}");
+    assert!(message(&train(folder.path(), "a.safetensors", &options)).contains("--resume"));
+    let options = ["--backend", "torch", "--device", "gpu"];
+    assert!(message(&train(folder.path(), "b.safetensors", &options)).contains("cuda:N"));
+}
+
+/// PETSc's handlers at the end of the process are in the library where it came with it: unloaded, they would be gone.
+#[test]
+fn the_library_of_libtorch_is_never_unloaded() {
+    let Some(path) = library() else { return };
+    drop(LIBRARY.load_from(path).unwrap());
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    assert!(maps.contains(LIBRARY.file), "unloaded");
+}

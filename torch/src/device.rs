@@ -1,0 +1,42 @@
+//! Devices by name, and tensors on the host.
+
+use m4gn_mesh::{Error, Result};
+use tch::{Device, Kind, Tensor};
+
+/// `cpu`, `cuda` or `cuda:N`.
+///
+/// Errors: [`Error::Input`] for another name, or a device that this libtorch does not see.
+pub fn parse_device(name: &str) -> Result<Device> {
+    let device = match name.split_once(':') {
+        None if name == "cpu" => Device::Cpu,
+        None if name == "cuda" => Device::Cuda(0),
+        Some(("cuda", n)) if n.parse::<usize>().is_ok() => Device::Cuda(n.parse().unwrap_or(0)),
+        _ => {
+            return Err(Error::Input(format!(
+                "device `{name}`: expected cpu, cuda or cuda:N"
+            )));
+        }
+    };
+    if let Device::Cuda(n) = device {
+        let found = if tch::Cuda::is_available() {
+            tch::Cuda::device_count()
+        } else {
+            0
+        };
+        if n as i64 >= found {
+            return Err(Error::Input(format!(
+                "device `{name}`: this libtorch sees {found} CUDA devices; use --device cpu, or a libtorch with CUDA (LIBTORCH) on a machine with a GPU"
+            )));
+        }
+    }
+    Ok(device)
+}
+
+/// A flat tensor on the host.
+pub fn to_host(tensor: &Tensor) -> Vec<f32> {
+    let host = tensor.to_device(Device::Cpu).to_kind(Kind::Float).contiguous();
+    let mut values = vec![0f32; host.numel()];
+    let count = values.len();
+    host.copy_data(&mut values, count);
+    values
+}

@@ -1,0 +1,73 @@
+//! What stands between the encoder of the nodes and the decoder, on libtorch: one implementation a kind of network.
+
+use crate::network::{Network, Rows, Topology, pick, sum_into};
+use m4gn_model::{Architecture, Kind, M4gn};
+use tch::Tensor;
+
+/// The network between its encoder and its decoder.
+pub trait Processor {
+    /// From the nodes' latents and the normalised edge features to what the decoder reads, a row a cell.
+    fn run(&self, network: &Network, graph: &Topology, h: Rows, edges: &Tensor) -> Tensor;
+}
+
+/// The processor of an architecture.
+pub fn of(architecture: &Architecture) -> Box<dyn Processor + '_> {
+    match &architecture.kind {
+        Kind::M4gn(m) => Box::new(WithSegments(m)),
+        Kind::MeshGraphNet { layers } => Box::new(Messages(*layers)),
+        Kind::Gcn { layers } => Box::new(Convolutions(*layers)),
+    }
+}
+
+/// Message passing (eq. 2, 3) around the macro stage (eq. 9 to 13).
+struct WithSegments<'a>(&'a M4gn);
+
+impl Processor for WithSegments<'_> {
+    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+        let m = self.0;
+        let mut e = network.encode("encoder.edge", edges);
+        for l in 0..m.layers_before {
+            network.message_passing(l, graph, &mut h, &mut e);
+        }
+        let segments = network.segment_transformer(&m.segment_transformer, graph, &h.full);
+        let context = network.to_nodes(graph, &segments);
+        if m.layers_after > 0 {
+            h = network.dispatch(&h, &context);
+        }
+        for l in m.layers_before..m.layers_before + m.layers_after {
+            network.message_passing(l, graph, &mut h, &mut e);
+        }
+        let cells = |rows: &Tensor| rows.narrow(0, 0, graph.cells);
+        Tensor::cat(&[cells(&h.full), cells(&context)], 1)
+    }
+}
+
+/// Message passing alone, in so many layers.
+struct Messages(usize);
+
+impl Processor for Messages {
+    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+        let mut e = network.encode("encoder.edge", edges);
+        for l in 0..self.0 {
+            network.message_passing(l, graph, &mut h, &mut e);
+        }
+        h.full.narrow(0, 0, graph.cells)
+    }
+}
+
+/// Graph convolutions (Kipf & Welling 2016), so many.
+struct Convolutions(usize);
+
+impl Processor for Convolutions {
+    fn run(&self, network: &Network, graph: &Topology, h: Rows, _: &Tensor) -> Tensor {
+        let ones = Tensor::ones([graph.receivers.size()[0], 1], (h.full.kind(), h.full.device()));
+        let scale: Tensor = (sum_into(graph.nodes, &ones, &graph.receivers) + 1.0).rsqrt();
+        let mut h = h.full;
+        for l in 0..self.0 {
+            let scaled = h * &scale;
+            let sums = sum_into(graph.nodes, &pick(&scaled, &graph.senders), &graph.receivers);
+            h = network.convolution(l, &((scaled + sums) * &scale));
+        }
+        h.narrow(0, 0, graph.cells)
+    }
+}

@@ -1,0 +1,317 @@
+//! Gradients of the native engine against libtorch's, on every switch of the architecture, through unrolled steps with
+//! noise, reflections and batches of several graphs.
+
+use m4gn_data::Trajectory;
+use m4gn_engine::backward::Layout;
+use m4gn_mesh::NodeType;
+use m4gn_model::{
+    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output,
+    SegmentMethod, SegmentSpec,
+};
+use m4gn_torch::backend::TorchBackend;
+use m4gn_train::config::{Config, Precision};
+use m4gn_train::normaliser::Normaliser;
+use m4gn_train::samples::Sample;
+use m4gn_train::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Task, Workload, sample};
+use tch::Device;
+
+fn spec() -> ModelSpec {
+    let field = |name: &str, vector, dimensions, output| FieldSpec {
+        name: name.into(),
+        vector,
+        dimensions,
+        input: true,
+        output,
+    };
+    ModelSpec {
+        format: 1,
+        dim: 2,
+        stride: 0.02,
+        fields: vec![
+            field("U", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
+            field("p", false, [0, 2, -2, 0, 0, 0, 0], Output::Value),
+        ],
+        node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
+        architecture: Architecture {
+            width: 32,
+            hidden_layers: 2,
+            activation: Activation::Relu,
+            kind: Kind::M4gn(M4gn {
+                layers_before: 2,
+                layers_after: 1,
+                segment_transformer: MacroSpec {
+                    layers: 2,
+                    heads: 4,
+                    ffn_width: 24,
+                    rwse_steps: 3,
+                    centroids: true,
+                    offsets: true,
+                },
+            }),
+        },
+        contact: None,
+        resolution: None,
+        segments: SegmentSpec {
+            method: SegmentMethod::Metis,
+            count: 4,
+            ..Default::default()
+        },
+        trained_on: None,
+        training: serde_json::Value::Null,
+    }
+}
+
+fn stage(spec: &mut ModelSpec) -> &mut MacroSpec {
+    &mut spec.architecture.m4gn_mut().unwrap().segment_transformer
+}
+
+/// What differs from [`spec`].
+type Change = fn(&mut ModelSpec);
+
+const SWITCHES: [(&str, Change); 15] = [
+    ("all", |_| ()),
+    ("one hidden layer", |s| s.architecture.hidden_layers = 1),
+    ("three hidden layers", |s| s.architecture.hidden_layers = 3),
+    ("silu", |s| s.architecture.activation = Activation::Silu),
+    ("odd width", |s| {
+        s.architecture.width = 27;
+        stage(s).heads = 3;
+    }),
+    ("paper's order", |s| {
+        s.architecture.m4gn_mut().unwrap().layers_after = 0
+    }),
+    ("all layers after", |s| {
+        let m4gn = s.architecture.m4gn_mut().unwrap();
+        (m4gn.layers_before, m4gn.layers_after) = (0, 2);
+    }),
+    ("mesh-graph-net", |s| {
+        s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
+    }),
+    ("gcn", |s| s.architecture.kind = Kind::Gcn { layers: 2 }),
+    ("no random walk", |s| stage(s).rwse_steps = 0),
+    ("no centroids", |s| stage(s).centroids = false),
+    ("no offsets", |s| stage(s).offsets = false),
+    ("no positions", |s| {
+        stage(s).rwse_steps = 0;
+        stage(s).centroids = false;
+    }),
+    ("overlap", |s| s.segments.overlap = 1),
+    ("a field that is given", |s| s.fields[1].output = Output::None),
+];
+
+/// Trajectories at cells.
+fn flows(spec: &ModelSpec) -> Workload {
+    let folder = tempfile::tempdir().unwrap();
+    sample::write_data(folder.path(), 2).unwrap();
+    let read = |number: usize| {
+        let path = folder.path().join(format!("{number:03}.h5"));
+        Sample::read(&Trajectory::open(&path).unwrap(), spec).unwrap()
+    };
+    Workload {
+        train: vec![read(0).into(), read(1).into()],
+        valid: vec![read(1).into()],
+        frames_a_step: 2,
+        names: vec![],
+    }
+}
+
+/// Bodies that bend under an obstacle that comes down.
+fn solids(spec: &ModelSpec) -> Workload {
+    let read = |length: usize| {
+        let body = m4gn_contact::sample::block([length, 2, 2], [3.0, 1.0, 1.0]);
+        let obstacle = m4gn_contact::sample::octahedron([2.6, 0.5, 1.6], 0.5);
+        let mut sample = Sample::of_body(&body, Some(&obstacle), spec).unwrap();
+        sample.n_frames = 8;
+        for frame in 0..sample.n_frames {
+            let t = 0.1 * frame as f32;
+            for x in &body.positions {
+                let x = x.map(|v| v as f32);
+                sample.frames.extend([
+                    0.1 * t * x[1] * x[2],
+                    -0.2 * t * x[0] * x[1],
+                    -0.3 * t * t * x[0] * x[0],
+                ]);
+            }
+            for _ in 0..obstacle.positions.len() {
+                sample.frames.extend([0.0, 0.1 * t, -1.5 * t]);
+            }
+        }
+        sample
+    };
+    Workload {
+        train: vec![read(6).into(), read(5).into()],
+        valid: vec![read(6).into()],
+        frames_a_step: 1,
+        names: vec![],
+    }
+}
+
+fn examples() -> Vec<Example> {
+    let example = |sample, frame, mirror, seed| Example {
+        sample,
+        frame,
+        mirror,
+        seed,
+    };
+    vec![
+        example(0, 1, false, 11),
+        example(1, 0, true, 12),
+        example(1, 2, false, 13),
+    ]
+}
+
+/// Normalisers of the examples, then the loss and gradient of weights of a trained network's size.
+fn learn(
+    backend: &mut dyn Backend,
+    weights: &[f32],
+    spec: &ModelSpec,
+    unroll: usize,
+) -> (Normaliser, Learned) {
+    let examples = examples();
+    let batch = Batch {
+        examples: &examples,
+        micro: 2,
+        total: 4,
+        unroll,
+        accumulate: true,
+        learn: false,
+    };
+    let seen = backend.learn(weights, &Normaliser::new(spec), &batch).unwrap();
+    let normaliser = seen.moments.unwrap();
+    let batch = Batch {
+        accumulate: false,
+        learn: true,
+        ..batch
+    };
+    let learned = backend.learn(weights, &normaliser, &batch).unwrap();
+    (normaliser, learned)
+}
+
+fn distance(a: &[f32], b: &[f32]) -> f64 {
+    let square = |x: f32| f64::from(x).powi(2);
+    let apart: f64 = a.iter().zip(b).map(|(a, b)| square(a - b)).sum();
+    (apart / b.iter().map(|b| square(*b)).sum::<f64>()).sqrt()
+}
+
+/// The two backends on the same batch.
+fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, tolerance: f64) {
+    spec.check().unwrap();
+    let mut config = Config::parse(&sample::config("")).unwrap();
+    config.training.precision = precision;
+    config.training.loss_weights = [("U".to_string(), 2.0)].into();
+    if spec.contact.is_some() {
+        config.training.noise = [("D".to_string(), 0.01)].into();
+    }
+    let task = Task {
+        config: &config,
+        spec,
+        work,
+        threads: 2,
+    };
+    let layout = Layout::new(spec);
+    let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
+    // Gains that differ from one and biases that differ from zero.
+    for (i, w) in weights.iter_mut().enumerate() {
+        *w += 0.05 * (1.3 * i as f32).sin();
+    }
+    for unroll in [1, 3] {
+        let mut torch = TorchBackend::new(&task, Device::Cpu).unwrap();
+        let mut native = NativeBackend::new(&config.training, spec, work, 2).unwrap();
+        let (scales, expected) = learn(&mut torch, &weights, spec, unroll);
+        let (own, found) = learn(&mut native, &weights, spec, unroll);
+        let pairs = own.flat().into_iter().zip(scales.flat());
+        for (a, b) in pairs {
+            assert!((a - b).abs() <= 1e-5 * (1.0 + b.abs()), "{name}: moments {a} {b}");
+        }
+        for (a, b) in found.losses.iter().zip(&expected.losses) {
+            assert!(
+                (a / b - 1.0).abs() < tolerance,
+                "{name}, {unroll} steps: losses {a} {b}"
+            );
+        }
+        let (found, expected) = (found.gradient.unwrap(), expected.gradient.unwrap());
+        let off = distance(&found, &expected);
+        println!("{name}, {unroll} steps: {off:.1e}");
+        if precision == Precision::Bf16 {
+            // Both are rounded, each in its own order: neither may be farther from fp32 than the other.
+            let mut config = config.clone();
+            config.training.precision = Precision::Fp32;
+            let mut exact = NativeBackend::new(&config.training, spec, work, 2).unwrap();
+            let exact = learn(&mut exact, &weights, spec, unroll).1.gradient.unwrap();
+            let (own, other) = (distance(&found, &exact), distance(&expected, &exact));
+            println!("    from fp32: {own:.1e}, libtorch {other:.1e}");
+            assert!(
+                own < 1.5 * other + 5e-3,
+                "{name}, {unroll} steps: {own:e} from fp32, libtorch {other:e}"
+            );
+            assert!(off < 1.5 * (own + other), "{name}: {off:e}");
+            continue;
+        }
+        assert!(
+            off < tolerance,
+            "{name}, {unroll} steps: gradients are {off:e} apart"
+        );
+        // No tensor may hide behind the large ones.
+        for (tensor, shape) in layout.entries() {
+            let start = layout.find(tensor).unwrap().0;
+            let range = start..start + shape.iter().product::<usize>();
+            let (a, b) = (&found[range.clone()], &expected[range]);
+            let size = b.iter().fold(0f32, |m, v| m.max(v.abs()));
+            let off = distance(a, b);
+            assert!(
+                off < 30.0 * tolerance || size < 1e-6,
+                "{name}, {unroll} steps, {tensor}: {off:e} of {size:e}"
+            );
+        }
+    }
+    let rollout = [Rollout {
+        sample: 0,
+        frame: 0,
+        steps: 3,
+    }];
+    let mut torch = TorchBackend::new(&task, Device::Cpu).unwrap();
+    let mut native = NativeBackend::new(&config.training, spec, work, 1).unwrap();
+    let (normaliser, _) = learn(&mut native, &weights, spec, 1);
+    let expected = torch.roll_out(&weights, &normaliser, &rollout).unwrap();
+    let found = native.roll_out(&weights, &normaliser, &rollout).unwrap();
+    for (a, b) in found[0].iter().zip(&expected[0]) {
+        assert!((a.0 / b.0 - 1.0).abs() < 1e-3, "{name}: rollout {a:?} {b:?}");
+        assert!((a.1 - b.1).abs() <= 1e-6 * b.1, "{name}: hold {a:?} {b:?}");
+    }
+}
+
+#[test]
+fn gradients_are_those_of_libtorch() {
+    for (name, change) in SWITCHES {
+        let mut spec = spec();
+        change(&mut spec);
+        compare(name, &spec, &flows(&spec), Precision::Fp32, 1e-5);
+    }
+}
+
+#[test]
+fn gradients_in_bf16_are_those_of_libtorch() {
+    for (name, change) in SWITCHES {
+        let mut spec = spec();
+        change(&mut spec);
+        compare(name, &spec, &flows(&spec), Precision::Bf16, 5e-2);
+    }
+}
+
+#[test]
+fn gradients_of_bodies_are_those_of_libtorch() {
+    let mut spec = spec();
+    spec.dim = 3;
+    spec.fields = vec![FieldSpec {
+        name: "D".into(),
+        vector: true,
+        dimensions: [0, 1, 0, 0, 0, 0, 0],
+        input: false,
+        output: Output::Delta,
+    }];
+    spec.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
+    spec.contact = Some(ContactSpec { radius: 0.6 });
+    spec.segments.method = SegmentMethod::SlicExp;
+    spec.segments.modes = 1;
+    compare("bodies", &spec, &solids(&spec), Precision::Fp32, 1e-5);
+}
