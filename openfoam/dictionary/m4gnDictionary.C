@@ -77,7 +77,7 @@ std::string json(const tokenList& tokens)
         // List<word> 2 (a b), as another program may have written it
         OStringStream os;
         tokens[0].compoundToken().write(os);
-        return json(ITstream("list", os.str()));
+        return json(ITstream::parse(os.str()));
     }
 
     const auto opens = [&](const label i)
