@@ -107,6 +107,7 @@ fn flow() -> ModelSpec {
             ..SegmentSpec::default()
         },
         trained_on: None,
+        calibration: None,
         training: serde_json::json!({ "note": "random weights" }),
     }
 }

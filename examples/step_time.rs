@@ -131,6 +131,7 @@ fn spec(width: usize, hidden_layers: usize, layers: usize, activation: Activatio
         resolution: None,
         segments: SegmentSpec::default(),
         trained_on: None,
+        calibration: None,
         training: serde_json::Value::Null,
     }
 }

@@ -84,7 +84,7 @@ step() {
     else
         printf '  %-48s FAILED  %4d s\n' "$name" $((SECONDS - began))
         printf '    status %d, what %s says of failures, and its end:\n' "$rc" "$log" >&2
-        grep -nE -A 6 'panicked at|\.\.\. FAILED|^error(\[|:)' "$log" | head -n 60 | sed 's/^/    | /' >&2 || true
+        grep -nE -B 8 -A 6 'panicked at|\.\.\. FAILED|^error(\[|:)|signal: ' "$log" | head -n 80 | sed 's/^/    | /' >&2 || true
         tail -n "${STEP_TAIL:-25}" "$log" | sed 's/^/    | /' >&2
     fi
     return "$rc"

@@ -239,6 +239,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
             ..SegmentSpec::default()
         },
         trained_on: None,
+        calibration: None,
         training: serde_json::Value::Null,
     }
 }

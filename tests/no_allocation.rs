@@ -82,6 +82,7 @@ fn a_step_allocates_nothing() {
                 ..SegmentSpec::default()
             },
             trained_on: None,
+            calibration: None,
             training: serde_json::Value::Null,
         };
         let mesh = sample::triangles(30, 12, 1.6, 0.41);

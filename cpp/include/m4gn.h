@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 5
+#define M4GN_ABI_VERSION 6
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -333,6 +333,55 @@ int32_t m4gn_adapt_load(m4gn_adapt* adapt, m4gn_session* session, const char* pa
 
 /* Collective; the first rank writes. The model with the weights that are used, as a model file. */
 int32_t m4gn_adapt_write_model(m4gn_adapt* adapt, const char* path);
+
+/* ---- control ------------------------------------------------------------------------------------ */
+
+/* How far a jump of the surrogate may go (docs/hybrid.md). None of these is collective: all ranks call them alike, with
+ * figures of all ranks together. */
+typedef struct m4gn_control m4gn_control;
+
+/* A predicted field over a stride that solver and surrogate both took from the same state: root mean squares over the nodes of
+ * all ranks and the solved components. */
+typedef struct m4gn_stride_error
+{
+    double error;               /* of prediction minus solver; not finite where the prediction was not */
+    double change;              /* of what the solver changed */
+    double size;                /* of the solver's field */
+} m4gn_stride_error;
+
+/* M4GN_ERROR_INPUT for settings that m4gn_control_new would refuse whatever the model. */
+int32_t m4gn_control_check(const char* settings);
+
+/* `settings` is a JSON object, {"tolerance": 0.05} suffices: the largest error of a jump, relative to the largest root mean square
+ * that the field has had. Others: fields (predicted ones, ["U"]; the first one), onFailure ("solver", or "stop"), patience
+ * (strides in a row that allow no jump before it stops, 10). The fields whose errors' growth the model does not know stand in
+ * note, ended by a zero byte: they are reckoned to add up. On failure *control is NULL. It does not keep the session. */
+int32_t m4gn_control_new(
+    const m4gn_session* session,
+    const char* settings,
+    char* note,                 /* [note_size] */
+    int32_t note_size,
+    m4gn_control** control);
+
+void m4gn_control_free(m4gn_control* control);
+
+/* Takes up such a stride, a row for each predicted field in the session's order. M4GN_ERROR_NUMERICAL where the surrogate stays
+ * bad and the settings say stop. */
+int32_t m4gn_control_measure(m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields);
+
+/* Strides of the next jump, `most` at most; 0 where it must not begin, as before the first m4gn_control_measure. `error` is
+ * the relative error of the last stride measured, `estimate` that expected after the jump (of one stride where there is none). */
+int32_t m4gn_control_strides(
+    const m4gn_control* control,
+    int32_t most,
+    int32_t* strides,
+    double* error,
+    double* estimate);
+
+/* accepted 1: a stride of a jump that changes the predicted fields by so much (root mean squares) may be true; 0: it must not be
+ * used, since the change is more than three times the largest that a stride of the solver has made. */
+int32_t m4gn_control_accepts(
+    const m4gn_control* control, const double* changes, int32_t n_fields, int32_t* accepted);
 
 /* ---- segments ----------------------------------------------------------------------------------- */
 

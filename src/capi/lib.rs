@@ -8,6 +8,7 @@
 #[macro_use]
 mod door;
 mod adapt;
+mod control;
 mod fields;
 mod modes;
 mod options;
@@ -27,7 +28,7 @@ pub use session::{FieldInfo, ProjectionData};
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 5;
+pub const ABI_VERSION: i32 = 6;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

@@ -6,6 +6,7 @@ mod output;
 
 pub mod bench;
 mod bench_train;
+pub mod calibrate;
 pub mod compare;
 pub mod doctor;
 pub mod generate;
@@ -40,6 +41,7 @@ enum Command {
     Info(info::Args),
     Train(train::Args),
     Validate(validate::Args),
+    Calibrate(calibrate::Args),
     Compare(compare::Args),
     Hybrid(hybrid::Args),
     Bench(bench::Args),
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Train(args) => utf8_arguments().and_then(|()| train::run(args)),
         Command::Validate(args) => validate::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Hybrid(args) => hybrid::run(args),
         Command::Bench(args) => bench::run(args),

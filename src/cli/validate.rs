@@ -62,10 +62,14 @@ pub struct Args {
 
 /// Which trajectories.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Choice {
+pub enum Choice {
+    /// To report on.
     Test,
+    /// To choose settings on.
     Valid,
+    /// To train on.
     Train,
+    /// Each of them.
     All,
 }
 
@@ -109,7 +113,7 @@ pub fn run(args: Args) -> Result<()> {
     crate::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
     let model = Model::read(&args.model)?;
     let ways = args.ways(&model)?;
-    let trajectories = args.trajectories(&model)?;
+    let trajectories = trajectories(&args.data, args.split, &model)?;
     // One trajectory is pictured: the first of the split that counts.
     let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
     let shown = shown.unwrap_or(0);
@@ -220,35 +224,42 @@ impl Args {
             Projecting::Both => vec![Way::PLAIN, projected],
         })
     }
+}
 
-    /// The trajectories of the split that was asked for, all fit for the model.
-    fn trajectories(&self, model: &Model) -> Result<Vec<(Trajectory, Pace)>> {
-        let mut trajectories = Vec::new();
-        for path in list(&self.data)? {
-            let trajectory = Trajectory::open(&path)?;
-            if self.split.takes(trajectory.split()) {
-                let pace = name_file(validate::fits(model, &trajectory), &path)?;
-                trajectories.push((trajectory, pace));
-            }
+/// The trajectories of the split, all fit for the model.
+///
+/// # Errors
+/// When a file cannot be read or does not fit, and when there is none.
+pub fn trajectories(data: &Path, split: Choice, model: &Model) -> Result<Vec<(Trajectory, Pace)>> {
+    let mut trajectories = Vec::new();
+    for path in list(data)? {
+        let trajectory = Trajectory::open(&path)?;
+        if split.takes(trajectory.split()) {
+            let pace = name_file(validate::fits(model, &trajectory), &path)?;
+            trajectories.push((trajectory, pace));
         }
-        if trajectories.is_empty() {
-            return Err(Error::Input(format!(
-                "{}: no trajectory of this split",
-                self.data.display()
-            )));
-        }
-        Ok(trajectories)
     }
+    if trajectories.is_empty() {
+        return Err(Error::Input(format!(
+            "{}: no trajectory of this split",
+            data.display()
+        )));
+    }
+    Ok(trajectories)
 }
 
 /// Steps done so far, and whether to stop.
-struct Progress {
+pub struct Progress {
     bar: Option<indicatif::ProgressBar>,
     stop: &'static std::sync::atomic::AtomicU8,
 }
 
 impl Progress {
-    fn new(steps: usize) -> Result<Self> {
+    /// Of so many steps.
+    ///
+    /// # Errors
+    /// When Ctrl-C cannot be caught.
+    pub fn new(steps: usize) -> Result<Self> {
         Ok(Progress {
             bar: super::progress_bar(steps as u64, "steps"),
             stop: super::stop_flag()?,
@@ -256,7 +267,10 @@ impl Progress {
     }
 
     /// One step more.
-    fn advance(&self) -> Result<()> {
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] after Ctrl-C.
+    pub fn advance(&self) -> Result<()> {
         self.bar.iter().for_each(|b| b.inc(1));
         match self.stop.load(Ordering::Relaxed) {
             0 => Ok(()),
@@ -265,20 +279,24 @@ impl Progress {
     }
 
     /// A line where there is no bar.
-    fn say(&self, line: impl Fn() -> String) {
+    pub fn say(&self, line: impl Fn() -> String) {
         if self.bar.is_none() {
             println!("{}", line());
         }
     }
 
-    fn finish(self) {
+    /// Takes the bar away.
+    pub fn finish(self) {
         self.bar.iter().for_each(|b| b.finish_and_clear());
         println!();
     }
 }
 
 /// The error of a model that does not fit, or of a mesh that no session can be made of, names the file.
-fn name_file<T>(checked: Result<T>, path: &Path) -> Result<T> {
+///
+/// # Errors
+/// The error given.
+pub fn name_file<T>(checked: Result<T>, path: &Path) -> Result<T> {
     checked.map_err(|e| match e {
         Error::Model(message) => {
             Error::Model(format!("the model does not fit {}: {message}", path.display()))

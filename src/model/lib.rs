@@ -1,6 +1,7 @@
 //! What a model is: its architecture, the fields it reads and writes, and its weights (safetensors).
 
 mod architecture;
+mod calibration;
 mod check;
 mod file;
 pub mod modal;
@@ -12,6 +13,7 @@ mod tensors;
 mod trained_on;
 
 pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec};
+pub use calibration::{Calibration, Growth};
 pub use resolution::Resolution;
 pub use segmentation::{ModalOperator, SegmentEntries, SegmentMethod, SegmentSpec};
 pub use tensors::{Model, Tensor};
@@ -123,6 +125,9 @@ pub struct ModelSpec {
     /// Ranges of the data that it was trained on; none in models from before there was this entry.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trained_on: Option<TrainedOn>,
+    /// How the errors of its rollouts grow; none before `m4gn calibrate`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
     /// Where it came from: configuration, data, seed, steps, errors. For people; the engine ignores it.
     pub training: serde_json::Value,
 }

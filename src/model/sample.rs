@@ -49,6 +49,7 @@ pub fn spec() -> ModelSpec {
             ..SegmentSpec::default()
         },
         trained_on: None,
+        calibration: None,
         training: serde_json::json!({ "seed": 1 }),
     }
 }

@@ -5,6 +5,7 @@
 
 mod boundary;
 mod case;
+pub mod control;
 mod field;
 mod groups;
 mod moving;

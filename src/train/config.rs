@@ -312,6 +312,7 @@ impl Config {
             resolution: self.model.resolution,
             segments: self.segments.clone(),
             trained_on: None,
+            calibration: None,
             training: serde_json::Value::Null,
         })
     }

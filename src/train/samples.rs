@@ -349,6 +349,7 @@ pub(super) fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec>
             ..config.segments.clone()
         },
         trained_on: None,
+        calibration: None,
         training: serde_json::Value::Null,
     })
 }

@@ -2,6 +2,7 @@
 //! generators of training data, hybrid runs of many cases, benchmarks, and the reports of all of them.
 
 pub mod bench;
+pub mod calibrate;
 pub mod compare;
 mod foam_bridge;
 pub mod foam_case;

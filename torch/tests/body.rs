@@ -58,6 +58,7 @@ fn spec() -> ModelSpec {
             ..Default::default()
         },
         trained_on: None,
+        calibration: None,
         training: serde_json::Value::Null,
     }
 }

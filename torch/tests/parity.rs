@@ -40,6 +40,7 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
             ..Default::default()
         },
         trained_on: None,
+        calibration: None,
         training: serde_json::Value::Null,
     }
 }

@@ -11,64 +11,7 @@ License
 #include "mixedFvPatchFields.H"
 #include "Time.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
-namespace
-{
-
-using namespace Foam;
-
-//- Root mean square over the cells of all ranks and the solved components, as
-//  'm4gn compare' and 'm4gn validate' have it
-scalar rms
-(
-    const scalarField& difference,
-    const label nCells,
-    const label nSolved
-)
-{
-    const scalar sum = gSumSqr(difference);
-    const label n = nSolved*returnReduce(nCells, sumOp<label>());
-
-    return std::sqrt(sum/n);
-}
-
-
-//- From old (0) to now (1)
-tmp<scalarField> between
-(
-    const scalarField& old,
-    const scalarField& now,
-    const scalar fraction
-)
-{
-    return old + fraction*(now - old);
-}
-
-} // End anonymous namespace
-
-
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-Foam::scalarField Foam::m4gnObserve::solverValues(const label outputi) const
-{
-    const word& name = session_.outputs()[outputi];
-
-    if (session_.outputComponents(outputi) == 1)
-    {
-        return mesh_.lookupObject<volScalarField>(name).primitiveField();
-    }
-
-    const vectorField& vectors =
-        mesh_.lookupObject<volVectorField>(name).primitiveField();
-    const auto* flat = reinterpret_cast<const scalar*>(vectors.cdata());
-
-    scalarField values(3*vectors.size());
-    std::copy(flat, flat + values.size(), values.begin());
-
-    return values;
-}
-
 
 template<class Type>
 void Foam::m4gnObserve::imposeBoundary
@@ -114,28 +57,20 @@ void Foam::m4gnObserve::imposeBoundary
 
 void Foam::m4gnObserve::predict()
 {
-    inputs_.gather(session_.nodes());
-
-    forAll(start_, i)
-    {
-        start_[i] = solverValues(i);
-    }
-
-    oneStep_ = start_;
-    oneStepFinite_ = session_.step(inputs_.view(), oneStep_);
+    shadow_.begin();
 
     // The rollout: as the solver, but for what the model has advanced
     if (steps_ == 0)
     {
-        first_ = start_;
-        rolloutOld_ = start_;
-        rollout_ = oneStep_;
-        rolloutFinite_ = oneStepFinite_;
+        first_ = shadow_.start();
+        rolloutOld_ = shadow_.start();
+        rollout_ = shadow_.predicted();
+        rolloutFinite_ = shadow_.finite();
         steps_ = 1;
         return;
     }
 
-    std::vector<m4gn_field> view(inputs_.view());
+    std::vector<m4gn_field> view(shadow_.inputs().view());
 
     forAll(outputOfInput_, inputi)
     {
@@ -183,7 +118,7 @@ void Foam::m4gnObserve::predict()
 }
 
 
-void Foam::m4gnObserve::compare(const scalar fraction)
+void Foam::m4gnObserve::compare()
 {
     const bool report = Pstream::master() && writeToFile();
 
@@ -192,23 +127,25 @@ void Foam::m4gnObserve::compare(const scalar fraction)
         file() << mesh_.time().timeOutputValue() << tab << steps_;
     }
 
-    forAll(start_, i)
-    {
-        const scalarField now(solverValues(i));
-        const label n = mesh_.nCells();
-        const label m =
-            session_.outputComponents(i) == 1 ? 1 : mesh_.nSolutionD();
+    const scalar fraction = shadow_.fraction();
+    const List<scalarField> solver(shadow_.now());
+    const std::vector<m4gn_stride_error> oneStep(shadow_.compare());
 
+    forAll(solver, i)
+    {
+        const scalarField rollout
+        (
+            m4gnShadow::between(rolloutOld_[i], rollout_[i], fraction)
+          - solver[i]
+        );
         const FixedList<scalar, 4> errors
         ({
-            oneStepFinite_
-          ? rms(between(start_[i], oneStep_[i], fraction) - now, n, m) : GREAT,
-            rms(start_[i] - now, n, m),
-            rolloutFinite_
-          ? rms(between(rolloutOld_[i], rollout_[i], fraction) - now, n, m) : GREAT,
-            rms(first_[i] - now, n, m)
+            oneStep[i].error,
+            oneStep[i].change,
+            rolloutFinite_ ? shadow_.rms(rollout, i) : GREAT,
+            shadow_.rms(first_[i] - solver[i], i)
         });
-        const scalar size = rms(now, n, m);
+        const scalar size = oneStep[i].size;
 
         if (report)
         {
@@ -248,35 +185,18 @@ Foam::m4gnObserve::m4gnObserve
     mesh_(mesh),
     session_(session),
     rolloutSteps_(dict.getOrDefault<label>("rolloutSteps", 50)),
-    inputs_(mesh, session.inputs()),
-    start_(session.outputs().size()),
-    oneStep_(start_.size()),
-    first_(start_.size()),
-    rolloutOld_(start_.size()),
-    rollout_(start_.size()),
+    shadow_(mesh, session),
     rolloutBoundary_(session.inputs().size()),
     outputOfInput_(session.inputs().size()),
-    startTime_(0),
-    waiting_(false),
     steps_(0),
-    oneStepFinite_(true),
     rolloutFinite_(true),
-    sums_(start_.size(), FixedList<scalar, 4>(scalar(0))),
+    sums_(session.outputs().size(), FixedList<scalar, 4>(scalar(0))),
     nTimes_(0)
 {
     forAll(outputOfInput_, inputi)
     {
         outputOfInput_[inputi] =
             session.outputs().find(session.inputs()[inputi]);
-    }
-
-    if (session.stride() < mesh.time().deltaTValue()*(1 - 1e-6))
-    {
-        FatalErrorInFunction
-            << "The stride of the model " << session.model() << ", "
-            << session.stride() << " s, is shorter than the solver's deltaT "
-            << mesh.time().deltaTValue() << " s: there is nothing to compare"
-            << " with." << exit(FatalError);
     }
 
     if (Pstream::master() && writeToFile())
@@ -308,21 +228,14 @@ Foam::m4gnObserve::m4gnObserve
 
 void Foam::m4gnObserve::execute()
 {
-    const Time& time = mesh_.time();
-    const scalar fraction = (time.value() - startTime_)/session_.stride();
-
-    // Nearest time step of the solver to startTime_ + stride
-    const bool arrived =
-        fraction > 1 - 0.5*time.deltaTValue()/session_.stride();
-
-    if (waiting_ && !arrived)
+    if (shadow_.waiting() && !shadow_.arrived())
     {
         return;
     }
 
-    if (waiting_)
+    if (shadow_.waiting())
     {
-        compare(mag(fraction - 1) < 1e-6 ? scalar(1) : fraction);
+        compare();
 
         if (steps_ >= rolloutSteps_ || !rolloutFinite_)
         {
@@ -330,9 +243,7 @@ void Foam::m4gnObserve::execute()
         }
     }
 
-    startTime_ = time.value();
     predict();
-    waiting_ = true;
 }
 
 

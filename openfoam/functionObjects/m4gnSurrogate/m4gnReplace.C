@@ -8,6 +8,7 @@ License
 
 #include "m4gnReplace.H"
 #include "m4gnAdapt.H"
+#include "m4gnControl.H"
 #include "m4gnCore.H"
 #include "m4gnOthers.H"
 #include "clockTime.H"
@@ -35,6 +36,8 @@ bool Foam::m4gnReplace::predict()
             predicted_[i].begin()
         );
     }
+
+    old_ = predicted_;
 
     return session_.step(inputs_.view(), predicted_);
 }
@@ -73,7 +76,8 @@ void Foam::m4gnReplace::writeLine
 (
     const label nSteps,
     const scalar surrogateSeconds,
-    const scalar handOverSeconds
+    const scalar handOverSeconds,
+    const m4gnControl* control
 )
 {
     const List<m4gnSolverState::quantity> quantities(state_->quantities());
@@ -84,6 +88,11 @@ void Foam::m4gnReplace::writeLine
     for (const m4gnSolverState::quantity& q : quantities)
     {
         Info<< "; " << q.first() << ' ' << q.second();
+    }
+    if (control)
+    {
+        Info<< "; a stride beside the solver was off by " << control->error()
+            << ", " << control->estimate() << " is expected of the jump";
     }
     Info<< nl << endl;
 
@@ -106,6 +115,11 @@ void Foam::m4gnReplace::writeLine
         {
             writeTabbed(os, q.first());
         }
+        if (control)
+        {
+            writeTabbed(os, "strideError");
+            writeTabbed(os, "estimate");
+        }
         os  << endl;
         writtenHeader_ = true;
     }
@@ -117,6 +131,10 @@ void Foam::m4gnReplace::writeLine
     for (const m4gnSolverState::quantity& q : quantities)
     {
         os  << tab << q.second();
+    }
+    if (control)
+    {
+        os  << tab << control->error() << tab << control->estimate();
     }
     os  << endl;
 }
@@ -136,7 +154,6 @@ Foam::m4gnReplace::m4gnReplace
     name_(name),
     mesh_(mesh),
     time_(const_cast<Time&>(mesh.time())),
-    nSteps_(dict.get<label>("surrogateSteps")),
     others_(m4gnOthers::chosen(name, mesh.time(), dict)),
     session_(session),
     state_(m4gnSolverState::New(mesh, dict, session)),
@@ -172,7 +189,9 @@ bool Foam::m4gnReplace::fits
 bool Foam::m4gnReplace::jump
 (
     const scalar endTime,
-    const m4gnAdapt* adapt
+    const label nSteps,
+    const m4gnAdapt* adapt,
+    const m4gnControl* control
 )
 {
     // Between its steps time has the surrogate's deltaT
@@ -199,10 +218,10 @@ bool Foam::m4gnReplace::jump
         handOverSeconds += timer.timeIncrement();
     };
 
-    for (; stepi < nSteps_ && fits(); ++stepi)
+    for (; stepi < nSteps && fits(); ++stepi)
     {
         timer.timeIncrement();
-        if (!predict())
+        if (!predict() || (control && !control->accepts(old_, predicted_)))
         {
             ++nRefused_;
             break;
@@ -217,7 +236,7 @@ bool Foam::m4gnReplace::jump
         state_->advance(predicted_);
         surrogateSeconds += timer.timeIncrement();
 
-        const bool last = stepi + 1 == nSteps_ || !fits();
+        const bool last = stepi + 1 == nSteps || !fits();
         handedOver = false;
 
         if (last || state_->completeEach() || time_.writeTime())
@@ -262,13 +281,17 @@ bool Foam::m4gnReplace::jump
     surrogateSeconds_ += surrogateSeconds;
     handOverSeconds_ += handOverSeconds;
 
-    writeLine(stepi, surrogateSeconds, handOverSeconds);
+    writeLine(stepi, surrogateSeconds, handOverSeconds, control);
 
     return true;
 }
 
 
-void Foam::m4gnReplace::end(const m4gnAdapt* adapt) const
+void Foam::m4gnReplace::end
+(
+    const m4gnAdapt* adapt,
+    const m4gnControl* control
+) const
 {
     const scalar total = max(time_.value() - firstTime_, VSMALL);
     const scalar fraction = replacedTime_/total;
@@ -293,6 +316,10 @@ void Foam::m4gnReplace::end(const m4gnAdapt* adapt) const
     if (adapt)
     {
         adapt->writeSummary(os);
+    }
+    if (control)
+    {
+        control->writeSummary(os);
     }
     os  << "  \"replaced_time\": " << replacedTime_ << ",\n"
         << "  \"solver_time\": " << total - replacedTime_ << ",\n"

@@ -9,6 +9,7 @@ License
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnAdapt.H"
+#include "m4gnControl.H"
 #include "m4gnDictionary.H"
 #include "m4gnObserve.H"
 #include "m4gnOthers.H"
@@ -113,18 +114,36 @@ bool Foam::functionObjects::m4gnSurrogate::adapts()
 }
 
 
-void Foam::functionObjects::m4gnSurrogate::advance()
+bool Foam::functionObjects::m4gnSurrogate::controls()
 {
-    if (adapts())
+    if (!m4gnControl::wanted(dict_))
     {
-        adapt_->frame(false);
+        return false;
     }
 
+    load();
+
+    if (!control_)
+    {
+        control_.reset(new m4gnControl(mesh_, dict_, *session_));
+    }
+
+    // From early enough before the first jump for a stride
+    const scalar half = 0.5*time_.deltaTValue();
+
+    return
+        time_.value() > timeStart_ - 1.5*session_->stride() - half
+     && time_.value() < timeEnd_ + half;
+}
+
+
+bool Foam::functionObjects::m4gnSurrogate::jumped()
+{
     const scalar half = 0.5*time_.deltaTValue();
 
     if (time_.value() < timeStart_ - half || time_.value() > timeEnd_ + half)
     {
-        return;
+        return false;
     }
 
     load();
@@ -140,7 +159,7 @@ void Foam::functionObjects::m4gnSurrogate::advance()
             observe_.reset(new m4gnObserve(name(), mesh_, dict_, *session_));
         }
         observe_->execute();
-        return;
+        return false;
     }
 
     if (!replace_)
@@ -148,29 +167,67 @@ void Foam::functionObjects::m4gnSurrogate::advance()
         replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_));
     }
 
-    if (time_.timeIndex() - handedBack_ < solverSteps_)
+    if
+    (
+        time_.timeIndex() - handedBack_ < solverSteps_
+     || (control_ && !control_->fresh())
+    )
     {
-        return;
+        return false;
     }
+
+    label nSteps = dict_.get<label>("surrogateSteps");
 
     if (adapt_ && replace_->fits(timeEnd_, time_.deltaTValue()))
     {
-        adapt_->run(dict_.get<label>("surrogateSteps"));
+        adapt_->run(nSteps);
+    }
+
+    if (control_)
+    {
+        nSteps = control_->steps(nSteps);
     }
 
     jumping_ = true;
+    const bool done =
+        nSteps
+     && replace_->jump(timeEnd_, nSteps, adapt_.get(), control_.get());
+    jumping_ = false;
 
-    if (replace_->jump(timeEnd_, adapt_.get()))
+    if (done)
     {
         handedBack_ = time_.timeIndex();
-
-        if (adapt_)
-        {
-            adapt_->frame(true);
-        }
     }
 
-    jumping_ = false;
+    return done;
+}
+
+
+void Foam::functionObjects::m4gnSurrogate::advance()
+{
+    if (adapts())
+    {
+        adapt_->frame(false);
+    }
+
+    const bool controlled = controls();
+
+    if (controlled)
+    {
+        control_->measure();
+    }
+
+    const bool handedBack = jumped();
+
+    if (handedBack && adapt_)
+    {
+        adapt_->frame(true);
+    }
+
+    if (controlled)
+    {
+        control_->begin(handedBack);
+    }
 }
 
 
@@ -193,12 +250,12 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
 {
     read(dict);
 
-    if (m4gnAdapt::wanted(dict))
+    if (m4gnAdapt::wanted(dict) || m4gnControl::wanted(dict))
     {
         // The dictionary is that of Foam::functionObjects::timeControl, which
         // reads it when this object is made, and then does not execute it
-        // before timeStart. The model learns before, and timeStart is heeded
-        // here.
+        // before timeStart. The model learns and is measured before, and
+        // timeStart is heeded here.
         const_cast<dictionary&>(dict).remove("timeStart");
     }
 
@@ -258,11 +315,11 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     ownKeys_ =
     {
         "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "phi",
-        "state", "executeOthers", "adapt", "writePrecision", "writeToFile",
+        "state", "executeOthers", "adapt", "control", "writePrecision", "writeToFile",
         "useUserTime"
     };
     ownKeys_.append(m4gnSolverState::keys(dict));
-    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt"});
+    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control"});
     m4gnOthers::checkDictionary(dict);
 
     const word mode(dict.get<word>("mode"));
@@ -277,6 +334,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
     m4gnAdapt::checkDictionary(dict);
+    m4gnControl::checkDictionary(dict);
 
     if (mode_ == modeType::REPLACE)
     {
@@ -367,7 +425,7 @@ bool Foam::functionObjects::m4gnSurrogate::end()
     }
     if (replace_)
     {
-        replace_->end(adapt_.get());
+        replace_->end(adapt_.get(), control_.get());
     }
 
     return true;

@@ -83,6 +83,7 @@ impl Shape {
                 ..SegmentSpec::default()
             },
             trained_on: None,
+            calibration: None,
             training: serde_json::json!({ "note": "random weights" }),
         }
     }

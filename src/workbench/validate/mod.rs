@@ -208,16 +208,24 @@ pub fn run(
             ..options.clone()
         };
         let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
-        let has_obstacle = trajectory.obstacle().is_some();
-        let mut step = |fields: &[Field], out: &mut [FieldMut], motion: [&[Vector]; 2]| {
-            if has_obstacle {
-                session.set_obstacle(motion[0], motion[1])?;
-            }
-            session.step(fields, out)
-        };
+        let mut step = stepper(&mut session, trajectory);
         predictions.push(scene.predict((way.key, way.name), keep, &mut step, progress)?);
     }
     Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)
+}
+
+/// Steps of a session on a trajectory.
+pub(crate) fn stepper<'a>(
+    session: &'a mut Session,
+    trajectory: &Trajectory,
+) -> impl FnMut(&[Field], &mut [FieldMut], [&[Vector]; 2]) -> Result<()> + 'a {
+    let has_obstacle = trajectory.obstacle().is_some();
+    move |fields, out, motion| {
+        if has_obstacle {
+            session.set_obstacle(motion[0], motion[1])?;
+        }
+        session.step(fields, out)
+    }
 }
 
 /// Times of the steps' ends, from the first frame, s.

@@ -15,13 +15,16 @@ use std::time::Instant;
 /// before and after, empty without obstacle.
 pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], [&[Vector]; 2]) -> Result<()> + 'a;
 
+/// Values of a field: rows of 1 or 3 at the nodes, and at the boundary faces.
+pub type Values = (Vec<f64>, Vec<f64>);
+
 /// A predicted field on the trajectory.
 struct Track {
     spec: FieldSpec,
     /// Values a row as a session takes them: 3 or 1.
     width: usize,
     /// Recorded frames at the stride, rows of `width`: nodes, and boundary faces.
-    recorded: Vec<(Vec<f64>, Vec<f64>)>,
+    recorded: Vec<Values>,
     /// Boundary faces that take their owner's value.
     copied: Vec<bool>,
 }
@@ -208,8 +211,8 @@ impl<'a> Scene<'a> {
             quality: self.shape.as_ref().map(|_| Vec::new()),
             ..Prediction::default()
         };
-        let start = || self.tracks.iter().map(|t| &t.recorded[0]);
-        let mut next: Vec<Vec<f64>> = start().map(|r| r.0.clone()).collect();
+        let start = self.tracks.iter().map(|t| t.recorded[0].0.clone());
+        let mut next: Vec<Vec<f64>> = start.collect();
         for i in 0..steps {
             let state: Vec<_> = self.tracks.iter().map(|t| &t.recorded[i]).collect();
             self.step(step, i, &state, &mut next, &mut p.seconds)?;
@@ -219,24 +222,11 @@ impl<'a> Scene<'a> {
             progress()?;
         }
 
-        let mut state: Vec<(Vec<f64>, Vec<f64>)> = start().cloned().collect();
         let mut largest = 0.0f64;
-        for i in 0..steps {
-            let now: Vec<_> = state.iter().collect();
-            match self.step(step, i, &now, &mut next, &mut p.seconds) {
-                Ok(()) => {}
-                Err(Error::Numerical(why)) => {
-                    p.diverged = Some(format!("step {}: {why}", i + 1));
-                    break;
-                }
-                Err(other) => return Err(other),
-            }
-            for (k, track) in self.tracks.iter().enumerate() {
-                let (nodes, boundary) = &mut state[k];
-                nodes.clone_from(&next[k]);
-                let prescribed = &track.recorded[i + 1].1;
-                impose_boundary(self.mesh, track.width, &track.copied, nodes, prescribed, boundary);
-                p.fields[k].rollout.push(self.error(k, nodes, i + 1));
+        let mut seconds = (0.0, 0);
+        p.diverged = self.roll((0, steps), step, &mut seconds, &mut |i, state| {
+            for (k, errors) in p.fields.iter_mut().enumerate() {
+                errors.rollout.push(self.error(k, &state[k].0, i + 1));
             }
             let headline = &state[0].0;
             largest = largest.max(self.largest(headline));
@@ -247,8 +237,10 @@ impl<'a> Scene<'a> {
             if keep.takes(i + 1, steps) {
                 p.kept.insert(i + 1, headline.clone());
             }
-            progress()?;
-        }
+            progress()
+        })?;
+        p.seconds.0 += seconds.0;
+        p.seconds.1 += seconds.1;
         let recorded = (0..=steps)
             .map(|i| self.largest(self.truth(0, i)))
             .fold(0.0, f64::max);
@@ -257,6 +249,37 @@ impl<'a> Scene<'a> {
             None => largest / recorded.max(f64::MIN_POSITIVE),
         });
         Ok(p)
+    }
+
+    /// Rolls on over so many steps from the recorded state at the start of step `first`, and shows the state at the end of each
+    /// step, with its number. Why the rollout ended early, where it became non-finite.
+    ///
+    /// # Errors
+    /// When a step fails otherwise, and those of `visit`.
+    pub fn roll(
+        &self,
+        (first, steps): (usize, usize),
+        step: &mut Step,
+        seconds: &mut (f64, usize),
+        visit: &mut dyn FnMut(usize, &[Values]) -> Result<()>,
+    ) -> Result<Option<String>> {
+        let mut state: Vec<Values> = self.tracks.iter().map(|t| t.recorded[first].clone()).collect();
+        let mut next: Vec<Vec<f64>> = state.iter().map(|s| s.0.clone()).collect();
+        for i in first..first + steps {
+            let now: Vec<_> = state.iter().collect();
+            match self.step(step, i, &now, &mut next, seconds) {
+                Ok(()) => {}
+                Err(Error::Numerical(why)) => return Ok(Some(format!("step {}: {why}", i + 1))),
+                Err(other) => return Err(other),
+            }
+            for ((track, next), (nodes, boundary)) in self.tracks.iter().zip(&next).zip(&mut state) {
+                nodes.clone_from(next);
+                let prescribed = &track.recorded[i + 1].1;
+                impose_boundary(self.mesh, track.width, &track.copied, nodes, prescribed, boundary);
+            }
+            visit(i, &state)?;
+        }
+        Ok(None)
     }
 
     /// Largest value of the headline field, of a vector its length.
@@ -271,7 +294,7 @@ impl<'a> Scene<'a> {
         &self,
         step: &mut Step,
         i: usize,
-        state: &[&(Vec<f64>, Vec<f64>)],
+        state: &[&Values],
         next: &mut [Vec<f64>],
         seconds: &mut (f64, usize),
     ) -> Result<()> {

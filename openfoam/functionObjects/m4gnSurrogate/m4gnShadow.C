@@ -1,0 +1,136 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnShadow.H"
+#include "Time.H"
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnShadow::m4gnShadow(const fvMesh& mesh, m4gnSession& session)
+:
+    mesh_(mesh),
+    session_(session),
+    inputs_(mesh, session.inputs()),
+    outputs_(mesh, session.outputs()),
+    start_(session.outputs().size()),
+    predicted_(start_.size()),
+    startTime_(0),
+    waiting_(false),
+    finite_(true)
+{
+    if (session.stride() < mesh.time().deltaTValue()*(1 - 1e-6))
+    {
+        FatalErrorInFunction
+            << "The stride of the model " << session.model() << ", "
+            << session.stride() << " s, is shorter than the solver's deltaT "
+            << mesh.time().deltaTValue() << " s: there is nothing to compare"
+            << " with." << exit(FatalError);
+    }
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnShadow::begin()
+{
+    inputs_.gather(session_.nodes());
+    start_ = now();
+    predicted_ = start_;
+    finite_ = session_.step(inputs_.view(), predicted_);
+    startTime_ = mesh_.time().value();
+    waiting_ = true;
+}
+
+
+bool Foam::m4gnShadow::arrived() const
+{
+    return
+        waiting_
+     && fraction() > 1 - 0.5*mesh_.time().deltaTValue()/session_.stride();
+}
+
+
+Foam::scalar Foam::m4gnShadow::fraction() const
+{
+    const scalar fraction =
+        (mesh_.time().value() - startTime_)/session_.stride();
+
+    return mag(fraction - 1) < 1e-6 ? scalar(1) : fraction;
+}
+
+
+Foam::List<Foam::scalarField> Foam::m4gnShadow::now()
+{
+    outputs_.gather(session_.nodes());
+
+    List<scalarField> values(outputs_.size());
+    forAll(values, i)
+    {
+        const m4gn_field& field = outputs_.view()[i];
+
+        values[i].resize(field.components*session_.nodes().size());
+        std::copy
+        (
+            field.cells,
+            field.cells + values[i].size(),
+            values[i].begin()
+        );
+    }
+
+    return values;
+}
+
+
+std::vector<m4gn_stride_error> Foam::m4gnShadow::compare()
+{
+    const List<scalarField> solver(now());
+    std::vector<m4gn_stride_error> errors(solver.size());
+
+    forAll(solver, i)
+    {
+        const scalarField error
+        (
+            between(start_[i], predicted_[i], fraction()) - solver[i]
+        );
+        errors[i].error = finite_ ? rms(error, i) : GREAT;
+        errors[i].change = rms(solver[i] - start_[i], i);
+        errors[i].size = rms(solver[i], i);
+    }
+    waiting_ = false;
+
+    return errors;
+}
+
+
+Foam::tmp<Foam::scalarField> Foam::m4gnShadow::between
+(
+    const scalarField& old,
+    const scalarField& now,
+    const scalar fraction
+)
+{
+    return old + fraction*(now - old);
+}
+
+
+Foam::scalar Foam::m4gnShadow::rms
+(
+    const scalarField& values,
+    const label outputi
+) const
+{
+    const label nSolved =
+        session_.outputComponents(outputi) == 1 ? 1 : mesh_.nSolutionD();
+    const label n =
+        nSolved*returnReduce(session_.nodes().size(), sumOp<label>());
+
+    return std::sqrt(gSumSqr(values)/n);
+}
+
+
+// ************************************************************************* //

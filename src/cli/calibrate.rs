@@ -1,0 +1,172 @@
+//! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
+
+use crate::validate::{Choice, Progress, name_file, trajectories};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Calibration, Model, Resolution};
+use m4gn_step::SessionOptions;
+use m4gn_workbench::calibrate::{self, Rollout};
+use m4gn_workbench::validate::predicted;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Measure how a model's errors grow over a jump, for the error control of m4gnSurrogate
+///
+/// Rolls the model out from frames all along trajectories that no training has seen, and compares the errors after 1, 2, ... strides
+/// with that of the stride before. The quantiles of the ratios are written into the model (--out): with them, and with a stride that
+/// solver and surrogate both take, 'control { tolerance ...; }' of m4gnSurrogate chooses the length of its jumps. --check measures
+/// instead how often the estimates of a calibrated model hold on other trajectories.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model (*.safetensors)
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Folder of trajectories (*.h5), or one of them
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Trajectories to use
+    #[arg(long, value_enum, default_value_t = Choice::Valid)]
+    split: Choice,
+    /// Longest jump, strides of the model
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    strides: usize,
+    /// Rollouts on each trajectory, from frames evenly apart
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    starts: usize,
+    /// Share of the rollouts whose errors are not larger than the estimate [default: 0.95]
+    #[arg(long, value_name = "SHARE", conflicts_with = "check")]
+    coverage: Option<f64>,
+    /// Measure how often the model's own calibration holds here
+    #[arg(long, conflicts_with = "out")]
+    check: bool,
+    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
+    #[arg(long, default_value = "auto")]
+    resolution: Resolution,
+    /// Threads
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
+    /// Write the calibrated model to this file; it may be the same
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the model does not fit the data, a file cannot be read or written, or there are too few rollouts.
+pub fn run(args: Args) -> Result<()> {
+    for (option, value) in [("--strides", args.strides), ("--starts", args.starts)] {
+        if value == 0 {
+            return Err(Error::Input(format!("{option} 0: expected at least 1")));
+        }
+    }
+    crate::check_outputs([&args.json, &args.out].map(|p| p.as_deref()))?;
+    let mut model = Model::read(&args.model)?;
+    let known = match (args.check, &model.spec.calibration) {
+        (true, None) => {
+            return Err(Error::Model(format!(
+                "{}: the model has no calibration to check; make one without --check, and write it with --out",
+                args.model.display()
+            )));
+        }
+        (true, known) => known.clone(),
+        (false, _) => None,
+    };
+    let strides = match &known {
+        Some(c) => c
+            .growth
+            .iter()
+            .map(|g| g.factors.len())
+            .min()
+            .unwrap_or(0)
+            .min(args.strides),
+        None => args.strides,
+    };
+    let options = SessionOptions {
+        n_threads: args.threads,
+        resolution: args.resolution,
+        model: Some(args.model.clone()),
+        ..SessionOptions::default()
+    };
+    let found = trajectories(&args.data, args.split, &model)?;
+    let progress = Progress::new(args.starts * found.len())?;
+    let mut all: Vec<Vec<Rollout>> = Vec::new();
+    for (i, (trajectory, _)) in found.iter().enumerate() {
+        let rollouts = calibrate::rollouts(&model, trajectory, &options, (strides, args.starts), &mut || {
+            progress.advance()
+        });
+        all.push(name_file(rollouts, trajectory.path())?);
+        progress.say(|| format!("{}/{} {}", i + 1, found.len(), trajectory.path().display()));
+    }
+    progress.finish();
+
+    let calibration = match &known {
+        Some(known) => known.clone(),
+        None => calibrate::calibration(&model, args.coverage.unwrap_or(0.95), &all)?,
+    };
+    let rollouts: Vec<Rollout> = all.iter().flatten().cloned().collect();
+    let covered: Vec<Vec<f64>> = (0..calibration.growth.len())
+        .map(|k| calibrate::covered(&calibration, &model, k, &rollouts))
+        .collect();
+    print(&calibration, &rollouts, &covered, known.is_some(), found.len());
+    let names: Vec<&str> = predicted(&model.spec.fields)
+        .iter()
+        .map(|f| f.name.as_str())
+        .collect();
+    let figures = json!({
+        "calibration": calibration,
+        "checked": known.is_some(),
+        "trajectories": found.len(),
+        "rollouts": rollouts.len(),
+        "fields": names,
+        "covered": covered,
+    });
+    crate::write_json(args.json.as_deref(), &figures)?;
+    if let Some(out) = &args.out {
+        model.spec.calibration = Some(calibration);
+        model.write(out)?;
+        println!("written to {}", out.display());
+    }
+    Ok(())
+}
+
+/// The factors at some numbers of strides.
+fn print(
+    calibration: &Calibration,
+    rollouts: &[Rollout],
+    covered: &[Vec<f64>],
+    checked: bool,
+    trajectories: usize,
+) {
+    let count = rollouts.len();
+    match checked {
+        true => println!(
+            "calibrated for a coverage of {} on {} rollouts of {} trajectories; checked on {count} of {trajectories}",
+            calibration.coverage, calibration.rollouts, calibration.trajectories
+        ),
+        false => println!(
+            "coverage {} on {count} rollouts of {trajectories} trajectories",
+            calibration.coverage
+        ),
+    }
+    println!("error after n strides over that of the stride before:");
+    println!("  field       n  median    factor  share within");
+    for (k, growth) in calibration.growth.iter().enumerate() {
+        let shown = [1, 2, 5, 10, 20, 40, 80];
+        for n in shown.into_iter().filter(|n| *n <= growth.factors.len()) {
+            let ratio = |r: &Rollout| r[k].1.get(n - 1).map(|e| e / r[k].0.max(f64::MIN_POSITIVE));
+            let mut ratios: Vec<f64> = rollouts.iter().filter_map(ratio).collect();
+            ratios.sort_by(f64::total_cmp);
+            let median = ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN);
+            let share = covered[k].get(n - 1).copied().unwrap_or(f64::NAN);
+            println!(
+                "  {:<8} {n:>4}  {median:>6.2}  {:>8.2}  {:>11.1} %",
+                growth.field,
+                growth.factors[n - 1],
+                100.0 * share
+            );
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! Error control of jumps: how far a surrogate may go before it hands back.
+//!
+//! While the solver works, the surrogate takes the same strides beside it, from the solver's own states. What such a stride is off
+//! by (Pearson correlation of 0.96 with the error of the following jump over cases inside and outside the range of training), times
+//! the growth that the model was calibrated with ([`m4gn_model::Calibration`]), is the estimate of a jump's error; a jump gets
+//! as many strides as keep it within the tolerance. Errors are root mean squares over nodes and solved components, relative to the
+//! largest root mean square that the field has had in the run.
+
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{ModelSpec, Output, settings};
+use serde::{Deserialize, Serialize};
+
+/// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.
+const MOST_CHANGE: f64 = 3.0;
+
+/// What happens where the surrogate stays bad.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnFailure {
+    /// The solver goes on alone, and the surrogate is tried beside it.
+    #[default]
+    Solver,
+    /// The run ends with an error.
+    Stop,
+}
+
+/// Settings of a controller; `tolerance` suffices.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlSettings {
+    /// Largest relative error of a jump.
+    pub tolerance: f64,
+    /// Predicted fields that it holds for; none: the first one.
+    #[serde(default)]
+    pub fields: Option<Vec<String>>,
+    /// What happens where the surrogate stays bad.
+    #[serde(default)]
+    pub on_failure: OnFailure,
+    /// Strides in a row that allow no jump after which it stays bad.
+    #[serde(default = "patience")]
+    pub patience: usize,
+}
+
+fn patience() -> usize {
+    10
+}
+
+impl ControlSettings {
+    /// Parses and checks a JSON object.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the entry, what was found and what is expected.
+    pub fn parse(text: &str) -> Result<Self> {
+        let read: Self = settings::parse("control", text, &[])?;
+        if !(read.tolerance.is_finite() && read.tolerance > 0.0) {
+            return Err(Error::Input(format!(
+                "control: tolerance {}: expected a relative error above 0, such as 0.05",
+                read.tolerance
+            )));
+        }
+        if read.patience == 0 {
+            return Err(Error::Input(
+                "control: patience 0: expected at least 1 stride".into(),
+            ));
+        }
+        if read.fields.as_ref().is_some_and(Vec::is_empty) {
+            return Err(Error::Input(
+                "control: fields: expected at least one field".into(),
+            ));
+        }
+        Ok(read)
+    }
+}
+
+/// A field over a stride that solver and surrogate both took: root mean squares over nodes and solved components.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct StrideError {
+    /// Of the surrogate's prediction minus the solver's state; not finite where the prediction was not.
+    pub error: f64,
+    /// Of what the solver changed.
+    pub change: f64,
+    /// Of the solver's state.
+    pub size: f64,
+}
+
+/// One predicted field.
+#[derive(Clone, Debug)]
+struct Track {
+    name: String,
+    /// Whether the tolerance holds for it.
+    watched: bool,
+    /// Growth of its errors with the strides of a jump; none: they add up.
+    factors: Option<Vec<f64>>,
+    /// Of the last stride.
+    error: f64,
+    /// Largest so far.
+    change: f64,
+    size: f64,
+}
+
+impl Track {
+    fn estimate(&self, strides: usize) -> f64 {
+        let factor = match &self.factors {
+            Some(factors) => factors.get(strides.max(1) - 1).copied().unwrap_or(f64::INFINITY),
+            None => strides as f64,
+        };
+        match self.error {
+            error if error.is_nan() => f64::INFINITY,
+            0.0 => 0.0,
+            error => factor * error / self.size,
+        }
+    }
+}
+
+/// The controller of a session's jumps. All ranks give it the same numbers, and it has no part that is collective.
+#[derive(Clone, Debug)]
+pub struct Control {
+    settings: ControlSettings,
+    tracks: Vec<Track>,
+    measured: bool,
+    /// Strides in a row that allowed no jump.
+    bad: usize,
+}
+
+impl Control {
+    /// For the fields that the model predicts, in its order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a field that the model does not predict.
+    pub fn new(spec: &ModelSpec, settings: ControlSettings) -> Result<Self> {
+        let outputs = spec.fields.iter().filter(|f| f.output != Output::None);
+        let names: Vec<&str> = outputs.map(|f| f.name.as_str()).collect();
+        let watched: Vec<&str> = match &settings.fields {
+            Some(fields) => fields.iter().map(String::as_str).collect(),
+            None => names.first().copied().into_iter().collect(),
+        };
+        if let Some(unknown) = watched.iter().find(|w| !names.contains(w)) {
+            return Err(Error::Input(format!(
+                "control: fields: {unknown} is not predicted by the model; expected some of {}",
+                names.join(", ")
+            )));
+        }
+        let factors = |name: &str| spec.calibration.as_ref().and_then(|c| c.factors(name));
+        let track = |name: &&str| Track {
+            name: (*name).to_string(),
+            watched: watched.contains(name),
+            factors: factors(name).map(<[f64]>::to_vec),
+            error: f64::INFINITY,
+            change: 0.0,
+            size: 0.0,
+        };
+        Ok(Control {
+            tracks: names.iter().map(track).collect(),
+            settings,
+            measured: false,
+            bad: 0,
+        })
+    }
+
+    /// Names of the watched fields whose growth the model does not know; their errors are reckoned to add up.
+    pub fn not_calibrated(&self) -> Vec<&str> {
+        let watched = self.tracks.iter().filter(|t| t.watched && t.factors.is_none());
+        watched.map(|t| t.name.as_str()).collect()
+    }
+
+    /// Takes up a stride that solver and surrogate both took, a row for each predicted field.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields; [`Error::Numerical`] where the surrogate stays bad and the settings say
+    /// `stop`.
+    pub fn measure(&mut self, strides: &[StrideError]) -> Result<()> {
+        self.check(strides.len())?;
+        for (track, stride) in self.tracks.iter_mut().zip(strides) {
+            track.error = stride.error;
+            track.change = track.change.max(stride.change);
+            track.size = track.size.max(stride.size);
+        }
+        self.measured = true;
+        self.bad = match self.strides(1) {
+            0 => self.bad + 1,
+            _ => 0,
+        };
+        if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
+            return Err(Error::Numerical(format!(
+                "the surrogate beside the solver was off by more than the tolerance {} allows in {} strides in a row, the last \
+                 one by {:.2e}: its model does not fit this case. Train or adapt it, raise the tolerance, or say onFailure solver",
+                self.settings.tolerance,
+                self.bad,
+                self.error()
+            )));
+        }
+        Ok(())
+    }
+
+    /// Relative error of the last stride, the largest of the watched fields; infinite before there was one.
+    pub fn error(&self) -> f64 {
+        let relative = |t: &Track| match t.error {
+            error if error.is_nan() => f64::INFINITY,
+            0.0 => 0.0,
+            error => error / t.size,
+        };
+        self.largest(relative)
+    }
+
+    /// Relative error that is expected after a jump of so many strides, the largest of the watched fields.
+    pub fn estimate(&self, strides: usize) -> f64 {
+        self.largest(|t| t.estimate(strides))
+    }
+
+    fn largest(&self, of: impl Fn(&Track) -> f64) -> f64 {
+        match self.measured {
+            true => self
+                .tracks
+                .iter()
+                .filter(|t| t.watched)
+                .map(of)
+                .fold(0.0, f64::max),
+            false => f64::INFINITY,
+        }
+    }
+
+    /// Strides of the next jump, `most` at most; 0: the surrogate must not jump.
+    pub fn strides(&self, most: usize) -> usize {
+        let within = |n: &usize| self.estimate(*n) <= self.settings.tolerance;
+        (1..=most).take_while(within).last().unwrap_or(0)
+    }
+
+    /// Whether a stride of a jump that changes the predicted fields by so much (root mean squares) may be true: by no more than three
+    /// times what a stride of the solver has.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields.
+    pub fn accepts(&self, changes: &[f64]) -> Result<bool> {
+        self.check(changes.len())?;
+        let one = |(track, change): (&Track, &f64)| *change <= MOST_CHANGE * track.change;
+        Ok(self.tracks.iter().zip(changes).all(one))
+    }
+
+    fn check(&self, found: usize) -> Result<()> {
+        match found == self.tracks.len() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "control: expected figures of the {} fields that the model predicts, found {found}",
+                self.tracks.len()
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use m4gn_model::{Calibration, Growth};
+
+    fn control(json: &str, calibrated: bool) -> Control {
+        let mut spec = m4gn_model::sample::spec();
+        spec.calibration = calibrated.then(|| Calibration {
+            coverage: 0.95,
+            trajectories: 1,
+            rollouts: 20,
+            growth: vec![Growth {
+                field: "U".into(),
+                factors: vec![1.5, 2.0, 4.0],
+            }],
+        });
+        Control::new(&spec, ControlSettings::parse(json).unwrap()).unwrap()
+    }
+
+    fn stride(error: f64) -> [StrideError; 2] {
+        let one = |error| StrideError {
+            error,
+            change: 0.1,
+            size: 2.0,
+        };
+        [one(error), one(1.0)]
+    }
+
+    #[test]
+    fn strides_are_those_that_keep_the_estimate_within_the_tolerance() {
+        let mut c = control(r#"{"tolerance": 0.05}"#, true);
+        assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY), "nothing measured");
+        c.measure(&stride(0.04)).unwrap();
+        // 0.02 times 1.5, 2 and 4
+        assert_eq!(c.strides(10), 2);
+        assert_eq!(c.strides(1), 1);
+        assert!((c.error() - 0.02).abs() < 1e-15 && (c.estimate(3) - 0.08).abs() < 1e-15);
+        // No further than it was calibrated
+        c.measure(&stride(0.001)).unwrap();
+        assert_eq!((c.strides(10), c.estimate(4)), (3, f64::INFINITY));
+        c.measure(&stride(0.2)).unwrap();
+        assert_eq!(c.strides(10), 0);
+        for bad in [f64::NAN, f64::INFINITY] {
+            c.measure(&stride(bad)).unwrap();
+            assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
+        }
+        assert_eq!(c.not_calibrated(), [""; 0]);
+    }
+
+    #[test]
+    fn without_calibration_errors_add_up() {
+        let mut c = control(r#"{"tolerance": 0.05, "fields": ["U", "p"]}"#, false);
+        assert_eq!(c.not_calibrated(), ["U", "p"]);
+        let mut both = stride(0.02);
+        both[1].error = 0.04;
+        c.measure(&both).unwrap();
+        // p: 0.02 a stride
+        assert_eq!(c.strides(10), 2);
+        c.measure(&stride(0.0)).unwrap();
+        assert_eq!(c.strides(10), 0, "p is off by half of itself");
+    }
+
+    #[test]
+    fn the_size_and_the_change_are_the_largest_so_far() {
+        let mut c = control(r#"{"tolerance": 0.05}"#, true);
+        c.measure(&stride(0.04)).unwrap();
+        let mut calm = stride(0.04);
+        calm.iter_mut().for_each(|s| (s.size, s.change) = (0.0, 0.0));
+        c.measure(&calm).unwrap();
+        assert_eq!(c.error(), 0.02);
+        assert!(c.accepts(&[0.29, 0.1]).unwrap());
+        assert!(!c.accepts(&[0.31, 0.1]).unwrap() && !c.accepts(&[0.1, f64::NAN]).unwrap());
+        assert!(c.accepts(&[0.1]).is_err());
+    }
+
+    #[test]
+    fn a_surrogate_that_stays_bad_ends_the_run_where_that_is_asked_for() {
+        let mut c = control(r#"{"tolerance": 0.01, "onFailure": "stop", "patience": 3}"#, true);
+        c.measure(&stride(1.0)).unwrap();
+        c.measure(&stride(1.0)).unwrap();
+        c.measure(&stride(0.0)).unwrap();
+        c.measure(&stride(1.0)).unwrap();
+        c.measure(&stride(1.0)).unwrap();
+        let text = c.measure(&stride(1.0)).unwrap_err().to_string();
+        assert!(
+            text.contains("3 strides in a row") && text.contains("onFailure solver"),
+            "{text}"
+        );
+        let mut goes_on = control(r#"{"tolerance": 0.01, "patience": 3}"#, true);
+        (0..20).for_each(|_| goes_on.measure(&stride(1.0)).unwrap());
+    }
+
+    #[test]
+    fn bad_settings_are_named() {
+        for (json, words) in [
+            ("{}", "tolerance"),
+            (r#"{"tolerance": 0}"#, "above 0"),
+            (r#"{"tolerance": 0.1, "tolerence": 1}"#, "tolerence"),
+            (r#"{"tolerance": 0.1, "fields": []}"#, "at least one"),
+            (r#"{"tolerance": 0.1, "onFailure": "maybe"}"#, "onFailure"),
+            (r#"{"tolerance": 0.1, "patience": 0}"#, "patience"),
+        ] {
+            let text = ControlSettings::parse(json).unwrap_err().to_string();
+            assert!(text.contains(words), "{json}: {text}");
+        }
+        let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
+        let text = Control::new(&m4gn_model::sample::spec(), settings)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            text.contains("q is not predicted") && text.contains("U, p"),
+            "{text}"
+        );
+    }
+}

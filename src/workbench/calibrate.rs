@@ -1,0 +1,87 @@
+//! How the errors of a model's rollouts grow, measured on recorded data (`m4gn calibrate`); see [`m4gn_model::Calibration`].
+
+use crate::validate::{Scene, fits, predicted, stepper};
+use m4gn_data::Trajectory;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Calibration, Model};
+use m4gn_step::{Session, SessionOptions};
+
+/// Errors of one rollout: of each predicted field, that of the stride before it and those after 1, 2, ... strides.
+pub type Rollout = Vec<(f64, Vec<f64>)>;
+
+/// Rolls the model out over `strides` strides from frames all along the trajectory, at most `starts` of them, evenly apart. The first
+/// stride of the trajectory is left out: what comes before a rollout is a stride of its own. `progress` is called after each rollout,
+/// and ends the run with an error of its own.
+///
+/// # Errors
+/// [`Error::Input`] for a trajectory that is too short; as [`fits`] and [`Session::new`].
+pub fn rollouts(
+    model: &Model,
+    trajectory: &Trajectory,
+    options: &SessionOptions,
+    (strides, starts): (usize, usize),
+    progress: &mut dyn FnMut() -> Result<()>,
+) -> Result<Vec<Rollout>> {
+    let pace = fits(model, trajectory)?;
+    let Some(last) = pace.steps.checked_sub(strides).filter(|last| *last > 0) else {
+        return Err(Error::Input(format!(
+            "{}: {} strides of the model, and rollouts of {strides} with a stride before them were asked for; ask for fewer",
+            trajectory.path().display(),
+            pace.steps
+        )));
+    };
+    let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
+    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
+    let mut step = stepper(&mut session, trajectory);
+    let fields = predicted(&model.spec.fields).len();
+    let count = starts.min(last);
+    let mut all = Vec::with_capacity(count);
+    for i in 0..count {
+        // From 1 to the last one
+        let start = 1 + i * (last - 1) / (count - 1).max(1);
+        let mut errors = |first: usize, steps: usize| -> Result<Vec<Vec<f64>>> {
+            let mut found = vec![Vec::with_capacity(steps); fields];
+            scene.roll((first, steps), &mut step, &mut (0.0, 0), &mut |at, state| {
+                for (k, list) in found.iter_mut().enumerate() {
+                    list.push(scene.error(k, &state[k].0, at + 1).rmse());
+                }
+                Ok(())
+            })?;
+            // After a state that is not finite
+            found
+                .iter_mut()
+                .for_each(|list| list.resize(steps, f64::INFINITY));
+            Ok(found)
+        };
+        let before = errors(start - 1, 1)?;
+        let after = errors(start, strides)?;
+        let pairs = before.into_iter().zip(after);
+        all.push(pairs.map(|(b, a)| (b[0], a)).collect());
+        progress()?;
+    }
+    Ok(all)
+}
+
+/// Of the rollouts on all trajectories.
+///
+/// # Errors
+/// As [`Calibration::new`].
+pub fn calibration(model: &Model, coverage: f64, trajectories: &[Vec<Rollout>]) -> Result<Calibration> {
+    let names = predicted(&model.spec.fields).into_iter().enumerate();
+    let all = || trajectories.iter().flatten();
+    let fields = names.map(|(k, field)| (field.name.clone(), all().map(|r| r[k].clone()).collect()));
+    Calibration::new(coverage, trajectories.len(), fields.collect())
+}
+
+/// Share of the rollouts whose error of predicted field `k` after each number of strides is not larger than the calibration
+/// estimates; of other rollouts than it was made from, this is its true coverage.
+pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[Rollout]) -> Vec<f64> {
+    let name = &predicted(&model.spec.fields)[k].name;
+    let factors = calibration.factors(name).unwrap_or(&[]).iter().enumerate();
+    let share = |(i, factor): (usize, &f64)| {
+        let within = |r: &&Rollout| r[k].1.get(i).is_some_and(|e| *e <= factor * r[k].0);
+        rollouts.iter().filter(within).count() as f64 / rollouts.len().max(1) as f64
+    };
+    factors.map(share).collect()
+}
