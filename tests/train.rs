@@ -144,6 +144,73 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
 }
 
 #[test]
+fn a_calibrated_model_says_how_its_errors_grow() {
+    let folder = folder();
+    let trained = train(folder.path(), "a.safetensors", &["--steps", "4"]);
+    assert!(trained.status.success(), "{trained:?}");
+    let calibrate = |model: &str, extra: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_m4gn"))
+            .current_dir(folder.path())
+            .args([
+                "calibrate",
+                "--data",
+                "data",
+                "--split",
+                "all",
+                "--starts",
+                "2",
+                "--model",
+                model,
+            ])
+            .args(extra)
+            .output()
+            .unwrap()
+    };
+    let said = message(&calibrate("a.safetensors", &["--check"]));
+    assert!(said.contains("no calibration to check"), "{said}");
+    let said = message(&calibrate(
+        "a.safetensors",
+        &["--strides", "1", "--coverage", "0.99"],
+    ));
+    assert!(said.contains("too few"), "{said}");
+    let said = message(&calibrate("a.safetensors", &["--strides", "1000"]));
+    assert!(said.contains("ask for fewer"), "{said}");
+
+    let options = [
+        "--strides",
+        "2",
+        "--coverage",
+        "0.5",
+        "--out",
+        "b.safetensors",
+        "--json",
+        "b.json",
+    ];
+    let done = calibrate("a.safetensors", &options);
+    assert!(done.status.success(), "{done:?}");
+    let [a, b] =
+        ["a", "b"].map(|name| Model::read(folder.path().join(format!("{name}.safetensors"))).unwrap());
+    assert_eq!(a.tensors, b.tensors);
+    let found = b.spec.calibration.unwrap();
+    assert_eq!((found.coverage, found.trajectories, found.rollouts), (0.5, 3, 6));
+    for (growth, field) in found.growth.iter().zip(["U", "p"]) {
+        assert_eq!((growth.field.as_str(), growth.factors.len()), (field, 2));
+        assert!(
+            0.0 < growth.factors[0] && growth.factors[0] <= growth.factors[1],
+            "{growth:?}"
+        );
+    }
+    let figures = std::fs::read_to_string(folder.path().join("b.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    // Of 6 rollouts the ratio of rank 4: 4 of 6 are within, and more after two strides where factors would fall
+    assert!(figures["covered"][0][0].as_f64().unwrap() > 0.66, "{figures}");
+    let checked = calibrate("b.safetensors", &["--check"]);
+    assert!(checked.status.success(), "{checked:?}");
+    let said = String::from_utf8_lossy(&checked.stdout);
+    assert!(said.contains("checked on 6 of 3"), "{said}");
+}
+
+#[test]
 fn backends_and_devices_that_do_not_go_together_are_refused() {
     let folder = folder();
     let said = message(&train(folder.path(), "a.safetensors", &["--backend", "jax"]));

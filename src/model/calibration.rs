@@ -5,6 +5,15 @@
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// Errors of one field in a rollout.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RolloutErrors {
+    /// Of the stride before it.
+    pub before: f64,
+    /// After 1, 2, ... strides.
+    pub after: Vec<f64>,
+}
+
 /// Growth of one predicted field's errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -31,8 +40,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// From the errors of rollouts: of each field and rollout, the error of the stride before it and those after 1, 2, ... strides,
-    /// as many in each rollout.
+    /// From the errors of each field in all rollouts, which have as many strides each.
     ///
     /// The factor for a number of strides is the conformal quantile of the ratios: of `n` rollouts the ratio of rank
     /// `ceil(coverage (n + 1))` (split conformal prediction, Vovk et al. 2005).
@@ -42,7 +50,7 @@ impl Calibration {
     pub fn new(
         coverage: f64,
         trajectories: usize,
-        fields: Vec<(String, Vec<(f64, Vec<f64>)>)>,
+        fields: Vec<(String, Vec<RolloutErrors>)>,
     ) -> Result<Self> {
         if !(coverage > 0.0 && coverage < 1.0) {
             return Err(Error::Input(format!(
@@ -58,10 +66,10 @@ impl Calibration {
             )));
         }
         let growth = fields.into_iter().map(|(field, cases)| {
-            let strides = cases.iter().map(|c| c.1.len()).min().unwrap_or(0);
+            let strides = cases.iter().map(|c| c.after.len()).min().unwrap_or(0);
             let mut factors: Vec<f64> = (0..strides)
                 .map(|i| {
-                    let ratio = |c: &(f64, Vec<f64>)| c.1[i] / c.0.max(f64::MIN_POSITIVE);
+                    let ratio = |c: &RolloutErrors| c.after[i] / c.before.max(f64::MIN_POSITIVE);
                     let mut ratios: Vec<f64> = cases.iter().map(ratio).collect();
                     ratios.sort_by(f64::total_cmp);
                     ratios[rank - 1].min(f64::MAX)
@@ -92,10 +100,12 @@ mod tests {
     use super::*;
 
     /// Nine rollouts whose errors after one stride are 1 to 9 times that of the stride before, and after two twice that.
-    fn nine() -> Vec<(String, Vec<(f64, Vec<f64>)>)> {
-        let cases = (1..=9)
-            .map(|i| (0.5, vec![0.5 * f64::from(i), f64::from(i)]))
-            .collect();
+    fn nine() -> Vec<(String, Vec<RolloutErrors>)> {
+        let one = |i: i32| RolloutErrors {
+            before: 0.5,
+            after: vec![0.5 * f64::from(i), f64::from(i)],
+        };
+        let cases = (1..=9).map(one).collect();
         vec![("U".into(), cases)]
     }
 
@@ -113,7 +123,7 @@ mod tests {
     fn factors_do_not_fall_and_what_is_not_finite_stays_a_number() {
         let mut cases = nine();
         for case in &mut cases[0].1 {
-            case.1 = vec![f64::INFINITY, 0.1];
+            case.after = vec![f64::INFINITY, 0.1];
         }
         let c = Calibration::new(0.5, 3, cases).unwrap();
         assert_eq!(c.factors("U"), Some(&[f64::MAX, f64::MAX][..]));

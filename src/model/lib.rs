@@ -13,7 +13,7 @@ mod tensors;
 mod trained_on;
 
 pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec};
-pub use calibration::{Calibration, Growth};
+pub use calibration::{Calibration, Growth, RolloutErrors};
 pub use resolution::Resolution;
 pub use segmentation::{ModalOperator, SegmentEntries, SegmentMethod, SegmentSpec};
 pub use tensors::{Model, Tensor};

@@ -4,11 +4,11 @@ use crate::validate::{Scene, fits, predicted, stepper};
 use m4gn_data::Trajectory;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Calibration, Model};
+use m4gn_model::{Calibration, Model, RolloutErrors};
 use m4gn_step::{Session, SessionOptions};
 
-/// Errors of one rollout: of each predicted field, that of the stride before it and those after 1, 2, ... strides.
-pub type Rollout = Vec<(f64, Vec<f64>)>;
+/// Errors of each predicted field in one rollout.
+pub type Rollout = Vec<RolloutErrors>;
 
 /// Rolls the model out over `strides` strides from frames all along the trajectory, at most `starts` of them, evenly apart. The first
 /// stride of the trajectory is left out: what comes before a rollout is a stride of its own. `progress` is called after each rollout,
@@ -57,7 +57,8 @@ pub fn rollouts(
         let before = errors(start - 1, 1)?;
         let after = errors(start, strides)?;
         let pairs = before.into_iter().zip(after);
-        all.push(pairs.map(|(b, a)| (b[0], a)).collect());
+        let errors = |(b, after): (Vec<f64>, Vec<f64>)| RolloutErrors { before: b[0], after };
+        all.push(pairs.map(errors).collect());
         progress()?;
     }
     Ok(all)
@@ -80,7 +81,7 @@ pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[R
     let name = &predicted(&model.spec.fields)[k].name;
     let factors = calibration.factors(name).unwrap_or(&[]).iter().enumerate();
     let share = |(i, factor): (usize, &f64)| {
-        let within = |r: &&Rollout| r[k].1.get(i).is_some_and(|e| *e <= factor * r[k].0);
+        let within = |r: &&Rollout| r[k].after.get(i).is_some_and(|e| *e <= factor * r[k].before);
         rollouts.iter().filter(within).count() as f64 / rollouts.len().max(1) as f64
     };
     factors.map(share).collect()
