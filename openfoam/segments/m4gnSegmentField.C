@@ -159,8 +159,10 @@ Foam::m4gn::cellField
         IOobject::NO_WRITE,
         false
     );
-    // Such a file may be replaced by us
-    io.note() = "m4gn";
+    // Such a file may be replaced by us. OpenFOAM's own tools name the file
+    // and the line at which another mesh has another number of cells.
+    io.note() =
+        "m4gn: of the mesh that the case had; after remeshing remove this file";
 
     return tmp<GeometricField<Type, fvPatchField, volMesh>>::New
     (

@@ -19,6 +19,8 @@ surrogate
 runs icoFoam
 own=$(table)
 [ -f 0/m4gnSegmentDict ] || fail "how the segments were made was not stored"
+# OpenFOAM tools that read all fields end after remeshing, and name the file
+grep -q "after remeshing remove this file" 0/m4gnSegment || fail "the header of 0/m4gnSegment does not say what to do after remeshing"
 runs icoFoam
 reads "the model's own"
 [ "$(table)" = "$own" ] || fail "the model's own segments give other errors when they are read"

@@ -222,7 +222,12 @@ impl Input {
                         _ => break,
                     }
                 }
-                case.write_fields(&fields, &format!("{MARK} segment: {note}"), &stale, stored.record)?;
+                case.write_fields(
+                    &fields,
+                    &format!("{MARK} segment: {note}; after remeshing remove this file"),
+                    &stale,
+                    stored.record,
+                )?;
                 let list: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
                 Ok(format!(
                     "{} in {}",
