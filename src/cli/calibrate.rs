@@ -156,11 +156,7 @@ fn print(
     for (k, growth) in calibration.growth.iter().enumerate() {
         let shown = [1, 2, 5, 10, 20, 40, 80];
         for n in shown.into_iter().filter(|n| *n <= growth.factors.len()) {
-            let ratio = |r: &Rollout| {
-                r[k].after
-                    .get(n - 1)
-                    .map(|e| e / r[k].before.max(f64::MIN_POSITIVE))
-            };
+            let ratio = |r: &Rollout| r[k].growth(n - 1);
             let mut ratios: Vec<f64> = rollouts.iter().filter_map(ratio).collect();
             ratios.sort_by(f64::total_cmp);
             let median = ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN);

@@ -14,6 +14,15 @@ pub struct RolloutErrors {
     pub after: Vec<f64>,
 }
 
+impl RolloutErrors {
+    /// Error after `i + 1` strides over that of the stride before; none for more strides than there are.
+    pub fn growth(&self, i: usize) -> Option<f64> {
+        self.after
+            .get(i)
+            .map(|error| error / self.before.max(f64::MIN_POSITIVE))
+    }
+}
+
 /// Growth of one predicted field's errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -69,8 +78,7 @@ impl Calibration {
             let strides = cases.iter().map(|c| c.after.len()).min().unwrap_or(0);
             let mut factors: Vec<f64> = (0..strides)
                 .map(|i| {
-                    let ratio = |c: &RolloutErrors| c.after[i] / c.before.max(f64::MIN_POSITIVE);
-                    let mut ratios: Vec<f64> = cases.iter().map(ratio).collect();
+                    let mut ratios: Vec<f64> = cases.iter().filter_map(|c| c.growth(i)).collect();
                     ratios.sort_by(f64::total_cmp);
                     ratios[rank - 1].min(f64::MAX)
                 })

@@ -81,7 +81,7 @@ pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[R
     let name = &predicted(&model.spec.fields)[k].name;
     let factors = calibration.factors(name).unwrap_or(&[]).iter().enumerate();
     let share = |(i, factor): (usize, &f64)| {
-        let within = |r: &&Rollout| r[k].after.get(i).is_some_and(|e| *e <= factor * r[k].before);
+        let within = |r: &&Rollout| r[k].growth(i).is_some_and(|ratio| ratio <= *factor);
         rollouts.iter().filter(within).count() as f64 / rollouts.len().max(1) as f64
     };
     factors.map(share).collect()
