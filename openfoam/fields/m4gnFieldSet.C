@@ -53,6 +53,31 @@ void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
 }
 
 
+Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values
+(
+    const m4gnNodes& nodes
+)
+{
+    gather(nodes);
+
+    List<scalarField> copies(view_.size());
+    forAll(copies, fieldi)
+    {
+        const m4gn_field& field = view_[fieldi];
+
+        copies[fieldi].resize(field.components*nodes.size());
+        std::copy
+        (
+            field.cells,
+            field.cells + copies[fieldi].size(),
+            copies[fieldi].begin()
+        );
+    }
+
+    return copies;
+}
+
+
 bool Foam::m4gnFieldSet::registered
 (
     const fvMesh& mesh,

@@ -100,15 +100,23 @@ struct Track {
 }
 
 impl Track {
+    /// Error of the last stride.
+    fn relative(&self) -> f64 {
+        match self.error {
+            error if error.is_nan() => f64::INFINITY,
+            0.0 => 0.0,
+            error => error / self.size,
+        }
+    }
+
     fn estimate(&self, strides: usize) -> f64 {
         let factor = match &self.factors {
             Some(factors) => factors.get(strides.max(1) - 1).copied().unwrap_or(f64::INFINITY),
             None => strides as f64,
         };
-        match self.error {
-            error if error.is_nan() => f64::INFINITY,
+        match self.relative() {
             0.0 => 0.0,
-            error => factor * error / self.size,
+            relative => factor * relative,
         }
     }
 }
@@ -195,12 +203,7 @@ impl Control {
 
     /// Relative error of the last stride, the largest of the watched fields; infinite before there was one.
     pub fn error(&self) -> f64 {
-        let relative = |t: &Track| match t.error {
-            error if error.is_nan() => f64::INFINITY,
-            0.0 => 0.0,
-            error => error / t.size,
-        };
-        self.largest(relative)
+        self.largest(Track::relative)
     }
 
     /// Relative error that is expected after a jump of so many strides, the largest of the watched fields.

@@ -100,7 +100,7 @@ void Foam::m4gnControl::measure()
         return;
     }
 
-    const std::vector<m4gn_stride_error> errors(shadow_.compare());
+    const std::vector<m4gn_stride_error> errors(shadow_.compare(shadow_.now()));
     m4gn::check
     (
         m4gn_control_measure(control_, errors.data(), errors.size()),

@@ -129,7 +129,7 @@ void Foam::m4gnObserve::compare()
 
     const scalar fraction = shadow_.fraction();
     const List<scalarField> solver(shadow_.now());
-    const std::vector<m4gn_stride_error> oneStep(shadow_.compare());
+    const std::vector<m4gn_stride_error> oneStep(shadow_.compare(solver));
 
     forAll(solver, i)
     {

@@ -22,22 +22,8 @@ License
 bool Foam::m4gnReplace::predict()
 {
     inputs_.gather(session_.nodes());
-    outputs_.gather(session_.nodes());
-
-    forAll(predicted_, i)
-    {
-        const m4gn_field& now = outputs_.view()[i];
-
-        predicted_[i].resize(now.components*session_.nodes().size());
-        std::copy
-        (
-            now.cells,
-            now.cells + predicted_[i].size(),
-            predicted_[i].begin()
-        );
-    }
-
-    old_ = predicted_;
+    old_ = outputs_.values(session_.nodes());
+    predicted_ = old_;
 
     return session_.step(inputs_.view(), predicted_);
 }
@@ -160,7 +146,6 @@ Foam::m4gnReplace::m4gnReplace
     stale_(mesh, state_->advanced()),
     inputs_(mesh, session.inputs()),
     outputs_(mesh, session.outputs()),
-    predicted_(session.outputs().size()),
     replacedTime_(0),
     firstTime_(mesh.time().value()),
     takeoverTime_(mesh.time().value()),

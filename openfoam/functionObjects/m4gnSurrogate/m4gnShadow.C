@@ -17,8 +17,6 @@ Foam::m4gnShadow::m4gnShadow(const fvMesh& mesh, m4gnSession& session)
     session_(session),
     inputs_(mesh, session.inputs()),
     outputs_(mesh, session.outputs()),
-    start_(session.outputs().size()),
-    predicted_(start_.size()),
     startTime_(0),
     waiting_(false),
     finite_(true)
@@ -66,29 +64,15 @@ Foam::scalar Foam::m4gnShadow::fraction() const
 
 Foam::List<Foam::scalarField> Foam::m4gnShadow::now()
 {
-    outputs_.gather(session_.nodes());
-
-    List<scalarField> values(outputs_.size());
-    forAll(values, i)
-    {
-        const m4gn_field& field = outputs_.view()[i];
-
-        values[i].resize(field.components*session_.nodes().size());
-        std::copy
-        (
-            field.cells,
-            field.cells + values[i].size(),
-            values[i].begin()
-        );
-    }
-
-    return values;
+    return outputs_.values(session_.nodes());
 }
 
 
-std::vector<m4gn_stride_error> Foam::m4gnShadow::compare()
+std::vector<m4gn_stride_error> Foam::m4gnShadow::compare
+(
+    const List<scalarField>& solver
+)
 {
-    const List<scalarField> solver(now());
     std::vector<m4gn_stride_error> errors(solver.size());
 
     forAll(solver, i)
