@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 6
+#define M4GN_ABI_VERSION 7
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -336,7 +336,7 @@ int32_t m4gn_adapt_write_model(m4gn_adapt* adapt, const char* path);
 
 /* ---- control ------------------------------------------------------------------------------------ */
 
-/* How far a jump of the surrogate may go (docs/hybrid.md). None of these is collective: all ranks call them alike, with
+/* How far a jump of the surrogate may go (docs/control.md). None of these is collective: all ranks call them alike, with
  * figures of all ranks together. */
 typedef struct m4gn_control m4gn_control;
 
@@ -382,6 +382,22 @@ int32_t m4gn_control_strides(
  * used, since the change is more than three times the largest that a stride of the solver has made. */
 int32_t m4gn_control_accepts(
     const m4gn_control* control, const double* changes, int32_t n_fields, int32_t* accepted);
+
+/* Relative error that is expected after a jump of so many strides; infinite before the first m4gn_control_measure, and for
+ * more strides than the model was calibrated for. */
+int32_t m4gn_control_estimate(const m4gn_control* control, int32_t strides, double* estimate);
+
+/* Relative error, as the tolerance has it, where the errors of the predicted fields are these root mean squares. */
+int32_t m4gn_control_relative(
+    const m4gn_control* control, const double* errors, int32_t n_fields, double* relative);
+
+/* What a controller decides by, so that a run can be carried on: of each predicted field the error of the last stride and the largest
+ * change and size so far, and in `bad` how many strides in a row allowed no jump. bad -1: no stride was measured, and strides is not
+ * written. A controller with the same settings and model goes on from them with m4gn_control_restore. */
+int32_t m4gn_control_state(
+    const m4gn_control* control, m4gn_stride_error* strides, int32_t n_fields, int32_t* bad);
+int32_t m4gn_control_restore(
+    m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields, int32_t bad);
 
 /* ---- segments ----------------------------------------------------------------------------------- */
 

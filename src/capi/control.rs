@@ -3,6 +3,7 @@
 use super::door;
 use super::raw;
 use super::session::SessionHandle;
+use m4gn_mesh::Error;
 use m4gn_step::control::{Control, ControlSettings, StrideError};
 use std::ffi::c_char;
 
@@ -98,6 +99,78 @@ exports! {
             let changes = raw::slice("changes", changes, raw::count("n_fields", n_fields)?)?;
             let accepted = raw::reference_mut("accepted", accepted)?;
             *accepted = i32::from(control.accepts(changes)?);
+        }
+        Ok(0)
+    }
+
+    /// Relative error that is expected of a jump of so many strides.
+    fn m4gn_control_estimate(
+        control: *const ControlHandle,
+        strides: i32,
+        estimate: *mut f64,
+    ) -> i32, or |status| status; {
+        // SAFETY: a controller of ours and the host's place, as the header says.
+        unsafe {
+            let control = &raw::reference("control", control)?.0;
+            *raw::reference_mut("estimate", estimate)? = control.estimate(raw::count("strides", strides)?);
+        }
+        Ok(0)
+    }
+
+    /// Relative error of the fields that the tolerance holds for.
+    fn m4gn_control_relative(
+        control: *const ControlHandle,
+        errors: *const f64,
+        n_fields: i32,
+        relative: *mut f64,
+    ) -> i32, or |status| status; {
+        // SAFETY: a controller of ours and the host's array and place, as the header says.
+        unsafe {
+            let control = &raw::reference("control", control)?.0;
+            let errors = raw::slice("errors", errors, raw::count("n_fields", n_fields)?)?;
+            *raw::reference_mut("relative", relative)? = control.relative(errors)?;
+        }
+        Ok(0)
+    }
+
+    /// What a controller decides by.
+    fn m4gn_control_state(
+        control: *const ControlHandle,
+        strides: *mut StrideError,
+        n_fields: i32,
+        bad: *mut i32,
+    ) -> i32, or |status| status; {
+        // SAFETY: a controller of ours and the host's array and place, as the header says.
+        unsafe {
+            let control = &raw::reference("control", control)?.0;
+            let strides = raw::slice_mut("strides", strides, raw::count("n_fields", n_fields)?)?;
+            let bad = raw::reference_mut("bad", bad)?;
+            *bad = match control.state() {
+                None => -1,
+                Some((rows, bad)) if rows.len() == strides.len() => {
+                    strides.copy_from_slice(&rows);
+                    bad as i32
+                }
+                Some((rows, _)) => {
+                    return Err(Error::Input(format!("n_fields {n_fields}: expected {}", rows.len())));
+                }
+            };
+        }
+        Ok(0)
+    }
+
+    /// Goes on from the state of another run's controller.
+    fn m4gn_control_restore(
+        control: *mut ControlHandle,
+        strides: *const StrideError,
+        n_fields: i32,
+        bad: i32,
+    ) -> i32, or |status| status; {
+        // SAFETY: a controller of ours and the host's array, as the header says.
+        unsafe {
+            let control = &mut raw::reference_mut("control", control)?.0;
+            let strides = raw::slice("strides", strides, raw::count("n_fields", n_fields)?)?;
+            control.restore(strides, raw::count("bad", bad)?)?;
         }
         Ok(0)
     }

@@ -102,9 +102,10 @@ pub fn run(args: Args) -> Result<()> {
     }
     progress.finish();
 
+    let asked = args.coverage.unwrap_or(0.95);
     let calibration = match &known {
         Some(known) => known.clone(),
-        None => calibrate::calibration(&model, args.coverage.unwrap_or(0.95), &all)?,
+        None => calibrate::calibration(&model, asked, &all)?,
     };
     let rollouts: Vec<Rollout> = all.iter().flatten().cloned().collect();
     let covered: Vec<Vec<f64>> = (0..calibration.growth.len())
@@ -124,6 +125,14 @@ pub fn run(args: Args) -> Result<()> {
         "covered": covered,
     });
     crate::write_json(args.json.as_deref(), &figures)?;
+    if known.is_none() && calibration.coverage < asked {
+        println!(
+            "note: {} trajectories cannot tell of more than {:.3}; a coverage of {asked} takes at least {}",
+            calibration.trajectories,
+            calibration.coverage,
+            (asked / (1.0 - asked)).ceil()
+        );
+    }
     if let Some(out) = &args.out {
         model.spec.calibration = Some(calibration);
         model.write(out)?;
@@ -147,7 +156,7 @@ fn print(
             calibration.coverage, calibration.rollouts, calibration.trajectories
         ),
         false => println!(
-            "coverage {} on {count} rollouts of {trajectories} trajectories",
+            "coverage {:.3} on {count} rollouts of {trajectories} trajectories",
             calibration.coverage
         ),
     }

@@ -38,7 +38,7 @@ pub struct Growth {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// Share of the rollouts whose errors are not larger than what the factors say.
+    /// Share of the rollouts on a new trajectory, drawn like these, whose errors are not larger than what the factors say.
     pub coverage: f64,
     /// Trajectories that it was measured on.
     pub trajectories: usize,
@@ -49,40 +49,34 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// From the errors of each field in all rollouts, which have as many strides each.
+    /// From the errors of each field in the rollouts on each trajectory, which have as many strides each.
     ///
-    /// The factor for a number of strides is the conformal quantile of the ratios: of `n` rollouts the ratio of rank
-    /// `ceil(coverage (n + 1))` (split conformal prediction, Vovk et al. 2005).
+    /// The factor for a number of strides is the conformal quantile of the ratios for data in groups: rollouts on one trajectory are
+    /// alike, trajectories are independent. Of `n` trajectories each rollout weighs 1/(n + 1) over the number of rollouts on its
+    /// trajectory, and the factor is the smallest ratio below which the weights come to `coverage` (hierarchical conformal
+    /// prediction: Lee, Barber and Willett, arXiv 2306.06342). That cannot be more than n/(n + 1): with fewer trajectories than the
+    /// coverage needs, the factors are the largest ratios, and the coverage is what that is worth.
     ///
     /// # Errors
-    /// [`Error::Input`] for too few rollouts for this coverage, and for a coverage outside of 0 to 1.
-    pub fn new(
-        coverage: f64,
-        trajectories: usize,
-        fields: Vec<(String, Vec<RolloutErrors>)>,
-    ) -> Result<Self> {
+    /// [`Error::Input`] for a coverage outside of 0 to 1, and where there is no rollout.
+    pub fn new(coverage: f64, fields: Vec<(String, Vec<Vec<RolloutErrors>>)>) -> Result<Self> {
         if !(coverage > 0.0 && coverage < 1.0) {
             return Err(Error::Input(format!(
                 "coverage {coverage}: expected a share above 0 and below 1"
             )));
         }
-        let rollouts = fields.first().map_or(0, |f| f.1.len());
-        let rank = (coverage * (rollouts + 1) as f64).ceil() as usize;
-        if rank > rollouts {
-            let least = (coverage / (1.0 - coverage)).ceil();
-            return Err(Error::Input(format!(
-                "{rollouts} rollouts are too few for a coverage of {coverage}: expected at least {least}"
-            )));
+        let all = fields.first().map_or(&[][..], |f| &f.1[..]);
+        let (trajectories, rollouts) = (all.len(), all.iter().map(Vec::len).sum());
+        if rollouts == 0 || fields.iter().any(|f| f.1.iter().any(Vec::is_empty)) {
+            return Err(Error::Input(
+                "no rollouts to calibrate on: expected at least one on each trajectory".into(),
+            ));
         }
-        let growth = fields.into_iter().map(|(field, cases)| {
-            let strides = cases.iter().map(|c| c.after.len()).min().unwrap_or(0);
-            let mut factors: Vec<f64> = (0..strides)
-                .map(|i| {
-                    let mut ratios: Vec<f64> = cases.iter().filter_map(|c| c.growth(i)).collect();
-                    ratios.sort_by(f64::total_cmp);
-                    ratios[rank - 1].min(f64::MAX)
-                })
-                .collect();
+        let coverage = coverage.min(Self::most(trajectories));
+        let growth = fields.into_iter().map(|(field, groups)| {
+            let cases = groups.iter().flatten();
+            let strides = cases.map(|c| c.after.len()).min().unwrap_or(0);
+            let mut factors: Vec<f64> = (0..strides).map(|i| quantile(&groups, i, coverage)).collect();
             for i in 1..factors.len() {
                 factors[i] = factors[i].max(factors[i - 1]);
             }
@@ -96,6 +90,11 @@ impl Calibration {
         })
     }
 
+    /// The largest coverage that so many trajectories can tell of.
+    pub fn most(trajectories: usize) -> f64 {
+        trajectories as f64 / (trajectories + 1) as f64
+    }
+
     /// The factors of a field; none where it was not measured.
     pub fn factors(&self, field: &str) -> Option<&[f64]> {
         let found = self.growth.iter().find(|g| g.field == field);
@@ -103,24 +102,46 @@ impl Calibration {
     }
 }
 
+/// The smallest growth of errors over `i + 1` strides below which the weights of the rollouts come to `coverage`.
+fn quantile(groups: &[Vec<RolloutErrors>], i: usize, coverage: f64) -> f64 {
+    let weigh = |group: &Vec<RolloutErrors>| {
+        let weight = 1.0 / (groups.len() + 1) as f64 / group.len() as f64;
+        let ratios = group.iter().filter_map(|c| c.growth(i));
+        ratios.map(|ratio| (ratio, weight)).collect::<Vec<_>>()
+    };
+    let mut ratios: Vec<(f64, f64)> = groups.iter().flat_map(weigh).collect();
+    ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut sum = 0.0;
+    let reached = ratios.iter().find(|(_, weight)| {
+        sum += weight;
+        // Sums of weights are not exact
+        sum >= coverage - 1e-9
+    });
+    reached.map_or(f64::MAX, |(ratio, _)| ratio.min(f64::MAX))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Nine rollouts whose errors after one stride are 1 to 9 times that of the stride before, and after two twice that.
-    fn nine() -> Vec<(String, Vec<RolloutErrors>)> {
-        let one = |i: i32| RolloutErrors {
+    fn rollout(growth: f64) -> RolloutErrors {
+        RolloutErrors {
             before: 0.5,
-            after: vec![0.5 * f64::from(i), f64::from(i)],
-        };
-        let cases = (1..=9).map(one).collect();
-        vec![("U".into(), cases)]
+            after: vec![0.5 * growth, growth],
+        }
+    }
+
+    /// Nine trajectories with a rollout each, whose errors after one stride are 1 to 9 times that of the stride before, and after
+    /// two twice that.
+    fn nine() -> Vec<(String, Vec<Vec<RolloutErrors>>)> {
+        let groups = (1..=9).map(|i| vec![rollout(f64::from(i))]).collect();
+        vec![("U".into(), groups)]
     }
 
     #[test]
-    fn the_quantile_is_that_of_rank_coverage_times_one_more_than_there_are() {
-        let c = Calibration::new(0.8, 3, nine()).unwrap();
-        assert_eq!((c.rollouts, c.trajectories), (9, 3));
+    fn with_a_rollout_each_the_factor_is_that_of_rank_coverage_times_one_more_than_there_are() {
+        let c = Calibration::new(0.8, nine()).unwrap();
+        assert_eq!((c.rollouts, c.trajectories, c.coverage), (9, 9, 0.8));
         assert_eq!(c.factors("U"), Some(&[8.0, 16.0][..]));
         assert_eq!(c.factors("p"), None);
         let json = serde_json::to_string(&c).unwrap();
@@ -128,19 +149,40 @@ mod tests {
     }
 
     #[test]
+    fn rollouts_on_one_trajectory_weigh_as_one() {
+        // Three trajectories: 1/4 each. Below 1 lie 1/4, below 2 lie 1/2, and of the third half below 3
+        let groups = vec![
+            vec![rollout(1.0); 100],
+            vec![rollout(2.0)],
+            vec![rollout(3.0), rollout(4.0)],
+        ];
+        for (coverage, factor) in [(0.25, 1.0), (0.5, 2.0), (0.6, 3.0), (0.7, 4.0)] {
+            let c = Calibration::new(coverage, vec![("U".into(), groups.clone())]).unwrap();
+            assert_eq!(c.factors("U").unwrap()[0], factor, "{coverage}");
+        }
+    }
+
+    #[test]
+    fn the_coverage_is_no_more_than_the_trajectories_can_tell_of() {
+        let c = Calibration::new(0.95, nine()).unwrap();
+        assert_eq!((c.coverage, c.factors("U")), (0.9, Some(&[9.0, 18.0][..])));
+    }
+
+    #[test]
     fn factors_do_not_fall_and_what_is_not_finite_stays_a_number() {
         let mut cases = nine();
-        for case in &mut cases[0].1 {
+        for case in cases[0].1.iter_mut().flatten() {
             case.after = vec![f64::INFINITY, 0.1];
         }
-        let c = Calibration::new(0.5, 3, cases).unwrap();
+        let c = Calibration::new(0.5, cases).unwrap();
         assert_eq!(c.factors("U"), Some(&[f64::MAX, f64::MAX][..]));
     }
 
     #[test]
-    fn too_few_rollouts_are_refused() {
-        let text = Calibration::new(0.95, 3, nine()).unwrap_err().to_string();
-        assert!(text.contains("at least 19"), "{text}");
-        assert!(Calibration::new(1.0, 3, nine()).is_err());
+    fn what_cannot_be_calibrated_on_is_refused() {
+        assert!(Calibration::new(1.0, nine()).is_err());
+        let empty = vec![("U".into(), vec![vec![]])];
+        let text = Calibration::new(0.9, empty).unwrap_err().to_string();
+        assert!(text.contains("at least one on each"), "{text}");
     }
 }

@@ -100,9 +100,8 @@ struct Track {
 }
 
 impl Track {
-    /// Error of the last stride.
-    fn relative(&self) -> f64 {
-        match self.error {
+    fn relative(&self, error: f64) -> f64 {
+        match error {
             error if error.is_nan() => f64::INFINITY,
             0.0 => 0.0,
             error => error / self.size,
@@ -114,7 +113,7 @@ impl Track {
             Some(factors) => factors.get(strides.max(1) - 1).copied().unwrap_or(f64::INFINITY),
             None => strides as f64,
         };
-        match self.relative() {
+        match self.relative(self.error) {
             0.0 => 0.0,
             relative => factor * relative,
         }
@@ -203,7 +202,7 @@ impl Control {
 
     /// Relative error of the last stride, the largest of the watched fields; infinite before there was one.
     pub fn error(&self) -> f64 {
-        self.largest(Track::relative)
+        self.largest(|t| t.relative(t.error))
     }
 
     /// Relative error that is expected after a jump of so many strides, the largest of the watched fields.
@@ -240,6 +239,48 @@ impl Control {
         Ok(self.tracks.iter().zip(changes).all(one))
     }
 
+    /// Relative error of the watched fields, the largest, where their errors are these (root mean squares, of all predicted fields).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields.
+    pub fn relative(&self, errors: &[f64]) -> Result<f64> {
+        self.check(errors.len())?;
+        let pairs = self.tracks.iter().zip(errors).filter(|(t, _)| t.watched);
+        Ok(pairs.map(|(t, e)| t.relative(*e)).fold(0.0, f64::max))
+    }
+
+    /// What the controller decides by, for a run that is carried on: of each predicted field the error of the last stride and the
+    /// largest change and size so far, and how many strides in a row allowed no jump; none before a stride was measured.
+    pub fn state(&self) -> Option<(Vec<StrideError>, usize)> {
+        let row = |t: &Track| StrideError {
+            error: t.error,
+            change: t.change,
+            size: t.size,
+        };
+        self.measured
+            .then(|| (self.tracks.iter().map(row).collect(), self.bad))
+    }
+
+    /// Goes on from the [`state`](Self::state) of another run.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields, and for changes and sizes that are no such figures.
+    pub fn restore(&mut self, rows: &[StrideError], bad: usize) -> Result<()> {
+        self.check(rows.len())?;
+        let usable = |figure: f64| figure.is_finite() && figure >= 0.0;
+        if let Some(row) = rows.iter().find(|r| !(usable(r.change) && usable(r.size))) {
+            return Err(Error::Input(format!(
+                "control: expected a change and a size that are finite and not below 0, found {} and {}",
+                row.change, row.size
+            )));
+        }
+        for (track, row) in self.tracks.iter_mut().zip(rows) {
+            (track.error, track.change, track.size) = (row.error, row.change, row.size);
+        }
+        (self.measured, self.bad) = (true, bad);
+        Ok(())
+    }
+
     fn check(&self, found: usize) -> Result<()> {
         match found == self.tracks.len() {
             true => Ok(()),
@@ -252,117 +293,5 @@ impl Control {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use m4gn_model::{Calibration, Growth};
-
-    fn control(json: &str, calibrated: bool) -> Control {
-        let mut spec = m4gn_model::sample::spec();
-        spec.calibration = calibrated.then(|| Calibration {
-            coverage: 0.95,
-            trajectories: 1,
-            rollouts: 20,
-            growth: vec![Growth {
-                field: "U".into(),
-                factors: vec![1.5, 2.0, 4.0],
-            }],
-        });
-        Control::new(&spec, ControlSettings::parse(json).unwrap()).unwrap()
-    }
-
-    fn stride(error: f64) -> [StrideError; 2] {
-        let one = |error| StrideError {
-            error,
-            change: 0.1,
-            size: 2.0,
-        };
-        [one(error), one(1.0)]
-    }
-
-    #[test]
-    fn strides_are_those_that_keep_the_estimate_within_the_tolerance() {
-        let mut c = control(r#"{"tolerance": 0.05}"#, true);
-        assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY), "nothing measured");
-        c.measure(&stride(0.04)).unwrap();
-        // 0.02 times 1.5, 2 and 4
-        assert_eq!(c.strides(10), 2);
-        assert_eq!(c.strides(1), 1);
-        assert!((c.error() - 0.02).abs() < 1e-15 && (c.estimate(3) - 0.08).abs() < 1e-15);
-        // No further than it was calibrated
-        c.measure(&stride(0.001)).unwrap();
-        assert_eq!((c.strides(10), c.estimate(4)), (3, f64::INFINITY));
-        c.measure(&stride(0.2)).unwrap();
-        assert_eq!(c.strides(10), 0);
-        for bad in [f64::NAN, f64::INFINITY] {
-            c.measure(&stride(bad)).unwrap();
-            assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
-        }
-        assert_eq!(c.not_calibrated(), [""; 0]);
-    }
-
-    #[test]
-    fn without_calibration_errors_add_up() {
-        let mut c = control(r#"{"tolerance": 0.05, "fields": ["U", "p"]}"#, false);
-        assert_eq!(c.not_calibrated(), ["U", "p"]);
-        let mut both = stride(0.02);
-        both[1].error = 0.04;
-        c.measure(&both).unwrap();
-        // p: 0.02 a stride
-        assert_eq!(c.strides(10), 2);
-        c.measure(&stride(0.0)).unwrap();
-        assert_eq!(c.strides(10), 0, "p is off by half of itself");
-    }
-
-    #[test]
-    fn the_size_and_the_change_are_the_largest_so_far() {
-        let mut c = control(r#"{"tolerance": 0.05}"#, true);
-        c.measure(&stride(0.04)).unwrap();
-        let mut calm = stride(0.04);
-        calm.iter_mut().for_each(|s| (s.size, s.change) = (0.0, 0.0));
-        c.measure(&calm).unwrap();
-        assert_eq!(c.error(), 0.02);
-        assert!(c.accepts(&[0.29, 0.1]).unwrap());
-        assert!(!c.accepts(&[0.31, 0.1]).unwrap() && !c.accepts(&[0.1, f64::NAN]).unwrap());
-        assert!(c.accepts(&[0.1]).is_err());
-    }
-
-    #[test]
-    fn a_surrogate_that_stays_bad_ends_the_run_where_that_is_asked_for() {
-        let mut c = control(r#"{"tolerance": 0.01, "onFailure": "stop", "patience": 3}"#, true);
-        c.measure(&stride(1.0)).unwrap();
-        c.measure(&stride(1.0)).unwrap();
-        c.measure(&stride(0.0)).unwrap();
-        c.measure(&stride(1.0)).unwrap();
-        c.measure(&stride(1.0)).unwrap();
-        let text = c.measure(&stride(1.0)).unwrap_err().to_string();
-        assert!(
-            text.contains("3 strides in a row") && text.contains("onFailure solver"),
-            "{text}"
-        );
-        let mut goes_on = control(r#"{"tolerance": 0.01, "patience": 3}"#, true);
-        (0..20).for_each(|_| goes_on.measure(&stride(1.0)).unwrap());
-    }
-
-    #[test]
-    fn bad_settings_are_named() {
-        for (json, words) in [
-            ("{}", "tolerance"),
-            (r#"{"tolerance": 0}"#, "above 0"),
-            (r#"{"tolerance": 0.1, "tolerence": 1}"#, "tolerence"),
-            (r#"{"tolerance": 0.1, "fields": []}"#, "at least one"),
-            (r#"{"tolerance": 0.1, "onFailure": "maybe"}"#, "onFailure"),
-            (r#"{"tolerance": 0.1, "patience": 0}"#, "patience"),
-        ] {
-            let text = ControlSettings::parse(json).unwrap_err().to_string();
-            assert!(text.contains(words), "{json}: {text}");
-        }
-        let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
-        let text = Control::new(&m4gn_model::sample::spec(), settings)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            text.contains("q is not predicted") && text.contains("U, p"),
-            "{text}"
-        );
-    }
-}
+#[path = "control_tests.rs"]
+mod tests;

@@ -70,9 +70,12 @@ pub fn rollouts(
 /// As [`Calibration::new`].
 pub fn calibration(model: &Model, coverage: f64, trajectories: &[Vec<Rollout>]) -> Result<Calibration> {
     let names = predicted(&model.spec.fields).into_iter().enumerate();
-    let all = || trajectories.iter().flatten();
-    let fields = names.map(|(k, field)| (field.name.clone(), all().map(|r| r[k].clone()).collect()));
-    Calibration::new(coverage, trajectories.len(), fields.collect())
+    let of = |k: usize| {
+        let groups = trajectories.iter();
+        groups.map(move |group| group.iter().map(|r| r[k].clone()).collect())
+    };
+    let fields = names.map(|(k, field)| (field.name.clone(), of(k).collect()));
+    Calibration::new(coverage, fields.collect())
 }
 
 /// Share of the rollouts whose error of predicted field `k` after each number of strides is not larger than the calibration

@@ -7,8 +7,6 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnControl.H"
-#include "m4gnCore.H"
-#include "m4gnDictionary.H"
 #include "Time.H"
 
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
@@ -22,76 +20,17 @@ Foam::m4gnControl::m4gnControl
 :
     time_(mesh.time()),
     shadow_(mesh, session),
-    control_(nullptr),
+    expected_(dict.subDict("control"), session),
     error_(GREAT),
     estimate_(GREAT),
     nMeasured_(0),
     nRefused_(0),
     refused_(false),
     fresh_(false)
-{
-    char note[1024] = "";
-    m4gn::check
-    (
-        m4gn_control_new
-        (
-            session.handle(),
-            m4gn::json(dict.subDict("control")).c_str(),
-            note,
-            sizeof(note),
-            &control_
-        ),
-        "m4gnSurrogate cannot control its jumps"
-    );
-
-    if (note[0])
-    {
-        Info<< "m4gn: the model " << session.model() << " does not say how its"
-            << " errors of " << note << " grow over a jump; they are reckoned"
-            << " to add up. 'm4gn calibrate' measures it" << nl << endl;
-    }
-}
-
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
-Foam::m4gnControl::~m4gnControl()
-{
-    m4gn_control_free(control_);
-}
+{}
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-bool Foam::m4gnControl::wanted(const dictionary& dict)
-{
-    return dict.found("control");
-}
-
-
-void Foam::m4gnControl::checkDictionary(const dictionary& dict)
-{
-    if (!wanted(dict))
-    {
-        return;
-    }
-
-    const dictionary& own = dict.subDict("control");
-
-    if (m4gn_control_check(m4gn::json(own).c_str()) != M4GN_OK)
-    {
-        FatalIOErrorInFunction(own)
-            << m4gn_last_error() << exit(FatalIOError);
-    }
-
-    if (dict.getOrDefault<word>("mode", "replace") != "replace")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry control is for mode replace: mode observe does not jump"
-            << exit(FatalIOError);
-    }
-}
-
 
 void Foam::m4gnControl::measure()
 {
@@ -100,12 +39,7 @@ void Foam::m4gnControl::measure()
         return;
     }
 
-    const std::vector<m4gn_stride_error> errors(shadow_.compare(shadow_.now()));
-    m4gn::check
-    (
-        m4gn_control_measure(control_, errors.data(), errors.size()),
-        "m4gnSurrogate ends the run"
-    );
+    expected_.measure(shadow_.compare(shadow_.now()));
     ++nMeasured_;
     fresh_ = true;
 }
@@ -128,12 +62,7 @@ Foam::label Foam::m4gnControl::steps(const label most)
     }
     fresh_ = false;
 
-    int32_t steps = 0;
-    m4gn::check
-    (
-        m4gn_control_strides(control_, most, &steps, &error_, &estimate_),
-        "m4gnSurrogate cannot control its jumps"
-    );
+    const label steps = expected_.steps(most, error_, estimate_);
 
     if (steps)
     {
@@ -172,20 +101,42 @@ bool Foam::m4gnControl::accepts
         changes[i] = shadow_.rms(now[i] - old[i], i);
     }
 
-    int32_t accepted = 0;
-    m4gn::check
-    (
-        m4gn_control_accepts
-        (
-            control_,
-            changes.cdata(),
-            changes.size(),
-            &accepted
-        ),
-        "m4gnSurrogate cannot control its jumps"
-    );
+    return expected_.accepts(changes);
+}
 
-    return accepted;
+
+void Foam::m4gnControl::writeState(Ostream& os) const
+{
+    label bad;
+    const List<scalar> figures(expected_.state(bad));
+
+    os.beginBlock("control");
+    os.writeEntry("measured", nMeasured_);
+    os.writeEntry("refusals", nRefused_);
+    os.writeEntry("refused", Switch(refused_));
+    os.writeEntry("fresh", Switch(fresh_));
+    os.writeEntry("bad", bad);
+    figures.writeEntry("figures", os);
+    shadow_.writeState(os);
+    os.endBlock();
+}
+
+
+void Foam::m4gnControl::restore(const dictionary& state, const bool sameRanks)
+{
+    nMeasured_ = state.get<label>("measured");
+    nRefused_ = state.get<label>("refusals");
+    refused_ = state.get<bool>("refused");
+    fresh_ = state.get<bool>("fresh");
+    expected_.restore
+    (
+        state.get<List<scalar>>("figures"),
+        state.get<label>("bad")
+    );
+    if (sameRanks)
+    {
+        shadow_.restore(state);
+    }
 }
 
 

@@ -62,6 +62,15 @@ void Foam::m4gnObserve::predict()
     // The rollout: as the solver, but for what the model has advanced
     if (steps_ == 0)
     {
+        if (expected_)
+        {
+            if (!measured_)
+            {
+                // Nothing can be expected yet
+                return;
+            }
+            expect();
+        }
         first_ = shadow_.start();
         rolloutOld_ = shadow_.start();
         rollout_ = shadow_.predicted();
@@ -118,18 +127,69 @@ void Foam::m4gnObserve::predict()
 }
 
 
+void Foam::m4gnObserve::expect()
+{
+    forAll(estimates_, i)
+    {
+        estimates_[i] = expected_->after(i + 1);
+    }
+
+    scalar error, estimate;
+    allowed_ = expected_->steps(estimates_.size(), error, estimate);
+
+    if (!allowed_)
+    {
+        ++nRefused_;
+    }
+}
+
+
+void Foam::m4gnObserve::judge(const List<scalar>& errors)
+{
+    const scalar error = expected_->relative(errors);
+    const scalar estimate = estimates_[steps_ - 1];
+
+    if (Pstream::master() && writeToFile())
+    {
+        file() << tab << error << tab << estimate;
+    }
+
+    if (steps_ == allowed_)
+    {
+        ++nJumps_;
+        nAllowed_ += allowed_;
+        if (error <= tolerance_)
+        {
+            ++nWithin_;
+        }
+    }
+}
+
+
 void Foam::m4gnObserve::compare()
 {
+    const scalar fraction = shadow_.fraction();
+    const List<scalarField> solver(shadow_.now());
+    const std::vector<m4gn_stride_error> oneStep(shadow_.compare(solver));
+
+    if (expected_)
+    {
+        expected_->measure(oneStep);
+        measured_ = true;
+    }
+
+    if (!steps_)
+    {
+        return;
+    }
+
     const bool report = Pstream::master() && writeToFile();
+    List<scalar> rolloutErrors(solver.size());
 
     if (report)
     {
         file() << mesh_.time().timeOutputValue() << tab << steps_;
     }
-
-    const scalar fraction = shadow_.fraction();
-    const List<scalarField> solver(shadow_.now());
-    const std::vector<m4gn_stride_error> oneStep(shadow_.compare(solver));
 
     forAll(solver, i)
     {
@@ -146,6 +206,7 @@ void Foam::m4gnObserve::compare()
             shadow_.rms(first_[i] - solver[i], i)
         });
         const scalar size = oneStep[i].size;
+        rolloutErrors[i] = errors[2];
 
         if (report)
         {
@@ -160,6 +221,11 @@ void Foam::m4gnObserve::compare()
         {
             sums_[i][columni] += errors[columni];
         }
+    }
+
+    if (expected_)
+    {
+        judge(rolloutErrors);
     }
 
     if (report)
@@ -191,8 +257,25 @@ Foam::m4gnObserve::m4gnObserve
     steps_(0),
     rolloutFinite_(true),
     sums_(session.outputs().size(), FixedList<scalar, 4>(scalar(0))),
-    nTimes_(0)
+    nTimes_(0),
+    tolerance_(0),
+    estimates_(rolloutSteps_),
+    measured_(false),
+    allowed_(0),
+    nJumps_(0),
+    nRefused_(0),
+    nWithin_(0),
+    nAllowed_(0)
 {
+    if (m4gnEstimate::wanted(dict))
+    {
+        // An observer ends no run
+        dictionary control(dict.subDict("control"));
+        control.set("onFailure", "solver");
+        expected_.reset(new m4gnEstimate(control, session));
+        tolerance_ = control.get<scalar>("tolerance");
+    }
+
     forAll(outputOfInput_, inputi)
     {
         outputOfInput_[inputi] =
@@ -218,6 +301,11 @@ Foam::m4gnObserve::m4gnObserve
             {
                 writeTabbed(os, word(column) + '(' + field + ')');
             }
+        }
+        if (expected_)
+        {
+            writeTabbed(os, "error");
+            writeTabbed(os, "estimate");
         }
         os  << endl;
     }
@@ -266,6 +354,14 @@ void Foam::m4gnObserve::end() const
             << " (hold " << sums_[i][1]/nTimes_ << "), rollout "
             << sums_[i][2]/nTimes_ << " (hold first " << sums_[i][3]/nTimes_
             << ")" << nl;
+    }
+    if (expected_)
+    {
+        Info<< "    control would have let " << nJumps_ << " rollouts go as"
+            << " jumps, of " << scalar(nAllowed_)/max(nJumps_, label(1))
+            << " steps in the mean: the error at the end of " << nWithin_
+            << " of them was within the tolerance " << tolerance_ << "; at "
+            << nRefused_ << " other starts it would have let none go" << nl;
     }
     Info<< endl;
 }

@@ -175,23 +175,20 @@ bool Foam::m4gnReplace::jump
 (
     const scalar endTime,
     const label nSteps,
-    const m4gnAdapt* adapt,
-    const m4gnControl* control
+    const bool carriedOn,
+    const m4gnControl* control,
+    const std::function<void(label)>& written
 )
 {
     // Between its steps time has the surrogate's deltaT
     const scalar deltaT = time_.deltaTValue();
     const auto fits = [&]() { return this->fits(endTime, deltaT); };
 
-    if (!nJumps_)
-    {
-        takeoverTime_ = time_.value();
-    }
     const word lastSolved(time_.timeName());
 
     clockTime timer;
-    scalar surrogateSeconds = 0;
-    scalar handOverSeconds = 0;
+    const scalar surrogateBefore = surrogateSeconds_;
+    const scalar handOverBefore = handOverSeconds_;
     label stepi = 0;
     bool handedOver = false;
 
@@ -200,7 +197,7 @@ bool Foam::m4gnReplace::jump
         timer.timeIncrement();
         state_->complete(deltaT, handOver);
         handedOver = handOver;
-        handOverSeconds += timer.timeIncrement();
+        handOverSeconds_ += timer.timeIncrement();
     };
 
     for (; stepi < nSteps && fits(); ++stepi)
@@ -211,7 +208,14 @@ bool Foam::m4gnReplace::jump
             ++nRefused_;
             break;
         }
-        surrogateSeconds += timer.timeIncrement();
+        surrogateSeconds_ += timer.timeIncrement();
+
+        if (!stepi && !carriedOn && !nJumps_++)
+        {
+            takeoverTime_ = time_.value();
+        }
+        ++nStepsDone_;
+        replacedTime_ += session_.stride();
 
         // Function objects behind this one have not seen this time yet; in
         // front of it they have not if it is the surrogate's.
@@ -219,7 +223,7 @@ bool Foam::m4gnReplace::jump
 
         timer.timeIncrement();
         state_->advance(predicted_);
-        surrogateSeconds += timer.timeIncrement();
+        surrogateSeconds_ += timer.timeIncrement();
 
         const bool last = stepi + 1 == nSteps || !fits();
         handedOver = false;
@@ -231,13 +235,13 @@ bool Foam::m4gnReplace::jump
 
         stale_.write(time_, lastSolved);
 
-        if (adapt && time_.writeTime())
+        if (time_.writeTime())
         {
-            adapt->write();
+            written(last ? 0 : nSteps - stepi - 1);
         }
     }
 
-    if (!stepi)
+    if (!stepi && !carriedOn)
     {
         return false;
     }
@@ -260,15 +264,47 @@ bool Foam::m4gnReplace::jump
         time_.setEndTime(time_.value() + deltaT);
     }
 
-    ++nJumps_;
-    nStepsDone_ += stepi;
-    replacedTime_ += stepi*session_.stride();
-    surrogateSeconds_ += surrogateSeconds;
-    handOverSeconds_ += handOverSeconds;
-
-    writeLine(stepi, surrogateSeconds, handOverSeconds, control);
+    writeLine
+    (
+        stepi,
+        surrogateSeconds_ - surrogateBefore,
+        handOverSeconds_ - handOverBefore,
+        control
+    );
 
     return true;
+}
+
+
+void Foam::m4gnReplace::writeState(Ostream& os) const
+{
+    const List<scalar> times
+    ({
+        firstTime_, takeoverTime_, replacedTime_,
+        surrogateSeconds_, handOverSeconds_
+    });
+
+    os.beginBlock("totals");
+    times.writeEntry("times", os);
+    os.writeEntry("jumps", nJumps_);
+    os.writeEntry("endedEarly", nRefused_);
+    os.writeEntry("steps", nStepsDone_);
+    os.endBlock();
+}
+
+
+void Foam::m4gnReplace::restore(const dictionary& state)
+{
+    const FixedList<scalar, 5> times(state.get<List<scalar>>("times"));
+
+    firstTime_ = times[0];
+    takeoverTime_ = times[1];
+    replacedTime_ = times[2];
+    surrogateSeconds_ = times[3];
+    handOverSeconds_ = times[4];
+    nJumps_ = state.get<label>("jumps");
+    nRefused_ = state.get<label>("endedEarly");
+    nStepsDone_ = state.get<label>("steps");
 }
 
 

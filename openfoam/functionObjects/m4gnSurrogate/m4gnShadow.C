@@ -91,6 +91,50 @@ std::vector<m4gn_stride_error> Foam::m4gnShadow::compare
 }
 
 
+void Foam::m4gnShadow::writeState(Ostream& os) const
+{
+    if (!waiting_)
+    {
+        return;
+    }
+
+    os.beginBlock("stride");
+    List<scalar>(1, startTime_).writeEntry("begun", os);
+    os.writeEntry("finite", Switch(finite_));
+    forAll(start_, i)
+    {
+        const word& name = session_.outputs()[i];
+        start_[i].writeEntry("start(" + name + ')', os);
+        predicted_[i].writeEntry("predicted(" + name + ')', os);
+    }
+    os.endBlock();
+}
+
+
+void Foam::m4gnShadow::restore(const dictionary& state)
+{
+    if (!state.found("stride"))
+    {
+        return;
+    }
+
+    const dictionary& stride = state.subDict("stride");
+
+    startTime_ = stride.get<List<scalar>>("begun").first();
+    finite_ = stride.get<bool>("finite");
+    start_ = now();
+    predicted_ = start_;
+    forAll(start_, i)
+    {
+        const word& name = session_.outputs()[i];
+        start_[i] = scalarField("start(" + name + ')', stride, start_[i].size());
+        predicted_[i] =
+            scalarField("predicted(" + name + ')', stride, start_[i].size());
+    }
+    waiting_ = true;
+}
+
+
 Foam::tmp<Foam::scalarField> Foam::m4gnShadow::between
 (
     const scalarField& old,

@@ -14,6 +14,7 @@ License
 #include "m4gnObserve.H"
 #include "m4gnOthers.H"
 #include "m4gnReplace.H"
+#include "m4gnRestart.H"
 #include "m4gnSession.H"
 #include "m4gnSolverState.H"
 #include "m4gnFluxProjection.H"
@@ -81,6 +82,10 @@ void Foam::functionObjects::m4gnSurrogate::load()
     if (!session_)
     {
         session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
+        if (mode_ == modeType::REPLACE)
+        {
+            digest_ = m4gnRestart::digest(session_->model());
+        }
     }
 }
 
@@ -116,7 +121,7 @@ bool Foam::functionObjects::m4gnSurrogate::adapts()
 
 bool Foam::functionObjects::m4gnSurrogate::controls()
 {
-    if (!m4gnControl::wanted(dict_))
+    if (mode_ != modeType::REPLACE || !m4gnEstimate::wanted(dict_))
     {
         return false;
     }
@@ -134,6 +139,40 @@ bool Foam::functionObjects::m4gnSurrogate::controls()
     return
         time_.value() > timeStart_ - 1.5*session_->stride() - half
      && time_.value() < timeEnd_ + half;
+}
+
+
+bool Foam::functionObjects::m4gnSurrogate::jump
+(
+    const label nSteps,
+    const bool carriedOn
+)
+{
+    if (!nSteps && !carriedOn)
+    {
+        return false;
+    }
+
+    solverDeltaT_ = time_.deltaTValue();
+    jumping_ = true;
+    const bool done =
+        !nSteps
+     || replace_->jump
+        (
+            timeEnd_,
+            nSteps,
+            carriedOn,
+            control_.get(),
+            [this](const label left) { save(left); }
+        );
+    jumping_ = false;
+
+    if (done)
+    {
+        handedBack_ = time_.timeIndex();
+    }
+
+    return done;
 }
 
 
@@ -176,48 +215,34 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
         return false;
     }
 
-    label nSteps = dict_.get<label>("surrogateSteps");
+    const label most = dict_.get<label>("surrogateSteps");
 
     if (adapt_ && replace_->fits(timeEnd_, time_.deltaTValue()))
     {
-        adapt_->run(nSteps);
+        adapt_->run(most);
     }
 
-    if (control_)
-    {
-        nSteps = control_->steps(nSteps);
-    }
-
-    jumping_ = true;
-    const bool done =
-        nSteps
-     && replace_->jump(timeEnd_, nSteps, adapt_.get(), control_.get());
-    jumping_ = false;
-
-    if (done)
-    {
-        handedBack_ = time_.timeIndex();
-    }
-
-    return done;
+    return jump(control_ ? control_->steps(most) : most, false);
 }
 
 
-void Foam::functionObjects::m4gnSurrogate::advance()
+void Foam::functionObjects::m4gnSurrogate::advance(const label left)
 {
-    if (adapts())
+    const bool inJump = left >= 0;
+
+    if (adapts() && !inJump)
     {
         adapt_->frame(false);
     }
 
     const bool controlled = controls();
 
-    if (controlled)
+    if (controlled && !inJump)
     {
         control_->measure();
     }
 
-    const bool handedBack = jumped();
+    const bool handedBack = inJump ? jump(left, true) : jumped();
 
     if (handedBack && adapt_)
     {
@@ -228,6 +253,138 @@ void Foam::functionObjects::m4gnSurrogate::advance()
     {
         control_->begin(handedBack);
     }
+}
+
+
+void Foam::functionObjects::m4gnSurrogate::save(const label left) const
+{
+    if (adapt_)
+    {
+        adapt_->write();
+    }
+
+    if (mode_ != modeType::REPLACE)
+    {
+        return;
+    }
+
+    m4gnRestart::write
+    (
+        name(),
+        time_,
+        [&](Ostream& os)
+        {
+            const scalar deltaT = left < 0 ? time_.deltaTValue() : solverDeltaT_;
+
+            os.writeEntry("ranks", Pstream::nProcs());
+            os.writeEntry("left", left);
+            os.writeEntry("solverSteps", time_.timeIndex() - handedBack_);
+            List<scalar>(1, deltaT).writeEntry("deltaT", os);
+            List<scalar>(1, adaptStart_).writeEntry("adaptStart", os);
+            if (session_)
+            {
+                os.writeEntry("model", string(session_->model()));
+                os.writeEntry("digest", digest_);
+            }
+            if (replace_)
+            {
+                replace_->writeState(os);
+            }
+            if (control_)
+            {
+                control_->writeState(os);
+            }
+        }
+    );
+}
+
+
+void Foam::functionObjects::m4gnSurrogate::resume()
+{
+    if (mode_ != modeType::REPLACE)
+    {
+        return;
+    }
+
+    const dictionary state(m4gnRestart::read(name(), time_));
+
+    if (state.empty())
+    {
+        const word last(m4gnRestart::last(name(), time_));
+        if (last.size())
+        {
+            WarningInFunction
+                << "There is no state of " << name() << " at time "
+                << time_.timeName() << ": its schedule begins anew" << nl
+                << "    The last one is at time " << last
+                << ". What was written later may not be whole" << endl;
+        }
+        return;
+    }
+
+    checkOthers();
+
+    const bool sameRanks = state.get<label>("ranks") == Pstream::nProcs();
+
+    if (state.found("model"))
+    {
+        load();
+
+        if (state.get<word>("digest") != digest_)
+        {
+            WarningInFunction
+                << "The run up to time " << time_.timeName()
+                << " had another model, " << state.get<string>("model")
+                << ": the schedule of " << name() << " begins anew" << endl;
+            return;
+        }
+    }
+
+    if (state.found("totals"))
+    {
+        replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_));
+        replace_->restore(state.subDict("totals"));
+    }
+
+    if (state.found("control") && m4gnEstimate::wanted(dict_))
+    {
+        control_.reset(new m4gnControl(mesh_, dict_, *session_));
+        control_->restore(state.subDict("control"), sameRanks);
+    }
+
+    handedBack_ = time_.timeIndex() - state.get<label>("solverSteps");
+
+    if (!dict_.subOrEmptyDict("adapt").found("start"))
+    {
+        // Of the whole run, not of this part
+        adaptStart_ = state.get<List<scalar>>("adaptStart").first();
+    }
+
+    const label left = state.get<label>("left");
+
+    Info<< "m4gn: " << name() << " goes on from its state at time "
+        << time_.timeName();
+    if (left > 0)
+    {
+        Info<< ", in a jump of which " << left << " steps are left";
+    }
+    if (!sameRanks)
+    {
+        Info<< ", written by " << state.get<label>("ranks") << " ranks";
+    }
+    Info<< nl << endl;
+
+    if (left >= 0 && time_.isAdjustTimeStep())
+    {
+        // Time was written with the surrogate's
+        const_cast<Time&>(time_).setDeltaT
+        (
+            state.get<List<scalar>>("deltaT").first(),
+            false
+        );
+    }
+
+    advance(left);
 }
 
 
@@ -246,18 +403,17 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
     timeStart_(-VGREAT),
     timeEnd_(VGREAT),
     handedBack_(runTime.startTimeIndex()),
+    solverDeltaT_(0),
+    started_(false),
     adaptStart_(-VGREAT)
 {
     read(dict);
 
-    if (m4gnAdapt::wanted(dict) || m4gnControl::wanted(dict))
-    {
-        // The dictionary is that of Foam::functionObjects::timeControl, which
-        // reads it when this object is made, and then does not execute it
-        // before timeStart. The model learns and is measured before, and
-        // timeStart is heeded here.
-        const_cast<dictionary&>(dict).remove("timeStart");
-    }
+    // The dictionary is that of Foam::functionObjects::timeControl, which
+    // reads it when this object is made, and then does not execute it before
+    // timeStart. The model learns and is measured before, the state of the
+    // run is written before, and timeStart is heeded here.
+    const_cast<dictionary&>(dict).remove("timeStart");
 
     all_.append(this);
 }
@@ -334,7 +490,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
     m4gnAdapt::checkDictionary(dict);
-    m4gnControl::checkDictionary(dict);
+    m4gnEstimate::checkDictionary(dict);
 
     if (mode_ == modeType::REPLACE)
     {
@@ -400,14 +556,31 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
         return true;
     }
 
-    advance();
-
-    if (adapt_ && time_.writeTime())
+    // What a run that is carried on from here begins with
+    if (time_.writeTime())
     {
-        adapt_->write();
+        save(-1);
     }
 
+    advance(-1);
+
     return true;
+}
+
+
+bool Foam::functionObjects::m4gnSurrogate::filesModified() const
+{
+    if (!started_)
+    {
+        started_ = true;
+
+        if (!postProcess && time_.timeIndex() == time_.startTimeIndex())
+        {
+            const_cast<m4gnSurrogate&>(*this).resume();
+        }
+    }
+
+    return false;
 }
 
 

@@ -1,0 +1,164 @@
+#!/usr/bin/env bash
+# m4gnSurrogate, restart: a run that is carried on from a write time, wherever in its schedule that lies, has the bytes of the run that
+# was not interrupted, on one rank and on two; so has a run that is killed again and again.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+RANDOM=7
+make_case case
+sed -i 's/^endTime .*/endTime 1.2;/; s/^writeInterval .*/writeInterval 0.05;/; s/^writeFormat .*/writeFormat binary;/' \
+    system/controlDict
+
+# The surrogate jumps from 0.5 to 0.75 and from 0.83 to 1.08: write times lie before the first jump, where it begins, in it, where it ends,
+# and between the two
+surrogate() {
+    function_object m4gnSurrogate "mode replace; model cylinder-flow.safetensors; timeStart 0.5; solverSteps 40; surrogateSteps 5;
+        $*"
+}
+# same FOLDER WHAT: the fields at 1.2 are those of this run
+same() {
+    local file
+    for file in U p phi; do
+        cmp "$1/1.2/$file" "../whole/$1/1.2/$file" || fail "$2: $file at 1.2 is not that of the uninterrupted run"
+    done
+}
+# from TIME FOLDER...: carry on from there in the folders, . or those of the ranks
+from() {
+    local time=$1 folder
+    shift
+    for folder in "$@"; do
+        find "$folder" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +
+        cp -r "../whole/$folder/$time" "$folder"
+    done
+    sed -i "s/^startTime .*/startTime $time;/" system/controlDict
+}
+whole() {
+    rm -rf ../whole && mkdir ../whole
+    cp -r "$@" ../whole
+}
+entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" "postProcessing/test/$2/summary.json"; }
+
+for control in '' 'control { tolerance 1000; }' 'control { tolerance 0.09; }'; do
+    surrogate "$control"
+    clean_case
+    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+    runs icoFoam
+    whole [0-9]*
+    steps=$(entry surrogate_steps 0)
+    replaced=$(entry replaced_fraction 0)
+    [ "$steps" -ge 4 ] || fail "the test's run has $steps surrogate steps only: $control"
+    for time in 0.45 0.5 0.6 0.75 0.8 1.15; do
+        from $time .
+        runs icoFoam
+        grep -q "m4gn: test goes on from its state at time $time" log.run || { cat log.run; fail "$time: the state was not read"; }
+        same . "restarted at $time, $control"
+        [ "$(entry surrogate_steps $time)" = "$steps" ] || fail "restarted at $time, $control: not $steps surrogate steps"
+        awk -v a="$replaced" -v b="$(entry replaced_fraction $time)" 'BEGIN { d = a - b; exit !(d*d < 1e-12) }' ||
+            fail "restarted at $time, $control: another share replaced"
+    done
+    echo "restarted, ${control:-no control}: the same bytes, $steps surrogate steps"
+done
+
+# Without its state, the schedule begins anew, and the log says where it could go on
+from 0.8 .
+cp -r ../whole/0.75 .
+rm 0.8/uniform/test.state
+runs icoFoam
+grep -q 'no state of test' log.run && grep -q 'last one .* 0.75' log.run || { cat log.run; fail "no word of the missing state"; }
+# That of another model is not taken up
+from 0.8 .
+function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.5; solverSteps 40; surrogateSteps 5;"
+runs icoFoam
+grep -q 'had another model' log.run || { cat log.run; fail "no word of the other model"; }
+# A damaged one ends the run with its name
+surrogate ''
+from 0.8 .
+echo 'left maybe' > 0.8/uniform/test.state
+refused 'is not the state of a run' icoFoam
+cp ../whole/0.8/uniform/test.state . && head -c 900 test.state > 0.8/uniform/test.state
+refused 'test.state' icoFoam
+
+# Two ranks
+surrogate 'control { tolerance 0.09; }'
+clean_case
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+on_two_ranks icoFoam
+whole processor0 processor1
+for time in 0.5 0.6 0.8; do
+    from $time processor0 processor1
+    runs mpirun -np 2 icoFoam -parallel
+    same processor0 "2 ranks, restarted at $time"
+    same processor1 "2 ranks, restarted at $time"
+done
+# Serial, from what two ranks have written
+from 0.6 processor0 processor1
+runs reconstructPar -time 0.6
+runs icoFoam
+grep -q 'written by 2 ranks' log.run || { cat log.run; fail "the state of two ranks was not read"; }
+mkdir ../serial && cp -r 1.2 ../serial
+rm -rf [1-9]* 0.*
+cp -r ../whole/processor[01] .
+runs reconstructPar -time 1.2
+sed -i 's/binary/ascii/' system/controlDict
+for folder in . ../serial; do
+    (mkdir -p "$folder/as_text" && cp -r constant system "$folder/1.2" "$folder/as_text" && cd "$folder/as_text" && : > system/functions &&
+        runs foamFormatConvert -time 1.2)
+done
+for field in U p; do
+    below "$(difference as_text/1.2/$field ../serial/as_text/1.2/$field)" 1e-4 "$field at 1.2, serial from 2 ranks at 0.6"
+done
+sed -i 's/ascii/binary/' system/controlDict
+
+# killed TIMES SECONDS FOLDERS RUN...: killed again and again at random moments of the first so many seconds, and carried on from
+# the last time that is whole
+killed() {
+    local most=$1 limit=$2 folders=$3 kills=0 whole time folder pid
+    shift 3
+    for folder in $folders; do find "$folder" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; done
+    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+    while [ $kills -lt "$most" ]; do
+        setsid "$@" > log.run 2>&1 &
+        pid=$!
+        sleep "$(awk -v r=$RANDOM -v l="$limit" 'BEGIN { print 0.3 + l*r/32768 }')"
+        # The session: mpirun gives its ranks process groups of their own
+        if pkill -9 -s $pid; then
+            wait $pid 2> log.kill || true
+            while pgrep -s $pid > log.kill; do sleep 0.05; done
+            kills=$((kills + 1))
+        elif wait $pid; then
+            for folder in $folders; do same "$folder" "killed $kills times"; done
+            finished=$((finished + 1))
+            for folder in $folders; do find "$folder" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; done
+        else
+            tail -n 20 log.run
+            fail "a run that was carried on after $kills kills failed"
+        fi
+        # Complete where the first rank has its state
+        whole=0
+        for time in $(ls "${folders%% *}" | grep '^[0-9][0-9.]*$' | sort -g); do
+            [ ! -f "${folders%% *}/$time/uniform/test.state" ] || whole=$time
+        done
+        for folder in $folders; do
+            for time in $(ls "$folder" | grep '^[0-9][0-9.]*$'); do
+                awk "BEGIN { exit !($time > $whole) }" && rm -rf "${folder:?}/$time"
+            done
+        done
+        sed -i "s/^startTime .*/startTime $whole;/" system/controlDict
+    done
+    runs "$@"
+    for folder in $folders; do same "$folder" "killed $kills times"; done
+    echo "killed $kills times, $finished runs came to the end before: the same bytes"
+}
+finished=0
+# Where the surrogate's times are not write times, those of a run that starts there are others: OpenFOAM counts them from its start
+sed -i 's/solverSteps 40/solverSteps 25/' system/functions
+clean_case
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+on_two_ranks icoFoam
+whole processor0 processor1
+killed 20 1.5 'processor0 processor1' mpirun -np 2 icoFoam -parallel
+clean_case
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+runs icoFoam
+whole [0-9]*
+killed 30 1 . icoFoam
+echo "restart: passed"
