@@ -122,7 +122,10 @@ fn a_restored_controller_decides_as_the_one_before() {
     second.restore(&rows, bad).unwrap();
     assert_eq!(second.state(), first.state());
     assert_eq!((second.strides(10), second.error()), (0, 0.5));
-    assert!(second.measure(&stride(1.0)).is_err(), "the second bad stride in a row");
+    assert!(
+        second.measure(&stride(1.0)).is_err(),
+        "the second bad stride in a row"
+    );
     assert!(second.restore(&rows[..1], 0).is_err());
     let mut wrong = rows.clone();
     wrong[1].size = f64::NAN;

@@ -43,4 +43,27 @@ for handler in masterUncollated collated; do
     printf "type m4gnSegments; libs (m4gnFoam); recompute yes; segments { count 9; }\n" > system/m4gnSegments
     runs mpirun -np 2 postProcess -parallel -fileHandler $handler -func m4gnSegments -time 0
 done
+
+# The state of a hybrid run, at a time within a jump (0.02 to 0.04) and one after it
+sed -i 's/^writeFormat .*/writeFormat binary;/' system/controlDict
+function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 8; surrogateSteps 2; control { tolerance 1000; }"
+for handler in masterUncollated collated; do
+    clean_case
+    rm -rf processor*
+    runs decomposePar -force -fileHandler $handler
+    runs mpirun -np 2 icoFoam -parallel -fileHandler $handler
+    rm -rf ../whole && mkdir ../whole && cp -r processor* ../whole
+    for time in 0.03 0.05; do
+        rm -rf processor* && cp -r ../whole/processor* .
+        rm -rf processor*/0.06
+        sed -i "s/^startTime .*/startTime $time;/" system/controlDict
+        runs mpirun -np 2 icoFoam -parallel -fileHandler $handler
+        grep -q "goes on from its state at time $time" log.run || { cat log.run; fail "$handler: the state was not found at $time"; }
+        for folder in processor*; do
+            [ ! -d ../whole/$folder/0.06 ] || cmp $folder/0.06/U ../whole/$folder/0.06/U || fail "$handler: another U, restarted at $time"
+        done
+    done
+    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+    echo "$handler: restarted with the same bytes"
+done
 echo "file-handlers: passed"

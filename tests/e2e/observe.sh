@@ -30,4 +30,23 @@ paste <(echo "$serial") <(awk '!/^#/' $table) | awk '
     cat $table
     fail "two ranks found other errors than one"
 }
+
+# What error control would do: a stride is measured first, then each rollout has an error and what was expected of it
+clean_case
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; timeStart 0.02; rolloutSteps 2; control { tolerance 1000; onFailure stop; }"
+runs icoFoam
+cmp 0.06/U ../alone/0.06/U || fail "observing with control has changed U"
+[ "$(awk '!/^#/ { printf "%s:%s ", $1 + 0, $2 }' $table)" = "0.04:1 0.05:2 0.06:1 " ] || fail "other rows were expected with control"
+# The error of the stride to 0.03, relative to U there, and twice that: this model says nothing of the growth
+expected=$(echo "$serial" | awk '$1 == 0.03 { print $3/$7 }')
+awk -v e="$expected" '!/^#/ && $1 < 0.055 { d = $NF/(e*$2) - 1; if (d*d > 1e-8) exit 1; ++n } END { exit n != 2 }' $table ||
+    { cat $table; fail "expected estimates of $expected and twice that"; }
+awk '!/^#/ { if ($7 > size) size = $7; d = $(NF - 1)*size/$5 - 1; if (d*d > 1e-6) exit 1 }' $table || { cat $table; fail "relative errors"; }
+# One rollout of two steps came to its end; the other one had no time
+grep -q 'would have let 1 rollouts go as jumps, of 2 steps .* 1 of them was within the tolerance 1000' log.run ||
+    { tail -n 12 log.run; fail "no summary of the controller"; }
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; timeStart 0.02; rolloutSteps 2; control { tolerance 1e-9; }"
+clean_case
+runs icoFoam
+grep -q 'would have let 0 rollouts go .* at 2 other starts it would have let none go' log.run || { tail log.run; fail "jumps that nothing allows"; }
 echo "observe: passed"
