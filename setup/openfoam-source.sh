@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Fetches the headers that belong to Debian's OpenFOAM (the package ships none) into the cache:
 # the source of the same version, and the lnInclude folders of the libraries that m4gn compiles against.
+#   setup/openfoam-source.sh              the headers
+#   setup/openfoam-source.sh tutorials    some tutorials of the same version: prints their folder
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -54,17 +56,49 @@ unpack() {
         rm -f "$M4GN_CACHE/$FOAM_TARBALL"
 }
 
+unpack_tutorials() {
+    local tmp=$tutorials.tmp
+    rm -rf "$tmp" &&
+        mkdir -p "$tmp" &&
+        tar -xjf "$M4GN_CACHE/$FOAM_TARBALL" -C "$tmp" --strip-components=2 --wildcards \
+            '*/tutorials/incompressible/pi*Foam' '*/tutorials/compressible/rhoPimpleFoam' \
+            '*/tutorials/multiphase/interFoam' '*/tutorials/heatTransfer/buoyantPimpleFoam' &&
+        rm -rf "$tutorials" &&
+        mv -T "$tmp" "$tutorials" &&
+        rm -f "$M4GN_CACHE/$FOAM_TARBALL"
+}
+
+tutorials=$FOAM_SOURCE-tutorials
 stamp="$FOAM_SHA256 $(printf '%s\n' "${FOAM_LIBRARIES[@]}" | cksum)"
 complete() { [ "$(cat "$FOAM_SOURCE/.complete" 2>/dev/null)" = "$stamp" ]; }
 
-main() {
-    complete && return
+have_source() {
     step "OpenFOAM $FOAM_VERSION source (45 MB)" fetch ||
         die "the source of Debian's OpenFOAM could not be downloaded" \
             "Fetch $FOAM_TARBALL by hand (pool/main/o/openfoam on any Debian mirror) into $M4GN_CACHE, or" \
             "source an OpenFOAM of your own that has headers, and run this again."
+}
+
+have_tutorials() {
+    [ -d "$tutorials" ] && return
+    have_source
+    step "OpenFOAM $FOAM_VERSION tutorials" unpack_tutorials ||
+        die "the tutorials of OpenFOAM could not be unpacked into $tutorials" \
+            "Free some disk space (90 MB are needed) or set M4GN_CACHE to another folder, and run this again."
+}
+
+main() {
+    complete && return
+    have_source
     step "OpenFOAM $FOAM_VERSION headers" unpack ||
         die "the source of OpenFOAM could not be unpacked into $FOAM_SOURCE" \
             "Free some disk space (80 MB are needed) or set M4GN_CACHE to another folder, and run this again."
 }
-with_lock openfoam main
+case ${1:-headers} in
+    headers) with_lock openfoam main ;;
+    tutorials)
+        with_lock openfoam have_tutorials >&2
+        echo "$tutorials"
+        ;;
+    *) die "unknown part '$1'" "usage: setup/openfoam-source.sh [headers|tutorials]" ;;
+esac

@@ -165,6 +165,28 @@ Foam::fileName Foam::m4gn::resolve
 }
 
 
+void Foam::m4gn::checkStatic(const polyMesh& mesh, const dictionary& dict)
+{
+    // dynamicMotionSolverFvMesh, dynamicRefineFvMesh, solidBodyMotionFvMesh,
+    // movingConeTopoFvMesh ...: their base class is in a library of its own
+    const word& type = mesh.type();
+
+    if
+    (
+        type.starts_with("dynamic")
+     || type.find("Motion") != std::string::npos
+     || type.find("Topo") != std::string::npos
+    )
+    {
+        FatalIOErrorInFunction(dict)
+            << "The mesh is a " << type << ", which moves or changes;"
+            << " recordings and surrogates have one mesh" << nl
+            << "    Remove the function object " << dict.dictName()
+            << ", or run on a static mesh" << exit(FatalIOError);
+    }
+}
+
+
 Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)
 {
     const Time& time = mesh.time();

@@ -251,6 +251,7 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     }
 
     fvMeshFunctionObject::read(dict);
+    m4gn::checkStatic(mesh_, dict);
 
     m4gn::checkDictionaries(dict, {"nodeTypes", "provenance"});
     m4gnElasticModes::checkDictionary(dict);

@@ -10,6 +10,7 @@ License
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnAdapt.H"
 #include "m4gnControl.H"
+#include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnObserve.H"
 #include "m4gnOthers.H"
@@ -467,6 +468,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     // construction into a warning and goes on without the function object.
 
     fvMeshFunctionObject::read(dict);
+    m4gn::checkStatic(mesh_, dict);
 
     ownKeys_ =
     {
