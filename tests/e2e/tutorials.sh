@@ -102,7 +102,7 @@ echo "$harvest" > system/functions
 neutral buoyantPimpleFoam
 # The network is one of two dimensions
 observe > system/functions
-refused '3' buoyantPimpleFoam
+refused 'was trained in 2 dimensions; this case solves 3' buoyantPimpleFoam
 
 name=parallel
 tutorial multiphase/interFoam/laminar/damBreak/damBreak 1e-3
