@@ -42,6 +42,8 @@ for control in '' 'control { tolerance 1000; }' 'control { tolerance 0.09; }'; d
     clean_case
     sed -i 's/^startTime .*/startTime 0;/' system/controlDict
     runs icoFoam
+    # The solver's first write times after the jump that ends at 1.08
+    [ -n "$control" ] || { [ -d 1.1 ] && [ -d 1.15 ]; } || { ls; fail "write times after a jump are lost"; }
     whole [0-9]*
     steps=$(entry surrogate_steps 0)
     replaced=$(entry replaced_fraction 0)
@@ -155,10 +157,10 @@ clean_case
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 on_two_ranks icoFoam
 whole processor0 processor1
-killed 20 1.5 'processor0 processor1' mpirun -np 2 icoFoam -parallel
+killed 20 1 'processor0 processor1' mpirun -np 2 icoFoam -parallel
 clean_case
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 runs icoFoam
 whole [0-9]*
-killed 30 1 . icoFoam
+killed 30 0.6 . icoFoam
 echo "restart: passed"

@@ -17,6 +17,48 @@ License
 #include "OSspecific.H"
 #include "Time.H"
 
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+namespace
+{
+
+//- A time that is a multiple of the write interval and less than half a time
+//  step ahead counts as written, so that the solver's own steps meet it. After
+//  a step as long as the surrogate's that would be times that the solver has
+//  yet to come to: count again with the solver's deltaT.
+class writing
+:
+    public Foam::Time
+{
+public:
+
+    static void restore(Foam::Time& time)
+    {
+        const auto control = time.*(&writing::writeControl_);
+
+        if
+        (
+            control == Foam::Time::wcRunTime
+         || control == Foam::Time::wcAdjustableRunTime
+        )
+        {
+            Foam::label& index = time.*(&writing::writeTimeIndex_);
+            const Foam::scalar passed =
+                time.value() - time.startTime().value()
+              + 0.5*time.deltaTValue();
+
+            index = Foam::min
+            (
+                index,
+                Foam::label(passed/(time.*(&writing::writeInterval_)))
+            );
+        }
+    }
+};
+
+} // End anonymous namespace
+
+
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 bool Foam::m4gnReplace::predict()
@@ -256,6 +298,7 @@ bool Foam::m4gnReplace::jump
     executeOthers(true, false);
 
     time_.setDeltaT(deltaT, false);
+    writing::restore(time_);
 
     if (time_.value() > time_.endTime().value() - 0.5*deltaT)
     {
