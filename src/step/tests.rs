@@ -1,9 +1,9 @@
 //! Sessions on sample meshes, in serial.
 
 use super::*;
-use m4gn_mesh::{NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType, sample};
 use m4gn_model::sample::spec;
-use m4gn_model::{FieldSpec, Kind, Output, SegmentEntries};
+use m4gn_model::{FieldSpec, Kind, Model, Output, SegmentEntries};
 
 fn entries(name: &str, value: impl Into<serde_json::Value>) -> SegmentEntries {
     let mut entries = SegmentEntries::default();
