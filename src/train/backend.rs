@@ -14,6 +14,8 @@ pub struct Example {
     pub mirror: bool,
     /// Seed of the noise.
     pub seed: u64,
+    /// What its errors are multiplied with in the loss.
+    pub weight: f64,
 }
 
 /// A part of a step's batch.

@@ -140,6 +140,9 @@ pub struct TrainingConfig {
     pub noise: BTreeMap<String, f64>,
     /// Weight of each predicted field's loss; 1 where none is given.
     pub loss_weights: BTreeMap<String, f64>,
+    /// How far trajectories of small changes weigh up to those of large ones in the loss: 0 not at all, so that fast flows
+    /// decide, 1 almost wholly. See [`Workload::weights`](crate::Workload::weights).
+    pub balance: f64,
     /// Reflect half of the samples in the second direction (y -> -y). Right for geometries whose law is symmetric.
     pub mirror: bool,
     /// `[[from_step, model_steps], ...]`: how many model steps are unrolled in the loss.
@@ -193,6 +196,7 @@ impl Default for TrainingConfig {
             ema_decay: 0.0,
             noise: BTreeMap::new(),
             loss_weights: BTreeMap::new(),
+            balance: 0.0,
             mirror: false,
             unroll: vec![[0, 1]],
             unroll_gradient: true,
@@ -377,6 +381,9 @@ impl Config {
                 &t.gradient_clip.to_string(),
                 "a norm, or 0 for no limit",
             );
+        }
+        if !(0.0..=1.0).contains(&t.balance) {
+            return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");
         }
         for (key, table) in [
             ("training.noise", &t.noise),

@@ -189,7 +189,7 @@ impl Backend for NativeBackend<'_> {
                 let cells = |e: &Example| self.work.train[e.sample].n_cells() as f64;
                 let all: f64 = piece.iter().map(cells).sum();
                 let part = piece.len() as f64 / batch.total as f64;
-                piece.iter().map(move |e| part * cells(e) / all)
+                piece.iter().map(move |e| e.weight * part * cells(e) / all)
             })
             .collect();
         let mut workers = std::mem::take(&mut self.workers);

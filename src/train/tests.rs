@@ -304,3 +304,28 @@ fn bodies_among_flows_are_refused() {
         "{message}"
     );
 }
+
+/// Twice the fields, four times the squared changes: 0.4 and 1.6 of the mean.
+#[test]
+fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
+    let folder = data();
+    let spec = m4gn_model::sample::spec();
+    let path = folder.path().join("data/000.h5");
+    let read = || samples::Sample::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
+    let mut fast = read();
+    fast.frames.iter_mut().for_each(|x| *x *= 2.0);
+    let work = Workload {
+        train: vec![read().into(), fast.into()],
+        valid: vec![read().into()],
+        frames_a_step: 2,
+        names: vec![],
+    };
+    assert_eq!(work.weights(&spec, 0.0), [1.0, 1.0]);
+    for balance in [0.5, 1.0] {
+        let [slow, fast] = [0.45_f64, 1.65].map(|c| c.powf(-balance));
+        let expected = [slow, fast].map(|w| 2.0 * w / (slow + fast));
+        for (found, expected) in work.weights(&spec, balance).iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-6, "{found}, expected {expected}");
+        }
+    }
+}

@@ -38,6 +38,8 @@ pub(super) struct Trainer<'a> {
     pub(super) config: &'a Config,
     pub(super) spec: &'a ModelSpec,
     pub(super) work: &'a Workload,
+    /// Of the training trajectories.
+    weights: Vec<f64>,
     pub(super) comm: &'a Comm,
     backend: Box<dyn Backend + 'a>,
     pub(super) layout: Layout,
@@ -120,6 +122,7 @@ pub fn train(
         config,
         spec,
         layout,
+        weights: work.weights(spec, t.balance),
         work,
         backend,
         progress,
@@ -236,6 +239,7 @@ impl Trainer<'_> {
                     frame,
                     mirror: t.mirror && rng.random::<bool>(),
                     seed: rng.random(),
+                    weight: self.weights[sample],
                 }
             })
             .collect();

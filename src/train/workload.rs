@@ -3,7 +3,7 @@
 use super::config::Config;
 use super::ranges;
 use super::report::Report;
-use super::samples::{Sample, describe, frames_a_step};
+use super::samples::{Components, Sample, describe, frames_a_step};
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
 use m4gn_mesh::NodeType;
@@ -26,7 +26,47 @@ pub struct Workload {
     pub names: Vec<String>,
 }
 
+/// Trajectories that hardly change weigh as if they changed by this share of the mean.
+const LEAST_CHANGE: f64 = 0.05;
+
 impl Workload {
+    /// What the errors of each training trajectory are multiplied with in the loss, 1 in the mean:
+    /// `(c + 0.05)^-balance`, where `c` is the mean square of the change of the first predicted field in a model step, over
+    /// that of all trajectories. Errors grow with what changes, so without it the fastest flows decide what is learned.
+    pub fn weights(&self, spec: &ModelSpec, balance: f64) -> Vec<f64> {
+        let changes: Vec<f64> = self.train.iter().map(|s| self.change(s, spec)).collect();
+        let count = changes.len() as f64;
+        let mean = changes.iter().sum::<f64>() / count;
+        if balance == 0.0 || mean == 0.0 {
+            return vec![1.0; changes.len()];
+        }
+        let weights: Vec<f64> = changes
+            .iter()
+            .map(|c| (c / mean + LEAST_CHANGE).powf(-balance))
+            .collect();
+        let all = weights.iter().sum::<f64>() / count;
+        weights.iter().map(|w| w / all).collect()
+    }
+
+    /// Mean square of what the first predicted field changes by in a model step, over cells and at most 32 frames.
+    fn change(&self, sample: &Sample, spec: &ModelSpec) -> f64 {
+        let c = Components::new(spec);
+        let headline = c.field[c.outputs[0]];
+        let last = sample.n_frames - self.frames_a_step;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for frame in (0..last).step_by(last.div_ceil(32).max(1)) {
+            let (now, then) = (sample.frame(frame), sample.frame(frame + self.frames_a_step));
+            let rows = now.chunks_exact(c.count).zip(then.chunks_exact(c.count));
+            for (a, b) in rows.take(sample.n_cells()) {
+                for i in (0..c.count).filter(|&i| c.field[i] == headline) {
+                    sum += f64::from(b[i] - a[i]).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        sum / f64::max(count, 1.0)
+    }
+
     /// Reads all trajectories.
     pub fn load(
         folder: &Path,

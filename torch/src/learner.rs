@@ -235,13 +235,14 @@ impl Learner {
         let scales = Scales::new(normaliser, self.device);
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
         let mut losses = Vec::new();
+        let weights = self.weights(examples);
         for step in 1..=unroll {
             let next = self.state(examples, step);
             let output = self
                 .stepper
                 .predict(&network, &graph, &edges, &scales, &state, &next);
             let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
-            let square = (&output - target).square();
+            let square = (&output - target).square() * &weights;
             for (i, &(first, count, weight)) in self.groups.iter().enumerate() {
                 let loss = square.narrow(1, first, count).mean(Kind::Float);
                 total += &loss * (weight / unroll as f64);
@@ -320,6 +321,15 @@ impl Learner {
             errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
         }
         Ok(Outcome::Rolled(errors))
+    }
+
+    /// The examples' weights, one a cell.
+    fn weights(&self, examples: &[Example]) -> Tensor {
+        let cells = examples.iter().map(|e| {
+            let n = self.train[e.sample].hosts[0].cells as i64;
+            Tensor::full([n, 1], e.weight, (Kind::Float, self.device))
+        });
+        Tensor::cat(&cells.collect::<Vec<_>>(), 0)
     }
 
     /// The examples' recorded fields, `step` model steps after their first frame, reflected where asked.

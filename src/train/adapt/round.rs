@@ -186,6 +186,7 @@ impl Adaptation {
                 frame: starts[rng.random_range(0..starts.len())],
                 mirror: t.mirror && rng.random(),
                 seed: rng.random(),
+                weight: 1.0,
             }
         });
         let examples: Vec<Example> = examples.collect();

@@ -147,6 +147,7 @@ impl Trial {
             frame: 0,
             mirror: false,
             seed: seed as u64,
+            weight: 1.0,
         };
         Ok(Prepared {
             config,
