@@ -25,18 +25,7 @@ impl NativeBackend<'_> {
         let mut engine = Engine::new(model, graph, view, &EngineOptions::default())?;
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
         let c = self.stepper.components();
-        let headline = c.field[c.outputs[0]];
-        let error = |a: &[f32], b: &[f32]| {
-            let (mut sum, mut n) = (0.0, 0.0);
-            let rows = a.chunks_exact(c.count).zip(b.chunks_exact(c.count));
-            for (a, b) in rows.take(sample.n_cells()) {
-                for i in (0..c.count).filter(|&i| c.field[i] == headline) {
-                    sum += (f64::from(a[i]) - f64::from(b[i])).powi(2);
-                    n += 1.0;
-                }
-            }
-            sum / n
-        };
+        let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
         let mut errors: Vec<(f64, f64)> = Vec::with_capacity(rollout.steps);
         for step in 1..=rollout.steps {
             let next = frame(step);

@@ -51,20 +51,14 @@ impl Workload {
     /// Mean square of what the first predicted field changes by in a model step, over cells and at most 32 frames.
     fn change(&self, sample: &Sample, spec: &ModelSpec) -> f64 {
         let c = Components::new(spec);
-        let headline = c.field[c.outputs[0]];
         let last = sample.n_frames - self.frames_a_step;
-        let (mut sum, mut count) = (0.0, 0.0);
-        for frame in (0..last).step_by(last.div_ceil(32).max(1)) {
+        let frames = (0..last).step_by(last.div_ceil(32).max(1));
+        let changes = frames.map(|frame| {
             let (now, then) = (sample.frame(frame), sample.frame(frame + self.frames_a_step));
-            let rows = now.chunks_exact(c.count).zip(then.chunks_exact(c.count));
-            for (a, b) in rows.take(sample.n_cells()) {
-                for i in (0..c.count).filter(|&i| c.field[i] == headline) {
-                    sum += f64::from(b[i] - a[i]).powi(2);
-                    count += 1.0;
-                }
-            }
-        }
-        sum / f64::max(count, 1.0)
+            c.mean_square(now, then, sample.n_cells())
+        });
+        let changes: Vec<f64> = changes.collect();
+        changes.iter().sum::<f64>() / changes.len().max(1) as f64
     }
 
     /// Reads all trajectories.

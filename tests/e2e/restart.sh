@@ -21,12 +21,14 @@ same() {
         cmp "$1/1.2/$file" "../whole/$1/1.2/$file" || fail "$2: $file at 1.2 is not that of the uninterrupted run"
     done
 }
+# forget FOLDER...: the times that a run has written there
+forget() { find "$@" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; }
 # from TIME FOLDER...: carry on from there in the folders, . or those of the ranks
 from() {
     local time=$1 folder
     shift
+    forget "$@"
     for folder in "$@"; do
-        find "$folder" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +
         cp -r "../whole/$folder/$time" "$folder"
     done
     sed -i "s/^startTime .*/startTime $time;/" system/controlDict
@@ -112,10 +114,11 @@ sed -i 's/ascii/binary/' system/controlDict
 
 # killed TIMES SECONDS FOLDERS RUN...: killed again and again at random moments of the first so many seconds, and carried on from
 # the last time that is whole
+# shellcheck disable=SC2086  # several folders
 killed() {
     local most=$1 limit=$2 folders=$3 kills=0 whole time folder pid
     shift 3
-    for folder in $folders; do find "$folder" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; done
+    forget $folders
     sed -i 's/^startTime .*/startTime 0;/' system/controlDict
     while [ $kills -lt "$most" ]; do
         setsid "$@" > log.run 2>&1 &
@@ -129,7 +132,7 @@ killed() {
         elif wait $pid; then
             for folder in $folders; do same "$folder" "killed $kills times"; done
             finished=$((finished + 1))
-            for folder in $folders; do find "$folder" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; done
+            forget $folders
         else
             tail -n 20 log.run
             fail "a run that was carried on after $kills kills failed"

@@ -122,14 +122,16 @@ void Foam::m4gnShadow::restore(const dictionary& state)
 
     startTime_ = stride.get<List<scalar>>("begun").first();
     finite_ = stride.get<bool>("finite");
-    start_ = now();
-    predicted_ = start_;
+    start_.resize(session_.outputs().size());
+    predicted_.resize(start_.size());
     forAll(start_, i)
     {
         const word& name = session_.outputs()[i];
-        start_[i] = scalarField("start(" + name + ')', stride, start_[i].size());
-        predicted_[i] =
-            scalarField("predicted(" + name + ')', stride, start_[i].size());
+        const label size =
+            session_.outputComponents(i)*session_.nodes().size();
+
+        start_[i] = scalarField("start(" + name + ')', stride, size);
+        predicted_[i] = scalarField("predicted(" + name + ')', stride, size);
     }
     waiting_ = true;
 }
