@@ -13,7 +13,7 @@ refused 'Both function objects first and second replace the solver' icoFoam
 
 # Observing what is replaced compares the surrogate with itself
 { object first m4gnSurrogate "$replace"; object second m4gnSurrogate "mode observe; model \"$small_model\";"; } > system/functions
-refused 'Function object second observes, and compares with a solver that first replaces' icoFoam
+refused 'Function object second of mode observe stands beside a solver that first replaces' icoFoam
 { object first m4gnSurrogate "$replace"; object second m4gnSurrogate "mode observe; model \"$small_model\"; timeEnd 0.02;"; } > system/functions
 runs icoFoam
 [ "$(awk '!/^#/' postProcessing/second/0/surrogateError.dat | wc -l)" -eq 1 ] || fail "the time before was not observed"

@@ -8,6 +8,7 @@ License
 
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
+#include "m4gnAccelerate.H"
 #include "m4gnAdapt.H"
 #include "m4gnControl.H"
 #include "m4gnCore.H"
@@ -34,6 +35,7 @@ namespace functionObjects
 const Foam::Enum<Foam::functionObjects::m4gnSurrogate::modeType>
 Foam::functionObjects::m4gnSurrogate::modeNames_
 ({
+    { modeType::ACCELERATE, "accelerate" },
     { modeType::OBSERVE, "observe" },
     { modeType::REPLACE, "replace" },
 });
@@ -50,6 +52,21 @@ void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
     for (const m4gnSurrogate* other : all_)
     {
+        if
+        (
+            other != this
+         && mode_ == modeType::ACCELERATE
+         && other->mode_ == modeType::ACCELERATE
+         && &other->mesh_ == &mesh_
+        )
+        {
+            FatalErrorInFunction
+                << "Both function objects " << name() << " and "
+                << other->name() << " are of mode accelerate: a linear solver"
+                << " takes one forecast" << nl
+                << "    Have one of them for a mesh" << exit(FatalError);
+        }
+
         if (other == this || other->mode_ != modeType::REPLACE)
         {
             continue;
@@ -68,9 +85,10 @@ void Foam::functionObjects::m4gnSurrogate::checkOthers() const
         if (other->timeStart_ < timeEnd_)
         {
             FatalErrorInFunction
-                << "Function object " << name() << " observes, and compares"
-                << " with a solver that " << other->name() << " replaces"
-                << nl << "    Observe in a run without mode replace, or give "
+                << "Function object " << name() << " of mode "
+                << modeNames_[mode_] << " stands beside a solver that "
+                << other->name() << " replaces" << nl
+                << "    Have it in a run without mode replace, or give "
                 << name() << " a timeEnd that is not later than the timeStart"
                 << " of " << other->name() << exit(FatalError);
         }
@@ -183,10 +201,28 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
 
     if (time_.value() < timeStart_ - half || time_.value() > timeEnd_ + half)
     {
+        if (accelerate_)
+        {
+            accelerate_->stop();
+        }
         return false;
     }
 
     load();
+
+    if (mode_ == modeType::ACCELERATE)
+    {
+        if (!accelerate_)
+        {
+            if (adapt_)
+            {
+                adapt_->run(1);
+            }
+            accelerate_.reset(new m4gnAccelerate(mesh_, *session_));
+        }
+        accelerate_->execute();
+        return false;
+    }
 
     if (mode_ == modeType::OBSERVE)
     {
@@ -378,8 +414,9 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         if (m4gnNodes::atPoints(dict))
         {
             FatalIOErrorInFunction(dict)
-                << "mode observe compares fields of cells; location points is"
-                << " for mode replace" << exit(FatalIOError);
+                << "Entry location is points, which is for mode replace; mode "
+                << mode << " works with fields of cells"
+                << exit(FatalIOError);
         }
         m4gn::checkAtLeast
         (
@@ -446,6 +483,10 @@ bool Foam::functionObjects::m4gnSurrogate::write()
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {
+    if (accelerate_)
+    {
+        accelerate_->end();
+    }
     if (observe_)
     {
         observe_->end();

@@ -1,0 +1,141 @@
+#!/usr/bin/env python3
+"""What a guess of the solution saves a solver: work and time with each predictor, by turns.
+
+    bench/predictors.py run/beam/full --end 0.3
+    bench/predictors.py run/cylinder/full --start 5 --end 6 --linear-solver "PCG; preconditioner DIC"
+    bench/predictors.py run/cylinder/full --start 5 --end 6 --model models/cylinder-flow.safetensors
+
+CASE is a case that has been run or can be; it is copied, not touched. With solidDisplacementFoam the guess is of the
+displacement (function object m4gnPredictor), and the work is counted in correctors; with other solvers it is of the pressure
+(linear solver m4gnPredicted), and the work is counted in iterations of the linear solver. --model adds the predictor model, with
+a m4gnSurrogate of mode accelerate beside it. Differences are those of the last fields from the run without a guess,
+the largest one over the largest value. Needs env.sh sourced and the solver of the case.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+
+def prepare(arguments: argparse.Namespace, folder: pathlib.Path, predictor: str) -> str:
+    """A copy of the case with this predictor ('plain': as it is); the name of its solver."""
+    case = arguments.case
+    for part in ("constant", "system", arguments.start):
+        if not (case / part).is_dir():
+            sys.exit(f"{case}: no folder {part}; expected a case with fields at time {arguments.start}")
+        shutil.copytree(case / part, folder / part)
+    control = folder / "system/controlDict"
+    text = control.read_text()
+    solver = re.search(r"^\s*application\s+(\w+)", text, flags=re.M)
+    if not solver:
+        sys.exit(f"{control}: no entry application")
+    keys = "startFrom|startTime|stopAt|endTime|writeControl|writeInterval|writeFormat|writePrecision|purgeWrite|libs"
+    text = re.sub(rf"^\s*({keys})\s.*$", "", text, flags=re.M)
+    text = re.sub(r"^functions\s*\{.*?^\}", "", text, flags=re.M | re.S)
+    objects = ""
+    if predictor == "model":
+        objects += f'surrogate {{ type m4gnSurrogate; libs (m4gnFoam); mode accelerate; model "{arguments.model}"; }}\n'
+    if solver.group(1) == "solidDisplacementFoam":
+        if predictor != "plain":
+            objects += f"predictor {{ type m4gnPredictor; libs (m4gnFoam); predictor {predictor}; }}\n"
+    else:
+        solution = folder / "system/fvSolution"
+        linear = arguments.linear_solver
+        if predictor != "plain":
+            linear = f"m4gnPredicted; predictor {predictor}; linearSolver {linear}"
+        changed, count = re.subn(r"(\bp\s*\{[^}]*?\bsolver\s+)\w+\s*;", rf"\g<1>{linear};", solution.read_text(), count=1)
+        if not count:
+            sys.exit(f"{solution}: no solver for p")
+        solution.write_text(changed)
+    interval = float(arguments.end) - float(arguments.start)
+    control.write_text(
+        text + f"\nlibs (m4gnFoam);\nstartFrom startTime;\nstartTime {arguments.start};\nstopAt endTime;\nendTime {arguments.end};\n"
+        f"writeControl runTime;\nwriteInterval {interval};\nwriteFormat ascii;\nwritePrecision 12;\n"
+        f"functions\n{{\n{objects}}}\n"
+    )
+    return solver.group(1)
+
+
+def run(solver: str, folder: pathlib.Path) -> float:
+    """Runs the solver; its wall time, s."""
+    began = time.monotonic()
+    with open(folder / "log", "w") as log:
+        done = subprocess.run([solver], cwd=folder, stdout=log, stderr=log)
+    seconds = time.monotonic() - began
+    if done.returncode:
+        sys.exit(f"{solver} in {folder} ended with status {done.returncode}:\n{(folder / 'log').read_text()[-2000:]}")
+    return seconds
+
+
+def work(solver: str, folder: pathlib.Path) -> int:
+    """Correctors of a solid, iterations for the pressure of a flow."""
+    log = (folder / "log").read_text()
+    if solver == "solidDisplacementFoam":
+        return log.count("Solving for Dx")
+    return sum(int(n) for n in re.findall(r"Solving for p,.*No Iterations (\d+)", log))
+
+
+def last_field(solver: str, folder: pathlib.Path, end: str) -> list[float]:
+    """Values of D or U at the end."""
+    name = "D" if solver == "solidDisplacementFoam" else "U"
+    file = next((t / name for t in folder.iterdir() if re.fullmatch(r"[0-9.e+-]+", t.name) and abs(float(t.name) - float(end)) < 1e-6), None)
+    if file is None or not file.is_file():
+        sys.exit(f"{folder}: no {name} at time {end}")
+    values = re.search(r"internalField.*?\n\(\n(.*?)\n\)", file.read_text(), flags=re.S)
+    return [float(v) for v in re.findall(r"[-+.\deE]+", values.group(1))]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("case", type=pathlib.Path, metavar="CASE")
+    parser.add_argument("--start", default="0", help="time to start from (default 0)")
+    parser.add_argument("--end", required=True, help="time to end at")
+    parser.add_argument("--linear-solver", default="GAMG", help="for the pressure, with its further entries (default GAMG)")
+    parser.add_argument("--model", type=pathlib.Path, help="the surrogate for predictor model")
+    parser.add_argument("--repeats", type=int, default=3, help="runs of each kind; times are medians (default 3)")
+    parser.add_argument("--json", type=pathlib.Path, help="write the figures to this file")
+    arguments = parser.parse_args()
+    kinds = ["plain", "none", "linear", "quadratic", *(["model"] if arguments.model else []), "auto"]
+    if arguments.model:
+        arguments.model = arguments.model.resolve()
+    times: dict[str, list[float]] = {kind: [] for kind in kinds}
+    figures: dict[str, dict] = {}
+    with tempfile.TemporaryDirectory() as scratch:
+        for repeat in range(arguments.repeats):
+            for kind in kinds:
+                folder = pathlib.Path(scratch) / f"{kind}-{repeat}"
+                folder.mkdir()
+                solver = prepare(arguments, folder, kind)
+                times[kind].append(run(solver, folder))
+                if repeat == 0:
+                    figures[kind] = {"work": work(solver, folder)}
+                    values = last_field(solver, folder, arguments.end)
+                    if kind == "plain":
+                        plain = values
+                    largest = max(abs(v) for v in plain)
+                    figures[kind]["difference"] = max(abs(a - b) for a, b in zip(plain, values)) / largest
+                shutil.rmtree(folder)
+    unit = "correctors" if solver == "solidDisplacementFoam" else "iterations"
+    print(f"{'predictor':10} {unit:>11} {'of plain':>9} {'time s':>8} {'of plain':>9} {'difference':>11}")
+    for kind in kinds:
+        row = figures[kind]
+        row["seconds"] = statistics.median(times[kind])
+        # Of the same round, so that what else the machine does weighs on both
+        row["time_ratio"] = statistics.median(a / b for a, b in zip(times[kind], times["plain"]))
+        row["work_ratio"] = row["work"] / max(figures["plain"]["work"], 1)
+        print(
+            f"{kind:10} {row['work']:11} {row['work_ratio']:9.3f} {row['seconds']:8.2f} {row['time_ratio']:9.3f} {row['difference']:11.1e}"
+        )
+    if arguments.json:
+        arguments.json.write_text(json.dumps({"solver": solver, "unit": unit, "predictors": figures}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

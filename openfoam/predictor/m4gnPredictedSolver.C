@@ -1,0 +1,143 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnPredictedSolver.H"
+#include "m4gnSolveHistory.H"
+#include "objectRegistry.H"
+
+// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+namespace Foam
+{
+    defineTypeNameAndDebug(m4gnPredictedSolver, 0);
+
+    lduMatrix::solver::addsymMatrixConstructorToTable<m4gnPredictedSolver>
+        addm4gnPredictedSolverSymMatrixConstructorToTable_;
+
+    lduMatrix::solver::addasymMatrixConstructorToTable<m4gnPredictedSolver>
+        addm4gnPredictedSolverAsymMatrixConstructorToTable_;
+}
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::scalar Foam::m4gnPredictedSolver::residual
+(
+    const scalarField& psi,
+    const scalarField& source,
+    const direction cmpt
+) const
+{
+    scalarField Apsi(psi.size()), work(psi.size());
+    matrix_.Amul(Apsi, psi, interfaceBouCoeffs_, interfaces_, cmpt);
+    const scalar norm = normFactor(psi, source, Apsi, work);
+
+    return gSumMag(source - Apsi)/norm;
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnPredictedSolver::m4gnPredictedSolver
+(
+    const word& fieldName,
+    const lduMatrix& matrix,
+    const FieldField<Field, scalar>& interfaceBouCoeffs,
+    const FieldField<Field, scalar>& interfaceIntCoeffs,
+    const lduInterfaceFieldPtrsList& interfaces,
+    const dictionary& solverControls
+)
+:
+    lduMatrix::solver
+    (
+        fieldName,
+        matrix,
+        interfaceBouCoeffs,
+        interfaceIntCoeffs,
+        interfaces,
+        solverControls
+    )
+{
+    m4gnPredictorChoice::check(controlDict_);
+
+    if (controlDict_.get<word>("linearSolver") == typeName)
+    {
+        FatalIOErrorInFunction(solverControls)
+            << "Entry linearSolver is " << typeName << " itself; expected the"
+            << " solver that does the work: GAMG, PCG, PBiCGStab, ..."
+            << exit(FatalIOError);
+    }
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::solverPerformance Foam::m4gnPredictedSolver::solve
+(
+    scalarField& psi,
+    const scalarField& source,
+    const direction cmpt
+) const
+{
+    dictionary controls(controlDict_);
+    controls.set("solver", controlDict_.get<word>("linearSolver"));
+
+    const auto work = [&]()
+    {
+        return lduMatrix::solver::New
+        (
+            fieldName_,
+            matrix_,
+            interfaceBouCoeffs_,
+            interfaceIntCoeffs_,
+            interfaces_,
+            controls
+        )->solve(psi, source, cmpt);
+    };
+
+    if (m4gnPredictorChoice(controlDict_).never())
+    {
+        return work();
+    }
+
+    m4gnSolveHistory& history = m4gnSolveHistory::of
+    (
+        fieldName_,
+        matrix_.mesh().thisDb(),
+        controlDict_
+    );
+    history.begin(psi);
+
+    scalarField changed(-psi);
+    tmp<scalarField> guess(history.guess());
+    const bool guessed = guess.valid();
+    scalar residual0 = 0;
+
+    if (guessed)
+    {
+        residual0 = residual(psi, source, cmpt);
+        psi += guess;
+        controls.set("tolerance", max(tolerance_, relTol_*residual0));
+        controls.set("relTol", scalar(0));
+    }
+
+    solverPerformance done(work());
+
+    if (guessed)
+    {
+        done.initialResidual() = residual0;
+        done.solverName() = done.solverName() + ':' + history.guessName();
+    }
+
+    changed += psi;
+    history.end(std::move(changed), done.nIterations());
+
+    return done;
+}
+
+
+// ************************************************************************* //

@@ -1,0 +1,131 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnExplicitStress.H"
+#include "fvcDiv.H"
+#include "fvcGrad.H"
+#include "fvcLaplacian.H"
+
+// * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
+
+namespace
+{
+    //- Most sweeps
+    const Foam::label maxSweeps = 50;
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
+:
+    mesh_(mesh),
+    compactNormalStress_
+    (
+        mesh.solutionDict().subDict("stressAnalysis")
+       .get<bool>("compactNormalStress")
+    )
+{
+    const volScalarField& nu = mesh_.lookupObject<volScalarField>("nu");
+    const volScalarField E
+    (
+        mesh_.lookupObject<volScalarField>("E")
+       /mesh_.lookupObject<volScalarField>("rho")
+    );
+
+    const bool planeStress =
+        mesh_.lookupObject<IOdictionary>("mechanicalProperties")
+       .get<bool>("planeStress");
+
+    // Not to be found in the registry in place of the solver's
+    mu_.reset(new volScalarField("m4gnMu", E/(2*(1 + nu))));
+    lambda_.reset
+    (
+        planeStress
+      ? new volScalarField("m4gnLambda", nu*E/((1 + nu)*(1 - nu)))
+      : new volScalarField("m4gnLambda", nu*E/((1 + nu)*(1 - 2*nu)))
+    );
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
+{
+    return
+        mesh.foundObject<volSymmTensorField>("sigmaD")
+     && mesh.foundObject<volVectorField>("divSigmaExp")
+     && mesh.foundObject<volScalarField>("E")
+     && mesh.foundObject<volScalarField>("nu")
+     && mesh.foundObject<volScalarField>("rho")
+     && mesh.foundObject<IOdictionary>("mechanicalProperties");
+}
+
+
+void Foam::m4gnExplicitStress::update
+(
+    volVectorField& D,
+    const scalar tolerance
+) const
+{
+    const volScalarField& mu = *mu_;
+    const volScalarField& lambda = *lambda_;
+
+    volSymmTensorField& sigmaD =
+        mesh_.lookupObjectRef<volSymmTensorField>("sigmaD");
+    volVectorField& divSigmaExp =
+        mesh_.lookupObjectRef<volVectorField>("divSigmaExp");
+
+    const scalar size = max(gMax(mag(D.primitiveField())()), VSMALL);
+
+    for (label sweep = 0; sweep < maxSweeps; ++sweep)
+    {
+        // sigmaD still has the values of the state before
+        const volVectorField::Boundary before(D.boundaryField());
+        D.correctBoundaryConditions();
+
+        const volTensorField gradD(fvc::grad(D));
+        sigmaD = mu*twoSymm(gradD) + (lambda*I)*tr(gradD);
+
+        scalar change = 0;
+        forAll(before, patchi)
+        {
+            if (before[patchi].size())
+            {
+                change = max
+                (
+                    change,
+                    max(mag(D.boundaryField()[patchi] - before[patchi]))
+                );
+            }
+        }
+
+        if (sweep && returnReduce(change, maxOp<scalar>()) < tolerance*size)
+        {
+            break;
+        }
+    }
+
+    if (compactNormalStress_)
+    {
+        divSigmaExp = fvc::div
+        (
+            sigmaD - (2*mu + lambda)*fvc::grad(D),
+            "div(sigmaD)"
+        );
+    }
+    else
+    {
+        divSigmaExp =
+            fvc::div(sigmaD)
+          - fvc::laplacian(2*mu + lambda, D, "laplacian(DD,D)");
+    }
+}
+
+
+// ************************************************************************* //
