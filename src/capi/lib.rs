@@ -19,6 +19,7 @@ mod session;
 mod solids;
 
 pub use adapt::AdaptReport;
+pub use m4gn_step::control::StrideError;
 pub use modes::CsrData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;

@@ -100,11 +100,12 @@ struct Track {
 }
 
 impl Track {
+    /// Infinite for what is no error: not a number, below 0, or infinite like the field.
     fn relative(&self, error: f64) -> f64 {
         match error {
-            error if error.is_nan() => f64::INFINITY,
             0.0 => 0.0,
-            error => error / self.size,
+            error if error > 0.0 && error / self.size >= 0.0 => error / self.size,
+            _ => f64::INFINITY,
         }
     }
 
@@ -116,6 +117,22 @@ impl Track {
         match self.relative(self.error) {
             0.0 => 0.0,
             relative => factor * relative,
+        }
+    }
+
+    /// Strides that keep the estimate within the tolerance, `most` at most.
+    fn strides(&self, tolerance: f64, most: usize) -> usize {
+        let within = |n: &usize| self.estimate(*n) <= tolerance;
+        match (self.relative(self.error), &self.factors) {
+            (0.0, _) => most,
+            (_, Some(factors)) => (1..=most.min(factors.len())).take_while(within).count(),
+            (relative, None) => {
+                // The quotient may be one off by rounding.
+                let near = (tolerance / relative) as usize;
+                let candidates = [near.saturating_add(1), near, near.saturating_sub(1)];
+                let allowed = candidates.into_iter().find(|n| *n > 0 && within(n));
+                allowed.unwrap_or(0).min(most)
+            }
         }
     }
 }
@@ -224,8 +241,11 @@ impl Control {
 
     /// Strides of the next jump, `most` at most; 0: the surrogate must not jump.
     pub fn strides(&self, most: usize) -> usize {
-        let within = |n: &usize| self.estimate(*n) <= self.settings.tolerance;
-        (1..=most).take_while(within).last().unwrap_or(0)
+        let watched = self.tracks.iter().filter(|t| t.watched && self.measured);
+        watched
+            .map(|t| t.strides(self.settings.tolerance, most))
+            .min()
+            .unwrap_or(0)
     }
 
     /// Whether a stride of a jump that changes the predicted fields by so much (root mean squares) may be true: by no more than three

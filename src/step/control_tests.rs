@@ -38,11 +38,29 @@ fn strides_are_those_that_keep_the_estimate_within_the_tolerance() {
     assert_eq!((c.strides(10), c.estimate(4)), (3, f64::INFINITY));
     c.measure(&stride(0.2)).unwrap();
     assert_eq!(c.strides(10), 0);
-    for bad in [f64::NAN, f64::INFINITY] {
+    for bad in [f64::NAN, f64::INFINITY, -0.04] {
         c.measure(&stride(bad)).unwrap();
         assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
     }
     assert_eq!(c.not_calibrated(), [""; 0]);
+}
+
+#[test]
+fn an_infinite_error_of_an_infinite_field_allows_nothing() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    let mut rows = stride(f64::INFINITY);
+    rows[0].size = f64::INFINITY;
+    c.measure(&rows).unwrap();
+    assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
+}
+
+#[test]
+fn without_an_error_a_jump_is_as_long_as_it_may_be() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, false);
+    c.measure(&stride(0.0)).unwrap();
+    assert_eq!(c.strides(usize::MAX), usize::MAX);
+    c.measure(&stride(2e-300)).unwrap();
+    assert_eq!(c.strides(1_000_000_000), 1_000_000_000);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 #![allow(unsafe_code)]
 
 mod abi;
+mod control;
 mod damaged;
 #[path = "../fuzzing/mod.rs"]
 mod fuzzing;

@@ -2,7 +2,7 @@
 // Each test program uses a part of it.
 #![allow(dead_code, unsafe_code)]
 
-use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData};
+use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData, StrideError};
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_modes::fem::PointMesh;
@@ -30,6 +30,25 @@ unsafe extern "C" {
         out: *const FieldOut,
         n_out: i32,
     ) -> i32;
+    pub fn m4gn_control_new(
+        session: Handle,
+        settings: *const c_char,
+        note: *mut c_char,
+        note_size: i32,
+        control: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_control_free(control: Handle);
+    pub fn m4gn_control_measure(control: Handle, strides: *const StrideError, n_fields: i32) -> i32;
+    pub fn m4gn_control_strides(
+        control: Handle,
+        most: i32,
+        strides: *mut i32,
+        error: *mut f64,
+        estimate: *mut f64,
+    ) -> i32;
+    pub fn m4gn_control_estimate(control: Handle, strides: i32, estimate: *mut f64) -> i32;
+    pub fn m4gn_control_restore(control: Handle, strides: *const StrideError, n_fields: i32, bad: i32)
+    -> i32;
     pub fn m4gn_segments_new(
         comm: i32,
         mesh: *const MeshData,
