@@ -84,7 +84,7 @@ impl Default for Settings {
             unroll: 1,
             batch: 2,
             learning_rate: 2e-4,
-            noise: 0.03,
+            noise: 0.01,
             held_back: 0.1,
             pull: 0.0,
             layers: Layers::All,
