@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// `m4gn_adapt_report`
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 #[allow(missing_docs)]
 pub struct AdaptReport {
     pub used: i32,

@@ -2,6 +2,7 @@
 #![allow(unsafe_code)]
 
 mod abi;
+mod adapt;
 mod control;
 mod damaged;
 #[path = "../fuzzing/mod.rs"]

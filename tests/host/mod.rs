@@ -2,7 +2,7 @@
 // Each test program uses a part of it.
 #![allow(dead_code, unsafe_code)]
 
-use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData, StrideError};
+use m4gn::{AdaptReport, CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData, StrideError};
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_modes::fem::PointMesh;
@@ -30,6 +30,30 @@ unsafe extern "C" {
         out: *const FieldOut,
         n_out: i32,
     ) -> i32;
+    pub fn m4gn_adapt_new(
+        session: Handle,
+        mesh: *const MeshData,
+        settings: *const c_char,
+        adapt: *mut Handle,
+    ) -> i32;
+    pub fn m4gn_adapt_free(adapt: Handle);
+    pub fn m4gn_adapt_frame(
+        adapt: Handle,
+        time: f64,
+        begins: i32,
+        fields: *const FieldData,
+        n_fields: i32,
+    ) -> i32;
+    pub fn m4gn_adapt_run(
+        adapt: Handle,
+        session: Handle,
+        strides: i32,
+        report: *mut AdaptReport,
+        note: *mut c_char,
+        note_size: i32,
+    ) -> i32;
+    pub fn m4gn_adapt_save(adapt: Handle, path: *const c_char) -> i32;
+    pub fn m4gn_adapt_load(adapt: Handle, session: Handle, path: *const c_char) -> i32;
     pub fn m4gn_control_new(
         session: Handle,
         settings: *const c_char,
