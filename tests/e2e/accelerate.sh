@@ -103,4 +103,7 @@ below "$(difference 0.1/D ../serial-beam/D)" 5e-3 "difference of D on two ranks"
 echo 'test { type m4gnPredictor; libs (m4gnFoam); } last { type m4gnHarvest; libs (m4gnFoam); fields (D); }' > system/functions
 clean_case
 refused 'Function object last comes after test of type m4gnPredictor' solidDisplacementFoam
+function_object m4gnPredictor ''
+sed -i 's/nCorrectors 500;//' system/fvSolution
+refused 'nCorrectors of stressAnalysis in fvSolution is 1' solidDisplacementFoam
 echo "accelerate: passed"

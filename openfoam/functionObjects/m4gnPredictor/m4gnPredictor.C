@@ -56,6 +56,20 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
             << " fvSolution" << exit(FatalError);
     }
 
+    const label nCorrectors =
+        mesh_.solutionDict().subDict("stressAnalysis")
+       .getOrDefault<label>("nCorrectors", 1);
+    if (nCorrectors < 2)
+    {
+        FatalErrorInFunction
+            << "Entry nCorrectors of stressAnalysis in fvSolution is "
+            << nCorrectors << ": time steps are not iterated to the tolerance,"
+            << " and a guess would change the result" << nl
+            << "    Set nCorrectors to the most that a time step may need (some"
+            << " hundreds) and D to a tolerance, or remove " << name()
+            << exit(FatalError);
+    }
+
     const word replacer(m4gnSurrogate::replacer(VGREAT));
     if (replacer.size())
     {
