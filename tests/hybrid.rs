@@ -38,12 +38,14 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
     let options = format!(
-        "--variant short={} --plain loose --plain half=cells=0.5 --json {} --html {}",
+        "--variant short={} --variant strict={} --plain loose --plain half=cells=0.5 --json {} --html {}",
         path("short").display(),
+        path("strict").display(),
         path("f.json").display(),
         path("f.html").display()
     );
     fs::write(path("short"), "surrogateSteps 5;\n").unwrap();
+    fs::write(path("strict"), "control { tolerance 1e-12; }\n").unwrap();
     let first = hybrid(dir.path(), &options);
     assert!(first.status.success(), "{}", text(&first));
     let figures = || -> Value { serde_json::from_slice(&fs::read(path("f.json")).unwrap()).unwrap() };
@@ -57,7 +59,12 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     assert!(number("hybrid", "replaced") > 0.8);
     assert!((0.6..0.9).contains(&number("short", "replaced")));
     assert!(number("short", "replaced") < number("hybrid", "replaced"));
-    for name in ["hybrid", "short", "loose", "half"] {
+    // No jump is within that tolerance: the solver goes on alone, which is a result
+    assert_eq!(
+        (number("strict", "replaced"), number("strict", "end")),
+        (0.0, 0.0)
+    );
+    for name in ["hybrid", "short", "strict", "loose", "half"] {
         for key in ["first", "jump", "end", "drag", "cells"] {
             assert!(number(name, key).is_finite());
         }
@@ -75,7 +82,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
         Some(number("hybrid", "end"))
     );
     let page = fs::read_to_string(path("f.html")).unwrap();
-    assert_eq!(page.matches("<circle").count(), 4);
+    assert_eq!(page.matches("<circle").count(), 5);
     // Results stay, the runs themselves do not.
     let names = || {
         let all = fs::read_dir(path("runs/0000")).unwrap();
@@ -92,7 +99,8 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
             "half.json",
             "hybrid.json",
             "loose.json",
-            "short.json"
+            "short.json",
+            "strict.json"
         ]
     );
 
