@@ -240,7 +240,7 @@ mod tests {
         spec.training =
             serde_json::json!({ "config": { "training": { "mirror": true, "loss_weights": { "p": 0.3 } } } });
         let t = Settings::default().training(&spec, &[2.0, 0.5, 4.0]);
-        assert!((t.noise["U"] - 0.06).abs() < 1e-12, "{:?}", t.noise);
+        assert!((t.noise["U"] - 0.02).abs() < 1e-12, "{:?}", t.noise);
         // The rest is as the model was trained.
         assert!(t.mirror && t.loss_weights["p"] == 0.3 && t.loss_weights.len() == 1);
     }
