@@ -11,11 +11,12 @@ env.sh sourced and the solver of the case.
 import argparse
 import pathlib
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
+
+import foam_case
 
 
 def resident(pid: int) -> float:
@@ -37,22 +38,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = pathlib.Path(scratch) / "case"
         folder.mkdir()
-        for part in ("constant", "system", arguments.start):
-            if not (arguments.case / part).is_dir():
-                sys.exit(f"{arguments.case}: no folder {part}")
-            shutil.copytree(arguments.case / part, folder / part)
-        control = folder / "system/controlDict"
-        text = control.read_text()
-        solver = re.search(r"^\s*application\s+(\w+)", text, flags=re.M)
-        if not solver:
-            sys.exit(f"{control}: no entry application")
-        keys = "startFrom|startTime|stopAt|endTime|writeControl|writeInterval|purgeWrite"
-        control.write_text(
-            re.sub(rf"^\s*({keys})\s.*$", "", text, flags=re.M)
-            + f"\nstartFrom startTime;\nstartTime {arguments.start};\nstopAt endTime;\nendTime 1e9;\n"
-            "writeControl timeStep;\nwriteInterval 1000000000;\n"
-        )
-        process = subprocess.Popen([solver.group(1)], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        entries = "endTime 1e9;\nwriteControl timeStep;\nwriteInterval 1000000000;\n"
+        solver = foam_case.copy(arguments.case, folder, arguments.start, entries)
+        process = subprocess.Popen([solver], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         tenth = max(arguments.steps // 10, 1)
         steps, printed, began, tail = 0, 0, time.monotonic(), []
         print(f"{'steps':>8} {'memory MB':>10} {'ms a step':>10}")
@@ -70,7 +58,7 @@ def main() -> None:
                 process.kill()
                 process.wait()
                 return
-        sys.exit(f"{solver.group(1)} ended after {steps} steps:\n{''.join(tail)}")
+        sys.exit(f"{solver} ended after {steps} steps:\n{''.join(tail)}")
 
 
 if __name__ == "__main__":

@@ -23,26 +23,21 @@ import sys
 import tempfile
 import time
 
+import foam_case
+
 
 def prepare(arguments: argparse.Namespace, folder: pathlib.Path, predictor: str) -> str:
     """A copy of the case with this predictor ('plain': as it is); the name of its solver."""
-    case = arguments.case
-    for part in ("constant", "system", arguments.start):
-        if not (case / part).is_dir():
-            sys.exit(f"{case}: no folder {part}; expected a case with fields at time {arguments.start}")
-        shutil.copytree(case / part, folder / part)
-    control = folder / "system/controlDict"
-    text = control.read_text()
-    solver = re.search(r"^\s*application\s+(\w+)", text, flags=re.M)
-    if not solver:
-        sys.exit(f"{control}: no entry application")
-    keys = "startFrom|startTime|stopAt|endTime|writeControl|writeInterval|writeFormat|writePrecision|purgeWrite|libs"
-    text = re.sub(rf"^\s*({keys})\s.*$", "", text, flags=re.M)
-    text = re.sub(r"^functions\s*\{.*?^\}", "", text, flags=re.M | re.S)
+    interval = float(arguments.end) - float(arguments.start)
+    entries = (
+        f"libs (m4gnFoam);\nendTime {arguments.end};\nwriteControl runTime;\nwriteInterval {interval};\n"
+        "writeFormat ascii;\nwritePrecision 12;\n"
+    )
+    solver = foam_case.copy(arguments.case, folder, arguments.start, entries)
     objects = ""
     if predictor == "model":
         objects += f'surrogate {{ type m4gnSurrogate; libs (m4gnFoam); mode accelerate; model "{arguments.model}"; }}\n'
-    if solver.group(1) == "solidDisplacementFoam":
+    if solver == "solidDisplacementFoam":
         if predictor != "plain":
             objects += f"predictor {{ type m4gnPredictor; libs (m4gnFoam); predictor {predictor}; }}\n"
     else:
@@ -54,13 +49,10 @@ def prepare(arguments: argparse.Namespace, folder: pathlib.Path, predictor: str)
         if not count:
             sys.exit(f"{solution}: no solver for p")
         solution.write_text(changed)
-    interval = float(arguments.end) - float(arguments.start)
-    control.write_text(
-        text + f"\nlibs (m4gnFoam);\nstartFrom startTime;\nstartTime {arguments.start};\nstopAt endTime;\nendTime {arguments.end};\n"
-        f"writeControl runTime;\nwriteInterval {interval};\nwriteFormat ascii;\nwritePrecision 12;\n"
-        f"functions\n{{\n{objects}}}\n"
-    )
-    return solver.group(1)
+    control = folder / "system/controlDict"
+    text = re.sub(r"^functions\s*\{.*?^\}", "", control.read_text(), flags=re.M | re.S)
+    control.write_text(text + f"functions\n{{\n{objects}}}\n")
+    return solver
 
 
 def run(solver: str, folder: pathlib.Path) -> float:

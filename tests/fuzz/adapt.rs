@@ -2,7 +2,7 @@
 
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
-use crate::{place, root};
+use crate::{damage_header, place, root};
 use m4gn::{AdaptReport, FieldData};
 use m4gn_mesh::parallel::NO_MPI;
 use m4gn_mesh::sample;
@@ -82,18 +82,10 @@ fn adaptation_states() {
         }
         let settings = options(&settings);
         let mut bytes = good.clone();
-        let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
         match r.below(4) {
             0 => (),
             1 => r.damage(&mut bytes),
-            _ => {
-                let tail = bytes.split_off(header);
-                let mut text = bytes.split_off(8);
-                let at = r.below(text.len());
-                r.damage_number(&mut text, at);
-                bytes = (text.len() as u64).to_le_bytes().to_vec();
-                bytes.extend(text.into_iter().chain(tail));
-            }
+            _ => damage_header(&mut bytes, r),
         }
         std::fs::write(&path, &bytes).unwrap();
         let (mut adapt, mut note) = (none(), [0; 256]);

@@ -10,7 +10,7 @@ mod fuzzing;
 #[path = "../host/mod.rs"]
 mod host;
 
-use fuzzing::fuzz;
+use fuzzing::{Random, fuzz};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::sample;
@@ -30,20 +30,7 @@ fn model_file() {
         let mut bytes = good.clone();
         match r.below(2) {
             // The header is a twentieth of the file, and where the readers' work is.
-            0 => {
-                let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
-                let tail = bytes.split_off(header);
-                let mut text = bytes.split_off(8);
-                match r.below(2) {
-                    0 => {
-                        let at = r.below(text.len());
-                        r.damage_number(&mut text, at);
-                    }
-                    _ => r.damage(&mut text),
-                }
-                bytes = (text.len() as u64).to_le_bytes().to_vec();
-                bytes.extend(text.into_iter().chain(tail));
-            }
+            0 => damage_header(&mut bytes, r),
             _ => r.damage(&mut bytes),
         }
         if let Ok(model) = Model::from_bytes(&bytes, "fuzz.safetensors") {
@@ -53,6 +40,22 @@ fn model_file() {
         }
         bytes.len()
     });
+}
+
+/// Damages the header of a file of tensors: its length, then so many bytes of text, then the numbers.
+fn damage_header(bytes: &mut Vec<u8>, r: &mut Random) {
+    let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let tail = bytes.split_off(header);
+    let mut text = bytes.split_off(8);
+    match r.below(2) {
+        0 => {
+            let at = r.below(text.len());
+            r.damage_number(&mut text, at);
+        }
+        _ => r.damage(&mut text),
+    }
+    *bytes = (text.len() as u64).to_le_bytes().to_vec();
+    bytes.extend(text.into_iter().chain(tail));
 }
 
 /// A file that no other test uses.
