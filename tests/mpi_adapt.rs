@@ -36,11 +36,13 @@ fn show(a: &mut Adaptation, mesh: &Mesh, steps: std::ops::Range<usize>) -> Resul
     Ok(())
 }
 
-/// A start-up and two stretches; the model, and what came of each round.
-fn adapt(comm: &Comm, mesh: &Mesh, model: &Model) -> Result<(Model, Vec<Outcome>)> {
+/// A start-up and two stretches by a method; the model, and what came of each round.
+fn adapt(comm: &Comm, mesh: &Mesh, model: &Model, method: &str) -> Result<(Model, Vec<Outcome>)> {
     let mut session = Session::new(comm.clone(), mesh, model, &SessionOptions::default())?;
-    let settings = r#"{"mode": "during", "learningRate": 3e-3, "steps": 24, "stepsEach": 6, "batch": 3, "maxFrames": 40}"#;
-    let mut a = Adaptation::new(&session, mesh, model, Settings::parse(settings)?)?;
+    let settings = format!(
+        r#"{{"mode": "during", "method": "{method}", "learningRate": 3e-3, "steps": 24, "stepsEach": 6, "batch": 3, "maxFrames": 40}}"#
+    );
+    let mut a = Adaptation::new(&session, mesh, model, Settings::parse(&settings)?)?;
     let mut outcomes = Vec::new();
     for steps in [0..50, 60..70, 80..90] {
         show(&mut a, mesh, steps)?;
@@ -57,34 +59,12 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     spec.segments.overlap = 1;
     let model = Model::random(spec, 11)?;
     let mut failures = Vec::new();
-    let (alone, expected) = adapt(&Comm::serial(), &mesh, &model)?;
-    let size = comm.size();
-    let scattered: Vec<i32> = (0..mesh.n_cells()).map(|c| (c % size as usize) as i32).collect();
-    for (how, ranks) in [
-        ("strips", sample::strips(mesh.n_cells(), size)),
-        ("scattered", scattered),
-        ("the last rank alone", vec![size - 1; mesh.n_cells()]),
-    ] {
-        let part = sample::part(&mesh, &ranks, comm.rank());
-        let (together, found) = adapt(comm, &part, &model)?;
-        for (a, b) in found.iter().zip(&expected) {
-            let off = [(a.before, b.before), (a.after, b.after)].map(|(a, b)| (a / b - 1.0).abs());
-            if (a.used, a.steps, a.frames, a.strides) != (b.used, b.steps, b.frames, b.strides)
-                || off[0].max(off[1]) > 1e-3
-            {
-                failures.push(format!("{how}: {} and, alone, {}", a.note, b.note));
-            }
-        }
-        if !found[0].used {
-            failures.push(format!("{how}: nothing was learned: {}", found[0].note));
-        }
-        let off = distance(&together, &alone);
-        if off > TOLERANCE {
-            failures.push(format!("{how}: weights are {off:e} from those of one rank"));
-        }
+    for method in ["gradient", "ridge"] {
+        compare(comm, &mesh, &model, method, &mut failures)?;
     }
 
     // What one rank finds wrong, all know.
+    let size = comm.size();
     let part = sample::part(&mesh, &sample::strips(mesh.n_cells(), size), comm.rank());
     let session = Session::new(comm.clone(), &part, &model, &SessionOptions::default())?;
     let mut a = Adaptation::new(&session, &part, &model, Settings::default())?;
@@ -108,6 +88,39 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
         other => failures.push(format!("a state that is not there: {other:?}")),
     }
     Ok(failures)
+}
+
+/// The same answer, however the mesh is shared out.
+fn compare(comm: &Comm, mesh: &Mesh, model: &Model, method: &str, failures: &mut Vec<String>) -> Result<()> {
+    let (alone, expected) = adapt(&Comm::serial(), mesh, model, method)?;
+    let size = comm.size();
+    let scattered: Vec<i32> = (0..mesh.n_cells()).map(|c| (c % size as usize) as i32).collect();
+    for (how, ranks) in [
+        ("strips", sample::strips(mesh.n_cells(), size)),
+        ("scattered", scattered),
+        ("the last rank alone", vec![size - 1; mesh.n_cells()]),
+    ] {
+        let part = sample::part(mesh, &ranks, comm.rank());
+        let (together, found) = adapt(comm, &part, model, method)?;
+        for (a, b) in found.iter().zip(&expected) {
+            let off = [(a.before, b.before), (a.after, b.after)].map(|(a, b)| (a / b - 1.0).abs());
+            if (a.used, a.steps, a.frames, a.strides) != (b.used, b.steps, b.frames, b.strides)
+                || off[0].max(off[1]) > 1e-3
+            {
+                failures.push(format!("{method}, {how}: {} and, alone, {}", a.note, b.note));
+            }
+        }
+        if !found[0].used {
+            failures.push(format!("{method}, {how}: nothing was learned: {}", found[0].note));
+        }
+        let off = distance(&together, &alone);
+        if off > TOLERANCE {
+            failures.push(format!(
+                "{method}, {how}: weights are {off:e} from those of one rank"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Distance of all weights, relative to how far they are from the start.

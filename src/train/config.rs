@@ -143,6 +143,11 @@ pub struct TrainingConfig {
     /// How far trajectories of small changes weigh up to those of large ones in the loss: 0 not at all, so that fast flows
     /// decide, 1 almost wholly. See [`Workload::weights`](crate::Workload::weights).
     pub balance: f64,
+    /// What the square of an error's smooth part counts in the loss beside that of the error itself: averages over
+    /// `smooth_hops` hops of neighbouring nodes. On the native backend.
+    pub smooth_loss: f64,
+    /// Hops of these averages.
+    pub smooth_hops: usize,
     /// Reflect half of the samples in the second direction (y -> -y). Right for geometries whose law is symmetric.
     pub mirror: bool,
     /// `[[from_step, model_steps], ...]`: how many model steps are unrolled in the loss.
@@ -197,6 +202,8 @@ impl Default for TrainingConfig {
             noise: BTreeMap::new(),
             loss_weights: BTreeMap::new(),
             balance: 0.0,
+            smooth_loss: 0.0,
+            smooth_hops: 8,
             mirror: false,
             unroll: vec![[0, 1]],
             unroll_gradient: true,
@@ -381,6 +388,16 @@ impl Config {
                 &t.gradient_clip.to_string(),
                 "a norm, or 0 for no limit",
             );
+        }
+        if !(t.smooth_loss.is_finite() && t.smooth_loss >= 0.0) {
+            return bad(
+                "training.smooth_loss",
+                &t.smooth_loss.to_string(),
+                "a weight, 0 or more",
+            );
+        }
+        if !(1..=1024).contains(&t.smooth_hops) {
+            return bad("training.smooth_hops", &t.smooth_hops.to_string(), "1 to 1024");
         }
         if !(0.0..=1.0).contains(&t.balance) {
             return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");

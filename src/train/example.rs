@@ -97,7 +97,11 @@ impl NativeBackend<'_> {
                 keep = 1;
             }
             self.stepper.target(sample, &state, &next, &mut target);
-            d_outputs.push(self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses));
+            let mut d = self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses);
+            if let Some(smoother) = self.smoothers.get(example.sample) {
+                smoother.add_smooth(&mut d, m);
+            }
+            d_outputs.push(d);
             let new = match step < batch.unroll {
                 true => {
                     let scale = &scales.output;
@@ -236,7 +240,7 @@ impl NativeBackend<'_> {
     }
 
     /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.
-    fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
+    pub(super) fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
         if self.noise.iter().all(|&n| n == 0.0) {
             return;
         }

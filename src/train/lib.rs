@@ -14,12 +14,14 @@ pub mod journal;
 mod native;
 pub mod normaliser;
 mod ranges;
+mod regression;
 mod report;
 pub mod request;
 mod rollout;
 #[doc(hidden)]
 pub mod sample;
 pub mod samples;
+mod smoother;
 mod start;
 pub mod state;
 mod tensor_file;

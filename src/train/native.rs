@@ -3,6 +3,7 @@
 use super::backend::{Backend, Batch, Example, Learned, Rollout};
 use super::config::{Precision, TrainingConfig};
 use super::normaliser::Normaliser;
+use super::smoother::Smoother;
 use super::state::Stepper;
 use super::workload::Workload;
 use m4gn_engine as engine;
@@ -31,6 +32,8 @@ pub struct NativeBackend<'a> {
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(super) groups: Vec<(usize, usize, f64)>,
     pub(super) through_unroll: bool,
+    /// Of each training trajectory, where the loss asks for the smooth part of errors.
+    pub(super) smoothers: Vec<Smoother>,
     precision: Precision,
     /// Nanoseconds of all threads: weights taken, forward, backward, sums.
     clock: [AtomicU64; 4],
@@ -85,6 +88,14 @@ impl<'a> NativeBackend<'a> {
             workers: (0..threads.max(1)).map(|_| network.worker()).collect(),
             network,
             noise: noise.collect(),
+            smoothers: match t.smooth_loss > 0.0 {
+                true => work
+                    .train
+                    .iter()
+                    .map(|s| Smoother::new(&s.graph, t.smooth_hops, t.smooth_loss))
+                    .collect(),
+                false => Vec::new(),
+            },
             groups,
             through_unroll: t.unroll_gradient,
             precision: t.precision,
@@ -109,6 +120,18 @@ impl<'a> NativeBackend<'a> {
     /// Starts the clock anew.
     pub fn restart_clock(&self) {
         self.clock.iter().for_each(|c| c.store(0, Ordering::Relaxed));
+    }
+
+    /// Does `task` for each of n on the threads; results in order.
+    pub(super) fn each<R: Send>(
+        &mut self,
+        n: usize,
+        task: impl Fn(&Self, &mut Worker, usize) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        let mut workers = std::mem::take(&mut self.workers);
+        let done = share_out(&mut workers, n, |worker, i| task(self, worker, i));
+        self.workers = workers;
+        done
     }
 
     pub(super) fn lap(&self, phase: usize, since: Instant) -> Instant {
@@ -192,11 +215,9 @@ impl Backend for NativeBackend<'_> {
                 piece.iter().map(move |e| e.weight * part * cells(e) / all)
             })
             .collect();
-        let mut workers = std::mem::take(&mut self.workers);
-        let pieces = share_out(&mut workers, batch.examples.len(), |worker, i| {
-            self.learn_one(worker, &scales, &batch.examples[i], batch, shares[i])
+        let pieces = self.each(batch.examples.len(), |backend, worker, i| {
+            backend.learn_one(worker, &scales, &batch.examples[i], batch, shares[i])
         });
-        self.workers = workers;
         let began = Instant::now();
         let mut sum = Learned {
             gradient: batch.learn.then(|| vec![0.0; weights.len()]),

@@ -42,26 +42,34 @@ fn adaptation_states() {
     let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
     let model = root().join("tests/cabi/small.safetensors");
     let options_of = options(&json!({ "model": model }));
-    let usual = json!({ "mode": "during", "steps": 1, "stepsEach": 1, "heldBack": 0.4 });
+    let usual = |method: &str| json!({ "mode": "during", "method": method, "steps": 1, "stepsEach": 1, "heldBack": 0.4 });
     let (_folder, path) = place("state.adapt");
     let name = CString::new(path.to_str().unwrap()).unwrap();
     let mut session = none();
     // SAFETY: handles of these calls, arrays of the lengths that the counts say.
-    let good = unsafe {
+    unsafe {
         let made = m4gn_session_new(NO_MPI, &host.data, options_of.as_ptr(), null(), &mut session);
         assert_eq!(made, 0, "{}", message());
-        let mut adapt = none();
+    }
+    // SAFETY: as above.
+    let good = ["gradient", "ridge"].map(|method| unsafe {
+        let (mut adapt, mut note) = (none(), [0; 256]);
+        let settings = options(&usual(method));
         assert_eq!(
-            m4gn_adapt_new(session, &host.data, options(&usual).as_ptr(), &mut adapt),
+            m4gn_adapt_new(session, &host.data, settings.as_ptr(), &mut adapt),
             0
         );
         frames(adapt, &host, 0, &mut Random::new(3));
+        let mut report = AdaptReport::default();
+        let ran = m4gn_adapt_run(adapt, session, 1, &mut report, note.as_mut_ptr(), 256);
+        assert_eq!((ran, report.steps > 0), (0, true), "{}", message());
         assert_eq!(m4gn_adapt_save(adapt, name.as_ptr()), 0, "{}", message());
         m4gn_adapt_free(adapt);
-        std::fs::read(&path).unwrap()
-    };
+        (method, std::fs::read(&path).unwrap())
+    });
     fuzz("adapt", |r| {
-        let mut settings = usual.clone();
+        let (method, good) = r.pick(&good);
+        let mut settings = usual(method);
         if r.below(4) == 0 {
             let keys = [
                 "window",

@@ -4,7 +4,7 @@ use crate::device::to_host;
 use crate::learner::{Job, Learner, Outcome};
 use crate::pool::Pool;
 use crate::samples::Sample;
-use m4gn_mesh::Result;
+use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
 use m4gn_train::normaliser::Normaliser;
 use m4gn_train::{Backend, Batch, Learned, Rollout, Task};
@@ -22,9 +22,15 @@ pub struct TorchBackend {
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started; [`m4gn_mesh::Error::Model`] for a graph that the model
-    /// does not know.
+    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for a loss of the smooth part of errors;
+    /// [`m4gn_mesh::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
+        let smooth = task.config.training.smooth_loss;
+        if smooth > 0.0 {
+            return Err(Error::Input(format!(
+                "training.smooth_loss: found {smooth}, and libtorch knows 0 alone; use --backend native, or leave it out"
+            )));
+        }
         // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
         tch::set_num_threads(1);
         let spec = Arc::new(task.spec.clone());

@@ -5,6 +5,7 @@
 //! gradients summed, so that the weights are those of one rank up to rounding. The last frames are held back: the adapted
 //! weights are used only where a rollout there is nearer to the solver than with the weights before.
 
+mod fit;
 mod round;
 mod settings;
 mod state;
@@ -13,10 +14,11 @@ mod tests;
 mod window;
 
 pub use round::Outcome;
-pub use settings::{Layers, Mode, Settings};
+pub use settings::{Layers, Method, Mode, Settings};
 
 use super::config::TrainingConfig;
 use super::normaliser::Normaliser;
+use super::regression::Regression;
 use super::samples::Sample;
 use m4gn_data::{Place, whole_mesh};
 use m4gn_engine::backward::{Adam, Layout};
@@ -55,7 +57,9 @@ pub struct Adaptation {
     /// Graph, segments and frames of the undecomposed mesh.
     sample: Arc<Sample>,
     window: Window,
-    /// Optimisation steps made.
+    /// The sums of the oldest stretch, and the ridge that its frames chose.
+    fitted: Option<(Regression, f64)>,
+    /// Optimisation steps made, or regressions.
     steps: u64,
     /// Wall time of them, s.
     seconds: f64,
@@ -109,6 +113,7 @@ impl Adaptation {
                 .filter(|(name, _)| name.starts_with("norm."))
                 .collect(),
             sample: Arc::new(sample),
+            fitted: None,
             steps: 0,
             seconds: 0.0,
             done: false,

@@ -1,6 +1,6 @@
 //! A round of an adaptation: optimisation steps on the frames in memory, checked on those that are held back.
 
-use super::{Adaptation, Layers, Mode};
+use super::{Adaptation, Layers, Method, Mode};
 use crate::backend::{Backend, Batch, Example, Rollout};
 use crate::native::NativeBackend;
 use crate::together::{learn_together, roll_out_together};
@@ -28,7 +28,7 @@ const LATER_RATE: f64 = 0.3;
 pub struct Outcome {
     /// Whether the weights are others now.
     pub used: bool,
-    /// Optimisation steps made.
+    /// Optimisation steps made, or regressions.
     pub steps: u64,
     /// Wall time, s.
     pub seconds: f64,
@@ -45,12 +45,23 @@ pub struct Outcome {
 }
 
 /// Frames to learn from, and rollouts to judge by.
-struct Split {
+pub(super) struct Split {
     frames_a_step: usize,
     /// First frames of examples: of the oldest stretch, and of all later ones.
-    starts: [Vec<usize>; 2],
+    pub starts: [Vec<usize>; 2],
+    /// The same with those that are held back.
+    pub all: [Vec<usize>; 2],
     rollouts: Vec<Rollout>,
     strides: usize,
+}
+
+/// What the learning of a round did; the weights are the best ones, or those from before.
+pub(super) struct Learned {
+    pub steps: u64,
+    /// Error of the rollouts with the best weights.
+    pub after: f64,
+    /// Why it ended early, for people.
+    pub ended: &'static str,
 }
 
 impl Adaptation {
@@ -98,6 +109,49 @@ impl Adaptation {
         };
         let backend = NativeBackend::new(&self.training, &self.spec, &work, self.threads);
         let mut backend = self.comm.agree(backend)?;
+        let before = self.score(&mut backend, &split)?;
+        let learned = match self.settings.method {
+            Method::Gradient => self.descend(&mut backend, &split, before, began)?,
+            Method::Ridge => self.fit(&mut backend, &split, before)?,
+        };
+        let Learned { steps, after, ended } = learned;
+        let used = after < before;
+        let seconds = began.elapsed().as_secs_f64();
+        self.seconds += seconds;
+        let plural = if split.strides == 1 { "" } else { "s" };
+        let what = match self.settings.method {
+            Method::Gradient => "steps",
+            Method::Ridge => "regressions",
+        };
+        let so = if used {
+            ""
+        } else {
+            ", so that the weights stay as they were"
+        };
+        Ok(Outcome {
+            used,
+            steps,
+            seconds,
+            frames,
+            strides: split.strides,
+            before,
+            after,
+            note: format!(
+                "adapted in {seconds:.1} s ({steps} {what} on {frames} frames): error of rollouts of {} stride{plural} on the \
+                 held-back frames {before:.3} -> {after:.3} of holding{so}{ended}",
+                split.strides
+            ),
+        })
+    }
+
+    /// Optimisation steps, with checks in between. Collective.
+    fn descend(
+        &mut self,
+        backend: &mut NativeBackend,
+        split: &Split,
+        before: f64,
+        began: Instant,
+    ) -> Result<Learned> {
         let first = self.steps == 0;
         let steps = if first {
             self.settings.steps
@@ -105,20 +159,19 @@ impl Adaptation {
             self.settings.steps_each
         };
         let interval = if first { steps.div_ceil(CHECKS) } else { steps };
-        let before = self.score(&mut backend, &split)?;
         let mut best = (before, self.optimiser.clone());
         let (mut made, mut missed, mut ended) = (0, 0, "");
         while made < steps && ended.is_empty() {
             if self.late(began) {
                 ended = "; the budget is spent";
-            } else if self.step(&mut backend, &split, first.then_some(made))? {
+            } else if self.step(backend, split, first.then_some(made))? {
                 made += 1;
             } else {
                 ended = "; it diverged, and the weights are the best ones before";
                 break;
             }
             if made == steps || made.is_multiple_of(interval) || !ended.is_empty() {
-                let score = self.score(&mut backend, &split)?;
+                let score = self.score(backend, split)?;
                 missed = if score < best.0 { 0 } else { missed + 1 };
                 if score < best.0 {
                     best = (score, self.optimiser.clone());
@@ -129,29 +182,11 @@ impl Adaptation {
             }
         }
         let (after, optimiser) = best;
-        let used = after < before;
         self.optimiser = optimiser;
-        let seconds = began.elapsed().as_secs_f64();
-        self.seconds += seconds;
-        let plural = if split.strides == 1 { "" } else { "s" };
-        let so = if used {
-            ""
-        } else {
-            ", so that the weights stay as they were"
-        };
-        Ok(Outcome {
-            used,
+        Ok(Learned {
             steps: made,
-            seconds,
-            frames,
-            strides: split.strides,
-            before,
             after,
-            note: format!(
-                "adapted in {seconds:.1} s ({made} steps on {frames} frames): error of rollouts of {} stride{plural} on the \
-                 held-back frames {before:.3} -> {after:.3} of holding{so}{ended}",
-                split.strides
-            ),
+            ended,
         })
     }
 
@@ -247,7 +282,7 @@ impl Adaptation {
     }
 
     /// Error of the rollouts over that of holding their first frames; infinite if one leaves the finite numbers. Collective.
-    fn score(&self, backend: &mut dyn Backend, split: &Split) -> Result<f64> {
+    pub(super) fn score(&self, backend: &mut dyn Backend, split: &Split) -> Result<f64> {
         let (weights, normaliser) = (&self.optimiser.weights, &self.normaliser);
         let outcomes = roll_out_together(&self.comm, backend, weights, normaliser, &split.rollouts)?;
         let (mut model, mut held) = (0.0, 0.0);
@@ -281,9 +316,11 @@ impl Adaptation {
         }
         let longest = behind(cut);
         let span = self.settings.unroll * n;
-        let starts = |r: &std::ops::Range<usize>| r.start..r.end.min(cut).saturating_sub(span).max(r.start);
-        let old: Vec<usize> = ranges[..1].iter().flat_map(starts).collect();
-        let new: Vec<usize> = ranges[1..].iter().flat_map(starts).collect();
+        let starts = |cut: usize| {
+            let of = |r: &std::ops::Range<usize>| r.start..r.end.min(cut).saturating_sub(span).max(r.start);
+            [&ranges[..1], &ranges[1..]].map(|ranges| ranges.iter().flat_map(of).collect::<Vec<_>>())
+        };
+        let [old, new] = starts(cut);
         if longest == 0 || old.is_empty() && new.is_empty() {
             return Err(format!(
                 "the {frames} frames of the solver ({n} a stride) are too few to learn from some and judge by others: let the \
@@ -304,6 +341,7 @@ impl Adaptation {
         Ok(Split {
             frames_a_step: n,
             starts: [old, new],
+            all: starts(frames),
             rollouts: (0..count)
                 .map(|i| Rollout {
                     sample: 0,

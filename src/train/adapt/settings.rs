@@ -22,6 +22,17 @@ pub enum Mode {
     During,
 }
 
+/// How the model learns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Optimisation steps along the gradient.
+    #[default]
+    Gradient,
+    /// The decoder's last layer by ridge regression.
+    Ridge,
+}
+
 /// Which weights learn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -41,6 +52,8 @@ pub enum Layers {
 pub struct Settings {
     /// When the model learns.
     pub mode: Mode,
+    /// How it learns.
+    pub method: Method,
     /// Only the frames of the last so many seconds are kept; none: all.
     pub window: Option<f64>,
     /// Most frames that are kept in memory.
@@ -57,6 +70,8 @@ pub struct Settings {
     pub learning_rate: f64,
     /// Standard deviation of the noise on each input, as a share of the field's own over the model's training data.
     pub noise: f64,
+    /// What the square of an error's smooth part counts in the loss beside that of the error itself.
+    pub smooth_loss: f64,
     /// Share of the frames, the last ones, that no gradient sees and that decide whether the adapted weights are used.
     pub held_back: f64,
     /// Share of the distance to the shipped weights that a step takes away, times the learning rate.
@@ -77,6 +92,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             mode: Mode::Before,
+            method: Method::Gradient,
             window: None,
             max_frames: 400,
             steps: 300,
@@ -85,6 +101,7 @@ impl Default for Settings {
             batch: 2,
             learning_rate: 2e-4,
             noise: 0.01,
+            smooth_loss: 0.0,
             held_back: 0.1,
             pull: 0.0,
             layers: Layers::All,
@@ -131,6 +148,12 @@ impl Settings {
                 "above 0",
             ),
             ("noise", Some(self.noise), not_negative(self.noise), "0 or more"),
+            (
+                "smoothLoss",
+                Some(self.smooth_loss),
+                not_negative(self.smooth_loss),
+                "0 or more",
+            ),
             ("pull", Some(self.pull), not_negative(self.pull), "0 or more"),
             (
                 "heldBack",
@@ -197,6 +220,7 @@ impl Settings {
                 .and_then(serde_json::Value::as_bool)
                 .unwrap_or(false),
             noise,
+            smooth_loss: self.smooth_loss,
             loss_weights: spec.fields.iter().filter_map(|f| weight(&f.name)).collect(),
             unroll: vec![[0, self.unroll as u64]],
             ..TrainingConfig::default()

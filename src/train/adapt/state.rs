@@ -3,6 +3,7 @@
 
 use super::Adaptation;
 use super::window::Window;
+use crate::regression::Regression;
 use crate::tensor_file::{Arrays, TensorFile};
 use m4gn_engine::backward::Adam;
 use m4gn_mesh::{Error, Result};
@@ -25,6 +26,9 @@ struct Description {
     updates: u64,
     seconds: f64,
     done: bool,
+    /// Of the regression, which has its sums in the array `regression` then.
+    #[serde(default)]
+    ridge: Option<f64>,
     window: Window,
 }
 
@@ -58,6 +62,7 @@ impl Adaptation {
             updates: self.optimiser.updates,
             seconds: self.seconds,
             done: self.done,
+            ridge: self.fitted.as_ref().map(|(_, ridge)| *ridge),
             window: self.window.clone(),
         };
         let mut arrays = Arrays::default();
@@ -65,6 +70,9 @@ impl Adaptation {
         arrays.floats("first", &self.optimiser.first);
         arrays.floats("second", &self.optimiser.second);
         arrays.floats("frames", &self.sample.frames);
+        if let Some((sums, _)) = &self.fitted {
+            arrays.doubles("regression", &sums.sums);
+        }
         arrays.write(path, "state of the adaptation", ENTRY, &description)
     }
 
@@ -122,12 +130,26 @@ impl Adaptation {
         if second.iter().any(|v| *v < 0.0) {
             return Err("tensor `second`: a negative number".into());
         }
+        let mut fitted = Regression::new(&self.spec);
+        let fitted = match found.ridge {
+            Some(ridge) if ridge.is_finite() && ridge > 0.0 => {
+                let sums = file.doubles("regression").unwrap_or_default();
+                if sums.len() != fitted.sums.len() || sums.iter().any(|v| !v.is_finite()) {
+                    let expected = fitted.sums.len();
+                    return Err(format!("tensor `regression`: expected {expected} finite numbers"));
+                }
+                fitted.sums = sums;
+                Some((fitted, ridge))
+            }
+            Some(ridge) => return Err(format!("a ridge of {ridge}")),
+            None => None,
+        };
         let sample = Arc::get_mut(&mut self.sample).ok_or("its frames are being read")?;
         (sample.frames, sample.n_frames) = (frames, n_frames);
         self.optimiser = Adam::new(weights, self.training.betas, false);
         (self.optimiser.first, self.optimiser.second) = (first, second);
         self.optimiser.updates = found.updates;
-        (self.window, self.steps) = (window, found.steps);
+        (self.window, self.steps, self.fitted) = (window, found.steps, fitted);
         (self.seconds, self.done) = (found.seconds, found.done);
         Ok(())
     }

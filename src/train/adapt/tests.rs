@@ -95,6 +95,43 @@ fn a_case_is_learned_and_the_session_takes_it_over() {
 }
 
 #[test]
+fn the_last_layer_is_fitted_in_closed_form() {
+    let (_, mut a) = adaptation(r#"{"mode": "during", "method": "ridge", "threads": 2}"#);
+    let shipped = a.shipped.clone();
+    show(&mut a, 0..60);
+    let outcome = a.run(10).unwrap();
+    println!("{}", outcome.note);
+    assert!(
+        outcome.used && outcome.after < 0.5 * outcome.before,
+        "{}",
+        outcome.note
+    );
+    assert_eq!(outcome.steps, 6, "five ridges, and the regression on all frames");
+    let changed: usize = a
+        .optimiser
+        .weights
+        .iter()
+        .zip(&shipped)
+        .filter(|(a, b)| a != b)
+        .count();
+    let layer = 3 * (a.spec.architecture.width + 1);
+    assert!(
+        changed <= layer && changed > layer / 2,
+        "{changed} weights of {layer}"
+    );
+    // Later stretches join the sums; the ridge stays.
+    for first in [80, 100] {
+        show(&mut a, first..first + 7);
+        let outcome = a.run(4).unwrap();
+        assert!(
+            outcome.steps <= 2 && outcome.after <= outcome.before,
+            "{}",
+            outcome.note
+        );
+    }
+}
+
+#[test]
 fn weights_that_are_no_better_are_not_used() {
     let (_, mut a) = adaptation(r#"{"learningRate": 30, "steps": 12}"#);
     let shipped = a.shipped.clone();
@@ -163,7 +200,15 @@ fn later_stretches_are_judged_by_the_newest_one() {
 fn carried_on_from_a_file_it_is_the_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("state");
-    let settings = r#"{"mode": "during", "steps": 12, "stepsEach": 5, "maxFrames": 30}"#;
+    for method in ["gradient", "ridge"] {
+        let settings = format!(
+            r#"{{"mode": "during", "method": "{method}", "steps": 12, "stepsEach": 5, "maxFrames": 30}}"#
+        );
+        is_the_uninterrupted_one(&settings, &path);
+    }
+}
+
+fn is_the_uninterrupted_one(settings: &str, path: &std::path::Path) {
     let (_, mut whole) = adaptation(settings);
     let mut parts = adaptation(settings).1;
     for (number, range) in [0..40, 60..70, 80..90].into_iter().enumerate() {
@@ -171,9 +216,9 @@ fn carried_on_from_a_file_it_is_the_uninterrupted_one() {
         show(&mut parts, range);
         // Before the round, and after it.
         for _ in 0..2 {
-            parts.save(&path).unwrap();
+            parts.save(path).unwrap();
             parts = adaptation(settings).1;
-            parts.load(&path).unwrap();
+            parts.load(path).unwrap();
             if parts.steps == whole.steps {
                 let (a, b) = (whole.run(4).unwrap(), parts.run(4).unwrap());
                 assert_eq!((a.before, a.after), (b.before, b.after), "round {number}");
@@ -186,19 +231,19 @@ fn carried_on_from_a_file_it_is_the_uninterrupted_one() {
         );
     }
     // What is damaged or of another model changes nothing.
-    let good = std::fs::read(&path).unwrap();
+    let good = std::fs::read(path).unwrap();
     let before = parts.optimiser.clone();
     for cut in [0, 7, good.len() / 2, good.len() - 1] {
-        std::fs::write(&path, &good[..cut]).unwrap();
-        let error = parts.load(&path).unwrap_err().to_string();
+        std::fs::write(path, &good[..cut]).unwrap();
+        let error = parts.load(path).unwrap_err().to_string();
         assert!(error.contains("delete it"), "{error}");
     }
     assert_eq!(parts.optimiser, before);
-    std::fs::write(&path, &good).unwrap();
+    std::fs::write(path, &good).unwrap();
     parts.shipped[0] += 1.0;
     assert!(
         parts
-            .load(&path)
+            .load(path)
             .unwrap_err()
             .to_string()
             .contains("another model")

@@ -1,0 +1,85 @@
+//! Rounds by regression: the decoder's last layer in closed form.
+
+use super::Adaptation;
+use super::round::{Learned, Split};
+use crate::backend::Example;
+use crate::native::NativeBackend;
+use crate::regression::{Layer, Regression};
+use m4gn_mesh::Result;
+
+/// Examples that the sums of the oldest stretch are of, at most.
+const EXAMPLES: usize = 64;
+
+/// What a first round tries.
+const RIDGES: [f64; 5] = [1e-5, 1e-4, 1e-3, 1e-2, 1e-1];
+
+/// How often an example of a later stretch counts: these are few, and of the flow as it is now.
+const FRESH: f64 = 8.0;
+
+impl Adaptation {
+    /// The regression on the frames that are not held back, with the ridge that is best on those that are; then, if that is
+    /// better than the weights before, on all frames. Collective.
+    pub(super) fn fit(&mut self, backend: &mut NativeBackend, split: &Split, before: f64) -> Result<Learned> {
+        let layer = self.comm.agree(Layer::last(&self.spec, &self.layout))?;
+        let [old, new] = &split.starts;
+        let ([all_old, all_new], apart) = (&split.all, split.all[0].len().div_ceil(EXAMPLES).max(1));
+        let (mut sums, ridges) = match &self.fitted {
+            Some((sums, ridge)) => (sums.clone(), vec![*ridge]),
+            None => (self.sums(backend, old, apart)?, RIDGES.to_vec()),
+        };
+        let with = |sums: &Regression, later: &Regression| {
+            let mut both = sums.clone();
+            both.add(later, FRESH);
+            both
+        };
+        let later = with(&sums, &self.sums(backend, new, 1)?);
+        let weights = self.optimiser.weights.clone();
+        let (mut best, mut steps) = ((f64::INFINITY, ridges[0]), 0);
+        for ridge in ridges {
+            steps += 1;
+            if later.solve(&layer, ridge, &self.shipped, &mut self.optimiser.weights)? {
+                let score = self.score(backend, split)?;
+                if score < best.0 {
+                    best = (score, ridge);
+                }
+            }
+        }
+        let (after, ridge) = best;
+        if self.fitted.is_none() {
+            // Frames of the oldest stretch never come again: their sums are made once.
+            let rest = self.sums(backend, &all_old[old.len().min(all_old.len())..], apart)?;
+            sums.add(&rest, 1.0);
+        }
+        let used = after < before && {
+            let all = with(&sums, &self.sums(backend, all_new, 1)?);
+            steps += 1;
+            all.solve(&layer, ridge, &self.shipped, &mut self.optimiser.weights)?
+        };
+        if !used {
+            self.optimiser.weights = weights;
+        }
+        self.fitted = Some((sums, ridge));
+        self.steps += steps;
+        Ok(Learned {
+            steps,
+            after: if used { after } else { before },
+            ended: "",
+        })
+    }
+
+    /// The sums of every so many of the examples that begin at these frames.
+    fn sums(&self, backend: &mut NativeBackend, starts: &[usize], apart: usize) -> Result<Regression> {
+        let t = &self.training;
+        let starts = starts.iter().step_by(apart).enumerate();
+        let examples = starts.map(|(i, &frame)| Example {
+            sample: 0,
+            frame,
+            mirror: t.mirror && i % 2 == 1,
+            seed: t.seed.wrapping_add(frame as u64),
+            weight: 1.0,
+        });
+        let examples: Vec<Example> = examples.collect();
+        let (weights, unroll) = (&self.optimiser.weights, self.settings.unroll);
+        backend.regress(&self.comm, weights, &self.normaliser, &examples, unroll)
+    }
+}
