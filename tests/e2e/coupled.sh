@@ -9,7 +9,7 @@ mkdir -p case/{0,constant,system}
 : > case/system/functions
 cd case
 cp "$M4GN_HOME"/openfoam/templates/cylinder-flow/system/{fvSchemes,fvSolution} system
-sed -i 's/@tolerance@/1e-10/; s/@correctors@/1/; s/relTol  *0.05/relTol 0/; s/nCorrectors  *2;/nCorrectors 2; pRefCell 0; pRefValue 0;/' system/fvSolution
+sed -i 's/@tolerance@/1e-10/; s/@correctors@/1/; s/@convection@/0/; s/relTol  *0.05/relTol 0/; s/nCorrectors  *2;/nCorrectors 2; pRefCell 0; pRefValue 0;/' system/fv{Solution,Schemes}
 {
     header controlDict
     echo 'application icoFoam; startFrom startTime; startTime 0; stopAt endTime; endTime 0.06; deltaT 0.002;'
