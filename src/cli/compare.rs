@@ -1,11 +1,11 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
 use m4gn_mesh::{Error, Result};
+use m4gn_report::{number, percent, write_file};
 use m4gn_workbench::compare;
 use m4gn_workbench::compare::displacement::Motion;
 use m4gn_workbench::compare::{Options, displacement};
 use m4gn_workbench::foam_case::FoamCase;
-use m4gn_workbench::report::{number, percent, write_file};
 use std::path::{Path, PathBuf};
 
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.

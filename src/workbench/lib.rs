@@ -1,5 +1,5 @@
 //! What is done with models and trajectories outside of a solver: validation, comparison of runs, surveys of segments,
-//! generators of training data, hybrid runs of many cases, benchmarks, and the reports of all of them.
+//! generators of training data, hybrid runs of many cases, benchmarks, and what the reports of all of them say.
 
 pub mod bench;
 pub mod calibrate;
@@ -9,6 +9,5 @@ pub mod foam_case;
 pub mod generate;
 pub mod holding;
 pub mod hybrid;
-pub mod report;
 pub mod survey;
 pub mod validate;

@@ -6,7 +6,7 @@ use super::write_json;
 use m4gn_data::{Frame, Split, Trajectory, list};
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::{Kind, Model};
-use m4gn_workbench::report::number;
+use m4gn_report::number;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

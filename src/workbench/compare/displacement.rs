@@ -6,10 +6,10 @@
 use super::pairing::{common_times, same_mesh};
 use super::{Cost, components, error_table, pair, records, seconds, signal};
 use crate::foam_case::FoamCase;
-use crate::report::chart::{BLUE, GREY, ORANGE};
-use crate::report::{Chart, Page, Series, Table, number, percent};
 use crate::validate::rmse::{SquaredError, cumulative};
 use m4gn_mesh::{Error, Result};
+use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
+use m4gn_report::{Chart, Page, Series, Table, number, percent};
 use serde::Serialize;
 use std::path::Path;
 
@@ -283,18 +283,18 @@ impl Motion {
             number(self.amplitude, 4)
         ));
         page.table(&self.figure_table());
-        let chart = |y: &str, series, from_zero| Chart {
+        let chart = |y: &str, series, axis| Chart {
             x_label: "t [s]".into(),
             y_label: y.into(),
             series,
-            from_zero,
+            axis,
         };
         let motion = vec![
             Series::new("full", &self.times, &self.point_a, BLUE),
             Series::new("hybrid", &self.times, &self.point_b, ORANGE),
         ];
         page.svg(
-            &chart("displacement [m]", motion, false).svg()?,
+            &chart("displacement [m]", motion, Axis::Range).svg()?,
             "Displacement of the cell.",
         );
         page.heading("Displacement error");
@@ -310,7 +310,7 @@ impl Motion {
             Series::new("hybrid", &self.times, &self.displacement_rmse, ORANGE),
         ];
         page.svg(
-            &chart("RMSE of D up to t [m]", errors, true).svg()?,
+            &chart("RMSE of D up to t [m]", errors, Axis::FromZero).svg()?,
             "Error over all stored times up to t.",
         );
         page.heading("Where this comes from");

@@ -2,10 +2,10 @@
 
 use super::{Comparison, Snapshot, seconds};
 use crate::foam_case::Polygons;
-use crate::report::chart::{BLUE, GREY, ORANGE};
-use crate::report::raster::Raster;
-use crate::report::{CellMap, Chart, Page, Series, VelocityRow, number, percent, velocity};
 use m4gn_mesh::Result;
+use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
+use m4gn_report::raster::Raster;
+use m4gn_report::{CellMap, Chart, Page, Series, VelocityRow, number, percent, velocity};
 
 /// Width of one panel, pixels.
 const PANEL: usize = 520;
@@ -44,18 +44,18 @@ pub fn report(c: &Comparison, picture: Option<&Raster>) -> Result<Page> {
     ));
     page.table(&c.error_table());
     c.field_tables().iter().for_each(|t| page.table(t));
-    let chart = |y: &str, series, from_zero| Chart {
+    let chart = |y: &str, series, axis| Chart {
         x_label: "t [s]".into(),
         y_label: y.into(),
         series,
-        from_zero,
+        axis,
     };
     let errors = vec![
         Series::new("hold last", &c.times, &c.hold_last_error, GREY),
         Series::new("hybrid", &c.times, &c.velocity_error, ORANGE),
     ];
     page.svg(
-        &chart("error of U [m/s]", errors, true).svg()?,
+        &chart("error of U [m/s]", errors, Axis::FromZero).svg()?,
         "Error of the velocity at each stored time.",
     );
     let errors = vec![
@@ -63,7 +63,7 @@ pub fn report(c: &Comparison, picture: Option<&Raster>) -> Result<Page> {
         Series::new("hybrid", &c.times, &c.velocity_rmse, ORANGE),
     ];
     page.svg(
-        &chart("RMSE of U up to t [m/s]", errors, true).svg()?,
+        &chart("RMSE of U up to t [m/s]", errors, Axis::FromZero).svg()?,
         "The same over all stored times up to t.",
     );
 
@@ -95,11 +95,11 @@ pub fn report(c: &Comparison, picture: Option<&Raster>) -> Result<Page> {
             ]
         };
         page.svg(
-            &chart("drag coefficient", pair(&c.drag_a, &c.drag_b), false).svg()?,
+            &chart("drag coefficient", pair(&c.drag_a, &c.drag_b), Axis::Range).svg()?,
             "Drag.",
         );
         page.svg(
-            &chart("lift coefficient", pair(&c.lift_a, &c.lift_b), false).svg()?,
+            &chart("lift coefficient", pair(&c.lift_a, &c.lift_b), Axis::Range).svg()?,
             "Lift.",
         );
     }

@@ -21,11 +21,11 @@ pub use html::{picture, report};
 pub use snapshot::Snapshot;
 
 use crate::foam_case::FoamCase;
-use crate::report::{Table, number, percent};
 use crate::validate::rmse::{SquaredError, cumulative};
 use fields::Track;
 use forces::{Coefficients, Reference};
 use m4gn_mesh::{Error, Result};
+use m4gn_report::{Table, number, percent};
 use pairing::{common_times, mapping};
 use records::{Surrogate, Times};
 use serde::Serialize;

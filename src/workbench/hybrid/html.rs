@@ -2,9 +2,9 @@
 
 use super::tables::{case_table, relative_time, summary_tables};
 use super::{DrawResult, Plan};
-use crate::report::chart::{BLUE, GREY, ORANGE};
-use crate::report::{Chart, Page, Series};
 use m4gn_mesh::Result;
+use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
+use m4gn_report::{Chart, Page, Series};
 
 /// Colours of the variants, by turns (Okabe and Ito).
 const COLOURS: [(u8, u8, u8); 7] = [
@@ -51,7 +51,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
         x_label: "processor time / full run [%]".into(),
         y_label: "error of U / hold last".into(),
         series: series.collect(),
-        from_zero: true,
+        axis: Axis::FromZero,
     };
     page.svg(
         &chart.svg()?,

@@ -2,7 +2,7 @@
 
 use super::score::{Score, median};
 use super::{DrawResult, RunRecord};
-use crate::report::{Table, number};
+use m4gn_report::{Table, number};
 use serde_json::{Value, json};
 
 /// Cases from which on three bands are shown.

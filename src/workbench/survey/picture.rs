@@ -1,10 +1,10 @@
 //! Segments of each method side by side, and the first modes.
 
 use super::{Entry, Survey};
-use crate::report::picture::{Palette, Panel, Scale};
-use crate::report::raster::Raster;
-use crate::report::{CellMap, FieldPicture};
 use m4gn_mesh::Mesh;
+use m4gn_report::picture::{Palette, Panel, Scale};
+use m4gn_report::raster::Raster;
+use m4gn_report::{CellMap, FieldPicture};
 
 /// What a picture shows.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> R
         .take(what.modes)
         .enumerate()
         .map(|(i, (phi, lambda))| Panel {
-            title: format!("mode {}, {} 1/m2", i + 1, crate::report::number(*lambda, 4)),
+            title: format!("mode {}, {} 1/m2", i + 1, m4gn_report::number(*lambda, 4)),
             map: 0,
             values: phi.clone(),
             scale: 1,

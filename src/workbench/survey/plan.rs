@@ -12,12 +12,12 @@
 //!
 //! The first falls with the ranks (a rank's ghosts go with the surface of its part), the second does not.
 
-use crate::report::{Table, number};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::NoModes;
 use m4gn_model::{MAX_SEGMENTS, SegmentMethod, SegmentSpec};
+use m4gn_report::{Table, number};
 use m4gn_segments as segments;
 use m4gn_segments::graph::Graph;
 use m4gn_segments::ranks;

@@ -1,8 +1,8 @@
 //! The survey for people.
 
 use super::{Cost, Entry, Survey};
-use crate::report::{Table, number};
 use m4gn_model::SegmentMethod;
+use m4gn_report::{Table, number};
 
 impl Survey {
     /// Eigenvalues and what they cost, in a line or two; empty without modes.

@@ -118,7 +118,7 @@ fn a_picture_of_segments_and_modes() {
         &options(&[SegmentMethod::Metis, SegmentMethod::Slic], &[5], 2),
     )
     .unwrap();
-    let map = crate::report::CellMap::from_mesh(&mesh, 100).unwrap();
+    let map = m4gn_report::CellMap::from_mesh(&mesh, 100).unwrap();
     let (width, height) = (map.width, map.height);
     let what = Pictured {
         counts: vec![5],

@@ -4,10 +4,10 @@ use super::rmse::SquaredError;
 use super::summary::{summaries, that_count};
 use super::{Case, Prediction, pictures};
 use crate::compare::seconds;
-use crate::report::chart::{BLUE, GREY, ORANGE};
-use crate::report::{Chart, Page, Series};
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
+use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
+use m4gn_report::{Chart, Page, Series};
 
 type Colour = (u8, u8, u8);
 
@@ -128,7 +128,7 @@ fn chart(page: &mut Page, y: &str, series: Vec<Series>, caption: &str) -> Result
         x_label: "time from the first frame [s]".into(),
         y_label: y.into(),
         series,
-        from_zero: true,
+        axis: Axis::FromZero,
     };
     page.svg(&chart.svg()?, caption);
     Ok(())

@@ -4,13 +4,13 @@
 use super::scene::lengths;
 use super::{Case, Prediction};
 use crate::compare::seconds;
-use crate::report::picture::{Palette, Panel, Scale};
-use crate::report::surface::View;
-use crate::report::{CellMap, FieldPicture, VelocityRow, velocity};
 use m4gn_data::Trajectory;
 use m4gn_mesh::Result;
 use m4gn_mesh::body::Body;
 use m4gn_mesh::vector::{Vector, moved};
+use m4gn_report::picture::{Palette, Panel, Scale};
+use m4gn_report::surface::View;
+use m4gn_report::{CellMap, FieldPicture, VelocityRow, velocity};
 
 /// Width of one panel, pixels.
 const PANEL: usize = 520;

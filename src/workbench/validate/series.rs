@@ -1,11 +1,11 @@
 //! A rollout for ParaView: the true shape, the predicted one and the obstacle, step by step.
 
 use super::{Case, scene::recorded};
-use crate::report::vtu::pvd;
-use crate::report::{Grid, write_file};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::{Vector, moved};
 use m4gn_mesh::{Error, Result};
+use m4gn_report::vtu::pvd;
+use m4gn_report::{Grid, write_file};
 use std::path::Path;
 
 /// Writes `truth.pvd`, `prediction.pvd` and `obstacle.pvd` with their files into a folder, which is made. Points lie where

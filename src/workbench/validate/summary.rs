@@ -2,9 +2,9 @@
 
 use super::rmse::{SquaredError, cumulative};
 use super::{Case, Pace, Prediction};
-use crate::report::{Table, number};
 use m4gn_contact::quality::Quality;
 use m4gn_data::Split;
+use m4gn_report::{Table, number};
 use serde_json::{Map, Value, json};
 
 /// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before.

@@ -44,8 +44,19 @@ pub struct Chart {
     pub y_label: String,
     /// Curves, drawn in this order.
     pub series: Vec<Series>,
-    /// Whether the y axis must show zero.
-    pub from_zero: bool,
+    /// What the y axis shows.
+    pub axis: Axis,
+}
+
+/// What the y axis of a chart shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The range of the values.
+    Range,
+    /// The range of the values and zero.
+    FromZero,
+    /// The logarithm of the values; those that are not positive break the line.
+    Logarithmic,
 }
 
 const WIDTH: u32 = 900;
@@ -64,11 +75,20 @@ impl Chart {
         Ok(svg)
     }
 
+    /// The points of a curve as they are drawn: of a logarithmic axis, the exponents of ten.
+    fn drawn(&self, series: &Series) -> Vec<(f64, f64)> {
+        let height = |y: f64| match self.axis {
+            Axis::Logarithmic if y > 0.0 => y.log10(),
+            Axis::Logarithmic => f64::NAN,
+            _ => y,
+        };
+        series.points.iter().map(|&(x, y)| (x, height(y))).collect()
+    }
+
     fn range(&self, of: impl Fn(&(f64, f64)) -> f64) -> Option<(f64, f64)> {
-        let values = self
-            .series
+        let points: Vec<(f64, f64)> = self.series.iter().flat_map(|s| self.drawn(s)).collect();
+        let values = points
             .iter()
-            .flat_map(|s| &s.points)
             .filter(|p| p.0.is_finite() && p.1.is_finite())
             .map(of);
         values.fold(None, |range: Option<(f64, f64)>, v| {
@@ -88,7 +108,7 @@ impl Chart {
         let (legend, area) = &area.split_vertically(30 * rows as u32);
         let (x_low, x_high) = self.range(|p| p.0).unwrap_or((0.0, 1.0));
         let (mut low, mut high) = self.range(|p| p.1).unwrap_or((0.0, 1.0));
-        if self.from_zero {
+        if self.axis == Axis::FromZero {
             (low, high) = (low.min(0.0), high.max(0.0));
         }
         let margin = if high > low {
@@ -96,7 +116,7 @@ impl Chart {
         } else {
             0.5 * high.abs().max(1e-12)
         };
-        let floor = if self.from_zero && low == 0.0 {
+        let floor = if self.axis == Axis::FromZero && low == 0.0 {
             0.0
         } else {
             low - margin
@@ -122,19 +142,20 @@ impl Chart {
             .light_line_style(TRANSPARENT)
             .bold_line_style(RGBColor(225, 225, 225))
             .x_label_formatter(&|v| tick(*v, x_high - x_low))
-            .y_label_formatter(&|v| tick(*v, high - low))
+            .y_label_formatter(&|v| match self.axis {
+                Axis::Logarithmic => super::number(10f64.powf(*v), 3),
+                _ => tick(*v, high - low),
+            })
             .draw()?;
         for series in &self.series {
             let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
+            let points = self.drawn(series);
             if series.dots {
-                let places = series
-                    .points
-                    .iter()
-                    .filter(|p| p.0.is_finite() && p.1.is_finite());
+                let places = points.iter().filter(|p| p.0.is_finite() && p.1.is_finite());
                 chart.draw_series(places.map(|&p| Circle::new(p, 4, colour.filled())))?;
                 continue;
             }
-            for run in series.points.split(|p| !(p.0.is_finite() && p.1.is_finite())) {
+            for run in points.split(|p| !(p.0.is_finite() && p.1.is_finite())) {
                 chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
             }
         }
@@ -185,11 +206,37 @@ mod tests {
                     ..Series::new("cases", &[0.5, f64::NAN], &[1.0, 1.0], ORANGE)
                 },
             ],
-            from_zero: true,
+            axis: Axis::FromZero,
         };
         let svg = chart.svg().unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("RMSE [m/s]") && svg.contains("hybrid"));
         assert!(!svg.contains("NaN"));
         assert_eq!(svg.matches("<circle").count(), 1);
+    }
+
+    /// Factors of ten are equal distances, the labels are the values themselves, and what has no logarithm is a gap.
+    #[test]
+    fn a_logarithmic_axis_shows_factors_as_distances() {
+        let dots = |y: &[f64]| Chart {
+            x_label: "step".into(),
+            y_label: "loss".into(),
+            series: vec![Series {
+                dots: true,
+                ..Series::new("loss", &[1.0, 2.0, 3.0, 4.0, 5.0], y, BLUE)
+            }],
+            axis: Axis::Logarithmic,
+        };
+        let svg = dots(&[0.01, 0.1, 1.0, 0.0, -1.0]).svg().unwrap();
+        let height = |circle: &str| -> i32 {
+            let (_, rest) = circle.split_once("cy=\"").unwrap();
+            rest.split('"').next().unwrap().parse().unwrap()
+        };
+        let heights: Vec<i32> = svg.split("<circle").skip(1).map(height).collect();
+        assert_eq!(heights.len(), 3, "{svg}");
+        let (first, second) = (heights[0] - heights[1], heights[1] - heights[2]);
+        assert!(first > 50 && (first - second).abs() <= 1, "{heights:?}");
+        let label = |text: &str| svg.lines().any(|line| line == text);
+        assert!(label("0.0100") && label("1.00"), "{svg}");
+        assert!(!svg.contains("NaN"));
     }
 }
