@@ -59,6 +59,7 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
         steps: Some(steps),
         seed: None,
         json: None,
+        html: None,
     };
     let go = AtomicU8::new(0);
     let mut failures = Vec::new();

@@ -1,4 +1,5 @@
-//! The CSV log of a training: one row an interval, validation columns empty where there was none.
+//! The CSV log of a training: one row an interval, validation columns empty where there was none. It is the history of a
+//! training over all resumptions.
 
 use m4gn_mesh::{Error, Result};
 use std::fs::{File, OpenOptions};
@@ -58,14 +59,47 @@ pub struct Row {
     pub validation: Option<Validation>,
 }
 
+impl Row {
+    /// A line of the log, of so many predicted fields; none where it is not one.
+    fn parse(line: &str, fields: usize) -> Option<Row> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let (numbers, validation) = cells.split_at_checked(6 + fields)?;
+        let number = |i: usize| numbers[i].parse::<f64>().ok();
+        let validation = match validation {
+            ["", "", "", "", "", ""] => None,
+            [_, _, _, _, _, _] => {
+                let v: Vec<f64> = validation.iter().map_while(|v| v.parse().ok()).collect();
+                let v: [f64; 6] = v.try_into().ok()?;
+                Some(Validation {
+                    rmse_1: [v[0], v[3]],
+                    rmse_horizon: [v[1], v[4]],
+                    rmse_all: [v[2], v[5]],
+                })
+            }
+            _ => return None,
+        };
+        Some(Row {
+            step: numbers[0].parse().ok()?,
+            samples: numbers[1].parse().ok()?,
+            seconds: number(2)?,
+            learning_rate: number(3)?,
+            loss: number(4)?,
+            losses: (5..5 + fields).map(number).collect::<Option<_>>()?,
+            gradient: number(5 + fields)?,
+            validation,
+        })
+    }
+}
+
 /// The open log file.
 pub struct Journal {
     path: PathBuf,
     file: File,
+    rows: Vec<Row>,
 }
 
 impl Journal {
-    /// Starts a log, or carries one on: rows after `step` are dropped, they will be made again.
+    /// Starts a log, or carries one on: rows after `step` are dropped, they will be made again, and so is what is no row.
     pub fn open(path: &Path, fields: &[String], step: u64) -> Result<Self> {
         let fail = |e: std::io::Error| Error::file(path, format!("cannot write the training log: {e}"));
         let losses: Vec<String> = fields.iter().map(|f| format!("loss_{f}")).collect();
@@ -78,11 +112,12 @@ impl Journal {
         } else {
             String::new()
         };
+        let mut rows = Vec::new();
         for line in old.lines().skip(1) {
-            let at = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
-            if at.is_some_and(|at| at <= step) {
+            if let Some(row) = Row::parse(line, fields.len()).filter(|row| row.step <= step) {
                 text.push_str(line);
                 text.push('\n');
+                rows.push(row);
             }
         }
         std::fs::write(path, text).map_err(fail)?;
@@ -90,11 +125,18 @@ impl Journal {
         Ok(Journal {
             path: path.to_path_buf(),
             file,
+            rows,
         })
+    }
+
+    /// All rows, of the resumptions before as well.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
     }
 
     /// Appends a row.
     pub fn append(&mut self, row: &Row) -> Result<()> {
+        self.rows.push(row.clone());
         let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
         let validation = match &row.validation {
             Some(v) => [
@@ -128,26 +170,51 @@ impl Journal {
 mod tests {
     use super::*;
 
+    fn row(step: u64, validation: Option<Validation>) -> Row {
+        Row {
+            step,
+            samples: 2 * step,
+            seconds: 1.5,
+            learning_rate: 1e-3,
+            loss: 0.25,
+            losses: vec![0.125, 0.0625],
+            gradient: 1.0,
+            validation,
+        }
+    }
+
     #[test]
     fn rows_after_the_checkpoint_are_dropped() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("log.csv");
-        let row = |step| Row {
-            step,
-            samples: step,
-            seconds: 1.0,
-            learning_rate: 1e-3,
-            loss: 1.0,
-            losses: vec![1.0],
-            gradient: 1.0,
-            validation: None,
-        };
-        let mut journal = Journal::open(&path, &["U".into()], 0).unwrap();
-        (1..=3).for_each(|s| journal.append(&row(s)).unwrap());
+        let fields = ["U".into(), "p".into()];
+        let mut journal = Journal::open(&path, &fields, 0).unwrap();
+        (1..=3).for_each(|s| journal.append(&row(s, None)).unwrap());
         let text = std::fs::read_to_string(&path).unwrap();
         let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(columns, [13; 4]);
-        drop(Journal::open(&path, &["U".into()], 2).unwrap());
+        assert_eq!(columns, [14; 4]);
+        drop(Journal::open(&path, &fields, 2).unwrap());
         assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 3);
+    }
+
+    #[test]
+    fn a_log_reads_back_and_what_is_no_row_is_left_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("log.csv");
+        let fields = ["U".into(), "p".into()];
+        let validation = Validation {
+            rmse_1: [0.5, 1.0],
+            rmse_horizon: [f64::INFINITY, 2.0],
+            rmse_all: [0.75, 4.0],
+        };
+        let rows = [row(1, None), row(2, Some(validation)), row(4, None)];
+        let mut journal = Journal::open(&path, &fields, 0).unwrap();
+        rows.iter().for_each(|row| journal.append(row).unwrap());
+        let text = std::fs::read_to_string(&path).unwrap();
+        // The last row is cut off in its middle, as by a full disk.
+        std::fs::write(&path, &text[..text.len() - 10]).unwrap();
+        assert_eq!(Journal::open(&path, &fields, 9).unwrap().rows(), &rows[..2]);
+        let left = std::fs::read_to_string(&path).unwrap();
+        assert!(left.ends_with('\n') && left.lines().count() == 3, "{left}");
     }
 }

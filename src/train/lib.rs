@@ -13,6 +13,7 @@ mod finish;
 pub mod journal;
 mod native;
 pub mod normaliser;
+mod page;
 mod ranges;
 mod regression;
 mod report;
@@ -29,6 +30,7 @@ mod tensor_file;
 mod tests;
 mod together;
 mod trainer;
+mod validation;
 mod workload;
 
 pub use backend::{Backend, Batch, Example, Learned, Rollout};

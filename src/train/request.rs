@@ -1,6 +1,7 @@
 //! What the command line asks for, as it crosses the C interface.
 
 use super::config::Config;
+use super::page;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -36,6 +37,9 @@ pub struct Request {
     /// File for the figures.
     #[serde(default)]
     pub json: Option<PathBuf>,
+    /// File for a page that shows how the training goes.
+    #[serde(default)]
+    pub html: Option<PathBuf>,
 }
 
 impl Request {
@@ -55,6 +59,27 @@ impl Request {
             config.training.seed = seed;
         }
         Ok(config)
+    }
+
+    /// Refuses files for figures and page that could not be written, before anything is read.
+    ///
+    /// # Errors
+    /// [`Error::File`] or [`Error::Input`] naming the file.
+    pub fn check_outputs(&self) -> Result<()> {
+        if let Some(json) = &self.json {
+            m4gn_mesh::files::check_writable(json)?;
+        }
+        let Some(html) = &self.html else { return Ok(()) };
+        if self.steps == Some(0) {
+            return Err(Error::Input(
+                "--html: with --steps 0 nothing is trained that a page could show; leave --html out".into(),
+            ));
+        }
+        let (checkpoint, log) = (self.checkpoint(), self.log());
+        let others = [&self.out, &checkpoint, &log, &self.config];
+        let others = others.into_iter().chain(&self.json).chain(&self.from);
+        let others: Vec<&Path> = others.map(PathBuf::as_path).collect();
+        page::check(html, &others)
     }
 
     /// Worker threads: as asked, else one a core up to the pieces of work.

@@ -146,5 +146,6 @@ pub fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request
         steps: Some(steps),
         seed: None,
         json: Some(folder.join(format!("{name}.json"))),
+        html: None,
     }
 }

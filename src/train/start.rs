@@ -24,6 +24,9 @@ pub(super) struct Loaded {
 /// Reads all of it, and checks that it goes together.
 pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Report) -> Result<Loaded> {
     let config = request.config()?;
+    if comm.is_root() {
+        request.check_outputs()?;
+    }
     let path = request.checkpoint();
     if path.exists() && !request.resume {
         return Err(Error::Input(format!(
@@ -94,23 +97,17 @@ impl Trainer<'_> {
         if earlier.progress.from.is_some() != self.frozen {
             return Err(misfit("start (--from)"));
         }
-        let (old, new) = (
-            table(&earlier.progress.config, "training"),
-            table(&self.progress.config, "training"),
+        let changed = changes(
+            &table(&earlier.progress.config, "training"),
+            &table(&self.progress.config, "training"),
         );
-        let changed: Vec<String> = new
-            .as_object()
-            .into_iter()
-            .flatten()
-            .filter(|(key, value)| {
-                old.get(key.as_str()) != Some(value) && *key != "steps" && *key != "max_minutes"
-            })
-            .map(|(key, _)| key.clone())
-            .collect();
-        if !changed.is_empty() {
+        // More steps or minutes are what a training is usually carried on for.
+        let told = |change: &&String| !change.starts_with("steps ") && !change.starts_with("max_minutes ");
+        let notable: Vec<&str> = changed.iter().filter(told).map(String::as_str).collect();
+        if !notable.is_empty() {
             report.line(&format!(
-                "note: [training] differs from the checkpoint's in {}",
-                changed.join(", ")
+                "note: [training] differs from the checkpoint's: {}",
+                notable.join(", ")
             ));
         }
         let t = &self.config.training;
@@ -131,6 +128,31 @@ impl Trainer<'_> {
             ..earlier.progress
         };
         report.line(&format!("resumed at step {}", self.progress.step));
+        self.notes.push(match changed.is_empty() {
+            true => format!(
+                "Resumed at step {} with the same configuration.",
+                self.progress.step
+            ),
+            false => format!(
+                "Resumed at step {}, where the configuration changed: {}.",
+                self.progress.step,
+                changed.join(", ")
+            ),
+        });
         Ok(())
     }
+}
+
+/// Keys of a table whose values differ, each with the value before and the one now.
+fn changes(old: &serde_json::Value, new: &serde_json::Value) -> Vec<String> {
+    let entries = |table: &serde_json::Value| table.as_object().cloned().unwrap_or_default();
+    let (old, new) = (entries(old), entries(new));
+    let text = |value: Option<&serde_json::Value>| match value {
+        None | Some(serde_json::Value::Null) => "none".to_string(),
+        Some(value) => value.to_string(),
+    };
+    let differ = new.iter().filter(|(key, value)| old.get(*key) != Some(*value));
+    differ
+        .map(|(key, value)| format!("{key} {} -> {}", text(old.get(key)), text(Some(value))))
+        .collect()
 }

@@ -85,6 +85,63 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
     }
 }
 
+/// Rows of the log with a loss: there is none while the normalisers warm up.
+fn learned(request: &Request) -> usize {
+    losses(request).into_iter().filter(|loss| *loss > 0.0).count()
+}
+
+/// Points of the first curve of the loss on a page.
+fn points_of_the_loss(page: &str) -> usize {
+    let curve = page
+        .split("<polyline")
+        .find(|line| line.contains("#D55E00"))
+        .unwrap();
+    let (_, points) = curve.split_once("points=\"").unwrap();
+    points.split('"').next().unwrap().split_whitespace().count()
+}
+
+#[test]
+fn the_page_of_a_training_shows_all_of_it_and_what_was_changed() {
+    let folder = data();
+    let mut r = request(folder.path(), "shown", "validation_interval = 4", 8);
+    r.html = Some(folder.path().join("shown.html"));
+    let page = || std::fs::read_to_string(folder.path().join("shown.html")).unwrap();
+    run(&r).unwrap();
+    assert!(page().contains("Not running: ended at step 8."), "{}", page());
+    assert!(!page().contains("http-equiv") && !page().contains("Resumed"));
+    assert_eq!(points_of_the_loss(&page()), learned(&r));
+
+    // Stopped as soon as the page says that the training runs.
+    r.resume = true;
+    r.steps = Some(100_000);
+    edit(&r.config, "learning_rate = 2e-3", "learning_rate = 1e-3");
+    let stop = AtomicU8::new(0);
+    let outcome = std::thread::scope(|scope| {
+        let training = scope.spawn(|| train_native(&r, &stop, &Comm::serial()));
+        while !training.is_finished() && !page().contains("http-equiv") {
+            std::thread::yield_now();
+        }
+        stop.store(1, Ordering::Relaxed);
+        training.join().unwrap()
+    });
+    assert!(matches!(outcome, Err(Error::Interrupted(_))), "{outcome:?}");
+    assert!(page().contains("Not running: interrupted at step"), "{}", page());
+    assert!(
+        page().contains("learning_rate 0.002 -&gt; 0.001, steps 8 -&gt; 100000"),
+        "{}",
+        page()
+    );
+    assert!(!page().contains("http-equiv"));
+
+    let step = Checkpoint::read(&r.checkpoint()).unwrap().progress.step;
+    r.steps = Some(step + 4);
+    run(&r).unwrap();
+    assert!(page().contains(&format!("Resumed at step {step}")), "{}", page());
+    assert!(!page().contains("learning_rate 0.002"));
+    assert_eq!(points_of_the_loss(&page()), learned(&r));
+    assert!(learned(&r) > 4);
+}
+
 #[test]
 fn training_lowers_the_loss_and_leaves_a_model() {
     let folder = data();
@@ -260,6 +317,17 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     assert!(edited("batch_size = 3", "batch_size = 99999999999").contains("training.batch_size"));
     assert!(edited("[6, 2]", "[6, 99999999999]").contains("training.unroll"));
     assert!(message(&|r| r.data = "nowhere".into()).contains("nowhere"));
+    // Files that cannot be written, before the data are read.
+    let early = |change: &dyn Fn(&mut Request)| {
+        message(&|r| {
+            r.data = "nowhere".into();
+            change(r);
+        })
+    };
+    assert!(early(&|r| r.html = Some("none/page.html".into())).contains("none/page.html: cannot be written"));
+    assert!(early(&|r| r.html = Some(r.config.clone())).contains("a name of its own"));
+    assert!(early(&|r| r.html = Some(r.log())).contains("a name of its own"));
+    assert!(early(&|r| r.json = Some("none/a.json".into())).contains("none/a.json: cannot be written"));
     let cut = folder.path().join("data/000.h5");
     let bytes = std::fs::read(&cut).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();

@@ -1,14 +1,15 @@
 //! The training loop: batches, updates, validation, checkpoints, log, interruption; the same for every backend.
 
-use super::backend::{Backend, Batch, Example, Learned, Rollout};
+use super::backend::{Backend, Batch, Example, Learned};
 use super::checkpoint::Progress;
 use super::config::Config;
 use super::journal::{Journal, Row, Validation};
 use super::normaliser::Normaliser;
+use super::page::{State, TrainingPage};
 use super::report::Report;
 use super::request::Request;
 use super::start::load;
-use super::together::{learn_together, roll_out_together};
+use super::together::learn_together;
 use super::workload::Workload;
 use m4gn_engine::backward::{Adam, Layout, norm};
 use m4gn_mesh::parallel::Comm;
@@ -41,7 +42,7 @@ pub(super) struct Trainer<'a> {
     /// Of the training trajectories.
     weights: Vec<f64>,
     pub(super) comm: &'a Comm,
-    backend: Box<dyn Backend + 'a>,
+    pub(super) backend: Box<dyn Backend + 'a>,
     pub(super) layout: Layout,
     pub(super) optimiser: Adam,
     pub(super) normaliser: Normaliser,
@@ -50,6 +51,8 @@ pub(super) struct Trainer<'a> {
     pub(super) progress: Progress,
     pub(super) best: Option<(Vec<f32>, Normaliser)>,
     pub(super) resumed_seconds: f64,
+    /// What the training was begun or carried on with, for its page.
+    pub(super) notes: Vec<String>,
     started: Instant,
 }
 
@@ -100,7 +103,7 @@ pub fn train(
         interval: (0, 0.0, 0.0, vec![]),
         from: request.from.as_ref().map(|p| p.display().to_string()),
     };
-    report.line(&format!(
+    let training = format!(
         "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate; {}{}",
         layout.len(),
         work.train.len(),
@@ -112,7 +115,8 @@ pub fn train(
             1 => String::new(),
             n => format!(" on each of {n} ranks"),
         }
-    ));
+    );
+    report.line(&training);
     let mut trainer = Trainer {
         request,
         comm,
@@ -128,6 +132,7 @@ pub fn train(
         progress,
         best: None,
         resumed_seconds: 0.0,
+        notes: vec![training],
         started: Instant::now(),
     };
     if let Some(earlier) = loaded.earlier {
@@ -160,14 +165,44 @@ fn describe(
 
 impl Trainer<'_> {
     fn run(&mut self, stop: &AtomicU8, report: &Report) -> Result<serde_json::Value> {
-        let t = &self.config.training;
         let predicted = self.spec.fields.iter().filter(|f| f.output != Output::None);
         let fields: Vec<String> = predicted.map(|f| f.name.clone()).collect();
-        let journal = match self.comm.is_root() {
-            true => Journal::open(&self.request.log(), &fields, self.progress.step).map(Some),
-            false => Ok(None),
+        let open = || -> Result<(Option<Journal>, Option<TrainingPage>)> {
+            if !self.comm.is_root() {
+                return Ok((None, None));
+            }
+            let journal = Journal::open(&self.request.log(), &fields, self.progress.step)?;
+            let page = self.request.html.as_ref().map(|path| {
+                let notes = self.notes.clone();
+                TrainingPage::new(path, &self.request.out, self.config, fields.clone(), notes)
+            });
+            Ok((Some(journal), page.transpose()?))
         };
-        let mut journal = self.comm.agree(journal)?;
+        let (mut journal, mut page) = self.comm.agree(open())?;
+        let mut show = |journal: &Option<Journal>, state: &State| {
+            if let (Some(page), Some(journal)) = (&mut page, journal) {
+                page.write(journal.rows(), state, report);
+            }
+        };
+        show(&journal, &State::Running);
+        let outcome = self.steps(stop, report, &mut journal, &mut show);
+        let how = match &outcome {
+            Ok(_) => format!("ended at step {}", self.progress.step),
+            Err(error) => error.to_string(),
+        };
+        show(&journal, &State::Ended(how.trim_end_matches('.')));
+        outcome
+    }
+
+    /// The steps that are left, and the figures of the end. `show` brings the page of `--html` up to date.
+    fn steps(
+        &mut self,
+        stop: &AtomicU8,
+        report: &Report,
+        journal: &mut Option<Journal>,
+        show: &mut impl FnMut(&Option<Journal>, &State),
+    ) -> Result<serde_json::Value> {
+        let t = &self.config.training;
         report.begin(t.steps, self.progress.step);
         while self.progress.step < t.steps {
             let mut stopped = [i64::from(stop.load(Ordering::Relaxed))];
@@ -202,12 +237,13 @@ impl Trainer<'_> {
             };
             if validated || step.is_multiple_of(t.log_interval) {
                 let row = self.row(validation);
-                let written = match &mut journal {
+                let written = match journal {
                     Some(journal) => journal.append(&row),
                     None => Ok(()),
                 };
                 self.comm.agree(written)?;
                 report.row(&row);
+                show(journal, &State::Running);
             }
             report.advance(step);
             if last || step.is_multiple_of(t.checkpoint_interval) {
@@ -348,75 +384,5 @@ impl Trainer<'_> {
 
     pub(super) fn seconds(&self) -> f64 {
         self.resumed_seconds + self.started.elapsed().as_secs_f64()
-    }
-
-    /// Rolls out the validation trajectories and keeps the weights if they are the best so far.
-    fn validate(&mut self, report: &Report) -> Result<Validation> {
-        let t = &self.config.training;
-        let weights = self.optimiser.best_guess().to_vec();
-        let stride = self.work.frames_a_step;
-        let short = ((t.validation_horizon / self.config.model.stride).round() as usize).max(1);
-        // (kind of rollout, job); the long ones first, so that the threads end together.
-        let mut plan = Vec::new();
-        for (sample, s) in self.work.valid.iter().enumerate() {
-            let steps = (s.n_frames - 1) / stride;
-            plan.push((2, sample, 0, steps));
-            let short = short.min(steps);
-            for part in 1..3 {
-                plan.push((1, sample, (s.n_frames - 1 - short * stride) * part / 2, short));
-            }
-            for part in 0..8 {
-                plan.push((0, sample, (s.n_frames - 1 - stride) * part / 7, 1));
-            }
-        }
-        plan.sort_by_key(|p| std::cmp::Reverse(p.0));
-        let rollouts: Vec<Rollout> = plan
-            .iter()
-            .map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps })
-            .collect();
-        let outcomes = roll_out_together(
-            self.comm,
-            &mut *self.backend,
-            &weights,
-            &self.normaliser,
-            &rollouts,
-        )?;
-        // Sums of (model, persistence) squared errors and counts, of the three figures.
-        let mut sums = [[0.0; 3]; 3];
-        for (plan, errors) in plan.iter().zip(outcomes) {
-            let mut add = |figure: usize, errors: &[(f64, f64)]| {
-                for (model, held) in errors {
-                    let parts = [*model, *held, 1.0];
-                    sums[figure].iter_mut().zip(parts).for_each(|(sum, x)| *sum += x);
-                }
-            };
-            add(plan.0, &errors);
-            if plan.0 == 2 {
-                add(1, &errors[..short.min(errors.len())]);
-            }
-        }
-        let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
-        let validation = Validation {
-            rmse_1: root(sums[0]),
-            rmse_horizon: root(sums[1]),
-            rmse_all: root(sums[2]),
-        };
-        let better = validation.is_finite()
-            && self
-                .progress
-                .best
-                .is_none_or(|(_, best)| validation.score() < best.score());
-        if better {
-            self.progress.best = Some((self.progress.step, validation));
-            self.best = Some((weights, self.normaliser.clone()));
-            let exported = if self.comm.is_root() {
-                self.export()
-            } else {
-                Ok(())
-            };
-            self.comm.agree(exported)?;
-        }
-        report.validation(self.progress.step, &validation, better);
-        Ok(validation)
     }
 }

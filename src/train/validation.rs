@@ -1,0 +1,80 @@
+//! A validation: rollouts of the validation trajectories, by which the best weights are chosen.
+
+use super::backend::Rollout;
+use super::journal::Validation;
+use super::report::Report;
+use super::together::roll_out_together;
+use super::trainer::Trainer;
+use m4gn_mesh::Result;
+
+impl Trainer<'_> {
+    /// Rolls out the validation trajectories and keeps the weights if they are the best so far.
+    pub(super) fn validate(&mut self, report: &Report) -> Result<Validation> {
+        let t = &self.config.training;
+        let weights = self.optimiser.best_guess().to_vec();
+        let stride = self.work.frames_a_step;
+        let short = ((t.validation_horizon / self.config.model.stride).round() as usize).max(1);
+        // (kind of rollout, job); the long ones first, so that the threads end together.
+        let mut plan = Vec::new();
+        for (sample, s) in self.work.valid.iter().enumerate() {
+            let steps = (s.n_frames - 1) / stride;
+            plan.push((2, sample, 0, steps));
+            let short = short.min(steps);
+            for part in 1..3 {
+                plan.push((1, sample, (s.n_frames - 1 - short * stride) * part / 2, short));
+            }
+            for part in 0..8 {
+                plan.push((0, sample, (s.n_frames - 1 - stride) * part / 7, 1));
+            }
+        }
+        plan.sort_by_key(|p| std::cmp::Reverse(p.0));
+        let rollouts: Vec<Rollout> = plan
+            .iter()
+            .map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps })
+            .collect();
+        let outcomes = roll_out_together(
+            self.comm,
+            &mut *self.backend,
+            &weights,
+            &self.normaliser,
+            &rollouts,
+        )?;
+        // Sums of (model, persistence) squared errors and counts, of the three figures.
+        let mut sums = [[0.0; 3]; 3];
+        for (plan, errors) in plan.iter().zip(outcomes) {
+            let mut add = |figure: usize, errors: &[(f64, f64)]| {
+                for (model, held) in errors {
+                    let parts = [*model, *held, 1.0];
+                    sums[figure].iter_mut().zip(parts).for_each(|(sum, x)| *sum += x);
+                }
+            };
+            add(plan.0, &errors);
+            if plan.0 == 2 {
+                add(1, &errors[..short.min(errors.len())]);
+            }
+        }
+        let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
+        let validation = Validation {
+            rmse_1: root(sums[0]),
+            rmse_horizon: root(sums[1]),
+            rmse_all: root(sums[2]),
+        };
+        let better = validation.is_finite()
+            && self
+                .progress
+                .best
+                .is_none_or(|(_, best)| validation.score() < best.score());
+        if better {
+            self.progress.best = Some((self.progress.step, validation));
+            self.best = Some((weights, self.normaliser.clone()));
+            let exported = if self.comm.is_root() {
+                self.export()
+            } else {
+                Ok(())
+            };
+            self.comm.agree(exported)?;
+        }
+        report.validation(self.progress.step, &validation, better);
+        Ok(validation)
+    }
+}
