@@ -16,22 +16,53 @@ License
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "Time.H"
+#include "timeControlFunctionObject.H"
+#include <cmath>
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 namespace
 {
 
-//- A time that is a multiple of the write interval and less than half a time
-//  step ahead counts as written, so that the solver's own steps meet it. After
-//  a step as long as the surrogate's that would be times that the solver has
-//  yet to come to: count again with the solver's deltaT.
+//- Which times are written, by the steps of the solver
 class writing
 :
     public Foam::Time
 {
 public:
 
+    //- The next step of the surrogate counts as the solver's steps that it
+    //  stands for: writeControl timeStep, of the run and of function objects,
+    //  goes on at the times at which it would without jumps
+    static void count(Foam::Time& time, const Foam::label nSteps)
+    {
+        time.*(&writing::timeIndex_) += nSteps - 1;
+    }
+
+    //- A step of the surrogate passes multiples of writeInterval without
+    //  ending there: write then, as at run times that it passes
+    static void passed(Foam::Time& time, const Foam::label nSteps)
+    {
+        if (time.*(&writing::writeControl_) == Foam::Time::wcTimeStep)
+        {
+            const Foam::label interval = Foam::max
+            (
+                Foam::label(1),
+                Foam::label(time.*(&writing::writeInterval_))
+            );
+            const Foam::label index = time.timeIndex();
+
+            if (index/interval > (index - nSteps)/interval)
+            {
+                time.*(&writing::writeTime_) = true;
+            }
+        }
+    }
+
+    //- A time that is a multiple of the write interval and less than half a
+    //  time step ahead counts as written, so that the solver's own steps meet
+    //  it. After a step as long as the surrogate's that would be times that
+    //  the solver has yet to come to: count again with the solver's deltaT.
     static void restore(Foam::Time& time)
     {
         const auto control = time.*(&writing::writeControl_);
@@ -56,6 +87,51 @@ public:
     }
 };
 
+//- Does it run at times, of which those less than half a time step ahead count
+//  as come?
+bool atTimes(const Foam::timeControl& control)
+{
+    return
+        control.control() == Foam::timeControl::ocRunTime
+     || control.control() == Foam::timeControl::ocAdjustableRunTime;
+}
+
+
+//- Execute and write the function object; with deltaT where its control counts
+//  times by it, so that times up to half a stride ahead are not taken for done
+void runAt
+(
+    Foam::functionObject& object,
+    Foam::Time& time,
+    const Foam::scalar deltaT
+)
+{
+    const Foam::scalar own = time.deltaTValue();
+    const auto* controls =
+        Foam::isA<Foam::functionObjects::timeControl>(object);
+
+    const auto run = [&](const bool counted, const std::function<void()>& call)
+    {
+        if (counted)
+        {
+            time.setDeltaT(deltaT, false);
+        }
+        call();
+        time.setDeltaT(own, false);
+    };
+
+    run
+    (
+        controls && atTimes(controls->executeControl()),
+        [&]() { object.execute(); }
+    );
+    run
+    (
+        controls && atTimes(controls->writeControl()),
+        [&]() { object.write(); }
+    );
+}
+
 } // End anonymous namespace
 
 
@@ -74,7 +150,8 @@ bool Foam::m4gnReplace::predict()
 void Foam::m4gnReplace::executeOthers
 (
     const bool before,
-    const bool after
+    const bool after,
+    const scalar deltaT
 ) const
 {
     if (others_.empty())
@@ -93,8 +170,7 @@ void Foam::m4gnReplace::executeOthers
         }
         else if ((behind ? after : before) && others_.found(list[i].name()))
         {
-            list[i].execute();
-            list[i].write();
+            runAt(list[i], time_, deltaT);
         }
     }
 }
@@ -226,6 +302,9 @@ bool Foam::m4gnReplace::jump
     const scalar deltaT = time_.deltaTValue();
     const auto fits = [&]() { return this->fits(endTime, deltaT); };
 
+    const label nSolverSteps =
+        max(label(1), label(std::lround(session_.stride()/deltaT)));
+
     const word lastSolved(time_.timeName());
 
     clockTime timer;
@@ -261,10 +340,12 @@ bool Foam::m4gnReplace::jump
 
         // Function objects behind this one have not seen this time yet; in
         // front of it they have not if it is the surrogate's.
-        executeOthers(stepi > 0, true);
+        executeOthers(stepi > 0, true, time_.deltaTValue());
 
         timer.timeIncrement();
+        writing::count(time_, nSolverSteps);
         state_->advance(predicted_);
+        writing::passed(time_, nSolverSteps);
         surrogateSeconds_ += timer.timeIncrement();
 
         const bool last = stepi + 1 == nSteps || !fits();
@@ -295,7 +376,7 @@ bool Foam::m4gnReplace::jump
     }
 
     // Those behind this one follow when it returns
-    executeOthers(true, false);
+    executeOthers(true, false, deltaT);
 
     time_.setDeltaT(deltaT, false);
     writing::restore(time_);

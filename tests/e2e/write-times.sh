@@ -1,0 +1,57 @@
+#!/usr/bin/env bash
+# m4gnSurrogate, mode replace: what is written when, by the run and by function objects before and behind the surrogate.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+
+# The solver to 0.02 in steps of 0.002, two strides of 0.01 to 0.04, the solver again
+table() { echo "$1 { type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1; log no;
+    CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1); executeControl $2; executeInterval $3;
+    writeControl $2; writeInterval $3; }"; }
+# case_with CONTROL INTERVAL END
+case_with() {
+    clean_case
+    sed -i "s/^writeControl .*/writeControl $1;/; s/^writeInterval .*/writeInterval $2;/; s/^endTime .*/endTime $3;/" system/controlDict
+    function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 5; surrogateSteps 2;"
+    mv system/functions surrogate
+    { table before "$1" "$2"; cat surrogate; table behind "$1" "$2"; } > system/functions
+    runs icoFoam
+    grep -q '^m4gn: jumped 2 steps of 0.01 s to time 0.04 ' log.run || { cat log.run; fail "expected a jump to 0.04"; }
+}
+# written WHAT TIMES...: fields at these times
+written() {
+    local what=$1 found
+    shift
+    found=$(find . -maxdepth 1 -name '0.*' -printf '%f\n' | sort | tr '\n' ' ')
+    [ "$found" = "$* " ] || fail "$what: fields at $found, expected $*"
+}
+# executed WHAT TIMES...: both function objects at these times
+executed() {
+    local what=$1 found object
+    shift
+    for object in before behind; do
+        found=$(awk '!/^#/ { print $1 + 0 }' "postProcessing/$object/0/coefficient.dat" | tr '\n' ' ')
+        [ "$found" = "$* " ] || fail "$what: forces $object at $found, expected $*"
+    done
+}
+both() { written "$@" && executed "$@"; }
+
+solver=(0.004 0.008 0.012 0.016 0.02)
+for control in runTime adjustableRunTime; do
+    case_with $control 0.004 0.06
+    both "$control, 0.4 strides" "${solver[@]}" 0.03 0.04 0.044 0.048 0.052 0.056 0.06
+    # The last time follows the jump by less than half a stride
+    case_with $control 0.004 0.044
+    both "$control, to the end" "${solver[@]}" 0.03 0.04 0.044
+    case_with $control 0.02 0.06
+    both "$control, two strides" 0.02 0.04 0.06
+done
+case_with timeStep 10 0.06
+both "timeStep, ten: two strides" 0.02 0.04 0.06
+case_with timeStep 2 0.06
+written "timeStep, two" "${solver[@]}" 0.03 0.04 0.044 0.048 0.052 0.056 0.06
+executed "timeStep, two" "${solver[@]}" 0.04 0.044 0.048 0.052 0.056 0.06
+case_with timeStep 3 0.06
+written "timeStep, three" 0.006 0.012 0.018 0.03 0.04 0.042 0.048 0.054 0.06
+executed "timeStep, three" 0.006 0.012 0.018 0.03 0.042 0.048 0.054 0.06
+echo "write-times: passed"
