@@ -74,7 +74,7 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     const Foam::dictionary own(dict.subOrEmptyDict("segments"));
     const Foam::word D(dict.lookupOrDefault<Foam::word>("D", "D"));
     const bool possible =
-        Foam::m4gnElasticBody::known(*data_->mesh, own)
+        Foam::m4gnElasticBody::unknown(*data_->mesh, own).empty()
      && Foam::m4gnElasticBody::describe(*data_->mesh, D) == Foam::m4gnElasticBody::displacement();
     data_->body.reset();
     if (own.lookupOrDefault<Foam::word>("operator", possible ? "elastic" : "laplacian") == "elastic")

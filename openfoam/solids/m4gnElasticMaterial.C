@@ -51,15 +51,43 @@ static autoPtr<dictionary> readProperties(const fvMesh& mesh)
 }
 
 
+//- The last number of an entry: "2e11", "[1 -1 -2 0 0 0 0] 2e11" or
+//  "E [1 -1 -2 0 0 0 0] 2e11", or the value of a dictionary; false if there is
+//  none, as of the list that materials with several relaxation times have
+static bool number(const dictionary& dict, const word& key, scalar& value)
+{
+    if (dict.isDict(key))
+    {
+        return number(dict.subDict(key), "value", value);
+    }
+    if (!dict.found(key))
+    {
+        return false;
+    }
+
+    const ITstream& stream = dict.lookup(key);
+
+    if (stream.empty() || !stream.last().isNumber())
+    {
+        return false;
+    }
+
+    value = stream.last().number();
+    return true;
+}
+
+
 //- Do E, nu and rho stand there as solidDisplacementFoam has them?
 static bool uniformProperties(const dictionary& dict)
 {
     for (const word key : {"E", "nu", "rho"})
     {
+        scalar value;
         if
         (
             !dict.isDict(key)
          || dict.subDict(key).getOrDefault<word>("type", "uniform") != "uniform"
+         || !number(dict, key, value)
         )
         {
             return false;
@@ -70,51 +98,27 @@ static bool uniformProperties(const dictionary& dict)
 }
 
 
-//- The last number of an entry: "2e11", "[1 -1 -2 0 0 0 0] 2e11" or
-//  "E [1 -1 -2 0 0 0 0] 2e11"
-static scalar number(const dictionary& dict, const word& key)
+//- E, nu and rho; false if the material does not have them
+static bool moduli
+(
+    const dictionary& dict,
+    scalar& E,
+    scalar& nu,
+    scalar& rho
+)
 {
-    if (dict.isDict(key))
+    if (!number(dict, "rho", rho))
     {
-        return dict.subDict(key).get<scalar>("value");
+        return false;
     }
-
-    const ITstream& stream = dict.lookup(key);
-
-    if (stream.empty() || !stream.last().isNumber())
+    if (number(dict, "E", E) && number(dict, "nu", nu))
     {
-        // Not FatalIOError, which postProcess turns into a warning
-        FatalErrorInFunction
-            << "Entry " << key << " of " << dict.name()
-            << " ends with no number; expected one"
-            << exit(FatalError);
-    }
-
-    return stream.last().number();
-}
-
-
-//- Whether both are there
-static bool both(const dictionary& dict, const word& first, const word& second)
-{
-    return dict.found(first) && dict.found(second);
-}
-
-
-//- E and nu; false if the material does not have them
-static bool moduli(const dictionary& dict, scalar& E, scalar& nu)
-{
-    if (both(dict, "E", "nu"))
-    {
-        E = number(dict, "E");
-        nu = number(dict, "nu");
         return true;
     }
 
-    if (both(dict, "mu", "K"))
+    scalar mu, K;
+    if (number(dict, "mu", mu) && number(dict, "K", K))
     {
-        const scalar mu = number(dict, "mu");
-        const scalar K = number(dict, "K");
         E = 9*K*mu/(3*K + mu);
         nu = (3*K - 2*mu)/(2*(3*K + mu));
         return true;
@@ -155,18 +159,19 @@ void Foam::m4gnElasticBody::setUniform(const dictionary& material)
 {
     scalar E = 0;
     scalar nu = 0;
+    scalar rho = 0;
 
-    if (!moduli(material, E, nu) || !material.found("rho"))
+    if (!moduli(material, E, nu, rho))
     {
         FatalErrorInFunction
             << material.name() << ": the material of the elastic body is not known: expected E, nu"
-            << " and rho (or mu, K and rho), found "
+            << " and rho (or mu, K and rho), each a number, found "
             << m4gn::join(material.toc()) << exit(FatalError);
     }
 
     E_ = E;
     nu_ = nu;
-    rho_ = number(material, "rho");
+    rho_ = rho;
 }
 
 
@@ -181,19 +186,20 @@ void Foam::m4gnElasticBody::setMaterials(const dictionary& properties)
         const dictionary& dict = material.dict();
         scalar E = 0;
         scalar nu = 0;
+        scalar rho = 0;
 
-        if (!moduli(dict, E, nu))
+        if (!moduli(dict, E, nu, rho))
         {
             FatalErrorInFunction
                 << "The material " << material.keyword() << " of "
-                << propertiesName << " has neither E and nu nor mu and K: "
+                << propertiesName << " has neither E and nu nor mu and K"
+                << " with rho, each a number: "
                 << m4gn::join(dict.toc()) << nl
                 << "    Give the function object's dictionary"
                 << " material { E ...; nu ...; rho ...; }, or operator"
                 << " laplacian" << exit(FatalError);
         }
 
-        const scalar rho = number(dict, "rho");
         const label zonei = mesh_.cellZones().findZoneID(material.keyword());
 
         if (materials.size() > 1 && zonei < 0)
@@ -297,35 +303,47 @@ void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-bool Foam::m4gnElasticBody::known(const fvMesh& mesh, const dictionary& dict)
+Foam::string Foam::m4gnElasticBody::unknown
+(
+    const fvMesh& mesh,
+    const dictionary& dict
+)
 {
     if (dict.found("material") || registeredFields(mesh))
     {
-        return true;
+        return string();
     }
 
     const autoPtr<dictionary> properties(readProperties(mesh));
 
     if (!properties)
     {
-        return false;
+        return "there is no constant/" + propertiesName;
     }
     if (!properties->found("mechanical"))
     {
-        return uniformProperties(*properties);
+        return
+            uniformProperties(*properties)
+          ? string()
+          : string(propertiesName + " has no uniform E, nu and rho");
     }
 
     const PtrList<entry> materials(materialsOf(*properties));
     for (const entry& material : materials)
     {
-        scalar E, nu;
-        if (!material.isDict() || !moduli(material.dict(), E, nu))
+        scalar E, nu, rho;
+        if (!material.isDict() || !moduli(material.dict(), E, nu, rho))
         {
-            return false;
+            return
+                "material " + material.keyword() + " of " + propertiesName
+              + " has neither E and nu nor mu and K with rho, each a number";
         }
     }
 
-    return materials.size() > 0;
+    return
+        materials.size()
+      ? string()
+      : string("the list mechanical of " + propertiesName + " is empty");
 }
 
 

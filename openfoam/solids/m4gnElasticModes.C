@@ -207,12 +207,27 @@ bool Foam::m4gnElasticModes::wanted
 
     // Dictionaries may be read by all ranks together. A rank without cells may
     // be without fields.
-    const bool known = m4gnElasticBody::known(mesh, dict);
+    const string unknown(m4gnElasticBody::unknown(mesh, dict));
     const bool moves =
         m4gnElasticBody::describe(mesh, displacementOf(dict))
      == m4gnElasticBody::displacement();
 
-    return returnReduce(known, andOp<bool>()) && returnReduce(moves, orOp<bool>());
+    if (!returnReduce(moves, orOp<bool>()))
+    {
+        return false;
+    }
+    if (returnReduce(unknown.empty(), andOp<bool>()))
+    {
+        return true;
+    }
+
+    Info<< "m4gn: no modes of the elastic body, whose material is not known: "
+        << unknown.c_str() << nl
+        << "    Segments are then made of the Laplacian's modes. For those of the"
+        << " body give the function object's dictionary" << nl
+        << "    material { E ...; nu ...; rho ...; }" << nl << endl;
+
+    return false;
 }
 
 

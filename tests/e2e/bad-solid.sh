@@ -53,6 +53,21 @@ refused 'material rubber of mechanicalProperties has neither E and nu nor mu and
 { head -n 1 ../mechanicalProperties; echo 'planeStress no; mechanical (steel { type linearElastic; rho rho [1 -3 0 0 0 0 0] 1000; E E [1 -1 -2 0 0 0 0] 1e6; nu 0.3; });'; } > $properties
 runs postProcess -func m4gnSegments -time 0
 grep -q ' Hz' log.run || fail "solids4foam's list of materials was not taken"
+# A list for E, as materials with several relaxation times have it: modes are optional, and the recording goes on without them
+{ head -n 1 ../mechanicalProperties
+  echo 'planeStress no; mechanical (visco { type viscousHookeanElastic; rho 1000; EInfinity 1e5; E (4e5 5e5); relaxationTimes (1 2); nu 0.3; });'
+} > $properties
+refused 'material visco of mechanicalProperties has neither E and nu nor mu and K with rho, each a number' \
+    postProcess -func m4gnSegments -time 0
+cp ../good/0/D 0
+echo 'type m4gnHarvest; libs (m4gnFoam); fields (D);' > system/m4gnHarvest
+runs postProcess -func m4gnHarvest -time 0
+grep -q 'no modes of the elastic body, whose material is not known: material visco of mechanicalProperties has' log.run ||
+    { cat log.run; fail "it is not said that there are no modes"; }
+recorded=$(find postProcessing -name trajectory.h5)
+[ -n "$recorded" ] || fail "nothing was recorded of a body without modes"
+m4gn info "$recorded" > ../info || fail "the recording of a body without modes cannot be read"
+rm -r postProcessing system/m4gnHarvest
 rm $properties
 refused 'found no such file' postProcess -func m4gnSegments -time 0
 echo "type m4gnSegments; libs (m4gnFoam); segments { count 8; operator elastic; material { E 1e6; nu 0.3; } }" > system/m4gnSegments
