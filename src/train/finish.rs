@@ -70,13 +70,8 @@ impl Trainer<'_> {
                 )
             })?;
         report.line(&format!(
-            "best at step {step}: RMSE-1 {:.4} ({:.4} persistence), RMSE-50 {:.4} ({:.4}), RMSE-all {:.4} ({:.4}); {}",
-            v.rmse_1[0],
-            v.rmse_1[1],
-            v.rmse_horizon[0],
-            v.rmse_horizon[1],
-            v.rmse_all[0],
-            v.rmse_all[1],
+            "best at step {step}: {}; {}",
+            v.absolute(),
             self.request.out.display()
         ));
         let figures = serde_json::json!({

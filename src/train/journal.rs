@@ -2,6 +2,7 @@
 //! training over all resumptions.
 
 use m4gn_mesh::{Error, Result};
+use m4gn_report::{number, percent};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -22,6 +23,37 @@ impl Validation {
     pub fn is_finite(&self) -> bool {
         let all = [self.rmse_1, self.rmse_horizon, self.rmse_all];
         all.as_flattened().iter().all(|v| v.is_finite())
+    }
+
+    /// The three errors by name: model, persistence.
+    fn named(&self) -> [(&'static str, [f64; 2]); 3] {
+        [
+            ("RMSE-1", self.rmse_1),
+            ("RMSE-50", self.rmse_horizon),
+            ("RMSE-all", self.rmse_all),
+        ]
+    }
+
+    /// The errors, each with its percentage of persistence: `RMSE-1 0.001234 (12.3 % of persistence), ...`.
+    pub fn relative(&self) -> String {
+        let parts = self.named().map(|(name, [model, held])| {
+            let of = if name == "RMSE-1" { " of persistence" } else { "" };
+            format!(
+                "{name} {} ({}{of})",
+                number(model, 4),
+                percent(Some(model / held))
+            )
+        });
+        parts.join(", ")
+    }
+
+    /// The errors, each with that of persistence: `RMSE-1 0.001234 (0.01002 persistence), ...`.
+    pub fn absolute(&self) -> String {
+        let parts = self.named().map(|(name, [model, held])| {
+            let whose = if name == "RMSE-1" { " persistence" } else { "" };
+            format!("{name} {} ({}{whose})", number(model, 4), number(held, 4))
+        });
+        parts.join(", ")
     }
 
     /// What is compared to find the best weights: the geometric mean of the rollouts' errors relative to persistence.
@@ -181,6 +213,24 @@ mod tests {
             gradient: 1.0,
             validation,
         }
+    }
+
+    /// Displacements of micrometres.
+    #[test]
+    fn small_errors_keep_their_digits() {
+        let v = Validation {
+            rmse_1: [1.25e-6, 2.5e-6],
+            rmse_horizon: [0.00125, 0.0125],
+            rmse_all: [f64::INFINITY, 12345.0],
+        };
+        assert_eq!(
+            v.relative(),
+            "RMSE-1 1.250e-6 (50.0 % of persistence), RMSE-50 0.001250 (10.0 %), RMSE-all - (-)"
+        );
+        assert_eq!(
+            v.absolute(),
+            "RMSE-1 1.250e-6 (2.500e-6 persistence), RMSE-50 0.001250 (0.01250), RMSE-all - (12345)"
+        );
     }
 
     #[test]

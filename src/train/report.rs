@@ -2,6 +2,7 @@
 
 use super::journal::{Row, Validation};
 use indicatif::{ProgressBar, ProgressStyle};
+use m4gn_report::number;
 use std::cell::RefCell;
 use std::io::IsTerminal;
 use std::time::Instant;
@@ -64,7 +65,7 @@ impl Report {
         let mut since = self.since.borrow_mut();
         let rate = (row.step - since.1.min(row.step)) as f64 / since.0.elapsed().as_secs_f64().max(1e-9);
         *since = (Instant::now(), row.step);
-        let text = format!("loss {:.4}, {rate:.2} steps/s", row.loss);
+        let text = format!("loss {}, {} steps/s", number(row.loss, 4), number(rate, 3));
         if self.terminal {
             self.bar.borrow().set_message(text);
         } else if self.speaks {
@@ -78,13 +79,8 @@ impl Report {
     /// After a validation.
     pub fn validation(&self, step: u64, v: &Validation, better: bool) {
         self.line(&format!(
-            "validation at step {step}: RMSE-1 {:.4} ({:.0} % of persistence), RMSE-50 {:.4} ({:.0} %), RMSE-all {:.4} ({:.0} %){}",
-            v.rmse_1[0],
-            100.0 * v.rmse_1[0] / v.rmse_1[1],
-            v.rmse_horizon[0],
-            100.0 * v.rmse_horizon[0] / v.rmse_horizon[1],
-            v.rmse_all[0],
-            100.0 * v.rmse_all[0] / v.rmse_all[1],
+            "validation at step {step}: {}{}",
+            v.relative(),
             if better { ", best so far" } else { "" }
         ));
     }
