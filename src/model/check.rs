@@ -12,6 +12,9 @@ const FORMAT: u32 = 1;
 const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
 
+/// What to do where a table was left in from another configuration.
+const WITHOUT_CONTACT: &str = "for fields at cells, or a body that nothing touches, delete the table [contact]";
+
 /// What is wrong, with the key that it is about.
 type Verdict = std::result::Result<(), String>;
 
@@ -102,20 +105,26 @@ impl ModelSpec {
             )
         })?;
         expect(self.dim == 3, || {
-            format!("contact: bodies are three-dimensional, found dim {}", self.dim)
+            format!(
+                "contact: bodies are three-dimensional, found {} directions; {WITHOUT_CONTACT}",
+                self.dim
+            )
         })?;
         let first = self.fields.first();
         let carries =
             first.is_some_and(|f| f.name == "D" && f.vector && !f.input && f.output == Output::Delta);
         expect(carries && self.fields.len() == 1, || {
-            "fields: with [contact] expected one, { name = \"D\", input = false, output = \"delta\" }, the displacement: a \
-             vector that the edges carry"
-                .into()
+            let found: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
+            format!(
+                "fields: with [contact] expected one, {{ name = \"D\", input = false, output = \"delta\" }}, the displacement: a \
+                 vector that the edges carry; found {}; {WITHOUT_CONTACT}",
+                found.join(", ")
+            )
         })?;
         expect(self.architecture.reads_edges(), || {
             format!(
                 "kind {}: it reads no edges, which carry the positions of bodies with [contact]; use \"m4gn\" or \
-                 \"mesh-graph-net\"",
+                 \"mesh-graph-net\"; {WITHOUT_CONTACT}",
                 self.architecture.name().name()
             )
         })
@@ -240,7 +249,10 @@ mod tests {
                 s
             }),
         ] {
-            assert!(s.check().unwrap_err().to_string().contains(word));
+            let message = s.check().unwrap_err().to_string();
+            assert!(message.contains(word), "{message}");
+            let remedy = message.contains("delete the table [contact]");
+            assert_eq!(remedy, word != "radius", "{message}");
         }
         let mut s = spec();
         s.architecture.m4gn_mut().unwrap().segment_transformer = MacroSpec {
