@@ -143,7 +143,8 @@ impl Chart {
             .bold_line_style(RGBColor(225, 225, 225))
             .x_label_formatter(&|v| tick(*v, x_high - x_low))
             .y_label_formatter(&|v| match self.axis {
-                Axis::Logarithmic => super::number(10f64.powf(*v), 3),
+                // The places of ticks are sums, and off by rounding.
+                Axis::Logarithmic => super::number(10f64.powf((v * 1e9).round() / 1e9), 3),
                 _ => tick(*v, high - low),
             })
             .draw()?;
