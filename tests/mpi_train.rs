@@ -60,6 +60,7 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
         seed: None,
         json: None,
         html: None,
+        memory: None,
     };
     let go = AtomicU8::new(0);
     let mut failures = Vec::new();
@@ -104,6 +105,29 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
             failures.push("resumed weights differ".into());
         }
     }
+
+    // With frames read from the files, on some ranks or on all: bit for bit as from memory.
+    for (name, memory) in [
+        ("disk", Some(0.0)),
+        ("some", (comm.rank() % 2 == 0).then_some(0.0)),
+    ] {
+        let mut streamed = request(name, 12);
+        streamed.memory = memory;
+        train_native(&streamed, &go, comm)?;
+        if comm.is_root() {
+            let (a, b) = (
+                Checkpoint::read(&together.checkpoint())?,
+                Checkpoint::read(&streamed.checkpoint())?,
+            );
+            if (&a.weights, &a.first, &a.second, &a.average) != (&b.weights, &b.first, &b.second, &b.average)
+            {
+                failures.push(format!(
+                    "{name}: weights of frames that were read from files differ"
+                ));
+            }
+        }
+    }
+    comm.barrier();
 
     // Interrupted on one rank, all save and stop.
     let stopped = request("stopped", 12);

@@ -46,9 +46,25 @@ fn message(output: &Output) -> String {
 #[test]
 fn a_model_is_trained_carried_on_and_trained_further() {
     let folder = folder();
-    let first = train(folder.path(), "a.safetensors", &["--steps", "4"]);
+    let first = train(
+        folder.path(),
+        "a.safetensors",
+        &["--steps", "4", "--html", "a.html"],
+    );
     assert!(first.status.success(), "{first:?}");
-    for file in ["a.safetensors", "a.checkpoint", "a.csv"] {
+    // Three trajectories of 30 frames, 68 nodes and 3 components in 4 bytes.
+    let said = String::from_utf8_lossy(&first.stderr);
+    assert!(said.contains("frames: 0.0734 MB in memory"), "{said}");
+    let streamed = train(
+        folder.path(),
+        "s.safetensors",
+        &["--steps", "4", "--memory", "5e-5"],
+    );
+    let said = String::from_utf8_lossy(&streamed.stderr);
+    let expected =
+        "frames: 0.0734 MB in all, 0.0490 MB of 2 trajectories in memory; 1 are read frame by frame";
+    assert!(streamed.status.success() && said.contains(expected), "{said}");
+    for file in ["a.safetensors", "a.checkpoint", "a.csv", "a.html"] {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
     assert!(message(&train(folder.path(), "a.safetensors", &[])).contains("--resume"));

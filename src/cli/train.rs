@@ -35,6 +35,10 @@ pub struct Args {
     /// Worker threads of each rank; as many as cores and graphs in a batch allow by default
     #[arg(long)]
     threads: Option<usize>,
+    /// Memory that the frames of each rank may take, GB; of trajectories beyond it, frames are read when they are needed
+    /// [default: half of the free memory, shared by the ranks of the machine]
+    #[arg(long, value_name = "GB")]
+    memory: Option<f64>,
     /// Steps, in place of training.steps; 0 with --from: only write the ranges of the data into a copy of the model
     #[arg(long)]
     steps: Option<u64>,
@@ -82,6 +86,7 @@ pub fn run(args: Args) -> Result<()> {
         from: args.from,
         resume: args.resume,
         threads: args.threads.or((comm.size() > 1).then_some(1)),
+        memory: args.memory,
         steps: args.steps,
         seed: args.seed,
         json: args.json,

@@ -47,6 +47,7 @@ mod recorder;
 mod schema;
 mod source;
 mod space;
+mod states;
 mod trajectory;
 mod version2;
 mod whole;
@@ -61,6 +62,7 @@ mod tests;
 
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
+pub use states::States;
 pub use trajectory::{Trajectory, list};
 pub use whole::{Place, whole_mesh};
 pub use writer::{WriteOptions, Writer};

@@ -190,6 +190,14 @@ fn a_frame_that_is_not_there() {
             .contains("2 frames")
     );
     assert!(trajectory.read_frames("U", 1, usize::MAX, 3).is_err());
+    // Of a file that was opened once as of one that is opened for each read.
+    let states = trajectory.states(&["p", "U"]).unwrap();
+    let last = trajectory.times().len() - 1;
+    let expected = ["p", "U"].map(|name| trajectory.read_frame(name, last).unwrap());
+    assert_eq!(states.read(last).unwrap(), (expected.to_vec(), vec![]));
+    let message = states.read(last + 1).unwrap_err().to_string();
+    assert!(message.contains("the trajectory has"), "{message}");
+    assert!(trajectory.states(&["p", "T"]).is_err());
     assert!(
         trajectory
             .read_frame("T", 0)

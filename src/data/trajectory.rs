@@ -198,7 +198,7 @@ impl Trajectory {
 
     /// Opens the values of a field at cells or points, and those on the boundary, where it has faces; the file may have
     /// been replaced since [`Trajectory::open`].
-    fn open_field(
+    pub(super) fn open_field(
         &self,
         source: &Source,
         file: &hdf5::File,
@@ -222,7 +222,7 @@ impl Trajectory {
     }
 
     /// Opens the obstacle's displacement, where there is one.
-    fn open_motion(&self, source: &Source, file: &hdf5::File) -> Result<Option<hdf5::Dataset>> {
+    pub(super) fn open_motion(&self, source: &Source, file: &hdf5::File) -> Result<Option<hdf5::Dataset>> {
         let shape = |o: &Obstacle| [self.times.len(), o.positions.len(), 3];
         let opened = self
             .obstacle()

@@ -13,7 +13,8 @@ const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
 
 /// What to do where a table was left in from another configuration.
-const WITHOUT_CONTACT: &str = "for fields at cells, or a body that nothing touches, delete the table [contact]";
+const WITHOUT_CONTACT: &str =
+    "for fields at cells, or a body that nothing touches, delete the table [contact]";
 
 /// What is wrong, with the key that it is about.
 type Verdict = std::result::Result<(), String>;

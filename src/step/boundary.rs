@@ -1,6 +1,6 @@
 //! Boundary values after a step where no solver imposes them: validation and training roll out by the same rule.
 
-use m4gn_mesh::{Mesh, NodeType};
+use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 
 /// How much a boundary value may differ from its cell's, relative to the field's largest value, to count as the
 /// same: data sets hold fp32.
@@ -16,32 +16,58 @@ pub fn copied_faces<'a>(
     vector: bool,
     frames: impl IntoIterator<Item = (&'a [f32], &'a [f32])>,
 ) -> Vec<bool> {
-    if vector {
-        return mesh
-            .boundary
-            .iter()
-            .map(|b| matches!(b.kind, NodeType::Outlet | NodeType::Symmetry | NodeType::Free))
-            .collect();
+    let mut faces = CopiedFaces::new(mesh, vector);
+    if faces.asks_for_values() {
+        frames
+            .into_iter()
+            .for_each(|(cells, boundary)| faces.see(cells, boundary));
     }
-    let patches = 1 + mesh
-        .boundary
-        .iter()
-        .map(|b| b.patch.max(0) as usize)
-        .max()
-        .unwrap_or(0);
-    let mut same = vec![true; patches];
-    for (cells, boundary) in frames {
+    faces.found()
+}
+
+/// [`copied_faces`] of frames that are shown one after another.
+#[derive(Debug)]
+pub struct CopiedFaces<'a> {
+    mesh: &'a Mesh,
+    vector: bool,
+    /// Of each patch, whether all values so far equal the owners'.
+    same: Vec<bool>,
+}
+
+impl<'a> CopiedFaces<'a> {
+    /// Before the first frame of a vector or a scalar.
+    pub fn new(mesh: &'a Mesh, vector: bool) -> Self {
+        let last = mesh.boundary.iter().map(|b| b.patch.max(0) as usize).max();
+        CopiedFaces {
+            mesh,
+            vector,
+            same: vec![true; 1 + last.unwrap_or(0)],
+        }
+    }
+
+    /// Whether frames matter: the rule of vectors asks for no values.
+    pub fn asks_for_values(&self) -> bool {
+        !self.vector
+    }
+
+    /// Looks at a frame: values `[n_cells]`, `[n_boundary]`.
+    pub fn see(&mut self, cells: &[f32], boundary: &[f32]) {
         let scale = cells.iter().fold(0f32, |m, v| m.max(v.abs()));
-        for (face, value) in mesh.boundary.iter().zip(boundary) {
+        for (face, value) in self.mesh.boundary.iter().zip(boundary) {
             if (value - cells[face.owner as usize]).abs() > SAME * scale {
-                same[face.patch.max(0) as usize] = false;
+                self.same[face.patch.max(0) as usize] = false;
             }
         }
     }
-    mesh.boundary
-        .iter()
-        .map(|b| same[b.patch.max(0) as usize])
-        .collect()
+
+    /// For each boundary face, whether it takes its owner cell's value.
+    pub fn found(&self) -> Vec<bool> {
+        let follows = |b: &BoundaryFace| match self.vector {
+            true => matches!(b.kind, NodeType::Outlet | NodeType::Symmetry | NodeType::Free),
+            false => self.same[b.patch.max(0) as usize],
+        };
+        self.mesh.boundary.iter().map(follows).collect()
+    }
 }
 
 /// Faces on which the network sees a vector's cell value in place of the face's own, with their owner cells.

@@ -13,7 +13,7 @@ mod opening;
 mod options;
 mod transfer;
 
-pub use boundary::{copied_faces, faces_seen_as_their_cells, impose_boundary};
+pub use boundary::{CopiedFaces, copied_faces, faces_seen_as_their_cells, impose_boundary};
 pub use field::{Field, FieldMut, OutputShape};
 pub use opening::read_model;
 pub use options::{Backend, SessionOptions};

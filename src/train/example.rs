@@ -56,13 +56,13 @@ impl NativeBackend<'_> {
             false => c.clone(),
         });
         let began = Instant::now();
-        let mut state = frame(0);
+        let mut state = frame(0)?;
         self.add_noise(sample, example.seed, &mut state);
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
         let mut moments = None;
         let mut graph = at_state(base, &mut contact, &state)?;
         if batch.accumulate {
-            let next = frame(1);
+            let next = frame(1)?;
             self.stepper.inputs(sample, &state, &next, &mut inputs);
             self.stepper.target(sample, &state, &next, &mut target);
             let edges = graph.as_ref().map_or(base, |g| &g.0).edge_features();
@@ -87,7 +87,7 @@ impl NativeBackend<'_> {
         let mut applied: Vec<Applied> = Vec::new();
         let mut keep = batch.unroll;
         for step in 1..=batch.unroll {
-            let next = frame(step);
+            let next = frame(step)?;
             self.stepper.inputs(sample, &state, &next, &mut inputs);
             let here = graph.as_ref().map_or(base, |g| &g.0);
             let tape = if step <= keep { step - 1 } else { 0 };
@@ -122,7 +122,7 @@ impl NativeBackend<'_> {
             }
         }
         let began = self.lap(1, began);
-        self.backward(worker, scales, base, sample, example, (applied, d_outputs, keep));
+        self.backward(worker, scales, base, sample, example, (applied, d_outputs, keep))?;
         let mut gradient = vec![0.0; self.network.layout().len()];
         self.network.flush(worker, &mut gradient);
         self.lap(2, began);
@@ -142,7 +142,7 @@ impl NativeBackend<'_> {
         sample: &Sample,
         example: &Example,
         (applied, d_outputs, keep): (Vec<Applied>, Vec<Vec<f32>>, usize),
-    ) {
+    ) -> Result<()> {
         let unroll = applied.len();
         let m = self.spec.n_outputs();
         let stride = self.work.frames_a_step;
@@ -165,7 +165,7 @@ impl NativeBackend<'_> {
             if keep < unroll && step + 1 < unroll {
                 let next = self
                     .stepper
-                    .frame(sample, example.frame + (step + 1) * stride, example.mirror);
+                    .frame(sample, example.frame + (step + 1) * stride, example.mirror)?;
                 self.stepper
                     .inputs(sample, &application.state, &next, &mut inputs);
                 unread.resize(d.len(), 0.0);
@@ -203,6 +203,7 @@ impl NativeBackend<'_> {
             }
             behind = Some(d_state);
         }
+        Ok(())
     }
 
     /// Adds to the losses, and gives the derivative of their weighted sum by the normalised outputs.

@@ -1,6 +1,6 @@
 //! Training: from recorded trajectories to a model file.
 //!
-//! The modules stand in the order of the data's way: request and configuration -> trajectories in memory -> one model
+//! The modules stand in the order of the data's way: request and configuration -> trajectories, in memory or on disk -> one model
 //! step and its derivative -> gradients by a [`Backend`] -> updates -> checkpoints, log, model file. The loop is the same
 //! for the native engine and for libtorch (`torch/`).
 
@@ -8,13 +8,16 @@ pub mod adapt;
 mod backend;
 pub mod checkpoint;
 pub mod config;
+mod copies;
 mod example;
 mod finish;
 pub mod journal;
+mod memory;
 mod native;
 pub mod normaliser;
 mod page;
 mod ranges;
+mod recorded;
 mod regression;
 mod report;
 pub mod request;

@@ -1,5 +1,10 @@
 use super::*;
-use crate::sample;
+use crate::checkpoint::Checkpoint;
+use crate::sample::{self, request};
+use crate::tests::{data, edit, losses, run};
+use crate::{Request, train_native};
+use m4gn_mesh::parallel::Comm;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 fn row(step: u64, seconds: f64, validation: Option<Validation>) -> Row {
     Row {
@@ -150,4 +155,61 @@ fn a_file_that_cannot_be_the_page_is_refused() {
         .unwrap();
     assert!(made.success());
     assert!(message(&at("pipe")).contains("is no plain file"));
+}
+
+/// Rows of the log with a loss: there is none while the normalisers warm up.
+fn learned(request: &Request) -> usize {
+    losses(request).into_iter().filter(|loss| *loss > 0.0).count()
+}
+
+/// Points of the first curve of the loss on a page.
+fn points_of_the_loss(page: &str) -> usize {
+    let curve = page
+        .split("<polyline")
+        .find(|line| line.contains("#D55E00"))
+        .unwrap();
+    let (_, points) = curve.split_once("points=\"").unwrap();
+    points.split('"').next().unwrap().split_whitespace().count()
+}
+
+#[test]
+fn the_page_of_a_training_shows_all_of_it_and_what_was_changed() {
+    let folder = data();
+    let mut r = request(folder.path(), "shown", "validation_interval = 4", 8);
+    r.html = Some(folder.path().join("shown.html"));
+    let page = || std::fs::read_to_string(folder.path().join("shown.html")).unwrap();
+    run(&r).unwrap();
+    assert!(page().contains("Not running: ended at step 8."), "{}", page());
+    assert!(!page().contains("http-equiv") && !page().contains("Resumed"));
+    assert_eq!(points_of_the_loss(&page()), learned(&r));
+
+    // Stopped as soon as the page says that the training runs.
+    r.resume = true;
+    r.steps = Some(100_000);
+    edit(&r.config, "learning_rate = 2e-3", "learning_rate = 1e-3");
+    let stop = AtomicU8::new(0);
+    let outcome = std::thread::scope(|scope| {
+        let training = scope.spawn(|| train_native(&r, &stop, &Comm::serial()));
+        while !training.is_finished() && !page().contains("http-equiv") {
+            std::thread::yield_now();
+        }
+        stop.store(1, Ordering::Relaxed);
+        training.join().unwrap()
+    });
+    assert!(matches!(outcome, Err(Error::Interrupted(_))), "{outcome:?}");
+    assert!(page().contains("Not running: interrupted at step"), "{}", page());
+    assert!(
+        page().contains("learning_rate 0.002 -&gt; 0.001, steps 8 -&gt; 100000"),
+        "{}",
+        page()
+    );
+    assert!(!page().contains("http-equiv"));
+
+    let step = Checkpoint::read(&r.checkpoint()).unwrap().progress.step;
+    r.steps = Some(step + 4);
+    run(&r).unwrap();
+    assert!(page().contains(&format!("Resumed at step {step}")), "{}", page());
+    assert!(!page().contains("learning_rate 0.002"));
+    assert_eq!(points_of_the_loss(&page()), learned(&r));
+    assert!(learned(&r) > 4);
 }

@@ -1,38 +1,63 @@
 //! What the data span: ranges that a model says it was trained on.
 
-use super::samples::Sample;
 use m4gn_model::{Extent, InputRange, ModelSpec};
 
-/// Largest speed and ranges of the inputs of a trajectory.
-pub(super) fn extent(sample: &Sample, spec: &ModelSpec) -> Extent {
-    let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
-    for field in &spec.fields {
-        let n = field.components(spec.dim);
-        let columns = column..column + n;
-        column += n;
-        if !field.input {
-            continue;
-        }
-        let (mut range, mut fastest) = ([f64::INFINITY, f64::NEG_INFINITY], 0f64);
-        for row in sample.frames.chunks_exact(sample.width) {
-            let mut square = 0.0;
-            for x in row[columns.clone()].iter().map(|&x| f64::from(x)) {
-                range = [range[0].min(x), range[1].max(x)];
-                square += x * x;
+/// Largest speed and ranges of the inputs, in the frames that were seen so far.
+pub(super) struct Ranges {
+    width: usize,
+    /// First and last component of each input, its range, and whether it is the velocity.
+    inputs: Vec<(std::ops::Range<usize>, InputRange, bool)>,
+    /// Square of the largest speed.
+    fastest: f64,
+}
+
+impl Ranges {
+    /// Of no frame.
+    pub fn new(spec: &ModelSpec) -> Self {
+        let (mut inputs, mut width, mut has_velocity) = (Vec::new(), 0, false);
+        for field in &spec.fields {
+            let columns = width..width + field.components(spec.dim);
+            width = columns.end;
+            if field.input {
+                let range = InputRange {
+                    field: field.name.clone(),
+                    range: [f64::INFINITY, f64::NEG_INFINITY],
+                };
+                let velocity = field.is_velocity() && !has_velocity;
+                has_velocity |= velocity;
+                inputs.push((columns, range, velocity));
             }
-            fastest = fastest.max(square);
         }
-        inputs.push(InputRange {
-            field: field.name.clone(),
-            range,
-        });
-        if field.is_velocity() && speed.is_none() {
-            speed = Some(fastest.sqrt());
+        Ranges {
+            width,
+            inputs,
+            fastest: 0.0,
         }
     }
-    Extent {
-        cell_size: sample.cell_size,
-        speed,
-        inputs,
+
+    /// Looks at a frame: all fields of all nodes.
+    pub fn see(&mut self, frame: &[f32]) {
+        for row in frame.chunks_exact(self.width) {
+            for (columns, input, velocity) in &mut self.inputs {
+                let mut square = 0.0;
+                for x in row[columns.clone()].iter().map(|&x| f64::from(x)) {
+                    input.range = [input.range[0].min(x), input.range[1].max(x)];
+                    square += x * x;
+                }
+                if *velocity {
+                    self.fastest = self.fastest.max(square);
+                }
+            }
+        }
+    }
+
+    /// What was seen, on a mesh of this cell size (m).
+    pub fn extent(self, cell_size: f64) -> Extent {
+        let speed = self.inputs.iter().any(|i| i.2).then(|| self.fastest.sqrt());
+        Extent {
+            cell_size,
+            speed,
+            inputs: self.inputs.into_iter().map(|i| i.1).collect(),
+        }
     }
 }

@@ -163,7 +163,7 @@ impl NativeBackend<'_> {
             let frame = example.frame + step * self.work.frames_a_step;
             self.stepper.frame(sample, frame, example.mirror)
         };
-        let mut state = frame(0);
+        let mut state = frame(0)?;
         self.add_noise(sample, example.seed, &mut state);
         let m = self.spec.n_outputs();
         let mut outputs = vec![0.0; sample.n_cells() * m];
@@ -171,7 +171,7 @@ impl NativeBackend<'_> {
         let mut sum = Regression::new(&self.spec);
         let scale = &scales.output;
         for step in 1..=unroll {
-            let next = frame(step);
+            let next = frame(step)?;
             self.stepper.inputs(sample, &state, &next, &mut inputs);
             self.network
                 .forward(worker, 0, graph, scales, &inputs, &mut outputs);

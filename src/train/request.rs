@@ -28,6 +28,9 @@ pub struct Request {
     /// Worker threads.
     #[serde(default)]
     pub threads: Option<usize>,
+    /// GB that the frames of each rank may take; half of what is free, shared by the machine's ranks, where it is not given.
+    #[serde(default)]
+    pub memory: Option<f64>,
     /// Overrides `training.steps`; 0 with `from`: no training, but the ranges of the data in a copy of the model.
     #[serde(default)]
     pub steps: Option<u64>,

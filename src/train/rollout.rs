@@ -16,7 +16,8 @@ impl NativeBackend<'_> {
         let view = sample.view();
         let mut contact = sample.contact.clone();
         let frame = |step: usize| sample.frame(rollout.frame + step * self.work.frames_a_step);
-        let mut state = frame(0).to_vec();
+        let first = frame(0)?;
+        let mut state = first.to_vec();
         if let Some(contact) = &mut contact {
             contact.update(&comm, &state)?;
         }
@@ -28,11 +29,11 @@ impl NativeBackend<'_> {
         let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
         let mut errors: Vec<(f64, f64)> = Vec::with_capacity(rollout.steps);
         for step in 1..=rollout.steps {
-            let next = frame(step);
+            let next = &*frame(step)?;
             self.stepper.inputs(sample, &state, next, &mut inputs);
             engine.forward(&comm, &inputs, &mut outputs)?;
             state = self.stepper.advance(sample, &state, &outputs, next);
-            errors.push((error(&state, next), error(frame(0), next)));
+            errors.push((error(&state, next), error(&first, next)));
             if let (Some(contact), true) = (&mut contact, step < rollout.steps) {
                 if !state.iter().all(|v| v.is_finite()) {
                     // There is no graph of a body that has flown apart; the error says so.

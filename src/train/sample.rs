@@ -147,5 +147,6 @@ pub fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request
         seed: None,
         json: Some(folder.join(format!("{name}.json"))),
         html: None,
+        memory: None,
     }
 }

@@ -1,6 +1,9 @@
-//! Trajectories in memory: fields, graphs and segments, made by the functions that the session uses.
+//! Trajectories to learn from: fields, graphs and segments, made by the functions that the session uses.
 
 use super::config::Config;
+use super::copies::Copies;
+use super::ranges::Ranges;
+use super::recorded::{Recorded, see_as_cells};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
 use m4gn_data::Trajectory;
@@ -9,13 +12,13 @@ use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
-use m4gn_model::{FieldSpec, ModalOperator, ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_model::{Extent, FieldSpec, ModalOperator, ModelSpec, Output, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
 use m4gn_segments as segments;
 use m4gn_segments::coarse::Coarse;
 use m4gn_segments::graph::Graph;
 use m4gn_segments::{SegmentFeatures, Segmentation};
-use m4gn_step::{copied_faces, faces_seen_as_their_cells};
+use m4gn_step::faces_seen_as_their_cells;
 use std::path::Path;
 
 /// One recorded trajectory.
@@ -33,8 +36,12 @@ pub struct Sample {
     pub copies: Vec<bool>,
     /// Points that are held; none for cells.
     pub held: Option<Vec<bool>>,
-    /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`.
+    /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`; empty where they stay on disk.
     pub frames: Vec<f32>,
+    /// The file that frames are read from; none where they are in memory.
+    pub recorded: Option<Recorded>,
+    /// What the frames span; none where they were not read from a file.
+    pub extent: Option<Extent>,
     /// Number of frames.
     pub n_frames: usize,
     /// Mean distance of neighbouring nodes, m; 0 of bodies, whose points move.
@@ -103,45 +110,51 @@ impl Components {
 }
 
 impl Sample {
-    /// Reads a trajectory and makes its graph and segments. Of a body, the obstacle's points are the boundary.
+    /// Reads a trajectory into memory and makes its graph and segments. Of a body, the obstacle's points are the boundary.
     ///
     /// # Errors
     /// [`Error::File`] for a trajectory that cannot be read, or that no graph or segments can be made of.
     pub fn read(trajectory: &Trajectory, spec: &ModelSpec) -> Result<Self> {
+        Self::read_within(trajectory, spec, u64::MAX)
+    }
+
+    /// As [`Sample::read`]; frames that take more than `room` bytes stay on disk, and are read when they are needed. All of them
+    /// are read here once, so that a damaged file is noticed before anything is learned.
+    ///
+    /// # Errors
+    /// As [`Sample::read`].
+    pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Result<Self> {
         let mesh = trajectory.mesh();
         let made = match trajectory.body() {
             Some(body) => Self::of_body(body, trajectory.obstacle(), spec),
             None => Self::of_mesh(mesh, spec, &spec.segments, spec.resolution, None),
         };
         let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
-        let n_frames = trajectory.times().len();
-        let motion = trajectory.read_motion(0, 1, n_frames)?;
-        let width = sample.width;
-        let nodes = match &sample.coarse {
-            Some(_) => mesh.n_nodes(),
-            None => sample.graph.n_owned,
-        };
-        let mut frames = vec![vec![0f32; nodes * width]; n_frames];
-        let mut first = 0;
-        for field in &spec.fields {
-            let n = field.components(spec.dim);
-            let read = trajectory.read_frames(&field.name, 0, 1, n_frames)?;
-            for ((frame, motion), to) in read.iter().zip(&motion).zip(&mut frames) {
-                let parts = [&frame.cells[..], &frame.boundary, motion.as_flattened()];
-                let rows = parts.into_iter().flat_map(|p| p.chunks_exact(n));
-                for (to, row) in to.chunks_exact_mut(width).zip(rows) {
-                    to[first..first + n].copy_from_slice(row);
-                }
+        sample.n_frames = trajectory.times().len();
+        let recorded = Recorded::new(trajectory, spec);
+        let keep = sample.frame_bytes() <= room;
+        let mut frames = Vec::new();
+        if keep {
+            frames.reserve_exact(sample.n_frames * sample.graph.n_owned * sample.width);
+        }
+        let nodes = sample.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
+        let (mut copies, mut ranges) = (Copies::new(nodes, spec), Ranges::new(spec));
+        let states = recorded.open()?;
+        for number in 0..sample.n_frames {
+            let frame = sample.at_nodes(recorded.frame(&states, number)?);
+            copies.see(&frame);
+            ranges.see(&frame);
+            if keep {
+                frames.extend(frame);
             }
-            first += n;
         }
-        sample
-            .frames
-            .reserve_exact(n_frames * sample.graph.n_owned * width);
-        for frame in frames {
-            sample.push(mesh, spec, frame);
-        }
-        sample.find_copies(mesh, spec);
+        drop(states);
+        let mut found = vec![false; sample.copies.len()];
+        copies.mark(&mut found);
+        sample.copies = found;
+        sample.extent = Some(ranges.extent(sample.cell_size));
+        sample.frames = frames;
+        sample.recorded = (!keep).then_some(recorded);
         Ok(sample)
     }
 
@@ -182,50 +195,30 @@ impl Sample {
     /// Appends a frame of the mesh that the sample was made of: all fields, cells and then boundary nodes
     /// `[(C + B) x components]`. Faces that the network sees as their cells get the cells' vectors.
     pub fn push(&mut self, mesh: &Mesh, spec: &ModelSpec, mut frame: Vec<f32>) {
-        let width = self.width;
         let as_cells = faces_seen_as_their_cells(mesh);
-        let mut first = 0;
-        for field in &spec.fields {
-            let n = field.components(spec.dim);
-            for &(face, cell) in as_cells.iter().filter(|_| field.vector) {
-                let at = |node: usize| node * width + first;
-                frame.copy_within(at(cell)..at(cell) + n, at(mesh.n_cells() + face));
-            }
-            first += n;
-        }
-        match &self.coarse {
-            Some(coarse) => {
-                let nodes = coarse.transfer.restrict(&frame, width, &Comm::serial());
-                self.frames.extend(nodes);
-            }
-            None => self.frames.extend(frame),
-        }
+        see_as_cells(&as_cells, &spec.fields, spec.dim, mesh.n_cells(), &mut frame);
+        let frame = self.at_nodes(frame);
+        self.frames.extend(frame);
         self.n_frames += 1;
     }
 
-    /// Finds by the frames which boundary values are their owners'. `mesh` is the one that the sample was made of.
-    pub fn find_copies(&mut self, mesh: &Mesh, spec: &ModelSpec) {
-        let width = self.width;
-        let mut copies = vec![false; self.copies.len()];
-        let nodes = self.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
-        let mut first = 0;
-        for field in &spec.fields {
-            let n = field.components(spec.dim);
-            let column = |t: usize| -> (Vec<f32>, Vec<f32>) {
-                let mut column = self.frame(t).chunks_exact(width).map(|row| row[first]);
-                let cells = column.by_ref().take(nodes.n_cells()).collect();
-                (cells, column.collect())
-            };
-            // The rule of vectors asks for no values.
-            let frames = if field.vector { 0 } else { self.n_frames };
-            let columns: Vec<_> = (0..frames).map(column).collect();
-            let pairs = columns.iter().map(|(c, b)| (&c[..], &b[..]));
-            for (face, copy) in copied_faces(nodes, field.vector, pairs).into_iter().enumerate() {
-                copies[face * width + first..][..n].fill(copy);
-            }
-            first += n;
+    /// A frame of the cells at the nodes of the network, which may be groups of cells.
+    pub(super) fn at_nodes(&self, frame: Vec<f32>) -> Vec<f32> {
+        match &self.coarse {
+            Some(coarse) => coarse.transfer.restrict(&frame, self.width, &Comm::serial()),
+            None => frame,
         }
-        self.copies = copies;
+    }
+
+    /// Finds by the frames in memory which boundary values are their owners'. `mesh` is the one that the sample was made of.
+    pub fn find_copies(&mut self, mesh: &Mesh, spec: &ModelSpec) {
+        let nodes = self.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
+        let mut copies = Copies::new(nodes, spec);
+        let size = self.graph.n_owned * self.width;
+        self.frames.chunks_exact(size).for_each(|frame| copies.see(frame));
+        let mut found = vec![false; self.copies.len()];
+        copies.mark(&mut found);
+        self.copies = found;
     }
 
     /// The graph and segments of a body, without frames.
@@ -267,6 +260,8 @@ impl Sample {
             owners,
             held: None,
             frames: Vec::new(),
+            recorded: None,
+            extent: None,
             n_frames: 0,
             cell_size: 0.0,
             coarse: None,
@@ -282,12 +277,6 @@ impl Sample {
     /// Nodes of the boundary, or points of the obstacle.
     pub fn n_boundary(&self) -> usize {
         self.graph.n_owned - self.graph.n_cells
-    }
-
-    /// All fields of a frame: cells, then boundary nodes.
-    pub fn frame(&self, frame: usize) -> &[f32] {
-        let size = self.graph.n_owned * self.width;
-        &self.frames[frame * size..(frame + 1) * size]
     }
 
     /// Its segments as networks read them.

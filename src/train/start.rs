@@ -2,6 +2,7 @@
 
 use super::checkpoint::{Checkpoint, Progress};
 use super::config::Config;
+use super::memory;
 use super::report::Report;
 use super::request::Request;
 use super::trainer::Trainer;
@@ -52,7 +53,8 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
         (None, Some(path)) => Some(Model::read(Path::new(path))?),
         (None, None) => None,
     };
-    let (work, spec) = Workload::load(&request.data, &config, from.as_ref(), report, stop)?;
+    let room = memory::for_frames(request.memory, comm)?;
+    let (work, spec) = Workload::load(&request.data, &config, from.as_ref(), room, report, stop)?;
     Ok(Loaded {
         config,
         work,

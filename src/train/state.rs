@@ -2,6 +2,7 @@
 //! derivative.
 
 use super::samples::{Components, Sample};
+use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 
 /// Which components are inputs and outputs, and how they go from a state to the next.
@@ -41,15 +42,18 @@ impl Stepper {
     }
 
     /// A frame, reflected in the second direction if asked for.
-    pub fn frame(&self, sample: &Sample, frame: usize, mirror: bool) -> Vec<f32> {
-        let mut state = sample.frame(frame).to_vec();
+    ///
+    /// # Errors
+    /// As [`Sample::frame`].
+    pub fn frame(&self, sample: &Sample, frame: usize, mirror: bool) -> Result<Vec<f32>> {
+        let mut state = sample.frame(frame)?.into_owned();
         if mirror {
             for row in state.chunks_exact_mut(self.components.count) {
                 let odd = row.iter_mut().zip(&self.components.odd);
                 odd.filter(|(_, odd)| **odd).for_each(|(x, _)| *x = -*x);
             }
         }
-        state
+        Ok(state)
     }
 
     /// Physical node inputs; of bodies at points the motion of the nodes that is prescribed until `next`.

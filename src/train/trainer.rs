@@ -126,7 +126,7 @@ pub fn train(
         config,
         spec,
         layout,
-        weights: work.weights(spec, t.balance),
+        weights: comm.agree(work.weights(spec, t.balance))?,
         work,
         backend,
         progress,

@@ -1,7 +1,7 @@
-//! The data set in memory, and the model description that follows from it.
+//! The data set, in memory as far as there is room, and the model description that follows from it.
 
 use super::config::Config;
-use super::ranges;
+use super::memory;
 use super::report::Report;
 use super::samples::{Components, Sample, describe, frames_a_step};
 use m4gn_data as dataset;
@@ -33,39 +33,61 @@ impl Workload {
     /// What the errors of each training trajectory are multiplied with in the loss, 1 in the mean:
     /// `(c + 0.05)^-balance`, where `c` is the mean square of the change of the first predicted field in a model step, over
     /// that of all trajectories. Errors grow with what changes, so without it the fastest flows decide what is learned.
-    pub fn weights(&self, spec: &ModelSpec, balance: f64) -> Vec<f64> {
-        let changes: Vec<f64> = self.train.iter().map(|s| self.change(s, spec)).collect();
-        let count = changes.len() as f64;
-        let mean = changes.iter().sum::<f64>() / count;
-        if balance == 0.0 || mean == 0.0 {
-            return vec![1.0; changes.len()];
+    ///
+    /// # Errors
+    /// As [`Sample::frame`].
+    pub fn weights(&self, spec: &ModelSpec, balance: f64) -> Result<Vec<f64>> {
+        let count = self.train.len();
+        if balance == 0.0 {
+            return Ok(vec![1.0; count]);
+        }
+        let changes = self.train.iter().map(|s| self.change(s, spec));
+        let changes = changes.collect::<Result<Vec<f64>>>()?;
+        let mean = changes.iter().sum::<f64>() / count as f64;
+        if mean == 0.0 {
+            return Ok(vec![1.0; count]);
         }
         let weights: Vec<f64> = changes
             .iter()
             .map(|c| (c / mean + LEAST_CHANGE).powf(-balance))
             .collect();
-        let all = weights.iter().sum::<f64>() / count;
-        weights.iter().map(|w| w / all).collect()
+        let all = weights.iter().sum::<f64>() / count as f64;
+        Ok(weights.iter().map(|w| w / all).collect())
     }
 
     /// Mean square of what the first predicted field changes by in a model step, over cells and at most 32 frames.
-    fn change(&self, sample: &Sample, spec: &ModelSpec) -> f64 {
+    fn change(&self, sample: &Sample, spec: &ModelSpec) -> Result<f64> {
         let c = Components::new(spec);
         let last = sample.n_frames - self.frames_a_step;
         let frames = (0..last).step_by(last.div_ceil(32).max(1));
         let changes = frames.map(|frame| {
-            let (now, then) = (sample.frame(frame), sample.frame(frame + self.frames_a_step));
-            c.mean_square(now, then, sample.n_cells())
+            let (now, then) = (sample.frame(frame)?, sample.frame(frame + self.frames_a_step)?);
+            Ok(c.mean_square(&now, &then, sample.n_cells()))
         });
-        let changes: Vec<f64> = changes.collect();
-        changes.iter().sum::<f64>() / changes.len().max(1) as f64
+        let changes = changes.collect::<Result<Vec<f64>>>()?;
+        Ok(changes.iter().sum::<f64>() / changes.len().max(1) as f64)
     }
 
-    /// Reads all trajectories.
+    /// Bytes of all frames, of those in memory, and the number of trajectories whose frames stay on disk.
+    fn sizes(&self) -> (u64, u64, usize) {
+        let mut samples: Vec<&Arc<Sample>> = self.train.iter().collect();
+        // Without trajectories of split `valid` those of `train` stand in both lists.
+        samples.extend(
+            self.valid
+                .iter()
+                .filter(|v| !self.train.iter().any(|t| Arc::ptr_eq(t, v))),
+        );
+        let all = samples.iter().map(|s| s.frame_bytes()).sum();
+        let (streamed, kept): (Vec<_>, Vec<_>) = samples.into_iter().partition(|s| s.is_streamed());
+        (all, kept.iter().map(|s| s.frame_bytes()).sum(), streamed.len())
+    }
+
+    /// Reads all trajectories, their frames into memory as far as `room` bytes hold them.
     pub fn load(
         folder: &Path,
         config: &Config,
         from: Option<&Model>,
+        room: u64,
         report: &Report,
         stop: &AtomicU8,
     ) -> Result<(Self, ModelSpec)> {
@@ -111,7 +133,8 @@ impl Workload {
         }
         let total = train.len() + valid.len();
         report.begin_loading(total as u64);
-        let read = |list: &[Trajectory]| -> Result<Vec<Arc<Sample>>> {
+        let mut left = room;
+        let mut read = |list: &[Trajectory]| -> Result<Vec<Arc<Sample>>> {
             list.iter()
                 .map(|trajectory| {
                     if stop.load(Ordering::Relaxed) != 0 {
@@ -119,33 +142,47 @@ impl Workload {
                             "interrupted while the data were read; nothing was written".into(),
                         ));
                     }
-                    let sample = Sample::read(trajectory, &spec);
+                    let sample = Sample::read_within(trajectory, &spec, left)?;
+                    if !sample.is_streamed() {
+                        left -= sample.frame_bytes();
+                    }
                     report.loaded();
-                    sample.map(Arc::new)
+                    Ok(Arc::new(sample))
                 })
                 .collect()
         };
+        // Those that are trained on first: their frames are needed at each step.
+        let (train, mut valid) = (read(&train)?, read(&valid)?);
+        report.end();
         if valid.is_empty() {
             report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
             let count = config.training.validation_rollouts.max(1);
             valid = train.iter().take(count).cloned().collect();
         }
-        let (train, valid) = (read(&train)?, read(&valid)?);
-        report.end();
         let extents: Vec<Extent> = match spec.contact {
             Some(_) => Vec::new(),
-            None => train.iter().map(|sample| ranges::extent(sample, &spec)).collect(),
+            None => train.iter().filter_map(|sample| sample.extent.clone()).collect(),
         };
         spec.trained_on = TrainedOn::over(&extents, spec.stride);
-        Ok((
-            Workload {
-                train,
-                valid,
-                frames_a_step: frames,
-                names,
-            },
-            spec,
-        ))
+        let work = Workload {
+            train,
+            valid,
+            frames_a_step: frames,
+            names,
+        };
+        let (all, kept, streamed) = work.sizes();
+        report.line(&match streamed {
+            0 => format!("frames: {} in memory", memory::size(all)),
+            n => format!(
+                "frames: {} in all, {} of {} trajectories in memory; {n} are read frame by frame when a sample needs them \
+                 (--memory GB sets what frames may take, here {})",
+                memory::size(all),
+                memory::size(kept),
+                total - n,
+                memory::size(room)
+            ),
+        });
+        Ok((work, spec))
     }
 }
 
@@ -209,11 +246,7 @@ fn check_memory(spec: &ModelSpec) -> Result<()> {
         .iter()
         .map(|n| n.saturating_mul(32))
         .fold(0usize, usize::saturating_add);
-    let have = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
-        let line = text.lines().find(|l| l.starts_with("MemTotal:"))?;
-        line.split_whitespace().nth(1)?.parse::<usize>().ok()
-    });
-    let have = have.map_or(usize::MAX, |kib| kib.saturating_mul(1024));
+    let have = memory::whole().map_or(usize::MAX, |bytes| bytes as usize);
     if needed > have {
         return Err(Error::Input(format!(
             "the network of [model] and [macro] has {} million weights, which take {} GB to train; this machine has {} GB: \

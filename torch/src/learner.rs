@@ -208,13 +208,13 @@ impl Learner {
             .iter()
             .filter_map(|e| self.train[e.sample].body(e.mirror))
             .collect();
-        let mut state = self.state(examples, 0);
+        let mut state = self.state(examples, 0)?;
         self.add_noise(examples, &boundary, &mut state);
         let mut graph = contact::at_state(fixed, &bodies, &state)?;
         let mut edges = contact::edge_features(&graph, &state);
         let mut moments = None;
         if accumulate {
-            let next = self.state(examples, 1);
+            let next = self.state(examples, 1)?;
             moments = Some(Normaliser {
                 node: moments_of(&self.stepper.inputs(&state, &next)),
                 edge: moments_of(&edges),
@@ -237,7 +237,7 @@ impl Learner {
         let mut losses = Vec::new();
         let weights = self.weights(examples);
         for step in 1..=unroll {
-            let next = self.state(examples, step);
+            let next = self.state(examples, step)?;
             let output = self
                 .stepper
                 .predict(&network, &graph, &edges, &scales, &state, &next);
@@ -287,9 +287,9 @@ impl Learner {
         let network = Network::new(&self.spec.architecture, &views);
         let scales = Scales::new(normaliser, self.device);
         let boundary = sample.boundary();
-        let read = |step: usize| {
-            let (cells, boundary) = sample.frame(frame + step * self.frames_a_step, self.device);
-            State { cells, boundary }
+        let read = |step: usize| -> Result<State> {
+            let (cells, boundary) = sample.frame(frame + step * self.frames_a_step, self.device)?;
+            Ok(State { cells, boundary })
         };
         let headline = self.components.field[self.components.outputs[0]];
         let first = self
@@ -306,14 +306,14 @@ impl Learner {
                 .mean(Kind::Double)
                 .double_value(&[])
         };
-        let mut state = read(0);
+        let mut state = read(0)?;
         let start = state.cells.shallow_clone();
         let mut errors = Vec::with_capacity(steps);
         let bodies: Vec<&ContactGraph> = sample.body(false).into_iter().collect();
         for step in 1..=steps {
             let graph = contact::at_state(sample.topologies[0].share(), &bodies, &state)?;
             let edges = contact::edge_features(&graph, &state);
-            let next = read(step);
+            let next = read(step)?;
             let output = self
                 .stepper
                 .predict(&network, &graph, &edges, &scales, &state, &next);
@@ -333,20 +333,19 @@ impl Learner {
     }
 
     /// The examples' recorded fields, `step` model steps after their first frame, reflected where asked.
-    fn state(&self, examples: &[Example], step: usize) -> State {
-        let (cells, boundary): (Vec<Tensor>, Vec<Tensor>) = examples
-            .iter()
-            .map(|e| {
-                let (cells, boundary) =
-                    self.train[e.sample].frame(e.frame + step * self.frames_a_step, self.device);
-                if e.mirror {
-                    (cells * &self.reflect, boundary * &self.reflect)
-                } else {
-                    (cells, boundary)
-                }
-            })
-            .unzip();
-        match (&cells[..], &boundary[..]) {
+    fn state(&self, examples: &[Example], step: usize) -> Result<State> {
+        let (mut cells, mut boundary) = (Vec::new(), Vec::new());
+        for e in examples {
+            let frame = e.frame + step * self.frames_a_step;
+            let (c, b) = self.train[e.sample].frame(frame, self.device)?;
+            let (c, b) = match e.mirror {
+                true => (c * &self.reflect, b * &self.reflect),
+                false => (c, b),
+            };
+            cells.push(c);
+            boundary.push(b);
+        }
+        Ok(match (&cells[..], &boundary[..]) {
             ([c], [b]) => State {
                 cells: c.shallow_clone(),
                 boundary: b.shallow_clone(),
@@ -355,7 +354,7 @@ impl Learner {
                 cells: Tensor::cat(&cells, 0),
                 boundary: Tensor::cat(&boundary, 0),
             },
-        }
+        })
     }
 
     /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.

@@ -70,10 +70,8 @@ pub struct Sample {
     pub copies: Tensor,
     /// 1 for points that are held, 0 for those that move, `[C x 1]`; none for cells.
     pub held: Option<Tensor>,
-    /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`.
-    pub(crate) frames: Tensor,
-    /// Number of frames.
-    pub n_frames: usize,
+    /// What it is the tensors of; its frames are in memory or on disk.
+    recorded: Arc<m4gn_train::samples::Sample>,
     /// A body at points, and its reflection.
     pub contact: Option<[Arc<ContactGraph>; 2]>,
 }
@@ -244,10 +242,10 @@ impl HostGraph {
 }
 
 impl Sample {
-    /// The tensors of a trajectory in memory.
+    /// The tensors of a trajectory.
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know.
-    pub fn new(sample: &m4gn_train::samples::Sample, spec: &ModelSpec, device: Device) -> Result<Self> {
+    pub fn new(sample: &Arc<m4gn_train::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
         let (segmentation, features) = &sample.segments;
         let graph = &sample.graph;
         // Of a body the edges of its mesh; world edges come with each state.
@@ -279,8 +277,7 @@ impl Sample {
         let reflected = host.reflected(spec);
         let floats = |flags: &[bool]| -> Vec<f32> { flags.iter().map(|&f| f32::from(u8::from(f))).collect() };
         let owners: Vec<i64> = sample.owners.iter().map(|&o| i64::from(o)).collect();
-        let (width, n_frames) = (sample.width as i64, sample.n_frames);
-        let shape = [n_frames as i64, graph.n_owned as i64, width];
+        let width = sample.width as i64;
         Ok(Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
             owners: Tensor::from_slice(&owners).to_device(device),
@@ -291,8 +288,7 @@ impl Sample {
                 .held
                 .as_ref()
                 .map(|held| Tensor::from_slice(&floats(held)).view([-1, 1]).to_device(device)),
-            frames: Tensor::from_slice(&sample.frames).view(shape),
-            n_frames,
+            recorded: sample.clone(),
             contact: sample
                 .contact
                 .as_ref()
@@ -309,8 +305,7 @@ impl Sample {
             owners: self.owners.shallow_clone(),
             copies: self.copies.shallow_clone(),
             held: self.held.as_ref().map(Tensor::shallow_clone),
-            frames: self.frames.shallow_clone(),
-            n_frames: self.n_frames,
+            recorded: self.recorded.clone(),
             contact: self.contact.clone(),
         }
     }
@@ -330,9 +325,12 @@ impl Sample {
     }
 
     /// All fields of a frame on the device: `([C x components], [B x components])`.
-    pub fn frame(&self, frame: usize, device: Device) -> (Tensor, Tensor) {
-        let all = self.frames.get(frame as i64).to_device(device);
+    ///
+    /// Errors: [`Error::File`] where the frame has to be read, and cannot be.
+    pub fn frame(&self, frame: usize, device: Device) -> Result<(Tensor, Tensor)> {
+        let all = Tensor::from_slice(&self.recorded.frame(frame)?);
+        let all = all.view([-1, self.recorded.width as i64]).to_device(device);
         let (cells, boundary) = (self.hosts[0].cells as i64, self.hosts[0].boundary as i64);
-        (all.narrow(0, 0, cells), all.narrow(0, cells, boundary))
+        Ok((all.narrow(0, 0, cells), all.narrow(0, cells, boundary)))
     }
 }

@@ -97,6 +97,8 @@ impl Trial {
         let boundary = graph.n_owned - graph.n_cells;
         let sample = Sample {
             frames: frames.collect(),
+            recorded: None,
+            extent: None,
             n_frames,
             cell_size: 0.0,
             coarse: None,

@@ -1,0 +1,64 @@
+//! Whole states of a trajectory, frame by frame, from a file that is opened once.
+
+use super::schema::Frame;
+use super::source::{Source, open_file};
+use super::trajectory::Trajectory;
+use hdf5::Dataset;
+use m4gn_mesh::{Error, Result};
+
+/// Several fields and the obstacle's displacement, open for reading.
+pub struct States<'a> {
+    source: Source<'a>,
+    /// At cells or points, and on the boundary.
+    fields: Vec<[Option<Dataset>; 2]>,
+    motion: Option<Dataset>,
+    frames: usize,
+}
+
+impl Trajectory {
+    /// Opens these fields, and the obstacle's displacement where there is one.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a field that is not there, or a file that is damaged, or has vanished or changed since
+    /// [`Trajectory::open`].
+    pub fn states(&self, fields: &[&str]) -> Result<States<'_>> {
+        let (file, source) = (open_file(self.path())?, Source::new(self.path())?);
+        let opened = fields
+            .iter()
+            .map(|name| self.open_field(&source, &file, self.field(name)?));
+        Ok(States {
+            fields: opened.collect::<Result<_>>()?,
+            motion: self.open_motion(&source, &file)?,
+            frames: self.times().len(),
+            source,
+        })
+    }
+}
+
+impl States<'_> {
+    /// Values of the fields at a frame, and the displacement of the obstacle's points `[Q]`, m (none without obstacle).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a frame that is not there; [`Error::File`] for a damaged file.
+    pub fn read(&self, frame: usize) -> Result<(Vec<Frame>, Vec<[f32; 3]>)> {
+        if frame >= self.frames {
+            return Err(Error::Input(format!(
+                "{}: frame {frame}: the trajectory has {} frames",
+                self.source.path.display(),
+                self.frames
+            )));
+        }
+        let rows = |part: &Option<Dataset>| {
+            part.as_ref()
+                .map_or(Ok(Vec::new()), |p| self.source.frame(p, frame))
+        };
+        let values = self.fields.iter().map(|[cells, boundary]| {
+            Ok(Frame {
+                cells: rows(cells)?,
+                boundary: rows(boundary)?,
+            })
+        });
+        let values = values.collect::<Result<_>>()?;
+        Ok((values, rows(&self.motion)?.as_chunks().0.to_vec()))
+    }
+}
