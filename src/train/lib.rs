@@ -5,6 +5,7 @@
 //! for the native engine and for libtorch (`torch/`).
 
 pub mod adapt;
+mod advice;
 mod backend;
 pub mod checkpoint;
 pub mod config;

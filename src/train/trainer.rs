@@ -1,5 +1,6 @@
 //! The training loop: batches, updates, validation, checkpoints, log, interruption; the same for every backend.
 
+use super::advice::Advice;
 use super::backend::{Backend, Batch, Example, Learned};
 use super::checkpoint::Progress;
 use super::config::Config;
@@ -203,6 +204,7 @@ impl Trainer<'_> {
         show: &mut impl FnMut(&Option<Journal>, &State),
     ) -> Result<serde_json::Value> {
         let t = &self.config.training;
+        let mut advice = Advice::default();
         report.begin(t.steps, self.progress.step);
         while self.progress.step < t.steps {
             let mut stopped = [i64::from(stop.load(Ordering::Relaxed))];
@@ -243,6 +245,10 @@ impl Trainer<'_> {
                 };
                 self.comm.agree(written)?;
                 report.row(&row);
+                if let Some(journal) = &journal {
+                    let told = advice.look(journal.rows(), t);
+                    told.iter().for_each(|text| report.line(text));
+                }
                 show(journal, &State::Running);
             }
             report.advance(step);
