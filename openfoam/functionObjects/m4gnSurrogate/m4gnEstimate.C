@@ -154,9 +154,10 @@ Foam::List<Foam::scalar> Foam::m4gnEstimate::state(label& bad) const
     List<scalar> values(3*nFields_);
     for (label i = 0; i < nFields_; ++i)
     {
-        // A stride that was not finite has none
+        // A stride that was not finite has none. OpenFOAM does not read -VGREAT
+        // or VGREAT back that it has written as text with all digits.
         const scalar error = rows[i].error;
-        values[3*i] = std::isfinite(error) ? error : VGREAT;
+        values[3*i] = std::isfinite(error) ? error : ROOTVGREAT;
         values[3*i + 1] = rows[i].change;
         values[3*i + 2] = rows[i].size;
     }

@@ -39,7 +39,10 @@ void Foam::functionObjects::m4gnSurrogate::save(const label left) const
             os.writeEntry("left", left);
             os.writeEntry("solverSteps", time_.timeIndex() - handedBack_);
             List<scalar>(1, deltaT).writeEntry("deltaT", os);
-            List<scalar>(1, adaptStart_).writeEntry("adaptStart", os);
+            if (adaptStart_ > -VGREAT)
+            {
+                List<scalar>(1, adaptStart_).writeEntry("adaptStart", os);
+            }
             if (session_)
             {
                 os.writeEntry("model", string(session_->model()));
@@ -113,7 +116,11 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 
     handedBack_ = time_.timeIndex() - state.get<label>("solverSteps");
 
-    if (!dict_.subOrEmptyDict("adapt").found("start"))
+    if
+    (
+        state.found("adaptStart")
+     && !dict_.subOrEmptyDict("adapt").found("start")
+    )
     {
         // Of the whole run, not of this part
         adaptStart_ = state.get<List<scalar>>("adaptStart").first();
