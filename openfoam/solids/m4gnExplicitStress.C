@@ -67,15 +67,62 @@ bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
 }
 
 
+bool Foam::m4gnExplicitStress::thermal() const
+{
+    return
+        mesh_.lookupObject<IOdictionary>("thermalProperties")
+       .get<bool>("thermalStress");
+}
+
+
+Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress
+(
+    const volTensorField& gradD
+) const
+{
+    return *mu_*twoSymm(gradD) + (*lambda_*I)*tr(gradD);
+}
+
+
+Foam::tmp<Foam::volVectorField> Foam::m4gnExplicitStress::explicitPart
+(
+    const volSymmTensorField& stress,
+    const volTensorField& gradD
+) const
+{
+    return fvc::div(stress - stiffness()*gradD, "div(sigmaD)");
+}
+
+
+Foam::scalar Foam::m4gnExplicitStress::change
+(
+    const volVectorField::Boundary& before,
+    const volVectorField& D
+)
+{
+    scalar largest = 0;
+    forAll(before, patchi)
+    {
+        if (before[patchi].size())
+        {
+            largest = max
+            (
+                largest,
+                max(mag(D.boundaryField()[patchi] - before[patchi]))
+            );
+        }
+    }
+
+    return returnReduce(largest, maxOp<scalar>());
+}
+
+
 void Foam::m4gnExplicitStress::update
 (
     volVectorField& D,
     const scalar tolerance
 ) const
 {
-    const volScalarField& mu = *mu_;
-    const volScalarField& lambda = *lambda_;
-
     volSymmTensorField& sigmaD =
         mesh_.lookupObjectRef<volSymmTensorField>("sigmaD");
     volVectorField& divSigmaExp =
@@ -90,22 +137,9 @@ void Foam::m4gnExplicitStress::update
         D.correctBoundaryConditions();
 
         const volTensorField gradD(fvc::grad(D));
-        sigmaD = mu*twoSymm(gradD) + (lambda*I)*tr(gradD);
+        sigmaD = stress(gradD);
 
-        scalar change = 0;
-        forAll(before, patchi)
-        {
-            if (before[patchi].size())
-            {
-                change = max
-                (
-                    change,
-                    max(mag(D.boundaryField()[patchi] - before[patchi]))
-                );
-            }
-        }
-
-        if (sweep && returnReduce(change, maxOp<scalar>()) < tolerance*size)
+        if (sweep && change(before, D) < tolerance*size)
         {
             break;
         }
@@ -113,17 +147,13 @@ void Foam::m4gnExplicitStress::update
 
     if (compactNormalStress_)
     {
-        divSigmaExp = fvc::div
-        (
-            sigmaD - (2*mu + lambda)*fvc::grad(D),
-            "div(sigmaD)"
-        );
+        divSigmaExp = explicitPart(sigmaD, fvc::grad(D));
     }
     else
     {
         divSigmaExp =
             fvc::div(sigmaD)
-          - fvc::laplacian(2*mu + lambda, D, "laplacian(DD,D)");
+          - fvc::laplacian(stiffness(), D, "laplacian(DD,D)");
     }
 }
 

@@ -146,9 +146,14 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted)
 void Foam::m4gnDisplacementState::complete
 (
     const scalar deltaT,
-    const bool
+    const bool handOver
 )
 {
+    if (handOver)
+    {
+        smooth();
+    }
+
     if (dynamic_)
     {
         D().oldTime().primitiveFieldRef() =

@@ -25,6 +25,24 @@ void Foam::m4gnSolidDisplacementState::update()
 }
 
 
+void Foam::m4gnSolidDisplacementState::smooth()
+{
+    if (!smoothing_.active())
+    {
+        return;
+    }
+
+    const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
+
+    smoothed_ = smoothing_.smoothDisplacement(D())/size;
+    if (dynamic_)
+    {
+        smoothing_.smoothRate(D(), rate());
+    }
+    update();
+}
+
+
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 bool Foam::m4gnSolidDisplacementState::applies
@@ -47,8 +65,24 @@ Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState
 )
 :
     m4gnDisplacementState(mesh, dict, session),
-    stress_(mesh)
+    stress_(mesh),
+    smoothing_(mesh, dict, stress_),
+    smoothed_(0)
 {}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::List<Foam::m4gnSolverState::quantity>
+Foam::m4gnSolidDisplacementState::quantities() const
+{
+    List<quantity> all(m4gnDisplacementState::quantities());
+    if (smoothing_.active())
+    {
+        all.append(quantity("smoothed", smoothed_));
+    }
+    return all;
+}
 
 
 // ************************************************************************* //

@@ -2,8 +2,9 @@
  *
  * A libm4gn.so whose surrogate is always right: it records a run in memory order to $ORACLE_FILE and, as a model of the
  * fields that were recorded, gives the frame $ORACLE_FRAMES later back, with a smooth error of $ORACLE_ERROR in the
- * first two components of the first field. Each rank has a file of its own. With it, what is left of an error after a
- * jump is that of the hand-over alone.
+ * first two components of the first field, and a rough one of $ORACLE_ROUGH, relative to the largest value of a field, in the
+ * first two components of all. Each rank has a file of its own. With it, what is left of an error after a jump is that of the
+ * hand-over alone.
  */
 #include "m4gn.h"
 
@@ -32,11 +33,16 @@ static const char* variable(const char* name, const char* otherwise)
     return value ? value : otherwise;
 }
 
-static FILE* recording(const char* mode)
+static FILE* recording_of(const char* rank, const char* mode)
 {
     char path[4096];
-    snprintf(path, sizeof(path), "%s%s", variable("ORACLE_FILE", "oracle.bin"), variable("OMPI_COMM_WORLD_RANK", ""));
+    snprintf(path, sizeof(path), "%s%s", variable("ORACLE_FILE", "oracle.bin"), rank);
     return fopen(path, mode);
+}
+
+static FILE* recording(const char* mode)
+{
+    return recording_of(variable("OMPI_COMM_WORLD_RANK", ""), mode);
 }
 
 int32_t m4gn_abi_version(void) { return M4GN_ABI_VERSION; }
@@ -105,7 +111,7 @@ struct m4gn_session
     struct header header;
     size_t frame; /* doubles of a frame */
     size_t start[MAX_FIELDS];
-    double size[MAX_FIELDS]; /* largest value of each field */
+    double size[MAX_FIELDS]; /* largest value of each field, of all ranks */
     long n_frames;
     double* centres;
     double* frames;
@@ -140,6 +146,39 @@ int32_t m4gn_options_check(const char* kind, const char* options)
     return M4GN_OK;
 }
 
+static void find_sizes(m4gn_session* s, int64_t n_cells, const double* values, long n_frames)
+{
+    for (long f = 0; f < n_frames; ++f)
+    {
+        for (int32_t i = 0; i < s->header.n_fields; ++i)
+        {
+            for (int64_t j = 0; j < s->header.components[i]*n_cells; ++j)
+            {
+                s->size[i] = fmax(s->size[i], fabs(*values++));
+            }
+        }
+    }
+}
+
+/* Another rank's recording, which lies beside this one's */
+static void add_sizes_of(m4gn_session* s, int rank)
+{
+    char name[16];
+    snprintf(name, sizeof(name), "%d", rank);
+    struct header header;
+    FILE* file = recording_of(name, "rb");
+    if (!file) return;
+    if (fread(&header, sizeof(header), 1, file) == 1)
+    {
+        size_t frame = 0;
+        for (int32_t i = 0; i < header.n_fields; ++i) frame += header.components[i]*header.n_cells;
+        double* values = malloc(frame*sizeof(double));
+        while (fread(values, sizeof(double), frame, file) == frame) find_sizes(s, header.n_cells, values, 1);
+        free(values);
+    }
+    fclose(file);
+}
+
 int32_t m4gn_session_new(
     int32_t comm, const m4gn_mesh_data* mesh, const char* options, const int32_t* cell_segment, m4gn_session** session)
 {
@@ -167,16 +206,10 @@ int32_t m4gn_session_new(
     memcpy(s->centres, mesh->cell_centres, 3*s->header.n_cells*sizeof(double));
     const size_t got = fread(s->frames, sizeof(double), values, file);
     fclose(file);
-    for (long f = 0; f < s->n_frames; ++f)
+    find_sizes(s, s->header.n_cells, s->frames, s->n_frames);
+    for (int rank = 0; rank < atoi(variable("OMPI_COMM_WORLD_SIZE", "0")); ++rank)
     {
-        for (int32_t i = 0; i < s->header.n_fields; ++i)
-        {
-            const double* values_of = s->frames + f*s->frame + s->start[i];
-            for (size_t j = 0; j < s->header.components[i]*(size_t)s->header.n_cells; ++j)
-            {
-                s->size[i] = fmax(s->size[i], fabs(values_of[j]));
-            }
-        }
+        add_sizes_of(s, rank);
     }
     *session = s;
     return got == values ? M4GN_OK : M4GN_ERROR_FILE;
@@ -243,11 +276,19 @@ int32_t m4gn_segments_fit(
     return M4GN_OK;
 }
 
+/* 1 or -1, as a cell's place says: the same in a decomposed mesh, and no pattern of the cells around it */
+static double sign_of(const double* centre, int32_t component)
+{
+    const double mixed = 43758.5453*sin(1298.98*centre[0] + 7823.3*centre[1] + 3771.9*centre[2] + 17.3*component);
+    return mixed - floor(mixed) < 0.5 ? -1 : 1;
+}
+
 int32_t m4gn_session_step(
     m4gn_session* s, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out)
 {
     const long ahead = atol(variable("ORACLE_FRAMES", "25"));
     const double error = atof(variable("ORACLE_ERROR", "0"));
+    const double rough = atof(variable("ORACLE_ROUGH", "0"));
 
     /* The frame that is nearest in all fields */
     long nearest = 0;
@@ -291,6 +332,17 @@ int32_t m4gn_session_step(
             const double y = s->centres[3*c + 1];
             out[0].cells[3*c] += error*sin(15.7*x)*sin(15.3*y);
             out[0].cells[3*c + 1] += error*cos(20.9*x)*sin(15.3*y);
+        }
+    }
+    for (int32_t i = 0; rough > 0 && i < n_out; ++i)
+    {
+        const int32_t n = out[i].components;
+        for (int64_t c = 0; c < s->header.n_cells; ++c)
+        {
+            for (int32_t k = 0; k < n && k < 2; ++k)
+            {
+                out[i].cells[n*c + k] += rough*s->size[i]*sign_of(s->centres + 3*c, k);
+            }
         }
     }
     return M4GN_OK;

@@ -13,6 +13,7 @@ License
 #include "m4gnControl.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnElasticSmoothing.H"
 #include "m4gnObserve.H"
 #include "m4gnOthers.H"
 #include "m4gnReplace.H"
@@ -407,7 +408,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
             dict, "surrogateSteps", dict.get<label>("surrogateSteps"), 1
         );
         const m4gnFluxProjection checked(mesh_, dict);
-
+        m4gnElasticSmoothing::checkDictionary(dict);
     }
     else
     {
