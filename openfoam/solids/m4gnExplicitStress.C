@@ -158,4 +158,42 @@ void Foam::m4gnExplicitStress::update
 }
 
 
+void Foam::m4gnExplicitStress::write() const
+{
+    const auto object = [&](const word& name)
+    {
+        // Not registered: the solver registers its own
+        return IOobject
+        (
+            name,
+            mesh_.time().timeName(),
+            mesh_,
+            IOobject::NO_READ,
+            IOobject::NO_WRITE,
+            false
+        );
+    };
+    const volScalarField& rho = mesh_.lookupObject<volScalarField>("rho");
+
+    volSymmTensorField sigma
+    (
+        object("sigma"),
+        rho*mesh_.lookupObject<volSymmTensorField>("sigmaD")
+    );
+    if (thermal())
+    {
+        sigma =
+            sigma
+          - I
+           *(
+                rho*mesh_.lookupObject<volScalarField>("threeKalpha")
+               *mesh_.lookupObject<volScalarField>("T")
+            );
+    }
+    sigma.write();
+
+    volScalarField(object("sigmaEq"), sqrt(1.5*magSqr(dev(sigma)))).write();
+}
+
+
 // ************************************************************************* //

@@ -8,6 +8,7 @@ License
 
 #include "m4gnSolidDisplacementState.H"
 #include "m4gnSolverStateType.H"
+#include "Time.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
@@ -72,6 +73,21 @@ Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnSolidDisplacementState::complete
+(
+    const scalar deltaT,
+    const bool handOver
+)
+{
+    m4gnDisplacementState::complete(deltaT, handOver);
+
+    if (time_.writeTime())
+    {
+        stress_.write();
+    }
+}
+
 
 Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnSolidDisplacementState::quantities() const
