@@ -10,6 +10,7 @@ License
 #include "m4gnAdapt.H"
 #include "m4gnControl.H"
 #include "m4gnCore.H"
+#include "m4gnHandBack.H"
 #include "m4gnOthers.H"
 #include "clockTime.H"
 #include "functionObjectList.H"
@@ -435,7 +436,8 @@ void Foam::m4gnReplace::restore(const dictionary& state)
 void Foam::m4gnReplace::end
 (
     const m4gnAdapt* adapt,
-    const m4gnControl* control
+    const m4gnControl* control,
+    const m4gnHandBack& handBack
 ) const
 {
     const scalar total = max(time_.value() - firstTime_, VSMALL);
@@ -466,6 +468,7 @@ void Foam::m4gnReplace::end
     {
         control->writeSummary(os);
     }
+    handBack.writeSummary(os);
     os  << "  \"replaced_time\": " << replacedTime_ << ",\n"
         << "  \"solver_time\": " << total - replacedTime_ << ",\n"
         << "  \"replaced_fraction\": " << fraction << ",\n"

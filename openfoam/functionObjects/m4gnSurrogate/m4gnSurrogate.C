@@ -14,6 +14,7 @@ License
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticSmoothing.H"
+#include "m4gnHandBack.H"
 #include "m4gnObserve.H"
 #include "m4gnOthers.H"
 #include "m4gnReplace.H"
@@ -190,6 +191,7 @@ bool Foam::functionObjects::m4gnSurrogate::jump
     if (done)
     {
         handedBack_ = time_.timeIndex();
+        handBack_->handedBack(replace_->stepsDone());
     }
 
     return done;
@@ -253,7 +255,12 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
         return false;
     }
 
-    const label most = dict_.get<label>("surrogateSteps");
+    const label most = handBack_->most(dict_.get<label>("surrogateSteps"));
+
+    if (!most)
+    {
+        return false;
+    }
 
     if (adapt_ && replace_->fits(timeEnd_, time_.deltaTValue()))
     {
@@ -438,6 +445,14 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     dict_ = dict;
 
+    if (mode_ == modeType::REPLACE)
+    {
+        handBack_.reset
+        (
+            new m4gnHandBack(mesh_, dict.getOrDefault<word>("D", "D"))
+        );
+    }
+
     return true;
 }
 
@@ -462,6 +477,11 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     if (jumping_ || time_.timeIndex() == handedBack_)
     {
         return true;
+    }
+
+    if (handBack_)
+    {
+        handBack_->stepped();
     }
 
     // What a run that is carried on from here begins with
@@ -494,7 +514,7 @@ bool Foam::functionObjects::m4gnSurrogate::end()
     }
     if (replace_)
     {
-        replace_->end(adapt_.get(), control_.get());
+        replace_->end(adapt_.get(), control_.get(), *handBack_);
     }
 
     return true;

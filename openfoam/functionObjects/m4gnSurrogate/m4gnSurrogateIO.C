@@ -9,6 +9,7 @@ License
 #include "m4gnSurrogate.H"
 #include "m4gnAdapt.H"
 #include "m4gnControl.H"
+#include "m4gnHandBack.H"
 #include "m4gnReplace.H"
 #include "m4gnRestart.H"
 #include "m4gnSession.H"
@@ -48,6 +49,7 @@ void Foam::functionObjects::m4gnSurrogate::save(const label left) const
                 os.writeEntry("model", string(session_->model()));
                 os.writeEntry("digest", digest_);
             }
+            handBack_->writeState(os);
             if (replace_)
             {
                 replace_->writeState(os);
@@ -112,6 +114,11 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     {
         control_.reset(new m4gnControl(mesh_, dict_, *session_));
         control_->restore(state.subDict("control"), sameRanks);
+    }
+
+    if (state.found("handBack"))
+    {
+        handBack_->restore(state.subDict("handBack"));
     }
 
     handedBack_ = time_.timeIndex() - state.get<label>("solverSteps");
