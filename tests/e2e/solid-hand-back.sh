@@ -62,7 +62,7 @@ exact=$correctors
 below "$first" 0 'the recorded D, without smoothing'
 # What the solver writes at its own times is written at the surrogate's
 for field in sigma sigmaEq; do
-    below "$(difference ../full/0.2/$field 0.2/$field)" 2e-3 "$field of the recorded state at the surrogate's time"
+    below "$(difference ../full/0.2/$field 0.2/$field)" 5e-3 "$field of the recorded state at the surrogate's time"
 done
 surrogate
 runs solidDisplacementFoam
