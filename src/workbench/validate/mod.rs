@@ -22,6 +22,7 @@ pub mod rmse;
 mod scene;
 mod series;
 mod shape;
+mod smoothing;
 mod summary;
 
 pub use html::report;

@@ -1,7 +1,7 @@
 //! A recorded trajectory as predictions are scored on it: single steps from every frame, and rollouts from the first.
 
 use super::prediction::{FieldErrors, Keep, Prediction};
-use super::{pace::Pace, rmse::SquaredError, shape::Shape};
+use super::{pace::Pace, rmse::SquaredError, shape::Shape, smoothing::Smoothing};
 use m4gn_contact::quality::Quality;
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::Vector;
@@ -138,7 +138,8 @@ impl<'a> Scene<'a> {
 
     /// The predictions that need no model: persistence (the recorded frame one stride before, held), extrapolation (the line
     /// through the two recorded frames before; through the first one alone at first), hold first (the first frame; of single
-    /// steps, which start anew each time, persistence).
+    /// steps, which start anew each time, persistence). Of a mesh of cells also the true change from the recorded frame one
+    /// stride before, smoothed over cells: what its error is, no smooth prediction gets right.
     ///
     /// # Errors
     /// What the mesh metrics fail with.
@@ -165,9 +166,22 @@ impl<'a> Scene<'a> {
             (0..self.tracks.len()).map(errors).collect()
         };
         let persistence = |k| held(k, &|i| i);
+        let smoothing = Smoothing::new(self.mesh);
+        let smoothed = |k: usize| -> Vec<SquaredError> {
+            let width = self.tracks[k].width;
+            let error = |i: usize| {
+                let (before, after) = (self.truth(k, i), self.truth(k, i + 1));
+                let change: Vec<f64> = after.iter().zip(before).map(|(b, a)| b - a).collect();
+                let smooth = smoothing.as_ref().map(|s| s.apply(&change, width));
+                let pairs = before.iter().zip(smooth.as_ref().unwrap_or(&change));
+                let found: Vec<f64> = pairs.map(|(a, change)| a + change).collect();
+                self.error(k, &found, i + 1)
+            };
+            (0..self.pace.steps).map(error).collect()
+        };
         let first = self.truth(0, 0);
         let quality = (1..=self.pace.steps).map(|frame| self.quality(first, frame));
-        let all = [
+        let mut all = vec![
             (
                 "persistence",
                 "persistence",
@@ -182,6 +196,14 @@ impl<'a> Scene<'a> {
                 quality.collect::<Result<Option<Vec<_>>>>()?,
             ),
         ];
+        if smoothing.is_some() {
+            all.push((
+                "smoothed",
+                "true change, smoothed over cells",
+                fields(&smoothed, &smoothed),
+                None,
+            ));
+        }
         let prediction = |(key, name, fields, quality)| Prediction {
             key,
             name,
