@@ -288,7 +288,7 @@ typedef struct m4gn_adapt_report
     int32_t used;               /* 1: the session has other weights now */
     int32_t strides;            /* model steps of the rollouts that decided */
     int64_t frames;             /* frames in memory */
-    int64_t steps;              /* optimisation steps */
+    int64_t steps;              /* optimisation steps, or regressions */
     double seconds;             /* wall time */
     double before;              /* root mean square error of the rollouts over that of holding their first frame */
     double after;               /* the same with the weights that are used now */

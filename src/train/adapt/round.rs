@@ -118,10 +118,10 @@ impl Adaptation {
         let used = after < before;
         let seconds = began.elapsed().as_secs_f64();
         self.seconds += seconds;
-        let plural = if split.strides == 1 { "" } else { "s" };
+        let plural = |n: u64| if n == 1 { "" } else { "s" };
         let what = match self.settings.method {
-            Method::Gradient => "steps",
-            Method::Ridge => "regressions",
+            Method::Gradient => "step",
+            Method::Ridge => "regression",
         };
         let so = if used {
             ""
@@ -137,9 +137,11 @@ impl Adaptation {
             before,
             after,
             note: format!(
-                "adapted in {seconds:.1} s ({steps} {what} on {frames} frames): error of rollouts of {} stride{plural} on the \
+                "adapted in {seconds:.1} s ({steps} {what}{} on {frames} frames): error of rollouts of {} stride{} on the \
                  held-back frames {before:.3} -> {after:.3} of holding{so}{ended}",
-                split.strides
+                plural(steps),
+                split.strides,
+                plural(split.strides as u64)
             ),
         })
     }
