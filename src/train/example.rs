@@ -104,11 +104,7 @@ impl NativeBackend<'_> {
             d_outputs.push(d);
             let new = match step < batch.unroll {
                 true => {
-                    let scale = &scales.output;
-                    for row in outputs.chunks_exact_mut(m) {
-                        let physical = row.iter_mut().zip(&scale.std).zip(&scale.mean);
-                        physical.for_each(|((y, std), mean)| *y = *y * std + mean);
-                    }
+                    scales.output.to_physical(&mut outputs);
                     self.stepper.advance(sample, &state, &outputs, &next)
                 }
                 false => Vec::new(),

@@ -169,7 +169,6 @@ impl NativeBackend<'_> {
         let mut outputs = vec![0.0; sample.n_cells() * m];
         let (mut inputs, mut target, mut rows) = (Vec::new(), Vec::new(), Vec::new());
         let mut sum = Regression::new(&self.spec);
-        let scale = &scales.output;
         for step in 1..=unroll {
             let next = frame(step)?;
             self.stepper.inputs(sample, &state, &next, &mut inputs);
@@ -177,20 +176,10 @@ impl NativeBackend<'_> {
                 .forward(worker, 0, graph, scales, &inputs, &mut outputs);
             self.network.last_inputs(worker, 0, graph, &mut rows);
             self.stepper.target(sample, &state, &next, &mut target);
-            for row in target.chunks_exact_mut(m) {
-                let scales = scale.inverse.iter().zip(&scale.mean);
-                row.iter_mut()
-                    .zip(scales)
-                    .for_each(|(y, (inverse, mean))| *y = (*y - mean) * inverse);
-            }
+            scales.output.to_normalised(&mut target);
             let held = sample.held.as_ref();
             sum.add_rows(&rows, &target, |cell| held.is_none_or(|held| !held[cell]));
-            for row in outputs.chunks_exact_mut(m) {
-                let scales = scale.std.iter().zip(&scale.mean);
-                row.iter_mut()
-                    .zip(scales)
-                    .for_each(|(y, (std, mean))| *y = *y * std + mean);
-            }
+            scales.output.to_physical(&mut outputs);
             state = self.stepper.advance(sample, &state, &outputs, &next);
         }
         Ok(sum)

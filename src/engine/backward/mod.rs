@@ -60,6 +60,24 @@ impl Scale {
         Scale { mean, std, inverse }
     }
 
+    /// Rows of physical channels to normalised ones.
+    pub fn to_normalised(&self, rows: &mut [f32]) {
+        for row in rows.chunks_exact_mut(self.mean.len()) {
+            let scales = self.mean.iter().zip(&self.inverse);
+            let pairs = row.iter_mut().zip(scales);
+            pairs.for_each(|(x, (mean, inverse))| *x = (*x - mean) * inverse);
+        }
+    }
+
+    /// Rows of normalised channels to physical ones.
+    pub fn to_physical(&self, rows: &mut [f32]) {
+        for row in rows.chunks_exact_mut(self.mean.len()) {
+            let scales = self.mean.iter().zip(&self.std);
+            let pairs = row.iter_mut().zip(scales);
+            pairs.for_each(|(y, (mean, std))| *y = *y * std + mean);
+        }
+    }
+
     /// A row of channels.
     fn normalise(&self, row: &[f32], to: &mut [f32]) {
         let scales = self.mean.iter().zip(&self.inverse);
