@@ -25,14 +25,15 @@ impl Adaptation {
         let ([all_old, all_new], apart) = (&split.all, split.all[0].len().div_ceil(EXAMPLES).max(1));
         let (mut sums, ridges) = match &self.fitted {
             Some((sums, ridge)) => (sums.clone(), vec![*ridge]),
-            None => (self.sums(backend, old, apart)?, RIDGES.to_vec()),
+            None => (self.sums(backend, old, 0, apart)?, RIDGES.to_vec()),
         };
         let with = |sums: &Regression, later: &Regression| {
             let mut both = sums.clone();
             both.add(later, FRESH);
             both
         };
-        let later = with(&sums, &self.sums(backend, new, 1)?);
+        let mut fresh = self.sums(backend, new, 0, 1)?;
+        let later = with(&sums, &fresh);
         let weights = self.optimiser.weights.clone();
         let (mut best, mut steps) = ((f64::INFINITY, ridges[0]), 0);
         for ridge in ridges {
@@ -47,13 +48,14 @@ impl Adaptation {
         let (after, ridge) = best;
         if self.fitted.is_none() {
             // Frames of the oldest stretch never come again: their sums are made once.
-            let rest = self.sums(backend, &all_old[old.len().min(all_old.len())..], apart)?;
+            let rest = self.sums(backend, &all_old[old.len().min(all_old.len())..], 0, apart)?;
             sums.add(&rest, 1.0);
         }
         let used = after < before && {
-            let all = with(&sums, &self.sums(backend, all_new, 1)?);
+            // Those that were not held back are the first of them.
+            fresh.add(&self.sums(backend, all_new, new.len(), 1)?, 1.0);
             steps += 1;
-            all.solve(&layer, ridge, &self.shipped, &mut self.optimiser.weights)?
+            with(&sums, &fresh).solve(&layer, ridge, &self.shipped, &mut self.optimiser.weights)?
         };
         if !used {
             self.optimiser.weights = weights;
@@ -67,10 +69,16 @@ impl Adaptation {
         })
     }
 
-    /// The sums of every so many of the examples that begin at these frames.
-    fn sums(&self, backend: &mut NativeBackend, starts: &[usize], apart: usize) -> Result<Regression> {
+    /// The sums of every so many of the examples that begin at these frames, without the first ones of these.
+    fn sums(
+        &self,
+        backend: &mut NativeBackend,
+        starts: &[usize],
+        without: usize,
+        apart: usize,
+    ) -> Result<Regression> {
         let t = &self.training;
-        let starts = starts.iter().step_by(apart).enumerate();
+        let starts = starts.iter().step_by(apart).enumerate().skip(without);
         let examples = starts.map(|(i, &frame)| Example {
             sample: 0,
             frame,
