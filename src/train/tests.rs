@@ -146,6 +146,13 @@ fn a_model_is_trained_further() {
     run(&second).unwrap();
     let mut other = request(folder.path(), "other", "", 4);
     other.from = Some(first.out.clone());
+    // How the mesh is cut is no matter of the weights.
+    edit(&other.config, "count = 4", "count = 6");
+    run(&other).unwrap();
+    let cut = Model::read(&other.out).unwrap().spec.segments;
+    assert_eq!(cut.count, 6);
+    let mut other = request(folder.path(), "narrow", "", 4);
+    other.from = Some(first.out.clone());
     edit(&other.config, "width = 16", "width = 8");
     let message = run(&other).unwrap_err().to_string();
     assert!(message.contains("[model] and [macro]"), "{message}");
