@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 7
+#define M4GN_ABI_VERSION 8
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -233,6 +233,12 @@ int32_t m4gn_session_field(const m4gn_session* session, int32_t index, m4gn_fiel
 
 /* Segment of each cell [n_cells], 0 to K-1. */
 int32_t m4gn_session_segments(const m4gn_session* session, int32_t* cell_segment);
+
+/* Groups of cells that the network lives on, of all ranks; 0: it lives on the cells themselves. */
+int32_t m4gn_session_n_groups(const m4gn_session* session);
+
+/* Group of each cell [n_cells], 0 to n_groups-1; the same on any number of ranks. M4GN_ERROR_INPUT where there are none. */
+int32_t m4gn_session_groups(const m4gn_session* session, int32_t* cell_group);
 
 /* How the segments were computed, to be stored with them; "" if they were handed in. Valid while the session lives. */
 const char* m4gn_session_segment_record(const m4gn_session* session);

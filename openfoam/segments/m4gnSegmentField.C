@@ -21,6 +21,8 @@ License
 
 const Foam::word Foam::m4gn::segmentName("m4gnSegment");
 
+const Foam::word Foam::m4gn::groupName("m4gnGroup");
+
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
@@ -206,6 +208,33 @@ Foam::fileNameList Foam::m4gn::segmentFolders
 }
 
 
+void Foam::m4gn::writeLabels
+(
+    const fvMesh& mesh,
+    const word& name,
+    const word& instance,
+    const UList<int32_t>& labels
+)
+{
+    tmp<volScalarField> tfield(cellField<scalar>(mesh, name, instance));
+    volScalarField& field = tfield.ref();
+
+    forAll(field, celli)
+    {
+        field[celli] = labels[celli];
+    }
+    field.correctBoundaryConditions();
+
+    writeToInstance(field);
+
+    labelList global;
+    if (Pstream::parRun() && cellAddressing(mesh, global))
+    {
+        writeUndecomposed(field, global);
+    }
+}
+
+
 bool Foam::m4gn::writeSegments
 (
     const fvMesh& mesh,
@@ -243,22 +272,7 @@ bool Foam::m4gn::writeSegments
         return false;
     }
 
-    tmp<volScalarField> tfield(cellField<scalar>(mesh, segmentName, instance));
-    volScalarField& field = tfield.ref();
-
-    forAll(field, celli)
-    {
-        field[celli] = segments[celli];
-    }
-    field.correctBoundaryConditions();
-
-    writeToInstance(field);
-
-    labelList global;
-    if (Pstream::parRun() && cellAddressing(mesh, global))
-    {
-        writeUndecomposed(field, global);
-    }
+    writeLabels(mesh, segmentName, instance, segments);
 
     if (Pstream::master())
     {

@@ -164,6 +164,18 @@ Foam::List<int32_t> Foam::m4gnSession::segments() const
 }
 
 
+Foam::List<int32_t> Foam::m4gnSession::groups() const
+{
+    List<int32_t> groups(mesh_.nCells());
+    m4gn::check
+    (
+        m4gn_session_groups(session_, groups.data()),
+        "m4gnSurrogate"
+    );
+    return groups;
+}
+
+
 void Foam::m4gnSession::compare()
 {
     int32_t count = 0;
@@ -247,13 +259,17 @@ Foam::m4gnSession::m4gnSession
     open(dict, stored);
     checkFields();
 
-    if
-    (
-        !taken
-     && !nodes_->atPoints()
-     && m4gn_session_n_segments(session_) > 0
-     && dict.getOrDefault<bool>("writeSegments", true)
-    )
+    const bool write =
+        !nodes_->atPoints() && dict.getOrDefault<bool>("writeSegments", true);
+    const label nGroups = m4gn_session_n_groups(session_);
+
+    if (write && nGroups > 0)
+    {
+        const word start(Time::timeName(mesh.time().startTime().value()));
+        m4gn::writeLabels(mesh, m4gn::groupName, start, groups());
+    }
+
+    if (write && !taken && m4gn_session_n_segments(session_) > 0)
     {
         m4gn::writeSegments
         (
@@ -266,8 +282,12 @@ Foam::m4gnSession::m4gnSession
     setupSeconds_ = timer.elapsedTime();
 
     Info<< "m4gn: model " << model_ << ", stride " << stride_ << " s, "
-        << label(m4gn_session_n_segments(session_)) << " segments, ready in "
-        << setupSeconds_ << " s" << nl << endl;
+        << label(m4gn_session_n_segments(session_)) << " segments, ";
+    if (nGroups > 0)
+    {
+        Info<< nGroups << " groups of cells, ";
+    }
+    Info<< "ready in " << setupSeconds_ << " s" << nl << endl;
 }
 
 

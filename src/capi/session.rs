@@ -222,6 +222,26 @@ exports! {
         Ok(0)
     }
 
+    /// Groups of cells that the network lives on; -1 for a null session.
+    fn m4gn_session_n_groups(session: *const SessionHandle) -> i32, or no_count; {
+        // SAFETY: a session of ours, or null.
+        Ok(unsafe { raw::reference("session", session)? }.session.n_groups() as i32)
+    }
+
+    /// Group of each of this rank's cells.
+    fn m4gn_session_groups(session: *const SessionHandle, cell_group: *mut i32) -> i32, or |s| s; {
+        // SAFETY: a session of ours and the host's array of n_cells, or null.
+        let (handle, out) = unsafe {
+            let handle = raw::reference("session", session)?;
+            (handle, raw::slice_mut("cell_group", cell_group, handle.session.n_cells())?)
+        };
+        let Some(groups) = handle.session.cell_group() else {
+            return Err(Error::Input("the network of this session lives on the cells and has no groups of them".into()));
+        };
+        out.copy_from_slice(groups);
+        Ok(0)
+    }
+
     /// How the segments were computed; null for a null session.
     fn m4gn_session_segment_record(session: *const SessionHandle) -> *const c_char, or |_| std::ptr::null(); {
         // SAFETY: a session of ours, or null.

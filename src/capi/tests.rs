@@ -204,6 +204,8 @@ fn null_handles_and_pointers_are_errors() {
         assert_eq!(session::m4gn_session_segments(null(), null_mut()), 1);
         assert_eq!(session::m4gn_session_n_fields(null()), -1);
         assert_eq!(session::m4gn_session_n_segments(null()), -1);
+        assert_eq!(session::m4gn_session_n_groups(null()), -1);
+        assert_eq!(session::m4gn_session_groups(null(), null_mut()), 1);
         assert_eq!(session::m4gn_session_stride(null()), 0.0);
         assert_eq!(options::m4gn_options_check(null(), null()), 1);
         assert_eq!(options::m4gn_options_check(c"session".as_ptr(), null()), 0);

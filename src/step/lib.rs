@@ -88,6 +88,16 @@ impl Session {
         &self.cell_segment
     }
 
+    /// Groups of cells that the network lives on, of all ranks; 0 where it lives on the cells themselves.
+    pub fn n_groups(&self) -> usize {
+        self.groups.as_ref().map_or(0, |groups| groups.coarse.n_groups)
+    }
+
+    /// Group of each of this rank's cells, the same on any number of ranks; none where the network lives on the cells.
+    pub fn cell_group(&self) -> Option<&[i32]> {
+        self.groups.as_ref().map(|groups| &groups.coarse.group[..])
+    }
+
     /// How the segments were computed, to be stored with them ([`segments::Record`]); empty if they were handed in.
     pub fn segment_record(&self) -> &str {
         &self.segment_record

@@ -229,6 +229,7 @@ double m4gn_session_stride(const m4gn_session* s)
 }
 
 int32_t m4gn_session_n_segments(const m4gn_session* s) { (void)s; return 1; }
+int32_t m4gn_session_n_groups(const m4gn_session* s) { (void)s; return 0; }
 int32_t m4gn_session_n_fields(const m4gn_session* s) { return s->header.n_fields; }
 
 int32_t m4gn_session_field(const m4gn_session* s, int32_t index, m4gn_field_info* info)
@@ -245,6 +246,13 @@ int32_t m4gn_session_segments(const m4gn_session* s, int32_t* cell_segment)
 {
     memset(cell_segment, 0, s->header.n_cells*sizeof(*cell_segment));
     return M4GN_OK;
+}
+
+int32_t m4gn_session_groups(const m4gn_session* s, int32_t* cell_group)
+{
+    (void)s;
+    (void)cell_group;
+    return M4GN_ERROR_INPUT;
 }
 
 const char* m4gn_session_segment_record(const m4gn_session* s)
