@@ -7,6 +7,8 @@ RANDOM=7
 make_case case
 sed -i 's/^endTime .*/endTime 1.2;/; s/^writeInterval .*/writeInterval 0.05;/; s/^writeFormat .*/writeFormat binary;/' \
     system/controlDict
+# Bytes are compared, so a loose tolerance is as good
+sed -i 's/tolerance  *1e-10/tolerance 1e-6/; s/relTol  *0;/relTol 0.05;/' system/fvSolution
 
 # The surrogate jumps from 0.5 to 0.75 and from 0.83 to 1.08: write times lie before the first jump, where it begins, in it, where it ends,
 # and between the two
@@ -165,5 +167,5 @@ clean_case
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 runs icoFoam
 whole [0-9]*
-killed 30 0.6 . icoFoam
+killed 30 0.4 . icoFoam
 echo "restart: passed"
