@@ -7,6 +7,7 @@ mod ranks;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_train::checkpoint::Checkpoint;
+use m4gn_train::config::BestOf;
 use m4gn_train::{Request, sample, train_native};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -83,8 +84,9 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
             failures.push(format!("{} updates: nothing was learned", a.progress.updates));
         }
         let (best, expected) = (a.progress.best, b.progress.best);
+        let best_of = BestOf::Rollouts;
         match (best, expected) {
-            (Some((_, a)), Some((_, b))) if (a.score() / b.score() - 1.0).abs() < 1e-3 => {}
+            (Some((_, a)), Some((_, b))) if (a.score(best_of) / b.score(best_of) - 1.0).abs() < 1e-3 => {}
             other => failures.push(format!("validations differ: {other:?}")),
         }
     }

@@ -2,7 +2,7 @@
 //! that become worse.
 
 use super::config::TrainingConfig;
-use super::journal::{Row, Validation};
+use super::journal::Row;
 use m4gn_report::number;
 
 /// Rows of the log whose mean is compared: single ones vary with the examples that were drawn.
@@ -23,7 +23,7 @@ pub(super) struct Advice {
 impl Advice {
     /// What is to be told after the last of these rows, all of the log.
     pub fn look(&mut self, rows: &[Row], t: &TrainingConfig) -> Vec<String> {
-        let found = [loss(rows, t), gradient(rows, t), validation(rows)];
+        let found = [loss(rows, t), gradient(rows, t), validation(rows, t)];
         let new = found.into_iter().zip(&mut self.told).filter_map(|(text, told)| {
             let text = text.filter(|_| !*told);
             *told |= text.is_some();
@@ -80,9 +80,9 @@ fn gradient(rows: &[Row], t: &TrainingConfig) -> Option<String> {
 }
 
 /// Validations that are all worse than an earlier one.
-fn validation(rows: &[Row]) -> Option<String> {
+fn validation(rows: &[Row], t: &TrainingConfig) -> Option<String> {
     let (count, factor) = WORSE;
-    let validation = |row: &Row| Some((row.step, row.validation.as_ref().map(Validation::score)?));
+    let validation = |row: &Row| Some((row.step, row.validation.as_ref()?.score(t.best_of)));
     let scores: Vec<(u64, f64)> = rows.iter().filter_map(validation).collect();
     let (before, last) = scores.split_at(scores.len().checked_sub(count)?);
     let best = before.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -97,6 +97,7 @@ fn validation(rows: &[Row]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::journal::Validation;
     use super::*;
 
     fn row(step: u64, loss: f64, gradient: f64, score: Option<f64>) -> Row {

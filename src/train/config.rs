@@ -79,6 +79,17 @@ pub struct FieldConfig {
     pub output: Output,
 }
 
+/// What the best weights are best at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BestOf {
+    /// The short rollouts and the whole ones.
+    #[default]
+    Rollouts,
+    /// Single strides and the short rollouts: where phases are lost over a whole rollout, its error is an accident.
+    Strides,
+}
+
 /// Shape of the learning rate after its constant part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -164,6 +175,8 @@ pub struct TrainingConfig {
     pub validation_rollouts: usize,
     /// Length of the short rollouts, s.
     pub validation_horizon: f64,
+    /// By which of their errors the best weights are chosen.
+    pub best_of: BestOf,
     /// Steps between checkpoints.
     pub checkpoint_interval: u64,
     /// Steps between rows of the log.
@@ -212,6 +225,7 @@ impl Default for TrainingConfig {
             validation_interval: 2000,
             validation_rollouts: 4,
             validation_horizon: 0.5,
+            best_of: BestOf::default(),
             checkpoint_interval: 1000,
             log_interval: 100,
         }

@@ -1,6 +1,7 @@
 //! The CSV log of a training: one row an interval, validation columns empty where there was none. It is the history of a
 //! training over all resumptions.
 
+use super::config::BestOf;
 use m4gn_mesh::{Error, Result};
 use m4gn_report::{number, percent};
 use std::fs::{File, OpenOptions};
@@ -56,9 +57,9 @@ impl Validation {
         parts.join(", ")
     }
 
-    /// What is compared to find the best weights: the geometric mean of the rollouts' errors relative to persistence.
+    /// What is compared to find the best weights: the geometric mean of two of the errors relative to persistence.
     /// Infinite where a rollout left the finite numbers.
-    pub fn score(&self) -> f64 {
+    pub fn score(&self, best_of: BestOf) -> f64 {
         let ratio = |[model, held]: [f64; 2]| {
             if model.is_finite() {
                 model / held.max(1e-30)
@@ -66,7 +67,11 @@ impl Validation {
                 f64::INFINITY
             }
         };
-        (ratio(self.rmse_horizon) * ratio(self.rmse_all)).sqrt()
+        let other = match best_of {
+            BestOf::Rollouts => self.rmse_all,
+            BestOf::Strides => self.rmse_1,
+        };
+        (ratio(self.rmse_horizon) * ratio(other)).sqrt()
     }
 }
 
@@ -245,6 +250,21 @@ mod tests {
         assert_eq!(columns, [14; 4]);
         drop(Journal::open(&path, &fields, 2).unwrap());
         assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 3);
+    }
+
+    #[test]
+    fn the_best_weights_are_those_of_the_rollouts_or_of_the_strides() {
+        let validation = |rmse_1, rmse_all| Validation {
+            rmse_1: [rmse_1, 1.0],
+            rmse_horizon: [0.5, 2.0],
+            rmse_all: [rmse_all, 1.0],
+        };
+        let (rollouts, strides) = (validation(0.16, 0.36), validation(0.04, 1.0));
+        // sqrt(0.25 * 0.36) and sqrt(0.25 * 0.04)
+        assert!((rollouts.score(BestOf::Rollouts) - 0.3).abs() < 1e-12);
+        assert!((strides.score(BestOf::Strides) - 0.1).abs() < 1e-12);
+        assert!(rollouts.score(BestOf::Rollouts) < strides.score(BestOf::Rollouts));
+        assert!(strides.score(BestOf::Strides) < rollouts.score(BestOf::Strides));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The page of `m4gn train --html`: where the training stands, its curves from the first step on, and its configuration.
 
-use super::config::Config;
+use super::config::{BestOf, Config};
 use super::journal::{Row, Validation};
 use super::report::Report;
 use m4gn_mesh::{Error, Result};
@@ -26,6 +26,7 @@ pub(super) struct TrainingPage {
     steps: u64,
     /// After which the training stops, s.
     limit: Option<f64>,
+    best_of: BestOf,
     /// The predicted fields, the first of which is validated.
     fields: Vec<String>,
     /// A page that could not be written is reported once.
@@ -100,6 +101,7 @@ impl TrainingPage {
             notes,
             steps: config.training.steps,
             limit: config.training.max_minutes.map(|minutes| 60.0 * minutes),
+            best_of: config.training.best_of,
             fields,
             reported: false,
         })
@@ -277,14 +279,14 @@ impl TrainingPage {
         )?;
         if !validations.is_empty() {
             page.heading("Validations");
-            page.table(&validation_table(&validations));
+            page.table(&validation_table(&validations, self.best_of));
         }
         Ok(())
     }
 }
 
 /// The last ten validations, and the best one, by what the best weights are chosen by.
-fn validation_table(validations: &[&Row]) -> Table {
+fn validation_table(validations: &[&Row], best_of: BestOf) -> Table {
     let mut table = Table::new([
         "step", "RMSE-1", "holding", "RMSE-50", "holding", "RMSE-all", "holding",
     ]);
@@ -293,7 +295,10 @@ fn validation_table(validations: &[&Row]) -> Table {
         let figures = pairs.as_flattened().iter().map(|x| number(*x, 4));
         std::iter::once(name).chain(figures).collect::<Vec<_>>()
     };
-    let score = |row: &&&Row| row.validation.as_ref().map_or(f64::INFINITY, Validation::score);
+    let score = |row: &&&Row| {
+        let validation = row.validation.as_ref();
+        validation.map_or(f64::INFINITY, |v| v.score(best_of))
+    };
     let best = validations.iter().min_by(|a, b| score(a).total_cmp(&score(b)));
     if let Some((row, v)) = best.and_then(|row| Some((row, row.validation.as_ref()?))) {
         table.row(cells(format!("best: {}", row.step), v));

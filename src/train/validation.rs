@@ -63,7 +63,7 @@ impl Trainer<'_> {
             && self
                 .progress
                 .best
-                .is_none_or(|(_, best)| validation.score() < best.score());
+                .is_none_or(|(_, best)| validation.score(t.best_of) < best.score(t.best_of));
         if better {
             self.progress.best = Some((self.progress.step, validation));
             self.best = Some((weights, self.normaliser.clone()));
