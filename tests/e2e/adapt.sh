@@ -25,7 +25,7 @@ runs icoFoam
 before=$(error)
 
 clean_case
-surrogate 'adapt { mode during; start 0.1; steps 40; stepsEach 4; threads 2; writeModel yes; }'
+surrogate 'adapt { mode during; start 0.1; steps 150; stepsEach 4; threads 2; writeModel yes; }'
 runs icoFoam
 grep '^m4gn: adapted' log.run || { tail -n 20 log.run; fail "nothing was adapted"; }
 [ "$(grep -c '^m4gn: adapted in' log.run)" -eq 2 ] || fail "expected two rounds"

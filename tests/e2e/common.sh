@@ -27,7 +27,7 @@ make_case() {
     cd "$1"
     sed -i -e 's/@x@/0.31/; s/@y@/0.212/; s/@radius@/0.052/; s/@size@/0.058/; s/@nu@/1e-3/; s/@shape@/0/' \
         -e 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' mesh.geo 0/U constant/transportProperties
-    sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/0/' system/fv{Solution,Schemes}
+    sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/1/' system/fv{Solution,Schemes}
     cat > system/controlDict <<'EOF'
 FoamFile { version 2.0; format ascii; class dictionary; object controlDict; }
 application     icoFoam;
