@@ -88,6 +88,11 @@ impl Isa {
         all.into_iter().filter(|l| *l <= widest).map(Isa).collect()
     }
 
+    /// Whether it has products of bf16. Without them bf16 saves memory, and fp32 is faster.
+    pub fn multiplies_bf16(self) -> bool {
+        self.name() == "avx512-bf16"
+    }
+
     /// Plain Rust that runs anywhere.
     pub fn portable() -> Self {
         Isa(Level::Portable)
@@ -165,6 +170,7 @@ mod tests {
         assert_eq!((all[0], all[all.len() - 1]), (Isa::portable(), Isa::detect()));
         for isa in all {
             assert_eq!(Isa::parse(isa.name()).unwrap(), isa);
+            assert!(isa == Isa::detect() || !isa.multiplies_bf16());
         }
         let message = Isa::parse("mmx").unwrap_err().to_string();
         assert!(message.contains("portable"), "{message}");

@@ -190,10 +190,15 @@ impl Backend for NativeBackend<'_> {
             Precision::Fp32 => "fp32",
             Precision::Bf16 => "bf16",
         };
-        let isa = engine::Isa::detect().name();
+        let isa = engine::Isa::detect();
+        let advice = match self.precision == Precision::Bf16 && !isa.multiplies_bf16() {
+            true => "; this processor has no products of bf16, so that fp32 is faster on it",
+            false => "",
+        };
         format!(
-            "{} threads of the native engine ({precision}, {isa})",
-            self.workers.len()
+            "{} threads of the native engine ({precision}, {}{advice})",
+            self.workers.len(),
+            isa.name()
         )
     }
 
