@@ -152,27 +152,11 @@ void Foam::m4gnSession::checkFields()
 }
 
 
-Foam::List<int32_t> Foam::m4gnSession::segments() const
+Foam::List<int32_t> Foam::m4gnSession::labels(const labelFunction get) const
 {
-    List<int32_t> segments(mesh_.nCells());
-    m4gn::check
-    (
-        m4gn_session_segments(session_, segments.data()),
-        "m4gnSurrogate"
-    );
-    return segments;
-}
-
-
-Foam::List<int32_t> Foam::m4gnSession::groups() const
-{
-    List<int32_t> groups(mesh_.nCells());
-    m4gn::check
-    (
-        m4gn_session_groups(session_, groups.data()),
-        "m4gnSurrogate"
-    );
-    return groups;
+    List<int32_t> labels(mesh_.nCells());
+    m4gn::check(get(session_, labels.data()), "m4gnSurrogate");
+    return labels;
 }
 
 
@@ -266,7 +250,13 @@ Foam::m4gnSession::m4gnSession
     if (write && nGroups > 0)
     {
         const word start(Time::timeName(mesh.time().startTime().value()));
-        m4gn::writeLabels(mesh, m4gn::groupName, start, groups());
+        m4gn::writeLabels
+        (
+            mesh,
+            m4gn::groupName,
+            start,
+            labels(m4gn_session_groups)
+        );
     }
 
     if (write && !taken && m4gn_session_n_segments(session_) > 0)
@@ -274,7 +264,7 @@ Foam::m4gnSession::m4gnSession
         m4gn::writeSegments
         (
             mesh,
-            segments(),
+            labels(m4gn_session_segments),
             m4gn_session_segment_record(session_)
         );
     }
