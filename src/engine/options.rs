@@ -90,7 +90,10 @@ impl Isa {
 
     /// Whether it has products of bf16. Without them bf16 saves memory, and fp32 is faster.
     pub fn multiplies_bf16(self) -> bool {
-        self.name() == "avx512-bf16"
+        #[cfg(target_arch = "x86_64")]
+        return self.0 == Level::Avx512Bf16;
+        #[cfg(not(target_arch = "x86_64"))]
+        false
     }
 
     /// Plain Rust that runs anywhere.

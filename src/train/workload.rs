@@ -118,7 +118,8 @@ impl Workload {
             if model.spec.segments != spec.segments {
                 // No weight depends on how the mesh is cut.
                 report.line(&format!(
-                    "note: the model to start from has the segments {}; the training goes on with {}",
+                    "note: the model to start from has the segments {}, the configuration {}: a training goes on with those of the \
+                     configuration",
                     serde_json::json!(model.spec.segments),
                     serde_json::json!(spec.segments)
                 ));
