@@ -124,7 +124,7 @@ EOD
 # Removes what a run left.
 clean_case() {
     find . -maxdepth 1 \( -name '[0-9]*' ! -name 0 -o -name 'processor[0-9]*' \) -exec rm -rf {} +
-    rm -rf postProcessing 0/m4gnSegment 0/m4gnSegmentDict
+    rm -rf postProcessing 0/m4gnSegment 0/m4gnSegmentDict 0/m4gnGroup
 }
 
 # function_object TYPE ENTRIES...: the only function object of the case, called test.

@@ -23,7 +23,6 @@ cmp <(values ../m4gnGroup) <(values 0/m4gnGroup) || fail "two ranks have other g
 for p in processor0 processor1; do
     [ -f $p/0/m4gnGroup ] || fail "$p has no groups"
 done
-rm 0/m4gnGroup
 clean_case
 
 function_object m4gnSurrogate "mode observe; model \"$small_model\"; resolution 0.06; writeSegments no;"
