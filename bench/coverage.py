@@ -38,7 +38,7 @@ def observe(full: pathlib.Path, folder: pathlib.Path, start: str, model: pathlib
     control.write_text(
         text + f"\nstartFrom startTime;\nstartTime {start};\nwriteInterval 1e9;\n"
         "functions\n{\n    coverage\n    {\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n        mode observe;\n"
-        f'        model "{model}";\n        rolloutSteps {strides};\n        precision bf16;\n'
+        f'        model "{model}";\n        rolloutSteps {strides};\n        precision auto;\n'
         "        control { tolerance 0.1; }\n    }\n}\n"
     )
     solver = re.search(r"^\s*application\s+(\w+)", text, flags=re.M).group(1)

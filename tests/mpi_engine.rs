@@ -62,7 +62,7 @@ fn run(comm: &Comm) -> Vec<String> {
                     (Precision::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
                 ] {
                     let options = SessionOptions {
-                        precision,
+                        precision: precision.into(),
                         n_threads,
                         resolution,
                         ..SessionOptions::default()

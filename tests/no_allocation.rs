@@ -88,7 +88,7 @@ fn a_step_allocates_nothing() {
         let mesh = sample::triangles(30, 12, 1.6, 0.41);
         let model = Model::random(spec, 1).unwrap();
         let options = SessionOptions {
-            precision,
+            precision: precision.into(),
             n_threads,
             ..SessionOptions::default()
         };

@@ -2,7 +2,7 @@
 
 use m4gn_contact::projection::ProjectionOptions;
 use m4gn_data::{Split, Trajectory, list};
-use m4gn_engine::Precision;
+use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, Resolution};
 use m4gn_report::number;
@@ -44,7 +44,7 @@ pub struct Args {
     /// Threads
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
-    /// Of the native engine's products: fp32, bf16
+    /// Of the native engine's products: auto, fp32, bf16
     #[arg(long, default_value = "fp32")]
     precision: String,
     /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
@@ -101,7 +101,7 @@ pub fn run(args: Args) -> Result<()> {
     let options = SessionOptions {
         backend: Backend::parse(&args.backend)?,
         n_threads: args.threads,
-        precision: Precision::parse(&args.precision)?,
+        precision: PrecisionChoice::parse(&args.precision)?,
         resolution: args.resolution,
         model: Some(args.model.clone()),
         ..SessionOptions::default()

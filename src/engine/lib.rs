@@ -30,7 +30,7 @@ mod tiles;
 pub mod torch;
 mod transformer;
 
-pub use options::{EngineOptions, Isa, Precision};
+pub use options::{EngineOptions, Isa, Precision, PrecisionChoice};
 pub use peak::{Peak, peak};
 pub use profile::{Phase, Profile};
 

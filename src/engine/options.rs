@@ -1,5 +1,6 @@
 //! How the engine computes: precision, threads, instruction set.
 
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -32,6 +33,57 @@ impl Precision {
         match self {
             Precision::Fp32 => "fp32",
             Precision::Bf16 => "bf16",
+        }
+    }
+}
+
+/// What a case asks for: a precision, or the faster one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PrecisionChoice {
+    /// bf16 where the processors of all ranks have products of bf16, else fp32.
+    Auto,
+    /// [`Precision::Fp32`].
+    #[default]
+    Fp32,
+    /// [`Precision::Bf16`].
+    Bf16,
+}
+
+impl PrecisionChoice {
+    /// From a dictionary's word: `auto`, `fp32`, `bf16`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for any other word.
+    pub fn parse(word: &str) -> Result<Self> {
+        match word {
+            "auto" => Ok(PrecisionChoice::Auto),
+            "fp32" => Ok(PrecisionChoice::Fp32),
+            "bf16" => Ok(PrecisionChoice::Bf16),
+            _ => Err(Error::Input(format!(
+                "precision '{word}': expected auto, fp32 or bf16"
+            ))),
+        }
+    }
+
+    /// The precision of all ranks. Collective.
+    pub fn agreed(self, comm: &Comm) -> Precision {
+        let mut lacking = [i64::from(!Isa::detect().multiplies_bf16())];
+        comm.max_i64(&mut lacking);
+        match self {
+            PrecisionChoice::Fp32 => Precision::Fp32,
+            PrecisionChoice::Bf16 => Precision::Bf16,
+            PrecisionChoice::Auto if lacking[0] == 0 => Precision::Bf16,
+            PrecisionChoice::Auto => Precision::Fp32,
+        }
+    }
+}
+
+impl From<Precision> for PrecisionChoice {
+    fn from(precision: Precision) -> Self {
+        match precision {
+            Precision::Fp32 => PrecisionChoice::Fp32,
+            Precision::Bf16 => PrecisionChoice::Bf16,
         }
     }
 }
@@ -167,6 +219,19 @@ mod tests {
         for p in [Precision::Fp32, Precision::Bf16] {
             assert_eq!(Precision::parse(p.name()).unwrap(), p);
         }
+        let auto = match Isa::detect().multiplies_bf16() {
+            true => Precision::Bf16,
+            false => Precision::Fp32,
+        };
+        let alone = Comm::serial();
+        for (word, choice) in [("fp32", Precision::Fp32), ("bf16", Precision::Bf16)] {
+            assert_eq!(PrecisionChoice::parse(word).unwrap(), choice.into());
+        }
+        assert_eq!(PrecisionChoice::parse("auto").unwrap(), PrecisionChoice::Auto);
+        assert!(PrecisionChoice::parse("half").is_err());
+        assert_eq!(PrecisionChoice::Auto.agreed(&alone), auto);
+        assert_eq!(PrecisionChoice::Bf16.agreed(&alone), Precision::Bf16);
+        assert_eq!(PrecisionChoice::default().agreed(&alone), Precision::Fp32);
         let message = Precision::parse("fp16").unwrap_err().to_string();
         assert!(message.contains("expected fp32 or bf16"), "{message}");
         let all = Isa::available();

@@ -99,7 +99,8 @@ impl Moving {
             false => None,
         };
         let view = cut.as_ref().map(|(s, f)| SegmentView::new(s, f));
-        let engine = Engine::new(model, graph.graph(), view.as_ref(), &options.engine());
+        let settings = options.engine(options.precision.agreed(comm));
+        let engine = Engine::new(model, graph.graph(), view.as_ref(), &settings);
         let engine = comm.agree(engine)?;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
         let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();

@@ -4,7 +4,7 @@ use super::groups::OnGroups;
 use super::moving::Moving;
 use super::{Backend, Network, Session, SessionOptions, case, faces_seen_as_their_cells};
 use m4gn_engine::torch::TorchBackend;
-use m4gn_engine::{Engine, Forward, Precision, SegmentView};
+use m4gn_engine::{Engine, Forward, Precision, PrecisionChoice, SegmentView};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, SegmentSpec, cell_size};
@@ -218,7 +218,8 @@ fn fixed(
     let features = segmentation.map(|s| segments::features(&model.spec, mesh, s, comm));
     let features = features.unwrap_or_default();
     let view = segmentation.map(|s| SegmentView::new(s, &features));
-    comm.agree(network(model, graph, view.as_ref(), options, comm))
+    let precision = options.precision.agreed(comm);
+    comm.agree(network(model, graph, view.as_ref(), options, precision, comm))
 }
 
 fn network(
@@ -226,16 +227,19 @@ fn network(
     graph: &Graph,
     view: Option<&SegmentView>,
     options: &SessionOptions,
+    precision: Precision,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
     match &options.backend {
-        Backend::Native => Ok(Box::new(Engine::new(model, graph, view, &options.engine())?)),
+        Backend::Native => {
+            let options = options.engine(precision);
+            Ok(Box::new(Engine::new(model, graph, view, &options)?))
+        }
         Backend::Torch(device) => {
-            if options.precision != Precision::Fp32 {
-                return Err(Error::Input(format!(
-                    "precision {}: backend torch computes in fp32; use backend native",
-                    options.precision.name()
-                )));
+            if options.precision == PrecisionChoice::Bf16 {
+                return Err(Error::Input(
+                    "precision bf16: backend torch computes in fp32; use backend native".into(),
+                ));
             }
             let path = options.model.as_deref();
             let path = path.ok_or_else(|| Error::Input("backend torch needs the model's file".into()))?;

@@ -1,7 +1,7 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
 use m4gn_contact::projection::ProjectionOptions;
-use m4gn_engine::{EngineOptions, Precision};
+use m4gn_engine::{EngineOptions, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, settings};
 use serde::{Deserialize, Serialize};
@@ -67,7 +67,7 @@ pub struct SessionOptions {
     /// Threads of this rank.
     pub n_threads: usize,
     /// Of the native engine's products; libtorch computes in fp32.
-    pub precision: Precision,
+    pub precision: PrecisionChoice,
     /// Mean distance of the network's nodes: the model's own, a node a cell, or a length.
     pub resolution: Resolution,
     /// What differs from the segmentation that the model was trained with.
@@ -85,7 +85,7 @@ impl Default for SessionOptions {
             model: None,
             backend: Backend::default(),
             n_threads: 1,
-            precision: Precision::default(),
+            precision: PrecisionChoice::default(),
             resolution: Resolution::default(),
             segments: SegmentEntries::default(),
             projection: None,
@@ -140,10 +140,10 @@ impl SessionOptions {
     }
 
     /// What the native engine is made with.
-    pub(super) fn engine(&self) -> EngineOptions {
+    pub(super) fn engine(&self, precision: Precision) -> EngineOptions {
         EngineOptions {
             n_threads: self.n_threads,
-            precision: self.precision,
+            precision,
             ..EngineOptions::default()
         }
     }

@@ -2,6 +2,8 @@
 //!
 //! Unknown keys are errors, every message names the key, the value found and the values that work.
 
+use m4gn_engine::Precision;
+use m4gn_engine::backward::UpdateRule;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{
@@ -100,16 +102,6 @@ pub enum Decay {
     Cosine,
 }
 
-/// Arithmetic of the large matrix products; weights, sums and the optimiser stay in fp32.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Precision {
-    /// 32-bit products.
-    Fp32,
-    /// bfloat16 products: faster where the processor has them, about three decimal digits.
-    Bf16,
-}
-
 /// `[training]`: optimisation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -120,7 +112,7 @@ pub struct TrainingConfig {
     pub batch_size: usize,
     /// Graphs a forward pass; a batch is cut into such pieces, which worker threads share.
     pub micro_batch: usize,
-    /// Arithmetic of the large matrix products.
+    /// Arithmetic of the large matrix products; weights, sums and the optimiser stay in fp32.
     pub precision: Precision,
     /// Optimisation steps.
     pub steps: u64,
@@ -141,6 +133,8 @@ pub struct TrainingConfig {
     /// Further decays, each from a step with a rate of its own down to `learning_rate_end` where the next one starts or
     /// at the last step: for the stages in which many model steps are unrolled. Ascending steps.
     pub restarts: Vec<Restart>,
+    /// What makes updates of gradients.
+    pub optimiser: UpdateRule,
     /// Decay rates of Adam's first and second moments.
     pub betas: [f64; 2],
     /// Largest norm of the gradient; larger ones are scaled down. 0: no limit.
@@ -209,6 +203,7 @@ impl Default for TrainingConfig {
             decay_steps: 100_000,
             decay: Decay::Exponential,
             restarts: vec![],
+            optimiser: UpdateRule::default(),
             betas: [0.9, 0.999],
             gradient_clip: 0.0,
             ema_decay: 0.0,

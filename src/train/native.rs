@@ -1,14 +1,14 @@
 //! The native engine as a backend of the training: an example is one thread's work.
 
 use super::backend::{Backend, Batch, Example, Learned, Rollout};
-use super::config::{Precision, TrainingConfig};
+use super::config::TrainingConfig;
 use super::normaliser::Normaliser;
 use super::smoother::Smoother;
 use super::state::Stepper;
 use super::workload::Workload;
 use m4gn_engine as engine;
-use m4gn_engine::SegmentView;
 use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
+use m4gn_engine::{Precision, SegmentView};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_segments::graph::Graph;
@@ -61,11 +61,7 @@ impl<'a> NativeBackend<'a> {
             }
             last = c.field[*i];
         }
-        let precision = match t.precision {
-            Precision::Fp32 => engine::Precision::Fp32,
-            Precision::Bf16 => engine::Precision::Bf16,
-        };
-        let network = Trainable::new(spec, precision, None)?;
+        let network = Trainable::new(spec, t.precision, None)?;
         let stage = spec.architecture.segment_transformer().is_some();
         let graphs = work.train.iter().map(|sample| {
             let reflected = sample.reflected_features(spec);
@@ -186,10 +182,7 @@ fn share_out<S: Send, R: Send>(
 
 impl Backend for NativeBackend<'_> {
     fn name(&self) -> String {
-        let precision = match self.precision {
-            Precision::Fp32 => "fp32",
-            Precision::Bf16 => "bf16",
-        };
+        let precision = self.precision.name();
         let isa = engine::Isa::detect();
         let advice = match self.precision == Precision::Bf16 && !isa.multiplies_bf16() {
             true => "; this processor has no products of bf16, so that fp32 is faster on it",

@@ -44,15 +44,12 @@ pub(super) fn losses(request: &Request) -> Vec<f64> {
 #[test]
 fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
     let folder = data();
-    let whole = request(folder.path(), "whole", "checkpoint_interval = 5", 14);
+    // Whose matrices are shared out to the threads.
+    let training = "optimiser = \"muon\"\ncheckpoint_interval = 5";
+    let whole = request(folder.path(), "whole", training, 14);
     run(&whole).unwrap();
     for round in 0..20u64 {
-        let mut parts = request(
-            folder.path(),
-            &format!("parts{round}"),
-            "checkpoint_interval = 5",
-            14,
-        );
+        let mut parts = request(folder.path(), &format!("parts{round}"), training, 14);
         parts.resume = true;
         // Stopped after some rows of the log were written, three times, on one and two threads in turn.
         for part in 0..3u64 {
@@ -88,9 +85,15 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
 #[test]
 fn training_lowers_the_loss_and_leaves_a_model() {
     let folder = data();
-    for (precision, most) in [("fp32", 0.3), ("bf16", 0.35)] {
-        let training = format!("precision = \"{precision}\"\nvalidation_interval = 100");
-        let request = request(folder.path(), precision, &training, 150);
+    for (precision, optimiser, most) in [
+        ("fp32", "adam", 0.3),
+        ("bf16", "adam", 0.35),
+        ("fp32", "muon", 0.3),
+    ] {
+        let training =
+            format!("precision = \"{precision}\"\noptimiser = \"{optimiser}\"\nvalidation_interval = 100");
+        let name = format!("{precision}-{optimiser}");
+        let request = request(folder.path(), &name, &training, 150);
         let figures = run(&request).unwrap();
         let loss = losses(&request);
         // The first row is the normalisers' warm-up.

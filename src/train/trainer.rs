@@ -12,7 +12,7 @@ use super::request::Request;
 use super::start::load;
 use super::together::learn_together;
 use super::workload::Workload;
-use m4gn_engine::backward::{Adam, Layout, norm};
+use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Output};
@@ -45,7 +45,7 @@ pub(super) struct Trainer<'a> {
     pub(super) comm: &'a Comm,
     pub(super) backend: Box<dyn Backend + 'a>,
     pub(super) layout: Layout,
-    pub(super) optimiser: Adam,
+    pub(super) optimiser: Optimiser,
     pub(super) normaliser: Normaliser,
     /// Whether the normalisers are those of the model that the training started from.
     pub(super) frozen: bool,
@@ -121,7 +121,12 @@ pub fn train(
     let mut trainer = Trainer {
         request,
         comm,
-        optimiser: Adam::new(weights, t.betas, t.ema_decay > 0.0),
+        optimiser: Optimiser::new(weights, t.betas, t.ema_decay > 0.0).with_rule(
+            t.optimiser,
+            &layout,
+            spec.architecture.width,
+            threads,
+        ),
         normaliser,
         frozen: loaded.from.is_some(),
         config,

@@ -9,7 +9,7 @@ use crate::device::parse_device;
 use crate::inference::Inference;
 use crate::pool::panic_message;
 use crate::samples::Parts;
-use m4gn_engine::backward::Adam;
+use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::{LIBRARY, TorchGraph};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -96,7 +96,7 @@ pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *co
 struct Measured {
     backend: TorchBackend,
     prepared: Prepared,
-    optimiser: Adam,
+    optimiser: Optimiser,
 }
 
 /// Prepares a [`Trial`] in JSON; `device` as in [`m4gn_torch_load`].

@@ -1,6 +1,6 @@
 //! What a worker thread does: gradients of pieces of a batch, and rollouts for validation.
 
-use crate::config::{Config, Precision};
+use crate::config::Config;
 use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::{Scales, moments as moments_of};
@@ -8,6 +8,7 @@ use crate::rollout::{Boundary, State, Stepper};
 use crate::samples::{HostGraph, Sample};
 use crate::weights::Layout;
 use m4gn_contact::graph::ContactGraph;
+use m4gn_engine::Precision;
 use m4gn_engine::backward::normal;
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;

@@ -43,6 +43,11 @@ impl Layout {
         &self.entries
     }
 
+    /// First number of each in the flat vector, and the end.
+    pub fn starts(&self) -> &[usize] {
+        &self.starts
+    }
+
     /// First number and shape of a weight.
     ///
     /// # Errors

@@ -19,6 +19,7 @@ mod layer;
 mod layout;
 mod messages;
 mod mlp;
+mod muon;
 mod network;
 mod optimiser;
 mod processor;
@@ -29,7 +30,7 @@ mod weights;
 
 pub use graph::TrainGraph;
 pub use layout::{Layout, normal};
-pub use optimiser::{Adam, norm};
+pub use optimiser::{Optimiser, UpdateRule, norm};
 
 use super::kernels::{Bf16, Number};
 use super::{Isa, Precision};

@@ -21,7 +21,7 @@ use super::normaliser::Normaliser;
 use super::regression::Regression;
 use super::samples::Sample;
 use m4gn_data::{Place, whole_mesh};
-use m4gn_engine::backward::{Adam, Layout};
+use m4gn_engine::backward::{Layout, Optimiser};
 use m4gn_mesh::parallel::{Comm, everywhere};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, ModelSpec, SegmentSpec, Tensor};
@@ -48,7 +48,7 @@ pub struct Adaptation {
     others: BTreeMap<String, Tensor>,
     normaliser: Normaliser,
     /// The weights that are used, and how they came about.
-    optimiser: Adam,
+    optimiser: Optimiser,
     /// This rank's part of the mesh, and the undecomposed one.
     mesh: Mesh,
     whole: Mesh,
@@ -95,11 +95,18 @@ impl Adaptation {
         let normaliser = comm.agree(Normaliser::of_model(model))?;
         let layout = Layout::new(&model.spec);
         let shipped = comm.agree(layout.flatten(model))?;
-        let training = settings.training(&model.spec, &normaliser.scales().node.std);
+        let precision = settings.precision.agreed(&comm);
+        let training = settings.training(&model.spec, &normaliser.scales().node.std, precision);
         let window = Window::new(&settings, model.spec.stride, sample.graph.n_owned * sample.width);
+        let threads = settings.threads.unwrap_or_else(|| session.threads());
         Ok(Adaptation {
-            threads: settings.threads.unwrap_or_else(|| session.threads()),
-            optimiser: Adam::new(shipped.clone(), training.betas, false),
+            threads,
+            optimiser: Optimiser::new(shipped.clone(), training.betas, false).with_rule(
+                training.optimiser,
+                &layout,
+                model.spec.architecture.width,
+                threads,
+            ),
             places: everywhere(&comm, &nodes)
                 .into_iter()
                 .map(|node| node as usize)

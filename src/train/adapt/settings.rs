@@ -1,6 +1,8 @@
 //! What a case may set of an adaptation: one JSON object, with one check.
 
-use crate::config::{Decay, Precision, TrainingConfig};
+use crate::config::{Decay, TrainingConfig};
+use m4gn_engine::backward::UpdateRule;
+use m4gn_engine::{Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
 use serde::{Deserialize, Serialize};
@@ -66,6 +68,8 @@ pub struct Settings {
     pub unroll: usize,
     /// Graphs an optimisation step.
     pub batch: usize,
+    /// Which rule makes updates of gradients.
+    pub optimiser: UpdateRule,
     /// Learning rate of the first step; it falls to a tenth along half a cosine.
     pub learning_rate: f64,
     /// Standard deviation of the noise on each input, as a share of the field's own over the model's training data.
@@ -81,7 +85,7 @@ pub struct Settings {
     /// Most wall time of all adaptation together, s; none: no limit.
     pub budget: Option<f64>,
     /// Arithmetic of the large products.
-    pub precision: Precision,
+    pub precision: PrecisionChoice,
     /// Seed of examples and noise.
     pub seed: u64,
     /// Threads of each rank; none: those of the session.
@@ -99,6 +103,7 @@ impl Default for Settings {
             steps_each: 20,
             unroll: 1,
             batch: 2,
+            optimiser: UpdateRule::Adam,
             learning_rate: 2e-4,
             noise: 0.01,
             smooth_loss: 0.0,
@@ -106,7 +111,7 @@ impl Default for Settings {
             pull: 0.0,
             layers: Layers::All,
             budget: None,
-            precision: Precision::Fp32,
+            precision: PrecisionChoice::Fp32,
             seed: 1,
             threads: None,
         }
@@ -183,7 +188,12 @@ impl Settings {
 
     /// The training that these settings mean for a model: noise in the fields' units; weights of the losses, and whether
     /// half of the examples are reflected, as the model was trained.
-    pub(super) fn training(&self, spec: &ModelSpec, input_std: &[f32]) -> TrainingConfig {
+    pub(super) fn training(
+        &self,
+        spec: &ModelSpec,
+        input_std: &[f32],
+        precision: Precision,
+    ) -> TrainingConfig {
         let mut noise = BTreeMap::new();
         let mut column = 0;
         for field in spec.fields.iter().filter(|f| f.input) {
@@ -209,7 +219,8 @@ impl Settings {
         TrainingConfig {
             seed: self.seed,
             batch_size: self.batch,
-            precision: self.precision,
+            precision,
+            optimiser: self.optimiser,
             learning_rate: self.learning_rate,
             learning_rate_end: 0.1 * self.learning_rate,
             decay: Decay::Cosine,
@@ -247,6 +258,7 @@ mod tests {
         for (text, named) in [
             (r#"{"mode": "after"}"#, "before"),
             (r#"{"learning_rate": 1}"#, "learningRate"),
+            (r#"{"optimiser": "sgd"}"#, "muon"),
             (r#"{"steps": 0}"#, "steps"),
             (r#"{"heldBack": 1}"#, "heldBack"),
             (r#"{"heldBack": 1e999}"#, "adapt"),
@@ -263,7 +275,7 @@ mod tests {
         let mut spec = m4gn_model::sample::spec();
         spec.training =
             serde_json::json!({ "config": { "training": { "mirror": true, "loss_weights": { "p": 0.3 } } } });
-        let t = Settings::default().training(&spec, &[2.0, 0.5, 4.0]);
+        let t = Settings::default().training(&spec, &[2.0, 0.5, 4.0], Precision::Fp32);
         assert!((t.noise["U"] - 0.02).abs() < 1e-12, "{:?}", t.noise);
         // The rest is as the model was trained.
         assert!(t.mirror && t.loss_weights["p"] == 0.3 && t.loss_weights.len() == 1);

@@ -5,7 +5,6 @@ use super::Adaptation;
 use super::window::Window;
 use crate::regression::Regression;
 use crate::tensor_file::{Arrays, TensorFile};
-use m4gn_engine::backward::Adam;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -146,7 +145,7 @@ impl Adaptation {
         };
         let sample = Arc::get_mut(&mut self.sample).ok_or("its frames are being read")?;
         (sample.frames, sample.n_frames) = (frames, n_frames);
-        self.optimiser = Adam::new(weights, self.training.betas, false);
+        self.optimiser.weights = weights;
         (self.optimiser.first, self.optimiser.second) = (first, second);
         self.optimiser.updates = found.updates;
         (self.window, self.steps, self.fitted) = (window, found.steps, fitted);

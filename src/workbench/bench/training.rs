@@ -2,12 +2,11 @@
 
 use super::{Segments, Shape, hexahedra, o_mesh};
 use m4gn_engine::Precision;
-use m4gn_engine::backward::{Adam, Layout, norm};
+use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{ArchitectureKeys, Model, ModelSpec};
 use m4gn_segments::graph::Graph;
-use m4gn_train::config;
 use m4gn_train::config::{Config, FieldConfig, ModelConfig, TrainingConfig};
 use m4gn_train::normaliser::Normaliser;
 use m4gn_train::samples::{Components, Sample};
@@ -136,10 +135,7 @@ impl Trial {
             segments: spec.segments.clone(),
             training: TrainingConfig {
                 batch_size: self.batch,
-                precision: match self.bf16 {
-                    true => config::Precision::Bf16,
-                    false => config::Precision::Fp32,
-                },
+                precision: self.precision(),
                 noise: [("U".to_string(), 0.02)].into(),
                 ..TrainingConfig::default()
             },
@@ -178,17 +174,17 @@ impl Trial {
 
 impl Prepared {
     /// Random first weights.
-    pub fn optimiser(&self) -> Adam {
+    pub fn optimiser(&self) -> Optimiser {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let weights = Layout::new(&self.spec).initial(&self.spec, &mut rng);
-        Adam::new(weights, [0.9, 0.999], false)
+        Optimiser::new(weights, [0.9, 0.999], false)
     }
 
     /// One step of training; returns the loss.
     ///
     /// # Errors
     /// What the backend may fail with; [`Error::Numerical`] for a loss that is not finite.
-    pub fn step(&self, backend: &mut dyn Backend, optimiser: &mut Adam) -> Result<f64> {
+    pub fn step(&self, backend: &mut dyn Backend, optimiser: &mut Optimiser) -> Result<f64> {
         let batch = Batch {
             examples: &self.examples,
             micro: 1,

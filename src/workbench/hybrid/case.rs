@@ -310,7 +310,7 @@ impl Job<'_> {
         let start = s.start_up + s.solver_time;
         format!(
             "surrogate\n{{\n    type            m4gnSurrogate;\n    libs            (m4gnFoam);\n    mode            replace;\n    \
-             model           \"{}\";\n    precision       bf16;\n    timeStart       {start};\n    solverSteps     {};\n    \
+             model           \"{}\";\n    precision       auto;\n    timeStart       {start};\n    solverSteps     {};\n    \
              surrogateSteps  {};\n\n{entries}\n}}\n",
             self.plan.model.display(),
             (s.solver_time / delta_t).round().max(1.0),
