@@ -103,7 +103,7 @@ impl Default for Settings {
             steps_each: 20,
             unroll: 1,
             batch: 2,
-            optimiser: UpdateRule::Adam,
+            optimiser: UpdateRule::Muon,
             learning_rate: 2e-4,
             noise: 0.01,
             smooth_loss: 0.0,
