@@ -2,6 +2,7 @@
 //! noise, reflections and batches of several graphs.
 
 use m4gn_data::Trajectory;
+use m4gn_engine::Precision;
 use m4gn_engine::backward::Layout;
 use m4gn_mesh::NodeType;
 use m4gn_model::{
@@ -9,7 +10,7 @@ use m4gn_model::{
     SegmentMethod, SegmentSpec,
 };
 use m4gn_torch::backend::TorchBackend;
-use m4gn_train::config::{Config, Precision};
+use m4gn_train::config::Config;
 use m4gn_train::normaliser::Normaliser;
 use m4gn_train::samples::Sample;
 use m4gn_train::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Task, Workload, sample};
