@@ -130,7 +130,7 @@ impl Optimiser {
             }
         };
         std::thread::scope(|scope| {
-            (1..self.threads).for_each(|_| {
+            (1..self.threads.min(self.matrices.len())).for_each(|_| {
                 scope.spawn(work);
             });
             work();
