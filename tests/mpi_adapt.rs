@@ -1,5 +1,5 @@
 //! A model that learns its case on several ranks against the same on one: run as `mpirun -np P <this binary>` for
-//! P = 1, 2, 3, 4. Without mpirun this is a run on one rank.
+//! P = 1, 2, 3. Without mpirun this is a run on one rank.
 
 #[path = "ranks/mod.rs"]
 mod ranks;

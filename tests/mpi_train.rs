@@ -1,4 +1,4 @@
-//! Training on several ranks against the same training on one: run as `mpirun -np P <this binary>` for P = 1, 2, 3, 4.
+//! Training on several ranks against the same training on one: run as `mpirun -np P <this binary>` for P = 1, 2, 3.
 //! Without mpirun this is a run on one rank.
 
 #[path = "ranks/mod.rs"]
