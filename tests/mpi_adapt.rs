@@ -19,10 +19,11 @@ fn main() -> ExitCode {
     ranks::run("mpi_adapt", run)
 }
 
-fn show(a: &mut Adaptation, mesh: &Mesh, steps: std::ops::Range<usize>) -> Result<()> {
+/// Two or more frames a stride.
+fn show(a: &mut Adaptation, mesh: &Mesh, steps: std::ops::Range<usize>, step: f64) -> Result<()> {
     let first = steps.start;
     for i in steps {
-        let time = 0.005 * i as f64;
+        let time = step * i as f64;
         let [u, p] = vortex(mesh, time);
         let field = |name, components, cells, boundary| Field {
             name,
@@ -45,7 +46,7 @@ fn adapt(comm: &Comm, mesh: &Mesh, model: &Model, method: &str) -> Result<(Model
     let mut a = Adaptation::new(&session, mesh, model, Settings::parse(&settings)?)?;
     let mut outcomes = Vec::new();
     for steps in [0..50, 60..70, 80..90] {
-        show(&mut a, mesh, steps)?;
+        show(&mut a, mesh, steps, 0.005)?;
         outcomes.push(a.run(3)?);
         session.set_weights(mesh, &a.model())?;
     }
@@ -62,6 +63,8 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     for method in ["gradient", "ridge"] {
         compare(comm, &mesh, &model, method, &mut failures)?;
     }
+
+    time(comm, &mesh, &model, &mut failures)?;
 
     // What one rank finds wrong, all know.
     let size = comm.size();
@@ -119,6 +122,25 @@ fn compare(comm: &Comm, mesh: &Mesh, model: &Model, method: &str, failures: &mut
                 "{method}, {how}: weights are {off:e} from those of one rank"
             ));
         }
+    }
+    Ok(())
+}
+
+/// The clock, of a model that is adapted on four frames a stride.
+fn time(comm: &Comm, mesh: &Mesh, model: &Model, failures: &mut Vec<String>) -> Result<()> {
+    let timed = |comm: &Comm, mesh: &Mesh| -> Result<(f64, String)> {
+        let session = Session::new(comm.clone(), mesh, model, &SessionOptions::default())?;
+        let settings = Settings::parse(r#"{"learningRate": 3e-3, "steps": 60}"#)?;
+        let mut a = Adaptation::new(&session, mesh, model, settings)?;
+        show(&mut a, mesh, 0..120, 0.0025)?;
+        let note = a.run(3)?.note;
+        Ok((a.ahead().later / model.spec.stride, note))
+    };
+    let (alone, _) = timed(&Comm::serial(), mesh)?;
+    let part = sample::part(mesh, &sample::strips(mesh.n_cells(), comm.size()), comm.rank());
+    let (together, note) = timed(comm, &part)?;
+    if (together - alone).abs() > 1e-3 || !note.contains("the clock by 4 rollouts of 6 strides") {
+        failures.push(format!("{together} of a stride ahead, and alone {alone}: {note}"));
     }
     Ok(())
 }

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 8
+#define M4GN_ABI_VERSION 9
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -316,6 +316,11 @@ void m4gn_adapt_free(m4gn_adapt* adapt);
 
 /* 1 as long as frames and runs are of use; 0 after the one run of mode before. */
 int32_t m4gn_adapt_active(const m4gn_adapt* adapt);
+
+/* Time (s) by which a step of the session brings the surrogate further than the model's stride, by the last run; negative: less
+ * far. A state after n steps is that of n * (stride + ahead) later. later 0: in a jump from a state of the solver's own; 1: in
+ * a jump after others, with a few steps of the solver between. 0 before it was measured, and for settings with clock false. */
+double m4gn_adapt_ahead(const m4gn_adapt* adapt, int32_t later);
 
 /* Collective. All fields of the model after a step of the solver; begins 1: the state does not follow from the last one by
  * a step of the solver. Frames that there is no room for are forgotten. */

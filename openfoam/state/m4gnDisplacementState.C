@@ -112,9 +112,13 @@ Foam::m4gnDisplacementState::m4gnDisplacementState
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted)
+void Foam::m4gnDisplacementState::advance
+(
+    const List<scalarField>& predicted,
+    const scalar duration
+)
 {
-    step(session_.stride());
+    step(duration);
 
     forAll(predicted, outputi)
     {
@@ -126,7 +130,7 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted)
     if (dynamic_)
     {
         const volVectorField& old = D().oldTime();
-        const scalar rStride = 1/session_.stride();
+        const scalar rDuration = 1/duration;
 
         // Predicted, and not to be computed from D anew
         rate().timeIndex() = time_.timeIndex();
@@ -135,7 +139,7 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted)
         forAll(boundary, patchi)
         {
             boundary[patchi] ==
-                rStride
+                rDuration
                *(D().boundaryField()[patchi] - old.boundaryField()[patchi]);
         }
         rate().correctBoundaryConditions();

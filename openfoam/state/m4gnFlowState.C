@@ -97,9 +97,13 @@ Foam::m4gnFlowState::m4gnFlowState
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-void Foam::m4gnFlowState::advance(const List<scalarField>& predicted)
+void Foam::m4gnFlowState::advance
+(
+    const List<scalarField>& predicted,
+    const scalar duration
+)
 {
-    step(session_.stride());
+    step(duration);
     completed_ = false;
 
     forAll(predicted, outputi)

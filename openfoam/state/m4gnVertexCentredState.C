@@ -111,9 +111,13 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-void Foam::m4gnVertexCentredState::advance(const List<scalarField>& predicted)
+void Foam::m4gnVertexCentredState::advance
+(
+    const List<scalarField>& predicted,
+    const scalar duration
+)
 {
-    step(session_.stride());
+    step(duration);
 
     forAll(predicted, outputi)
     {

@@ -153,6 +153,13 @@ exports! {
         Ok(i32::from(!handle.adaptation.is_done()))
     }
 
+    /// Time by which a model step brings the surrogate further than its stride, s; 0 for null.
+    fn m4gn_adapt_ahead(adapt: *const AdaptHandle, later: i32) -> f64, or |_| 0.0; {
+        // SAFETY: an adaptation of ours, or null.
+        let ahead = unsafe { raw::reference("adapt", adapt)? }.adaptation.ahead();
+        Ok(if later == 0 { ahead.first } else { ahead.later })
+    }
+
     /// The fields after a step of the solver.
     fn m4gn_adapt_frame(
         adapt: *mut AdaptHandle,

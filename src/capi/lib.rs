@@ -29,7 +29,7 @@ pub use session::{FieldInfo, ProjectionData};
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 8;
+pub const ABI_VERSION: i32 = 9;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

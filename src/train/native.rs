@@ -130,6 +130,26 @@ impl<'a> NativeBackend<'a> {
         done
     }
 
+    /// Does `task`, which needs nothing of a thread, for each of n on the threads; results in order.
+    pub(super) fn on_threads<R: Send>(
+        &self,
+        n: usize,
+        task: impl Fn(usize) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        let mut threads = vec![(); self.workers.len()];
+        share_out(&mut threads, n, |_, i| task(i))
+    }
+
+    /// The model with these weights.
+    pub(super) fn model(&self, weights: &[f32], normaliser: &Normaliser) -> Model {
+        let mut tensors = self.network.layout().unflatten(weights);
+        tensors.extend(normaliser.tensors());
+        Model {
+            spec: self.spec.clone(),
+            tensors,
+        }
+    }
+
     pub(super) fn lap(&self, phase: usize, since: Instant) -> Instant {
         let now = Instant::now();
         self.clock[phase].fetch_add((now - since).as_nanos() as u64, Ordering::Relaxed);
@@ -244,13 +264,7 @@ impl Backend for NativeBackend<'_> {
         normaliser: &Normaliser,
         plan: &[Rollout],
     ) -> Result<Vec<Vec<(f64, f64)>>> {
-        let mut tensors = self.network.layout().unflatten(weights);
-        tensors.extend(normaliser.tensors());
-        let model = Model {
-            spec: self.spec.clone(),
-            tensors,
-        };
-        let mut threads = vec![(); self.workers.len()];
-        share_out(&mut threads, plan.len(), |_, i| self.roll_one(&model, &plan[i]))
+        let model = self.model(weights, normaliser);
+        self.on_threads(plan.len(), |i| self.roll_one(&model, &plan[i]))
     }
 }

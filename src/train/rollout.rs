@@ -1,23 +1,96 @@
-//! Rollouts of validation trajectories on the native engine.
+//! Rollouts of recorded trajectories on the native engine, in fp32.
 
 use super::backend::Rollout;
 use super::native::NativeBackend;
+use super::samples::Components;
 use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::Model;
 
+/// How a rollout's state lags behind the recorded one, in the first predicted field.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Lag {
+    /// Time by which the rollout is ahead, s.
+    pub ahead: f64,
+    /// Sum over cells and components of the square of the rate of change there: how much it tells.
+    pub weight: f64,
+}
+
 impl NativeBackend<'_> {
-    /// Errors of a rollout on the engine, in fp32.
+    /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
     pub(super) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<(f64, f64)>> {
+        let sample = &self.work.valid[rollout.sample];
+        let c = self.stepper.components();
+        let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
+        let first = sample.frame(rollout.frame)?;
+        let mut errors: Vec<(f64, f64)> = Vec::with_capacity(rollout.steps);
+        self.roll(model, rollout, &mut |_, state, next| {
+            errors.push((error(state, next), error(&first, next)));
+            Ok(())
+        })?;
+        // There is no graph of a body that has flown apart; the error says so.
+        errors.resize(rollout.steps, (f64::INFINITY, 1.0));
+        Ok(errors)
+    }
+
+    /// By how much a rollout is ahead after some of its steps, of frames that are `interval` apart (s): the recorded state that is
+    /// nearest to the rollout's, a stride before or after its time at most, and the rest of the error there along the rate
+    /// of change.
+    pub(super) fn lags<const N: usize>(
+        &self,
+        model: &Model,
+        rollout: &Rollout,
+        after: [usize; N],
+        interval: f64,
+    ) -> Result<[Lag; N]> {
+        let sample = &self.work.valid[rollout.sample];
+        let (c, n) = (self.stepper.components(), self.work.frames_a_step as isize);
+        let mut lags = [Lag::default(); N];
+        self.roll(model, rollout, &mut |step, state, _| {
+            for (lag, _) in lags.iter_mut().zip(after).filter(|(_, after)| *after == step) {
+                let time = (rollout.frame + step * self.work.frames_a_step) as isize;
+                let mut frames = 0;
+                loop {
+                    let frame = |i: isize| sample.frame((time + frames + i) as usize);
+                    let (along, square) =
+                        along_rate(c, sample.n_cells(), state, [&frame(-1)?, &frame(0)?, &frame(1)?]);
+                    // Over two intervals
+                    let rest = 2.0 * along / square;
+                    let nearest = (frames as f64 + rest).round().clamp(-n as f64, n as f64) as isize;
+                    let ahead = (frames as f64 + rest) * interval;
+                    let further = (nearest - frames).signum();
+                    *lag = Lag {
+                        ahead,
+                        weight: square / (2.0 * interval).powi(2),
+                    };
+                    // Only on in the first direction, so that it ends.
+                    if further == 0 || further * frames.signum() < 0 {
+                        break;
+                    }
+                    frames += further;
+                }
+            }
+            Ok(())
+        })?;
+        Ok(lags)
+    }
+
+    /// Shows the state after each model step, with its number and the recorded state of that time. It ends early where a body
+    /// leaves the finite numbers.
+    fn roll(
+        &self,
+        model: &Model,
+        rollout: &Rollout,
+        visit: &mut dyn FnMut(usize, &[f32], &[f32]) -> Result<()>,
+    ) -> Result<()> {
         let sample = &self.work.valid[rollout.sample];
         let comm = Comm::serial();
         let stage = self.spec.architecture.segment_transformer().is_some();
         let view = sample.view();
         let mut contact = sample.contact.clone();
         let frame = |step: usize| sample.frame(rollout.frame + step * self.work.frames_a_step);
-        let first = frame(0)?;
-        let mut state = first.to_vec();
+        let mut state = frame(0)?.to_vec();
         if let Some(contact) = &mut contact {
             contact.update(&comm, &state)?;
         }
@@ -25,24 +98,33 @@ impl NativeBackend<'_> {
         let view = stage.then_some(&view);
         let mut engine = Engine::new(model, graph, view, &EngineOptions::default())?;
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
-        let c = self.stepper.components();
-        let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
-        let mut errors: Vec<(f64, f64)> = Vec::with_capacity(rollout.steps);
         for step in 1..=rollout.steps {
             let next = &*frame(step)?;
             self.stepper.inputs(sample, &state, next, &mut inputs);
             engine.forward(&comm, &inputs, &mut outputs)?;
             state = self.stepper.advance(sample, &state, &outputs, next);
-            errors.push((error(&state, next), error(&first, next)));
+            visit(step, &state, next)?;
             if let (Some(contact), true) = (&mut contact, step < rollout.steps) {
                 if !state.iter().all(|v| v.is_finite()) {
-                    // There is no graph of a body that has flown apart; the error says so.
-                    errors.resize(rollout.steps, (f64::INFINITY, 1.0));
                     break;
                 }
                 engine.set_edges(contact.update(&comm, &state)?)?;
             }
         }
-        Ok(errors)
+        Ok(())
     }
+}
+
+/// With the difference of the frames after and before, over cells and components of the first predicted field: the sum of the
+/// state's difference from the frame between times this, and of its square.
+fn along_rate(c: &Components, cells: usize, state: &[f32], [before, now, after]: [&[f32]; 3]) -> (f64, f64) {
+    let (mut along, mut square) = (0.0, 0.0);
+    for cell in 0..cells {
+        for i in c.headline().map(|i| cell * c.count + i) {
+            let change = f64::from(after[i] - before[i]);
+            along += f64::from(state[i] - now[i]) * change;
+            square += change * change;
+        }
+    }
+    (along, square)
 }

@@ -93,14 +93,19 @@ impl Components {
         c
     }
 
+    /// Components of the first predicted field.
+    pub fn headline(&self) -> impl Iterator<Item = usize> {
+        let field = self.field[self.outputs[0]];
+        (0..self.count).filter(move |&i| self.field[i] == field)
+    }
+
     /// Mean square, over the cells (of which there are `cells`) and its components, of the difference of the first predicted field
     /// in two frames.
     pub fn mean_square(&self, a: &[f32], b: &[f32], cells: usize) -> f64 {
-        let headline = self.field[self.outputs[0]];
         let (mut sum, mut n) = (0.0, 0.0);
         let rows = a.chunks_exact(self.count).zip(b.chunks_exact(self.count));
         for (a, b) in rows.take(cells) {
-            for i in (0..self.count).filter(|&i| self.field[i] == headline) {
+            for i in self.headline() {
                 sum += (f64::from(a[i]) - f64::from(b[i])).powi(2);
                 n += 1.0;
             }

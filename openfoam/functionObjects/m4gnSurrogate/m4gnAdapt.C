@@ -25,6 +25,11 @@ std::string settings(const Foam::dictionary& dict)
     Foam::dictionary own(dict.subDict("adapt"));
     own.remove("start");
     own.remove("writeModel");
+    if (dict.getOrDefault<Foam::word>("mode", "") != "replace")
+    {
+        // It is jumps that are given another time
+        own.set("clock", false);
+    }
     return Foam::m4gn::json(own);
 }
 
@@ -301,7 +306,8 @@ void Foam::m4gnAdapt::write() const
 
 void Foam::m4gnAdapt::writeSummary(Ostream& os) const
 {
-    os  << "  \"adapt_runs\": " << nRuns_ << ",\n"
+    os  << "  \"adapt_ahead\": " << ahead(true) << ",\n"
+        << "  \"adapt_runs\": " << nRuns_ << ",\n"
         << "  \"adapt_runs_used\": " << nUsed_ << ",\n"
         << "  \"adapt_steps\": " << nSteps_ << ",\n"
         << "  \"adapt_seconds\": " << seconds_ << ",\n";

@@ -268,6 +268,7 @@ Foam::m4gnReplace::m4gnReplace
     replacedTime_(0),
     firstTime_(mesh.time().value()),
     takeoverTime_(mesh.time().value()),
+    ahead_(0),
     surrogateSeconds_(0),
     handOverSeconds_(0),
     nStepsDone_(0),
@@ -281,12 +282,27 @@ Foam::m4gnReplace::m4gnReplace
 bool Foam::m4gnReplace::fits
 (
     const scalar endTime,
-    const scalar deltaT
+    const scalar deltaT,
+    const scalar nStrides
 ) const
 {
     return
-        time_.value() + session_.stride()
+        time_.value() + nStrides*session_.stride()
       < min(endTime + deltaT, time_.endTime().value()) - 0.5*deltaT;
+}
+
+
+Foam::label Foam::m4gnReplace::extraSteps(const scalar deltaT) const
+{
+    const label most = std::lround(0.5*session_.stride()/deltaT);
+
+    return min(max(label(std::lround(ahead_/deltaT)), -most), most);
+}
+
+
+Foam::label Foam::m4gnReplace::solverSteps(const label nSteps) const
+{
+    return max(nSteps - extraSteps(time_.deltaTValue()), (nSteps + 1)/2);
 }
 
 
@@ -295,13 +311,17 @@ bool Foam::m4gnReplace::jump
     const scalar endTime,
     const label nSteps,
     const bool carriedOn,
+    const scalar ahead,
     const m4gnControl* control,
     const std::function<void(label)>& written
 )
 {
     // Between its steps time has the surrogate's deltaT
     const scalar deltaT = time_.deltaTValue();
-    const auto fits = [&]() { return this->fits(endTime, deltaT); };
+    const auto fits = [&](const scalar nStrides)
+    {
+        return this->fits(endTime, deltaT, nStrides);
+    };
 
     const label nSolverSteps =
         max(label(1), label(std::lround(session_.stride()/deltaT)));
@@ -322,7 +342,7 @@ bool Foam::m4gnReplace::jump
         handOverSeconds_ += timer.timeIncrement();
     };
 
-    for (; stepi < nSteps && fits(); ++stepi)
+    for (; stepi < nSteps && fits(1); ++stepi)
     {
         timer.timeIncrement();
         if (!predict() || (control && !control->accepts(old_, predicted_)))
@@ -337,19 +357,32 @@ bool Foam::m4gnReplace::jump
             takeoverTime_ = time_.value();
         }
         ++nStepsDone_;
-        replacedTime_ += session_.stride();
+
+        // The first step makes up for the clock of those before
+        label nExtra = 0;
+        if (!stepi && !carriedOn)
+        {
+            nExtra = extraSteps(deltaT);
+            while (nExtra > 0 && !fits(1 + nExtra*deltaT/session_.stride()))
+            {
+                --nExtra;
+            }
+        }
+        ahead_ += ahead - nExtra*deltaT;
+        const scalar duration = session_.stride() + nExtra*deltaT;
+        replacedTime_ += duration;
 
         // Function objects behind this one have not seen this time yet; in
         // front of it they have not if it is the surrogate's.
         executeOthers(stepi > 0, true, time_.deltaTValue());
 
         timer.timeIncrement();
-        writing::count(time_, nSolverSteps);
-        state_->advance(predicted_);
-        writing::passed(time_, nSolverSteps);
+        writing::count(time_, nSolverSteps + nExtra);
+        state_->advance(predicted_, duration);
+        writing::passed(time_, nSolverSteps + nExtra);
         surrogateSeconds_ += timer.timeIncrement();
 
-        const bool last = stepi + 1 == nSteps || !fits();
+        const bool last = stepi + 1 == nSteps || !fits(1);
         handedOver = false;
 
         if (last || state_->completeEach() || time_.writeTime())
@@ -411,6 +444,7 @@ void Foam::m4gnReplace::writeState(Ostream& os) const
 
     os.beginBlock("totals");
     times.writeEntry("times", os);
+    List<scalar>(1, ahead_).writeEntry("ahead", os);
     os.writeEntry("jumps", nJumps_);
     os.writeEntry("endedEarly", nRefused_);
     os.writeEntry("steps", nStepsDone_);
@@ -427,6 +461,7 @@ void Foam::m4gnReplace::restore(const dictionary& state)
     replacedTime_ = times[2];
     surrogateSeconds_ = times[3];
     handOverSeconds_ = times[4];
+    ahead_ = state.get<List<scalar>>("ahead").first();
     nJumps_ = state.get<label>("jumps");
     nRefused_ = state.get<label>("endedEarly");
     nStepsDone_ = state.get<label>("steps");

@@ -183,6 +183,7 @@ bool Foam::functionObjects::m4gnSurrogate::jump
             timeEnd_,
             nSteps,
             carriedOn,
+            adapt_ ? adapt_->ahead(replace_->jumps() > carriedOn) : 0,
             control_.get(),
             [this](const label left) { save(left); }
         );
@@ -248,7 +249,7 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
 
     if
     (
-        time_.timeIndex() - handedBack_ < solverSteps_
+        time_.timeIndex() - handedBack_ < replace_->solverSteps(solverSteps_)
      || (control_ && !control_->fresh())
     )
     {

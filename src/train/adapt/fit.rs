@@ -64,6 +64,7 @@ impl Adaptation {
         self.steps += steps;
         Ok(Learned {
             steps,
+            before,
             after: if used { after } else { before },
             ended: "",
         })

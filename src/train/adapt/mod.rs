@@ -5,6 +5,7 @@
 //! gradients summed, so that the weights are those of one rank up to rounding. The last frames are held back: the adapted
 //! weights are used only where a rollout there is nearer to the solver than with the weights before.
 
+mod clock;
 mod fit;
 mod round;
 mod settings;
@@ -13,6 +14,7 @@ mod state;
 mod tests;
 mod window;
 
+pub use clock::{Ahead, Clock};
 pub use round::Outcome;
 pub use settings::{Layers, Method, Mode, Settings};
 
@@ -59,6 +61,8 @@ pub struct Adaptation {
     window: Window,
     /// The sums of the oldest stretch, and the ridge that its frames chose.
     fitted: Option<(Regression, f64)>,
+    /// Of the weights that are used; none before it was measured.
+    clock: Option<Clock>,
     /// Optimisation steps made, or regressions.
     steps: u64,
     /// Wall time of them, s.
@@ -121,6 +125,7 @@ impl Adaptation {
                 .collect(),
             sample: Arc::new(sample),
             fitted: None,
+            clock: None,
             steps: 0,
             seconds: 0.0,
             done: false,
@@ -232,6 +237,11 @@ impl Adaptation {
     /// Whether frames and rounds are of no more use.
     pub fn is_done(&self) -> bool {
         self.done
+    }
+
+    /// By how much a model step brings the surrogate further than its stride; 0 where that was not measured.
+    pub fn ahead(&self) -> Ahead {
+        self.clock.map_or(Ahead::default(), |clock| clock.ahead)
     }
 
     /// Forgets the frames: nothing more is to be learned.

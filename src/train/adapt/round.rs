@@ -1,5 +1,6 @@
 //! A round of an adaptation: optimisation steps on the frames in memory, checked on those that are held back.
 
+use super::clock;
 use super::{Adaptation, Layers, Method, Mode};
 use crate::backend::{Backend, Batch, Example, Rollout};
 use crate::native::NativeBackend;
@@ -46,22 +47,53 @@ pub struct Outcome {
 
 /// Frames to learn from, and rollouts to judge by.
 pub(super) struct Split {
-    frames_a_step: usize,
+    pub frames_a_step: usize,
     /// First frames of examples: of the oldest stretch, and of all later ones.
     pub starts: [Vec<usize>; 2],
     /// The same with those that are held back.
     pub all: [Vec<usize>; 2],
     rollouts: Vec<Rollout>,
     strides: usize,
+    /// Rollouts that tell the clock.
+    pub clock: Vec<Rollout>,
+    /// Whether the newest stretch is one of those that they are on.
+    fresh: bool,
 }
 
 /// What the learning of a round did; the weights are the best ones, or those from before.
 pub(super) struct Learned {
     pub steps: u64,
-    /// Error of the rollouts with the best weights.
+    /// Error of the rollouts with the weights from before.
+    pub before: f64,
+    /// With the best weights.
     pub after: f64,
     /// Why it ended early, for people.
     pub ended: &'static str,
+}
+
+impl Learned {
+    /// For people.
+    fn note(&self, split: &Split, frames: usize, seconds: f64, method: Method) -> String {
+        let (steps, before, after) = (self.steps, self.before, self.after);
+        let what = match method {
+            Method::Gradient => "step",
+            Method::Ridge => "regression",
+            Method::Clock => return format!("not adapted but timed in {seconds:.1} s on {frames} frames"),
+        };
+        let plural = |n: u64| if n == 1 { "" } else { "s" };
+        let so = match after < before {
+            true => "",
+            false => ", so that the weights stay as they were",
+        };
+        format!(
+            "adapted in {seconds:.1} s ({steps} {what}{} on {frames} frames): error of rollouts of {} stride{} on the \
+             held-back frames {before:.3} -> {after:.3} of holding{so}{}",
+            plural(steps),
+            split.strides,
+            plural(split.strides as u64),
+            self.ended
+        )
+    }
 }
 
 impl Adaptation {
@@ -109,41 +141,45 @@ impl Adaptation {
         };
         let backend = NativeBackend::new(&self.training, &self.spec, &work, self.threads);
         let mut backend = self.comm.agree(backend)?;
-        let before = self.score(&mut backend, &split)?;
-        let learned = match self.settings.method {
-            Method::Gradient => self.descend(&mut backend, &split, before, began)?,
-            Method::Ridge => self.fit(&mut backend, &split, before)?,
-        };
-        let Learned { steps, after, ended } = learned;
-        let used = after < before;
+        let learned = self.learn(&mut backend, &split, began)?;
+        let used = learned.after < learned.before;
+        if self.settings.clock && (used || split.fresh || self.clock.is_none()) {
+            self.clock = self.measure_clock(&backend, &split)?;
+        }
         let seconds = began.elapsed().as_secs_f64();
         self.seconds += seconds;
-        let plural = |n: u64| if n == 1 { "" } else { "s" };
-        let what = match self.settings.method {
-            Method::Gradient => "step",
-            Method::Ridge => "regression",
-        };
-        let so = if used {
-            ""
-        } else {
-            ", so that the weights stay as they were"
-        };
+        let mut note = learned.note(&split, frames, seconds, self.settings.method);
+        if self.settings.clock {
+            let clock = self.clock.map(|clock| clock.note(self.spec.stride));
+            note += "; ";
+            note += &clock
+                .unwrap_or_else(|| "the frames are too few, or too far apart, to tell the clock".into());
+        }
         Ok(Outcome {
             used,
-            steps,
+            steps: learned.steps,
             seconds,
             frames,
             strides: split.strides,
-            before,
-            after,
-            note: format!(
-                "adapted in {seconds:.1} s ({steps} {what}{} on {frames} frames): error of rollouts of {} stride{} on the \
-                 held-back frames {before:.3} -> {after:.3} of holding{so}{ended}",
-                plural(steps),
-                split.strides,
-                plural(split.strides as u64)
-            ),
+            before: learned.before,
+            after: learned.after,
+            note,
         })
+    }
+
+    /// Learns as the settings say. Collective.
+    fn learn(&mut self, backend: &mut NativeBackend, split: &Split, began: Instant) -> Result<Learned> {
+        let before = self.score(backend, split)?;
+        match self.settings.method {
+            Method::Gradient => self.descend(backend, split, before, began),
+            Method::Ridge => self.fit(backend, split, before),
+            Method::Clock => Ok(Learned {
+                steps: 0,
+                before,
+                after: before,
+                ended: "",
+            }),
+        }
     }
 
     /// Optimisation steps, with checks in between. Collective.
@@ -187,6 +223,7 @@ impl Adaptation {
         self.optimiser = optimiser;
         Ok(Learned {
             steps: made,
+            before,
             after,
             ended,
         })
@@ -329,6 +366,7 @@ impl Adaptation {
                  solver run longer alone, or start earlier"
             ));
         }
+        let clock = clock::plan(&ranges, strides, n);
         // With a third to spare, so that several rollouts begin at different frames.
         let strides = strides.clamp(1, (2 * longest / 3).max(1));
         let held = ranges
@@ -352,6 +390,8 @@ impl Adaptation {
                 })
                 .collect(),
             strides,
+            fresh: clock.last().is_some_and(|r| r.frame >= newest.start),
+            clock,
         })
     }
 }

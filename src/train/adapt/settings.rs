@@ -33,6 +33,8 @@ pub enum Method {
     Gradient,
     /// The decoder's last layer by ridge regression.
     Ridge,
+    /// Not at all: the clock alone is measured.
+    Clock,
 }
 
 /// Which weights learn.
@@ -56,6 +58,9 @@ pub struct Settings {
     pub mode: Mode,
     /// How it learns.
     pub method: Method,
+    /// Whether it is measured, with the weights that are used, how much more time a step takes than it says: see
+    /// [`Clock`](super::Clock).
+    pub clock: bool,
     /// Only the frames of the last so many seconds are kept; none: all.
     pub window: Option<f64>,
     /// Most frames that are kept in memory.
@@ -97,6 +102,7 @@ impl Default for Settings {
         Settings {
             mode: Mode::Before,
             method: Method::Gradient,
+            clock: true,
             window: None,
             max_frames: 400,
             steps: 300,
@@ -183,6 +189,9 @@ impl Settings {
                 return bad(key, value, &format!("{least} to {most}"));
             }
         }
+        if self.method == Method::Clock && !self.clock {
+            return bad("method", "clock, and clock no", "a clock that is measured");
+        }
         Ok(())
     }
 
@@ -260,6 +269,7 @@ mod tests {
             (r#"{"learning_rate": 1}"#, "learningRate"),
             (r#"{"optimiser": "sgd"}"#, "muon"),
             (r#"{"steps": 0}"#, "steps"),
+            (r#"{"method": "clock", "clock": false}"#, "clock"),
             (r#"{"heldBack": 1}"#, "heldBack"),
             (r#"{"heldBack": 1e999}"#, "adapt"),
             (r#"{"maxFrames": 2}"#, "maxFrames"),

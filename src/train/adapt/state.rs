@@ -1,8 +1,8 @@
 //! An adaptation on disk, so that a run that is carried on has the weights, the moments, the frames and the random numbers
 //! of the uninterrupted one.
 
-use super::Adaptation;
 use super::window::Window;
+use super::{Adaptation, Clock};
 use crate::regression::Regression;
 use crate::tensor_file::{Arrays, TensorFile};
 use m4gn_mesh::{Error, Result};
@@ -28,6 +28,8 @@ struct Description {
     /// Of the regression, which has its sums in the array `regression` then.
     #[serde(default)]
     ridge: Option<f64>,
+    #[serde(default)]
+    clock: Option<Clock>,
     window: Window,
 }
 
@@ -62,6 +64,7 @@ impl Adaptation {
             seconds: self.seconds,
             done: self.done,
             ridge: self.fitted.as_ref().map(|(_, ridge)| *ridge),
+            clock: self.clock,
             window: self.window.clone(),
         };
         let mut arrays = Arrays::default();
@@ -111,6 +114,13 @@ impl Adaptation {
         }
         let mut window = found.window;
         window.follow(&self.window)?;
+        let stride = self.spec.stride;
+        let ahead = found.clock.unwrap_or_default().ahead;
+        if ![ahead.first, ahead.later].iter().all(|a| a.abs() < stride) {
+            return Err(format!(
+                "a clock that is {ahead:?} s off in a stride of {stride} s"
+            ));
+        }
         let array = |name: &str, size: usize| {
             let values = file.floats(name).ok_or_else(|| format!("no tensor `{name}`"))?;
             match values.len() == size && values.iter().all(|v| v.is_finite()) {
@@ -149,7 +159,7 @@ impl Adaptation {
         (self.optimiser.first, self.optimiser.second) = (first, second);
         self.optimiser.updates = found.updates;
         (self.window, self.steps, self.fitted) = (window, found.steps, fitted);
-        (self.seconds, self.done) = (found.seconds, found.done);
+        (self.seconds, self.done, self.clock) = (found.seconds, found.done, found.clock);
         Ok(())
     }
 }

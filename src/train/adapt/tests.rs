@@ -16,19 +16,27 @@ fn model(seed: u64) -> Model {
 }
 
 fn adaptation(settings: &str) -> (Session, Adaptation) {
+    adaptation_of(&model(11), settings)
+}
+
+fn adaptation_of(model: &Model, settings: &str) -> (Session, Adaptation) {
     let mesh = sample::triangles(6, 4, 1.5, 1.0);
-    let model = model(11);
-    let session = Session::new(Comm::serial(), &mesh, &model, &SessionOptions::default()).unwrap();
+    let session = Session::new(Comm::serial(), &mesh, model, &SessionOptions::default()).unwrap();
     let settings = Settings::parse(settings).unwrap();
-    let adaptation = Adaptation::new(&session, &mesh, &model, settings).unwrap();
+    let adaptation = Adaptation::new(&session, &mesh, model, settings).unwrap();
     (session, adaptation)
 }
 
 fn show(a: &mut Adaptation, steps: std::ops::Range<usize>) {
+    show_at(a, steps, STEP, 1.0);
+}
+
+/// A vortex that is carried along so many times as fast.
+fn show_at(a: &mut Adaptation, steps: std::ops::Range<usize>, step: f64, speed: f64) {
     let first = steps.start;
     for i in steps {
-        let time = STEP * i as f64;
-        let [u, p] = vortex(&a.mesh, time);
+        let time = step * i as f64;
+        let [u, p] = vortex(&a.mesh, speed * time);
         let field = |name, components, values: &'_ (Vec<f64>, Vec<f64>)| (name, components, values.clone());
         let fields = [field("U", 3, &u), field("p", 1, &p)];
         let fields: Vec<Field> = fields
@@ -129,6 +137,46 @@ fn the_last_layer_is_fitted_in_closed_form() {
             outcome.note
         );
     }
+}
+
+#[test]
+fn the_clock_of_a_model_that_goes_too_fast_is_told() {
+    let (_, mut a) =
+        adaptation(r#"{"learningRate": 3e-3, "steps": 4000, "noise": 0.002, "threads": 2, "clock": false}"#);
+    show(&mut a, 0..60);
+    assert!(a.run(10).unwrap().used);
+    assert_eq!(a.ahead(), Ahead::default(), "it was not to be measured");
+    let learned = a.model();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("state");
+    let stride = learned.spec.stride;
+    // Where the vortex moves at nine tenths of the speed, the model's step takes ten ninths of the stride.
+    for (speed, expected) in [(1.0, 0.0), (0.9, 1.0 / 9.0), (1.1, -1.0 / 11.0)] {
+        let (_, mut timed) = adaptation_of(&learned, r#"{"method": "clock", "threads": 2}"#);
+        show_at(&mut timed, 0..120, STEP / 2.0, speed);
+        let outcome = timed.run(3).unwrap();
+        println!("{}", outcome.note);
+        assert!(!outcome.used && outcome.steps == 0 && timed.is_done());
+        for ahead in [timed.ahead().first, timed.ahead().later] {
+            assert!(
+                (ahead / stride - expected).abs() < 0.05,
+                "{speed}: {}",
+                outcome.note
+            );
+        }
+        timed.save(&path).unwrap();
+        let (_, mut next) = adaptation_of(&learned, r#"{"method": "clock"}"#);
+        next.load(&path).unwrap();
+        assert_eq!(next.ahead(), timed.ahead(), "of a run that is carried on");
+    }
+    // Two frames of a stride do not tell it.
+    let (_, mut few) = adaptation_of(&learned, r#"{"method": "clock"}"#);
+    show(&mut few, 0..60);
+    let note = few.run(3).unwrap().note;
+    assert!(
+        note.contains("too far apart") && few.ahead() == Ahead::default(),
+        "{note}"
+    );
 }
 
 #[test]
