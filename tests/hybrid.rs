@@ -127,6 +127,24 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     );
     assert_eq!(figures()["cases"][0]["failed"][0][0], "short");
     assert!(path("runs/0000/short/log.icoFoam").is_file());
+
+    // A full run whose fields end too early compares with nothing.
+    let times = fs::read_dir(path("runs/0000/full")).unwrap();
+    let times = times.map(|e| e.unwrap().file_name().into_string().unwrap());
+    let times = times.filter_map(|name| Some((name.parse::<f64>().ok()?, name)));
+    let (_, last) = times.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+    fs::remove_dir_all(path("runs/0000/full").join(last)).unwrap();
+    fs::write(path("short"), "surrogateSteps 5;\n").unwrap();
+    let cut = hybrid(dir.path(), &options);
+    assert!(
+        text(&cut).contains("the last time that both runs have"),
+        "{}",
+        text(&cut)
+    );
+    assert!(!path("runs/0000/short.json").is_file());
+    fs::remove_dir_all(path("runs/0000")).unwrap();
+    let whole = hybrid(dir.path(), &options);
+    assert!(whole.status.success(), "{}", text(&whole));
 }
 
 #[test]

@@ -68,9 +68,12 @@ impl Adaptation {
             window: self.window.clone(),
         };
         let mut arrays = Arrays::default();
-        arrays.floats("weights", &self.optimiser.weights);
-        arrays.floats("first", &self.optimiser.first);
-        arrays.floats("second", &self.optimiser.second);
+        // Before anything was learned the weights are those of the model's file, and there are no moments.
+        if self.steps > 0 {
+            arrays.floats("weights", &self.optimiser.weights);
+            arrays.floats("first", &self.optimiser.first);
+            arrays.floats("second", &self.optimiser.second);
+        }
         arrays.floats("frames", &self.sample.frames);
         if let Some((sums, _)) = &self.fitted {
             arrays.doubles("regression", &sums.sums);
@@ -134,8 +137,12 @@ impl Adaptation {
         let size = nodes * self.sample.width;
         let n_frames = window.frames();
         let expected = n_frames.checked_mul(size).ok_or("too many frames")?;
-        let (weights, frames) = (array("weights", self.layout.len())?, array("frames", expected)?);
-        let (first, second) = (array("first", weights.len())?, array("second", weights.len())?);
+        let frames = array("frames", expected)?;
+        let n = self.layout.len();
+        let (weights, first, second) = match found.steps {
+            0 => (self.shipped.clone(), vec![0.0; n], vec![0.0; n]),
+            _ => (array("weights", n)?, array("first", n)?, array("second", n)?),
+        };
         if second.iter().any(|v| *v < 0.0) {
             return Err("tensor `second`: a negative number".into());
         }

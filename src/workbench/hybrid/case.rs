@@ -189,6 +189,8 @@ impl Job<'_> {
         result: &mut DrawResult,
     ) -> Option<RunRecord> {
         let case = folder.join(name);
+        // A record stands for fields that are whole: that of a run before this one goes first.
+        let _ = std::fs::remove_file(folder.join(format!("{name}.json")));
         let made = self
             .try_make(folder, &case, draw, kind)
             .and_then(|(cost, score, comparison)| {
@@ -292,6 +294,16 @@ impl Job<'_> {
                     "the surrogate replaced nothing up to {} s; {} says why",
                     schedule.end,
                     case.join(format!("log.{solver}")).display()
+                ),
+            ));
+        }
+        let last = comparison.times.last().copied().unwrap_or(f64::NAN);
+        if (last - schedule.end).abs() > 0.5 * schedule.interval {
+            return Err(Error::file(
+                folder,
+                format!(
+                    "the last time that both runs have is {last} s, expected {} s: remove the folder and run again",
+                    schedule.end
                 ),
             ));
         }
