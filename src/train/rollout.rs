@@ -17,6 +17,9 @@ pub(super) struct Lag {
     pub weight: f64,
 }
 
+/// What is done with the state after a model step: its number, the state, and the recorded one of that time.
+type Visit<'a> = dyn FnMut(usize, &[f32], &[f32]) -> Result<()> + 'a;
+
 impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
     pub(super) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<(f64, f64)>> {
@@ -35,7 +38,7 @@ impl NativeBackend<'_> {
     }
 
     /// By how much a rollout is ahead after some of its steps, of frames that are `interval` apart (s): the recorded state that is
-    /// nearest to the rollout's, a stride before or after its time at most, and the rest of the error there along the rate
+    /// nearest to the rollout's, less than a stride before or after its time, and the rest of the error there along the rate
     /// of change.
     pub(super) fn lags<const N: usize>(
         &self,
@@ -45,7 +48,7 @@ impl NativeBackend<'_> {
         interval: f64,
     ) -> Result<[Lag; N]> {
         let sample = &self.work.valid[rollout.sample];
-        let (c, n) = (self.stepper.components(), self.work.frames_a_step as isize);
+        let (c, most) = (self.stepper.components(), self.work.frames_a_step as f64 - 1.0);
         let mut lags = [Lag::default(); N];
         self.roll(model, rollout, &mut |step, state, _| {
             for (lag, _) in lags.iter_mut().zip(after).filter(|(_, after)| *after == step) {
@@ -57,7 +60,7 @@ impl NativeBackend<'_> {
                         along_rate(c, sample.n_cells(), state, [&frame(-1)?, &frame(0)?, &frame(1)?]);
                     // Over two intervals
                     let rest = 2.0 * along / square;
-                    let nearest = (frames as f64 + rest).round().clamp(-n as f64, n as f64) as isize;
+                    let nearest = (frames as f64 + rest).round().clamp(-most, most) as isize;
                     let ahead = (frames as f64 + rest) * interval;
                     let further = (nearest - frames).signum();
                     *lag = Lag {
@@ -76,14 +79,8 @@ impl NativeBackend<'_> {
         Ok(lags)
     }
 
-    /// Shows the state after each model step, with its number and the recorded state of that time. It ends early where a body
-    /// leaves the finite numbers.
-    fn roll(
-        &self,
-        model: &Model,
-        rollout: &Rollout,
-        visit: &mut dyn FnMut(usize, &[f32], &[f32]) -> Result<()>,
-    ) -> Result<()> {
+    /// Shows the state after each model step. It ends early where a body leaves the finite numbers.
+    fn roll(&self, model: &Model, rollout: &Rollout, visit: &mut Visit) -> Result<()> {
         let sample = &self.work.valid[rollout.sample];
         let comm = Comm::serial();
         let stage = self.spec.architecture.segment_transformer().is_some();
