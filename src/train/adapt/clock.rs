@@ -26,9 +26,10 @@ const MOST: f64 = 0.2;
 /// Time by which a model step brings the surrogate further than its stride, s; negative: less far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ahead {
-    /// In a jump from a state of the solver's own.
+    /// In a jump from a state of the solver's own: by the first half of the rollouts.
     pub first: f64,
-    /// In later jumps, between which the solver makes a few steps.
+    /// In later jumps: by whole rollouts. The solver's few steps before a jump bring the state back a part of the way to the
+    /// solver's own motion.
     pub later: f64,
 }
 

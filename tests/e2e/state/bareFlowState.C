@@ -34,9 +34,13 @@ public:
         share_(dict.getOrDefault<scalar>("share", 1))
     {}
 
-    virtual void advance(const List<scalarField>& predicted)
+    virtual void advance
+    (
+        const List<scalarField>& predicted,
+        const scalar duration
+    )
     {
-        step(session_.stride());
+        step(duration);
         forAll(predicted, outputi)
         {
             impose(outputi, predicted[outputi]);
