@@ -319,7 +319,7 @@ int32_t m4gn_adapt_active(const m4gn_adapt* adapt);
 
 /* Time (s) by which a step of the session brings the surrogate further than the model's stride, by the last run; negative: less
  * far. A state after n steps is that of n * (stride + ahead) later. later 0: in a jump from a state of the solver's own; 1: in
- * a jump after others, with a few steps of the solver between. 0 before it was measured, and for settings with clock false. */
+ * a jump after others, with a few steps of the solver between. 0 where it was not measured. */
 double m4gn_adapt_ahead(const m4gn_adapt* adapt, int32_t later);
 
 /* Collective. All fields of the model after a step of the solver; begins 1: the state does not follow from the last one by

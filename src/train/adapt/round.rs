@@ -143,13 +143,13 @@ impl Adaptation {
         let mut backend = self.comm.agree(backend)?;
         let learned = self.learn(&mut backend, &split, began)?;
         let used = learned.after < learned.before;
-        if self.settings.clock && (used || split.fresh || self.clock.is_none()) {
+        if self.settings.clock() && (used || split.fresh || self.clock.is_none()) {
             self.clock = self.measure_clock(&backend, &split)?;
         }
         let seconds = began.elapsed().as_secs_f64();
         self.seconds += seconds;
         let mut note = learned.note(&split, frames, seconds, self.settings.method);
-        if self.settings.clock {
+        if self.settings.clock() {
             let clock = self.clock.map(|clock| clock.note(self.spec.stride));
             note += "; ";
             note += &clock

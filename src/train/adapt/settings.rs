@@ -59,8 +59,8 @@ pub struct Settings {
     /// How it learns.
     pub method: Method,
     /// Whether it is measured, with the weights that are used, how much more time a step takes than it says: see
-    /// [`Clock`](super::Clock).
-    pub clock: bool,
+    /// [`Clock`](super::Clock). None: with all methods but gradient, whose weights change after each stretch of the solver.
+    pub clock: Option<bool>,
     /// Only the frames of the last so many seconds are kept; none: all.
     pub window: Option<f64>,
     /// Most frames that are kept in memory.
@@ -102,7 +102,7 @@ impl Default for Settings {
         Settings {
             mode: Mode::Before,
             method: Method::Gradient,
-            clock: true,
+            clock: None,
             window: None,
             max_frames: 400,
             steps: 300,
@@ -189,10 +189,15 @@ impl Settings {
                 return bad(key, value, &format!("{least} to {most}"));
             }
         }
-        if self.method == Method::Clock && !self.clock {
+        if self.method == Method::Clock && self.clock == Some(false) {
             return bad("method", "clock, and clock no", "a clock that is measured");
         }
         Ok(())
+    }
+
+    /// Whether the clock is measured.
+    pub(super) fn clock(&self) -> bool {
+        self.clock.unwrap_or(self.method != Method::Gradient)
     }
 
     /// The training that these settings mean for a model: noise in the fields' units; weights of the losses, and whether
