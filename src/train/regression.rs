@@ -9,6 +9,7 @@
 use super::backend::Example;
 use super::native::NativeBackend;
 use super::normaliser::Normaliser;
+use super::together::own_share;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use m4gn_engine::backward::{Layout, Scales, Worker};
@@ -139,8 +140,7 @@ impl NativeBackend<'_> {
     ) -> Result<Regression> {
         self.network.load(weights);
         let scales = normaliser.scales();
-        let (rank, size) = (comm.rank() as usize, comm.size() as usize);
-        let own: Vec<Example> = examples.iter().skip(rank).step_by(size).copied().collect();
+        let own = own_share(comm, examples);
         let pieces = self.each(own.len(), |backend, worker, i| {
             backend.regress_one(worker, &scales, &own[i], unroll)
         });

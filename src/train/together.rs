@@ -51,22 +51,40 @@ pub(super) fn roll_out_together(
     normaliser: &Normaliser,
     plan: &[Rollout],
 ) -> Result<Vec<Vec<(f64, f64)>>> {
-    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
-    let own: Vec<Rollout> = plan.iter().skip(rank).step_by(size).copied().collect();
-    let mut outcomes = comm
-        .agree(backend.roll_out(weights, normaliser, &own))?
-        .into_iter();
-    // Each number is one rank's, and 0 on the others.
-    let mut flat = Vec::new();
-    for (i, rollout) in plan.iter().enumerate() {
-        let errors = match i % size == rank {
-            true => outcomes.next().unwrap_or_default(),
-            false => vec![(0.0, 0.0); rollout.steps],
-        };
-        flat.extend(errors.into_iter().flat_map(|(model, held)| [model, held]));
-    }
-    comm.sum_f64(&mut flat);
+    let outcomes = comm.agree(backend.roll_out(weights, normaliser, &own_share(comm, plan)))?;
+    let numbers = |errors: Vec<(f64, f64)>| {
+        errors
+            .into_iter()
+            .flat_map(|(model, held)| [model, held])
+            .collect()
+    };
+    let own = outcomes.into_iter().map(numbers);
+    let flat = gather_shares(comm, plan.iter().map(|rollout| 2 * rollout.steps), own);
     let mut rows = flat.chunks_exact(2).map(|pair| (pair[0], pair[1]));
     let steps = plan.iter().map(|rollout| rollout.steps);
     Ok(steps.map(|n| rows.by_ref().take(n).collect()).collect())
+}
+
+/// This rank's share of a plan: every so many-th of its parts as there are ranks.
+pub(super) fn own_share<T: Copy>(comm: &Comm, plan: &[T]) -> Vec<T> {
+    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
+    plan.iter().skip(rank).step_by(size).copied().collect()
+}
+
+/// The numbers of all parts of a plan, one part after the other, of which each rank has those of its [`own_share`]; `lengths` are
+/// how many numbers each part has. The same on all ranks. Collective.
+pub(super) fn gather_shares(
+    comm: &Comm,
+    lengths: impl Iterator<Item = usize>,
+    mut own: impl Iterator<Item = Vec<f64>>,
+) -> Vec<f64> {
+    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
+    // Each number is one rank's, and 0 on the others.
+    let part = |(i, length): (usize, usize)| match i % size == rank {
+        true => own.next().unwrap_or_default(),
+        false => vec![0.0; length],
+    };
+    let mut flat: Vec<f64> = lengths.enumerate().flat_map(part).collect();
+    comm.sum_f64(&mut flat);
+    flat
 }

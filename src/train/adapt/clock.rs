@@ -10,6 +10,7 @@ use super::round::Split;
 use crate::backend::Rollout;
 use crate::native::NativeBackend;
 use crate::rollout::Lag;
+use crate::together::{gather_shares, own_share};
 use m4gn_mesh::Result;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -100,21 +101,15 @@ impl Adaptation {
         let Some(strides) = plan.first().map(|r| r.steps).filter(|_| n >= FRAMES_A_STRIDE) else {
             return Ok(None);
         };
-        let (rank, size) = (self.comm.rank() as usize, self.comm.size() as usize);
-        let own: Vec<&Rollout> = plan.iter().skip(rank).step_by(size).collect();
+        let own = own_share(&self.comm, plan);
         let model = backend.model(&self.optimiser.weights, &self.normaliser);
         let interval = self.spec.stride / n as f64;
         let found = backend.on_threads(own.len(), |i| {
-            backend.lags(&model, own[i], [strides / 2, strides], interval)
+            backend.lags(&model, &own[i], [strides / 2, strides], interval)
         });
-        let mut found = self.comm.agree(found)?.into_iter();
-        // Each row is one rank's, and 0 on the others.
-        let rows = (0..plan.len()).map(|i| match i % size == rank {
-            true => found.next().unwrap_or_default(),
-            false => Default::default(),
-        });
-        let mut flat: Vec<f64> = rows.flatten().flat_map(|lag| [lag.ahead, lag.weight]).collect();
-        self.comm.sum_f64(&mut flat);
+        let numbers = |lags: [Lag; 2]| lags.iter().flat_map(|lag| [lag.ahead, lag.weight]).collect();
+        let found = self.comm.agree(found)?.into_iter().map(numbers);
+        let flat = gather_shares(&self.comm, plan.iter().map(|_| 4), found);
         let lag = |f: &[f64]| Lag {
             ahead: f[0],
             weight: f[1],
