@@ -8,13 +8,18 @@
 use crate::part::BodyPart;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::{Comm, Halo};
+use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, sub};
 use m4gn_mesh::within::Within;
 use m4gn_mesh::{Error, Result};
 use m4gn_segments::graph::Graph;
 
-/// Features of an edge in three directions: at rest, at present, each with its length, and whether it is a world edge.
-pub const N_FEATURES: usize = 9;
+/// Features of an edge in three directions, each with its length: of an edge of the mesh its vector at rest and what the
+/// deformation has added to that; of a world edge its vector at present; then whether it is a world edge.
+///
+/// The two vectors of table 2, at rest and at present, say the same. But a strain is a small difference of the two, which a network
+/// reads badly from two inputs that are each normalised to their own size.
+pub const N_FEATURES: usize = 13;
 
 /// An edge that is there in all steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +44,8 @@ pub struct ContactGraph {
     rest: Vec<Vector>,
     /// Positions of the obstacle where its displacement is 0, m.
     obstacle: Vec<Vector>,
+    /// Triangles of its surface.
+    triangles: Vec<[i32; 3]>,
     /// Local nodes of the obstacle's points.
     obstacle_nodes: Vec<i32>,
     displacement: Vec<f32>,
@@ -125,6 +132,7 @@ impl ContactGraph {
             skin: (0..n as u32).filter(|&p| part.skin[p as usize]).collect(),
             rest: x.clone(),
             obstacle: part.obstacle.clone(),
+            triangles: part.triangles.clone(),
             obstacle_nodes,
             displacement: vec![0.0; 3 * n_local],
             graph: Graph {
@@ -146,6 +154,28 @@ impl ContactGraph {
     /// The graph at the last displacement.
     pub fn graph(&self) -> &Graph {
         &self.graph
+    }
+
+    /// Own points that can be touched.
+    pub(crate) fn skin(&self) -> &[u32] {
+        &self.skin
+    }
+
+    /// Positions at rest of the own points, m.
+    pub(crate) fn rest(&self) -> &[Vector] {
+        &self.rest
+    }
+
+    /// Within which the obstacle's points are joined to the skin's, m.
+    pub(crate) fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// The obstacle's surface at a displacement of its points, m; none without an obstacle.
+    pub(crate) fn surface(&self, displacement: &[[f32; 3]]) -> Option<Surface> {
+        let at = |(x, u): (&Vector, &[f32; 3])| std::array::from_fn(|i| x[i] + f64::from(u[i]));
+        let points: Vec<Vector> = self.obstacle.iter().zip(displacement).map(at).collect();
+        (!points.is_empty()).then(|| Surface::open(&points, &self.triangles))
     }
 
     /// Edges that are there in all steps, sorted by receiver.
@@ -234,21 +264,51 @@ impl ContactGraph {
 fn features(edge: &MeshEdge, is_world: bool, displacement: &[f32]) -> [f32; N_FEATURES] {
     let u = |node: i32, i: usize| displacement[3 * node as usize + i];
     let rest = edge.rest.map(|v| v as f32);
-    let now: [f32; 3] = std::array::from_fn(|i| rest[i] + (u(edge.sender, i) - u(edge.receiver, i)));
-    let m = if is_world { [0.0; 3] } else { rest };
-    let length = |v: [f32; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    let flag = if is_world { 1.0 } else { 0.0 };
-    [
-        m[0],
-        m[1],
-        m[2],
-        length(m),
-        now[0],
-        now[1],
-        now[2],
-        length(now),
-        flag,
-    ]
+    let added: Vector32 = std::array::from_fn(|i| u(edge.sender, i) - u(edge.receiver, i));
+    let now: Vector32 = std::array::from_fn(|i| rest[i] + added[i]);
+    let mut f = [0.0; N_FEATURES];
+    match is_world {
+        false => {
+            f[..3].copy_from_slice(&rest);
+            f[3] = length(rest);
+            f[4..7].copy_from_slice(&added);
+            // The difference of two lengths, without the loss of its digits.
+            let twice: f32 = (0..3).map(|i| added[i] * (now[i] + rest[i])).sum();
+            f[7] = twice / (length(now) + length(rest)).max(f32::MIN_POSITIVE);
+        }
+        true => {
+            f[8..11].copy_from_slice(&now);
+            f[11] = length(now);
+            f[12] = 1.0;
+        }
+    }
+    f
+}
+
+/// Whether an edge with these features is of the kind that has this one; the others are 0.
+pub fn has_feature(features: &[f32], number: usize) -> bool {
+    match number {
+        0..8 => features[N_FEATURES - 1] == 0.0,
+        8..12 => features[N_FEATURES - 1] != 0.0,
+        _ => true,
+    }
+}
+
+/// From the derivative by an edge's features to that by the sender's displacement; the derivative by the receiver's is the opposite.
+pub fn features_backward(features: &[f32], d: &[f32]) -> Vector32 {
+    let (now, first): (Vector32, usize) = match features[N_FEATURES - 1] != 0.0 {
+        false => (std::array::from_fn(|i| features[i] + features[4 + i]), 4),
+        true => (std::array::from_fn(|i| features[8 + i]), 8),
+    };
+    let length = length(now);
+    let along = if length > 0.0 { d[first + 3] / length } else { 0.0 };
+    std::array::from_fn(|i| d[first + i] + along * now[i])
+}
+
+type Vector32 = [f32; 3];
+
+fn length(v: Vector32) -> f32 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
 impl ContactGraph {
@@ -259,6 +319,8 @@ impl ContactGraph {
         other.rest.iter_mut().for_each(flip);
         other.obstacle.iter_mut().for_each(flip);
         other.edges.iter_mut().for_each(|e| flip(&mut e.rest));
+        // So that normals still leave the obstacle.
+        other.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         other
     }
 }
@@ -291,7 +353,9 @@ mod tests {
         let e = graph.row[8] as usize - 1;
         assert_eq!((graph.senders[e], graph.receivers[e]), (13, 7));
         let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
-        assert_eq!(row, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 1.0]);
+        let mut expected = [0.0; N_FEATURES];
+        expected[8..].copy_from_slice(&[0.0, 0.0, 0.5, 0.5, 1.0]);
+        assert_eq!(row, expected);
         assert_eq!(
             graph.node_types[..2],
             [NodeType::Handle as i32, NodeType::Body as i32]
@@ -308,7 +372,8 @@ mod tests {
             let e = (0..mesh).find(|&e| (graph.senders[e], graph.receivers[e]) == (s, r));
             &graph.edge_features[N_FEATURES * e.unwrap()..][..N_FEATURES]
         };
-        let expected = [1.0, 0.0, 0.0, 1.0, 1.1, 0.0, 0.0, 1.1, 0.0];
+        let mut expected = [0.0; N_FEATURES];
+        expected[..8].copy_from_slice(&[1.0, 0.0, 0.0, 1.0, 0.1, 0.0, 0.0, 0.1]);
         assert!(
             from(1, 0)
                 .iter()

@@ -6,6 +6,7 @@
 
 pub mod gap;
 pub mod graph;
+mod inputs;
 pub mod part;
 pub mod projection;
 pub mod quality;

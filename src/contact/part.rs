@@ -20,6 +20,8 @@ pub struct BodyPart {
     pub obstacle: Vec<Vector>,
     /// Edges of the obstacle's surface, smaller point first, sorted; on all ranks.
     pub obstacle_edges: Vec<[i32; 2]>,
+    /// Triangles of the obstacle's surface; on all ranks.
+    pub triangles: Vec<[i32; 3]>,
     /// Own points, as numbers of the whole body.
     pub points: Vec<u32>,
 }
@@ -91,6 +93,7 @@ impl BodyPart {
             types: points.iter().map(|&p| body.types[p as usize]).collect(),
             skin: points.iter().map(|&p| skin[p as usize]).collect(),
             obstacle: obstacle.map_or(Vec::new(), |o| o.positions.clone()),
+            triangles: obstacle.map_or(Vec::new(), |o| o.triangles.clone()),
             obstacle_edges: obstacle.map_or(Vec::new(), |o| edges(&o.triangles)),
             mesh,
             points,

@@ -87,14 +87,18 @@ impl FieldSpec {
 /// Bodies at points that an obstacle may touch (section 3.1, Lagrangian systems).
 ///
 /// Nodes are the bodies' points and the obstacle's. The first field is the displacement from rest: it carries the
-/// positions, enters through the edges only, and its change is what the model predicts. Every node has the prescribed
-/// motion of the obstacle over the stride (0 in a body) as a feature.
+/// positions, enters through edges and distances from the obstacle, and its change is what the model predicts. Every node has
+/// [`N_CONTACT_INPUTS`] features of the obstacle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactSpec {
     /// World edges lead from the obstacle's points to points of a body's skin that are nearer than this, m.
     pub radius: f64,
 }
+
+/// Node inputs of bodies at points: the motion of an obstacle's point, or how near the obstacle is to a point of the skin, now and
+/// after its motion, and whereto it would push the point.
+pub const N_CONTACT_INPUTS: usize = 8;
 
 /// Everything about a model but its numbers: the `m4gn` entry of the safetensors header.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -133,12 +137,16 @@ pub struct ModelSpec {
 }
 
 impl ModelSpec {
-    /// Features that change with time: of the fields that are inputs, then the obstacle's motion where the model knows
-    /// contact.
+    /// Features that change with time: of the fields that are inputs, then those of the obstacle where the model knows contact.
     pub fn n_field_inputs(&self) -> usize {
         let inputs = self.fields.iter().filter(|f| f.input);
         let fields: usize = inputs.map(|f| f.components(self.dim)).sum();
-        fields + if self.contact.is_some() { self.dim } else { 0 }
+        fields
+            + if self.contact.is_some() {
+                N_CONTACT_INPUTS
+            } else {
+                0
+            }
     }
 
     /// Node features: field inputs, then those that do not change with time.
@@ -167,11 +175,12 @@ impl ModelSpec {
             .map_or(0, |m| m.n_position_features(self.dim))
     }
 
-    /// Edge features: displacement from receiver to sender in the solved directions, and its length. With contact at
-    /// rest (0 for world edges), then at present, then 1 for a world edge (table 2: m, |m|, x, |x|).
+    /// Edge features: displacement from receiver to sender in the solved directions, and its length. With contact that of an edge of
+    /// the mesh at rest, what the deformation has added, that of a world edge at present, and 1 for a world edge (table 2 says the
+    /// same in two vectors, at rest and at present).
     pub fn n_edge_features(&self) -> usize {
         match self.contact {
-            Some(_) => 2 * (self.dim + 1) + 1,
+            Some(_) => 3 * (self.dim + 1) + 1,
             None => self.dim + 1,
         }
     }

@@ -88,8 +88,15 @@ impl Model {
                 return Err(Error::Model(format!("tensor '{name}' {shape:?} is missing")));
             };
             if tensor.shape != *shape || tensor.data.len() != shape.iter().product::<usize>() {
+                let older = match spec.contact.is_some() && tensor.shape.len() == shape.len() {
+                    true => {
+                        "; a model of bodies from before edges carried strains and points their distance from the obstacle must be \
+                         trained anew"
+                    }
+                    false => "",
+                };
                 return Err(Error::Model(format!(
-                    "tensor '{name}': expected {shape:?}, found {:?}",
+                    "tensor '{name}': expected {shape:?}, found {:?}{older}",
                     tensor.shape
                 )));
             }

@@ -24,7 +24,7 @@ fn features_of_bodies_are_counted() {
     let s = bodies();
     assert!(s.check().is_ok());
     let counts = (s.n_field_inputs(), s.n_node_features(), s.n_edge_features());
-    assert_eq!(counts, (3, 9, 9));
+    assert_eq!(counts, (8, 14, 13));
 }
 
 #[test]

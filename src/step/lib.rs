@@ -248,6 +248,15 @@ impl Session {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
+        let case = match &self.network {
+            Network::Moving(moving) => moving.extent(&self.comm, &self.spec.fields[0].name),
+            Network::Fixed(_) => self.extent(),
+        };
+        trained_on.outside(&case, self.spec.stride)
+    }
+
+    /// What a mesh that does not move and the fields of the last step span. Collective.
+    fn extent(&self) -> Extent {
         let width = self.spec.n_field_inputs();
         let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
         for field in self.spec.fields.iter().filter(|f| f.input) {
@@ -272,12 +281,11 @@ impl Session {
             });
             column += n;
         }
-        let case = Extent {
+        Extent {
             cell_size: self.cell_size,
             speed,
             inputs,
-        };
-        trained_on.outside(&case, self.spec.stride)
+        }
     }
 }
 

@@ -9,8 +9,8 @@ use m4gn_contact::segments;
 use m4gn_engine::{Engine, Forward, SegmentView};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
-use m4gn_model::Model;
 use m4gn_model::modal::ModalSource;
+use m4gn_model::{Extent, InputRange, Model, cell_size};
 use m4gn_modes::Modal;
 
 type Vector = [f64; 3];
@@ -29,12 +29,14 @@ pub(super) struct Moving {
     /// Own points of the graph, as numbers of the whole body.
     points: Vec<u32>,
     n_points: usize,
+    /// Mean length of the edges at rest, m.
+    cell_size: f64,
     n_obstacle: usize,
     /// Displacement of the obstacle's points now and after the step, once it is known.
     motion: Option<[Vec<Vector>; 2]>,
     /// Displacement of the owned nodes `[n_owned x 3]`.
     displacement: Vec<f32>,
-    /// Prescribed motion of the owned nodes `[n_owned x 3]`.
+    /// What the network is told at the owned nodes ([`ContactGraph::inputs`]).
     inputs: Vec<f32>,
     /// Change of the displacement of the own points `[n x 3]`.
     outputs: Vec<f32>,
@@ -112,10 +114,11 @@ impl Moving {
         let n_owned = graph.graph().n_owned;
         let moving = Moving {
             n_points: body.positions.len(),
+            cell_size: cell_size(&part.mesh, comm),
             n_obstacle: part.obstacle.len(),
             motion: None,
             displacement: vec![0.0; 3 * n_owned],
-            inputs: vec![0.0; 3 * n_owned],
+            inputs: Vec::new(),
             outputs: vec![0.0; 3 * part.points.len()],
             free: part.types.iter().map(|&t| t == NodeType::Body).collect(),
             points: part.points,
@@ -182,13 +185,12 @@ impl Moving {
         for (&i, u) in self.place.iter().zip(&*displacement) {
             own[i] = u.map(|v| v as f32);
         }
+        let narrow = |rows: &[Vector]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
+        let motion = [narrow(&now), narrow(&after)];
         // Only the first rank has rows of the obstacle.
-        let moves = self.inputs[3 * n..].as_chunks_mut::<3>().0.iter_mut();
-        let rows = here.as_chunks_mut::<3>().0.iter_mut().zip(moves);
-        for ((u, step), (before, after)) in rows.zip(now.iter().zip(&after)) {
-            *u = before.map(|v| v as f32);
-            *step = std::array::from_fn(|i| (after[i] - before[i]) as f32);
-        }
+        here.copy_from_slice(&motion[0][..here.len()]);
+        self.graph
+            .inputs(own.as_flattened(), [&motion[0], &motion[1]], &mut self.inputs);
         let graph = self.graph.update(comm, &self.displacement)?;
         let edges = self.engine.set_edges(graph);
         comm.agree(edges)?;
@@ -233,6 +235,27 @@ impl Moving {
             *u = all[self.points[i] as usize];
         }
         Ok(())
+    }
+
+    /// What the mesh and the displacement before the last step span; `field` is the displacement's name. Collective.
+    pub(super) fn extent(&self, comm: &Comm, field: &str) -> Extent {
+        // Largest of -x and x
+        let mut largest = [f64::NEG_INFINITY; 2];
+        for x in self.displacement[..3 * self.points.len()]
+            .iter()
+            .map(|&x| f64::from(x))
+        {
+            largest = [largest[0].max(-x), largest[1].max(x)];
+        }
+        comm.max_f64(&mut largest);
+        Extent {
+            cell_size: self.cell_size,
+            speed: None,
+            inputs: vec![InputRange {
+                field: field.into(),
+                range: [-largest[0], largest[1]],
+            }],
+        }
     }
 
     /// What the projection did in the last step; none without one.

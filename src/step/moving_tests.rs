@@ -45,10 +45,9 @@ fn steps_are_those_of_the_plain_network() {
             .flatten()
             .map(|v: &f64| *v as f32)
             .collect();
-        let mut inputs = vec![0.0; owned.len()];
-        for i in 0..6 {
-            inputs[3 * (63 + i) + 2] = (next[i][2] - now[i][2]) as f32;
-        }
+        let narrow = |rows: &[[f64; 3]]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
+        let mut inputs = Vec::new();
+        graph.inputs(&owned[..3 * 63], [&narrow(&now), &narrow(&next)], &mut inputs);
         let graph = graph.update(&comm, &owned).unwrap();
         edges.push(graph.senders.len());
         let plain = plain::forward(&model, graph, Some(&view), &inputs);
@@ -136,4 +135,39 @@ fn displacements_out_of_all_bounds_are_refused() {
         "{error}"
     );
     assert!(displacement.iter().all(|u| *u == [0.0; 3]));
+}
+
+#[test]
+fn what_a_body_was_trained_on_is_compared() {
+    let (mut model, body, obstacle) = case();
+    // The block's edges are half a metre long.
+    model.spec.trained_on = Some(m4gn_model::TrainedOn {
+        cell_size: [0.4, 0.6],
+        speed: None,
+        courant: None,
+        inputs: vec![InputRange {
+            field: "D".into(),
+            range: [-0.1, 0.1],
+        }],
+    });
+    let mut session = Session::new(
+        Comm::serial(),
+        &body.mesh(Some(&obstacle)),
+        &model,
+        &SessionOptions::default(),
+    )
+    .unwrap();
+    let still = vec![[0.0; 3]; 6];
+    let mut from = |x: f64| {
+        session
+            .step_body(&mut vec![[x, 0.0, 0.0]; 63], [&still, &still])
+            .unwrap();
+        session.outside()
+    };
+    assert_eq!(from(0.1), Vec::<String>::new());
+    let far = from(0.5);
+    assert!(
+        far.len() == 1 && far[0].starts_with("D is 0.000e0 to 5.000e-1"),
+        "{far:?}"
+    );
 }

@@ -125,7 +125,7 @@ impl Checkpoint {
             ("best.", self.best_normaliser.as_ref()),
         ] {
             for (name, m) in normaliser.iter().flat_map(|n| n.named()) {
-                arrays.doubles(&format!("{prefix}{name}.count"), &[m.count]);
+                arrays.doubles(&format!("{prefix}{name}.count"), &m.count);
                 arrays.doubles(&format!("{prefix}{name}.sum"), &m.sum);
                 arrays.doubles(&format!("{prefix}{name}.square"), &m.square);
             }
@@ -143,15 +143,15 @@ impl Checkpoint {
         };
         let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
         let (progress, file): (Progress, _) = TensorFile::parse(&bytes, ENTRY).map_err(&fail)?;
-        if progress.version != 1 {
+        if progress.version != 2 {
             return Err(fail(format!(
-                "schema version {}, this program reads 1",
+                "schema version {}, this program reads 2",
                 progress.version
             )));
         }
         let moments = |name: &str| -> Option<Moments> {
             Some(Moments {
-                count: *file.doubles(&format!("{name}.count"))?.first()?,
+                count: file.doubles(&format!("{name}.count"))?,
                 sum: file.doubles(&format!("{name}.sum"))?,
                 square: file.doubles(&format!("{name}.square"))?,
             })

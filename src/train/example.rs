@@ -2,9 +2,9 @@
 
 use super::backend::{Batch, Example};
 use super::native::NativeBackend;
-use super::normaliser::{Moments, Normaliser};
+use super::normaliser::Normaliser;
 use super::samples::Sample;
-use m4gn_contact::graph::ContactGraph;
+use m4gn_contact::graph::{ContactGraph, N_FEATURES, features_backward};
 use m4gn_engine::backward::{InputGradient, Scales, TrainGraph, Worker, normal};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
@@ -63,14 +63,10 @@ impl NativeBackend<'_> {
         let mut graph = at_state(base, &mut contact, &state)?;
         if batch.accumulate {
             let next = frame(1)?;
-            self.stepper.inputs(sample, &state, &next, &mut inputs);
+            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
             self.stepper.target(sample, &state, &next, &mut target);
             let edges = graph.as_ref().map_or(base, |g| &g.0).edge_features();
-            moments = Some(Normaliser {
-                node: Moments::of(&inputs, self.spec.n_field_inputs()),
-                edge: Moments::of(edges, self.spec.n_edge_features()),
-                output: Moments::of(&target, self.spec.n_outputs()),
-            });
+            moments = Some(Normaliser::of_example(&self.spec, &inputs, edges, &target));
         }
         let mut losses = vec![0.0; self.groups.len()];
         if !batch.learn {
@@ -88,7 +84,7 @@ impl NativeBackend<'_> {
         let mut keep = batch.unroll;
         for step in 1..=batch.unroll {
             let next = frame(step)?;
-            self.stepper.inputs(sample, &state, &next, &mut inputs);
+            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
             let here = graph.as_ref().map_or(base, |g| &g.0);
             let tape = if step <= keep { step - 1 } else { 0 };
             self.network
@@ -118,7 +114,14 @@ impl NativeBackend<'_> {
             }
         }
         let began = self.lap(1, began);
-        self.backward(worker, scales, base, sample, example, (applied, d_outputs, keep))?;
+        self.backward(
+            worker,
+            scales,
+            (base, contact.as_ref()),
+            sample,
+            example,
+            (applied, d_outputs, keep),
+        )?;
         let mut gradient = vec![0.0; self.network.layout().len()];
         self.network.flush(worker, &mut gradient);
         self.lap(2, began);
@@ -134,7 +137,7 @@ impl NativeBackend<'_> {
         &self,
         worker: &mut Worker,
         scales: &Scales,
-        base: &TrainGraph,
+        (base, contact): (&TrainGraph, Option<&ContactGraph>),
         sample: &Sample,
         example: &Example,
         (applied, d_outputs, keep): (Vec<Applied>, Vec<Vec<f32>>, usize),
@@ -163,7 +166,7 @@ impl NativeBackend<'_> {
                     .stepper
                     .frame(sample, example.frame + (step + 1) * stride, example.mirror)?;
                 self.stepper
-                    .inputs(sample, &application.state, &next, &mut inputs);
+                    .inputs(contact, &application.state, &next, &mut inputs);
                 unread.resize(d.len(), 0.0);
                 self.network
                     .forward(worker, 0, graph, scales, &inputs, &mut unread);
@@ -267,20 +270,11 @@ fn at_state(base: &TrainGraph, contact: &mut Option<ContactGraph>, state: &[f32]
     )))
 }
 
-/// From the derivative by the features of a body's edges to that by the displacement of its nodes: `now` is the rest
-/// plus the sender's displacement minus the receiver's.
+/// From the derivative by the features of a body's edges to that by the displacement of its nodes.
 fn edges_backward(features: &[f32], d: &[f32], (senders, receivers): (&[i32], &[i32]), d_state: &mut [f32]) {
-    const N: usize = m4gn_contact::graph::N_FEATURES;
-    let rows = features.chunks_exact(N).zip(d.chunks_exact(N));
+    let rows = features.chunks_exact(N_FEATURES).zip(d.chunks_exact(N_FEATURES));
     for ((x, d), (&s, &r)) in rows.zip(senders.iter().zip(receivers)) {
-        let length = x[7];
-        for i in 0..3 {
-            let along = if length > 0.0 {
-                d[7] * x[4 + i] / length
-            } else {
-                0.0
-            };
-            let by = d[4 + i] + along;
+        for (i, by) in features_backward(x, d).into_iter().enumerate() {
             d_state[3 * s as usize + i] += by;
             d_state[3 * r as usize + i] -= by;
         }

@@ -1,6 +1,7 @@
 //! Online normalisers: mean and standard deviation of inputs, edge features and outputs, accumulated in f64
 //! over the first batches, then frozen.
 
+use m4gn_contact::graph::has_feature;
 use m4gn_engine::backward::{Scale, Scales};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Tensor};
@@ -9,8 +10,8 @@ use std::collections::BTreeMap;
 /// Count, sum and sum of squares of each channel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// Rows seen.
-    pub count: f64,
+    /// Rows that each channel was seen in.
+    pub count: Vec<f64>,
     /// Sum of each channel.
     pub sum: Vec<f64>,
     /// Sum of squares of each channel.
@@ -21,7 +22,7 @@ impl Moments {
     /// No rows of `channels` channels.
     pub fn new(channels: usize) -> Self {
         Moments {
-            count: 0.0,
+            count: vec![0.0; channels],
             sum: vec![0.0; channels],
             square: vec![0.0; channels],
         }
@@ -29,24 +30,36 @@ impl Moments {
 
     /// The rows of `rows [n x channels]`.
     pub fn of(rows: &[f32], channels: usize) -> Self {
+        Self::of_present(rows, channels, |_, _| true)
+    }
+
+    /// The rows of `rows [n x channels]`, of each only the channels that `present` says it has.
+    fn of_present(rows: &[f32], channels: usize, present: impl Fn(&[f32], usize) -> bool) -> Self {
         let mut moments = Moments::new(channels);
         for row in rows.chunks_exact(channels.max(1)) {
-            moments.count += 1.0;
-            let sums = moments.sum.iter_mut().zip(&mut moments.square);
-            for ((sum, square), x) in sums.zip(row) {
+            for (i, x) in row.iter().enumerate().filter(|(i, _)| present(row, *i)) {
                 let x = f64::from(*x);
-                *sum += x;
-                *square += x * x;
+                moments.count[i] += 1.0;
+                moments.sum[i] += x;
+                moments.square[i] += x * x;
             }
         }
         moments
+    }
+
+    /// The same with one deviation for all channels, around 0.
+    fn alike(mut self) -> Self {
+        let mean = self.square.iter().sum::<f64>() / self.square.len().max(1) as f64;
+        self.square.fill(mean);
+        self.sum.fill(0.0);
+        self
     }
 
     /// One row that stands for many with this mean and deviation.
     fn standing_for(mean: &[f32], std: &[f32]) -> Self {
         let wide = |x: &f32| f64::from(*x);
         Moments {
-            count: 1.0,
+            count: vec![1.0; mean.len()],
             sum: mean.iter().map(wide).collect(),
             square: mean
                 .iter()
@@ -58,19 +71,21 @@ impl Moments {
 
     /// Adds other rows.
     pub fn add(&mut self, other: &Moments) {
-        self.count += other.count;
-        self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
-        self.square
-            .iter_mut()
-            .zip(&other.square)
-            .for_each(|(a, b)| *a += b);
+        let pairs = [
+            (&mut self.count, &other.count),
+            (&mut self.sum, &other.sum),
+            (&mut self.square, &other.square),
+        ];
+        for (own, other) in pairs {
+            own.iter_mut().zip(other).for_each(|(a, b)| *a += b);
+        }
     }
 
     /// Mean and standard deviation; the deviation of a constant channel is 1, which leaves it at 0.
     pub fn mean_std(&self) -> (Vec<f32>, Vec<f32>) {
-        let n = self.count.max(1.0);
-        let mean: Vec<f64> = self.sum.iter().map(|s| s / n).collect();
-        let std = mean.iter().zip(&self.square).map(|(m, q)| {
+        let count = || self.count.iter().map(|n| n.max(1.0));
+        let mean: Vec<f64> = self.sum.iter().zip(count()).map(|(s, n)| s / n).collect();
+        let std = mean.iter().zip(&self.square).zip(count()).map(|((m, q), n)| {
             let variance = (q / n - m * m).max(0.0);
             if variance <= 1e-12 * (m * m + f64::MIN_POSITIVE) {
                 1.0
@@ -83,16 +98,13 @@ impl Moments {
 
     /// Whether these can be moments of so many channels.
     pub fn check(&self, channels: usize) -> std::result::Result<(), String> {
-        if (self.sum.len(), self.square.len()) != (channels, channels) {
-            let found = (self.sum.len(), self.square.len());
-            return Err(format!(
-                "{} and {} channels, expected {channels}",
-                found.0, found.1
-            ));
+        let found = [self.count.len(), self.sum.len(), self.square.len()];
+        if found != [channels; 3] {
+            return Err(format!("{found:?} channels, expected {channels}"));
         }
-        let all = self.sum.iter().chain(&self.square).chain([&self.count]);
-        let least = self.square.iter().fold(self.count, |m, v| m.min(*v));
-        match all.clone().all(|v| v.is_finite()) && least >= 0.0 {
+        let mut all = self.sum.iter().chain(&self.square).chain(&self.count);
+        let mut positive = self.square.iter().chain(&self.count);
+        match all.all(|v| v.is_finite()) && positive.all(|v| *v >= 0.0) {
             true => Ok(()),
             false => Err("a count or sum that is negative or not finite".into()),
         }
@@ -117,6 +129,28 @@ impl Normaliser {
             node: Moments::new(spec.n_field_inputs()),
             edge: Moments::new(spec.n_edge_features()),
             output: Moments::new(spec.n_outputs()),
+        }
+    }
+
+    /// What one example shows: node inputs, edge features and outputs, physical.
+    ///
+    /// Of a body, a feature of an edge is seen in the edges of its kind alone, and the three components of the displacement have one
+    /// deviation: a direction in which a body hardly moves is not worth more than another.
+    pub fn of_example(spec: &ModelSpec, inputs: &[f32], edges: &[f32], outputs: &[f32]) -> Self {
+        let edge = spec.n_edge_features();
+        let output = Moments::of(outputs, spec.n_outputs());
+        let nodes = spec.n_field_inputs();
+        match spec.contact {
+            Some(_) => Normaliser {
+                node: Moments::of_present(inputs, nodes, |row, i| row[i] != 0.0),
+                edge: Moments::of_present(edges, edge, has_feature),
+                output: output.alike(),
+            },
+            None => Normaliser {
+                node: Moments::of(inputs, nodes),
+                edge: Moments::of(edges, edge),
+                output,
+            },
         }
     }
 
@@ -169,10 +203,10 @@ impl Normaliser {
 
     /// All numbers in a row, and back.
     pub fn flat(&self) -> Vec<f64> {
-        let all = self.named().into_iter().flat_map(|(_, m)| {
-            let counts = std::iter::once(&m.count);
-            counts.chain(&m.sum).chain(&m.square).copied()
-        });
+        let all = self
+            .named()
+            .into_iter()
+            .flat_map(|(_, m)| m.count.iter().chain(&m.sum).chain(&m.square).copied());
         all.collect()
     }
 
@@ -180,10 +214,11 @@ impl Normaliser {
     pub fn set_flat(&mut self, mut flat: &[f64]) {
         for m in [&mut self.node, &mut self.edge, &mut self.output] {
             let channels = m.sum.len();
-            m.count = flat[0];
-            m.sum.copy_from_slice(&flat[1..1 + channels]);
-            m.square.copy_from_slice(&flat[1 + channels..1 + 2 * channels]);
-            flat = &flat[1 + 2 * channels..];
+            for values in [&mut m.count, &mut m.sum, &mut m.square] {
+                let (first, rest) = flat.split_at(channels);
+                values.copy_from_slice(first);
+                flat = rest;
+            }
         }
     }
 
@@ -228,6 +263,27 @@ mod tests {
         assert_eq!(std[1], 1.0, "a constant channel is left alone");
         let again = Moments::standing_for(&mean, &std).mean_std();
         assert!((again.1[0] / std[0] - 1.0).abs() < 1e-6 && again.0 == mean);
+    }
+
+    #[test]
+    fn an_edge_of_a_body_shows_the_features_of_its_kind() {
+        let spec = m4gn_model::sample::bodies();
+        let n = spec.n_edge_features();
+        let mut edges = vec![0.0; 3 * n];
+        // Two edges of the mesh, lengths 3 and 5, and a world edge of length 7.
+        edges[3] = 3.0;
+        edges[n + 3] = 5.0;
+        edges[2 * n + 11] = 7.0;
+        edges[3 * n - 1] = 1.0;
+        let outputs = [1.0, 2.0, -2.0, 1.0, 2.0, 2.0];
+        let seen = Normaliser::of_example(&spec, &[0.0; 16], &edges, &outputs);
+        let (mean, std) = seen.edge.mean_std();
+        assert_eq!((mean[3], std[3]), (4.0, 1.0));
+        assert_eq!((mean[11], seen.edge.count[11]), (7.0, 1.0));
+        assert!((mean[n - 1] - 1.0 / 3.0).abs() < 1e-6, "every edge says its kind");
+        let (mean, std) = seen.output.mean_std();
+        assert_eq!(mean, [0.0; 3]);
+        assert!(std.iter().all(|s| (s - 3f32.sqrt()).abs() < 1e-6), "{std:?}");
     }
 
     #[test]

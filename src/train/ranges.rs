@@ -18,7 +18,8 @@ impl Ranges {
         for field in &spec.fields {
             let columns = width..width + field.components(spec.dim);
             width = columns.end;
-            if field.input {
+            // The displacement of a body goes in through its edges.
+            if field.input || spec.contact.is_some() {
                 let range = InputRange {
                     field: field.name.clone(),
                     range: [f64::INFINITY, f64::NEG_INFINITY],
@@ -35,7 +36,7 @@ impl Ranges {
         }
     }
 
-    /// Looks at a frame: all fields of all nodes.
+    /// Looks at a frame: all fields of all nodes, or of a body's points.
     pub fn see(&mut self, frame: &[f32]) {
         for row in frame.chunks_exact(self.width) {
             for (columns, input, velocity) in &mut self.inputs {

@@ -171,7 +171,8 @@ impl NativeBackend<'_> {
         let mut sum = Regression::new(&self.spec);
         for step in 1..=unroll {
             let next = frame(step)?;
-            self.stepper.inputs(sample, &state, &next, &mut inputs);
+            self.stepper
+                .inputs(sample.contact.as_ref(), &state, &next, &mut inputs);
             self.network
                 .forward(worker, 0, graph, scales, &inputs, &mut outputs);
             self.network.last_inputs(worker, 0, graph, &mut rows);

@@ -97,7 +97,7 @@ impl NativeBackend<'_> {
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
         for step in 1..=rollout.steps {
             let next = &*frame(step)?;
-            self.stepper.inputs(sample, &state, next, &mut inputs);
+            self.stepper.inputs(contact.as_ref(), &state, next, &mut inputs);
             engine.forward(&comm, &inputs, &mut outputs)?;
             state = self.stepper.advance(sample, &state, &outputs, next);
             visit(step, &state, next)?;

@@ -44,7 +44,7 @@ pub struct Sample {
     pub extent: Option<Extent>,
     /// Number of frames.
     pub n_frames: usize,
-    /// Mean distance of neighbouring nodes, m; 0 of bodies, whose points move.
+    /// Mean distance of neighbouring nodes, m; of a body at rest.
     pub cell_size: f64,
     /// The way from the cells, where the nodes are groups of them.
     pub coarse: Option<Coarse>,
@@ -148,7 +148,10 @@ impl Sample {
         for number in 0..sample.n_frames {
             let frame = sample.at_nodes(recorded.frame(&states, number)?);
             copies.see(&frame);
-            ranges.see(&frame);
+            ranges.see(match &sample.contact {
+                Some(_) => &frame[..sample.n_cells() * sample.width],
+                None => &frame,
+            });
             if keep {
                 frames.extend(frame);
             }
@@ -244,6 +247,7 @@ impl Sample {
         let graph = contact.graph().clone();
         let owners = vec![0; graph.n_owned - graph.n_cells];
         Ok(Sample {
+            cell_size: cell_size(&part.mesh, &comm),
             contact: Some(contact),
             held: Some(body.types.iter().map(|t| *t == NodeType::Handle).collect()),
             ..Self::without_frames(graph, cut, owners, spec)

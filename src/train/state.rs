@@ -2,6 +2,7 @@
 //! derivative.
 
 use super::samples::{Components, Sample};
+use m4gn_contact::graph::ContactGraph;
 use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 
@@ -56,16 +57,15 @@ impl Stepper {
         Ok(state)
     }
 
-    /// Physical node inputs; of bodies at points the motion of the nodes that is prescribed until `next`.
-    pub fn inputs(&self, sample: &Sample, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
-        inputs.clear();
+    /// Physical node inputs. Of a body at points they come of its points and of the obstacle's motion until `next`.
+    pub fn inputs(&self, body: Option<&ContactGraph>, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
         let c = &self.components;
-        if self.contact {
-            let cells = sample.n_cells() * c.count;
-            inputs.resize(cells, 0.0);
-            inputs.extend(next[cells..].iter().zip(&state[cells..]).map(|(b, a)| b - a));
+        if let Some(body) = body {
+            let (points, now) = state.split_at(3 * body.graph().n_cells);
+            body.inputs(points, [now, &next[points.len()..]], inputs);
             return;
         }
+        inputs.clear();
         for row in state.chunks_exact(c.count) {
             inputs.extend(c.inputs.iter().map(|&i| row[i]));
         }
@@ -143,7 +143,7 @@ impl Stepper {
 
     /// What the derivative by the inputs is by the state.
     pub fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]) {
-        // The motion of an obstacle is prescribed.
+        // The motion of an obstacle is prescribed, and how near it is counts as given.
         if self.contact {
             return;
         }

@@ -92,7 +92,7 @@ pub fn train(
         None => (layout.initial(spec, &mut rng), Normaliser::new(spec)),
     };
     let progress = Progress {
-        version: 1,
+        version: 2,
         step: 0,
         updates: 0,
         samples: 0,

@@ -168,10 +168,7 @@ impl Workload {
             let count = config.training.validation_rollouts.max(1);
             valid = train.iter().take(count).cloned().collect();
         }
-        let extents: Vec<Extent> = match spec.contact {
-            Some(_) => Vec::new(),
-            None => train.iter().filter_map(|sample| sample.extent.clone()).collect(),
-        };
+        let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
         spec.trained_on = TrainedOn::over(&extents, spec.stride);
         let work = Workload {
             train,

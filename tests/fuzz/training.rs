@@ -39,7 +39,7 @@ fn training_configuration() {
 #[test]
 fn checkpoint() {
     let moments = || Moments {
-        count: 10.0,
+        count: vec![10.0; 3],
         sum: vec![1.0; 3],
         square: vec![2.0; 3],
     };
@@ -50,7 +50,7 @@ fn checkpoint() {
     };
     let checkpoint = Checkpoint {
         progress: Progress {
-            version: 1,
+            version: 2,
             step: 10,
             updates: 5,
             samples: 40,

@@ -1,9 +1,10 @@
-//! Bodies at points: world edges and edge features for a displacement, differentiable in the displacement.
+//! Bodies at points: world edges, edge features and node inputs for a displacement; edge features are differentiable in it.
 
 use crate::network::Topology;
 use crate::rollout::State;
 use m4gn_contact::graph::ContactGraph;
 use m4gn_mesh::{Error, Result};
+use m4gn_model::N_CONTACT_INPUTS;
 use tch::{Device, Kind, Tensor};
 
 /// The graphs of a union with the world edges at a state instead of those they had: `bodies` are the union's, in its
@@ -14,10 +15,6 @@ pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Res
     if bodies.is_empty() {
         return Ok(graph);
     }
-    let host = |t: &Tensor| -> Result<Vec<f32>> {
-        let flat = t.detach().to_device(Device::Cpu).contiguous().view([-1]);
-        Vec::<f32>::try_from(flat).map_err(|e| Error::Internal(format!("a state cannot be read: {e}")))
-    };
     let (cells, boundary) = (host(&state.cells)?, host(&state.boundary)?);
     let (mut senders, mut receivers, mut rest) = (Vec::<i64>::new(), Vec::<i64>::new(), Vec::<f32>::new());
     let (mut cell, mut face) = (0, 0);
@@ -53,19 +50,53 @@ pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Res
     })
 }
 
-/// Physical features of all edges at a state `[E x 9]`, as [`m4gn_contact::graph`] has them; what the graph holds
+/// Physical features of all edges at a state `[E x 13]`, as [`m4gn_contact::graph`] has them; what the graph holds
 /// where the nodes do not move.
 pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     let Some(is_world) = &graph.is_world else {
         return graph.edges.shallow_clone();
     };
     let u = Tensor::cat(&[&state.cells, &state.boundary], 0);
-    let now = &graph.edges + (u.index_select(0, &graph.senders) - u.index_select(0, &graph.receivers));
-    let rest = &graph.edges * (1.0 - is_world);
-    let length = |v: &Tensor| {
-        v.square()
-            .sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float)
-            .sqrt()
-    };
-    Tensor::cat(&[&rest, &length(&rest), &now, &length(&now), is_world], 1)
+    let added = u.index_select(0, &graph.senders) - u.index_select(0, &graph.receivers);
+    let (rest, now) = (&graph.edges, &graph.edges + &added);
+    let sum = |v: Tensor| v.sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float);
+    let length = |v: &Tensor| sum(v.square()).sqrt();
+    let longer =
+        sum(&added * (&now + rest)) / (length(&now) + length(rest)).clamp_min(f64::from(f32::MIN_POSITIVE));
+    let of_mesh = Tensor::cat(&[rest, &length(rest), &added, &longer], 1) * (1.0 - is_world);
+    let of_world = Tensor::cat(&[&now, &length(&now)], 1) * is_world;
+    Tensor::cat(&[&of_mesh, &of_world, is_world], 1)
+}
+
+/// Physical node inputs of bodies between two states `[N x 8]`, as [`ContactGraph::inputs`] has them; no derivative goes through them.
+///
+/// Errors: [`Error::Internal`] where a state cannot be read.
+pub fn node_inputs(bodies: &[&ContactGraph], state: &State, next: &State) -> Result<Tensor> {
+    let (cells, boundary, after) = (host(&state.cells)?, host(&state.boundary)?, host(&next.boundary)?);
+    let (mut of_points, mut of_obstacles, mut own) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
+    let (mut cell, mut face) = (0, 0);
+    for body in bodies {
+        let (n, all) = (body.graph().n_cells, body.graph().n_owned);
+        let rows = 3 * face..3 * (face + all - n);
+        body.inputs(
+            &cells[3 * cell..3 * (cell + n)],
+            [&boundary[rows.clone()], &after[rows]],
+            &mut own,
+        );
+        of_points.extend_from_slice(&own[..n * N_CONTACT_INPUTS]);
+        of_obstacles.extend_from_slice(&own[n * N_CONTACT_INPUTS..]);
+        cell += n;
+        face += all - n;
+    }
+    of_points.extend(of_obstacles);
+    let inputs = Tensor::from_slice(&of_points).view([-1, N_CONTACT_INPUTS as i64]);
+    Ok(inputs.to_device(state.cells.device()))
+}
+
+/// The numbers of a tensor, row by row.
+///
+/// Errors: [`Error::Internal`] where it cannot be read.
+pub fn host(t: &Tensor) -> Result<Vec<f32>> {
+    let flat = t.detach().to_device(Device::Cpu).contiguous().view([-1]);
+    Vec::<f32>::try_from(flat).map_err(|e| Error::Internal(format!("a state cannot be read: {e}")))
 }

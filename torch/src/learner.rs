@@ -3,7 +3,7 @@
 use crate::config::Config;
 use crate::contact;
 use crate::network::{Network, Topology};
-use crate::normaliser::{Scales, moments as moments_of};
+use crate::normaliser::{Scales, of_example};
 use crate::rollout::{Boundary, State, Stepper};
 use crate::samples::{HostGraph, Sample};
 use crate::weights::Layout;
@@ -61,7 +61,7 @@ pub enum Outcome {
         /// Mean squared normalised error of each predicted field, over the unrolled steps.
         losses: Vec<f64>,
         /// Moments of these examples.
-        moments: Option<Normaliser>,
+        moments: Option<Box<Normaliser>>,
         /// Examples in the piece.
         examples: usize,
     },
@@ -216,11 +216,9 @@ impl Learner {
         let mut moments = None;
         if accumulate {
             let next = self.state(examples, 1)?;
-            moments = Some(Normaliser {
-                node: moments_of(&self.stepper.inputs(&state, &next)),
-                edge: moments_of(&edges),
-                output: moments_of(&self.stepper.target(&state, &next.cells)),
-            });
+            let inputs = self.stepper.inputs(&bodies, &state, &next)?;
+            let target = self.stepper.target(&state, &next.cells);
+            moments = Some(Box::new(of_example(&self.spec, [&inputs, &edges, &target])?));
         }
         if !learn {
             return Ok(Outcome::Learned {
@@ -239,9 +237,8 @@ impl Learner {
         let weights = self.weights(examples);
         for step in 1..=unroll {
             let next = self.state(examples, step)?;
-            let output = self
-                .stepper
-                .predict(&network, &graph, &edges, &scales, &state, &next);
+            let inputs = self.stepper.inputs(&bodies, &state, &next)?;
+            let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
             let square = (&output - target).square() * &weights;
             for (i, &(first, count, weight)) in self.groups.iter().enumerate() {
@@ -315,9 +312,8 @@ impl Learner {
             let graph = contact::at_state(sample.topologies[0].share(), &bodies, &state)?;
             let edges = contact::edge_features(&graph, &state);
             let next = read(step)?;
-            let output = self
-                .stepper
-                .predict(&network, &graph, &edges, &scales, &state, &next);
+            let inputs = self.stepper.inputs(&bodies, &state, &next)?;
+            let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
             errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
         }

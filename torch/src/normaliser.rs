@@ -1,7 +1,10 @@
 //! Normalisers as tensors.
 
+use crate::contact::host;
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
 use m4gn_train::normaliser::{Moments, Normaliser};
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Tensor};
 
 /// Means and deviations on the device.
 pub struct Scales {
@@ -31,14 +34,14 @@ impl Scales {
     }
 }
 
-/// Moments of the rows of a tensor `[rows x channels]`.
-pub fn moments(rows: &Tensor) -> Moments {
-    let rows = rows.to_kind(Kind::Double);
-    let host = |t: Tensor| Vec::<f64>::try_from(t.to_device(Device::Cpu)).unwrap_or_default();
-    let dims = Some(&[0i64][..]);
-    Moments {
-        count: rows.size()[0] as f64,
-        sum: host(rows.sum_dim_intlist(dims, false, Kind::Double)),
-        square: host(rows.square().sum_dim_intlist(dims, false, Kind::Double)),
-    }
+/// What examples show ([`Normaliser::of_example`]): node inputs, edge features and outputs, physical.
+///
+/// Errors: [`m4gn_mesh::Error::Internal`] where a tensor cannot be read.
+pub fn of_example(spec: &ModelSpec, [inputs, edges, outputs]: [&Tensor; 3]) -> Result<Normaliser> {
+    Ok(Normaliser::of_example(
+        spec,
+        &host(inputs)?,
+        &host(edges)?,
+        &host(outputs)?,
+    ))
 }

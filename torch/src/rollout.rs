@@ -1,7 +1,10 @@
 //! One model step on physical fields, and the states it runs through: what training unrolls and validation rolls out.
 
+use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
+use m4gn_contact::graph::ContactGraph;
+use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 use m4gn_train::samples::Components;
 use tch::{Device, Tensor};
@@ -36,8 +39,6 @@ pub struct Stepper {
     delta_output: Tensor,
     /// 1 for components that are not predicted, `[components]`; none where all are.
     given: Option<Tensor>,
-    /// Whether the obstacle's motion is an input: bodies at points.
-    contact: bool,
 }
 
 impl Stepper {
@@ -78,21 +79,21 @@ impl Stepper {
             delta: mask(Output::Delta, &all),
             delta_output: mask(Output::Delta, &components.outputs),
             given: (!same).then(|| mask(Output::None, &all)),
-            contact: spec.contact.is_some(),
         }
     }
 
-    /// Physical node inputs `[N x inputs]`; of bodies at points the motion of the nodes that is prescribed until `next`.
-    pub fn inputs(&self, state: &State, next: &State) -> Tensor {
-        if self.contact {
-            let still = state.cells.zeros_like();
-            return Tensor::cat(&[still, &next.boundary - &state.boundary], 0);
+    /// Physical node inputs `[N x inputs]`. Of bodies at points they come of the points and of the obstacle's motion until `next`.
+    ///
+    /// Errors: [`m4gn_mesh::Error::Internal`] where a state cannot be read.
+    pub fn inputs(&self, bodies: &[&ContactGraph], state: &State, next: &State) -> Result<Tensor> {
+        if !bodies.is_empty() {
+            return contact::node_inputs(bodies, state, next);
         }
         let all = Tensor::cat(&[&state.cells, &state.boundary], 0);
-        match &self.inputs {
+        Ok(match &self.inputs {
             Some(index) => all.index_select(1, index),
             None => all,
-        }
+        })
     }
 
     /// Physical outputs that lead exactly to `next`, `[C x outputs]`: changes from the present state (with its
@@ -105,17 +106,15 @@ impl Stepper {
         pick(next) - pick(&state.cells) * &self.delta_output
     }
 
-    /// Normalised outputs of the network, `[C x outputs]`. `edges` are physical edge features.
+    /// Normalised outputs of the network, `[C x outputs]`. `inputs` and `edges` are physical node inputs and edge features.
     pub fn predict(
         &self,
         network: &Network,
         graph: &Topology,
-        edges: &Tensor,
+        (inputs, edges): (&Tensor, &Tensor),
         scales: &Scales,
-        state: &State,
-        next: &State,
     ) -> Tensor {
-        let fields = (self.inputs(state, next) - &scales.node.0) / &scales.node.1;
+        let fields = (inputs - &scales.node.0) / &scales.node.1;
         let edges = (edges - &scales.edge.0) / &scales.edge.1;
         network.forward(graph, &fields, &edges)
     }

@@ -116,7 +116,8 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
         };
         let graph = contact::at_state(sample.topologies[0].share(), &contact, &state).unwrap();
         let edges = contact::edge_features(&graph, &state);
-        let output = stepper.predict(&network, &graph, &edges, &scales, &state, &target);
+        let inputs = stepper.inputs(&contact, &state, &target).unwrap();
+        let output = stepper.predict(&network, &graph, (&inputs, &edges), &scales);
         let after = stepper.advance(&scales, &sample.boundary(), &state, &output, &target);
         let before = displacement.clone();
         session.step_body(&mut displacement, [&now, &next]).unwrap();

@@ -1,0 +1,128 @@
+//! What a network of bodies is told at its nodes: how the obstacle moves until the next state, and how near it comes to the skin.
+
+use crate::graph::ContactGraph;
+use m4gn_mesh::surface::Surface;
+use m4gn_mesh::vector::Vector;
+use m4gn_model::N_CONTACT_INPUTS;
+
+impl ContactGraph {
+    /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of the owned points `[n x 3]`, and that of all of the
+    /// obstacle's points now and after the step `[Q x 3]`.
+    ///
+    /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
+    /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
+    /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Zeros of all other points.
+    ///
+    /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
+    pub fn inputs(&self, displacement: &[f32], motion: [&[f32]; 2], inputs: &mut Vec<f32>) {
+        let n_owned = self.graph().n_owned;
+        inputs.clear();
+        inputs.resize(n_owned * N_CONTACT_INPUTS, 0.0);
+        let rows = inputs.as_chunks_mut::<N_CONTACT_INPUTS>().0;
+        let n = self.graph().n_cells;
+        // Only the first rank has rows of the obstacle.
+        let [now, after] = motion.map(|displacement| displacement.as_chunks::<3>().0);
+        for (row, (now, after)) in rows[n..].iter_mut().zip(now.iter().zip(after)) {
+            (0..3).for_each(|i| row[i] = after[i] - now[i]);
+        }
+        let (Some(now), Some(after)) = (self.surface(now), self.surface(after)) else {
+            return;
+        };
+        for &p in self.skin() {
+            let u = &displacement[3 * p as usize..][..3];
+            let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
+            let row = &mut rows[p as usize];
+            row[3] = self.nearness(&now, x).map_or(0.0, |(near, _)| near as f32);
+            if let Some((near, normal)) = self.nearness(&after, x) {
+                row[4] = near as f32;
+                (0..3).for_each(|i| row[5 + i] = (near * normal[i]) as f32);
+            }
+        }
+    }
+
+    /// How much nearer than the radius a place is to the obstacle, m, and the obstacle's normal there.
+    fn nearness(&self, obstacle: &Surface, x: Vector) -> Option<(f64, Vector)> {
+        if obstacle.beyond_box(x) >= self.radius() {
+            return None;
+        }
+        let foot = obstacle.foot(x)?;
+        let near = self.radius() - foot.distance;
+        (near > 0.0).then_some((near, foot.normal))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::part::BodyPart;
+    use crate::sample;
+    use m4gn_mesh::parallel::Comm;
+
+    /// A cube of one brick; the lowest corner of an octahedron is 0.5 above the cube's corner (1, 1, 1), point 7.
+    fn cube() -> ContactGraph {
+        let body = sample::block([1, 1, 1], [1.0; 3]);
+        let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap()
+    }
+
+    fn inputs(
+        body: &ContactGraph,
+        displacement: &[f32],
+        motion: [[f32; 3]; 2],
+    ) -> Vec<[f32; N_CONTACT_INPUTS]> {
+        let motion = motion.map(|u| u.repeat(6));
+        let mut rows = Vec::new();
+        body.inputs(displacement, [&motion[0], &motion[1]], &mut rows);
+        rows.as_chunks().0.to_vec()
+    }
+
+    fn close(a: &[f32], b: &[f32]) {
+        let same = a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(same && a.len() == b.len(), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn a_point_is_told_how_near_the_obstacle_comes() {
+        let body = cube();
+        let rows = inputs(&body, &[0.0; 24], [[0.0; 3], [0.0, 0.0, -0.2]]);
+        close(&rows[7], &[0.0, 0.0, 0.0, 0.1, 0.3, 0.0, 0.0, -0.3]);
+        rows[..7]
+            .iter()
+            .for_each(|row| close(row, &[0.0; N_CONTACT_INPUTS]));
+        rows[8..]
+            .iter()
+            .for_each(|row| close(row, &[0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn a_point_inside_is_nearer_than_the_radius() {
+        // The corner is 0.3 below the octahedron's centre, on its axis.
+        let rows = inputs(&cube(), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
+        let depth = 0.2 / 3f32.sqrt();
+        close(&rows[7], &[0.0, 0.0, 0.0, 0.6 + depth, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_reflection_is_told_the_same() {
+        let body = cube();
+        let displacement: Vec<f32> = (0..24).map(|i| 0.03 * (1.7 * i as f32).sin()).collect();
+        let motion = [[0.05, 0.02, -0.3], [0.1, -0.05, -0.45]];
+        let flip = |u: [f32; 3]| [u[0], -u[1], u[2]];
+        let flipped: Vec<f32> = displacement
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .flat_map(|u| flip(*u))
+            .collect();
+        let rows = inputs(&body, &displacement, motion);
+        let mirror = inputs(&body.reflected(), &flipped, motion.map(flip));
+        assert!(rows[7][3] > 0.1 && rows[7][6].abs() > 1e-3, "{:?}", rows[7]);
+        for (a, b) in rows.iter().zip(&mirror) {
+            let mut a = *a;
+            a[1] = -a[1];
+            a[6] = -a[6];
+            close(&a, b);
+        }
+    }
+}
