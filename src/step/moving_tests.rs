@@ -17,6 +17,11 @@ fn case() -> (Model, Body, Obstacle) {
     )
 }
 
+fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
+    let mesh = body.mesh(Some(obstacle));
+    Session::new(Comm::serial(), &mesh, model, &SessionOptions::default()).unwrap()
+}
+
 /// The engine that takes new edges in each step against the plain loops on a graph made for that step.
 #[test]
 fn steps_are_those_of_the_plain_network() {
@@ -90,13 +95,7 @@ fn what_does_not_fit_is_refused() {
     let options = SessionOptions::default();
     let overlap = Session::new(Comm::serial(), &body.mesh(Some(&inside)), &model, &options);
     says(overlap.map(|_| ()), "overlaps the body at the start");
-    let mut session = Session::new(
-        Comm::serial(),
-        &body.mesh(Some(&obstacle)),
-        &model,
-        &SessionOptions::default(),
-    )
-    .unwrap();
+    let mut session = session(&model, &body, &obstacle);
     let still = vec![[0.0; 3]; 6];
     says(
         session.step_body(&mut vec![[0.0; 3]; 62], [&still, &still]),
@@ -150,13 +149,7 @@ fn what_a_body_was_trained_on_is_compared() {
             range: [-0.1, 0.1],
         }],
     });
-    let mut session = Session::new(
-        Comm::serial(),
-        &body.mesh(Some(&obstacle)),
-        &model,
-        &SessionOptions::default(),
-    )
-    .unwrap();
+    let mut session = session(&model, &body, &obstacle);
     let still = vec![[0.0; 3]; 6];
     let mut from = |x: f64| {
         session
