@@ -88,7 +88,7 @@ impl Model {
                 return Err(Error::Model(format!("tensor '{name}' {shape:?} is missing")));
             };
             if tensor.shape != *shape || tensor.data.len() != shape.iter().product::<usize>() {
-                let older = match spec.contact.is_some() && tensor.shape.len() == shape.len() {
+                let older = match spec.contact.is_some() && name.starts_with("encoder.edge") {
                     true => {
                         "; a model of bodies from before edges carried strains and points their distance from the obstacle must be \
                          trained anew"
