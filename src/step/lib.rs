@@ -248,22 +248,19 @@ impl Session {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
-        let case = match &self.network {
-            Network::Moving(moving) => moving.extent(&self.comm, &self.spec.fields[0].name),
-            Network::Fixed(_) => self.extent(),
+        // The displacement of a body goes in through its edges.
+        let (rows, carried) = match &self.network {
+            Network::Moving(moving) => (moving.displacement(), true),
+            Network::Fixed(_) => (&self.inputs[..], false),
         };
-        trained_on.outside(&case, self.spec.stride)
-    }
-
-    /// What a mesh that does not move and the fields of the last step span. Collective.
-    fn extent(&self) -> Extent {
-        let width = self.spec.n_field_inputs();
+        let fields = self.spec.fields.iter().filter(|f| f.input || carried);
+        let width: usize = fields.clone().map(|f| f.components(self.spec.dim)).sum();
         let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
-        for field in self.spec.fields.iter().filter(|f| f.input) {
+        for field in fields {
             let n = field.components(self.spec.dim);
             // Largest of -x, x and |x|^2
             let mut largest = [f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0];
-            for row in self.inputs.chunks_exact(width) {
+            for row in rows.chunks_exact(width) {
                 let values = row[column..column + n].iter().map(|&x| f64::from(x));
                 largest[2] = values.clone().map(|x| x * x).sum::<f64>().max(largest[2]);
                 for x in values {
@@ -281,11 +278,12 @@ impl Session {
             });
             column += n;
         }
-        Extent {
+        let case = Extent {
             cell_size: self.cell_size,
             speed,
             inputs,
-        }
+        };
+        trained_on.outside(&case, self.spec.stride)
     }
 }
 

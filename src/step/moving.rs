@@ -10,7 +10,7 @@ use m4gn_engine::{Engine, Forward, SegmentView};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
-use m4gn_model::{Extent, InputRange, Model, cell_size};
+use m4gn_model::{Model, cell_size};
 use m4gn_modes::Modal;
 
 type Vector = [f64; 3];
@@ -29,8 +29,6 @@ pub(super) struct Moving {
     /// Own points of the graph, as numbers of the whole body.
     points: Vec<u32>,
     n_points: usize,
-    /// Mean length of the edges at rest, m.
-    cell_size: f64,
     n_obstacle: usize,
     /// Displacement of the obstacle's points now and after the step, once it is known.
     motion: Option<[Vec<Vector>; 2]>,
@@ -47,7 +45,8 @@ pub(super) struct Moving {
 pub(super) type Cut = (usize, Vec<i32>);
 
 impl Moving {
-    /// Builds graph, modes and segments for a model of bodies. Collective; all ranks fail together.
+    /// Builds graph, modes and segments for a model of bodies; the number is the mean length of the edges at rest, m.
+    /// Collective; all ranks fail together.
     ///
     /// # Errors
     /// [`Error::Mesh`] for a mesh without elements or an obstacle that overlaps the body at rest; [`Error::Input`] for a
@@ -58,7 +57,7 @@ impl Moving {
         model: &Model,
         radius: f64,
         options: &SessionOptions,
-    ) -> Result<(Self, Cut)> {
+    ) -> Result<(Self, Cut, f64)> {
         let spec = &model.spec;
         if options.backend != super::Backend::Native {
             return Err(Error::Input(
@@ -112,9 +111,9 @@ impl Moving {
             (count, place.iter().map(|&i| s.node_segment[i]).collect())
         });
         let n_owned = graph.graph().n_owned;
+        let size = cell_size(&part.mesh, comm);
         let moving = Moving {
             n_points: body.positions.len(),
-            cell_size: cell_size(&part.mesh, comm),
             n_obstacle: part.obstacle.len(),
             motion: None,
             displacement: vec![0.0; 3 * n_owned],
@@ -127,7 +126,7 @@ impl Moving {
             engine,
             projection,
         };
-        Ok((moving, cut))
+        Ok((moving, cut, size))
     }
 
     /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the
@@ -237,25 +236,9 @@ impl Moving {
         Ok(())
     }
 
-    /// What the mesh and the displacement before the last step span; `field` is the displacement's name. Collective.
-    pub(super) fn extent(&self, comm: &Comm, field: &str) -> Extent {
-        // Largest of -x and x
-        let mut largest = [f64::NEG_INFINITY; 2];
-        for x in self.displacement[..3 * self.points.len()]
-            .iter()
-            .map(|&x| f64::from(x))
-        {
-            largest = [largest[0].max(-x), largest[1].max(x)];
-        }
-        comm.max_f64(&mut largest);
-        Extent {
-            cell_size: self.cell_size,
-            speed: None,
-            inputs: vec![InputRange {
-                field: field.into(),
-                range: [-largest[0], largest[1]],
-            }],
-        }
+    /// Displacement of the own points before the last step `[n x 3]`, m.
+    pub(super) fn displacement(&self) -> &[f32] {
+        &self.displacement[..3 * self.points.len()]
     }
 
     /// What the projection did in the last step; none without one.

@@ -144,7 +144,7 @@ fn what_a_body_was_trained_on_is_compared() {
         cell_size: [0.4, 0.6],
         speed: None,
         courant: None,
-        inputs: vec![InputRange {
+        inputs: vec![m4gn_model::InputRange {
             field: "D".into(),
             range: [-0.1, 0.1],
         }],

@@ -54,7 +54,7 @@ impl Session {
         let spec = &model.spec;
         comm.agree(case::check(spec, mesh, options))?;
         if let Some(contact) = spec.contact {
-            let (moving, (n_segments, cell_segment)) =
+            let (moving, (n_segments, cell_segment), cell_size) =
                 Moving::new(&comm, mesh, model, contact.radius, options)?;
             let n_cells = mesh.cell_global.len();
             return Ok(Session {
@@ -65,7 +65,7 @@ impl Session {
                 n_segments,
                 cell_segment,
                 segment_record: String::new(),
-                cell_size: 0.0,
+                cell_size,
                 read_from_cells: Vec::new(),
                 network: Network::Moving(Box::new(moving)),
                 groups: None,
