@@ -8,10 +8,13 @@ use m4gn_model::ModelSpec;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+/// Version of a checkpoint's schema. Since 2 each channel of a normaliser has a count of its own.
+pub const VERSION: u32 = 2;
+
 /// What a checkpoint says about itself and the run; the `m4gn_checkpoint` entry of the header.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Version of this schema: 1.
+    /// Version of this schema: [`VERSION`].
     pub version: u32,
     /// Steps made.
     pub step: u64,
@@ -143,9 +146,9 @@ impl Checkpoint {
         };
         let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
         let (progress, file): (Progress, _) = TensorFile::parse(&bytes, ENTRY).map_err(&fail)?;
-        if progress.version != 2 {
+        if progress.version != VERSION {
             return Err(fail(format!(
-                "schema version {}, this program reads 2",
+                "schema version {}, this program reads {VERSION}",
                 progress.version
             )));
         }

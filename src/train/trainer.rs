@@ -2,7 +2,7 @@
 
 use super::advice::Advice;
 use super::backend::{Backend, Batch, Example, Learned};
-use super::checkpoint::Progress;
+use super::checkpoint::{self, Progress};
 use super::config::Config;
 use super::journal::{Journal, Row, Validation};
 use super::normaliser::Normaliser;
@@ -92,7 +92,7 @@ pub fn train(
         None => (layout.initial(spec, &mut rng), Normaliser::new(spec)),
     };
     let progress = Progress {
-        version: 2,
+        version: checkpoint::VERSION,
         step: 0,
         updates: 0,
         samples: 0,

@@ -4,7 +4,7 @@
 mod fuzzing;
 
 use fuzzing::fuzz;
-use m4gn_train::checkpoint::{Checkpoint, Progress};
+use m4gn_train::checkpoint::{Checkpoint, Progress, VERSION};
 use m4gn_train::config::Config;
 use m4gn_train::normaliser::{Moments, Normaliser};
 use std::path::Path;
@@ -50,7 +50,7 @@ fn checkpoint() {
     };
     let checkpoint = Checkpoint {
         progress: Progress {
-            version: 2,
+            version: VERSION,
             step: 10,
             updates: 5,
             samples: 40,
