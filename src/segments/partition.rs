@@ -2,7 +2,8 @@
 
 use super::cell_graph::CellGraph;
 use m4gn_mesh::{Error, Result};
-use std::cmp::Reverse;
+use std::cmp::{Ordering, Reverse};
+use std::collections::BinaryHeap;
 use std::sync::Mutex;
 
 /// Seed of METIS's random choices: the partition is a function of the mesh alone.
@@ -35,21 +36,48 @@ pub(super) fn partition(graph: &CellGraph, count: usize, connected: bool) -> Res
             components.len()
         )));
     }
-    let sizes: Vec<usize> = components.iter().map(Vec::len).collect();
-    let mut parts = vec![0; n];
-    let mut number = vec![0i32; n];
-    let mut first = 0;
-    for (cells, share) in components.iter().zip(shares(&sizes, count)) {
+    within_each(graph, &components, count)
+}
+
+/// Parts of a block in [`partition_finely`].
+const PARTS_OF_A_BLOCK: usize = 64;
+
+/// As [`partition`] with connected parts, for parts of a few cells each: blocks first, then the parts of each block.
+///
+/// METIS coarsens a graph to thirty nodes a part before it cuts it. Of parts of a few cells nothing is coarsened, and the whole
+/// graph is bisected again and again.
+pub(super) fn partition_finely(graph: &CellGraph, count: usize) -> Result<Vec<i32>> {
+    let blocks = count.div_ceil(PARTS_OF_A_BLOCK).max(graph.pieces(|_| 0).len());
+    if blocks == 1 {
+        return partition(graph, count, true);
+    }
+    let block = partition(graph, blocks, true)?;
+    let mut cells: Vec<Vec<usize>> = vec![Vec::new(); blocks];
+    for (cell, &block) in block.iter().enumerate() {
+        cells[block as usize].push(cell);
+    }
+    within_each(graph, &cells, count)
+}
+
+/// Cuts each of these sets of cells by itself, all of them into `count` parts.
+fn within_each(graph: &CellGraph, sets: &[Vec<usize>], count: usize) -> Result<Vec<i32>> {
+    let sizes: Vec<usize> = sets.iter().map(Vec::len).collect();
+    let mut parts = vec![0; graph.n()];
+    let (mut set_of, mut number) = (vec![0u32; graph.n()], vec![0i32; graph.n()]);
+    for (set, cells) in sets.iter().enumerate() {
         for (i, &cell) in cells.iter().enumerate() {
-            number[cell] = i as i32;
+            (set_of[cell], number[cell]) = (set as u32, i as i32);
         }
+    }
+    let mut first = 0;
+    for (cells, share) in sets.iter().zip(shares(&sizes, count)) {
         let pairs: Vec<[i32; 2]> = cells
             .iter()
             .flat_map(|&a| graph.neighbours(a).iter().map(move |&b| [a, b as usize]))
-            .filter(|[a, b]| a < b)
+            .filter(|&[a, b]| a < b && set_of[a] == set_of[b])
             .map(|[a, b]| [number[a], number[b]])
             .collect();
-        let own = cut(&CellGraph::new(cells.len(), &pairs), share, true)?;
+        let own = partition(&CellGraph::new(cells.len(), &pairs), share, true)?;
         for (&cell, part) in cells.iter().zip(own) {
             parts[cell] = first + part;
         }
@@ -58,24 +86,48 @@ pub(super) fn partition(graph: &CellGraph, count: usize, connected: bool) -> Res
     Ok(parts)
 }
 
-/// How many of `count` parts each component gets: at least one, at most one a cell, else in proportion to the
+/// How many of `count` parts each set of cells gets: at least one, at most one a cell, else in proportion to the
 /// sizes (d'Hondt's highest averages, of equals the first).
 fn shares(sizes: &[usize], count: usize) -> Vec<usize> {
     let mut shares = vec![1; sizes.len()];
+    let claim = |set: usize, share: usize| {
+        (share < sizes[set]).then_some(Claim {
+            size: sizes[set],
+            share,
+            set,
+        })
+    };
+    let mut claims: BinaryHeap<Claim> = (0..sizes.len()).filter_map(|set| claim(set, 1)).collect();
     for _ in sizes.len()..count {
-        // size / (share + 1) compared as fractions.
-        let next = (0..sizes.len()).filter(|&i| shares[i] < sizes[i]).reduce(|a, b| {
-            if sizes[b] * (shares[a] + 1) > sizes[a] * (shares[b] + 1) {
-                b
-            } else {
-                a
-            }
-        });
-        if let Some(next) = next {
-            shares[next] += 1;
-        }
+        let Some(Claim { set, .. }) = claims.pop() else {
+            break;
+        };
+        shares[set] += 1;
+        claims.extend(claim(set, shares[set]));
     }
     shares
+}
+
+/// A set's claim to the next part: its size over the parts that it would then have.
+#[derive(Debug, PartialEq, Eq)]
+struct Claim {
+    size: usize,
+    share: usize,
+    set: usize,
+}
+
+impl Ord for Claim {
+    fn cmp(&self, other: &Self) -> Ordering {
+        // size / (share + 1) compared as fractions
+        let (own, others) = (self.size * (other.share + 1), other.size * (self.share + 1));
+        own.cmp(&others).then(other.set.cmp(&self.set))
+    }
+}
+
+impl PartialOrd for Claim {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
 }
 
 /// METIS's k-way partition, with no part empty; contiguous where METIS takes that option.
@@ -166,6 +218,20 @@ mod tests {
                 "{count}: {parts:?}"
             );
         }
+    }
+
+    /// A strip of 400 x 10 cells in 500 parts of eight: blocks of whole parts, all connected and none far from eight.
+    #[test]
+    fn parts_of_a_few_cells_are_cut_block_by_block() {
+        let at = |i: i32, j: i32| 10 * i + j;
+        let along = (0..399).flat_map(|i| (0..10).map(move |j| [at(i, j), at(i + 1, j)]));
+        let across = (0..400).flat_map(|i| (0..9).map(move |j| [at(i, j), at(i, j + 1)]));
+        let graph = CellGraph::new(4000, &along.chain(across).collect::<Vec<_>>());
+        let parts = partition_finely(&graph, 500).unwrap();
+        let mut sizes = vec![0; 500];
+        parts.iter().for_each(|&p| sizes[p as usize] += 1);
+        assert!(sizes.iter().all(|n| (4..=12).contains(n)), "{sizes:?}");
+        assert_eq!(graph.pieces(|cell| parts[cell]).len(), 500);
     }
 
     #[test]

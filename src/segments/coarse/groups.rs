@@ -1,7 +1,7 @@
 //! Which cells form a group: METIS on the undecomposed graph, without the couplings of cyclic patches.
 
 use crate::cell_graph::CellGraph;
-use crate::partition::partition;
+use crate::partition::partition_finely;
 use m4gn_mesh::parallel::{Comm, everywhere};
 use m4gn_mesh::vector::norm;
 use m4gn_mesh::{Ghosts, Mesh, Result};
@@ -87,7 +87,7 @@ pub(super) fn agglomerate(
             let graph = CellGraph::new(n, pairs.concat().as_chunks::<2>().0);
             // A mesh may fall into more pieces than there are to be groups.
             let pieces = graph.pieces(|_| 0).len();
-            partition(&graph, wanted.max(pieces), true).map(in_order)
+            partition_finely(&graph, wanted.max(pieces)).map(in_order)
         }
         None => Ok(Vec::new()),
     };
