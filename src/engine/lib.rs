@@ -32,6 +32,7 @@ mod transformer;
 
 pub use options::{EngineOptions, Isa, Precision, PrecisionChoice};
 pub use peak::{Peak, peak};
+pub use processor::KEEP_ENCODED;
 pub use profile::{Phase, Profile};
 
 use kernels::Bf16;

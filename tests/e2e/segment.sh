@@ -76,6 +76,19 @@ assert struct.unpack("<Q", data[:8])[0] == 8 * n == len(data) - 8
 assert set(struct.unpack(f"<{n}d", data[8:])) == set(range(16))
 PYTHON
 
+# A plan of a network that lives on groups of the cells computes less than one on the cells
+for resolution in off 0.06; do
+    runs m4gn segment . --segments 16 --no-write --plan 1,2 --resolution $resolution --json ../$resolution.json
+done
+[ "$(json ../off.json 'd["groups"]')" = 0 ] || fail "groups without a resolution"
+python3 - ../off.json ../0.06.json <<'PYTHON' || fail "the plan on groups"
+import json, sys
+cells, groups = (json.load(open(f)) for f in sys.argv[1:])
+assert 16 <= groups["groups"] < 0.75 * cells["cells"], groups["groups"]
+for a, b in zip(cells["plan"], groups["plan"], strict=True):
+    assert b["flops_max"] < 0.8 * a["flops_max"] and b["kept_bytes_max"] < 0.8 * a["kept_bytes_max"], (a, b)
+PYTHON
+
 # Somebody without the right to write gets a message, and nothing is left behind
 clean_fields
 rm -f 0/m4gn*
@@ -90,5 +103,6 @@ fi
 refused 'is neither an OpenFOAM case' m4gn segment constant
 refused 'expected a number from 1' m4gn segment . --segments 0
 refused 'segments for' m4gn segment . --segments 5000
+refused 'expected auto, off or a positive length' m4gn segment . --resolution coarse
 cd "$here"
 echo "segment: passed"

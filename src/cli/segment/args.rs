@@ -3,7 +3,7 @@
 use m4gn_mesh::NodeType;
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
-use m4gn_model::{SegmentEntries, SegmentMethod};
+use m4gn_model::{Resolution, SegmentEntries, SegmentMethod};
 use m4gn_workbench::survey::plan;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -77,9 +77,12 @@ pub struct Args {
     /// Take the segmentation that this model was trained with
     #[arg(long, value_name = "FILE")]
     pub(super) model: Option<PathBuf>,
-    /// Say what runs on so many ranks would exchange; the ranks are not needed
+    /// Say what runs on so many ranks would exchange, compute and keep in memory; the ranks are not needed
     #[arg(long, value_name = "NP1,NP2,...", value_delimiter = ',', value_parser = ranks)]
     pub(super) plan: Vec<usize>,
+    /// Mean distance of the network's nodes in the plan: auto (the model's), off (a node a cell) or a length, m
+    #[arg(long, value_name = "M", default_value = "auto", value_parser = resolution)]
+    pub(super) resolution: Resolution,
     /// Latent width of the network of the plan [default: the model's, or 128]
     #[arg(long, value_name = "D", value_parser = count)]
     pub(super) width: Option<usize>,
@@ -147,6 +150,10 @@ fn within(text: &str, most: usize) -> std::result::Result<usize, String> {
 
 fn method(text: &str) -> std::result::Result<SegmentMethod, String> {
     SegmentMethod::parse(text.trim()).map_err(|e| e.to_string())
+}
+
+fn resolution(text: &str) -> std::result::Result<Resolution, String> {
+    text.parse().map_err(|e: m4gn_mesh::Error| e.to_string())
 }
 
 fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {

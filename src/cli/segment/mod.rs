@@ -7,23 +7,27 @@ pub use args::Args;
 
 use input::Input;
 use input::Stored;
+use m4gn_engine::{EngineOptions, PrecisionChoice};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentMethod, SegmentSpec};
+use m4gn_model::{Model, ModelSpec, Resolution, SegmentEntries, SegmentMethod, SegmentSpec};
 use m4gn_report::write_file;
 use m4gn_segments::Record;
+use m4gn_segments::coarse::Coarse;
 use m4gn_segments::graph::Graph;
+use m4gn_workbench::bench::{Shape, machine};
 use m4gn_workbench::survey;
 use m4gn_workbench::survey::{Options, Pictured, Survey, plan};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-/// Width and layers of a plan when no model says: the paper's.
-const NETWORK: plan::Network = plan::Network {
-    width: 128,
-    layers: 7,
-};
+/// Width, layers and hidden layers of a plan when no model says: the paper's.
+const NETWORK: (usize, usize, usize) = (128, 7, 2);
+
+/// Share of a thread's peak that a step reaches, about (docs/performance.md: 61 % at a width of 64, 75 % at 128).
+const SHARE_OF_PEAK: f64 = 0.6;
 
 /// Width of one panel of the picture, pixels.
 const PANEL: usize = 400;
@@ -78,25 +82,9 @@ pub fn run(args: Args) -> Result<()> {
     let written = wanted.written(&survey);
     let mut figures = survey.json();
     if !args.plan.is_empty() {
-        let network = network(&args, model.as_ref());
-        let plans = plan::plans(
-            &mesh,
-            &mut graph,
-            &written.labels,
-            written.count,
-            &args.plan,
-            network,
-        )?;
-        println!(
-            "\nA step of width {}, {} layers, with the {} segments of {}:\n\n{}",
-            network.width,
-            network.layers,
-            written.count,
-            written.method,
-            plan::table(&plans)
-        );
-        figures["plan"] = plan::json(&plans);
-        figures["network"] = serde_json::json!({ "width": network.width, "layers": network.layers });
+        let (text, json) = planned(&args, &mesh, &mut graph, written, model.as_ref())?;
+        println!("\n{text}");
+        json.into_iter().for_each(|(key, value)| figures[key] = value);
     }
     if let Some(path) = &args.picture {
         let map = input.map(&mesh, PANEL)?.ok_or_else(|| no_picture(path))?;
@@ -261,14 +249,94 @@ fn no_picture(path: &Path) -> Error {
     ))
 }
 
-fn network(args: &Args, model: Option<&ModelSpec>) -> plan::Network {
-    let trained = model.map_or(NETWORK, |m| plan::Network {
-        width: m.architecture.width,
-        layers: m.architecture.layers(),
+/// What runs on the ranks of `--plan` would exchange, compute and keep, as text and figures.
+fn planned(
+    args: &Args,
+    mesh: &Mesh,
+    graph: &mut Graph,
+    written: &survey::Entry,
+    model: Option<&ModelSpec>,
+) -> Result<(String, [(&'static str, Value); 3])> {
+    let comm = Comm::serial();
+    let network = network(args, mesh.dim(), model);
+    let length = match args.resolution {
+        Resolution::Length(length) => Some(length),
+        word => model.and_then(|spec| word.of(spec)),
+    };
+    let (coarse, cost) = survey::Cost::of(|| match length {
+        Some(length) => Coarse::new(mesh, length, &comm),
+        None => Ok(None),
+    })?;
+    let (plans, nodes) = match &coarse {
+        Some(coarse) => {
+            let mut graph = Graph::new(&coarse.mesh, &comm)?;
+            let labels = coarse.labels_of_groups(mesh, &written.labels, &comm);
+            let plans = plan::plans(
+                &coarse.mesh,
+                &mut graph,
+                &labels,
+                written.count,
+                &args.plan,
+                &network,
+            )?;
+            let groups = format!(
+                "{} groups of {:.1} cells, made in {}",
+                coarse.n_groups,
+                mesh.n_cells() as f64 / coarse.n_groups as f64,
+                survey::cost_text(&cost)
+            );
+            (plans, groups)
+        }
+        None => {
+            let labels = &written.labels;
+            let plans = plan::plans(mesh, graph, labels, written.count, &args.plan, &network)?;
+            (plans, "the cells".into())
+        }
+    };
+    let options = EngineOptions {
+        precision: network.precision,
+        ..EngineOptions::default()
+    };
+    let rate = SHARE_OF_PEAK * machine::peak(&options).gflops();
+    let text = format!(
+        "A step of width {}, {} layers, with the {} segments of {}, on {nodes}; ms at {rate:.0} GFLOP/s, {:.0} % of what a \
+         thread of this processor reaches in {}:\n\n{}\n",
+        network.width(),
+        network.layers(),
+        written.count,
+        written.method,
+        100.0 * SHARE_OF_PEAK,
+        network.precision.name(),
+        plan::table(&plans, rate)
+    );
+    let figures = [
+        ("plan", plan::json(&plans)),
+        (
+            "network",
+            json!({ "width": network.width(), "layers": network.layers(), "gflops": rate }),
+        ),
+        ("groups", json!(coarse.map_or(0, |c| c.n_groups))),
+    ];
+    Ok((text, figures))
+}
+
+/// The model's, or where there is none, or the command line says otherwise, one of the paper's kind.
+fn network(args: &Args, dim: usize, model: Option<&ModelSpec>) -> plan::Network {
+    let own = model.filter(|_| args.width.is_none() && args.layers.is_none());
+    let (width, layers, hidden_layers) = model.map_or(NETWORK, |m| {
+        let a = &m.architecture;
+        (a.width, a.layers(), a.hidden_layers)
     });
+    let shape = Shape {
+        dim,
+        layers: args.layers.unwrap_or(layers),
+        width: args.width.unwrap_or(width),
+        hidden_layers,
+        segments: Some(1),
+    };
     plan::Network {
-        width: args.width.unwrap_or(trained.width),
-        layers: args.layers.unwrap_or(trained.layers),
+        spec: own.cloned().unwrap_or_else(|| shape.spec()),
+        precision: PrecisionChoice::Auto.agreed(&Comm::serial()),
     }
 }
 

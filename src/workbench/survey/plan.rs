@@ -10,13 +10,17 @@
 //! all-reduce  8 K d bytes            sums over the segments, fp64; a ring sends 2 (P - 1)/P times as much
 //! ```
 //!
-//! The first falls with the ranks (a rank's ghosts go with the surface of its part), the second does not.
+//! The first falls with the ranks (a rank's ghosts go with the surface of its part), the second does not. What a rank
+//! computes and keeps follows from its nodes and edges ([`work`]). Where the network lives on groups of cells, the cells of
+//! a plan are these groups.
 
+use crate::bench::work::{self, Sizes, Storage};
+use m4gn_engine::{KEEP_ENCODED, Precision};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::NoModes;
-use m4gn_model::{MAX_SEGMENTS, SegmentMethod, SegmentSpec};
+use m4gn_model::{MAX_SEGMENTS, ModelSpec, SegmentMethod, SegmentSpec};
 use m4gn_report::{Table, number};
 use m4gn_segments as segments;
 use m4gn_segments::graph::Graph;
@@ -26,13 +30,34 @@ use serde_json::{Value, json};
 /// Most ranks: METIS parts are cut like segments.
 pub const MAX_RANKS: usize = MAX_SEGMENTS;
 
-/// What a step exchanges depends on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What a step exchanges, computes and keeps depends on.
+#[derive(Clone, Debug)]
 pub struct Network {
+    /// Its shape; K is that of the segments that are mapped.
+    pub spec: ModelSpec,
+    /// Of the engine's products.
+    pub precision: Precision,
+}
+
+impl Network {
     /// Latent width d.
-    pub width: usize,
+    pub fn width(&self) -> usize {
+        self.spec.architecture.width
+    }
+
     /// Message-passing layers L, before and after the macro stage.
-    pub layers: usize,
+    pub fn layers(&self) -> usize {
+        self.spec.architecture.layers()
+    }
+
+    /// Operations of a step, and bytes that the engine keeps.
+    fn load(&self, sizes: Sizes) -> [f64; 2] {
+        let storage = Storage::of(self.precision);
+        let encoded = sizes.edges * self.width() * storage.edge <= KEEP_ENCODED;
+        let step = work::step(&self.spec, sizes, storage, encoded);
+        let kept = work::kept_bytes(&self.spec, sizes, storage, encoded);
+        [step.iter().map(|w| w.flops).sum(), kept]
+    }
 }
 
 /// The figures for one number of ranks. Pairs are mean and largest over the ranks.
@@ -58,6 +83,10 @@ pub struct Plan {
     pub halo_bytes: [f64; 2],
     /// Bytes of the segment sums a step.
     pub all_reduce_bytes: f64,
+    /// Multiplications and additions of a step, of the rank that has the most.
+    pub flops: f64,
+    /// Bytes that the engine keeps, on the rank that has the most.
+    pub kept_bytes: f64,
 }
 
 /// Plans for each of `numbers` of ranks. `labels` is the segment of each cell of the undecomposed mesh, 0 to
@@ -71,7 +100,7 @@ pub fn plans(
     labels: &[i32],
     count: usize,
     numbers: &[usize],
-    network: Network,
+    network: &Network,
 ) -> Result<Vec<Plan>> {
     let most = mesh.n_cells().min(MAX_RANKS);
     if let Some(np) = numbers.iter().find(|&&np| np == 0 || np > most) {
@@ -147,14 +176,31 @@ fn figures(
     rank_of_cell: &[i32],
     np: usize,
     count: usize,
-    network: Network,
+    network: &Network,
 ) -> Plan {
-    let mut nodes = vec![0usize; np];
-    rank_of_cell.iter().for_each(|&r| nodes[r as usize] += 1);
-    for b in &mesh.boundary {
-        nodes[rank_of_cell[b.owner as usize] as usize] += 1;
+    let mut sizes = vec![
+        Sizes {
+            nodes: 0,
+            cells: 0,
+            edges: 0,
+            segments: count,
+        };
+        np
+    ];
+    for &r in rank_of_cell {
+        sizes[r as usize].nodes += 1;
+        sizes[r as usize].cells += 1;
     }
     let rank = |cell: i32| rank_of_cell[cell as usize];
+    // An edge lives with the node that it leads to.
+    for b in &mesh.boundary {
+        let sizes = &mut sizes[rank(b.owner) as usize];
+        sizes.nodes += 1;
+        sizes.edges += 2;
+    }
+    for cell in pairs.iter().flatten() {
+        sizes[rank(*cell) as usize].edges += 1;
+    }
     let cut: Vec<_> = pairs.iter().filter(|[a, b]| rank(*a) != rank(*b)).collect();
     // (rank, ghost), and from the owners (rank, other rank).
     let mut ghosts: Vec<(i32, i32)> = cut
@@ -171,9 +217,12 @@ fn figures(
         list.iter().for_each(|&(r, _)| of[r as usize] += 1);
         mean_and_largest(&of)
     };
+    let nodes: Vec<usize> = sizes.iter().map(|s| s.nodes).collect();
     let nodes = mean_and_largest(&nodes);
     let ghosts = tally(&ghosts);
-    let a_ghost = (4 * network.width * network.layers) as f64;
+    let a_ghost = (4 * network.width() * network.layers()) as f64;
+    let loads = sizes.iter().map(|&s| network.load(s));
+    let [flops, kept_bytes] = loads.fold([0f64; 2], |most, load| [0, 1].map(|i| most[i].max(load[i])));
     Plan {
         ranks: np,
         whole_segments: false,
@@ -186,8 +235,10 @@ fn figures(
         halo_bytes: ghosts.map(|g| a_ghost * g),
         all_reduce_bytes: match np {
             1 => 0.0,
-            _ => (8 * count * network.width) as f64,
+            _ => (8 * count * network.width()) as f64,
         },
+        flops,
+        kept_bytes,
     }
 }
 
@@ -198,8 +249,8 @@ fn mean_and_largest(values: &[usize]) -> [f64; 2] {
     ]
 }
 
-/// One row a number of ranks.
-pub fn table(plans: &[Plan]) -> Table {
+/// One row a number of ranks; times of a rank that computes `gflops` (1e9 operations a second).
+pub fn table(plans: &[Plan], gflops: f64) -> Table {
     let mut table = Table::new([
         "ranks",
         "mapped",
@@ -213,6 +264,9 @@ pub fn table(plans: &[Plan]) -> Table {
         "halo KiB mean",
         "largest",
         "all-reduce KiB",
+        "GFLOP",
+        "ms",
+        "MiB",
     ]);
     let kib = |bytes: f64| number(bytes / 1024.0, 3);
     for p in plans {
@@ -229,6 +283,9 @@ pub fn table(plans: &[Plan]) -> Table {
             kib(p.halo_bytes[0]),
             kib(p.halo_bytes[1]),
             kib(p.all_reduce_bytes),
+            number(p.flops * 1e-9, 3),
+            number(p.flops * 1e-6 / gflops, 3),
+            number(p.kept_bytes / f64::from(1 << 20), 3),
         ]);
     }
     table
@@ -254,6 +311,8 @@ pub fn json(plans: &[Plan]) -> Value {
                 "halo_bytes_mean": p.halo_bytes[0],
                 "halo_bytes_max": p.halo_bytes[1],
                 "all_reduce_bytes": p.all_reduce_bytes,
+                "flops_max": p.flops,
+                "kept_bytes_max": p.kept_bytes,
             })
         })
         .collect()
@@ -262,9 +321,22 @@ pub fn json(plans: &[Plan]) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::Shape;
     use m4gn_mesh::sample;
 
-    const NETWORK: Network = Network { width: 10, layers: 3 };
+    fn network(dim: usize) -> Network {
+        let shape = Shape {
+            dim,
+            layers: 3,
+            width: 10,
+            hidden_layers: 1,
+            segments: None,
+        };
+        Network {
+            spec: shape.spec(),
+            precision: Precision::Fp32,
+        }
+    }
 
     /// Eight cells in two rows of four, columns 0, 1 on one rank and 2, 3 on the other: two faces are cut, each
     /// rank has two ghosts, and 4 d L = 120 bytes a ghost.
@@ -273,7 +345,7 @@ mod tests {
         let mesh = sample::rectangle(4, 2, 4.0, 2.0);
         let mut graph = Graph::new(&mesh, &Comm::serial()).unwrap();
         let labels: Vec<i32> = mesh.cell_centres.iter().map(|x| i32::from(x[0] > 2.0)).collect();
-        let plans = plans(&mesh, &mut graph, &labels, 2, &[1, 2], NETWORK).unwrap();
+        let plans = plans(&mesh, &mut graph, &labels, 2, &[1, 2], &network(2)).unwrap();
         let [one, two] = &plans[..] else { panic!() };
         assert_eq!(
             (one.cut_faces, one.ghosts, one.halo_bytes, one.all_reduce_bytes),
@@ -288,6 +360,12 @@ mod tests {
         );
         assert_eq!((two.cut_faces, two.edge_cut_ratio), (2, 0.2));
         assert_eq!((two.halo_bytes, two.all_reduce_bytes), ([240.0; 2], 160.0));
+        // Ten faces between cells: 20 edges, and two of each boundary face. Edges and nodes of the latents, 10 wide, in
+        // single precision, and 8 bytes an edge and 20 a node of lists.
+        assert_eq!(one.kept_bytes, 44.0 * (40.0 + 40.0 + 8.0) + 20.0 * (80.0 + 20.0));
+        // A half has as many nodes, and its edges are those that lead to its cells.
+        assert_eq!(two.kept_bytes, 0.5 * one.kept_bytes);
+        assert!(two.flops > 0.4 * one.flops && two.flops < 0.6 * one.flops);
     }
 
     #[test]
@@ -295,11 +373,11 @@ mod tests {
         // A chain: inner cells have two ghosts, the ends one.
         let mesh = sample::chain(5, 5.0);
         let mut graph = Graph::new(&mesh, &Comm::serial()).unwrap();
-        let plans = plans(&mesh, &mut graph, &[0; 5], 1, &[5], NETWORK).unwrap();
+        let plans = plans(&mesh, &mut graph, &[0; 5], 1, &[5], &network(1)).unwrap();
         assert!(!plans[0].whole_segments);
         assert_eq!((plans[0].ghosts, plans[0].cut_faces), ([1.6, 2.0], 4));
         assert_eq!(json(&plans)[0]["neighbours_max"], 2.0);
-        assert!(table(&plans).to_string().contains("cells"));
+        assert!(table(&plans, 100.0).to_string().contains("cells"));
     }
 
     #[test]
@@ -307,7 +385,7 @@ mod tests {
         let mesh = sample::chain(5, 5.0);
         let mut graph = Graph::new(&mesh, &Comm::serial()).unwrap();
         for np in [0, 6] {
-            let error = plans(&mesh, &mut graph, &[0; 5], 1, &[np], NETWORK).unwrap_err();
+            let error = plans(&mesh, &mut graph, &[0; 5], 1, &[np], &network(1)).unwrap_err();
             assert!(error.to_string().contains("expected 1 to 5"), "{error}");
         }
     }
