@@ -358,6 +358,15 @@ fn a_folder_of_data_is_a_family() {
         let far = (f.centre[0] - x).abs().max((f.centre[1] - y).abs());
         assert!((far - radius).abs() < 1e-6, "{:?}", f.centre);
     }
+    // Quadrilaterals: nearly all cells have four faces inside, where triangles have three
+    let quads = out.path().join("quads");
+    let run = m4gn(&format!("{command} --set elements=quads"), &quads).output();
+    let run = run.unwrap();
+    assert!(run.status.success(), "{}", text(&run));
+    let t = Trajectory::open(quads.join("0000.h5")).unwrap();
+    let (cells, faces) = (t.mesh().n_cells(), t.mesh().face_owner.len());
+    assert!((300..800).contains(&cells) && 10 * faces > 17 * cells, "{faces} faces of {cells} cells");
+
     let other = m4gn(&command.replace("cells=0.5", "cells=0.6"), &data)
         .output()
         .unwrap();

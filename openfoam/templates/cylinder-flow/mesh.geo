@@ -1,8 +1,11 @@
-// Channel with a cylinder or a square, one cell thick: gmsh makes triangles and extrudes them to prisms.
+// Channel with a cylinder or a square, one cell thick: gmsh makes triangles, or quadrilaterals with layers around the obstacle,
+// and extrudes them.
 // @...@ are filled in by 'm4gn generate'. Lengths in metres.
 L = 1.6;  H = 0.41;  T = 0.01;
 x = @x@;  y = @y@;  r = @radius@;
-h = @size@;          // edge length at the channel's ends
+quads = @elements@;
+// Edge length at the channel's ends: as many quadrilaterals as triangles
+h = @size@*(1 - 0.32*quads);
 
 Point(1) = {0, 0, 0};  Point(2) = {L, 0, 0};  Point(3) = {L, H, 0};  Point(4) = {0, H, 0};
 Line(1) = {1, 2};  Line(2) = {2, 3};  Line(3) = {3, 4};  Line(4) = {4, 1};
@@ -35,6 +38,15 @@ Field[3].Thickness = 0.2;
 Field[4] = Min;
 Field[4].FieldsList = {2, 3};
 Background Field = 4;
+If (quads)
+    Field[5] = BoundaryLayer;
+    Field[5].EdgesList = {5, 6, 7, 8};
+    Field[5].hwall_n = 0.1*h;  Field[5].ratio = 1.3;  Field[5].thickness = 0.6*h;
+    Field[5].hfar = h;
+    Field[5].Quads = 1;
+    BoundaryLayer Field = 5;
+    Mesh.RecombineAll = 1;
+EndIf
 Mesh.CharacteristicLengthFromPoints = 0;
 Mesh.CharacteristicLengthExtendFromBoundary = 0;
 Mesh.Algorithm = 6;
