@@ -1,7 +1,7 @@
 //! What is lost of a recorded change on its way to groups of cells and back: the floor of a network that lives on them.
 //!
-//! `cargo run --release --example coarse_floor -- TRAJECTORY [STRIDE]` prints, for groups two and four times as large as the
-//! cells in 2-D, the rms of what is lost over that of the change over STRIDE frames (5), when the change is carried back as
+//! `cargo run --release --example coarse_floor -- TRAJECTORY [STRIDE]` prints, for groups of 2, 4, 8 and 12 cells,
+//! the rms of what is lost over that of the change over STRIDE frames (5), when the change is carried back as
 //! one value a group and linearly.
 
 use m4gn_data::Trajectory;
@@ -25,7 +25,7 @@ fn main() -> Result<()> {
         "{} cells, {size:.5} m apart; changes over {stride} frames",
         mesh.n_cells()
     );
-    for cells_a_group in [2.0, 4.0f64] {
+    for cells_a_group in [2.0, 4.0, 8.0, 12.0f64] {
         let length = size * cells_a_group.powf(1.0 / mesh.dim() as f64);
         let Some(coarse) = Coarse::new(mesh, length, &comm)? else {
             continue;
