@@ -1,7 +1,7 @@
 //! What to change where a training goes wrong, told once: a loss that grows, gradients far beyond their limit, validations
 //! that become worse.
 
-use super::config::TrainingConfig;
+use super::config::{BestOf, TrainingConfig};
 use super::journal::Row;
 use m4gn_report::number;
 
@@ -88,9 +88,10 @@ fn validation(rows: &[Row], t: &TrainingConfig) -> Option<String> {
     let best = before.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     last.iter().all(|(_, score)| *score > factor * best.1).then(|| {
         format!(
-            "note: the last {count} validations are worse than that of step {}, whose weights are kept: lower learning_rate; if the \
-             loss still falls, the model learns its training trajectories by heart: more trajectories, more noise, a smaller width",
-            best.0
+            "note: the last {count} validations are worse than that of step {}{}: lower learning_rate; if the loss still falls, the \
+             model learns its training trajectories by heart: more trajectories, more noise, a smaller width",
+            best.0,
+            if t.best_of == BestOf::Last { "" } else { ", whose weights are kept" }
         )
     })
 }

@@ -90,6 +90,9 @@ pub enum BestOf {
     Rollouts,
     /// Single strides and the short rollouts: where phases are lost over a whole rollout, its error is an accident.
     Strides,
+    /// Nothing: the last weights are taken. Where the learning rate ends at almost nothing and few trajectories are there to
+    /// validate on, their differences are accidents.
+    Last,
 }
 
 /// Shape of the learning rate after its constant part.

@@ -57,7 +57,8 @@ impl Validation {
         parts.join(", ")
     }
 
-    /// What is compared to find the best weights: the geometric mean of two of the errors relative to persistence.
+    /// What is compared to find the best weights: the geometric mean of two of the errors relative to persistence. With
+    /// [`BestOf::Last`] the same as with [`BestOf::Rollouts`], and for advice alone.
     /// Infinite where a rollout left the finite numbers.
     pub fn score(&self, best_of: BestOf) -> f64 {
         let ratio = |[model, held]: [f64; 2]| {
@@ -68,10 +69,16 @@ impl Validation {
             }
         };
         let other = match best_of {
-            BestOf::Rollouts => self.rmse_all,
+            BestOf::Rollouts | BestOf::Last => self.rmse_all,
             BestOf::Strides => self.rmse_1,
         };
         (ratio(self.rmse_horizon) * ratio(other)).sqrt()
+    }
+
+    /// Whether weights with these errors take the place of earlier ones.
+    pub fn replaces(&self, earlier: Option<&Validation>, best_of: BestOf) -> bool {
+        let better = |earlier: &Validation| self.score(best_of) < earlier.score(best_of);
+        self.is_finite() && (best_of == BestOf::Last || earlier.is_none_or(better))
     }
 }
 
@@ -265,6 +272,18 @@ mod tests {
         assert!((strides.score(BestOf::Strides) - 0.1).abs() < 1e-12);
         assert!(rollouts.score(BestOf::Rollouts) < strides.score(BestOf::Rollouts));
         assert!(strides.score(BestOf::Strides) < rollouts.score(BestOf::Strides));
+        assert!(rollouts.replaces(Some(&strides), BestOf::Rollouts));
+        assert!(!rollouts.replaces(Some(&strides), BestOf::Strides));
+        // The last ones, whatever they are, unless they are none
+        assert!(
+            rollouts.replaces(Some(&strides), BestOf::Last)
+                && strides.replaces(Some(&rollouts), BestOf::Last)
+        );
+        let diverged = Validation {
+            rmse_1: [f64::NAN, 1.0],
+            ..rollouts
+        };
+        assert!(!diverged.replaces(Some(&strides), BestOf::Last) && !diverged.replaces(None, BestOf::Last));
     }
 
     #[test]

@@ -299,7 +299,10 @@ fn validation_table(validations: &[&Row], best_of: BestOf) -> Table {
         let validation = row.validation.as_ref();
         validation.map_or(f64::INFINITY, |v| v.score(best_of))
     };
-    let best = validations.iter().min_by(|a, b| score(a).total_cmp(&score(b)));
+    let best = match best_of {
+        BestOf::Last => validations.last(),
+        _ => validations.iter().min_by(|a, b| score(a).total_cmp(&score(b))),
+    };
     if let Some((row, v)) = best.and_then(|row| Some((row, row.validation.as_ref()?))) {
         table.row(cells(format!("best: {}", row.step), v));
     }

@@ -59,11 +59,8 @@ impl Trainer<'_> {
             rmse_horizon: root(sums[1]),
             rmse_all: root(sums[2]),
         };
-        let better = validation.is_finite()
-            && self
-                .progress
-                .best
-                .is_none_or(|(_, best)| validation.score(t.best_of) < best.score(t.best_of));
+        let earlier = self.progress.best.as_ref().map(|(_, earlier)| earlier);
+        let better = validation.replaces(earlier, t.best_of);
         if better {
             self.progress.best = Some((self.progress.step, validation));
             self.best = Some((weights, self.normaliser.clone()));
