@@ -365,7 +365,10 @@ fn a_folder_of_data_is_a_family() {
     assert!(run.status.success(), "{}", text(&run));
     let t = Trajectory::open(quads.join("0000.h5")).unwrap();
     let (cells, faces) = (t.mesh().n_cells(), t.mesh().face_owner.len());
-    assert!((300..800).contains(&cells) && 10 * faces > 17 * cells, "{faces} faces of {cells} cells");
+    assert!(
+        (300..800).contains(&cells) && 10 * faces > 17 * cells,
+        "{faces} faces of {cells} cells"
+    );
 
     let other = m4gn(&command.replace("cells=0.5", "cells=0.6"), &data)
         .output()

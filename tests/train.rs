@@ -71,6 +71,18 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     let further = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
     assert!(further.status.success(), "{further:?}");
     assert!(String::from_utf8_lossy(&further.stderr).contains("resumed at step 4"));
+    // A model that was removed is written again, with its weights, though there is nothing left to learn
+    let model = folder.path().join("a.safetensors");
+    let weights = || {
+        let bytes = std::fs::read(&model).unwrap();
+        let (length, rest) = bytes.split_first_chunk::<8>().unwrap();
+        rest[u64::from_le_bytes(*length) as usize..].to_vec()
+    };
+    let before = weights();
+    std::fs::remove_file(&model).unwrap();
+    let again = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
+    assert!(again.status.success(), "{again:?}");
+    assert!(weights() == before);
     let options = ["--from", "a.safetensors", "--steps", "2"];
     let tuned = train(folder.path(), "b.safetensors", &options);
     assert!(tuned.status.success(), "{tuned:?}");

@@ -57,7 +57,7 @@ impl Trainer<'_> {
         self.comm.agree(whole.and_then(|()| checkpoint.write(&path)))
     }
 
-    /// The figures of the end.
+    /// The figures of the end. A model file that was removed since is written again. Collective.
     pub(super) fn summary(&self, report: &Report) -> Result<serde_json::Value> {
         let (step, v) = self
             .progress
@@ -69,6 +69,11 @@ impl Trainer<'_> {
                         .into(),
                 )
             })?;
+        let written = match self.comm.is_root() && !self.request.out.exists() {
+            true => self.export(),
+            false => Ok(()),
+        };
+        self.comm.agree(written)?;
         report.line(&format!(
             "best at step {step}: {}; {}",
             v.absolute(),
