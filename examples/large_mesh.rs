@@ -8,6 +8,7 @@
 
 use clap::Parser;
 use m4gn_engine::PrecisionChoice;
+use m4gn_mesh::files::write_whole;
 use m4gn_mesh::parallel::{Comm, finalize};
 use m4gn_mesh::{Error, Mesh, Result, sample};
 use m4gn_model::{Model, Resolution, SegmentMethod};
@@ -113,11 +114,7 @@ fn mib(bytes: u64) -> f64 {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let comm = match std::env::var_os("OMPI_COMM_WORLD_SIZE").or(std::env::var_os("PMI_SIZE")) {
-        Some(_) => Comm::world()?,
-        None => Comm::serial(),
-    };
-    let done = measure(&arguments, &comm);
+    let done = measure(&arguments, &Comm::world()?);
     finalize();
     done
 }
@@ -185,7 +182,7 @@ fn measure(arguments: &Arguments, comm: &Comm) -> Result<()> {
     println!("{figures}");
     if let Some(path) = &arguments.save {
         let bytes: Vec<u8> = all.iter().flat_map(|x| x.to_le_bytes()).collect();
-        std::fs::write(path, bytes).map_err(|e| Error::file(path, e.to_string()))?;
+        write_whole(path, &bytes)?;
     }
     match &arguments.compare {
         Some(path) => compare(path, &all),

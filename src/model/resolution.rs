@@ -1,6 +1,5 @@
 //! At which resolution a network runs in a case.
 
-use super::ModelSpec;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -71,10 +70,11 @@ fn refused(found: &str) -> Error {
 }
 
 impl Resolution {
-    /// Mean distance of neighbouring nodes that a model's graph is to have, m; none: a node a cell.
-    pub fn of(self, model: &ModelSpec) -> Option<f64> {
+    /// Mean distance of neighbouring nodes that a graph is to have, m, where the model's own is `trained`
+    /// ([`crate::ModelSpec::resolution`]); none: a node a cell.
+    pub fn of(self, trained: Option<f64>) -> Option<f64> {
         match self {
-            Resolution::Auto => model.resolution,
+            Resolution::Auto => trained,
             Resolution::Off => None,
             Resolution::Length(length) => Some(length),
         }
@@ -87,9 +87,7 @@ mod tests {
 
     #[test]
     fn words_and_lengths() {
-        let mut spec = crate::sample::spec();
-        spec.resolution = Some(0.25);
-        let of = |word: &str| word.parse::<Resolution>().unwrap().of(&spec);
+        let of = |word: &str| word.parse::<Resolution>().unwrap().of(Some(0.25));
         assert_eq!((of("auto"), of("off"), of("0.5")), (Some(0.25), None, Some(0.5)));
         for word in ["", "fine", "-1", "0", "nan", "inf"] {
             let error = word.parse::<Resolution>().unwrap_err().to_string();

@@ -42,12 +42,15 @@ pub(super) fn partition(graph: &CellGraph, count: usize, connected: bool) -> Res
 /// Parts of a block in [`partition_finely`].
 const PARTS_OF_A_BLOCK: usize = 64;
 
-/// As [`partition`] with connected parts, for parts of a few cells each: blocks first, then the parts of each block.
+/// As [`partition`] with connected parts, for parts of a few cells each: blocks first, then the parts of each block. At least
+/// as many parts as the mesh falls into pieces.
 ///
 /// METIS coarsens a graph to thirty nodes a part before it cuts it. Of parts of a few cells nothing is coarsened, and the whole
 /// graph is bisected again and again.
 pub(super) fn partition_finely(graph: &CellGraph, count: usize) -> Result<Vec<i32>> {
-    let blocks = count.div_ceil(PARTS_OF_A_BLOCK).max(graph.pieces(|_| 0).len());
+    let pieces = graph.pieces(|_| 0).len();
+    let count = count.max(pieces);
+    let blocks = count.div_ceil(PARTS_OF_A_BLOCK).max(pieces);
     if blocks == 1 {
         return partition(graph, count, true);
     }

@@ -110,7 +110,7 @@ impl Session {
 
     /// Mean distance of neighbouring nodes that the network's graph was to have, m; none: a node a cell.
     pub fn resolution(&self) -> Option<f64> {
-        self.options.resolution.of(&self.spec)
+        self.options.resolution.of(self.spec.resolution)
     }
 
     /// Path of the model's file; none for a model that was handed in.

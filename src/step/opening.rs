@@ -78,7 +78,7 @@ impl Session {
             });
         }
         let segment_spec = comm.agree(options.segment_spec(&spec.segments))?;
-        let groups = OnGroups::new(mesh, options.resolution.of(spec), spec, &comm)?;
+        let groups = OnGroups::new(mesh, options.resolution.of(spec.resolution), spec, &comm)?;
         let nodes = network_nodes(mesh, groups.as_ref());
         let (graph, segmentation) = match spec.architecture.segment_transformer() {
             Some(_) => {

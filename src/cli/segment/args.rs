@@ -81,7 +81,7 @@ pub struct Args {
     #[arg(long, value_name = "NP1,NP2,...", value_delimiter = ',', value_parser = ranks)]
     pub(super) plan: Vec<usize>,
     /// Mean distance of the network's nodes in the plan: auto (the model's), off (a node a cell) or a length, m
-    #[arg(long, value_name = "M", default_value = "auto", value_parser = resolution)]
+    #[arg(long, value_name = "M", default_value = "auto")]
     pub(super) resolution: Resolution,
     /// Latent width of the network of the plan [default: the model's, or 128]
     #[arg(long, value_name = "D", value_parser = count)]
@@ -150,10 +150,6 @@ fn within(text: &str, most: usize) -> std::result::Result<usize, String> {
 
 fn method(text: &str) -> std::result::Result<SegmentMethod, String> {
     SegmentMethod::parse(text.trim()).map_err(|e| e.to_string())
-}
-
-fn resolution(text: &str) -> std::result::Result<Resolution, String> {
-    text.parse().map_err(|e: m4gn_mesh::Error| e.to_string())
 }
 
 fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {

@@ -11,7 +11,7 @@ use m4gn_engine::{EngineOptions, PrecisionChoice};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Model, ModelSpec, Resolution, SegmentEntries, SegmentMethod, SegmentSpec};
+use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentMethod, SegmentSpec};
 use m4gn_report::write_file;
 use m4gn_segments::Record;
 use m4gn_segments::coarse::Coarse;
@@ -259,39 +259,27 @@ fn planned(
 ) -> Result<(String, [(&'static str, Value); 3])> {
     let comm = Comm::serial();
     let network = network(args, mesh.dim(), model);
-    let length = match args.resolution {
-        Resolution::Length(length) => Some(length),
-        word => model.and_then(|spec| word.of(spec)),
-    };
+    let length = args.resolution.of(model.and_then(|spec| spec.resolution));
     let (coarse, cost) = survey::Cost::of(|| match length {
         Some(length) => Coarse::new(mesh, length, &comm),
         None => Ok(None),
     })?;
+    let plans = |nodes: &Mesh, graph: &mut Graph, labels: &[i32]| {
+        plan::plans(nodes, graph, labels, written.count, &args.plan, &network)
+    };
     let (plans, nodes) = match &coarse {
         Some(coarse) => {
             let mut graph = Graph::new(&coarse.mesh, &comm)?;
             let labels = coarse.labels_of_groups(mesh, &written.labels, &comm);
-            let plans = plan::plans(
-                &coarse.mesh,
-                &mut graph,
-                &labels,
-                written.count,
-                &args.plan,
-                &network,
-            )?;
             let groups = format!(
                 "{} groups of {:.1} cells, made in {}",
                 coarse.n_groups,
                 mesh.n_cells() as f64 / coarse.n_groups as f64,
                 survey::cost_text(&cost)
             );
-            (plans, groups)
+            (plans(&coarse.mesh, &mut graph, &labels)?, groups)
         }
-        None => {
-            let labels = &written.labels;
-            let plans = plan::plans(mesh, graph, labels, written.count, &args.plan, &network)?;
-            (plans, "the cells".into())
-        }
+        None => (plans(mesh, graph, &written.labels)?, "the cells".into()),
     };
     let options = EngineOptions {
         precision: network.precision,

@@ -85,9 +85,7 @@ pub(super) fn agglomerate(
     let found = match pairs {
         Some(pairs) => {
             let graph = CellGraph::new(n, pairs.concat().as_chunks::<2>().0);
-            // A mesh may fall into more pieces than there are to be groups.
-            let pieces = graph.pieces(|_| 0).len();
-            partition_finely(&graph, wanted.max(pieces)).map(in_order)
+            partition_finely(&graph, wanted).map(in_order)
         }
         None => Ok(Vec::new()),
     };
