@@ -370,6 +370,24 @@ fn a_folder_of_data_is_a_family() {
         "{faces} faces of {cells} cells"
     );
 
+    // Polyhedra: most of those inside have six faces or more there
+    let polyhedra = out.path().join("polyhedra");
+    let run = m4gn(&format!("{command} --set elements=polyhedra"), &polyhedra).output();
+    let run = run.unwrap();
+    assert!(run.status.success(), "{}", text(&run));
+    let t = Trajectory::open(polyhedra.join("0000.h5")).unwrap();
+    let (cells, faces) = (t.mesh().n_cells(), t.mesh().face_owner.len());
+    assert!(
+        (300..800).contains(&cells) && 10 * faces > 24 * cells,
+        "{faces} faces of {cells} cells"
+    );
+    let volume: f64 = t.mesh().cell_volumes.iter().sum();
+    let (side, thickness) = (2.0 * radius, 0.01);
+    assert!(
+        (volume - (1.6 * 0.41 - side * side) * thickness).abs() < 1e-9,
+        "{volume} m^3"
+    );
+
     let other = m4gn(&command.replace("cells=0.5", "cells=0.6"), &data)
         .output()
         .unwrap();

@@ -1,11 +1,12 @@
 // Channel with a cylinder or a square, one cell thick: gmsh makes triangles, or quadrilaterals with layers around the obstacle,
-// and extrudes them.
+// and extrudes them. Polyhedra are the dual of triangles: polyDualMesh makes them, extrudeMesh makes them one cell thick again.
 // @...@ are filled in by 'm4gn generate'. Lengths in metres.
 L = 1.6;  H = 0.41;  T = 0.01;
 x = @x@;  y = @y@;  r = @radius@;
-quads = @elements@;
-// Edge length at the channel's ends: as many quadrilaterals as triangles
-h = @size@*(1 - 0.32*quads);
+quads = (@elements@ == 1);
+dual = (@elements@ == 2);
+// Edge length at the channel's ends: about as many quadrilaterals or polyhedra as triangles
+h = @size@*(1 - 0.32*quads - 0.2*dual);
 
 Point(1) = {0, 0, 0};  Point(2) = {L, 0, 0};  Point(3) = {L, H, 0};  Point(4) = {0, H, 0};
 Line(1) = {1, 2};  Line(2) = {2, 3};  Line(3) = {3, 4};  Line(4) = {4, 1};
@@ -55,9 +56,15 @@ Mesh.RandomSeed = 1;
 
 volume[] = Extrude {0, 0, T} { Surface{1}; Layers{1}; Recombine; };
 // volume[]: top, volume, then the side faces in the order of the curve loops
-Physical Surface("frontAndBack") = {1, volume[0]};
+If (dual)
+    // extrudeMesh starts from the bottom alone, which needs a patch for itself. It leaves the top out, whatever patch that is of.
+    Physical Surface("frontAndBack") = {1};
+    Physical Surface("outlet") = {volume[3], volume[0]};
+Else
+    Physical Surface("frontAndBack") = {1, volume[0]};
+    Physical Surface("outlet") = {volume[3]};
+EndIf
 Physical Surface("walls") = {volume[2], volume[4]};
-Physical Surface("outlet") = {volume[3]};
 Physical Surface("inlet") = {volume[5]};
 Physical Surface("cylinder") = {volume[6], volume[7], volume[8], volume[9]};
 Physical Volume("fluid") = {volume[1]};

@@ -96,14 +96,17 @@ impl Family {
         put(&folder.join("system/functions"), functions.as_bytes())
     }
 
-    /// Runs the commands that make the mesh and the first fields.
+    /// Runs the commands that make the mesh and the first fields of this case.
     ///
     /// # Errors
-    /// As [`Surroundings::run`].
-    pub fn prepare(&self, folder: &Path, tools: &Surroundings) -> Result<()> {
-        self.prepare
-            .iter()
-            .try_for_each(|command| tools.run(folder, command))
+    /// As [`Surroundings::run`]; [`Error::Input`] for a condition that cannot be computed.
+    pub fn prepare(&self, draw: &Draw, folder: &Path, tools: &Surroundings) -> Result<()> {
+        for command in &self.prepare {
+            if command.applies(draw)? {
+                tools.run(folder, command.words())?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -211,7 +214,7 @@ impl Case for FamilyCase {
 
     fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
         self.write(folder)?;
-        self.family.prepare(folder, tools)?;
+        self.family.prepare(&self.draw, folder, tools)?;
         tools.run(folder, &self.family.solver)?;
 
         let solver = program(&self.family.solver);

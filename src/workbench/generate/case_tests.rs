@@ -1,6 +1,7 @@
 //! Draws and files of the families that come with m4gn.
 
 use super::*;
+use crate::generate::family::{Command, Conditional};
 use crate::generate::parameter::{Settings, parse_setting};
 
 fn family(name: &str) -> Family {
@@ -97,6 +98,38 @@ fn every_placeholder_is_filled() {
         assert!(control.contains(&format!("endTime         {end}")), "{control}");
         assert!(!dir.path().join(FILE).exists());
     }
+}
+
+#[test]
+fn commands_run_where_their_condition_holds() {
+    let mut family = family("cylinder-flow");
+    let programs = |family: &Family, elements: &str| -> Vec<String> {
+        let draw = family
+            .draw(1, 0, &settings(&[&format!("elements={elements}")]))
+            .unwrap();
+        let runs = family.prepare.iter().filter(|c| c.applies(&draw).unwrap());
+        runs.map(|c| c.words()[0].clone()).collect()
+    };
+    assert_eq!(
+        programs(&family, "quads"),
+        ["gmsh", "gmshToFoam", "changeDictionary"]
+    );
+    assert_eq!(
+        programs(&family, "polyhedra"),
+        [
+            "gmsh",
+            "gmshToFoam",
+            "polyDualMesh",
+            "extrudeMesh",
+            "changeDictionary"
+        ]
+    );
+    family.prepare.push(Command::When(Conditional {
+        when: "colour == 2".into(),
+        run: vec!["true".into()],
+    }));
+    let message = family.draw(1, 0, &Settings::new()).unwrap_err().to_string();
+    assert!(message.contains("colour == 2"), "{message}");
 }
 
 #[test]

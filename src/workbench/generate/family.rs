@@ -39,7 +39,7 @@ pub struct Family {
     pub decimals: i32,
     /// Commands that make the mesh and the first fields, in their order.
     #[serde(default)]
-    pub prepare: Vec<Vec<String>>,
+    pub prepare: Vec<Command>,
     /// The solver.
     pub solver: Vec<String>,
     /// Steps of the solver in `interval` seconds.
@@ -57,6 +57,50 @@ pub struct Family {
     pub requirements: Vec<Requirement>,
     /// What `m4gn hybrid` runs.
     pub hybrid: Option<Hybrid>,
+}
+
+/// A command that makes the mesh or the first fields: a program and its arguments, in some or in all cases.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected a list of a program and its arguments, or { when = \"CONDITION\", run = [such a list] }"
+)]
+pub enum Command {
+    /// Runs in all cases.
+    Always(Vec<String>),
+    /// Runs where the condition holds.
+    When(Conditional),
+}
+
+/// A command with a condition.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Conditional {
+    /// Condition.
+    pub when: String,
+    /// The command.
+    pub run: Vec<String>,
+}
+
+impl Command {
+    /// The program and its arguments.
+    pub fn words(&self) -> &[String] {
+        match self {
+            Command::Always(words) => words,
+            Command::When(conditional) => &conditional.run,
+        }
+    }
+
+    /// Whether the case needs it.
+    ///
+    /// # Errors
+    /// As [`expression::number`], for the condition.
+    pub fn applies(&self, draw: &Draw) -> Result<bool> {
+        match self {
+            Command::Always(_) => Ok(true),
+            Command::When(conditional) => expression::holds(&conditional.when, &draw.variables),
+        }
+    }
 }
 
 fn six() -> i32 {
@@ -194,12 +238,7 @@ impl Family {
                 ));
             }
         }
-        if let Some(empty) = self
-            .prepare
-            .iter()
-            .chain([&self.solver])
-            .find(|c| c.iter().all(String::is_empty))
-        {
+        if let Some(empty) = self.commands().find(|c| c.iter().all(String::is_empty)) {
             return fault(format!("command {empty:?}: expected a program and its arguments"));
         }
         let r = &self.recording;
@@ -249,8 +288,8 @@ impl Family {
     /// Case `index` of the set `seed` with these settings: the same whatever else is drawn.
     ///
     /// # Errors
-    /// [`Error::Input`] for settings that [`Family::check_settings`] refuses, an expression that cannot be computed, or a
-    /// requirement that does not hold.
+    /// [`Error::Input`] for settings that [`Family::check_settings`] refuses, an expression or a condition that cannot be
+    /// computed, or a requirement that does not hold.
     pub fn draw(&self, seed: u64, index: u64, settings: &Settings) -> Result<Draw> {
         self.check_settings(settings)?;
         let values = parameter::draw(&self.parameters, settings, seed, index, self.decimals);
@@ -283,10 +322,15 @@ impl Family {
             }
         }
         let names = self.parameters.iter().map(|p| p.name.clone());
-        Ok(Draw {
+        let draw = Draw {
             values: names.zip(values).collect(),
             variables,
-        })
+        };
+        // A condition that cannot be computed is told before the first case runs
+        self.prepare
+            .iter()
+            .try_for_each(|c| c.applies(&draw).map(|_| ()))?;
+        Ok(draw)
     }
 
     /// Steps of the solver in `interval` seconds.
@@ -308,10 +352,15 @@ impl Family {
         }
     }
 
+    /// All commands, the solver last.
+    fn commands(&self) -> impl Iterator<Item = &[String]> {
+        self.prepare.iter().map(Command::words).chain([&self.solver[..]])
+    }
+
     /// The programs that its commands begin with, each once.
     pub fn programs(&self) -> Vec<&str> {
         let mut programs = Vec::new();
-        for command in self.prepare.iter().chain([&self.solver]) {
+        for command in self.commands() {
             let program = command[0].as_str();
             if !programs.contains(&program) {
                 programs.push(program);

@@ -243,7 +243,7 @@ impl Job<'_> {
             _ => String::new(),
         };
         plan.family.write(draw, times, &functions, case)?;
-        plan.family.prepare(case, &plan.tools)?;
+        plan.family.prepare(draw, case, &plan.tools)?;
         let start = Instant::now();
         plan.tools.run(case, &plan.family.solver)?;
         let wall = start.elapsed().as_secs_f64();
