@@ -44,23 +44,25 @@ impl AdaptHandle {
         result
     }
 
-    /// A collective call on a file, whose name all ranks give alike.
+    /// A collective call on a file, whose name all ranks give alike, with what else the host gave.
     ///
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
-    unsafe fn with_file(
+    unsafe fn with_file<T>(
         adapt: *mut Self,
         name: &str,
         path: *const c_char,
-        work: impl FnOnce(&mut Adaptation, &Path) -> Result<()>,
+        other: Result<T>,
+        work: impl FnOnce(&mut Adaptation, &Path, T) -> Result<()>,
     ) -> Result<i32> {
         // SAFETY: passed on to the caller.
         let (handle, path) = unsafe { (raw::reference_mut("adapt", adapt)?, raw::text("path", path)) };
         handle.guarded(|a| {
             let path = path.map(Path::new);
             let same = path.as_ref().map_or(String::new(), |path| door::file_name(path));
-            let path = a.comm().agree_with(path, &format!("call {name}\npath {same}"))?;
-            work(a, path)
+            let both = path.and_then(|path| Ok((path, other?)));
+            let (path, other) = a.comm().agree_with(both, &format!("call {name}\npath {same}"))?;
+            work(a, path, other)
         })?;
         Ok(0)
     }
@@ -190,17 +192,18 @@ exports! {
         note: *mut c_char,
         note_size: i32,
     ) -> i32, or |status| status; {
-        // SAFETY: objects of ours, or null.
-        let (handle, session) = unsafe { (raw::reference_mut("adapt", adapt)?, raw::reference_mut("session", session)?) };
+        // SAFETY: an adaptation of ours, or null.
+        let handle = unsafe { raw::reference_mut("adapt", adapt)? };
         handle.guarded(|a| {
-            // SAFETY: the host's places, as the header says.
+            // SAFETY: a session of ours and the host's places, as the header says.
             let read = || unsafe {
+                let session = raw::reference_mut("session", session)?;
                 let strides = raw::count("strides", strides)?;
                 let size = raw::count("note_size", note_size)?;
-                Ok((strides, raw::reference_mut("report", result)?, raw::slice_mut("note", note, size)?))
+                Ok((session, strides, raw::reference_mut("report", result)?, raw::slice_mut("note", note, size)?))
             };
             let same = format!("call m4gn_adapt_run\nstrides {strides}");
-            let (strides, result, note) = a.comm().agree_with(read(), &same)?;
+            let (session, strides, result, note) = a.comm().agree_with(read(), &same)?;
             let outcome = a.run(strides)?;
             if outcome.used {
                 session.session.set_weights(a.mesh(), &a.model())?;
@@ -215,7 +218,7 @@ exports! {
     /// Writes the state.
     fn m4gn_adapt_save(adapt: *mut AdaptHandle, path: *const c_char) -> i32, or |status| status; {
         // SAFETY: as the header says.
-        unsafe { AdaptHandle::with_file(adapt, "m4gn_adapt_save", path, |a, path| a.save(path)) }
+        unsafe { AdaptHandle::with_file(adapt, "m4gn_adapt_save", path, Ok(()), |a, path, ()| a.save(path)) }
     }
 
     /// Takes up a state, and hands the weights to the session.
@@ -226,8 +229,8 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: as the header says.
         unsafe {
-            let session = raw::reference_mut("session", session)?;
-            AdaptHandle::with_file(adapt, "m4gn_adapt_load", path, |a, path| {
+            let session = raw::reference_mut("session", session);
+            AdaptHandle::with_file(adapt, "m4gn_adapt_load", path, session, |a, path, session| {
                 a.load(path)?;
                 session.session.set_weights(a.mesh(), &a.model())
             })
@@ -238,7 +241,7 @@ exports! {
     fn m4gn_adapt_write_model(adapt: *mut AdaptHandle, path: *const c_char) -> i32, or |status| status; {
         // SAFETY: as the header says.
         unsafe {
-            AdaptHandle::with_file(adapt, "m4gn_adapt_write_model", path, |a, path| {
+            AdaptHandle::with_file(adapt, "m4gn_adapt_write_model", path, Ok(()), |a, path, ()| {
                 let written = match a.comm().is_root() {
                     true => a.model().write(path),
                     false => Ok(()),

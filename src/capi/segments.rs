@@ -161,50 +161,63 @@ fn cut(comm: &Comm, mesh: &Mesh, request: &Request) -> Result<SegmentsHandle> {
     })
 }
 
-/// Why the labels are not the segments that the model and the entries of `options` describe. Collective.
+/// Why the labels are not the segments that the model and the entries of `options` describe, with the host's `places` for the
+/// answer. Collective.
 ///
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-unsafe fn misfit(
+unsafe fn misfit<P>(
     comm: i32,
+    places: Result<P>,
     mesh: *const MeshData,
     (options, cell_segment): (*const c_char, *const i32),
     record: *const c_char,
-) -> Result<Option<String>> {
+) -> Result<(Option<String>, P)> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<(Mesh, Request, String)> {
+    let read = || -> Result<((P, Mesh, Request, String), String)> {
+        let places = places?;
         // SAFETY: passed on to the caller.
         unsafe {
             let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
             let request = Request::read(options, cell_segment, mesh.n_cells())?;
             let record = raw::optional_text("record", record)?.unwrap_or("").to_owned();
-            match &request.labels {
-                None => Err(Error::Input(
+            if request.labels.is_none() {
+                return Err(Error::Input(
                     "cell_segment: expected labels, found a null pointer".into(),
-                )),
-                Some(_) => Ok((mesh, request, record)),
+                ));
             }
+            let same = request.shared()?;
+            Ok(((places, mesh, request, record), same))
         }
     };
-    let (mesh, request, record) = comm.agree(read())?;
-    let wanted = request.spec(&comm)?;
+    door::together(
+        "m4gn_segments_fit",
+        &comm,
+        read,
+        |(places, mesh, request, record)| Ok((compare(&comm, &mesh, &request, record)?, places)),
+    )
+}
+
+/// Collective.
+fn compare(comm: &Comm, mesh: &Mesh, request: &Request, record: String) -> Result<Option<String>> {
+    let wanted = request.spec(comm)?;
     // The root's: ranks that read their own file may differ.
     let mut text = record.into_bytes();
     comm.broadcast(&mut text);
     let record = String::from_utf8_lossy(&text);
     let only = match &request.model {
-        Some(path) if !has_segments(path, &comm)? => return Ok(None),
+        Some(path) if !has_segments(path, comm)? => return Ok(None),
         Some(_) => None,
         None => Some(request.segments.names()),
     };
     let labels = request.labels.as_deref().unwrap_or_default();
     Ok(segments::misfit(
-        &mesh,
+        mesh,
         labels,
         &record,
         &wanted,
         only.as_deref(),
-        &comm,
+        comm,
     ))
 }
 
@@ -281,12 +294,13 @@ exports! {
         why: *mut c_char,
         why_size: i32,
     ) -> i32, or |status| status; {
-        let size = raw::count("why_size", why_size)?;
-        // SAFETY: the host's pointers, as the header says.
-        let (found, fit, why) = unsafe {
-            let found = misfit(comm, mesh, (options, cell_segment), record)?;
-            (found, raw::reference_mut("fit", fit)?, raw::slice_mut("why", why, size)?)
+        let places = || {
+            let size = raw::count("why_size", why_size)?;
+            // SAFETY: the host's places, as the header says.
+            unsafe { Ok((raw::reference_mut("fit", fit)?, raw::slice_mut("why", why, size)?)) }
         };
+        // SAFETY: the host's pointers, as the header says.
+        let (found, (fit, why)) = unsafe { misfit(comm, places(), mesh, (options, cell_segment), record)? };
         *fit = i32::from(found.is_none());
         raw::put_text(&found.unwrap_or_default(), why);
         Ok(0)

@@ -54,6 +54,7 @@ unsafe extern "C" {
     ) -> i32;
     pub fn m4gn_adapt_save(adapt: Handle, path: *const c_char) -> i32;
     pub fn m4gn_adapt_load(adapt: Handle, session: Handle, path: *const c_char) -> i32;
+    pub fn m4gn_adapt_write_model(adapt: Handle, path: *const c_char) -> i32;
     pub fn m4gn_control_new(
         session: Handle,
         settings: *const c_char,
@@ -81,6 +82,16 @@ unsafe extern "C" {
         segments: *mut Handle,
     ) -> i32;
     pub fn m4gn_segments_free(segments: Handle);
+    pub fn m4gn_segments_fit(
+        comm: i32,
+        mesh: *const MeshData,
+        options: *const c_char,
+        cell_segment: *const i32,
+        record: *const c_char,
+        fit: *mut i32,
+        why: *mut c_char,
+        why_size: i32,
+    ) -> i32;
     pub fn m4gn_modes_new(
         comm: i32,
         stiffness: *const CsrData,

@@ -97,6 +97,20 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "json",
         ],
         "recorder_append" => &["missing", "nan", "count", "time"],
+        "segments_fit" => &["null", "no mesh", "no options", "spec", "json", "labels", "size"],
+        "adapt_new" => &[
+            "null",
+            "no mesh",
+            "no settings",
+            "volume",
+            "json",
+            "mode",
+            "steps",
+        ],
+        "adapt_frame" => &["missing", "null", "nan", "count", "time", "begins"],
+        "adapt_run" => &["no session", "no report", "strides", "negative", "size"],
+        "adapt_save" | "adapt_write_model" => &["null", "path"],
+        "adapt_load" => &["null", "path", "no session"],
         _ => &[],
     }
 }
@@ -164,6 +178,9 @@ impl Bench {
                 ended
             }
             "recorder_append" => self.recorder_append(odd, panic),
+            "segments_fit" => self.segments_fit(odd, panic),
+            "adapt_new" => self.adapt_new(odd, panic),
+            _ if call.starts_with("adapt_") => self.adapt_call(call, odd, panic),
             _ => self.recorder_finish(panic),
         }
     }

@@ -5,6 +5,7 @@
 //! for the calls with this in their names.
 #![allow(unsafe_code)]
 
+mod adapting;
 mod calls;
 #[path = "../host/mod.rs"]
 mod host;
@@ -24,7 +25,7 @@ const LIMIT: Duration = Duration::from_secs(20);
 /// Most places in a call at which a panic is tried.
 const PLACES: i64 = 12;
 
-const CALLS: [&str; 9] = [
+const CALLS: [&str; 16] = [
     "elastic_modes",
     "session_new",
     "session_step",
@@ -34,6 +35,13 @@ const CALLS: [&str; 9] = [
     "recorder_new",
     "recorder_append",
     "recorder_finish",
+    "segments_fit",
+    "adapt_new",
+    "adapt_frame",
+    "adapt_run",
+    "adapt_save",
+    "adapt_load",
+    "adapt_write_model",
 ];
 
 fn main() -> ExitCode {

@@ -136,4 +136,33 @@ impl Bench {
         timed(|| unsafe { m4gn_segments_free(segments) });
         ended
     }
+
+    pub fn segments_fit(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let host = self.host(odd);
+        let labels: Vec<i32> = (0..host.mesh.n_cells()).map(|c| c as i32 % 4).collect();
+        let count = if odd == Some("spec") { 5 } else { 4 };
+        let settings = match odd {
+            Some("json") => c("{\"segments\": ".into()),
+            _ => options(&json!({ "segments": { "count": count, "modes": 3 } })),
+        };
+        let (mut fit, mut why) = (0, [0; 200]);
+        let place = unless_mut(odd == Some("null"), &raw mut fit);
+        let mesh = unless(odd == Some("no mesh"), &raw const host.data);
+        let given = unless(odd == Some("no options"), settings.as_ptr());
+        let stored = unless(odd == Some("labels"), labels.as_ptr());
+        let size = if odd == Some("size") { -1 } else { 200 };
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        self.made(panic, || unsafe {
+            m4gn_segments_fit(
+                self.world.fortran(),
+                mesh,
+                given,
+                stored,
+                null(),
+                place,
+                why.as_mut_ptr(),
+                size,
+            )
+        })
+    }
 }
