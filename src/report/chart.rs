@@ -44,11 +44,11 @@ pub struct Chart {
     pub y_label: String,
     /// Curves, drawn in this order.
     pub series: Vec<Series>,
-    /// What the y axis shows.
+    /// What the axes show.
     pub axis: Axis,
 }
 
-/// What the y axis of a chart shows.
+/// What the y axis of a chart shows, and the x axis where that is not the range of the values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
     /// The range of the values.
@@ -57,6 +57,36 @@ pub enum Axis {
     FromZero,
     /// The logarithm of the values; those that are not positive break the line.
     Logarithmic,
+    /// The same, and the x axis shows the logarithm too.
+    BothLogarithmic,
+}
+
+impl Axis {
+    /// The place of a value on the y axis.
+    fn height(self, y: f64) -> f64 {
+        match self {
+            Axis::Logarithmic | Axis::BothLogarithmic => exponent(y),
+            Axis::Range | Axis::FromZero => y,
+        }
+    }
+
+    /// The place of a value on the x axis.
+    fn width(self, x: f64) -> f64 {
+        match self {
+            Axis::BothLogarithmic => exponent(x),
+            _ => x,
+        }
+    }
+}
+
+/// The exponent of ten; NaN where there is none.
+fn exponent(value: f64) -> f64 {
+    if value > 0.0 { value.log10() } else { f64::NAN }
+}
+
+/// The label of a tick at an exponent of ten. The places of ticks are sums, and off by rounding.
+fn power(exponent: f64) -> String {
+    super::number(10f64.powf((exponent * 1e9).round() / 1e9), 3)
 }
 
 const WIDTH: u32 = 900;
@@ -77,12 +107,8 @@ impl Chart {
 
     /// The points of a curve as they are drawn: of a logarithmic axis, the exponents of ten.
     fn drawn(&self, series: &Series) -> Vec<(f64, f64)> {
-        let height = |y: f64| match self.axis {
-            Axis::Logarithmic if y > 0.0 => y.log10(),
-            Axis::Logarithmic => f64::NAN,
-            _ => y,
-        };
-        series.points.iter().map(|&(x, y)| (x, height(y))).collect()
+        let place = |&(x, y): &(f64, f64)| (self.axis.width(x), self.axis.height(y));
+        series.points.iter().map(place).collect()
     }
 
     fn range(&self, of: impl Fn(&(f64, f64)) -> f64) -> Option<(f64, f64)> {
@@ -124,6 +150,7 @@ impl Chart {
         let x_high = if x_high > x_low { x_high } else { x_low + 1.0 };
         // Dots stand clear of the frame.
         let (x_low, x_high) = match self.series.iter().any(|s| s.dots) {
+            true if self.axis == Axis::BothLogarithmic => (x_low - 0.1, x_high + 0.1),
             true => (x_low.min(0.0), x_high + 0.05 * x_high.abs()),
             false => (x_low, x_high),
         };
@@ -141,11 +168,13 @@ impl Chart {
             .axis_desc_style(("sans-serif", 15))
             .light_line_style(TRANSPARENT)
             .bold_line_style(RGBColor(225, 225, 225))
-            .x_label_formatter(&|v| tick(*v, x_high - x_low))
+            .x_label_formatter(&|v| match self.axis {
+                Axis::BothLogarithmic => power(*v),
+                _ => tick(*v, x_high - x_low),
+            })
             .y_label_formatter(&|v| match self.axis {
-                // The places of ticks are sums, and off by rounding.
-                Axis::Logarithmic => super::number(10f64.powf((v * 1e9).round() / 1e9), 3),
-                _ => tick(*v, high - low),
+                Axis::Logarithmic | Axis::BothLogarithmic => power(*v),
+                Axis::Range | Axis::FromZero => tick(*v, high - low),
             })
             .draw()?;
         for series in &self.series {
@@ -239,5 +268,38 @@ mod tests {
         let label = |text: &str| svg.lines().any(|line| line == text);
         assert!(label("0.0100") && label("1.00"), "{svg}");
         assert!(!svg.contains("NaN"));
+    }
+
+    /// A power law is a straight line: equal distances in x and in y.
+    #[test]
+    fn two_logarithmic_axes_make_a_line_of_a_power_law() {
+        let chart = Chart {
+            x_label: "cells".into(),
+            y_label: "ms".into(),
+            series: vec![Series {
+                dots: true,
+                ..Series::new("law", &[1e3, 1e4, 1e5, 0.0], &[1.0, 100.0, 1e4, 1.0], BLUE)
+            }],
+            axis: Axis::BothLogarithmic,
+        };
+        let svg = chart.svg().unwrap();
+        let places: Vec<[i32; 2]> = svg
+            .split("<circle")
+            .skip(1)
+            .map(|circle| {
+                ["cx=\"", "cy=\""].map(|key| {
+                    let (_, rest) = circle.split_once(key).unwrap();
+                    rest.split('"').next().unwrap().parse().unwrap()
+                })
+            })
+            .collect();
+        assert_eq!(places.len(), 3, "{svg}");
+        for axis in 0..2 {
+            let steps = [1, 2].map(|i| places[i][axis] - places[i - 1][axis]);
+            assert!(
+                steps[0].abs() > 50 && (steps[0] - steps[1]).abs() <= 1,
+                "{places:?}"
+            );
+        }
     }
 }
