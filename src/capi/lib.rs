@@ -10,6 +10,7 @@ mod door;
 mod adapt;
 mod control;
 mod fields;
+mod fit;
 mod modes;
 mod options;
 mod raw;

@@ -6,7 +6,7 @@ use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalSource, Modes};
-use m4gn_model::{ModalOperator, Model, SegmentEntries, SegmentSpec, settings};
+use m4gn_model::{Model, SegmentEntries, SegmentSpec, settings};
 use m4gn_modes::Modal;
 use m4gn_segments as segments;
 use m4gn_segments::Record;
@@ -39,13 +39,13 @@ pub struct SegmentsHandle {
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Request {
     /// Model file whose segmentation is meant; none: the defaults.
-    model: Option<PathBuf>,
+    pub(super) model: Option<PathBuf>,
     /// What differs from it.
-    segments: SegmentEntries,
+    pub(super) segments: SegmentEntries,
     /// Whether modes are computed and kept.
     with_modes: bool,
     #[serde(skip)]
-    labels: Option<Vec<i32>>,
+    pub(super) labels: Option<Vec<i32>>,
 }
 
 impl Request {
@@ -58,7 +58,11 @@ impl Request {
 
     /// # Safety
     /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
-    unsafe fn read(options: *const c_char, cell_segment: *const i32, n_cells: usize) -> Result<Self> {
+    pub(super) unsafe fn read(
+        options: *const c_char,
+        cell_segment: *const i32,
+        n_cells: usize,
+    ) -> Result<Self> {
         // SAFETY: passed on to the caller.
         unsafe {
             Ok(Request {
@@ -69,14 +73,14 @@ impl Request {
     }
 
     /// What every rank must be given alike: not its cells' labels, nor the folder in which it finds the model.
-    fn shared(&self) -> Result<String> {
+    pub(super) fn shared(&self) -> Result<String> {
         let mut alike = self.clone();
         alike.model = self.model.as_deref().map(door::file_name).map(PathBuf::from);
         settings::lines(&alike)
     }
 
     /// The model's segmentation, or the default, with what differs from it. Collective.
-    fn spec(&self, comm: &Comm) -> Result<SegmentSpec> {
+    pub(super) fn spec(&self, comm: &Comm) -> Result<SegmentSpec> {
         let base = match &self.model {
             Some(path) => model_segments(path, comm)?,
             None => SegmentSpec::default(),
@@ -161,108 +165,7 @@ fn cut(comm: &Comm, mesh: &Mesh, request: &Request) -> Result<SegmentsHandle> {
     })
 }
 
-/// Why the labels are not the segments that the model and the entries of `options` describe, with the host's `places` for the
-/// answer. Collective.
-///
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn misfit<P>(
-    comm: i32,
-    places: Result<P>,
-    mesh: *const MeshData,
-    (options, cell_segment): (*const c_char, *const i32),
-    record: *const c_char,
-) -> Result<(Option<String>, P)> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((P, Mesh, Request, String), String)> {
-        let places = places?;
-        // SAFETY: passed on to the caller.
-        unsafe {
-            let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let request = Request::read(options, cell_segment, mesh.n_cells())?;
-            let record = raw::optional_text("record", record)?.unwrap_or("").to_owned();
-            if request.labels.is_none() {
-                return Err(Error::Input(
-                    "cell_segment: expected labels, found a null pointer".into(),
-                ));
-            }
-            let same = request.shared()?;
-            Ok(((places, mesh, request, record), same))
-        }
-    };
-    door::together(
-        "m4gn_segments_fit",
-        &comm,
-        read,
-        |(places, mesh, request, record)| Ok((compare(&comm, &mesh, &request, record)?, places)),
-    )
-}
-
-/// Collective.
-fn compare(comm: &Comm, mesh: &Mesh, request: &Request, record: String) -> Result<Option<String>> {
-    let wanted = request.spec(comm)?;
-    // The root's: ranks that read their own file may differ.
-    let mut text = record.into_bytes();
-    comm.broadcast(&mut text);
-    let record = String::from_utf8_lossy(&text);
-    let only = match &request.model {
-        Some(path) if !has_segments(path, comm)? => return Ok(None),
-        Some(_) => None,
-        None => Some(request.segments.names()),
-    };
-    let labels = request.labels.as_deref().unwrap_or_default();
-    Ok(segments::misfit(
-        mesh,
-        labels,
-        &record,
-        &wanted,
-        only.as_deref(),
-        comm,
-    ))
-}
-
-/// Whether the model has a stage that works on segments. Collective.
-fn has_segments(path: &Path, comm: &Comm) -> Result<bool> {
-    let mut has = [0i64];
-    let read = match comm.is_root() {
-        true => Model::read(path).map(|model| {
-            has[0] = i64::from(model.spec.architecture.segment_transformer().is_some());
-        }),
-        false => Ok(()),
-    };
-    comm.agree(read)?;
-    comm.max_i64(&mut has);
-    Ok(has[0] != 0)
-}
-
-/// Elastic modes that a model's segments need. Collective.
-fn elastic_modes(comm: i32, model: Result<PathBuf>) -> Result<i32> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || model.map(|path| (path.clone(), format!("model {}", door::file_name(&path))));
-    door::together("m4gn_model_elastic_modes", &comm, read, |path| {
-        count_elastic(&comm, &path)
-    })
-}
-
-/// Collective.
-fn count_elastic(comm: &Comm, path: &Path) -> Result<i32> {
-    let mut count = [0i64];
-    let read = match comm.is_root() {
-        true => Model::read(path).map(|model| {
-            let spec = &model.spec.segments;
-            let elastic = spec.operator == Some(ModalOperator::Elastic) && spec.method.uses_modes();
-            if elastic && model.spec.architecture.segment_transformer().is_some() {
-                count[0] = spec.modes as i64;
-            }
-        }),
-        false => Ok(()),
-    };
-    comm.agree(read)?;
-    comm.max_i64(&mut count);
-    i32::try_from(count[0]).map_err(|_| Error::Model(format!("segments.modes: {} is too large", count[0])))
-}
-
-fn no_count(_: i32) -> i32 {
+pub(super) fn no_count(_: i32) -> i32 {
     -1
 }
 
@@ -283,40 +186,10 @@ exports! {
         }
     }
 
-    /// Whether stored segments are those that are wanted.
-    fn m4gn_segments_fit(
-        comm: i32,
-        mesh: *const MeshData,
-        options: *const c_char,
-        cell_segment: *const i32,
-        record: *const c_char,
-        fit: *mut i32,
-        why: *mut c_char,
-        why_size: i32,
-    ) -> i32, or |status| status; {
-        let places = || {
-            let size = raw::count("why_size", why_size)?;
-            // SAFETY: the host's places, as the header says.
-            unsafe { Ok((raw::reference_mut("fit", fit)?, raw::slice_mut("why", why, size)?)) }
-        };
-        // SAFETY: the host's pointers, as the header says.
-        let (found, (fit, why)) = unsafe { misfit(comm, places(), mesh, (options, cell_segment), record)? };
-        *fit = i32::from(found.is_none());
-        raw::put_text(&found.unwrap_or_default(), why);
-        Ok(0)
-    }
-
     /// How the segments were computed; null for null.
     fn m4gn_segments_record(segments: *const SegmentsHandle) -> *const c_char, or |_| std::ptr::null(); {
         // SAFETY: segments of ours, or null.
         Ok(unsafe { raw::reference("segments", segments)? }.record.as_ptr())
-    }
-
-    /// Elastic modes that the mesh must have for a model.
-    fn m4gn_model_elastic_modes(comm: i32, model: *const c_char) -> i32, or no_count; {
-        // SAFETY: the host's string, or null.
-        let path = unsafe { raw::text("model", model) }.map(PathBuf::from);
-        elastic_modes(comm, path)
     }
 
     /// Frees segments; null is none.

@@ -1,7 +1,7 @@
 //! Draws and files of the families that come with m4gn.
 
 use super::*;
-use crate::generate::family::{Command, Conditional};
+use crate::generate::command::{Command, Conditional};
 use crate::generate::parameter::{Settings, parse_setting};
 
 fn family(name: &str) -> Family {

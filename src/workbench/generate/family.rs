@@ -4,6 +4,7 @@
 //! `@writeInterval@`; its `controlDict` includes `system/functions`, which the command writes. docs/families.md describes
 //! every key.
 
+use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, is_word};
 use m4gn_mesh::{Error, Result};
@@ -57,50 +58,6 @@ pub struct Family {
     pub requirements: Vec<Requirement>,
     /// What `m4gn hybrid` runs.
     pub hybrid: Option<Hybrid>,
-}
-
-/// A command that makes the mesh or the first fields: a program and its arguments, in some or in all cases.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "expected a list of a program and its arguments, or { when = \"CONDITION\", run = [such a list] }"
-)]
-pub enum Command {
-    /// Runs in all cases.
-    Always(Vec<String>),
-    /// Runs where the condition holds.
-    When(Conditional),
-}
-
-/// A command with a condition.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Conditional {
-    /// Condition.
-    pub when: String,
-    /// The command.
-    pub run: Vec<String>,
-}
-
-impl Command {
-    /// The program and its arguments.
-    pub fn words(&self) -> &[String] {
-        match self {
-            Command::Always(words) => words,
-            Command::When(conditional) => &conditional.run,
-        }
-    }
-
-    /// Whether the case needs it.
-    ///
-    /// # Errors
-    /// As [`expression::number`], for the condition.
-    pub fn applies(&self, draw: &Draw) -> Result<bool> {
-        match self {
-            Command::Always(_) => Ok(true),
-            Command::When(conditional) => expression::holds(&conditional.when, &draw.variables),
-        }
-    }
 }
 
 fn six() -> i32 {
