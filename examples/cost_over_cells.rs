@@ -1,11 +1,10 @@
 //! What a step of a model costs over the number of cells, with a node of the network for each cell and with groups of cells
-//! (docs/how-it-works.md), beside the solver that made the data.
+//! (docs/how-it-works.md).
 //!
 //!     m4gn generate cylinder-flow --count 1 --seed 9 --frames 10 --spin-up 0.01 --set cells=12 --out mesh12
 //!     cost_over_cells --model models/cylinder-flow-meshes.safetensors --chart cost.svg mesh*/0000.h5
 //!
-//! A line of JSON for each trajectory: medians of the rounds, in each of which both ways take their steps by turns. The solver's
-//! time is that of all recorded frames, processor time, over a stride of the model.
+//! A line of JSON for each trajectory: medians of the rounds, in each of which both ways take their steps by turns.
 
 use clap::Parser;
 use m4gn_data::Trajectory;
@@ -14,7 +13,7 @@ use m4gn_mesh::files::write_whole;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, Resolution};
-use m4gn_report::chart::{Axis, BLUE, Chart, GREY, ORANGE, Series};
+use m4gn_report::chart::{Axis, BLUE, Chart, ORANGE, Series};
 use m4gn_step::{Session, SessionOptions};
 use m4gn_workbench::validate::{Scene, fits, stepper};
 use std::path::{Path, PathBuf};
@@ -42,7 +41,6 @@ struct Cost {
     groups: usize,
     on_cells: f64,
     on_groups: f64,
-    solver: Option<f64>,
 }
 
 fn main() -> Result<()> {
@@ -57,7 +55,6 @@ fn main() -> Result<()> {
                 "groups": cost.groups,
                 "cells_ms": cost.on_cells,
                 "groups_ms": cost.on_groups,
-                "solver_ms": cost.solver,
             })
         );
         Ok(cost)
@@ -113,7 +110,6 @@ fn measure(arguments: &Arguments, model: &Model, path: &Path) -> Result<Cost> {
         groups,
         on_cells,
         on_groups,
-        solver: m4gn_workbench::validate::seconds_a_frame(&trajectory).map(|s| 1e3 * s * pace.frames as f64),
     })
 }
 
@@ -126,7 +122,6 @@ fn chart(costs: &[Cost], stride: f64) -> Chart {
         x_label: "cells".into(),
         y_label: format!("ms for {stride} s"),
         series: vec![
-            series("solver", &|c| c.solver.unwrap_or(f64::NAN), GREY),
             series("node a cell", &|c| c.on_cells, ORANGE),
             series("groups", &|c| c.on_groups, BLUE),
         ],

@@ -236,7 +236,7 @@ fn times(recorded: &[f64], pace: Pace) -> Vec<f64> {
 }
 
 /// Processor time of the solver that made the data, s a frame, where it was recorded.
-pub fn seconds_a_frame(trajectory: &Trajectory) -> Option<f64> {
+fn seconds_a_frame(trajectory: &Trajectory) -> Option<f64> {
     let seconds = trajectory.provenance()["cpu_seconds"].as_f64()?;
     let frames = trajectory.times().len().checked_sub(1).filter(|n| *n > 0)?;
     Some(seconds / frames as f64)
