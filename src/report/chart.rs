@@ -84,9 +84,11 @@ fn exponent(value: f64) -> f64 {
     if value > 0.0 { value.log10() } else { f64::NAN }
 }
 
-/// The label of a tick at an exponent of ten. The places of ticks are sums, and off by rounding.
+/// The label of a tick at an exponent of ten: two digits. The places of ticks are sums, and off by rounding.
 fn power(exponent: f64) -> String {
-    super::number(10f64.powf((exponent * 1e9).round() / 1e9), 3)
+    let exponent = (exponent * 1e9).round() / 1e9;
+    let unit = 10f64.powf(exponent.floor() - 1.0);
+    super::number((10f64.powf(exponent) / unit).round() * unit, 2)
 }
 
 const WIDTH: u32 = 900;
@@ -266,7 +268,7 @@ mod tests {
         let (first, second) = (heights[0] - heights[1], heights[1] - heights[2]);
         assert!(first > 50 && (first - second).abs() <= 1, "{heights:?}");
         let label = |text: &str| svg.lines().any(|line| line == text);
-        assert!(label("0.0100") && label("1.00"), "{svg}");
+        assert!(label("0.010") && label("1.0"), "{svg}");
         assert!(!svg.contains("NaN"));
     }
 
@@ -283,6 +285,9 @@ mod tests {
             axis: Axis::BothLogarithmic,
         };
         let svg = chart.svg().unwrap();
+        for text in ["1000", "10000", "100"] {
+            assert!(svg.lines().any(|line| line == text), "{text}: {svg}");
+        }
         let places: Vec<[i32; 2]> = svg
             .split("<circle")
             .skip(1)
