@@ -5,6 +5,7 @@ use super::{check_outputs, stop_flag, write_json};
 use m4gn_mesh::{Error, Result};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::openfoam::{environment, plain_path};
+use m4gn_workbench::generate::parameter::Settings;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::hybrid::{
     self, DrawResult, Event, Kind, Plan, Variant, case_table, summary, summary_tables, variants,
@@ -130,8 +131,10 @@ fn plan(args: &Args) -> Result<Plan> {
         ));
     }
     let variants = variants(&family, &schedule, &args.variant, &args.plain)?;
+    let settings: Settings = args.set.set.iter().cloned().collect();
+    let first = family.draw(args.seed, 0, &schedule.settings(&settings))?;
     Ok(Plan {
-        settings: args.set.set.iter().cloned().collect(),
+        settings,
         model,
         seed: args.seed,
         count: args.count,
@@ -142,7 +145,7 @@ fn plan(args: &Args) -> Result<Plan> {
         tools: Surroundings {
             stop: stop_flag()?,
             timeout: Duration::from_secs(args.timeout),
-            environment: environment(&family.programs())?,
+            environment: environment(&family.programs(&first)?)?,
         },
         family,
         schedule,

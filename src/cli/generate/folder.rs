@@ -74,8 +74,8 @@ fn make(args: Args, family: Family) -> Result<()> {
     family::times(interval, spin_up)?;
     let settings = args.set.set.into_iter().collect();
     // Settings that no case can have are told before anything is looked for.
-    family.draw(args.common.seed, 0, &settings)?;
-    let environment = environment(&family.programs())?;
+    let first = family.draw(args.common.seed, 0, &settings)?;
+    let environment = environment(&family.programs(&first)?)?;
     let folder = plain_path(&args.common.out)?;
     // Without paths, for provenance
     let command = format!(

@@ -195,7 +195,8 @@ impl Family {
                 ));
             }
         }
-        if let Some(empty) = self.commands().find(|c| c.iter().all(String::is_empty)) {
+        let mut commands = self.prepare.iter().map(Command::words).chain([&self.solver[..]]);
+        if let Some(empty) = commands.find(|c| c.iter().all(String::is_empty)) {
             return fault(format!("command {empty:?}: expected a program and its arguments"));
         }
         let r = &self.recording;
@@ -309,21 +310,21 @@ impl Family {
         }
     }
 
-    /// All commands, the solver last.
-    fn commands(&self) -> impl Iterator<Item = &[String]> {
-        self.prepare.iter().map(Command::words).chain([&self.solver[..]])
-    }
-
-    /// The programs that its commands begin with, each once.
-    pub fn programs(&self) -> Vec<&str> {
+    /// The programs that a case's commands begin with, each once.
+    ///
+    /// # Errors
+    /// As [`Command::applies`].
+    pub fn programs(&self, draw: &Draw) -> Result<Vec<&str>> {
         let mut programs = Vec::new();
-        for command in self.commands() {
-            let program = command[0].as_str();
-            if !programs.contains(&program) {
-                programs.push(program);
+        for command in &self.prepare {
+            if command.applies(draw)? {
+                programs.push(command.words()[0].as_str());
             }
         }
-        programs
+        programs.push(self.solver[0].as_str());
+        let mut seen = std::collections::BTreeSet::new();
+        programs.retain(|p| seen.insert(*p));
+        Ok(programs)
     }
 
     /// Parameters, one a line, for people.
@@ -347,6 +348,13 @@ impl Family {
 }
 
 impl Hybrid {
+    /// Settings of all runs: the family's, and over them the user's.
+    pub fn settings(&self, own: &Settings) -> Settings {
+        let mut all = self.set.clone();
+        all.extend(own.clone());
+        all
+    }
+
     /// Whether the times are in order.
     ///
     /// # Errors

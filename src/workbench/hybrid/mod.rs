@@ -101,8 +101,7 @@ pub enum Event {
 /// [`Error::Interrupted`] when the user stops. [`Error::Input`] for settings or a schedule that cannot be. [`Error::File`]
 /// when the folder cannot be used, or OpenFOAM's libraries cannot be loaded. Failed runs are in the results.
 pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>> {
-    let mut settings = plan.schedule.set.clone();
-    settings.extend(plan.settings.clone());
+    let settings = plan.schedule.settings(&plan.settings);
     let draws: Vec<Draw> = (0..plan.count)
         .map(|index| plan.family.draw(plan.seed, index, &settings))
         .collect::<Result<_>>()?;
