@@ -86,6 +86,17 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     let options = ["--from", "a.safetensors", "--steps", "2"];
     let tuned = train(folder.path(), "b.safetensors", &options);
     assert!(tuned.status.success(), "{tuned:?}");
+    // No weight depends on the resolution: a model goes on with another one.
+    let config = sample::config("").replacen("[model]", "[model]\n        resolution = 0.5", 1);
+    std::fs::write(folder.path().join("config.toml"), config).unwrap();
+    let coarser = train(folder.path(), "c.safetensors", &options);
+    assert!(coarser.status.success(), "{coarser:?}");
+    let said = String::from_utf8_lossy(&coarser.stderr).into_owned();
+    assert!(
+        said.contains("resolution: off in the model to start from, 0.5 m in the configuration"),
+        "{said}"
+    );
+    assert!(m4gn(folder.path(), &["info", "c.safetensors"]).contains("resolution"));
 }
 
 /// Keys of a network without a macro stage, in place of those of the sample.

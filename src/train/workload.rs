@@ -115,14 +115,18 @@ impl Workload {
         spec.node_types = NodeType::ALL.into_iter().filter(|t| types.contains(t)).collect();
         if let Some(model) = from {
             carry_on(&mut spec, model)?;
-            if model.spec.segments != spec.segments {
-                // No weight depends on how the mesh is cut.
-                report.line(&format!(
-                    "note: the model to start from has the segments {}, the configuration {}: a training goes on with those of the \
-                     configuration",
-                    serde_json::json!(model.spec.segments),
-                    serde_json::json!(spec.segments)
-                ));
+            // No weight depends on how the mesh is agglomerated and cut.
+            let resolution = |spec: &ModelSpec| spec.resolution.map_or("off".into(), |m| format!("{m} m"));
+            let segments = |spec: &ModelSpec| serde_json::json!(spec.segments).to_string();
+            for (what, old, new) in [
+                ("resolution", resolution(&model.spec), resolution(&spec)),
+                ("segments", segments(&model.spec), segments(&spec)),
+            ] {
+                if old != new {
+                    report.line(&format!(
+                        "note: {what}: {old} in the model to start from, {new} in the configuration, which counts"
+                    ));
+                }
             }
         }
         // Now, not when a model is exported, hours later.
@@ -226,11 +230,6 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
             "[contact]",
             format!("{:?}", old.contact),
             format!("{:?}", spec.contact),
-        ),
-        (
-            "model.resolution",
-            format!("{:?}", old.resolution),
-            format!("{:?}", spec.resolution),
         ),
     ];
     match pairs.into_iter().find(|(_, found, expected)| found != expected) {
