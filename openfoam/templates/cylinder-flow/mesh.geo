@@ -1,5 +1,6 @@
 // Channel with a cylinder or a square, one cell thick: gmsh makes triangles, or quadrilaterals with layers around the obstacle,
 // and extrudes them. Polyhedra are the dual of triangles: polyDualMesh makes them, extrudeMesh makes them one cell thick again.
+// (Hexahedra come from snappyHexMesh, without this file.)
 // @...@ are filled in by 'm4gn generate'. Lengths in metres.
 L = 1.6;  H = 0.41;  T = 0.01;
 x = @x@;  y = @y@;  r = @radius@;

@@ -123,6 +123,16 @@ fn commands_run_where_their_condition_holds() {
             "icoFoam"
         ]
     );
+    assert_eq!(
+        family.programs(&draw("hexahedra")).unwrap(),
+        [
+            "blockMesh",
+            "snappyHexMesh",
+            "extrudeMesh",
+            "changeDictionary",
+            "icoFoam"
+        ]
+    );
     family.prepare.push(Command::When(Conditional {
         when: "colour == 2".into(),
         run: vec!["true".into()],
