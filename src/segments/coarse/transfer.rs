@@ -216,10 +216,15 @@ fn wider(around: &[Vec<Near>], group: usize) -> Vec<Near> {
 }
 
 /// Weights of the least-squares gradient, by inverse squared distance, in the solved directions.
+///
+/// Of groups that interlock one may have its centre beside another's: what differs between the two says little of the gradient.
+/// So a distance counts as half the root mean square of all at least.
 fn fit(near: &[Near], directions: &[usize]) -> Vec<Neighbour> {
     let dim = directions.len();
     let mut matrix = [[0.0; 3]; 3];
-    let inverse_square = |d: &[f64; 3]| 1.0 / directions.iter().map(|&i| d[i] * d[i]).sum::<f64>();
+    let square = |d: &[f64; 3]| directions.iter().map(|&i| d[i] * d[i]).sum::<f64>();
+    let mean = near.iter().map(|(_, d)| square(d)).sum::<f64>() / near.len().max(1) as f64;
+    let inverse_square = |d: &[f64; 3]| 1.0 / square(d).max(0.25 * mean);
     for (_, d) in near {
         let w = inverse_square(d);
         for (a, &i) in directions.iter().enumerate() {
@@ -254,4 +259,35 @@ fn inverted(m: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     };
     let determinant: f64 = (0..3).map(|j| m[0][j] * minor(0, j)).sum();
     std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / determinant))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_neighbour_with_nearly_the_same_centre_does_not_decide_the_gradient() {
+        let around = [
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.1, 0.0],
+            [0.1, 1.0, 0.0],
+            [0.0, -1.0, 0.0],
+        ];
+        let near: Vec<Near> = (0..)
+            .zip(around.into_iter().chain([[1e-5, -1e-5, 0.0]]))
+            .collect();
+        let weights = fit(&near, &[0, 1]);
+        // Differences that are off by 1 in each neighbour
+        let worst: f64 = weights.iter().map(|n| norm(n.weight)).sum();
+        assert!(worst < 3.0, "{worst} 1/m");
+        // Linear functions are exact all the same
+        let gradient = weights.iter().zip(&near).fold([0.0; 2], |g, (n, (_, d))| {
+            let difference = 2.0 * d[0] - 3.0 * d[1];
+            [g[0] + n.weight[0] * difference, g[1] + n.weight[1] * difference]
+        });
+        assert!(
+            (gradient[0] - 2.0).abs() < 1e-5 && (gradient[1] + 3.0).abs() < 1e-5,
+            "{gradient:?}"
+        );
+    }
 }
