@@ -1,5 +1,7 @@
 //! How the engine computes: precision, threads, instruction set.
 
+#[cfg(target_arch = "x86_64")]
+use super::kernels::has_tiles;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -101,6 +103,8 @@ pub(super) enum Level {
     Avx512,
     #[cfg(target_arch = "x86_64")]
     Avx512Bf16,
+    #[cfg(target_arch = "x86_64")]
+    Amx,
 }
 
 impl Isa {
@@ -114,6 +118,7 @@ impl Isa {
                 && is_x86_feature_detected!("avx512vl")
             {
                 return Isa(match is_x86_feature_detected!("avx512bf16") {
+                    true if has_tiles() => Level::Amx,
                     true => Level::Avx512Bf16,
                     false => Level::Avx512,
                 });
@@ -136,6 +141,8 @@ impl Isa {
             Level::Avx512,
             #[cfg(target_arch = "x86_64")]
             Level::Avx512Bf16,
+            #[cfg(target_arch = "x86_64")]
+            Level::Amx,
         ];
         all.into_iter().filter(|l| *l <= widest).map(Isa).collect()
     }
@@ -143,7 +150,7 @@ impl Isa {
     /// Whether it has products of bf16. Without them bf16 saves memory, and fp32 is faster.
     pub fn multiplies_bf16(self) -> bool {
         #[cfg(target_arch = "x86_64")]
-        return self.0 == Level::Avx512Bf16;
+        return matches!(self.0, Level::Avx512Bf16 | Level::Amx);
         #[cfg(not(target_arch = "x86_64"))]
         false
     }
@@ -153,7 +160,7 @@ impl Isa {
         Isa(Level::Portable)
     }
 
-    /// By name: `portable`, `avx2`, `avx512`, `avx512-bf16`.
+    /// By name: `portable`, `avx2`, `avx512`, `avx512-bf16`, `amx`.
     ///
     /// # Errors
     /// [`Error::Input`] for a name that is none of these, or an instruction set that this processor lacks.
@@ -182,6 +189,8 @@ impl Isa {
             Level::Avx512 => "avx512",
             #[cfg(target_arch = "x86_64")]
             Level::Avx512Bf16 => "avx512-bf16",
+            #[cfg(target_arch = "x86_64")]
+            Level::Amx => "amx",
         }
     }
 }
@@ -238,7 +247,8 @@ mod tests {
         assert_eq!((all[0], all[all.len() - 1]), (Isa::portable(), Isa::detect()));
         for isa in all {
             assert_eq!(Isa::parse(isa.name()).unwrap(), isa);
-            assert!(isa == Isa::detect() || !isa.multiplies_bf16());
+            let named = ["avx512-bf16", "amx"].contains(&isa.name());
+            assert_eq!(isa.multiplies_bf16(), named, "{}", isa.name());
         }
         let message = Isa::parse("mmx").unwrap_err().to_string();
         assert!(message.contains("portable"), "{message}");

@@ -4,6 +4,7 @@
 //! result does not depend on who did them. Between passes the threads spin for a moment, then sleep: a step's
 //! passes follow each other closely, and a solver that works in between is not disturbed.
 
+use super::kernels::{Isa, Tiles};
 use std::cell::UnsafeCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -36,13 +37,15 @@ unsafe impl Send for Shared {}
 
 /// The threads of one engine. Its owner works too.
 pub struct Pool {
+    /// What the tasks' products are computed with.
+    isa: Isa,
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
 }
 
 impl Pool {
-    /// `n_threads` with the caller; fewer where the system gives no more.
-    pub fn new(n_threads: usize) -> Self {
+    /// `n_threads` with the caller, for tasks that compute with `isa`; fewer where the system gives no more.
+    pub fn new(n_threads: usize, isa: Isa) -> Self {
         let shared = Arc::new(Shared::default());
         let spawn = |i: usize| {
             let shared = shared.clone();
@@ -53,7 +56,7 @@ impl Pool {
                 .ok()
         };
         let workers = (1..n_threads.max(1)).map_while(spawn).collect();
-        Pool { shared, workers }
+        Pool { isa, shared, workers }
     }
 
     /// Threads, the caller's included.
@@ -77,6 +80,7 @@ impl Pool {
     ) {
         assert!(scratch.len() >= self.n_threads(), "a scratch for each thread");
         if self.workers.is_empty() || n <= 1 {
+            let _tiles = Tiles::new(self.isa);
             for i in 0..n {
                 task(&mut scratch[0], i);
                 between();
@@ -86,6 +90,7 @@ impl Pool {
         let next = AtomicUsize::new(0);
         let scratch = Scratch(scratch.as_mut_ptr());
         let take = |thread: usize, between: &mut dyn FnMut()| {
+            let _tiles = Tiles::new(self.isa);
             // SAFETY: thread numbers are different and below the length, so that nobody else has this one.
             let own = unsafe { scratch.of(thread) };
             loop {
@@ -245,7 +250,7 @@ mod tests {
     #[test]
     fn every_task_is_done_once_in_every_pass() {
         for n_threads in [1, 2, 5] {
-            let pool = Pool::new(n_threads);
+            let pool = Pool::new(n_threads, Isa::detect());
             assert_eq!(pool.n_threads(), n_threads);
             let mut counts = vec![0usize; n_threads];
             let mut done = vec![0u32; 100];
@@ -267,7 +272,7 @@ mod tests {
 
     #[test]
     fn a_panic_reaches_the_caller_and_the_pool_goes_on() {
-        let pool = Pool::new(3);
+        let pool = Pool::new(3, Isa::detect());
         let mut scratch = [(); 3];
         for culprit in [0, 7, 49] {
             let task = |_: &mut (), i: usize| assert_ne!(i, culprit);

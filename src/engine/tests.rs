@@ -120,7 +120,7 @@ fn options(isa: Isa, precision: Precision) -> EngineOptions {
 
 pub(super) fn instruction_sets() -> Vec<Isa> {
     let available = Isa::available();
-    for name in ["avx2", "avx512", "avx512-bf16"] {
+    for name in ["avx2", "avx512", "avx512-bf16", "amx"] {
         if !available.iter().any(|isa| isa.name() == name) {
             println!("{name}: not tested, this processor does not have it");
         }

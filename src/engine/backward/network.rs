@@ -9,7 +9,7 @@ use super::mlp::{Work, fit};
 use super::processor::Processor;
 use super::weights::{Gradients, Slots};
 use super::{InputGradient, Scales};
-use crate::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, padded, product};
+use crate::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, Tiles, padded, product};
 use crate::tiles::blocks;
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
@@ -132,6 +132,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         at: usize,
     ) {
         let (isa, columns, n_nodes) = (self.isa, self.columns, graph.n_nodes());
+        let _tiles = Tiles::new(isa);
         let Thread { work, tapes, .. } = thread;
         while tapes.len() <= at {
             tapes.push(Tape {
@@ -199,6 +200,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         mut inputs: Option<&mut InputGradient>,
     ) {
         let columns = self.columns;
+        let _tiles = Tiles::new(self.isa);
         let (n_nodes, k) = (graph.n_nodes(), graph.n_segments());
         let Thread {
             work,

@@ -1,4 +1,6 @@
 //! AVX-512: a vector is one register. With the BF16 extension a product step is one instruction on pairs.
+// Loops over constant ranges are unrolled, which keeps what they index in registers.
+#![allow(clippy::needless_range_loop)]
 
 use super::simd::{Bf16, Simd};
 use std::arch::x86_64::*;
@@ -133,6 +135,38 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
             let two = _mm_add_ps(quarter, _mm_movehl_ps(quarter, quarter));
             _mm_cvtss_f32(_mm_add_ss(two, _mm_movehdup_ps(two)))
         }
+    }
+
+    #[inline(always)]
+    unsafe fn sums<const N: usize>(v: &[__m512; N]) -> [f32; N] {
+        let mut sums = [0.0; N];
+        // SAFETY: see above.
+        unsafe {
+            let whole = N / 4 * 4;
+            for i in (0..whole).step_by(4) {
+                // Four together: halves of each two, quarters of all, and the numbers of each quarter.
+                let low = _mm512_add_ps(
+                    _mm512_shuffle_f32x4::<0b01_00_01_00>(v[i], v[i + 1]),
+                    _mm512_shuffle_f32x4::<0b11_10_11_10>(v[i], v[i + 1]),
+                );
+                let high = _mm512_add_ps(
+                    _mm512_shuffle_f32x4::<0b01_00_01_00>(v[i + 2], v[i + 3]),
+                    _mm512_shuffle_f32x4::<0b11_10_11_10>(v[i + 2], v[i + 3]),
+                );
+                let four = _mm512_add_ps(
+                    _mm512_shuffle_f32x4::<0b10_00_10_00>(low, high),
+                    _mm512_shuffle_f32x4::<0b11_01_11_01>(low, high),
+                );
+                let two = _mm512_add_ps(four, _mm512_permute_ps::<0b01_00_11_10>(four));
+                let one = _mm512_add_ps(two, _mm512_permute_ps::<0b10_11_00_01>(two));
+                let first = _mm512_maskz_compress_ps(0b0001_0001_0001_0001, one);
+                _mm_storeu_ps(sums.as_mut_ptr().add(i), _mm512_castps512_ps128(first));
+            }
+            for i in whole..N {
+                sums[i] = Self::sum(v[i]);
+            }
+        }
+        sums
     }
 
     #[inline(always)]

@@ -1,6 +1,8 @@
 //! Loops over latent rows `[n x d]`, written once and compiled for each instruction set.
 
 #[cfg(target_arch = "x86_64")]
+mod amx;
+#[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
@@ -16,6 +18,8 @@ mod simd;
 
 pub use super::options::Isa;
 use super::options::Level;
+#[cfg(target_arch = "x86_64")]
+pub use amx::{Tiles, available as has_tiles};
 pub use buffer::Buffer;
 pub use dense::{Adam, adam, multiply_add, softmax_backward};
 pub use gradient::{Kept, activation_backward, norm_backward, silu_keep};
@@ -41,7 +45,7 @@ impl Isa {
     fn panel(self) -> usize {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 | Level::Avx512Bf16 => 4,
+            Level::Avx512 | Level::Avx512Bf16 | Level::Amx => 4,
             _ => 1,
         }
     }
@@ -76,7 +80,7 @@ macro_rules! dispatch {
         unsafe {
             match $isa.0 {
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512Bf16 => avx512_bf16::<$t>($($value),*),
+                Level::Avx512Bf16 | Level::Amx => avx512_bf16::<$t>($($value),*),
                 #[cfg(target_arch = "x86_64")]
                 Level::Avx512 => avx512::<$t>($($value),*),
                 #[cfg(target_arch = "x86_64")]
@@ -87,6 +91,19 @@ macro_rules! dispatch {
     }};
 }
 use dispatch;
+
+/// Instruction sets of other processors have no tiles.
+#[cfg(not(target_arch = "x86_64"))]
+#[derive(Debug)]
+pub struct Tiles;
+
+#[cfg(not(target_arch = "x86_64"))]
+impl Tiles {
+    /// Nothing.
+    pub fn new(_: Isa) -> Self {
+        Tiles
+    }
+}
 
 #[cfg(test)]
 mod tests;

@@ -2,6 +2,8 @@
 // Loops over constant ranges are unrolled, which keeps what they index in registers.
 #![allow(clippy::needless_range_loop)]
 
+#[cfg(target_arch = "x86_64")]
+use super::amx;
 use super::buffer::Buffer;
 use super::packed::{PANEL, padded};
 use super::product::rows_within;
@@ -20,7 +22,8 @@ impl<T: Number> Pairs<T> {
     pub fn new(rows: usize, left: usize, right: usize) -> Self {
         let size = |width: usize| match T::STEP {
             1 => 0,
-            step => rows.next_multiple_of(step) * padded(width),
+            // As many as a step of tiles takes.
+            _ => rows.next_multiple_of(32) * padded(width),
         };
         Pairs {
             left: Buffer::new(size(left)),
@@ -53,6 +56,13 @@ pub fn outer<T: Number>(
         y.len() >= (n - 1) * y_stride + left && x.len() >= (n - 1) * x_stride + columns,
         "rows of an outer product"
     );
+    #[cfg(target_arch = "x86_64")]
+    if amx::takes::<T>(isa, amx::INPUTS, amx::ROWS) {
+        let (y, x) = ((y.as_ptr(), y_stride), (x.as_ptr(), x_stride));
+        let operands = (&mut pairs.left[..], &mut pairs.right[..]);
+        // SAFETY: takes() says that there are tiles; lengths were checked above.
+        return unsafe { amx::outer(y, x, n, (outputs, columns), sums.as_mut_ptr(), operands) };
+    }
     let (y, y_step, x, x_step, steps) = match T::STEP {
         1 => (y.as_ptr(), y_stride, x.as_ptr(), x_stride, n),
         step => {

@@ -2,6 +2,8 @@
 // Loops over constant ranges are unrolled, which keeps what they index in registers.
 #![allow(clippy::needless_range_loop)]
 
+#[cfg(target_arch = "x86_64")]
+use super::amx;
 use super::buffer::Buffer;
 use super::packed::{PANEL, Packed};
 use super::simd::{LANES, Number, Simd, silu};
@@ -78,6 +80,23 @@ pub fn product<T: Number>(
         }
     };
     assert!(fits, "addend of a product");
+    #[cfg(target_arch = "x86_64")]
+    {
+        let readable = (x.len() - read) / stride.max(1) + 1;
+        if amx::takes::<T>(isa, read, readable) {
+            // SAFETY: takes() says so; lengths and indices were checked above.
+            return unsafe {
+                amx::product(
+                    weight,
+                    (x.as_ptr(), stride),
+                    (n, readable),
+                    addend,
+                    function,
+                    &mut out,
+                )
+            };
+        }
+    }
     // SAFETY: lengths and indices were checked above.
     dispatch!(
         isa,
@@ -96,11 +115,14 @@ pub fn product<T: Number>(
 
 /// Whether the first n of a list are all in a range.
 pub(super) fn rows_within(list: &[i32], n: usize, rows: std::ops::Range<usize>) -> bool {
-    // Folded, not cut short: this way it is a few vector instructions.
-    list.len() >= n
-        && list[..n]
-            .iter()
-            .fold(true, |good, &i| good & (i >= 0) & rows.contains(&(i as usize)))
+    let Some(list) = list.get(..n) else { return false };
+    if list.is_empty() {
+        return true;
+    }
+    // Least and largest, not cut short: this way it is a few vector instructions.
+    let least = list.iter().fold(i32::MAX, |m, &i| m.min(i));
+    let largest = list.iter().fold(i32::MIN, |m, &i| m.max(i));
+    least >= 0 && least as usize >= rows.start && (largest as usize) < rows.end
 }
 
 /// All panels of columns.
@@ -167,86 +189,105 @@ unsafe fn panel<S: Simd, T: Number, const MR: usize, const NR: usize>(
                 T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
                 w = w.add(NR * LANES * T::STEP);
             }
-            match addend {
-                Addend::Nothing => {}
-                Addend::Bias(bias) => {
+            finish::<S, T, MR, NR>(acc, &row, (column, columns), addend, function, out);
+        }
+        start += MR;
+    }
+}
+
+/// Sums of MR rows of a panel to what stands in the output: addend, function, rounding.
+///
+/// # Safety
+/// As [`product`] checks, of the rows `row` and the panel that begins at `column`.
+#[inline(always)]
+pub(super) unsafe fn finish<S: Simd, T: Number, const MR: usize, const NR: usize>(
+    mut acc: [[S::V; NR]; MR],
+    row: &[usize; MR],
+    (column, columns): (usize, usize),
+    addend: Addend<T>,
+    function: Function,
+    out: &mut Output<T>,
+) {
+    // SAFETY: rows and columns are within what product() checked.
+    unsafe {
+        match addend {
+            Addend::Nothing => {}
+            Addend::Bias(bias) => {
+                for j in 0..NR {
+                    let b = S::load(bias.as_ptr().add(column + j * LANES));
+                    (0..MR).for_each(|i| acc[i][j] = S::add(acc[i][j], b));
+                }
+            }
+            Addend::Rows(rows) => {
+                for i in 0..MR {
+                    let from = rows.as_ptr().add(row[i] * columns + column);
+                    for j in 0..NR {
+                        acc[i][j] = S::add(acc[i][j], S::load(from.add(j * LANES)));
+                    }
+                }
+            }
+            Addend::Ends {
+                senders,
+                index,
+                receivers,
+                owner,
+                first,
+            } => {
+                for i in 0..MR {
+                    let s = *index.get_unchecked(row[i]) as usize;
+                    let r = *owner.get_unchecked(row[i]) as usize - first;
+                    let s = senders.as_ptr().add(s * columns + column);
+                    let r = receivers.as_ptr().add(r * columns + column);
+                    for j in 0..NR {
+                        let ends = S::add(T::load::<S>(s.add(j * LANES)), S::load(r.add(j * LANES)));
+                        acc[i][j] = S::add(acc[i][j], ends);
+                    }
+                }
+            }
+            Addend::Output(bias) => {
+                let Output::Wide(out) = out else {
+                    unreachable!("only wide outputs are added to")
+                };
+                for i in 0..MR {
+                    let from = out.as_ptr().add(row[i] * columns + column);
                     for j in 0..NR {
                         let b = S::load(bias.as_ptr().add(column + j * LANES));
-                        (0..MR).for_each(|i| acc[i][j] = S::add(acc[i][j], b));
-                    }
-                }
-                Addend::Rows(rows) => {
-                    for i in 0..MR {
-                        let from = rows.as_ptr().add(row[i] * columns + column);
-                        for j in 0..NR {
-                            acc[i][j] = S::add(acc[i][j], S::load(from.add(j * LANES)));
-                        }
-                    }
-                }
-                Addend::Ends {
-                    senders,
-                    index,
-                    receivers,
-                    owner,
-                    first,
-                } => {
-                    for i in 0..MR {
-                        let s = *index.get_unchecked(row[i]) as usize;
-                        let r = *owner.get_unchecked(row[i]) as usize - first;
-                        let s = senders.as_ptr().add(s * columns + column);
-                        let r = receivers.as_ptr().add(r * columns + column);
-                        for j in 0..NR {
-                            let ends = S::add(T::load::<S>(s.add(j * LANES)), S::load(r.add(j * LANES)));
-                            acc[i][j] = S::add(acc[i][j], ends);
-                        }
-                    }
-                }
-                Addend::Output(bias) => {
-                    let Output::Wide(out) = out else {
-                        unreachable!("only wide outputs are added to")
-                    };
-                    for i in 0..MR {
-                        let from = out.as_ptr().add(row[i] * columns + column);
-                        for j in 0..NR {
-                            let b = S::load(bias.as_ptr().add(column + j * LANES));
-                            acc[i][j] = S::add(acc[i][j], S::add(b, S::load(from.add(j * LANES))));
-                        }
-                    }
-                }
-            }
-            match function {
-                Function::Identity => {}
-                Function::Relu => {
-                    let zero = S::splat(0.0);
-                    for i in 0..MR {
-                        for j in 0..NR {
-                            acc[i][j] = S::at_least(acc[i][j], zero);
-                        }
-                    }
-                }
-                // Through memory: unrolled it would be too long, and as a loop over registers there is none.
-                Function::Silu => {
-                    let mut tile = acc;
-                    silu_each::<S>(tile.as_mut_ptr().cast(), MR * NR);
-                    acc = tile;
-                }
-            }
-            match out {
-                Output::Wide(out) => {
-                    for i in 0..MR {
-                        let to = out.as_mut_ptr().add(row[i] * columns + column);
-                        (0..NR).for_each(|j| S::store(to.add(j * LANES), acc[i][j]));
-                    }
-                }
-                Output::Narrow(out) => {
-                    for i in 0..MR {
-                        let to = out.as_mut_ptr().add(row[i] * columns + column);
-                        (0..NR).for_each(|j| T::store::<S>(to.add(j * LANES), acc[i][j]));
+                        acc[i][j] = S::add(acc[i][j], S::add(b, S::load(from.add(j * LANES))));
                     }
                 }
             }
         }
-        start += MR;
+        match function {
+            Function::Identity => {}
+            Function::Relu => {
+                let zero = S::splat(0.0);
+                for i in 0..MR {
+                    for j in 0..NR {
+                        acc[i][j] = S::at_least(acc[i][j], zero);
+                    }
+                }
+            }
+            // Through memory: unrolled it would be too long, and as a loop over registers there is none.
+            Function::Silu => {
+                let mut tile = acc;
+                silu_each::<S>(tile.as_mut_ptr().cast(), MR * NR);
+                acc = tile;
+            }
+        }
+        match out {
+            Output::Wide(out) => {
+                for i in 0..MR {
+                    let to = out.as_mut_ptr().add(row[i] * columns + column);
+                    (0..NR).for_each(|j| S::store(to.add(j * LANES), acc[i][j]));
+                }
+            }
+            Output::Narrow(out) => {
+                for i in 0..MR {
+                    let to = out.as_mut_ptr().add(row[i] * columns + column);
+                    (0..NR).for_each(|j| T::store::<S>(to.add(j * LANES), acc[i][j]));
+                }
+            }
+        }
     }
 }
 
@@ -264,6 +305,10 @@ unsafe fn silu_each<S: Simd>(v: *mut S::V, n: usize) {
 
 /// Steps of a product on a tile in registers with operands in the first-level cache; returns the operations.
 pub fn registers<T: Number>(isa: Isa, rounds: usize) -> f64 {
+    #[cfg(target_arch = "x86_64")]
+    if amx::takes::<T>(isa, amx::INPUTS, amx::ROWS) {
+        return amx::registers(isa, rounds);
+    }
     let x: Buffer<T> = Buffer::new(ROWS * T::STEP * 8);
     let w: Buffer<T> = Buffer::new(PANEL * LANES * T::STEP * 8);
     let mut out: Buffer<f32> = Buffer::new(ROWS * PANEL * LANES);

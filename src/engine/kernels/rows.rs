@@ -157,9 +157,9 @@ unsafe fn norms<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     let mut i = 0;
     // SAFETY: rows up to n.
     unsafe {
-        while WIDE && i + 4 <= n {
-            norm_rows::<S, T, 4>(norm, x, i, out, keep);
-            i += 4;
+        while WIDE && i + 8 <= n {
+            norm_rows::<S, T, 8>(norm, x, i, out, keep);
+            i += 8;
         }
         while i < n {
             norm_rows::<S, T, 1>(norm, x, i, out, keep);
@@ -193,9 +193,10 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
                 sum[i] = S::add(sum[i], S::load(x[i].add(j)));
             }
         }
+        let sums = S::sums(&sum);
         let mut mean = sum;
         for i in 0..R {
-            mean[i] = S::splat(S::sum(sum[i]) * inverse);
+            mean[i] = S::splat(sums[i] * inverse);
         }
         // The padding is not part of the variance.
         let mask = S::load(norm.mask.as_ptr().add(last));
@@ -210,12 +211,17 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
                 squares[i] = S::fma(v, v, squares[i]);
             }
         }
-        let mut scale = squares;
+        let mut factor = S::sums(&squares);
+        for factor in &mut factor {
+            *factor = 1.0 / (*factor * inverse + NORM_EPSILON).sqrt();
+        }
+        // y = (x - mean) factor = x factor + offset
+        let (mut scale, mut offset) = (squares, squares);
         for i in 0..R {
-            let factor = 1.0 / (S::sum(squares[i]) * inverse + NORM_EPSILON).sqrt();
-            scale[i] = S::splat(factor);
+            scale[i] = S::splat(factor[i]);
+            offset[i] = S::mul(S::sub(S::splat(0.0), mean[i]), scale[i]);
             if let Some((_, kept)) = keep {
-                *kept.add(at + i) = factor;
+                *kept.add(at + i) = factor[i];
             }
         }
         if let Some((kept, _)) = keep {
@@ -227,29 +233,31 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
                 }
             }
         }
-        let y = |i: usize, j: usize| {
-            let v = S::mul(S::sub(S::load(x[i].add(j)), mean[i]), scale[i]);
-            S::fma(v, S::load(gain.add(j)), S::load(shift.add(j)))
+        let y = |i: usize, j: usize, gain: S::V, shift: S::V| {
+            S::fma(S::fma(S::load(x[i].add(j)), scale[i], offset[i]), gain, shift)
         };
         match out {
             Normed::Wide(out) => {
                 let out = out.as_mut_ptr().add(at * columns);
                 for j in (0..columns).step_by(LANES) {
-                    (0..R).for_each(|i| S::store(out.add(i * columns + j), y(i, j)));
+                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                    (0..R).for_each(|i| S::store(out.add(i * columns + j), y(i, j, gain, shift)));
                 }
             }
             Normed::Narrow(out) => {
                 let out = out.as_mut_ptr().add(at * columns);
                 for j in (0..columns).step_by(LANES) {
-                    (0..R).for_each(|i| T::store::<S>(out.add(i * columns + j), y(i, j)));
+                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                    (0..R).for_each(|i| T::store::<S>(out.add(i * columns + j), y(i, j, gain, shift)));
                 }
             }
             Normed::Residual(out) => {
                 let out = out.as_mut_ptr().add(at * columns);
                 for j in (0..columns).step_by(LANES) {
+                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
                     for i in 0..R {
                         let out = out.add(i * columns + j);
-                        S::store(out, S::add(S::load(out), y(i, j)));
+                        S::store(out, S::add(S::load(out), y(i, j, gain, shift)));
                     }
                 }
             }
@@ -268,15 +276,26 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
                 for (i, sum) in sum.iter_mut().enumerate() {
                     *sum = sums.add((*owner.get_unchecked(at + i) as usize - *first) * columns);
                 }
+                // Edges of one node follow each other, so that its sum mostly stays in a register.
+                let mut same = true;
+                for i in 1..R {
+                    same &= sum[i] == sum[0];
+                }
                 for j in (0..columns).step_by(LANES) {
+                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                    let mut total = S::load(sum[0].add(j));
                     for i in 0..R {
-                        let e = S::add(T::load::<S>(before.add(i * columns + j)), y(i, j));
+                        let e = S::add(T::load::<S>(before.add(i * columns + j)), y(i, j, gain, shift));
                         if *keep {
                             T::store::<S>(edge.add(i * columns + j), e);
                         }
-                        let sum = sum[i].add(j);
-                        S::store(sum, S::add(S::load(sum), e));
+                        if !same && i > 0 {
+                            S::store(sum[i - 1].add(j), total);
+                            total = S::load(sum[i].add(j));
+                        }
+                        total = S::add(total, e);
                     }
+                    S::store(sum[R - 1].add(j), total);
                 }
             }
         }

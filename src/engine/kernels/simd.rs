@@ -47,6 +47,16 @@ pub trait Simd: Copy {
     unsafe fn power_of_two(v: Self::V) -> Self::V;
     /// Sum of the lanes.
     unsafe fn sum(v: Self::V) -> f32;
+    /// Sums of the lanes of each.
+    #[inline(always)]
+    unsafe fn sums<const N: usize>(v: &[Self::V; N]) -> [f32; N] {
+        let mut sums = [0.0; N];
+        for (sum, v) in sums.iter_mut().zip(v) {
+            // SAFETY: passed on.
+            *sum = unsafe { Self::sum(*v) };
+        }
+        sums
+    }
 
     /// `acc[i][j] += x[i][k] * w[j]`, w of NR vectors.
     unsafe fn step_f32<const MR: usize, const NR: usize>(

@@ -54,7 +54,7 @@ impl<T: Number + Element> Network<T> {
         let d = spec.architecture.width;
         let columns = padded(d);
         let isa = options.isa.unwrap_or_else(Isa::detect);
-        let pool = Pool::new(options.n_threads);
+        let pool = Pool::new(options.n_threads, isa);
         let raw = spec.n_field_inputs().max(spec.n_outputs());
         let grid = Grid {
             isa,
