@@ -51,6 +51,9 @@ pub struct Args {
     /// fp32 or bf16
     #[arg(long, value_name = "P", default_value = "fp32")]
     precision: String,
+    /// portable, avx2, avx512, avx512-bf16 or amx [default: the widest that the processor has]
+    #[arg(long, value_name = "SET", conflicts_with = "train")]
+    instructions: Option<String>,
     /// What runs the network: native, torch, torch:DEVICE
     #[arg(long, default_value = "native")]
     backend: String,
@@ -102,6 +105,7 @@ pub fn run(args: Args) -> Result<()> {
     let options = EngineOptions {
         n_threads: args.threads,
         precision: Precision::parse(&args.precision)?,
+        isa: args.instructions.as_deref().map(Isa::parse).transpose()?,
         ..EngineOptions::default()
     };
     if args.train {

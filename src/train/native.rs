@@ -204,8 +204,8 @@ impl Backend for NativeBackend<'_> {
     fn name(&self) -> String {
         let precision = self.precision.name();
         let isa = engine::Isa::detect();
-        let advice = match self.precision == Precision::Bf16 && !isa.multiplies_bf16() {
-            true => "; this processor has no products of bf16, so that fp32 is faster on it",
+        let advice = match self.precision == Precision::Bf16 && !isa.bf16_pays() {
+            true => "; fp32 is faster on this processor",
             false => "",
         };
         format!(
