@@ -36,7 +36,7 @@ fn spec() -> ModelSpec {
         architecture: Architecture {
             width: 32,
             hidden_layers: 2,
-            activation: Activation::Relu,
+            activation: Activation::Silu,
             kind: Kind::M4gn(M4gn {
                 layers_before: 2,
                 layers_after: 1,
@@ -74,7 +74,7 @@ const SWITCHES: [(&str, Change); 15] = [
     ("all", |_| ()),
     ("one hidden layer", |s| s.architecture.hidden_layers = 1),
     ("three hidden layers", |s| s.architecture.hidden_layers = 3),
-    ("silu", |s| s.architecture.activation = Activation::Silu),
+    ("relu", |s| s.architecture.activation = Activation::Relu),
     ("odd width", |s| {
         s.architecture.width = 27;
         stage(s).heads = 3;
@@ -295,7 +295,12 @@ fn gradients_are_those_of_libtorch() {
     for (name, change) in SWITCHES {
         let mut spec = spec();
         change(&mut spec);
-        compare(name, &spec, &flows(&spec), Precision::Fp32, 1e-5);
+        // A value that rounding leaves on the other side of a kink changes the gradient by all that its row adds.
+        let tolerance = match spec.architecture.activation {
+            Activation::Relu => 1e-3,
+            Activation::Silu => 1e-5,
+        };
+        compare(name, &spec, &flows(&spec), Precision::Fp32, tolerance);
     }
 }
 
