@@ -8,6 +8,17 @@ License
 
 #include "m4gnFieldSet.H"
 #include "m4gnRate.H"
+#include "m4gnTimeStep.H"
+
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+//- Bring fields that no solver registers up to date
+static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
+{
+    Foam::m4gnRate::provide(mesh, name);
+    Foam::m4gnTimeStep::provide(mesh, name);
+}
+
 
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
@@ -30,7 +41,7 @@ void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
         const word& name = names_[fieldi];
         m4gnNodes::values& values = values_[fieldi];
 
-        m4gnRate::provide(mesh_, name);
+        provide(mesh_, name);
 
         if (!nodes.gather(name, values))
         {
@@ -85,7 +96,7 @@ bool Foam::m4gnFieldSet::registered
     const word& name
 )
 {
-    m4gnRate::provide(mesh, name);
+    provide(mesh, name);
 
     return nodes.registered(name);
 }

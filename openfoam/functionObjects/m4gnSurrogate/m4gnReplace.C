@@ -12,6 +12,7 @@ License
 #include "m4gnCore.H"
 #include "m4gnHandBack.H"
 #include "m4gnOthers.H"
+#include "m4gnTimeStep.H"
 #include "clockTime.H"
 #include "functionObjectList.H"
 #include "OFstream.H"
@@ -318,6 +319,7 @@ bool Foam::m4gnReplace::jump
 {
     // Between its steps time has the surrogate's deltaT
     const scalar deltaT = time_.deltaTValue();
+    const m4gnTimeStep::held solverStep(mesh_, inputs_);
     const auto fits = [&](const scalar nStrides)
     {
         return this->fits(endTime, deltaT, nStrides);
