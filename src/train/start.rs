@@ -2,6 +2,7 @@
 
 use super::checkpoint::{Checkpoint, Progress};
 use super::config::Config;
+use super::inputs;
 use super::memory;
 use super::report::Report;
 use super::request::Request;
@@ -55,6 +56,9 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
     };
     let room = memory::for_frames(request.memory, comm)?;
     let (work, spec) = Workload::load(&request.data, &config, from.as_ref(), room, report, stop)?;
+    let from = from
+        .map(|model| inputs::extend(model, &spec, &work))
+        .transpose()?;
     Ok(Loaded {
         config,
         work,

@@ -162,6 +162,54 @@ fn a_model_is_trained_further() {
 }
 
 #[test]
+fn a_model_is_given_an_input_more() {
+    let folder = data();
+    let first = request(folder.path(), "first", "", 20);
+    let p = "{ name = \"p\", input = true, output = \"value\" }";
+    edit(&first.config, &format!(", {p}"), "");
+    edit(&first.config, ", p = 0.01", "");
+    run(&first).unwrap();
+    let mut second = request(folder.path(), "second", "", 0);
+    edit(
+        &second.config,
+        p,
+        "{ name = \"p\", input = true, output = \"none\" }",
+    );
+    second.from = Some(first.out.clone());
+    run(&second).unwrap();
+    let (old, new) = (
+        Model::read(&first.out).unwrap(),
+        Model::read(&second.out).unwrap(),
+    );
+    let encoder = |model: &Model| model.tensor("encoder.node.0.weight").unwrap().clone();
+    let (narrow, wide) = (encoder(&old), encoder(&new));
+    assert_eq!((narrow.shape[1] + 1, new.spec.fields.len()), (wide.shape[1], 2));
+    let rows = narrow
+        .data
+        .chunks(narrow.shape[1])
+        .zip(wide.data.chunks(wide.shape[1]));
+    for (a, b) in rows {
+        assert!(a[..2] == b[..2] && b[2] == 0.0 && a[2..] == b[3..], "{a:?} {b:?}");
+    }
+    let mean = |model: &Model| model.tensor("norm.node.mean").unwrap().data.clone();
+    assert_eq!(mean(&old), mean(&new)[..2]);
+    let pressure = mean(&new)[2];
+    assert!((-0.5..0.0).contains(&pressure), "{pressure}");
+    // From there it is trained, stopped and carried on as any other.
+    second.steps = Some(4);
+    second.out = folder.path().join("third.safetensors");
+    run(&second).unwrap();
+    second.resume = true;
+    second.steps = Some(6);
+    run(&second).unwrap();
+    // A field that is predicted is another network.
+    let mut other = request(folder.path(), "other", "", 4);
+    other.from = Some(first.out.clone());
+    let message = run(&other).unwrap_err().to_string();
+    assert!(message.contains("only inputs"), "{message}");
+}
+
+#[test]
 fn a_training_that_diverges_keeps_what_was_good() {
     let folder = data();
     for interval in [1, 2] {

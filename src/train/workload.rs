@@ -1,6 +1,7 @@
 //! The data set, in memory as far as there is room, and the model description that follows from it.
 
 use super::config::Config;
+use super::inputs;
 use super::memory;
 use super::report::Report;
 use super::samples::{Components, Sample, describe, frames_a_step};
@@ -213,16 +214,20 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
         ));
     }
     spec.node_types = old.node_types.clone();
+    if !inputs::follow(&old.fields, &spec.fields) {
+        let fields = |spec: &ModelSpec| format!("{:?}", spec.fields);
+        return Err(Error::Input(format!(
+            "the model to start from has model.fields {}; configuration and data say {}: they must be the same; only inputs that are \
+             not predicted may follow",
+            fields(old),
+            fields(spec)
+        )));
+    }
     let pairs = [
         (
             "[model] and [macro]",
             format!("{:?}", old.architecture),
             format!("{:?}", spec.architecture),
-        ),
-        (
-            "model.fields",
-            format!("{:?}", old.fields),
-            format!("{:?}", spec.fields),
         ),
         ("model.stride", old.stride.to_string(), spec.stride.to_string()),
         ("directions", old.dim.to_string(), spec.dim.to_string()),
