@@ -41,7 +41,7 @@ fn show(a: &mut Adaptation, mesh: &Mesh, steps: std::ops::Range<usize>, step: f6
 fn adapt(comm: &Comm, mesh: &Mesh, model: &Model, method: &str) -> Result<(Model, Vec<Outcome>)> {
     let mut session = Session::new(comm.clone(), mesh, model, &SessionOptions::default())?;
     let settings = format!(
-        r#"{{"mode": "during", "method": "{method}", "learningRate": 3e-3, "steps": 24, "stepsEach": 6, "batch": 3, "maxFrames": 40}}"#
+        r#"{{"mode": "during", "precision": "fp32", "method": "{method}", "learningRate": 3e-3, "steps": 24, "stepsEach": 6, "batch": 3, "maxFrames": 40}}"#
     );
     let mut a = Adaptation::new(&session, mesh, model, Settings::parse(&settings)?)?;
     let mut outcomes = Vec::new();
@@ -130,7 +130,7 @@ fn compare(comm: &Comm, mesh: &Mesh, model: &Model, method: &str, failures: &mut
 fn time(comm: &Comm, mesh: &Mesh, model: &Model, failures: &mut Vec<String>) -> Result<()> {
     let timed = |comm: &Comm, mesh: &Mesh| -> Result<(f64, String)> {
         let session = Session::new(comm.clone(), mesh, model, &SessionOptions::default())?;
-        let settings = Settings::parse(r#"{"learningRate": 3e-3, "steps": 60, "clock": true}"#)?;
+        let settings = Settings::parse(r#"{"precision": "fp32", "learningRate": 3e-3, "steps": 60, "clock": true}"#)?;
         let mut a = Adaptation::new(&session, mesh, model, settings)?;
         show(&mut a, mesh, 0..120, 0.0025)?;
         let note = a.run(3)?.note;

@@ -53,7 +53,7 @@ refused 'not a usable state of this adaptation' icoFoam
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 
 # Before the first jump alone, on two ranks as on one
-surrogate 'adapt { mode before; start 0.1; steps 20; }'
+surrogate 'adapt { mode before; start 0.1; steps 20; precision fp32; }'
 clean_case
 runs icoFoam
 mkdir ../serial && cp -r 0.75 ../serial

@@ -117,7 +117,7 @@ impl Default for Settings {
             pull: 0.0,
             layers: Layers::All,
             budget: None,
-            precision: PrecisionChoice::Fp32,
+            precision: PrecisionChoice::Auto,
             seed: 1,
             threads: None,
         }
