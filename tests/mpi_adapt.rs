@@ -130,7 +130,8 @@ fn compare(comm: &Comm, mesh: &Mesh, model: &Model, method: &str, failures: &mut
 fn time(comm: &Comm, mesh: &Mesh, model: &Model, failures: &mut Vec<String>) -> Result<()> {
     let timed = |comm: &Comm, mesh: &Mesh| -> Result<(f64, String)> {
         let session = Session::new(comm.clone(), mesh, model, &SessionOptions::default())?;
-        let settings = Settings::parse(r#"{"precision": "fp32", "learningRate": 3e-3, "steps": 60, "clock": true}"#)?;
+        let settings =
+            Settings::parse(r#"{"precision": "fp32", "learningRate": 3e-3, "steps": 60, "clock": true}"#)?;
         let mut a = Adaptation::new(&session, mesh, model, settings)?;
         show(&mut a, mesh, 0..120, 0.0025)?;
         let note = a.run(3)?.note;

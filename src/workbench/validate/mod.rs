@@ -38,7 +38,7 @@ use m4gn_data::{Split, Trajectory};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{FieldSpec, Model, Output};
+use m4gn_model::{FieldSpec, Model};
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::path::PathBuf;
 
@@ -172,12 +172,6 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
                 spec.dimensions,
                 kind(found.vector),
                 found.dimensions
-            ));
-        }
-        if spec.input && spec.output == Output::None {
-            return misfit(format!(
-                "the model reads {} and does not predict it: there is nothing to roll out with",
-                spec.name
             ));
         }
     }

@@ -18,7 +18,7 @@ pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], [&[Vector]; 2]) -> Resu
 /// Values of a field: rows of 1 or 3 at the nodes, and at the boundary faces.
 pub type Values = (Vec<f64>, Vec<f64>);
 
-/// A predicted field on the trajectory.
+/// A field of the model on the trajectory.
 struct Track {
     spec: FieldSpec,
     /// Values a row as a session takes them: 3 or 1.
@@ -33,8 +33,10 @@ struct Track {
 pub struct Scene<'a> {
     mesh: &'a Mesh,
     pace: Pace,
-    /// The headline field first.
+    /// The predicted fields, the headline first.
     tracks: Vec<Track>,
+    /// Fields that the model reads and does not predict: in a rollout they are as recorded.
+    given: Vec<Track>,
     /// Displacement of the obstacle's points, m; empty without obstacle.
     motion: Vec<Vec<Vector>>,
     shape: Option<Shape<'a>>,
@@ -51,7 +53,7 @@ pub fn predicted(fields: &[FieldSpec]) -> Vec<&FieldSpec> {
 }
 
 impl<'a> Scene<'a> {
-    /// Reads the frames of the predicted fields.
+    /// Reads the frames of the model's fields.
     ///
     /// # Errors
     /// [`Error::File`] for a field that is not there, or frames that cannot be read.
@@ -78,6 +80,11 @@ impl<'a> Scene<'a> {
             mesh,
             pace,
             tracks: predicted(fields).into_iter().map(track).collect::<Result<_>>()?,
+            given: fields
+                .iter()
+                .filter(|f| f.input && f.output == Output::None)
+                .map(track)
+                .collect::<Result<_>>()?,
             motion: motion.into_iter().map(wide).collect(),
             shape: Shape::new(trajectory),
         })
@@ -320,7 +327,8 @@ impl<'a> Scene<'a> {
         next: &mut [Vec<f64>],
         seconds: &mut (f64, usize),
     ) -> Result<()> {
-        let states = self.tracks.iter().zip(state);
+        let given = self.given.iter().map(|t| (t, &t.recorded[i]));
+        let states = self.tracks.iter().zip(state.iter().copied()).chain(given);
         let fields: Vec<Field> = states
             .map(|(t, s)| Field {
                 name: &t.spec.name,

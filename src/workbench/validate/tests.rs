@@ -341,6 +341,50 @@ fn a_flow_whose_field_has_another_name() {
 }
 
 #[test]
+fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
+    let folder = tempfile::tempdir().unwrap();
+    m4gn_train::sample::write_data(folder.path(), 1).unwrap();
+    let t = Trajectory::open(folder.path().join("000.h5")).unwrap();
+    let mut spec = m4gn_model::sample::spec();
+    let p = spec.fields.iter_mut().find(|f| f.name == "p").unwrap();
+    p.output = m4gn_model::Output::None;
+    let pace = Pace::new(t.times(), 0.01).unwrap();
+    let frames = t.read_frames("p", 0, 1, pace.steps + 1).unwrap();
+    let mut seen = Vec::new();
+    let mut step = |fields: &[m4gn_step::Field], _: &mut [m4gn_step::FieldMut], _: [&[Vector]; 2]| {
+        let p = fields.iter().find(|f| f.name == "p").unwrap();
+        seen.push((p.components, p.cells.to_vec(), p.boundary.to_vec()));
+        Ok(())
+    };
+    let scene = Scene::read(&t, &spec.fields, pace).unwrap();
+    scene
+        .predict(("model", "model"), Keep::Shown, &mut step, &mut || Ok(()))
+        .unwrap();
+    // Single steps, then the rollout
+    assert_eq!(seen.len(), 2 * pace.steps);
+    for ((components, cells, boundary), frame) in seen.iter().zip(frames[..pace.steps].iter().cycle()) {
+        let wide = |values: &[f32]| -> Vec<f64> { values.iter().map(|&v| f64::from(v)).collect() };
+        assert_eq!(*components, 1);
+        assert!(*cells == wide(&frame.cells) && *boundary == wide(&frame.boundary));
+    }
+    // And a session takes them.
+    spec.segments.method = m4gn_model::SegmentMethod::Metis;
+    let model = Model::random(spec, 3).unwrap();
+    let options = SessionOptions::default();
+    let case = run(
+        &model,
+        &t,
+        &options,
+        &[Way::PLAIN],
+        (None, Keep::Shown),
+        &mut || Ok(()),
+    )
+    .unwrap();
+    assert_eq!(case.fields.len(), 1);
+    assert!(figures(&case, 0)[0].is_finite());
+}
+
+#[test]
 fn the_page_and_the_series() {
     let case = known(0.01, |u, t| {
         shift(u, t, 1e-4);
