@@ -2,7 +2,7 @@
 //! (docs/how-it-works.md).
 //!
 //!     m4gn generate cylinder-flow --count 1 --seed 9 --frames 10 --spin-up 0.01 --set cells=12 --out mesh12
-//!     cost_over_cells --model models/cylinder-flow-meshes.safetensors --chart cost.svg mesh*/0000.h5
+//!     cost_over_cells --model models/cylinder-flow.safetensors --chart cost.svg mesh*/0000.h5
 //!
 //! A line of JSON for each trajectory: medians of the rounds, in each of which both ways take their steps by turns.
 

@@ -68,8 +68,10 @@ done
 # The clock alone, of a model that says 0.045 s of steps that take 0.05 s (and a seed of as many digits less): the run keeps its schedule
 # all the same, and a restart goes on with the same clock
 sed 's/\(stride\\":\)0\.05\([,}]\)/\10.045\2/; s/\(seed\\":[0-9]\)[0-9],/\1,/' "$M4GN_HOME/models/cylinder-flow.safetensors" > constant/short.safetensors
+# At a viscosity that the model knows, once the flow has left its start: there rollouts agree on a clock
+sed -i 's/3e-3/1e-3/' constant/transportProperties
 function_object m4gnSurrogate "mode replace; model \"constant/short.safetensors\"; timeStart 0.99; solverSteps 18; surrogateSteps 3;
-    adapt { method clock; start 0.3; }"
+    adapt { method clock; start 0.5; }"
 sed -i 's/^endTime .*/endTime 1.89;/; s/^writeInterval .*/writeInterval 0.045;/; s/^deltaT .*/deltaT 0.0025;/' system/controlDict
 clean_case
 runs icoFoam
