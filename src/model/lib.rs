@@ -59,6 +59,11 @@ impl FieldSpec {
         if self.vector { dim } else { 1 }
     }
 
+    /// Whether it is read and not predicted: whoever takes steps gives it anew.
+    pub fn is_given(&self) -> bool {
+        self.input && self.output == Output::None
+    }
+
     /// Whether it is a velocity, m/s.
     pub fn is_velocity(&self) -> bool {
         self.vector && self.dimensions == [0, 1, -1, 0, 0, 0, 0]

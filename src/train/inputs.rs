@@ -4,12 +4,11 @@ use super::normaliser::Moments;
 use super::samples::Components;
 use super::workload::Workload;
 use m4gn_mesh::Result;
-use m4gn_model::{FieldSpec, Model, ModelSpec, Output};
+use m4gn_model::{FieldSpec, Model, ModelSpec};
 
 /// Whether `new` has the fields of `old`, and after them none but inputs that are not predicted.
 pub(super) fn follow(old: &[FieldSpec], new: &[FieldSpec]) -> bool {
-    let given = |field: &FieldSpec| field.input && field.output == Output::None;
-    new.starts_with(old) && new[old.len()..].iter().all(given)
+    new.starts_with(old) && new[old.len()..].iter().all(FieldSpec::is_given)
 }
 
 /// The model with the inputs that `spec` has after those of the model. Their weights are zero, so that the network says

@@ -82,7 +82,7 @@ impl<'a> Scene<'a> {
             tracks: predicted(fields).into_iter().map(track).collect::<Result<_>>()?,
             given: fields
                 .iter()
-                .filter(|f| f.input && f.output == Output::None)
+                .filter(|f| f.is_given())
                 .map(track)
                 .collect::<Result<_>>()?,
             motion: motion.into_iter().map(wide).collect(),
