@@ -8,7 +8,7 @@ use m4gn_model::Model;
 use m4gn_step::Backend;
 use m4gn_workbench::bench;
 use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Case, Runs, Segments, Shape, Source, Trial, Workload, machine, memory, work};
+use m4gn_workbench::bench::{Case, Runs, Shape, Source, Trial, Workload, machine, memory, work};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -191,7 +191,7 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         nodes: case.graph.n_owned,
         cells: case.graph.n_cells,
         edges: case.graph.senders.len(),
-        segments: case.segments.as_ref().map_or(0, Segments::count),
+        segments: case.segments.as_ref().map_or(0, |s| s.count),
     };
     let description = workload.describe(&case.graph);
     let (inputs, mut outputs) = workload.values(&case.graph)?;

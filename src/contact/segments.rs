@@ -8,7 +8,7 @@ use m4gn_mesh::{Mesh, Result};
 use m4gn_model::modal::{Modes, NoModes};
 use m4gn_model::{ModelSpec, SegmentMethod, SegmentSpec};
 use m4gn_segments::graph::Graph;
-use m4gn_segments::{self as segments, SegmentFeatures, Segmentation};
+use m4gn_segments::{self as segments, Segmentation};
 
 /// Segments of this rank's part, and what a network reads of them. `modes` are those of the whole body; none where
 /// `spec` needs none. Collective; all ranks fail together.
@@ -24,7 +24,7 @@ pub fn segment(
     settings: &SegmentSpec,
     modes: Option<&Modes>,
     comm: &Comm,
-) -> Result<(Segmentation, SegmentFeatures)> {
+) -> Result<Segmentation> {
     let bare = Mesh {
         boundary: Vec::new(),
         ..part.mesh.clone()
@@ -35,7 +35,7 @@ pub fn segment(
         settings.method = SegmentMethod::Slic;
     }
     let mut graph = Graph::new(&bare, comm)?;
-    let body = match modes {
+    let mut body = match modes {
         Some(modes) => {
             let own = Modes {
                 eigenvalues: modes.eigenvalues.clone(),
@@ -57,21 +57,20 @@ pub fn segment(
         }
         None => segments::segment(&bare, &mut graph, &settings, &NoModes, comm, None)?,
     };
-    let features = segments::features(spec, &bare, &body, comm);
+    body.encode(spec, &bare, comm);
     if part.obstacle.is_empty() {
-        return Ok((body, features));
+        return Ok(body);
     }
-    Ok(with_obstacle(body, features, part, contact, spec))
+    Ok(with_obstacle(body, part, contact, spec))
 }
 
 /// Adds the obstacle as the last segment.
 fn with_obstacle(
     body: Segmentation,
-    features: SegmentFeatures,
     part: &BodyPart,
     contact: &ContactGraph,
     spec: &ModelSpec,
-) -> (Segmentation, SegmentFeatures) {
+) -> Segmentation {
     let (k, q) = (body.count, part.obstacle.len());
     let here = contact.graph().n_owned - contact.graph().n_cells;
     let mut s = body;
@@ -90,11 +89,10 @@ fn with_obstacle(
     s.adjacency = adjacency;
     s.count = k + 1;
 
-    let mut f = features;
     // The obstacle moves: where it was at the start says nothing. Its place is the centre, its points' offsets 0.
-    f.position.extend(vec![0.0; spec.n_position_features()]);
-    f.offsets.extend(vec![0.0; here * spec.n_offset_features()]);
-    (s, f)
+    s.position.extend(vec![0.0; spec.n_position_features()]);
+    s.offsets.extend(vec![0.0; here * spec.n_offset_features()]);
+    s
 }
 
 #[cfg(test)]
@@ -124,13 +122,13 @@ mod tests {
         assert_eq!((modes.vectors.len(), modes.vectors[0].len()), (6, 63));
         let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
         let contact = ContactGraph::new(&part, 0.5, &comm).unwrap();
-        let (cut, features) = segment(&part, &contact, &spec, &settings, Some(&modes), &comm).unwrap();
+        let cut = segment(&part, &contact, &spec, &settings, Some(&modes), &comm).unwrap();
         assert_eq!((cut.count, cut.node_segment.len()), (5, 69));
         assert!(cut.node_segment[63..].iter().all(|&s| s == 4));
         assert!(cut.node_segment[..63].iter().all(|&s| s < 4));
         assert_eq!(cut.sizes.iter().sum::<f64>(), 69.0);
-        assert_eq!(features.position.len(), 5 * spec.n_position_features());
-        assert_eq!(features.offsets.len(), 69 * spec.n_offset_features());
+        assert_eq!(cut.position.len(), 5 * spec.n_position_features());
+        assert_eq!(cut.offsets.len(), 69 * spec.n_offset_features());
     }
 
     #[test]

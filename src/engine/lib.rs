@@ -39,41 +39,9 @@ use kernels::Bf16;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
-use m4gn_segments::{SegmentFeatures, Segmentation};
 use network::Network;
-
-/// Segments as a network needs them: members of this rank, sizes over all ranks, positional encoding.
-#[derive(Clone, Copy, Debug)]
-pub struct SegmentView<'a> {
-    /// Number of segments, K.
-    pub count: usize,
-    /// Segments of owned node i: `member[member_row[i]..member_row[i + 1]]`, at least one.
-    pub member_row: &'a [u32],
-    /// Segment numbers, 0 to K - 1.
-    pub member: &'a [i32],
-    /// Number of member nodes of each segment over all ranks `[K]`.
-    pub sizes: &'a [f64],
-    /// Positional encoding `[K x n_position_features]`; empty when the model has none.
-    pub position: &'a [f32],
-    /// Offsets of the owned nodes from their segment's centroid `[n_owned x n_offset_features]`; empty when the
-    /// model has none.
-    pub offsets: &'a [f32],
-}
-
-impl<'a> SegmentView<'a> {
-    /// Of a segmentation and its features.
-    pub fn new(segments: &'a Segmentation, features: &'a SegmentFeatures) -> Self {
-        SegmentView {
-            count: segments.count,
-            member_row: &segments.member_row,
-            member: &segments.member,
-            sizes: &segments.sizes,
-            position: &features.position,
-            offsets: &features.offsets,
-        }
-    }
-}
 
 /// What advances the graph by one step: the native engine or another backend.
 pub trait Forward {
@@ -114,7 +82,7 @@ impl Engine {
     pub fn new(
         model: &Model,
         graph: &Graph,
-        segments: Option<&SegmentView>,
+        segments: Option<&Segmentation>,
         options: &EngineOptions,
     ) -> Result<Self> {
         let keep = if model.spec.contact.is_some() {
@@ -138,7 +106,7 @@ impl Engine {
     fn with_limit(
         model: &Model,
         graph: &Graph,
-        segments: Option<&SegmentView>,
+        segments: Option<&Segmentation>,
         options: &EngineOptions,
         keep_encoded: usize,
     ) -> Result<Self> {

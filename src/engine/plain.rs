@@ -1,7 +1,7 @@
 //! The network written down as the paper has it, in fp64 with straight loops: what the engine is tested against.
 
-use super::SegmentView;
 use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model};
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 
 type Rows = Vec<Vec<f64>>;
@@ -106,7 +106,7 @@ impl Plain<'_> {
     }
 
     /// All layers and the macro stage; what a node's segments add to what the decoder reads.
-    fn m4gn(&self, m: &M4gn, graph: &Graph, view: &SegmentView, h: &mut Rows) -> Rows {
+    fn m4gn(&self, m: &M4gn, graph: &Graph, view: &Segmentation, h: &mut Rows) -> Rows {
         let mut e = self.edges(graph);
         (0..m.layers_before).for_each(|l| self.pass(l, graph, h, &mut e));
         let x = self.segments(&m.segment_transformer, view, h);
@@ -143,7 +143,7 @@ impl Plain<'_> {
     }
 
     /// eq. 9 to 13.
-    fn segments(&self, spec: &MacroSpec, view: &SegmentView, h: &Rows) -> Rows {
+    fn segments(&self, spec: &MacroSpec, view: &Segmentation, h: &Rows) -> Rows {
         let d = self.0.spec.architecture.width;
         let mut x = vec![vec![0.0; d]; view.count];
         for (i, h) in h.iter().enumerate() {
@@ -199,13 +199,13 @@ fn add(x: &mut [f64], y: &[f64]) {
     x.iter_mut().zip(y).for_each(|(x, y)| *x += y);
 }
 
-fn members(view: &SegmentView, node: usize) -> Vec<usize> {
+fn members(view: &Segmentation, node: usize) -> Vec<usize> {
     let range = view.member_row[node] as usize..view.member_row[node + 1] as usize;
     view.member[range].iter().map(|&s| s as usize).collect()
 }
 
 /// Mean over a node's segments of h_S.
-fn segment_of(view: &SegmentView, x: &Rows, node: usize) -> Vec<f64> {
+fn segment_of(view: &Segmentation, x: &Rows, node: usize) -> Vec<f64> {
     let list = members(view, node);
     let mut mean = vec![0.0; x[0].len()];
     for s in &list {
@@ -217,7 +217,7 @@ fn segment_of(view: &SegmentView, x: &Rows, node: usize) -> Vec<f64> {
 }
 
 /// The whole step on one rank: `[n_cells x n_outputs]`, physical, changes not added.
-pub fn forward(model: &Model, graph: &Graph, segments: Option<&SegmentView>, inputs: &[f32]) -> Vec<f64> {
+pub fn forward(model: &Model, graph: &Graph, segments: Option<&Segmentation>, inputs: &[f32]) -> Vec<f64> {
     let spec = &model.spec;
     let net = Plain(model);
     let k = spec.n_field_inputs();

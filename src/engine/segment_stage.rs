@@ -3,7 +3,6 @@
 //! Segment sums are made over all ranks in fp64; from there on every rank computes the same K rows, in fp32 in either
 //! precision.
 
-use super::SegmentView;
 use super::ends::Encoder;
 use super::kernels::{Addend, Buffer, Function, Isa, Normed, Output, Packed, padded, product};
 use super::linear::{self, Tail};
@@ -13,6 +12,7 @@ use super::transformer::{self, TransformerLayer};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
+use m4gn_segments::Segmentation;
 
 /// Weights, members and buffers of the macro stage.
 #[derive(Debug)]
@@ -20,9 +20,9 @@ pub struct SegmentStage {
     isa: Isa,
     count: usize,
     columns: usize,
-    /// Segments of the node at each place, as in [`SegmentView`].
+    /// Segments of the node at each place, as in [`Segmentation`].
     pub member_row: Vec<u32>,
-    /// As in [`SegmentView`].
+    /// As in [`Segmentation`].
     pub member: Vec<i32>,
     /// Members of segment s on this rank: `place[place_row[s]..place_row[s + 1]]`, ascending.
     place_row: Vec<u32>,
@@ -54,13 +54,19 @@ struct Dispatch {
 
 impl SegmentStage {
     /// The macro stage of a model for these segments; `node` is the graph's node at each place of the engine's order.
-    pub fn new(isa: Isa, model: &Model, view: &SegmentView, node: &[u32], n_threads: usize) -> Result<Self> {
+    pub fn new(
+        isa: Isa,
+        model: &Model,
+        segments: &Segmentation,
+        node: &[u32],
+        n_threads: usize,
+    ) -> Result<Self> {
         let Some(m4gn) = model.spec.architecture.m4gn() else {
             return Err(Error::Model("the model has no macro stage".into()));
         };
         let spec = &m4gn.segment_transformer;
-        check(view, node.len(), &model.spec)?;
-        let (k, d) = (view.count, model.spec.architecture.width);
+        check(segments, node.len(), &model.spec)?;
+        let (k, d) = (segments.count, model.spec.architecture.width);
         let columns = padded(d);
         let layers: Vec<_> = (0..spec.layers)
             .map(|l| TransformerLayer::new(isa, model, l))
@@ -73,7 +79,7 @@ impl SegmentStage {
                 table: Buffer::new(k * columns),
             }),
         };
-        let (member_row, member) = reordered((view.member_row, view.member), node);
+        let (member_row, member) = reordered((&segments.member_row, &segments.member), node);
         let (place_row, place) = inverted(k, &member_row, &member);
         Ok(SegmentStage {
             isa,
@@ -83,11 +89,11 @@ impl SegmentStage {
             member,
             place_row,
             place,
-            inverse_sizes: view.sizes.iter().map(|s| 1.0 / s.max(1.0)).collect(),
+            inverse_sizes: segments.sizes.iter().map(|s| 1.0 / s.max(1.0)).collect(),
             encoder: Encoder::new(isa, model, "segment.encoder", d)?,
             encoder_bias: linear::bias(model, "segment.encoder.0")?,
             position: (model.spec.n_position_features() > 0)
-                .then(|| encode_position(isa, model, view))
+                .then(|| encode_position(isa, model, segments))
                 .transpose()?,
             layers,
             dispatch,
@@ -235,8 +241,8 @@ pub(super) fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32
 }
 
 /// f_sp(p) of every segment (section 3.4.1), rows of the padded width.
-fn encode_position(isa: Isa, model: &Model, view: &SegmentView) -> Result<Vec<f32>> {
-    let (k, n) = (view.count, model.spec.n_position_features());
+fn encode_position(isa: Isa, model: &Model, segments: &Segmentation) -> Result<Vec<f32>> {
+    let (k, n) = (segments.count, model.spec.n_position_features());
     let size = k * padded(model.spec.architecture.width);
     let first: Packed<f32> = linear::whole(isa, model, "segment.position.0")?;
     let bias = linear::bias(model, "segment.position.0")?;
@@ -245,7 +251,7 @@ fn encode_position(isa: Isa, model: &Model, view: &SegmentView) -> Result<Vec<f3
     product(
         isa,
         &first,
-        (view.position, n),
+        (&segments.position, n),
         k,
         Addend::Bias(&bias),
         tail.function(),
@@ -255,31 +261,31 @@ fn encode_position(isa: Isa, model: &Model, view: &SegmentView) -> Result<Vec<f3
     Ok(c)
 }
 
-pub(super) fn check(view: &SegmentView, n_owned: usize, spec: &ModelSpec) -> Result<()> {
-    let k = view.count;
+pub(super) fn check(segments: &Segmentation, n_owned: usize, spec: &ModelSpec) -> Result<()> {
+    let k = segments.count;
     let encodings = k * spec.n_position_features();
     let offsets = n_owned * spec.n_offset_features();
-    let rows_fit = view.member_row.len() == n_owned + 1
-        && view.member_row[0] == 0
-        && view.member_row.windows(2).all(|w| w[0] < w[1])
-        && view.member_row[n_owned] as usize == view.member.len();
-    let members_fit = view
+    let rows_fit = segments.member_row.len() == n_owned + 1
+        && segments.member_row[0] == 0
+        && segments.member_row.windows(2).all(|w| w[0] < w[1])
+        && segments.member_row[n_owned] as usize == segments.member.len();
+    let members_fit = segments
         .member
         .iter()
         .all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
     if !rows_fit
         || !members_fit
-        || view.sizes.len() != k
-        || view.position.len() != encodings
-        || view.offsets.len() != offsets
+        || segments.sizes.len() != k
+        || segments.position.len() != encodings
+        || segments.offsets.len() != offsets
     {
         return Err(Error::Input(format!(
             "segments: expected one or more of {k} for each of {n_owned} nodes, {k} sizes, {encodings} encodings and {offsets} \
              offsets; found {} nodes, {} sizes, {} encodings, {} offsets, segment numbers {} within range",
-            view.member_row.len().saturating_sub(1),
-            view.sizes.len(),
-            view.position.len(),
-            view.offsets.len(),
+            segments.member_row.len().saturating_sub(1),
+            segments.sizes.len(),
+            segments.position.len(),
+            segments.offsets.len(),
             if members_fit { "all" } else { "not all" }
         )));
     }

@@ -5,49 +5,24 @@ use m4gn_mesh::sample;
 use m4gn_model::sample::spec;
 use m4gn_model::{Activation, Kind, MacroSpec, ModelSpec};
 
-/// Segments of a graph: enough of a view, with nodes of two segments where there is overlap.
-pub(super) struct Segments {
-    member_row: Vec<u32>,
-    member: Vec<i32>,
-    sizes: Vec<f64>,
-    position: Vec<f32>,
-    offsets: Vec<f32>,
-}
-
 const K: usize = 5;
 
-impl Segments {
-    pub(super) fn new(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Self {
-        let (mut member_row, mut member, mut sizes) = (vec![0u32], Vec::new(), vec![0.0; K]);
-        for i in 0..graph.n_owned {
-            let own = i * K / graph.n_owned;
-            let mut list = vec![own as i32];
-            if overlap && i % 3 == 0 {
-                list.push(((own + 2) % K) as i32);
-            }
-            list.iter().for_each(|&s| sizes[s as usize] += 1.0);
-            member.extend(list);
-            member_row.push(member.len() as u32);
+/// Segments of a graph, with nodes of two segments where there is overlap.
+pub(super) fn segments(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Segmentation {
+    let (mut member_row, mut member) = (vec![0u32], Vec::new());
+    for i in 0..graph.n_owned {
+        let own = i * K / graph.n_owned;
+        member.push(own as i32);
+        if overlap && i % 3 == 0 {
+            member.push(((own + 2) % K) as i32);
         }
-        let wave = |n: usize, step: f32| -> Vec<f32> { (0..n).map(|i| (i as f32 * step).fract()).collect() };
-        Segments {
-            member_row,
-            member,
-            sizes,
-            position: wave(K * spec.n_position_features(), 0.37),
-            offsets: wave(graph.n_owned * spec.n_offset_features(), 0.73),
-        }
+        member_row.push(member.len() as u32);
     }
-
-    pub(super) fn view(&self) -> SegmentView<'_> {
-        SegmentView {
-            count: K,
-            member_row: &self.member_row,
-            member: &self.member,
-            sizes: &self.sizes,
-            position: &self.position,
-            offsets: &self.offsets,
-        }
+    let wave = |n: usize, step: f32| -> Vec<f32> { (0..n).map(|i| (i as f32 * step).fract()).collect() };
+    Segmentation {
+        position: wave(K * spec.n_position_features(), 0.37),
+        offsets: wave(graph.n_owned * spec.n_offset_features(), 0.73),
+        ..Segmentation::of_members(K, member_row, member)
     }
 }
 
@@ -55,7 +30,7 @@ impl Segments {
 struct Case {
     model: Model,
     graph: Graph,
-    segments: Option<Segments>,
+    segments: Option<Segmentation>,
     inputs: Vec<f32>,
 }
 
@@ -68,7 +43,7 @@ impl Case {
                 .architecture
                 .m4gn()
                 .is_some()
-                .then(|| Segments::new(&spec, &graph, overlap)),
+                .then(|| segments(&spec, &graph, overlap)),
             model: Model::random(spec, 5).unwrap(),
             graph,
             inputs: (0..n).map(|i| (i as f32 * 0.7).sin()).collect(),
@@ -76,8 +51,7 @@ impl Case {
     }
 
     fn plain(&self) -> Vec<f64> {
-        let view = self.segments.as_ref().map(|s| s.view());
-        let expected = plain::forward(&self.model, &self.graph, view.as_ref(), &self.inputs);
+        let expected = plain::forward(&self.model, &self.graph, self.segments.as_ref(), &self.inputs);
         let largest = expected.iter().fold(0f64, |m, v| m.max(v.abs()));
         let least = expected.iter().fold(f64::MAX, |m, v| m.min(*v));
         assert!(
@@ -88,9 +62,14 @@ impl Case {
     }
 
     fn run(&self, options: &EngineOptions, keep_encoded: usize) -> Vec<f32> {
-        let view = self.segments.as_ref().map(|s| s.view());
-        let mut engine =
-            Engine::with_limit(&self.model, &self.graph, view.as_ref(), options, keep_encoded).unwrap();
+        let mut engine = Engine::with_limit(
+            &self.model,
+            &self.graph,
+            self.segments.as_ref(),
+            options,
+            keep_encoded,
+        )
+        .unwrap();
         let mut outputs = vec![0f32; self.graph.n_cells * self.model.spec.n_outputs()];
         // Twice: nothing of the first step may leak into the second.
         for _ in 0..2 {
@@ -238,8 +217,7 @@ fn memory_and_profile_add_up() {
         profile: true,
         ..options(Isa::detect(), Precision::Bf16)
     };
-    let view = case.segments.as_ref().map(|s| s.view());
-    let mut engine = Engine::new(&case.model, &case.graph, view.as_ref(), &options).unwrap();
+    let mut engine = Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options).unwrap();
     let mut outputs = vec![0f32; case.graph.n_cells * case.model.spec.n_outputs()];
     for _ in 0..3 {
         engine
@@ -264,9 +242,8 @@ fn memory_and_profile_add_up() {
 #[test]
 fn graphs_and_lengths_that_do_not_fit_are_refused() {
     let mut case = Case::new(spec(), false);
-    let view = case.segments.as_ref().map(|s| s.view());
     let options = EngineOptions::default();
-    let mut engine = Engine::new(&case.model, &case.graph, view.as_ref(), &options).unwrap();
+    let mut engine = Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options).unwrap();
     assert!(matches!(
         engine.forward(&Comm::serial(), &case.inputs[1..], &mut []),
         Err(Error::Input(_))
@@ -277,12 +254,12 @@ fn graphs_and_lengths_that_do_not_fit_are_refused() {
     ));
     case.graph.senders[0] = case.graph.n_local as i32;
     assert!(matches!(
-        Engine::new(&case.model, &case.graph, view.as_ref(), &options),
+        Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options),
         Err(Error::Internal(_))
     ));
     case.graph.edge_features.pop();
     assert!(matches!(
-        Engine::new(&case.model, &case.graph, view.as_ref(), &options),
+        Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options),
         Err(Error::Model(_))
     ));
 }

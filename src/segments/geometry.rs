@@ -3,99 +3,79 @@
 use super::Segmentation;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
-use m4gn_model::ModelSpec;
+use m4gn_model::{MacroSpec, ModelSpec};
 
-/// What a network reads of the segments besides their members.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SegmentFeatures {
-    /// `[K x n_position_features]`: random walk, then the centroid from the domain's centre over the centroids' rms
-    /// distance from it.
-    pub position: Vec<f32>,
-    /// `[n_owned x n_offset_features]`: a node's displacement from its segment's centroid over the rms displacement.
-    pub offsets: Vec<f32>,
-}
-
-/// The features that `spec` asks for. Collective.
-pub fn features(spec: &ModelSpec, mesh: &Mesh, segments: &Segmentation, comm: &Comm) -> SegmentFeatures {
-    let Some(stage) = spec.architecture.segment_transformer() else {
-        return SegmentFeatures::default();
-    };
-    let walk = segments.rwse(stage.rwse_steps);
-    if !stage.centroids && !stage.offsets {
-        return SegmentFeatures {
-            position: walk,
-            offsets: Vec::new(),
+impl Segmentation {
+    /// Adds what the network that `spec` describes reads of the segments besides their members: `position` and `offsets`.
+    /// Collective.
+    pub fn encode(&mut self, spec: &ModelSpec, mesh: &Mesh, comm: &Comm) {
+        let Some(stage) = spec.architecture.segment_transformer() else {
+            return;
         };
+        self.position = self.rwse(stage.rwse_steps);
+        if stage.centroids || stage.offsets {
+            self.add_centroids(stage, mesh, comm);
+        }
     }
-    let (k, dim) = (segments.count, mesh.dim());
-    let place = |x: &[f64; 3], i: usize| x[mesh.directions[i]];
-    // Sums over cells: boundary faces belong to their owner's segment and do not move its centroid.
-    let mut sums = vec![0.0; k * (dim + 1)];
-    for (cell, x) in mesh.cell_centres.iter().enumerate() {
-        let row = &mut sums[segments.node_segment[cell] as usize * (dim + 1)..][..dim + 1];
-        (0..dim).for_each(|i| row[i] += place(x, i));
-        row[dim] += 1.0;
-    }
-    comm.sum_f64(&mut sums);
-    let centroids: Vec<f64> = sums
-        .chunks_exact(dim + 1)
-        .flat_map(|row| row[..dim].iter().map(|s| s / row[dim].max(1.0)))
-        .collect();
-    let total: f64 = sums.chunks_exact(dim + 1).map(|row| row[dim]).sum();
-    let centre: Vec<f64> = (0..dim)
-        .map(|i| sums.chunks_exact(dim + 1).map(|row| row[i]).sum::<f64>() / total.max(1.0))
-        .collect();
-    let from_centre: Vec<f64> = centroids
-        .chunks_exact(dim)
-        .flat_map(|c| c.iter().zip(&centre).map(|(c, m)| c - m))
-        .collect();
-    let spread = rms(from_centre.iter().map(|v| v * v).sum(), k as f64);
 
-    let cell_offset = |cell: usize, x: &[f64; 3]| -> Vec<f64> {
-        let s = segments.node_segment[cell] as usize;
-        (0..dim).map(|i| place(x, i) - centroids[s * dim + i]).collect()
-    };
-    let mut square = [mesh
-        .cell_centres
-        .iter()
-        .enumerate()
-        .map(|(cell, x)| cell_offset(cell, x).iter().map(|v| v * v).sum::<f64>())
-        .sum::<f64>()];
-    comm.sum_f64(&mut square);
-    let size = rms(square[0], total);
+    /// Adds the centroids to `position`, and the `offsets` from them, as far as the stage has them. Collective.
+    fn add_centroids(&mut self, stage: &MacroSpec, mesh: &Mesh, comm: &Comm) {
+        let (k, dim) = (self.count, mesh.dim());
+        let place = |x: &[f64; 3], i: usize| x[mesh.directions[i]];
+        // Sums over cells: boundary faces belong to their owner's segment and do not move its centroid.
+        let mut sums = vec![0.0; k * (dim + 1)];
+        for (cell, x) in mesh.cell_centres.iter().enumerate() {
+            let row = &mut sums[self.node_segment[cell] as usize * (dim + 1)..][..dim + 1];
+            (0..dim).for_each(|i| row[i] += place(x, i));
+            row[dim] += 1.0;
+        }
+        comm.sum_f64(&mut sums);
+        let centroids: Vec<f64> = sums
+            .chunks_exact(dim + 1)
+            .flat_map(|row| row[..dim].iter().map(|s| s / row[dim].max(1.0)))
+            .collect();
+        let total: f64 = sums.chunks_exact(dim + 1).map(|row| row[dim]).sum();
+        let centre: Vec<f64> = (0..dim)
+            .map(|i| sums.chunks_exact(dim + 1).map(|row| row[i]).sum::<f64>() / total.max(1.0))
+            .collect();
+        let from_centre: Vec<f64> = centroids
+            .chunks_exact(dim)
+            .flat_map(|c| c.iter().zip(&centre).map(|(c, m)| c - m))
+            .collect();
+        let spread = rms(from_centre.iter().map(|v| v * v).sum(), k as f64);
 
-    let position = if stage.centroids {
-        let steps = stage.rwse_steps;
-        (0..k)
-            .flat_map(|s| {
-                let centroid = from_centre[s * dim..(s + 1) * dim]
-                    .iter()
-                    .map(|v| (v / spread) as f32);
-                walk[s * steps..(s + 1) * steps]
-                    .iter()
-                    .copied()
-                    .chain(centroid)
-                    .collect::<Vec<_>>()
-            })
-            .collect()
-    } else {
-        walk
-    };
-    let offsets = if stage.offsets {
-        let cells = mesh
+        let cell_offset = |cell: usize, x: &[f64; 3]| -> Vec<f64> {
+            let s = self.node_segment[cell] as usize;
+            (0..dim).map(|i| place(x, i) - centroids[s * dim + i]).collect()
+        };
+        let mut square = [mesh
             .cell_centres
             .iter()
             .enumerate()
-            .flat_map(|(cell, x)| cell_offset(cell, x));
-        let faces = mesh
-            .boundary
-            .iter()
-            .flat_map(|b| cell_offset(b.owner as usize, &b.centre));
-        cells.chain(faces).map(|v| (v / size) as f32).collect()
-    } else {
-        Vec::new()
-    };
-    SegmentFeatures { position, offsets }
+            .map(|(cell, x)| cell_offset(cell, x).iter().map(|v| v * v).sum::<f64>())
+            .sum::<f64>()];
+        comm.sum_f64(&mut square);
+        let size = rms(square[0], total);
+
+        if stage.centroids {
+            let steps = stage.rwse_steps;
+            let walk = std::mem::take(&mut self.position);
+            self.position = (0..k)
+                .flat_map(|s| {
+                    let centroid = from_centre[s * dim..(s + 1) * dim].iter();
+                    let walk = walk[s * steps..(s + 1) * steps].iter().copied();
+                    walk.chain(centroid.map(|v| (v / spread) as f32))
+                })
+                .collect();
+        }
+        if stage.offsets {
+            let cells = mesh.cell_centres.iter().enumerate();
+            let cells = cells.flat_map(|(cell, x)| cell_offset(cell, x));
+            let faces = mesh.boundary.iter();
+            let faces = faces.flat_map(|b| cell_offset(b.owner as usize, &b.centre));
+            self.offsets = cells.chain(faces).map(|v| (v / size) as f32).collect();
+        }
+    }
 }
 
 /// Root of the mean square, 1 where nothing varies (a single segment has no distance from the centre).
@@ -122,7 +102,7 @@ mod tests {
         let mut graph = Graph::new(&mesh, &comm).unwrap();
         let mut s = spec();
         s.segments.count = 2;
-        let segments = segment(
+        let mut found = segment(
             &mesh,
             &mut graph,
             &s.segments,
@@ -133,7 +113,7 @@ mod tests {
         .unwrap();
         let stage = &mut s.architecture.m4gn_mut().unwrap().segment_transformer;
         stage.rwse_steps = 0;
-        let found = features(&s, &mesh, &segments, &comm);
+        found.encode(&s, &mesh, &comm);
         assert_eq!(found.position, [-1.0, 0.0, 1.0, 0.0]);
         assert_eq!(found.offsets[..8], [-1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0]);
         assert_eq!(found.offsets.len(), 2 * graph.n_owned);

@@ -17,7 +17,6 @@ mod record;
 mod slic;
 mod walk;
 
-pub use geometry::{SegmentFeatures, features};
 pub use obstacle::obstacle_distance;
 pub use quality::{Dissimilarity, Quality, quality};
 pub use record::{Record, misfit};
@@ -29,8 +28,8 @@ use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::modal::{ModalSource, Modes};
 use m4gn_model::{MAX_SEGMENTS, SegmentSpec};
 
-/// Which segments each node belongs to, and how the segments touch.
-#[derive(Clone, Debug, PartialEq)]
+/// Which segments each node belongs to, how the segments touch, and what a network reads of them.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Segmentation {
     /// Number of segments K.
     pub count: usize,
@@ -50,6 +49,12 @@ pub struct Segmentation {
     pub sweeps: Vec<usize>,
     /// Cells that were given to another segment so that every segment is connected, over all ranks.
     pub reassigned: usize,
+    /// Positional encoding `[K x n_position_features]`: random walk, then the centroid from the domain's centre over the
+    /// centroids' rms distance from it. Empty before [`Segmentation::encode`], and where the model has none.
+    pub position: Vec<f32>,
+    /// `[n_owned x n_offset_features]`: a node's displacement from its segment's centroid over the rms displacement; empty
+    /// as `position` is.
+    pub offsets: Vec<f32>,
 }
 
 /// Cuts the mesh into `spec.count` segments. Collective; all ranks fail together.
@@ -214,6 +219,22 @@ fn preset_labels(mesh: &Mesh, labels: &[i32], count: usize, comm: &Comm) -> Resu
 }
 
 impl Segmentation {
+    /// Of a graph on one rank, by its members: segments of node i are `member[member_row[i]..member_row[i + 1]]`, at least
+    /// one. How they touch is not known.
+    pub fn of_members(count: usize, member_row: Vec<u32>, member: Vec<i32>) -> Self {
+        let mut sizes = vec![0.0; count];
+        member.iter().for_each(|&s| sizes[s as usize] += 1.0);
+        let n = member_row.len().saturating_sub(1);
+        Segmentation {
+            count,
+            node_segment: member_row[..n].iter().map(|&i| member[i as usize]).collect(),
+            member_row,
+            member,
+            sizes,
+            ..Segmentation::default()
+        }
+    }
+
     /// Random-walk structural encoding of the segments `[K x steps]`: the probability that a random walk over
     /// the eq. 10 graph is back where it started after 1 to `steps` steps.
     pub fn rwse(&self, steps: usize) -> Vec<f32> {

@@ -83,7 +83,6 @@ pub(super) fn complete(
         member: members,
         sizes: sizes.into_iter().map(|s| s as f64).collect(),
         adjacency: adjacency.into_iter().map(|a| a as f64).collect(),
-        sweeps: Vec::new(),
-        reassigned: 0,
+        ..Segmentation::default()
     })
 }

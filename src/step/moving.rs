@@ -6,7 +6,7 @@ use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
 use m4gn_contact::projection::{Projection, ProjectionReport, check_start};
 use m4gn_contact::segments;
-use m4gn_engine::{Engine, Forward, SegmentView};
+use m4gn_engine::{Engine, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
@@ -99,13 +99,12 @@ impl Moving {
             )?),
             false => None,
         };
-        let view = cut.as_ref().map(|(s, f)| SegmentView::new(s, f));
         let settings = options.engine(options.precision.agreed(comm));
-        let engine = Engine::new(model, graph.graph(), view.as_ref(), &settings);
+        let engine = Engine::new(model, graph.graph(), cut.as_ref(), &settings);
         let engine = comm.agree(engine)?;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
         let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();
-        let cut = cut.map_or((0, Vec::new()), |(s, _)| {
+        let cut = cut.map_or((0, Vec::new()), |s| {
             // The obstacle is the last one, and none of the body's.
             let count = s.count - usize::from(obstacle.is_some());
             (count, place.iter().map(|&i| s.node_segment[i]).collect())

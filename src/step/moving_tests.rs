@@ -36,8 +36,6 @@ fn steps_are_those_of_the_plain_network() {
         .of_body(&body, settings.mode_count())
         .unwrap();
     let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
-    let (cut, features) = cut;
-    let view = SegmentView::new(&cut, &features);
     let mut displacement = vec![[0.0; 3]; 63];
     let mut edges = Vec::new();
     for step in 0..4 {
@@ -55,7 +53,7 @@ fn steps_are_those_of_the_plain_network() {
         graph.inputs(&owned[..3 * 63], [&narrow(&now), &narrow(&next)], &mut inputs);
         let graph = graph.update(&comm, &owned).unwrap();
         edges.push(graph.senders.len());
-        let plain = plain::forward(&model, graph, Some(&view), &inputs);
+        let plain = plain::forward(&model, graph, Some(&cut), &inputs);
         let before = displacement.clone();
         session.step_body(&mut displacement, [&now, &next]).unwrap();
         for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {

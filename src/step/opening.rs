@@ -4,10 +4,10 @@ use super::groups::OnGroups;
 use super::moving::Moving;
 use super::{Backend, Network, Session, SessionOptions, case, faces_seen_as_their_cells};
 use m4gn_engine::torch::TorchBackend;
-use m4gn_engine::{Engine, Forward, Precision, PrecisionChoice, SegmentView};
+use m4gn_engine::{Engine, Forward, Precision, PrecisionChoice};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{Model, SegmentSpec, cell_size};
+use m4gn_model::{Model, ModelSpec, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
 use m4gn_segments as segments;
 use m4gn_segments::Segmentation;
@@ -80,13 +80,11 @@ impl Session {
         let segment_spec = comm.agree(options.segment_spec(&spec.segments))?;
         let groups = OnGroups::new(mesh, options.resolution.of(spec.resolution), spec, &comm)?;
         let nodes = network_nodes(mesh, groups.as_ref());
-        let (graph, segmentation) = match spec.architecture.segment_transformer() {
-            Some(_) => {
-                let preset = preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm);
-                cut(mesh, groups.as_ref(), Some(&segment_spec), preset, &comm)?
-            }
-            None => cut(mesh, groups.as_ref(), None, None, &comm)?,
+        let preset = match spec.architecture.segment_transformer() {
+            Some(_) => preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm),
+            None => None,
         };
+        let (graph, segmentation) = cut(mesh, groups.as_ref(), spec, &segment_spec, preset, &comm)?;
         let cell_segment = segmentation.as_ref().map_or(Vec::new(), |found| {
             let labels = &found.node_segment[..nodes.n_cells()];
             match &groups {
@@ -103,7 +101,7 @@ impl Session {
             _ => String::new(),
         };
         let cell_size = cell_size(nodes, &comm);
-        let network = fixed(model, nodes, &graph, segmentation.as_ref(), options, &comm)?;
+        let network = fixed(model, &graph, segmentation.as_ref(), options, &comm)?;
         let n_cells = mesh.n_cells();
         Ok(Session {
             comm,
@@ -138,19 +136,10 @@ impl Session {
     pub fn set_weights(&mut self, mesh: &Mesh, model: &Model) -> Result<()> {
         let comm = self.comm.clone();
         comm.agree(self.check_weights(mesh, model))?;
-        let groups = self.groups.as_ref();
-        let nodes = network_nodes(mesh, groups);
-        let spec = (self.n_segments > 0).then_some(&self.segment_spec);
-        let (graph, segmentation) = cut(mesh, groups, spec, Some(&self.cell_segment), &comm)?;
-        let options = &self.options;
-        self.network = Network::Fixed(fixed(
-            model,
-            nodes,
-            &graph,
-            segmentation.as_ref(),
-            options,
-            &comm,
-        )?);
+        let (groups, labels) = (self.groups.as_ref(), Some(&self.cell_segment[..]));
+        let (graph, segmentation) = cut(mesh, groups, &self.spec, &self.segment_spec, labels, &comm)?;
+        let network = fixed(model, &graph, segmentation.as_ref(), &self.options, &comm)?;
+        self.network = Network::Fixed(network);
         Ok(())
     }
 
@@ -182,50 +171,48 @@ fn network_nodes<'a>(mesh: &'a Mesh, groups: Option<&'a OnGroups>) -> &'a Mesh {
     groups.map_or(mesh, |groups| &groups.coarse.mesh)
 }
 
-/// The graph of the network's nodes, and their segments where there is a specification of them, by the labels of the cells
-/// if there are any. Collective; all ranks fail together.
+/// The graph of the network's nodes and, where the model that `spec` describes has them, their segments, by the labels of
+/// the cells if there are any. Collective; all ranks fail together.
 fn cut(
     mesh: &Mesh,
     groups: Option<&OnGroups>,
-    spec: Option<&SegmentSpec>,
+    spec: &ModelSpec,
+    segment_spec: &SegmentSpec,
     labels: Option<&[i32]>,
     comm: &Comm,
 ) -> Result<(Graph, Option<Segmentation>)> {
     let nodes = network_nodes(mesh, groups);
     let mut graph = Graph::new(nodes, comm)?;
-    let Some(spec) = spec else {
+    if spec.architecture.segment_transformer().is_none() {
         return Ok((graph, None));
-    };
+    }
     let of_groups = match (groups, labels) {
         (Some(groups), Some(labels)) => Some(groups.labels(mesh, labels, comm)?),
         _ => None,
     };
     let labels = of_groups.as_deref().or(labels);
-    let modes = Modal(spec.modal());
-    let segmentation = segments::segment(nodes, &mut graph, spec, &modes, comm, labels)?;
+    let modes = Modal(segment_spec.modal());
+    let mut segmentation = segments::segment(nodes, &mut graph, segment_spec, &modes, comm, labels)?;
+    segmentation.encode(spec, nodes, comm);
     Ok((graph, Some(segmentation)))
 }
 
 /// The network on edges that stay. Collective.
 fn fixed(
     model: &Model,
-    mesh: &Mesh,
     graph: &Graph,
-    segmentation: Option<&Segmentation>,
+    segments: Option<&Segmentation>,
     options: &SessionOptions,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
-    let features = segmentation.map(|s| segments::features(&model.spec, mesh, s, comm));
-    let features = features.unwrap_or_default();
-    let view = segmentation.map(|s| SegmentView::new(s, &features));
     let precision = options.precision.agreed(comm);
-    comm.agree(network(model, graph, view.as_ref(), options, precision, comm))
+    comm.agree(network(model, graph, segments, options, precision, comm))
 }
 
 fn network(
     model: &Model,
     graph: &Graph,
-    view: Option<&SegmentView>,
+    segments: Option<&Segmentation>,
     options: &SessionOptions,
     precision: Precision,
     comm: &Comm,
@@ -233,7 +220,7 @@ fn network(
     match &options.backend {
         Backend::Native => {
             let options = options.engine(precision);
-            Ok(Box::new(Engine::new(model, graph, view, &options)?))
+            Ok(Box::new(Engine::new(model, graph, segments, &options)?))
         }
         Backend::Torch(device) => {
             if options.precision == PrecisionChoice::Bf16 {
@@ -250,7 +237,7 @@ fn network(
             Ok(Box::new(TorchBackend::new(
                 path,
                 graph,
-                view,
+                segments,
                 lengths,
                 device.as_deref(),
                 comm,

@@ -7,8 +7,8 @@ use super::smoother::Smoother;
 use super::state::Stepper;
 use super::workload::Workload;
 use m4gn_engine as engine;
+use m4gn_engine::Precision;
 use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
-use m4gn_engine::{Precision, SegmentView};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_segments::graph::Graph;
@@ -64,19 +64,10 @@ impl<'a> NativeBackend<'a> {
         let network = Trainable::new(spec, t.precision, None)?;
         let stage = spec.architecture.segment_transformer().is_some();
         let graphs = work.train.iter().map(|sample| {
-            let reflected = sample.reflected_features(spec);
-            let views = [
-                sample.view(),
-                SegmentView {
-                    position: &reflected.position,
-                    offsets: &reflected.offsets,
-                    ..sample.view()
-                },
-            ];
-            let graph = |graph: &Graph, view| TrainGraph::new(spec, graph, stage.then_some(view));
+            let graph = |graph: &Graph, segments| TrainGraph::new(spec, graph, stage.then_some(segments));
             Ok([
-                graph(&sample.graph, &views[0])?,
-                graph(&sample.reflected_graph(spec), &views[1])?,
+                graph(&sample.graph, &sample.segments)?,
+                graph(&sample.reflected_graph(spec), &sample.reflected_segments(spec))?,
             ])
         });
         Ok(NativeBackend {

@@ -84,7 +84,6 @@ impl NativeBackend<'_> {
         let sample = &self.work.valid[rollout.sample];
         let comm = Comm::serial();
         let stage = self.spec.architecture.segment_transformer().is_some();
-        let view = sample.view();
         let mut contact = sample.contact.clone();
         let frame = |step: usize| sample.frame(rollout.frame + step * self.work.frames_a_step);
         let mut state = frame(0)?.to_vec();
@@ -92,8 +91,8 @@ impl NativeBackend<'_> {
             contact.update(&comm, &state)?;
         }
         let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
-        let view = stage.then_some(&view);
-        let mut engine = Engine::new(model, graph, view, &EngineOptions::default())?;
+        let segments = stage.then_some(&sample.segments);
+        let mut engine = Engine::new(model, graph, segments, &EngineOptions::default())?;
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
         for step in 1..=rollout.steps {
             let next = &*frame(step)?;

@@ -7,7 +7,6 @@ use super::recorded::{Recorded, see_as_cells};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
 use m4gn_data::Trajectory;
-use m4gn_engine::SegmentView;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
@@ -15,9 +14,9 @@ use m4gn_model::modal::ModalSource;
 use m4gn_model::{Extent, FieldSpec, ModalOperator, ModelSpec, Output, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
 use m4gn_segments as segments;
+use m4gn_segments::Segmentation;
 use m4gn_segments::coarse::Coarse;
 use m4gn_segments::graph::Graph;
-use m4gn_segments::{SegmentFeatures, Segmentation};
 use m4gn_step::faces_seen_as_their_cells;
 use std::path::Path;
 
@@ -26,8 +25,8 @@ use std::path::Path;
 pub struct Sample {
     /// Its graph; of a body at points at rest.
     pub graph: Graph,
-    /// Its segments and their features.
-    pub segments: (Segmentation, SegmentFeatures),
+    /// Its segments.
+    pub segments: Segmentation,
     /// A body at points.
     pub contact: Option<ContactGraph>,
     /// Owner cell of each boundary node.
@@ -190,13 +189,13 @@ impl Sample {
         };
         let mut graph = Graph::new(nodes, &comm)?;
         let modal = Modal(segments.modal());
-        let cut = segments::segment(nodes, &mut graph, segments, &modal, &comm, labels.as_deref())?;
-        let features = segments::features(spec, nodes, &cut, &comm);
+        let mut cut = segments::segment(nodes, &mut graph, segments, &modal, &comm, labels.as_deref())?;
+        cut.encode(spec, nodes, &comm);
         let owners = nodes.boundary.iter().map(|b| b.owner as u32).collect();
         Ok(Sample {
             cell_size: cell_size(nodes, &comm),
             coarse,
-            ..Self::without_frames(graph, (cut, features), owners, spec)
+            ..Self::without_frames(graph, cut, owners, spec)
         })
     }
 
@@ -254,12 +253,7 @@ impl Sample {
         })
     }
 
-    fn without_frames(
-        graph: Graph,
-        segments: (Segmentation, SegmentFeatures),
-        owners: Vec<u32>,
-        spec: &ModelSpec,
-    ) -> Self {
+    fn without_frames(graph: Graph, segments: Segmentation, owners: Vec<u32>, spec: &ModelSpec) -> Self {
         let width = Components::new(spec).count;
         Sample {
             graph,
@@ -288,30 +282,25 @@ impl Sample {
         self.graph.n_owned - self.graph.n_cells
     }
 
-    /// Its segments as networks read them.
-    pub fn view(&self) -> SegmentView<'_> {
-        SegmentView::new(&self.segments.0, &self.segments.1)
-    }
-
-    /// Features of the segments, reflected in the second direction.
-    pub fn reflected_features(&self, spec: &ModelSpec) -> SegmentFeatures {
-        let mut features = self.segments.1.clone();
+    /// Its segments, reflected in the second direction.
+    pub fn reflected_segments(&self, spec: &ModelSpec) -> Segmentation {
+        let mut segments = self.segments.clone();
         let negate = |values: &mut [f32], width: usize, column: usize| {
             let column = values.iter_mut().skip(column).step_by(width.max(1));
             column.for_each(|v| *v = -*v);
         };
         if spec.n_offset_features() > 0 {
-            negate(&mut features.offsets, spec.n_offset_features(), 1);
+            negate(&mut segments.offsets, spec.n_offset_features(), 1);
         }
         let stage = spec.architecture.segment_transformer();
         if let Some(stage) = stage.filter(|m| m.centroids) {
             negate(
-                &mut features.position,
+                &mut segments.position,
                 spec.n_position_features(),
                 stage.rwse_steps + 1,
             );
         }
-        features
+        segments
     }
 
     /// The graph reflected in the second direction; of a body at points at rest.

@@ -8,11 +8,12 @@ use crate::backend::TorchBackend;
 use crate::device::parse_device;
 use crate::inference::Inference;
 use crate::pool::panic_message;
-use crate::samples::Parts;
 use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::{LIBRARY, TorchGraph};
-use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
+use m4gn_segments::Segmentation;
+use m4gn_segments::graph::Graph;
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
@@ -197,26 +198,9 @@ pub unsafe extern "C" fn m4gn_torch_load(
         // SAFETY: not null and valid for the call.
         let g = unsafe { &*graph };
         // SAFETY: the arrays have these lengths by this function's contract.
-        let parts = unsafe {
-            let nodes = length(g.n_owned)?;
-            let edges = length(g.n_edges)?;
-            let segments = length(g.n_segments)?;
-            let member_row = slice(g.member_row, if segments > 0 { nodes + 1 } else { 0 })?;
-            Parts {
-                n_cells: length(g.n_cells)?.min(nodes),
-                node_types: slice(g.node_types, nodes)?,
-                senders: slice(g.senders, edges)?,
-                receivers: slice(g.receivers, edges)?,
-                edge_features: slice(g.edge_features, edges * length(g.n_edge_features)?)?,
-                segments,
-                member: slice(g.member, member_row.last().map_or(0, |&n| n as usize))?,
-                member_row,
-                sizes: slice(g.sizes, segments)?,
-                position: slice(g.position, segments * length(g.n_position)?)?,
-                offsets: slice(g.offsets, nodes * length(g.n_offsets)?)?,
-            }
-        };
-        let loaded = Inference::new(path.as_ref(), &parts, parse_device(&device)?)?;
+        let (graph, segments) = unsafe { (graph_of(g)?, segments_of(g)?) };
+        let device = parse_device(&device)?;
+        let loaded = Inference::new(path.as_ref(), &graph, segments.as_ref(), device)?;
         // SAFETY: not null, and writable by this function's contract.
         unsafe { *handle = Box::into_raw(Box::new(loaded)).cast() };
         Ok(())
@@ -257,6 +241,60 @@ pub unsafe extern "C" fn m4gn_torch_free(handle: *mut c_void) {
     if !handle.is_null() {
         // SAFETY: made by Box::into_raw in m4gn_torch_load, given back once.
         drop(unsafe { Box::from_raw(handle.cast::<Inference>()) });
+    }
+}
+
+/// A copy of the graph.
+///
+/// # Safety
+/// The arrays have the lengths that `g` says.
+unsafe fn graph_of(g: &TorchGraph) -> Result<Graph> {
+    let (nodes, edges) = (length(g.n_owned)?, length(g.n_edges)?);
+    // SAFETY: passed on to the caller.
+    let receivers = unsafe { slice(g.receivers, edges)? }.to_vec();
+    let mut row = vec![0; nodes + 1];
+    for &r in &receivers {
+        let end = usize::try_from(r).ok().and_then(|r| row.get_mut(r + 1));
+        *end.ok_or_else(|| Error::Input(format!("m4gn_torch_load: an edge to node {r} of {nodes}")))? += 1;
+    }
+    for i in 0..nodes {
+        row[i + 1] += row[i];
+    }
+    // SAFETY: passed on to the caller.
+    unsafe {
+        Ok(Graph {
+            n_cells: length(g.n_cells)?.min(nodes),
+            n_owned: nodes,
+            n_local: nodes,
+            node_types: slice(g.node_types, nodes)?.to_vec(),
+            row,
+            senders: slice(g.senders, edges)?.to_vec(),
+            receivers,
+            edge_features: slice(g.edge_features, edges * length(g.n_edge_features)?)?.to_vec(),
+            halo: Halo::default(),
+        })
+    }
+}
+
+/// A copy of the graph's segments; none without a macro stage.
+///
+/// # Safety
+/// The arrays have the lengths that `g` says.
+unsafe fn segments_of(g: &TorchGraph) -> Result<Option<Segmentation>> {
+    let (nodes, count) = (length(g.n_owned)?, length(g.n_segments)?);
+    if count == 0 {
+        return Ok(None);
+    }
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let member_row = slice(g.member_row, nodes + 1)?.to_vec();
+        let members = member_row.last().map_or(0, |&n| n as usize);
+        Ok(Some(Segmentation {
+            sizes: slice(g.sizes, count)?.to_vec(),
+            position: slice(g.position, count * length(g.n_position)?)?.to_vec(),
+            offsets: slice(g.offsets, nodes * length(g.n_offsets)?)?.to_vec(),
+            ..Segmentation::of_members(count, member_row, slice(g.member, members)?.to_vec())
+        }))
     }
 }
 

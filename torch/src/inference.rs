@@ -1,10 +1,12 @@
 //! A model on libtorch for one graph: the core crate's `backend torch`, and the reference of its tests.
 
 use crate::network::{Network, Topology};
-use crate::samples::{HostGraph, Parts};
+use crate::samples::HostGraph;
 use crate::weights::{Layout, Weights};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
+use m4gn_segments::Segmentation;
+use m4gn_segments::graph::Graph;
 use std::path::Path;
 use tch::{Device, Tensor};
 
@@ -22,27 +24,32 @@ pub struct Inference {
 }
 
 impl Inference {
-    /// Reads a model and takes a copy of the graph.
+    /// Reads a model and takes a copy of a serial graph and its segments.
     ///
     /// Errors: those of [`Model::read`]; [`Error::Model`] where the graph does not fit the model.
-    pub fn new(path: &Path, parts: &Parts, device: Device) -> Result<Self> {
-        Self::with_model(&Model::read(path)?, parts, device)
+    pub fn new(path: &Path, graph: &Graph, segments: Option<&Segmentation>, device: Device) -> Result<Self> {
+        Self::with_model(&Model::read(path)?, graph, segments, device)
     }
 
     /// The same with a model in memory.
-    pub fn with_model(model: &Model, parts: &Parts, device: Device) -> Result<Self> {
+    pub fn with_model(
+        model: &Model,
+        graph: &Graph,
+        segments: Option<&Segmentation>,
+        device: Device,
+    ) -> Result<Self> {
         let spec = model.spec.clone();
-        let expected = parts.senders.len() * spec.n_edge_features();
-        if parts.edge_features.len() != expected {
+        let expected = graph.senders.len() * spec.n_edge_features();
+        if graph.edge_features.len() != expected {
             return Err(Error::Model(format!(
                 "{} edge features for {} edges: the model needs {} an edge, it is for {} directions",
-                parts.edge_features.len(),
-                parts.senders.len(),
+                graph.edge_features.len(),
+                graph.senders.len(),
                 spec.n_edge_features(),
                 spec.dim
             )));
         }
-        if spec.architecture.segment_transformer().is_some() && parts.segments == 0 {
+        if spec.architecture.segment_transformer().is_some() && segments.is_none() {
             return Err(Error::Model(
                 "the model has a macro stage, the graph comes without segments".into(),
             ));
@@ -60,7 +67,7 @@ impl Inference {
             };
             Ok((part("mean")?, part("std")?))
         };
-        let graph = HostGraph::union(&[&HostGraph::new(parts, &spec)?], &spec, device);
+        let graph = HostGraph::union(&[&HostGraph::new(graph, segments, &spec)?], &spec, device);
         let edge = scale("edge")?;
         Ok(Inference {
             weights: layout.views(&flat, false),

@@ -2,10 +2,12 @@
 
 use crate::network::Topology;
 use crate::rollout::Boundary;
-use m4gn_contact::graph::ContactGraph;
+use m4gn_contact::graph::{ContactGraph, MeshEdge};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
+use m4gn_segments::Segmentation;
+use m4gn_segments::graph::Graph;
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
 
@@ -30,32 +32,6 @@ pub struct HostGraph {
     segment_weight: Vec<f32>,
     node_weight: Vec<f32>,
     position: Vec<f32>,
-}
-
-/// A serial graph and its segments as slices; the last six are empty without a macro stage.
-pub struct Parts<'a> {
-    /// Cells, the first nodes.
-    pub n_cells: usize,
-    /// Type code of each node.
-    pub node_types: &'a [i32],
-    /// Sending node of each edge.
-    pub senders: &'a [i32],
-    /// Receiving node of each edge.
-    pub receivers: &'a [i32],
-    /// Physical edge features `[E x (dim + 1)]`.
-    pub edge_features: &'a [f32],
-    /// Segments, K.
-    pub segments: usize,
-    /// Segments of node i: `member[member_row[i]..member_row[i + 1]]`.
-    pub member_row: &'a [u32],
-    /// Segment numbers.
-    pub member: &'a [i32],
-    /// Members of each segment.
-    pub sizes: &'a [f64],
-    /// Positional encoding `[K x n_position_features]`; empty without one.
-    pub position: &'a [f32],
-    /// Offsets from the segments' centroids `[N x n_offset_features]`; empty without them.
-    pub offsets: &'a [f32],
 }
 
 /// One recorded trajectory.
@@ -85,24 +61,26 @@ pub fn edge_width(spec: &ModelSpec) -> usize {
 }
 
 impl HostGraph {
-    /// Turns a serial graph and its segments into index lists.
+    /// Turns a serial graph and, for a model with a macro stage, its segments into index lists.
     ///
-    /// Errors: [`Error::Model`] for a node type that the model does not know.
-    pub fn new(parts: &Parts, spec: &ModelSpec) -> Result<Self> {
-        let nodes = parts.node_types.len();
+    /// Errors: [`Error::Model`] for a node type that the model does not know, or segments without what it reads of them.
+    pub fn new(graph: &Graph, segments: Option<&Segmentation>, spec: &ModelSpec) -> Result<Self> {
+        let none = Segmentation::default();
+        let segments = segments.unwrap_or(&none);
+        let nodes = graph.n_owned;
         let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
-        let expected = (parts.segments * spec.n_position_features(), nodes * n_offsets);
-        if (parts.position.len(), parts.offsets.len()) != expected {
+        let expected = (segments.count * spec.n_position_features(), nodes * n_offsets);
+        if (segments.position.len(), segments.offsets.len()) != expected {
             return Err(Error::Model(format!(
                 "{} positional features and {} offsets of the segments: the model needs {} and {}",
-                parts.position.len(),
-                parts.offsets.len(),
+                segments.position.len(),
+                segments.offsets.len(),
                 expected.0,
                 expected.1
             )));
         }
         let mut fixed = vec![0.0; nodes * width];
-        for (node, &code) in parts.node_types.iter().enumerate() {
+        for (node, &code) in graph.node_types[..nodes].iter().enumerate() {
             let kind = NodeType::from_code(code)?;
             let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
                 let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
@@ -114,34 +92,38 @@ impl HostGraph {
             })?;
             fixed[node * width + at] = 1.0;
             fixed[node * width + width - n_offsets..][..n_offsets]
-                .copy_from_slice(&parts.offsets[node * n_offsets..][..n_offsets]);
+                .copy_from_slice(&segments.offsets[node * n_offsets..][..n_offsets]);
         }
         let mut member_node = Vec::new();
         let mut node_weight = Vec::with_capacity(nodes);
         for node in 0..nodes {
-            let row = |i: usize| parts.member_row.get(i).map_or(0, |&r| r as usize);
+            let row = |i: usize| segments.member_row.get(i).map_or(0, |&r| r as usize);
             let members = row(node)..row(node + 1);
             member_node.extend(members.clone().map(|_| node as i64));
             node_weight.push(1.0 / members.len().max(1) as f32);
         }
+        let weight = |&n: &f64| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 };
         Ok(HostGraph {
-            cells: parts.n_cells,
-            boundary: nodes - parts.n_cells,
-            segments: parts.segments,
-            senders: parts.senders.iter().map(|&i| i as i64).collect(),
-            receivers: parts.receivers.iter().map(|&i| i as i64).collect(),
-            edges: parts.edge_features.to_vec(),
+            cells: graph.n_cells,
+            boundary: nodes - graph.n_cells,
+            segments: segments.count,
+            senders: graph.senders.iter().map(|&i| i64::from(i)).collect(),
+            receivers: graph.receivers.iter().map(|&i| i64::from(i)).collect(),
+            edges: graph.edge_features.clone(),
             fixed,
             member_node,
-            member_segment: parts.member.iter().map(|&s| s as i64).collect(),
-            segment_weight: parts
-                .sizes
-                .iter()
-                .map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 })
-                .collect(),
+            member_segment: segments.member.iter().map(|&s| i64::from(s)).collect(),
+            segment_weight: segments.sizes.iter().map(weight).collect(),
             node_weight,
-            position: parts.position.to_vec(),
+            position: segments.position.clone(),
         })
+    }
+
+    /// Takes the edges of a body's mesh, which stay, in place of those of its graph at rest, where world edges are among them.
+    fn set_edges(&mut self, edges: &[MeshEdge]) {
+        self.senders = edges.iter().map(|e| i64::from(e.sender)).collect();
+        self.receivers = edges.iter().map(|e| i64::from(e.receiver)).collect();
+        self.edges = edges.iter().flat_map(|e| e.rest.map(|v| v as f32)).collect();
     }
 
     /// The graph reflected in the second direction.
@@ -246,34 +228,11 @@ impl Sample {
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know.
     pub fn new(sample: &Arc<m4gn_train::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
-        let (segmentation, features) = &sample.segments;
-        let graph = &sample.graph;
-        // Of a body the edges of its mesh; world edges come with each state.
-        let edges = sample.contact.as_ref().map(|c| c.mesh_edges());
-        let of_mesh = edges.map(|edges| {
-            let senders: Vec<i32> = edges.iter().map(|e| e.sender).collect();
-            let receivers: Vec<i32> = edges.iter().map(|e| e.receiver).collect();
-            let rest: Vec<f32> = edges.iter().flat_map(|e| e.rest.map(|v| v as f32)).collect();
-            (senders, receivers, rest)
-        });
-        let (senders, receivers, edge_features) = match &of_mesh {
-            Some((senders, receivers, rest)) => (senders, receivers, rest),
-            None => (&graph.senders, &graph.receivers, &graph.edge_features),
-        };
-        let parts = Parts {
-            n_cells: graph.n_cells,
-            node_types: &graph.node_types[..graph.n_owned],
-            senders,
-            receivers,
-            edge_features,
-            segments: segmentation.count,
-            member_row: &segmentation.member_row,
-            member: &segmentation.member,
-            sizes: &segmentation.sizes,
-            position: &features.position,
-            offsets: &features.offsets,
-        };
-        let host = HostGraph::new(&parts, spec)?;
+        let mut host = HostGraph::new(&sample.graph, Some(&sample.segments), spec)?;
+        // World edges come with each state.
+        if let Some(contact) = &sample.contact {
+            host.set_edges(contact.mesh_edges());
+        }
         let reflected = host.reflected(spec);
         let floats = |flags: &[bool]| -> Vec<f32> { flags.iter().map(|&f| f32::from(u8::from(f))).collect() };
         let owners: Vec<i64> = sample.owners.iter().map(|&o| i64::from(o)).collect();

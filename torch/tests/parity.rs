@@ -1,7 +1,7 @@
 //! The tch model against the native engine on the same weights, its fused operations against plain ones, and unions
 //! of graphs against single ones.
 
-use m4gn_engine::{Engine, EngineOptions, Forward, SegmentView};
+use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType, sample};
 use m4gn_model::{
@@ -9,10 +9,11 @@ use m4gn_model::{
     SegmentSpec,
 };
 use m4gn_segments as segments;
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 use m4gn_torch::inference::Inference;
 use m4gn_torch::network::{Network, Topology};
-use m4gn_torch::samples::{HostGraph, Parts};
+use m4gn_torch::samples::HostGraph;
 use m4gn_torch::weights::Layout;
 use tch::{Device, Kind, Tensor};
 
@@ -45,33 +46,19 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
     }
 }
 
-fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
+/// The graph of a mesh and its segments.
+fn cut(spec: &ModelSpec, mesh: &Mesh) -> (Graph, Segmentation) {
     let comm = Comm::serial();
     let mut graph = Graph::new(mesh, &comm).unwrap();
-    let cut = segments::segment(
-        mesh,
-        &mut graph,
-        &spec.segments,
-        &m4gn_modes::Modal::default(),
-        &comm,
-        None,
-    )
-    .unwrap();
-    let features = segments::features(spec, mesh, &cut, &comm);
-    let parts = Parts {
-        n_cells: graph.n_cells,
-        node_types: &graph.node_types[..graph.n_owned],
-        senders: &graph.senders,
-        receivers: &graph.receivers,
-        edge_features: &graph.edge_features,
-        segments: cut.count,
-        member_row: &cut.member_row,
-        member: &cut.member,
-        sizes: &cut.sizes,
-        position: &features.position,
-        offsets: &features.offsets,
-    };
-    HostGraph::new(&parts, spec).unwrap()
+    let modal = m4gn_modes::Modal::default();
+    let mut cut = segments::segment(mesh, &mut graph, &spec.segments, &modal, &comm, None).unwrap();
+    cut.encode(spec, mesh, &comm);
+    (graph, cut)
+}
+
+fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
+    let (graph, segments) = cut(spec, mesh);
+    HostGraph::new(&graph, Some(&segments), spec).unwrap()
 }
 
 /// A network with every part in it.
@@ -190,38 +177,14 @@ fn difference(spec: &ModelSpec) -> f64 {
     let model = Model::random(spec.clone(), 7).unwrap();
     let comm = Comm::serial();
     let mesh = sample::triangles(14, 9, 1.6, 0.41);
-    let mut graph = Graph::new(&mesh, &comm).unwrap();
-    let cut = segments::segment(
-        &mesh,
-        &mut graph,
-        &spec.segments,
-        &m4gn_modes::Modal::default(),
-        &comm,
-        None,
-    )
-    .unwrap();
-    let features = segments::features(spec, &mesh, &cut, &comm);
-    let view = SegmentView::new(&cut, &features);
-    let parts = Parts {
-        n_cells: graph.n_cells,
-        node_types: &graph.node_types[..graph.n_owned],
-        senders: &graph.senders,
-        receivers: &graph.receivers,
-        edge_features: &graph.edge_features,
-        segments: cut.count,
-        member_row: &cut.member_row,
-        member: &cut.member,
-        sizes: &cut.sizes,
-        position: &features.position,
-        offsets: &features.offsets,
-    };
+    let (graph, segments) = cut(spec, &mesh);
     let inputs: Vec<f32> = (0..graph.n_owned * 3).map(|i| (i as f32 * 0.37).sin()).collect();
     let (mut native, mut torch) = (vec![0f32; graph.n_cells * 3], vec![0f32; graph.n_cells * 3]);
-    Engine::new(&model, &graph, Some(&view), &EngineOptions::default())
+    Engine::new(&model, &graph, Some(&segments), &EngineOptions::default())
         .unwrap()
         .forward(&comm, &inputs, &mut native)
         .unwrap();
-    Inference::with_model(&model, &parts, Device::Cpu)
+    Inference::with_model(&model, &graph, Some(&segments), Device::Cpu)
         .unwrap()
         .step(&inputs, &mut torch)
         .unwrap();

@@ -1,12 +1,13 @@
 //! A graph as the backward pass reads it: in the engine's order, with its segments.
 
+use crate::check as check_graph;
 use crate::order::Order;
 use crate::segment_stage::{check, inverted, reordered};
 use crate::tiles::{self, Tile};
-use crate::{SegmentView, check as check_graph};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 
 /// Segments of the nodes, by place in the engine's order.
@@ -47,7 +48,7 @@ impl TrainGraph {
     ///
     /// # Errors
     /// [`Error::Model`] for a graph that the model does not know: directions, node types, segments.
-    pub fn new(spec: &ModelSpec, graph: &Graph, segments: Option<&SegmentView>) -> Result<Self> {
+    pub fn new(spec: &ModelSpec, graph: &Graph, segments: Option<&Segmentation>) -> Result<Self> {
         check_graph(
             &Model {
                 spec: spec.clone(),
@@ -87,7 +88,7 @@ impl TrainGraph {
                 {
                     row[width - n_offsets..].copy_from_slice(&offset[..n_offsets]);
                 }
-                let (row, member) = reordered((view.member_row, view.member), &order.node);
+                let (row, member) = reordered((&view.member_row, &view.member), &order.node);
                 let (place_row, place) = inverted(view.count, &row, &member);
                 Some(Members {
                     count: view.count,
@@ -96,7 +97,7 @@ impl TrainGraph {
                     place_row,
                     place,
                     inverse_sizes: view.sizes.iter().map(|s| (1.0 / s.max(1.0)) as f32).collect(),
-                    position: view.position.to_vec(),
+                    position: view.position.clone(),
                 })
             }
         };

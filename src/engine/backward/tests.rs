@@ -1,19 +1,20 @@
 //! Gradients against central differences of the plain network in fp64, on every switch and instruction set.
 
 use super::*;
-use crate::tests::{Segments, instruction_sets};
-use crate::{SegmentView, plain};
+use crate::plain;
+use crate::tests::{instruction_sets, segments};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::sample;
 use m4gn_model::sample::spec;
 use m4gn_model::{Activation, Kind, M4gn, Model, Output};
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 
 /// A model on a small channel of triangles, and a loss: a fixed weight for each output.
 struct Case {
     model: Model,
     graph: Graph,
-    segments: Option<Segments>,
+    segments: Option<Segmentation>,
     inputs: Vec<f32>,
     loss: Vec<f32>,
 }
@@ -47,21 +48,17 @@ impl Case {
         Case {
             inputs: wave(graph.n_owned * spec.n_field_inputs(), 0.7),
             loss: wave(graph.n_cells * spec.n_outputs(), 1.9),
-            segments: stage.then(|| Segments::new(&spec, &graph, overlap)),
+            segments: stage.then(|| segments(&spec, &graph, overlap)),
             model: Model::random(spec, 5).unwrap(),
             graph,
         }
-    }
-
-    fn view(&self) -> Option<SegmentView<'_>> {
-        self.segments.as_ref().map(|s| s.view())
     }
 
     /// The loss by the plain network.
     fn plain(&self, model: &Model, graph: &Graph, inputs: &[f32]) -> f64 {
         let s = scales(model);
         let m = s.output.mean.len();
-        let y = plain::forward(model, graph, self.view().as_ref(), inputs);
+        let y = plain::forward(model, graph, self.segments.as_ref(), inputs);
         let normalised = y.iter().enumerate().map(|(i, y)| {
             let (mean, std) = (s.output.mean[i % m], s.output.std[i % m]);
             (y - f64::from(mean)) / f64::from(std)
@@ -73,7 +70,7 @@ impl Case {
     fn gradient(&self, precision: Precision, isa: Isa) -> (f64, Vec<f32>, InputGradient) {
         let mut network = Trainable::new(&self.model.spec, precision, Some(isa)).unwrap();
         network.load(&network.layout().flatten(&self.model).unwrap());
-        let graph = TrainGraph::new(&self.model.spec, &self.graph, self.view().as_ref()).unwrap();
+        let graph = TrainGraph::new(&self.model.spec, &self.graph, self.segments.as_ref()).unwrap();
         let (mut worker, scales) = (network.worker(), scales(&self.model));
         let mut outputs = vec![0.0; self.loss.len()];
         let mut inputs = InputGradient {

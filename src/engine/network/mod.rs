@@ -3,6 +3,7 @@
 mod passes;
 mod report;
 
+use super::EngineOptions;
 use super::ends::{Decoder, Encoder, Fixed, normaliser};
 use super::grid::Grid;
 use super::kernels::{Buffer, Isa, Number, padded};
@@ -11,10 +12,10 @@ use super::pool::Pool;
 use super::processor::{self, Processor};
 use super::profile::Profile;
 use super::tiles::{self, Scratch, Tile};
-use super::{EngineOptions, SegmentView};
 use m4gn_mesh::parallel::{Comm, Element, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 use std::time::Instant;
 
@@ -46,7 +47,7 @@ impl<T: Number + Element> Network<T> {
     pub fn new(
         model: &Model,
         graph: &Graph,
-        segments: Option<&SegmentView>,
+        segments: Option<&Segmentation>,
         options: &EngineOptions,
         keep_encoded: usize,
     ) -> Result<Self> {
@@ -82,7 +83,7 @@ impl<T: Number + Element> Network<T> {
             n_edge_features: spec.n_edge_features(),
             cells: Vec::new(),
             encoder: Encoder::new(isa, model, "encoder.node", spec.n_field_inputs())?,
-            fixed: Fixed::new(model, graph, segments.map_or(&[], |s| s.offsets))?,
+            fixed: Fixed::new(model, graph, segments.map_or(&[], |s| &s.offsets[..]))?,
             input_mean,
             input_scale,
             table: Buffer::new(n_segments * decoder.columns()),

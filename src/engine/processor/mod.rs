@@ -3,7 +3,6 @@
 mod convolution;
 mod messages;
 
-use super::SegmentView;
 use super::grid::Grid;
 use super::kernels::Number;
 use super::profile::Phase;
@@ -13,6 +12,7 @@ pub use convolution::scales;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Kind, Model};
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 use messages::Messages;
 use std::fmt::Debug;
@@ -51,7 +51,7 @@ pub trait Processor<T>: Debug + Send + Sync {
 pub fn new<T: Number + Element>(
     model: &Model,
     graph: &Graph,
-    segments: Option<&SegmentView>,
+    segments: Option<&Segmentation>,
     grid: &Grid<T>,
     keep_encoded: usize,
 ) -> Result<Box<dyn Processor<T>>> {

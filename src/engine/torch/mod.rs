@@ -5,10 +5,11 @@ mod library;
 
 pub use library::{LIBRARY, TorchTrial, library, train};
 
-use super::{Forward, SegmentView};
+use super::Forward;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::plugin::{Plugin, c_string};
 use m4gn_mesh::{Error, Result};
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 use std::ffi::{c_char, c_void};
 use std::path::Path;
@@ -77,7 +78,7 @@ impl TorchBackend {
     pub fn new(
         model: &Path,
         graph: &Graph,
-        segments: Option<&SegmentView>,
+        segments: Option<&Segmentation>,
         lengths: (usize, usize),
         device: Option<&str>,
         comm: &Comm,
@@ -144,7 +145,7 @@ impl Drop for TorchBackend {
     }
 }
 
-fn describe(graph: &Graph, segments: Option<&SegmentView>) -> TorchGraph {
+fn describe(graph: &Graph, segments: Option<&Segmentation>) -> TorchGraph {
     let n_edges = graph.senders.len();
     let view = segments.filter(|v| v.count > 0);
     TorchGraph {

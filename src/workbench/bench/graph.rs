@@ -1,14 +1,13 @@
 //! Graphs to measure on.
 
-use m4gn_engine::SegmentView;
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType, sample};
 use m4gn_model::ModelSpec;
 use m4gn_modes::Modal;
 use m4gn_segments as segments;
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
-use m4gn_segments::{SegmentFeatures, Segmentation};
 use rand::{RngExt, SeedableRng};
 
 /// Points around a ring over the square root of all points: 24 for 1900.
@@ -86,115 +85,48 @@ pub fn hexahedra(cells: usize) -> Result<Mesh> {
     Ok(sample::block([n; 3], [1.0; 3]))
 }
 
-/// Segments of a graph, owned.
-#[derive(Clone, Debug)]
-pub struct Segments {
-    count: usize,
-    member_row: Vec<u32>,
-    member: Vec<i32>,
-    sizes: Vec<f64>,
-    position: Vec<f32>,
-    offsets: Vec<f32>,
+/// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that
+/// needs no segments.
+///
+/// # Errors
+/// [`Error::Input`] for more segments than nodes.
+pub fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segmentation>> {
+    if spec.architecture.segment_transformer().is_none() {
+        return Ok(None);
+    }
+    let k = spec.segments.count;
+    if k > n {
+        return Err(Error::Input(format!(
+            "{k} segments for {n} nodes: expected at most {n}"
+        )));
+    }
+    let member = (0..n).map(|i| (i * k / n) as i32).collect();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+    let mut random = |n: usize| (0..n).map(|_| rng.random_range(-1.0f32..1.0)).collect();
+    Ok(Some(Segmentation {
+        position: random(k * spec.n_position_features()),
+        offsets: random(n * spec.n_offset_features()),
+        ..Segmentation::of_members(k, (0..=n as u32).collect(), member)
+    }))
 }
 
-impl Segments {
-    /// Runs of consecutive nodes, with random features: where no mesh is there to be cut. None for a model that
-    /// needs no segments.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for more segments than nodes.
-    pub fn consecutive(spec: &ModelSpec, n: usize) -> Result<Option<Self>> {
-        if spec.architecture.segment_transformer().is_none() {
-            return Ok(None);
-        }
-        let k = spec.segments.count;
-        if k > n {
-            return Err(Error::Input(format!(
-                "{k} segments for {n} nodes: expected at most {n}"
-            )));
-        }
-        let member: Vec<i32> = (0..n).map(|i| (i * k / n) as i32).collect();
-        let mut sizes = vec![0.0; k];
-        member.iter().for_each(|&s| sizes[s as usize] += 1.0);
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-        let mut random = |n: usize| (0..n).map(|_| rng.random_range(-1.0f32..1.0)).collect();
-        Ok(Some(Segments {
-            count: k,
-            member_row: (0..=n as u32).collect(),
-            member,
-            sizes,
-            position: random(k * spec.n_position_features()),
-            offsets: random(n * spec.n_offset_features()),
-        }))
+/// The segments that a session makes of a mesh. None for a model that needs no segments.
+///
+/// # Errors
+/// As [`segments::segment`].
+pub fn segments_of_mesh(
+    spec: &ModelSpec,
+    mesh: &Mesh,
+    graph: &mut Graph,
+    comm: &Comm,
+) -> Result<Option<Segmentation>> {
+    if spec.architecture.segment_transformer().is_none() {
+        return Ok(None);
     }
-
-    /// Those that a session makes of a mesh.
-    ///
-    /// # Errors
-    /// As [`segments::segment`].
-    pub fn of_mesh(spec: &ModelSpec, mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Option<Self>> {
-        if spec.architecture.segment_transformer().is_none() {
-            return Ok(None);
-        }
-        let made: Segmentation = segments::segment(
-            mesh,
-            graph,
-            &spec.segments,
-            &Modal(spec.segments.modal()),
-            comm,
-            None,
-        )?;
-        let features = segments::features(spec, mesh, &made, comm);
-        Ok(Some(Segments {
-            count: made.count,
-            member_row: made.member_row,
-            member: made.member,
-            sizes: made.sizes,
-            position: features.position,
-            offsets: features.offsets,
-        }))
-    }
-
-    /// As a network takes them.
-    pub fn view(&self) -> SegmentView<'_> {
-        SegmentView {
-            count: self.count,
-            member_row: &self.member_row,
-            member: &self.member,
-            sizes: &self.sizes,
-            position: &self.position,
-            offsets: &self.offsets,
-        }
-    }
-
-    /// Number of segments K.
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// As a training takes them; those of a model that needs none are none.
-    pub fn parts(own: Option<&Self>) -> (Segmentation, SegmentFeatures) {
-        let mut segmentation = Segmentation {
-            count: 0,
-            node_segment: Vec::new(),
-            member_row: Vec::new(),
-            member: Vec::new(),
-            sizes: Vec::new(),
-            adjacency: Vec::new(),
-            sweeps: Vec::new(),
-            reassigned: 0,
-        };
-        let mut features = SegmentFeatures::default();
-        if let Some(own) = own {
-            segmentation.count = own.count;
-            segmentation.member_row = own.member_row.clone();
-            segmentation.member = own.member.clone();
-            segmentation.sizes = own.sizes.clone();
-            features.position = own.position.clone();
-            features.offsets = own.offsets.clone();
-        }
-        (segmentation, features)
-    }
+    let modal = Modal(spec.segments.modal());
+    let mut made = segments::segment(mesh, graph, &spec.segments, &modal, comm, None)?;
+    made.encode(spec, mesh, comm);
+    Ok(Some(made))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
-use super::{Segments, Shape, hexahedra, o_mesh};
+use super::{Shape, consecutive_segments, hexahedra, o_mesh, segments_of_mesh};
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_mesh::parallel::Comm;
@@ -80,12 +80,12 @@ impl Trial {
             true => {
                 let mesh = hexahedra(self.nodes)?;
                 let mut graph = Graph::new(&mesh, &comm)?;
-                let segments = Segments::of_mesh(&spec, &mesh, &mut graph, &comm)?;
+                let segments = segments_of_mesh(&spec, &mesh, &mut graph, &comm)?;
                 (graph, segments)
             }
             false => {
                 let graph = o_mesh(self.nodes, &comm)?;
-                let segments = Segments::consecutive(&spec, graph.n_owned)?;
+                let segments = consecutive_segments(&spec, graph.n_owned)?;
                 (graph, segments)
             }
         };
@@ -102,7 +102,7 @@ impl Trial {
             cell_size: 0.0,
             coarse: None,
             width,
-            segments: Segments::parts(segments.as_ref()),
+            segments: segments.unwrap_or_default(),
             contact: None,
             owners: vec![0; boundary],
             copies: vec![false; boundary * width],

@@ -1,12 +1,13 @@
 //! A network, a graph, and the programs that run one on the other.
 
-use super::{Segments, o_mesh};
+use super::{consecutive_segments, o_mesh, segments_of_mesh};
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, EngineOptions};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -49,7 +50,7 @@ pub struct Case {
     /// The graph.
     pub graph: Graph,
     /// Its segments, where the model needs some.
-    pub segments: Option<Segments>,
+    pub segments: Option<Segmentation>,
 }
 
 impl Workload {
@@ -62,12 +63,12 @@ impl Workload {
         match &self.source {
             Source::OMesh(nodes) => {
                 let graph = o_mesh(*nodes, &self.comm)?;
-                let segments = Segments::consecutive(spec, graph.n_owned)?;
+                let segments = consecutive_segments(spec, graph.n_owned)?;
                 Ok(Case { graph, segments })
             }
             Source::Mesh(mesh) => {
                 let mut graph = Graph::new(mesh, &self.comm)?;
-                let segments = Segments::of_mesh(spec, mesh, &mut graph, &self.comm)?;
+                let segments = segments_of_mesh(spec, mesh, &mut graph, &self.comm)?;
                 Ok(Case { graph, segments })
             }
         }
@@ -78,8 +79,7 @@ impl Workload {
     /// # Errors
     /// As [`Engine::new`].
     pub fn engine(&self, case: &Case, options: &EngineOptions) -> Result<Engine> {
-        let view = case.segments.as_ref().map(Segments::view);
-        Engine::new(&self.model, &case.graph, view.as_ref(), options)
+        Engine::new(&self.model, &case.graph, case.segments.as_ref(), options)
     }
 
     /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
@@ -92,7 +92,6 @@ impl Workload {
                 "backend torch takes its threads from the environment: set OMP_NUM_THREADS={threads}"
             )));
         }
-        let view = case.segments.as_ref().map(Segments::view);
         let lengths = self.lengths(&case.graph);
         let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
         let path = match &self.path {
@@ -103,7 +102,14 @@ impl Workload {
                 path
             }
         };
-        TorchBackend::new(&path, &case.graph, view.as_ref(), lengths, device, &self.comm)
+        TorchBackend::new(
+            &path,
+            &case.graph,
+            case.segments.as_ref(),
+            lengths,
+            device,
+            &self.comm,
+        )
     }
 
     /// Lengths of the inputs and the outputs of a step.
