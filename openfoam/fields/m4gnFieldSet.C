@@ -7,6 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnFieldSet.H"
+#include "m4gnCellSize.H"
 #include "m4gnRate.H"
 #include "m4gnTimeStep.H"
 
@@ -15,6 +16,7 @@ License
 //- Bring fields that no solver registers up to date
 static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
 {
+    Foam::m4gnCellSize::provide(mesh, name);
     Foam::m4gnRate::provide(mesh, name);
     Foam::m4gnTimeStep::provide(mesh, name);
 }

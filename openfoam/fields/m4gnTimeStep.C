@@ -9,6 +9,7 @@ License
 #include "m4gnTimeStep.H"
 #include "Time.H"
 #include "m4gnFieldSet.H"
+#include "m4gnOwnField.H"
 #include "volFields.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
@@ -37,35 +38,10 @@ void Foam::m4gnTimeStep::provide(const fvMesh& mesh, const word& name)
         return;
     }
 
-    const dimensionedScalar deltaT
-    (
-        fieldName,
-        dimTime,
-        mesh.time().deltaTValue()
-    );
-    auto* field = mesh.getObjectPtr<volScalarField>(fieldName);
-
-    if (!field)
+    if (auto* field = m4gnOwnField::get(mesh, fieldName, dimTime, mark))
     {
-        field = new volScalarField
-        (
-            IOobject
-            (
-                fieldName,
-                mesh.time().timeName(),
-                mesh,
-                IOobject::NO_READ,
-                IOobject::NO_WRITE
-            ),
-            mesh,
-            deltaT
-        );
-        field->note() = mark;
-        mesh.objectRegistry::store(field);
-    }
-    else if (field->note() == mark)
-    {
-        *field == deltaT;
+        *field ==
+            dimensionedScalar(fieldName, dimTime, mesh.time().deltaTValue());
     }
 }
 

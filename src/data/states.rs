@@ -2,15 +2,14 @@
 
 use super::schema::Frame;
 use super::source::{Source, open_file};
-use super::trajectory::Trajectory;
+use super::trajectory::{Trajectory, Values};
 use hdf5::Dataset;
 use m4gn_mesh::{Error, Result};
 
 /// Several fields and the obstacle's displacement, open for reading.
 pub struct States<'a> {
     source: Source<'a>,
-    /// At cells or points, and on the boundary.
-    fields: Vec<[Option<Dataset>; 2]>,
+    fields: Vec<Values>,
     motion: Option<Dataset>,
     frames: usize,
 }
@@ -48,17 +47,11 @@ impl States<'_> {
                 self.frames
             )));
         }
-        let rows = |part: &Option<Dataset>| {
-            part.as_ref()
-                .map_or(Ok(Vec::new()), |p| self.source.frame(p, frame))
+        let values = self.fields.iter().map(|f| f.frame(&self.source, frame));
+        let motion = match &self.motion {
+            Some(motion) => self.source.frame(motion, frame)?,
+            None => Vec::new(),
         };
-        let values = self.fields.iter().map(|[cells, boundary]| {
-            Ok(Frame {
-                cells: rows(cells)?,
-                boundary: rows(boundary)?,
-            })
-        });
-        let values = values.collect::<Result<_>>()?;
-        Ok((values, rows(&self.motion)?.as_chunks().0.to_vec()))
+        Ok((values.collect::<Result<_>>()?, motion.as_chunks().0.to_vec()))
     }
 }

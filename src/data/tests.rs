@@ -109,6 +109,29 @@ pub(super) fn write(path: &Path, n: usize) {
 }
 
 #[test]
+fn the_mesh_says_how_large_its_cells_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("0000.h5");
+    write(&path, 2);
+    let trajectory = Trajectory::open(&path).unwrap();
+    let meta = trajectory.field("cellSize").unwrap();
+    assert_eq!((meta.vector, meta.dimensions), (false, [0, 1, 0, 0, 0, 0, 0]));
+    let sizes: Vec<f32> = square().cell_sizes().iter().map(|&s| s as f32).collect();
+    let read = trajectory.read_frames("cellSize", 0, 1, 2).unwrap();
+    let states = trajectory.states(&["p", "cellSize"]).unwrap();
+    for (frame, of_mesh) in read.iter().enumerate() {
+        assert_eq!(of_mesh.cells, sizes);
+        let behind = square()
+            .boundary
+            .iter()
+            .map(|b| sizes[b.owner as usize])
+            .collect::<Vec<_>>();
+        assert_eq!(of_mesh.boundary, behind);
+        assert_eq!(&states.read(frame).unwrap().0[1], of_mesh);
+    }
+}
+
+#[test]
 fn what_is_written_is_read() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("new/0000.h5");

@@ -4,8 +4,31 @@ use super::schema::{FieldMeta, Frame, Split, h5_error};
 use super::source::{Source, open_file};
 use super::version2;
 use m4gn_mesh::body::{Body, Obstacle};
-use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_mesh::{CELL_SIZE, Error, Mesh, NodeType, Result};
 use std::path::{Path, PathBuf};
+
+/// Values of a field.
+pub(super) enum Values {
+    /// At cells or points, and on the boundary, where there are any.
+    Recorded([Option<hdf5::Dataset>; 2]),
+    /// What the mesh says, at all times.
+    OfMesh(Frame),
+}
+
+impl Values {
+    /// Those of a frame.
+    pub(super) fn frame(&self, source: &Source, frame: usize) -> Result<Frame> {
+        let rows =
+            |part: &Option<hdf5::Dataset>| part.as_ref().map_or(Ok(Vec::new()), |p| source.frame(p, frame));
+        match self {
+            Values::Recorded([cells, boundary]) => Ok(Frame {
+                cells: rows(cells)?,
+                boundary: rows(boundary)?,
+            }),
+            Values::OfMesh(values) => Ok(values.clone()),
+        }
+    }
+}
 
 /// A whole recorded trajectory; frames are read on demand.
 ///
@@ -19,6 +42,8 @@ pub struct Trajectory {
     body: Option<Body>,
     times: Vec<f64>,
     fields: Vec<FieldMeta>,
+    /// What the mesh says, where it is not recorded.
+    cell_size: Option<FieldMeta>,
     provenance: serde_json::Value,
     split: Split,
 }
@@ -42,13 +67,21 @@ impl Trajectory {
             Some(body) => body.mesh(source.obstacle(&file)?.as_ref()),
             None => source.mesh(&file)?,
         };
+        let fields = source.fields(&file, version)?;
+        let of_mesh = body.is_none() && fields.iter().all(|f| f.name != CELL_SIZE);
+        let cell_size = of_mesh.then(|| FieldMeta {
+            name: CELL_SIZE.into(),
+            vector: false,
+            dimensions: [0, 1, 0, 0, 0, 0, 0],
+        });
         let trajectory = Trajectory {
             path: path.to_path_buf(),
             version,
             mesh,
             body,
             times: source.times(&file)?,
-            fields: source.fields(&file, version)?,
+            fields,
+            cell_size,
             provenance,
             split,
         };
@@ -121,12 +154,14 @@ impl Trajectory {
         self.split
     }
 
-    /// The field of this name.
+    /// The field of this name: one of the recorded ones, or, of flows, the size of the cells ([`Mesh::cell_sizes`], at the
+    /// boundary that of the cell behind), which the mesh says.
     ///
     /// # Errors
     /// [`Error::File`] that lists the fields there are.
     pub fn field(&self, name: &str) -> Result<&FieldMeta> {
-        self.fields.iter().find(|f| f.name == name).ok_or_else(|| {
+        let mut known = self.fields.iter().chain(&self.cell_size);
+        known.find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<_> = self.fields.iter().map(|f| f.name.as_str()).collect();
             Error::file(
                 &self.path,
@@ -153,18 +188,8 @@ impl Trajectory {
     pub fn read_frames(&self, field: &str, first: usize, step: usize, count: usize) -> Result<Vec<Frame>> {
         let frames = self.range(first, step, count)?;
         let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
-        let [cells, boundary] = self.open_field(&source, &file, self.field(field)?)?;
-        let rows = |part: &Option<hdf5::Dataset>, frame| {
-            part.as_ref().map_or(Ok(Vec::new()), |p| source.frame(p, frame))
-        };
-        frames
-            .map(|frame| {
-                Ok(Frame {
-                    cells: rows(&cells, frame)?,
-                    boundary: rows(&boundary, frame)?,
-                })
-            })
-            .collect()
+        let values = self.open_field(&source, &file, self.field(field)?)?;
+        frames.map(|frame| values.frame(&source, frame)).collect()
     }
 
     /// Displacement of the obstacle's points `[Q]`, m, at frames `first`, `first + step`, ... (`count` of them); empty ones
@@ -198,18 +223,19 @@ impl Trajectory {
 
     /// Opens the values of a field at cells or points, and those on the boundary, where it has faces; the file may have
     /// been replaced since [`Trajectory::open`].
-    pub(super) fn open_field(
-        &self,
-        source: &Source,
-        file: &hdf5::File,
-        field: &FieldMeta,
-    ) -> Result<[Option<hdf5::Dataset>; 2]> {
+    pub(super) fn open_field(&self, source: &Source, file: &hdf5::File, field: &FieldMeta) -> Result<Values> {
+        if self.cell_size.as_ref() == Some(field) {
+            let cells: Vec<f32> = self.mesh.cell_sizes().iter().map(|&s| s as f32).collect();
+            let faces = self.mesh.boundary.iter();
+            let boundary = faces.map(|b| cells[b.owner as usize]).collect();
+            return Ok(Values::OfMesh(Frame { cells, boundary }));
+        }
         let open = |name: String, rows: usize| {
             let shape = [self.times.len(), rows, field.components(self.mesh.dim())];
             let opened = (rows > 0).then(|| source.frames(file, &name, shape));
             opened.transpose()
         };
-        Ok([
+        Ok(Values::Recorded([
             open(
                 version2::values(self.version, &field.name),
                 self.mesh.cell_global.len(),
@@ -218,7 +244,7 @@ impl Trajectory {
                 format!("fields/{}/boundary", field.name),
                 self.mesh.boundary.len(),
             )?,
-        ])
+        ]))
     }
 
     /// Opens the obstacle's displacement, where there is one.

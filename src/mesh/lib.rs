@@ -6,6 +6,7 @@
 //! and [`ffi`] is the only caller of MPI's C interface.
 
 pub mod body;
+mod cell_sizes;
 mod check;
 mod coupled;
 pub mod elements;
@@ -22,6 +23,7 @@ pub mod vector;
 pub mod within;
 
 use body::{BodyShare, Obstacle};
+pub use cell_sizes::CELL_SIZE;
 pub use check::GlobalSizes;
 pub use coupled::Ghosts;
 pub use error::{Error, Result};

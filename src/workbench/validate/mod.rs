@@ -156,7 +156,7 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
     }
     let kind = |vector: bool| if vector { "vector" } else { "scalar" };
     for spec in &model.spec.fields {
-        let Some(found) = trajectory.fields().iter().find(|f| f.name == spec.name) else {
+        let Ok(found) = trajectory.field(&spec.name) else {
             let names: Vec<&str> = trajectory.fields().iter().map(|f| f.name.as_str()).collect();
             return misfit(format!(
                 "the model needs field {}, the data hold {}",
