@@ -14,10 +14,11 @@ would replace where each jump costs one stride of the solver. Needs env.sh sourc
 import argparse
 import json
 import pathlib
-import re
 import shutil
 import subprocess
 import sys
+
+import foam_case
 
 TOLERANCES = [0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3]
 
@@ -27,21 +28,14 @@ def observe(full: pathlib.Path, folder: pathlib.Path, start: str, model: pathlib
     table = folder / f"postProcessing/coverage/{start}/surrogateError.dat"
     if table.is_file() and (folder / "finished").is_file():
         return table
-    if not (full / start / "U").is_file():
-        sys.exit(f"{full}: no fields at time {start}; expected those of 'm4gn hybrid --keep-cases'")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    for part in ("constant", "system", start):
-        shutil.copytree(full / part, folder / part)
-    control = folder / "system/controlDict"
-    text = re.sub(r"^\s*(startFrom|startTime|writeInterval|purgeWrite)\s.*$", "", control.read_text(), flags=re.M)
-    control.write_text(
-        text + f"\nstartFrom startTime;\nstartTime {start};\nwriteInterval 1e9;\n"
-        "functions\n{\n    coverage\n    {\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n        mode observe;\n"
-        f'        model "{model}";\n        rolloutSteps {strides};\n        precision auto;\n'
+    entries = (
+        "writeInterval 1e9;\nfunctions\n{\n    coverage\n    {\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n"
+        f'        mode observe;\n        model "{model}";\n        rolloutSteps {strides};\n        precision auto;\n'
         "        control { tolerance 0.1; }\n    }\n}\n"
     )
-    solver = re.search(r"^\s*application\s+(\w+)", text, flags=re.M).group(1)
+    solver = foam_case.copy(full, folder, start, entries)
     with open(folder / "log", "w") as log:
         done = subprocess.run([solver], cwd=folder, stdout=log, stderr=log)
     if done.returncode:
