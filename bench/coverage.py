@@ -28,6 +28,8 @@ def observe(full: pathlib.Path, folder: pathlib.Path, start: str, model: pathlib
     table = folder / f"postProcessing/coverage/{start}/surrogateError.dat"
     if table.is_file() and (folder / "finished").is_file():
         return table
+    if not (full / start / "U").is_file():
+        sys.exit(f"{full}: no fields at time {start}; expected those of 'm4gn hybrid --keep-cases'")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     entries = (

@@ -38,10 +38,12 @@ static void add(scalarField& sum, labelList& n, label celli, scalar distance)
 
 void Foam::m4gnCellSize::provide(const fvMesh& mesh, const word& name)
 {
-    const bool known =
-        mesh.foundObject<volScalarField>(fieldName) && !mesh.changing();
-
-    if (name != fieldName || known)
+    // It stays while the mesh does
+    if
+    (
+        name != fieldName
+     || (mesh.foundObject<volScalarField>(fieldName) && !mesh.changing())
+    )
     {
         return;
     }

@@ -16,34 +16,7 @@ function_object m4gnHarvest 'fields (U p cellSize); writeControl timeStep; write
 runs icoFoam
 recorded=$(m4gn info "$data" | grep 'cellSize')
 grep -q 'scalar \[0 1 0 0 0 0 0\]' <<< "$recorded" || { m4gn info "$data"; fail "cellSize is not recorded"; }
-cat > ../sized.toml <<'EOD'
-[model]
-stride = 0.01
-width = 8
-hidden_layers = 1
-activation = "silu"
-layers_before = 2
-layers_after = 1
-fields = [
-    { name = "U", input = true, output = "delta" },
-    { name = "p", input = true, output = "value" },
-    { name = "cellSize", input = true, output = "none" },
-]
-[macro]
-layers = 1
-heads = 2
-ffn_width = 16
-rwse_steps = 4
-centroids = true
-offsets = true
-[segments]
-count = 4
-modes = 3
-[training]
-batch_size = 1
-learning_rate = 1e-3
-decay_steps = 1
-EOD
+with_input cellSize > ../sized.toml
 for name in recorded without; do
     file=$data
     [ $name = recorded ] || file=$work/without.h5

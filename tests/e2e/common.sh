@@ -54,6 +54,38 @@ EOF
     sed -i 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' 0/U
 }
 
+# with_input FIELD: a configuration that trains the small model with a field more that it reads and does not predict.
+with_input() {
+    cat <<EOD
+[model]
+stride = 0.01
+width = 8
+hidden_layers = 1
+activation = "silu"
+layers_before = 2
+layers_after = 1
+fields = [
+    { name = "U", input = true, output = "delta" },
+    { name = "p", input = true, output = "value" },
+    { name = "$1", input = true, output = "none" },
+]
+[macro]
+layers = 1
+heads = 2
+ffn_width = 16
+rwse_steps = 4
+centroids = true
+offsets = true
+[segments]
+count = 4
+modes = 3
+[training]
+batch_size = 1
+learning_rate = 1e-3
+decay_steps = 1
+EOD
+}
+
 # header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
 header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
 

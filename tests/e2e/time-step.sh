@@ -11,34 +11,7 @@ data=$work/case/postProcessing/test/0/trajectory.h5
 m4gn info "$data" | grep -q 'deltaT  *scalar \[0 0 1 0 0 0 0\], last frame 0.002000 to 0.002000' || { m4gn info "$data"; fail "deltaT is not recorded"; }
 
 # The small model with deltaT as an input more, whose weights are zero
-cat > ../more.toml <<'EOD'
-[model]
-stride = 0.01
-width = 8
-hidden_layers = 1
-activation = "silu"
-layers_before = 2
-layers_after = 1
-fields = [
-    { name = "U", input = true, output = "delta" },
-    { name = "p", input = true, output = "value" },
-    { name = "deltaT", input = true, output = "none" },
-]
-[macro]
-layers = 1
-heads = 2
-ffn_width = 16
-rwse_steps = 4
-centroids = true
-offsets = true
-[segments]
-count = 4
-modes = 3
-[training]
-batch_size = 1
-learning_rate = 1e-3
-decay_steps = 1
-EOD
+with_input deltaT > ../more.toml
 runs m4gn train --from "$small_model" --steps 0 --data "$data" --config ../more.toml --out "$work/more.safetensors"
 
 surrogate() { function_object m4gnSurrogate "mode replace; timeStart 0.02; solverSteps 5; surrogateSteps 2; outOfRange ignore; $1"; }
