@@ -121,6 +121,8 @@ fn main() {
         .flag(format!("-std=c++{standard}"))
         .flag("-Wno-old-style-cast")
         .flag("-fno-math-errno");
+    // It copies numbers, and is the last to be built: twice as long at -O3.
+    build.opt_level(1).debug(false);
     build.compile("m4gn_foam_case");
 
     println!("cargo:rustc-link-search=native={lib_dir}");
