@@ -18,10 +18,8 @@ import pathlib
 import re
 import shutil
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
 
 import foam_case
 
@@ -49,21 +47,8 @@ def prepare(arguments: argparse.Namespace, folder: pathlib.Path, predictor: str)
         if not count:
             sys.exit(f"{solution}: no solver for p")
         solution.write_text(changed)
-    control = folder / "system/controlDict"
-    text = re.sub(r"^functions\s*\{.*?^\}", "", control.read_text(), flags=re.M | re.S)
-    control.write_text(text + f"functions\n{{\n{objects}}}\n")
+    foam_case.set_functions(folder, objects)
     return solver
-
-
-def run(solver: str, folder: pathlib.Path) -> float:
-    """Runs the solver; its wall time, s."""
-    began = time.monotonic()
-    with open(folder / "log", "w") as log:
-        done = subprocess.run([solver], cwd=folder, stdout=log, stderr=log)
-    seconds = time.monotonic() - began
-    if done.returncode:
-        sys.exit(f"{solver} in {folder} ended with status {done.returncode}:\n{(folder / 'log').read_text()[-2000:]}")
-    return seconds
 
 
 def work(solver: str, folder: pathlib.Path) -> int:
@@ -72,16 +57,6 @@ def work(solver: str, folder: pathlib.Path) -> int:
     if solver == "solidDisplacementFoam":
         return log.count("Solving for Dx")
     return sum(int(n) for n in re.findall(r"Solving for p,.*No Iterations (\d+)", log))
-
-
-def last_field(solver: str, folder: pathlib.Path, end: str) -> list[float]:
-    """Values of D or U at the end."""
-    name = "D" if solver == "solidDisplacementFoam" else "U"
-    file = next((t / name for t in folder.iterdir() if re.fullmatch(r"[0-9.e+-]+", t.name) and abs(float(t.name) - float(end)) < 1e-6), None)
-    if file is None or not file.is_file():
-        sys.exit(f"{folder}: no {name} at time {end}")
-    values = re.search(r"internalField.*?\n\(\n(.*?)\n\)", file.read_text(), flags=re.S)
-    return [float(v) for v in re.findall(r"[-+.\deE]+", values.group(1))]
 
 
 def main() -> None:
@@ -105,10 +80,11 @@ def main() -> None:
                 folder = pathlib.Path(scratch) / f"{kind}-{repeat}"
                 folder.mkdir()
                 solver = prepare(arguments, folder, kind)
-                times[kind].append(run(solver, folder))
+                times[kind].append(foam_case.run([solver], folder))
                 if repeat == 0:
                     figures[kind] = {"work": work(solver, folder)}
-                    values = last_field(solver, folder, arguments.end)
+                    name = "D" if solver == "solidDisplacementFoam" else "U"
+                    values = foam_case.field(folder, name, arguments.end)
                     if kind == "plain":
                         plain = values
                     largest = max(abs(v) for v in plain)
