@@ -10,6 +10,7 @@ License
 #include "m4gnCellSize.H"
 #include "m4gnRate.H"
 #include "m4gnTimeStep.H"
+#include "m4gnViscosity.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
@@ -19,6 +20,7 @@ static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
     Foam::m4gnCellSize::provide(mesh, name);
     Foam::m4gnRate::provide(mesh, name);
     Foam::m4gnTimeStep::provide(mesh, name);
+    Foam::m4gnViscosity::provide(mesh, name);
 }
 
 

@@ -132,6 +132,27 @@ fn the_mesh_says_how_large_its_cells_are() {
 }
 
 #[test]
+fn the_provenance_says_the_viscosity() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("0000.h5");
+    write(&path, 1);
+    assert!(Trajectory::open(&path).unwrap().field("nu").is_err());
+    let options = WriteOptions {
+        provenance: serde_json::json!({"nu": 1e-3}),
+        overwrite: true,
+        ..options()
+    };
+    let mut writer = Writer::create(&path, &square(), &options).unwrap();
+    writer.append(1.0, &frames(0)).unwrap();
+    writer.finish().unwrap();
+    let trajectory = Trajectory::open(&path).unwrap();
+    assert_eq!(trajectory.field("nu").unwrap().dimensions, [0, 2, -1, 0, 0, 0, 0]);
+    let nu = trajectory.read_frame("nu", 0).unwrap();
+    assert_eq!(nu.cells, vec![1e-3; square().n_cells()]);
+    assert_eq!(nu.boundary, vec![1e-3; square().boundary.len()]);
+}
+
+#[test]
 fn what_is_written_is_read() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("new/0000.h5");

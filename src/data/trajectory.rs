@@ -7,12 +7,23 @@ use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::{CELL_SIZE, Error, Mesh, NodeType, Result};
 use std::path::{Path, PathBuf};
 
+/// Name of the field of a fluid's kinematic viscosity (m^2/s), and of its entry in the provenance, where it is the same everywhere.
+const VISCOSITY: &str = "nu";
+
+fn scalar(name: &str, dimensions: [i32; 7]) -> FieldMeta {
+    FieldMeta {
+        name: name.into(),
+        vector: false,
+        dimensions,
+    }
+}
+
 /// Values of a field.
 pub(super) enum Values {
     /// At cells or points, and on the boundary, where there are any.
     Recorded([Option<hdf5::Dataset>; 2]),
-    /// What the mesh says, at all times.
-    OfMesh(Frame),
+    /// The same at all times: what the mesh or the provenance says.
+    Implied(Frame),
 }
 
 impl Values {
@@ -25,7 +36,7 @@ impl Values {
                 cells: rows(cells)?,
                 boundary: rows(boundary)?,
             }),
-            Values::OfMesh(values) => Ok(values.clone()),
+            Values::Implied(values) => Ok(values.clone()),
         }
     }
 }
@@ -42,8 +53,8 @@ pub struct Trajectory {
     body: Option<Body>,
     times: Vec<f64>,
     fields: Vec<FieldMeta>,
-    /// What the mesh says, where it is not recorded.
-    cell_size: Option<FieldMeta>,
+    /// What the mesh or the provenance says, where it is not recorded.
+    implied: Vec<FieldMeta>,
     provenance: serde_json::Value,
     split: Split,
 }
@@ -68,12 +79,16 @@ impl Trajectory {
             None => source.mesh(&file)?,
         };
         let fields = source.fields(&file, version)?;
-        let of_mesh = body.is_none() && fields.iter().all(|f| f.name != CELL_SIZE);
-        let cell_size = of_mesh.then(|| FieldMeta {
-            name: CELL_SIZE.into(),
-            vector: false,
-            dimensions: [0, 1, 0, 0, 0, 0, 0],
-        });
+        let mut implied = Vec::new();
+        if body.is_none() {
+            implied.push(scalar(CELL_SIZE, [0, 1, 0, 0, 0, 0, 0]));
+            // Of a solid nu is Poisson's ratio
+            let flow = fields.iter().any(|f| f.name == "U");
+            if flow && provenance[VISCOSITY].is_number() {
+                implied.push(scalar(VISCOSITY, [0, 2, -1, 0, 0, 0, 0]));
+            }
+            implied.retain(|i| fields.iter().all(|f| f.name != i.name));
+        }
         let trajectory = Trajectory {
             path: path.to_path_buf(),
             version,
@@ -81,7 +96,7 @@ impl Trajectory {
             body,
             times: source.times(&file)?,
             fields,
-            cell_size,
+            implied,
             provenance,
             split,
         };
@@ -155,12 +170,12 @@ impl Trajectory {
     }
 
     /// The field of this name: one of the recorded ones, or, of flows, the size of the cells ([`Mesh::cell_sizes`], at the
-    /// boundary that of the cell behind), which the mesh says.
+    /// boundary that of the cell behind), which the mesh says, or the viscosity `nu` of the fluid, which the provenance says.
     ///
     /// # Errors
     /// [`Error::File`] that lists the fields there are.
     pub fn field(&self, name: &str) -> Result<&FieldMeta> {
-        let mut known = self.fields.iter().chain(&self.cell_size);
+        let mut known = self.fields.iter().chain(&self.implied);
         known.find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<_> = self.fields.iter().map(|f| f.name.as_str()).collect();
             Error::file(
@@ -224,11 +239,8 @@ impl Trajectory {
     /// Opens the values of a field at cells or points, and those on the boundary, where it has faces; the file may have
     /// been replaced since [`Trajectory::open`].
     pub(super) fn open_field(&self, source: &Source, file: &hdf5::File, field: &FieldMeta) -> Result<Values> {
-        if self.cell_size.as_ref() == Some(field) {
-            let cells: Vec<f32> = self.mesh.cell_sizes().iter().map(|&s| s as f32).collect();
-            let faces = self.mesh.boundary.iter();
-            let boundary = faces.map(|b| cells[b.owner as usize]).collect();
-            return Ok(Values::OfMesh(Frame { cells, boundary }));
+        if self.implied.contains(field) {
+            return Ok(Values::Implied(self.implied_values(&field.name)));
         }
         let open = |name: String, rows: usize| {
             let shape = [self.times.len(), rows, field.components(self.mesh.dim())];
@@ -245,6 +257,16 @@ impl Trajectory {
                 self.mesh.boundary.len(),
             )?,
         ]))
+    }
+
+    fn implied_values(&self, name: &str) -> Frame {
+        let cells: Vec<f32> = match self.provenance[name].as_f64() {
+            Some(value) if name == VISCOSITY => vec![value as f32; self.mesh.n_cells()],
+            _ => self.mesh.cell_sizes().iter().map(|&s| s as f32).collect(),
+        };
+        let faces = self.mesh.boundary.iter();
+        let boundary = faces.map(|b| cells[b.owner as usize]).collect();
+        Frame { cells, boundary }
     }
 
     /// Opens the obstacle's displacement, where there is one.
