@@ -20,7 +20,7 @@ import sys
 
 import foam_case
 
-TOLERANCES = [0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3]
+TOLERANCES = [0.005, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
 
 
 def observe(full: pathlib.Path, folder: pathlib.Path, start: str, model: pathlib.Path, strides: int) -> pathlib.Path:
@@ -72,7 +72,7 @@ def main() -> None:
     args = parser.parse_args()
     found = {}
     for case in sorted(p for p in args.cases.iterdir() if (p / "full/system").is_dir()):
-        table = observe(case / "full", case / "coverage", args.start, args.model.resolve(), args.strides)
+        table = observe(case / "full", case / f"coverage-{args.strides}", args.start, args.model.resolve(), args.strides)
         found[case.name] = rollouts(table)
     if not found:
         sys.exit(f"{args.cases}: no case with a folder 'full'; expected --out of 'm4gn hybrid --keep-cases'")
@@ -111,7 +111,7 @@ def main() -> None:
         f = figures[-1]
         held = f"{100 * share:6.1f} %  {100 * worst:8.0f} %" if jumps else "     -           - "
         print(
-            f"{tolerance:9.2f}  {jumps:5} of {starts:5}  {held}  {f['mean_strides']:12.1f}  {100 * f['replaced']:7.0f} %"
+            f"{tolerance:9.3f}  {jumps:5} of {starts:5}  {held}  {f['mean_strides']:12.1f}  {100 * f['replaced']:7.0f} %"
         )
     if args.json:
         args.json.write_text(json.dumps({"cases": len(found), "strides": args.strides, "tolerances": figures}, indent=2))
