@@ -64,13 +64,18 @@ Foam::m4gnPredictedSolver::m4gnPredictedSolver
 {
     m4gnPredictorChoice::check(controlDict_);
 
-    if (controlDict_.get<word>("linearSolver") == typeName)
+    const word linearSolver(controlDict_.get<word>("linearSolver"));
+
+    if (linearSolver == typeName)
     {
         FatalIOErrorInFunction(solverControls)
             << "Entry linearSolver is " << typeName << " itself; expected the"
             << " solver that does the work: GAMG, PCG, PBiCGStab, ..."
             << exit(FatalIOError);
     }
+
+    // What remains of this dictionary is for that solver
+    controlDict_.set("solver", linearSolver);
 }
 
 
@@ -83,10 +88,7 @@ Foam::solverPerformance Foam::m4gnPredictedSolver::solve
     const direction cmpt
 ) const
 {
-    dictionary controls(controlDict_);
-    controls.set("solver", controlDict_.get<word>("linearSolver"));
-
-    const auto work = [&]()
+    const auto work = [&](const dictionary& controls)
     {
         return lduMatrix::solver::New
         (
@@ -101,7 +103,7 @@ Foam::solverPerformance Foam::m4gnPredictedSolver::solve
 
     if (m4gnPredictorChoice(controlDict_).never())
     {
-        return work();
+        return work(controlDict_);
     }
 
     m4gnSolveHistory& history = m4gnSolveHistory::of
@@ -113,24 +115,23 @@ Foam::solverPerformance Foam::m4gnPredictedSolver::solve
     history.begin(psi);
 
     scalarField changed(-psi);
-    tmp<scalarField> guess(history.guess());
-    const bool guessed = guess.valid();
-    scalar residual0 = 0;
+    solverPerformance done;
+    const tmp<scalarField> guess(history.guess());
 
-    if (guessed)
+    if (guess.valid())
     {
-        residual0 = residual(psi, source, cmpt);
-        psi += guess;
+        const scalar residual0 = residual(psi, source, cmpt);
+        dictionary controls(controlDict_);
         controls.set("tolerance", max(tolerance_, relTol_*residual0));
         controls.set("relTol", scalar(0));
-    }
-
-    solverPerformance done(work());
-
-    if (guessed)
-    {
+        psi += guess();
+        done = work(controls);
         done.initialResidual() = residual0;
         done.solverName() = done.solverName() + ':' + history.guessName();
+    }
+    else
+    {
+        done = work(controlDict_);
     }
 
     changed += psi;

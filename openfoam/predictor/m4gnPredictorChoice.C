@@ -37,8 +37,9 @@ namespace
     //- Weight of a time step in the mean of the kind that is in use
     const Foam::scalar memory = 0.2;
 
-    //- Share of the work without a guess that a guess may need
-    const Foam::scalar worth = 0.97;
+    //- Share of the work without a guess that a guess may need: what it costs
+    //  itself, above all a residual, is some 5 % of a solve
+    const Foam::scalar worth = 0.95;
 }
 
 
