@@ -264,7 +264,7 @@ Foam::m4gnSession::m4gnSession
         m4gn::writeSegments
         (
             mesh,
-            labels(m4gn_session_segments),
+            segments(),
             m4gn_session_segment_record(session_)
         );
     }

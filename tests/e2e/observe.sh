@@ -31,6 +31,29 @@ paste <(echo "$serial") <(awk '!/^#/' $table) | awk '
     fail "two ranks found other errors than one"
 }
 
+# Where the rollout is off: the field at a write time has the root mean square of the table, and so have the segments together; the
+# solver's result stays as it is
+clean_case
+function_object m4gnSurrogate "mode observe; model \"$small_model\"; timeStart 0.02; rolloutSteps 2; writeErrors yes;"
+runs icoFoam
+cmp 0.06/U ../alone/0.06/U || fail "observing with writeErrors has changed U"
+rms=$(awk '!/^#/ && $1 == 0.04 { print $5 }' $table)
+found=$(values '0.04/error(U)' | awk '{ s += $1^2 + $2^2 + $3^2 } END { printf "%.12g", sqrt(s/(2*NR)) }')
+below "$(awk "BEGIN { d = $found/$rms - 1; print d < 0 ? -d : d }")" 1e-6 "rms of error(U)"
+grep -q "dimensions *\[0 1 -1 0 0 0 0\]" '0.04/error(U)' || fail "error(U) has other dimensions than U"
+parts=postProcessing/test/0/surrogateSegmentError.dat
+found=$(awk -v table="$parts" 'NR == FNR { ++n[$1]; ++all; next }
+    !/^#/ && $1 == 0.04 { for (k in n) s += n[k]*$(2 + k)^2; printf "%.12g", sqrt(s/all) }' <(values 0/m4gnSegment) "$parts")
+below "$(awk "BEGIN { d = $found/$rms - 1; print d < 0 ? -d : d }")" 1e-6 "rms of U over the segments"
+segments=$(awk '!/^#/' $parts)
+clean_case
+on_two_ranks icoFoam
+paste <(echo "$segments") <(awk '!/^#/' $parts) | awk '
+    { for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' || {
+    cat $parts
+    fail "two ranks found other errors of segments than one"
+}
+
 # What error control would do: a stride is measured first, then each rollout has an error and what was expected of it
 clean_case
 function_object m4gnSurrogate "mode observe; model \"$small_model\"; timeStart 0.02; rolloutSteps 2; control { tolerance 1000; onFailure stop; }"

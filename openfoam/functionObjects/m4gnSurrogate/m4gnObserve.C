@@ -185,6 +185,7 @@ void Foam::m4gnObserve::compare()
 
     const bool report = Pstream::master() && writeToFile();
     List<scalar> rolloutErrors(solver.size());
+    List<scalarField> differences(solver.size());
 
     if (report)
     {
@@ -193,11 +194,10 @@ void Foam::m4gnObserve::compare()
 
     forAll(solver, i)
     {
-        const scalarField rollout
-        (
+        scalarField& rollout = differences[i];
+        rollout =
             m4gnShadow::between(rolloutOld_[i], rollout_[i], fraction)
-          - solver[i]
-        );
+          - solver[i];
         const FixedList<scalar, 4> errors
         ({
             oneStep[i].error,
@@ -231,6 +231,11 @@ void Foam::m4gnObserve::compare()
     if (report)
     {
         file() << endl;
+    }
+
+    if (errors_ && rolloutFinite_)
+    {
+        errors_->set(std::move(differences), shadow_.outputs());
     }
 
     ++nTimes_;
@@ -267,6 +272,10 @@ Foam::m4gnObserve::m4gnObserve
     nWithin_(0),
     nAllowed_(0)
 {
+    if (m4gnObservedErrors::wanted(dict))
+    {
+        errors_.reset(new m4gnObservedErrors(name, mesh, dict, session));
+    }
     if (m4gnEstimate::wanted(dict))
     {
         // An observer ends no run
@@ -316,12 +325,9 @@ Foam::m4gnObserve::m4gnObserve
 
 void Foam::m4gnObserve::execute()
 {
-    if (shadow_.waiting() && !shadow_.arrived())
-    {
-        return;
-    }
+    const bool arrived = shadow_.arrived();
 
-    if (shadow_.waiting())
+    if (arrived)
     {
         compare();
 
@@ -331,7 +337,15 @@ void Foam::m4gnObserve::execute()
         }
     }
 
-    predict();
+    if (errors_)
+    {
+        errors_->write();
+    }
+
+    if (arrived || !shadow_.waiting())
+    {
+        predict();
+    }
 }
 
 

@@ -385,8 +385,8 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     ownKeys_ =
     {
-        "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "phi",
-        "state", "executeOthers", "adapt", "control", "writePrecision", "writeToFile",
+        "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "writeErrors",
+        "phi", "state", "executeOthers", "adapt", "control", "writePrecision", "writeToFile",
         "useUserTime"
     };
     ownKeys_.append(m4gnSolverState::keys(dict));

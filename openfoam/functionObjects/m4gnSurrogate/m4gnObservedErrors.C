@@ -1,0 +1,173 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnObservedErrors.H"
+#include "m4gnSegmentField.H"
+#include "Time.H"
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+template<class Type>
+void Foam::m4gnObservedErrors::writeField(const label outputi) const
+{
+    tmp<GeometricField<Type, fvPatchField, volMesh>> tfield
+    (
+        m4gn::cellField<Type>
+        (
+            mesh_,
+            "error(" + names_[outputi] + ')',
+            mesh_.time().timeName()
+        )
+    );
+    auto& field = tfield.ref();
+
+    const scalarField& error = errors_[outputi];
+    std::copy
+    (
+        error.cbegin(),
+        error.cend(),
+        reinterpret_cast<scalar*>(field.primitiveFieldRef().data())
+    );
+    field.correctBoundaryConditions();
+    const FixedList<int32_t, 7>& e = exponents_[outputi];
+    field.dimensions().reset
+    (
+        dimensionSet(e[0], e[1], e[2], e[3], e[4], e[5], e[6])
+    );
+    field.note() =
+        "m4gn: the surrogate's " + names_[outputi] + " at time " + timeName_
+      + " minus the solver's";
+    field.write();
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnObservedErrors::m4gnObservedErrors
+(
+    const word& name,
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const m4gnSession& session
+)
+:
+    writeFile(mesh, name, "surrogateSegmentError", dict),
+    mesh_(mesh),
+    names_(session.outputs()),
+    segments_
+    (
+        m4gn_session_n_segments(session.handle()) > 0
+      ? session.segments()
+      : List<int32_t>(mesh.nCells(), 0)
+    )
+{
+    label nSegments = 0;
+    for (const int32_t segmenti : segments_)
+    {
+        nSegments = max(nSegments, segmenti + 1);
+    }
+    nCells_.resize(returnReduce(nSegments, maxOp<label>()), 0);
+    for (const int32_t segmenti : segments_)
+    {
+        ++nCells_[segmenti];
+    }
+    Pstream::listCombineGather(nCells_, plusEqOp<scalar>());
+    Pstream::listCombineScatter(nCells_);
+
+    if (Pstream::master() && writeToFile())
+    {
+        Ostream& os = file();
+        writeHeader(os, "Error of the surrogate's rollout in each segment");
+        writeHeader(os, session.model());
+        writeCommented(os, "Time");
+        for (const word& field : names_)
+        {
+            forAll(nCells_, segmenti)
+            {
+                writeTabbed(os, field + ':' + Foam::name(segmenti));
+            }
+        }
+        os  << endl;
+    }
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnObservedErrors::set
+(
+    List<scalarField>&& errors,
+    const m4gnFieldSet& outputs
+)
+{
+    errors_ = std::move(errors);
+    timeName_ = mesh_.time().timeName();
+    components_.clear();
+    exponents_.clear();
+
+    const bool report = Pstream::master() && writeToFile();
+    if (report)
+    {
+        file() << mesh_.time().timeOutputValue();
+    }
+
+    forAll(errors_, outputi)
+    {
+        const label n = outputs.components(outputi);
+        const scalarField& error = errors_[outputi];
+        List<scalar> sums(nCells_.size(), Zero);
+
+        forAll(error, i)
+        {
+            sums[segments_[i/n]] += sqr(error[i]);
+        }
+        Pstream::listCombineGather(sums, plusEqOp<scalar>());
+
+        const label nSolved = n == 1 ? 1 : mesh_.nSolutionD();
+        if (report)
+        {
+            forAll(sums, segmenti)
+            {
+                const scalar size = max(nSolved*nCells_[segmenti], scalar(1));
+                file() << tab << std::sqrt(sums[segmenti]/size);
+            }
+        }
+
+        components_.append(n);
+        exponents_.append(outputs.dimensions(outputi));
+    }
+
+    if (report)
+    {
+        file() << endl;
+    }
+}
+
+
+void Foam::m4gnObservedErrors::write() const
+{
+    if (!mesh_.time().writeTime())
+    {
+        return;
+    }
+
+    forAll(errors_, outputi)
+    {
+        if (components_[outputi] == 1)
+        {
+            writeField<scalar>(outputi);
+        }
+        else
+        {
+            writeField<vector>(outputi);
+        }
+    }
+}
+
+
+// ************************************************************************* //
