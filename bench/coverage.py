@@ -20,7 +20,7 @@ import sys
 
 import foam_case
 
-TOLERANCES = [0.005, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
+TOLERANCES = [0.005, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1]
 
 
 def observe(full: pathlib.Path, folder: pathlib.Path, start: str, model: pathlib.Path, strides: int) -> pathlib.Path:

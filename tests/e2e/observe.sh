@@ -3,6 +3,15 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
+
+# same ROWS TABLE: the numbers of a table on two ranks are those of the serial one
+same() {
+    paste <(echo "$1") <(awk '!/^#/' "$2") | awk '
+        { for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' || {
+        cat "$2"
+        fail "two ranks found other errors than one"
+    }
+}
 runs icoFoam
 mkdir ../alone && cp -r 0.06 ../alone
 
@@ -25,11 +34,7 @@ grep -q 'one step .*hold ' log.run || fail "no summary in the log"
 serial=$(awk '!/^#/' $table)
 clean_case
 on_two_ranks icoFoam
-paste <(echo "$serial") <(awk '!/^#/' $table) | awk '
-    { for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' || {
-    cat $table
-    fail "two ranks found other errors than one"
-}
+same "$serial" $table
 
 # Where the rollout is off: the field at a write time has the root mean square of the table, and so have the segments together; the
 # solver's result stays as it is
@@ -48,11 +53,7 @@ below "$(awk "BEGIN { d = $found/$rms - 1; print d < 0 ? -d : d }")" 1e-6 "rms o
 segments=$(awk '!/^#/' $parts)
 clean_case
 on_two_ranks icoFoam
-paste <(echo "$segments") <(awk '!/^#/' $parts) | awk '
-    { for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' || {
-    cat $parts
-    fail "two ranks found other errors of segments than one"
-}
+same "$segments" $parts
 
 # What error control would do: a stride is measured first, then each rollout has an error and what was expected of it
 clean_case
