@@ -121,7 +121,7 @@ fn main() {
         .flag(format!("-std=c++{standard}"))
         .flag("-Wno-old-style-cast")
         .flag("-fno-math-errno");
-    // It copies numbers, and is the last to be built: twice as long at -O3.
+    // It copies numbers, and is the last to be built.
     build.opt_level(1).debug(false);
     build.compile("m4gn_foam_case");
 
