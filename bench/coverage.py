@@ -33,12 +33,12 @@ def observe(full: pathlib.Path, folder: pathlib.Path, start: str, model: pathlib
         sys.exit(f"{full}: no fields at time {start}; expected those of 'm4gn hybrid --keep-cases'")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    entries = (
-        "writeInterval 1e9;\nfunctions\n{\n    coverage\n    {\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n"
-        f'        mode observe;\n        model "{model}";\n        rolloutSteps {strides};\n        precision auto;\n'
-        "        control { tolerance 0.1; }\n    }\n}\n"
+    solver = foam_case.copy(full, folder, start, "writeInterval 1e9;\n")
+    foam_case.set_functions(
+        folder,
+        f'coverage {{ type m4gnSurrogate; libs (m4gnFoam); mode observe; model "{model}"; rolloutSteps {strides}; precision auto; '
+        "control { tolerance 0.1; } }\n",
     )
-    solver = foam_case.copy(full, folder, start, entries)
     foam_case.run([solver], folder)
     finished.write_text(of_model)
     return table

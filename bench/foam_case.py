@@ -33,11 +33,11 @@ def set_functions(folder: pathlib.Path, objects: str) -> None:
     control.write_text(text + f"functions\n{{\n{objects}}}\n")
 
 
-def run(command: list[str], folder: pathlib.Path) -> float:
+def run(command: list[str], folder: pathlib.Path, env: dict[str, str] | None = None) -> float:
     """Runs a program in a case, whose output goes into the case's file log; its wall time, s."""
     began = time.monotonic()
     with open(folder / "log", "w") as log:
-        done = subprocess.run(command, cwd=folder, stdout=log, stderr=log)
+        done = subprocess.run(command, cwd=folder, env=env, stdout=log, stderr=log)
     seconds = time.monotonic() - began
     if done.returncode:
         sys.exit(f"{' '.join(command)} in {folder} ended with status {done.returncode}:\n{(folder / 'log').read_text()[-2000:]}")

@@ -18,7 +18,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 
 import foam_case
 
@@ -27,16 +26,6 @@ def environment(home: pathlib.Path) -> dict[str, str]:
     """That of this process, with the libraries of a checkout in front."""
     libraries = f"{home / 'lib'}:{os.environ.get('LD_LIBRARY_PATH', '')}"
     return {**os.environ, "M4GN_HOME": str(home), "LD_LIBRARY_PATH": libraries}
-
-
-def run(command: list[str], folder: pathlib.Path, env: dict[str, str]) -> float:
-    """Runs the solver; ms."""
-    began = time.monotonic()
-    done = subprocess.run(command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    took = 1000 * (time.monotonic() - began)
-    if done.returncode != 0:
-        sys.exit(f"{' '.join(command)} in a copy of {folder.name} ended with status {done.returncode}:\n{done.stdout[-3000:]}")
-    return took
 
 
 def libraries(command: list[str], folder: pathlib.Path, env: dict[str, str]) -> int:
@@ -68,7 +57,7 @@ def main() -> None:
             solver = foam_case.copy(pathlib.Path(path), folder, arguments.start, entries)
             env = environment(pathlib.Path(home).resolve() if home else own)
             runs += [(case, "without", [solver, "-noFunctionObjects"], folder, env), (case, "with", [solver], folder, env)]
-        times = [[run(*what[2:]) for what in runs] for _ in range(arguments.repeats + 1)][1:]
+        times = [[1000 * foam_case.run(*what[2:]) for what in runs] for _ in range(arguments.repeats + 1)][1:]
         medians = [statistics.median(column) for column in zip(*times)]
         figures = []
         print(f"{'case':40} {'without ms':>10} {'with ms':>10} {'m4gn ms':>10} {'libraries':>10} {'more':>6}")

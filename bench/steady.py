@@ -111,10 +111,7 @@ def main() -> None:
         for _ in range(arguments.repeats):
             for start in STARTS:
                 with tempfile.TemporaryDirectory() as scratch:
-                    folder = pathlib.Path(scratch)
-                    (folder / "unsteady").mkdir()
-                    (folder / "steady").mkdir()
-                    rows[start].append(solve(arguments, case, folder, start))
+                    rows[start].append(solve(arguments, case, pathlib.Path(scratch), start))
         reference = rows["own"][0]["U"]
         largest = max(map(abs, reference))
         print(f"{case}\n{'start':14} {'iterations':>10} {'prepared s':>11} {'simpleFoam s':>13} {'both s':>8} {'difference':>11}")

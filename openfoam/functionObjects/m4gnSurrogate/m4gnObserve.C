@@ -235,7 +235,7 @@ void Foam::m4gnObserve::compare()
 
     if (errors_ && rolloutFinite_)
     {
-        errors_->set(std::move(differences), shadow_.outputs());
+        errors_->set(std::move(differences));
     }
 
     ++nTimes_;
@@ -274,7 +274,10 @@ Foam::m4gnObserve::m4gnObserve
 {
     if (m4gnObservedErrors::wanted(dict))
     {
-        errors_.reset(new m4gnObservedErrors(name, mesh, dict, session));
+        errors_.reset
+        (
+            new m4gnObservedErrors(name, mesh, dict, session, shadow_.outputs())
+        );
     }
     if (m4gnEstimate::wanted(dict))
     {

@@ -20,7 +20,7 @@ void Foam::m4gnObservedErrors::writeField(const label outputi) const
         m4gn::cellField<Type>
         (
             mesh_,
-            "error(" + names_[outputi] + ')',
+            "error(" + outputs_.name(outputi) + ')',
             mesh_.time().timeName()
         )
     );
@@ -34,13 +34,13 @@ void Foam::m4gnObservedErrors::writeField(const label outputi) const
         reinterpret_cast<scalar*>(field.primitiveFieldRef().data())
     );
     field.correctBoundaryConditions();
-    const FixedList<int32_t, 7>& e = exponents_[outputi];
+    const FixedList<int32_t, 7>& e = outputs_.dimensions(outputi);
     field.dimensions().reset
     (
         dimensionSet(e[0], e[1], e[2], e[3], e[4], e[5], e[6])
     );
     field.note() =
-        "m4gn: the surrogate's " + names_[outputi] + " at time " + timeName_
+        "m4gn: the surrogate's " + outputs_.name(outputi) + " at time " + timeName_
       + " minus the solver's";
     field.write();
 }
@@ -53,31 +53,26 @@ Foam::m4gnObservedErrors::m4gnObservedErrors
     const word& name,
     const fvMesh& mesh,
     const dictionary& dict,
-    const m4gnSession& session
+    const m4gnSession& session,
+    const m4gnFieldSet& outputs
 )
 :
     writeFile(mesh, name, "surrogateSegmentError", dict),
     mesh_(mesh),
-    names_(session.outputs()),
+    outputs_(outputs),
     segments_
     (
         m4gn_session_n_segments(session.handle()) > 0
       ? session.segments()
       : List<int32_t>(mesh.nCells(), 0)
-    )
+    ),
+    nCells_(max(m4gn_session_n_segments(session.handle()), 1), Zero)
 {
-    label nSegments = 0;
-    for (const int32_t segmenti : segments_)
-    {
-        nSegments = max(nSegments, segmenti + 1);
-    }
-    nCells_.resize(returnReduce(nSegments, maxOp<label>()), 0);
     for (const int32_t segmenti : segments_)
     {
         ++nCells_[segmenti];
     }
     Pstream::listCombineGather(nCells_, plusEqOp<scalar>());
-    Pstream::listCombineScatter(nCells_);
 
     if (Pstream::master() && writeToFile())
     {
@@ -85,7 +80,7 @@ Foam::m4gnObservedErrors::m4gnObservedErrors
         writeHeader(os, "Error of the surrogate's rollout in each segment");
         writeHeader(os, session.model());
         writeCommented(os, "Time");
-        for (const word& field : names_)
+        for (const word& field : session.outputs())
         {
             forAll(nCells_, segmenti)
             {
@@ -101,14 +96,11 @@ Foam::m4gnObservedErrors::m4gnObservedErrors
 
 void Foam::m4gnObservedErrors::set
 (
-    List<scalarField>&& errors,
-    const m4gnFieldSet& outputs
+    List<scalarField>&& errors
 )
 {
     errors_ = std::move(errors);
     timeName_ = mesh_.time().timeName();
-    components_.clear();
-    exponents_.clear();
 
     const bool report = Pstream::master() && writeToFile();
     if (report)
@@ -118,7 +110,7 @@ void Foam::m4gnObservedErrors::set
 
     forAll(errors_, outputi)
     {
-        const label n = outputs.components(outputi);
+        const label n = outputs_.components(outputi);
         const scalarField& error = errors_[outputi];
         List<scalar> sums(nCells_.size(), Zero);
 
@@ -137,9 +129,6 @@ void Foam::m4gnObservedErrors::set
                 file() << tab << std::sqrt(sums[segmenti]/size);
             }
         }
-
-        components_.append(n);
-        exponents_.append(outputs.dimensions(outputi));
     }
 
     if (report)
@@ -158,7 +147,7 @@ void Foam::m4gnObservedErrors::write() const
 
     forAll(errors_, outputi)
     {
-        if (components_[outputi] == 1)
+        if (outputs_.components(outputi) == 1)
         {
             writeField<scalar>(outputi);
         }
