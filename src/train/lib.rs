@@ -36,6 +36,7 @@ mod tests;
 mod together;
 mod trainer;
 mod validation;
+mod widen;
 mod workload;
 
 pub use backend::{Backend, Batch, Example, Learned, Rollout};

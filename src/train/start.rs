@@ -7,6 +7,7 @@ use super::memory;
 use super::report::Report;
 use super::request::Request;
 use super::trainer::Trainer;
+use super::widen;
 use super::workload::Workload;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -57,7 +58,11 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
     let room = memory::for_frames(request.memory, comm)?;
     let (work, spec) = Workload::load(&request.data, &config, from.as_ref(), room, report, stop)?;
     let from = from
-        .map(|model| inputs::extend(model, &spec, &work))
+        .map(|model| {
+            let model = inputs::extend(model, &spec, &work)?;
+            let factor = widen::factor(&model.spec.architecture, &spec.architecture).unwrap_or(1);
+            widen::widen(model, factor, config.training.seed)
+        })
         .transpose()?;
     Ok(Loaded {
         config,

@@ -210,6 +210,43 @@ fn a_model_is_given_an_input_more() {
 }
 
 #[test]
+fn a_wider_network_begins_with_what_a_narrower_one_knows() {
+    let folder = data();
+    let first = request(folder.path(), "first", "", 20);
+    run(&first).unwrap();
+    // What a training of one update says that changes next to nothing.
+    let figures = |name: &str, factor: usize| {
+        let mut r = request(folder.path(), name, "", 1);
+        r.from = Some(first.out.clone());
+        edit(&r.config, "learning_rate = 2e-3", "learning_rate = 1e-12");
+        // That of the segment transformer with it.
+        edit(&r.config, "width = 16", &format!("width = {}", 16 * factor));
+        let figures = run(&r).unwrap();
+        let rmse = |at: &str| figures["model"][at].as_f64().unwrap();
+        (r, [rmse("rmse_1"), rmse("rmse_all")])
+    };
+    let (_, same) = figures("same", 1);
+    for factor in [2, 3] {
+        let (mut r, wide) = figures(&format!("wide{factor}"), factor);
+        let apart = same.iter().zip(wide).map(|(a, b)| (a - b).abs() / a);
+        assert!(apart.clone().all(|d| d < 1e-4), "{same:?} {wide:?}");
+        // The copies are not alike, so that they can learn different things.
+        let model = Model::read(&r.out).unwrap();
+        let weight = model.tensor("processor.0.node.1.weight").unwrap();
+        assert_eq!(weight.shape, [16 * factor; 2]);
+        assert!((weight.data[0] - weight.data[1]).abs() > 1e-3 * weight.data[0].abs());
+        r.resume = true;
+        r.steps = Some(3);
+        run(&r).unwrap();
+    }
+    let mut other = request(folder.path(), "other", "", 4);
+    other.from = Some(first.out.clone());
+    edit(&other.config, "ffn_width = 16", "ffn_width = 32");
+    let message = run(&other).unwrap_err().to_string();
+    assert!(message.contains("ffn_width may both be larger"), "{message}");
+}
+
+#[test]
 fn a_training_that_diverges_keeps_what_was_good() {
     let folder = data();
     for interval in [1, 2] {

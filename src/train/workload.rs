@@ -5,6 +5,7 @@ use super::inputs;
 use super::memory;
 use super::report::Report;
 use super::samples::{Components, Sample, describe, frames_a_step};
+use super::widen;
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
 use m4gn_mesh::NodeType;
@@ -223,12 +224,14 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
             fields(spec)
         )));
     }
+    if widen::factor(&old.architecture, &spec.architecture).is_none() {
+        return Err(Error::Input(format!(
+            "the model to start from has [model] and [macro] {:?}; configuration and data say {:?}: they must be the same; only width \
+             and ffn_width may both be larger, the same whole number of times",
+            old.architecture, spec.architecture
+        )));
+    }
     let pairs = [
-        (
-            "[model] and [macro]",
-            format!("{:?}", old.architecture),
-            format!("{:?}", spec.architecture),
-        ),
         ("model.stride", old.stride.to_string(), spec.stride.to_string()),
         ("directions", old.dim.to_string(), spec.dim.to_string()),
         (

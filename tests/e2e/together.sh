@@ -28,6 +28,43 @@ clean_case
 runs icoFoam
 m4gn info postProcessing/second/0/trajectory.h5 > ../info
 grep -q 'hybrid.*with states of the surrogate first' ../info || { cat ../info; fail "the recording does not say so"; }
+
+# Of it, what the solver does between the jumps: 0.002 to 0.02, and from what is handed back at 0.04 to the end
+# stretches FIRST_TIME FRAMES ...: they are what was recorded
+stretches() {
+    local files=postProcessing/second/0
+    [ "$(find $files -type f | wc -l)" -eq $(($# / 2)) ] || fail "$(find $files -type f): expected $(($# / 2)) files"
+    while [ $# -gt 0 ]; do
+        m4gn info $files/trajectory-"$1".h5 > ../info || fail "no stretch from $1 s"
+        grep -q "^frames  *$2 from $1 to" ../info || { cat ../info; fail "expected $2 frames from $1 s"; }
+        grep -q 'hybrid.*the solver between jumps of the surrogate first' ../info || fail "the stretch does not say what it is"
+        shift 2
+    done
+}
+record='hybrid stretches;'
+{ object first m4gnSurrogate "$replace"; object second m4gnHarvest "$record"; } > system/functions
+clean_case
+runs icoFoam
+stretches 0.002 10 0.04 11
+cp postProcessing/second/0/trajectory-0.04.h5 ../behind.h5
+{ object second m4gnHarvest "$record"; object first m4gnSurrogate "$replace"; } > system/functions
+clean_case
+runs icoFoam
+stretches 0.002 10 0.04 11
+content() { m4gn info "$1" | tail -n +2; }
+diff <(content ../behind.h5) <(content postProcessing/second/0/trajectory-0.04.h5) || fail "in front of the surrogate something else is recorded"
+clean_case
+on_two_ranks icoFoam
+stretches 0.002 10 0.04 11
+{ object second m4gnHarvest "$record"; object first m4gnSurrogate "$replace executeOthers no;"; } > system/functions
+clean_case
+runs icoFoam
+stretches 0.002 10 0.042 10
+{ object first m4gnSurrogate "$replace"; object second m4gnHarvest "$record writeControl timeStep; writeInterval 10;"; } > system/functions
+clean_case
+runs icoFoam
+stretches 0.04 2
+
 { object first m4gnSurrogate "$replace"; object second m4gnHarvest 'timeEnd 0.02;'; } > system/functions
 clean_case
 runs icoFoam

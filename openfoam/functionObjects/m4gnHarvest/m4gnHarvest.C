@@ -40,8 +40,6 @@ void Foam::functionObjects::m4gnHarvest::start()
 
     nodes_ = m4gnNodes::New(mesh_, dict_);
 
-    // The recorder keeps what it needs of them
-    autoPtr<m4gnElasticModes> modes;
     const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
     if
     (
@@ -50,12 +48,14 @@ void Foam::functionObjects::m4gnHarvest::start()
      && m4gnElasticModes::wanted(mesh_, dict_)
     )
     {
-        modes.reset(new m4gnElasticModes(mesh_, dict_, nModes));
-        nodes_->setModes(modes->eigenvalues(), modes->cells());
+        modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
     }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
-    fields_->gather(*nodes_);
+}
 
+
+void Foam::functionObjects::m4gnHarvest::open()
+{
     std::vector<m4gn_recorder_field> recorded(fields_->size());
     for (label i = 0; i < fields_->size(); ++i)
     {
@@ -79,6 +79,12 @@ void Foam::functionObjects::m4gnHarvest::start()
     {
         path_ = time_.globalPath()/path_;
     }
+    if (stretches_)
+    {
+        path_ =
+            path_.lessExt() + "-" + time_.timeName() + "."
+          + (path_.hasExt() ? path_.ext() : word("h5"));
+    }
     if (Pstream::master())
     {
         mkDir(path_.path());
@@ -86,6 +92,11 @@ void Foam::functionObjects::m4gnHarvest::start()
 
     const std::string settings(options(dict_, path_));
 
+    // The recorder keeps what it needs of them
+    if (modes_)
+    {
+        nodes_->setModes(modes_->eigenvalues(), modes_->cells());
+    }
     m4gn::check
     (
         m4gn_recorder_new
@@ -100,6 +111,10 @@ void Foam::functionObjects::m4gnHarvest::start()
         "m4gnHarvest cannot record"
     );
     nodes_->clearModes();
+    if (!stretches_)
+    {
+        modes_.clear();
+    }
 
     Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_)
         << " to " << path_ << endl;
@@ -115,7 +130,11 @@ void Foam::functionObjects::m4gnHarvest::checkSource()
     );
     replacer_ = postProcess ? word::null : m4gnSurrogate::replacer(last);
 
-    if (replacer_.size() && !dict_.getOrDefault<bool>("hybrid", false))
+    if (replacer_.empty())
+    {
+        stretches_ = false;
+    }
+    else if (!stretches_ && !dict_.getOrDefault<bool>("hybrid", false))
     {
         FatalErrorInFunction
             << "Function object " << name() << " would record states of the"
@@ -123,26 +142,42 @@ void Foam::functionObjects::m4gnHarvest::checkSource()
             << nl
             << "    Record a run without mode replace, give " << name()
             << " a timeEnd that is not later than the timeStart of "
-            << replacer_ << ", or, not for training, give it hybrid yes: the"
-            << " file then says so" << exit(FatalError);
+            << replacer_ << ", record the solver's stretches between the jumps"
+            << " with hybrid stretches, or, not for training, give it hybrid"
+            << " yes: the file then says so" << exit(FatalError);
     }
 }
 
 
-void Foam::functionObjects::m4gnHarvest::finish()
+void Foam::functionObjects::m4gnHarvest::close()
 {
-    if (!recorder_ || finished_)
+    if (!recorder_)
     {
         return;
     }
 
     const label nFrames = m4gn_recorder_n_frames(recorder_);
 
-    m4gn::check(m4gn_recorder_finish(recorder_), "m4gnHarvest cannot finish");
-    finished_ = true;
+    // A stretch of one frame says nothing of the time between
+    if (!stretches_ || nFrames > 1)
+    {
+        m4gn::check
+        (
+            m4gn_recorder_finish(recorder_), "m4gnHarvest cannot finish"
+        );
+        Log << type() << ' ' << name() << ": " << nFrames << " frames in "
+            << path_ << nl << endl;
+    }
 
-    Log << type() << ' ' << name() << ": " << nFrames << " frames in "
-        << path_ << nl << endl;
+    m4gn_recorder_free(recorder_);
+    recorder_ = nullptr;
+}
+
+
+void Foam::functionObjects::m4gnHarvest::finish()
+{
+    close();
+    finished_ = true;
 }
 
 
@@ -177,16 +212,33 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance
     const dictionary& dict
 ) const
 {
+    const auto replaced = m4gnSurrogate::lastReplaced(mesh_);
+
     dictionary about;
     about.add("application", string(time_.controlDict().getOrDefault<word>("application", "unknown")));
     about.add("case", string(time_.globalCaseName()));
     about.add("openfoam", label(OPENFOAM));
     about.add("m4gn", string(m4gn_version()));
     about.add("ranks", Pstream::nProcs());
-    about.add("deltaT", time_.deltaTValue());
+    about.add
+    (
+        "deltaT",
+        replaced.timeIndex == time_.timeIndex()
+      ? replaced.solverDeltaT
+      : time_.deltaTValue()
+    );
     if (replacer_.size())
     {
-        about.add("hybrid", string("with states of the surrogate " + replacer_));
+        about.add
+        (
+            "hybrid",
+            string
+            (
+                stretches_
+              ? "the solver between jumps of the surrogate " + replacer_
+              : "with states of the surrogate " + replacer_
+            )
+        );
     }
     about.merge(dict.subOrEmptyDict("provenance"));
 
@@ -214,7 +266,9 @@ Foam::functionObjects::m4gnHarvest::m4gnHarvest
 )
 :
     fvMeshFunctionObject(name, runTime, dict),
+    stretches_(false),
     recorder_(nullptr),
+    replaced_(-1),
     lastTime_(-VGREAT),
     finished_(false)
 {
@@ -226,14 +280,11 @@ Foam::functionObjects::m4gnHarvest::m4gnHarvest
 
 Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
 {
-    if (recorder_)
+    if (runComplete())
     {
-        if (runComplete())
-        {
-            finish();
-        }
-        m4gn_recorder_free(recorder_);
+        finish();
     }
+    m4gn_recorder_free(recorder_);
 }
 
 
@@ -241,7 +292,7 @@ Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
 
 bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
 {
-    if (recorder_)
+    if (nodes_)
     {
         // A change of controlDict while recording
         Log << type() << ' ' << name() << ": recording goes on as it was"
@@ -264,7 +315,11 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     dict_ = dict;
     fieldNames_ = dict.getOrDefault<wordList>("fields", wordList({"U", "p"}));
     file_ = dict.getOrDefault<fileName>("file", fileName());
-    dict.getOrDefault<bool>("hybrid", false);
+    stretches_ = dict.getOrDefault<word>("hybrid", "no") == "stretches";
+    if (!stretches_)
+    {
+        dict.getOrDefault<bool>("hybrid", false);
+    }
 
     m4gnNodes::atPoints(dict);
 
@@ -293,13 +348,30 @@ bool Foam::functionObjects::m4gnHarvest::write()
         return true;
     }
 
-    if (recorder_)
-    {
-        fields_->gather(*nodes_);
-    }
-    else
+    if (!nodes_)
     {
         start();
+    }
+
+    if (stretches_)
+    {
+        const auto replaced = m4gnSurrogate::lastReplaced(mesh_);
+
+        if (replaced.timeIndex != replaced_)
+        {
+            close();
+            replaced_ = replaced.timeIndex;
+        }
+        if (replaced_ == time_.timeIndex() && !replaced.handedOver)
+        {
+            return true;
+        }
+    }
+
+    fields_->gather(*nodes_);
+    if (!recorder_)
+    {
+        open();
     }
 
     m4gn::check

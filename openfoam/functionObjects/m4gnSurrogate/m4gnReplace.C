@@ -274,6 +274,8 @@ Foam::m4gnReplace::m4gnReplace
     handOverSeconds_(0),
     nStepsDone_(0),
     nJumps_(0),
+    lastIndex_(-1),
+    handedOver_(false),
     nRefused_(0)
 {}
 
@@ -334,13 +336,12 @@ bool Foam::m4gnReplace::jump
     const scalar surrogateBefore = surrogateSeconds_;
     const scalar handOverBefore = handOverSeconds_;
     label stepi = 0;
-    bool handedOver = false;
 
     const auto complete = [&](const bool handOver)
     {
         timer.timeIncrement();
         state_->complete(deltaT, handOver);
-        handedOver = handOver;
+        handedOver_ = handOver;
         handOverSeconds_ += timer.timeIncrement();
     };
 
@@ -381,11 +382,12 @@ bool Foam::m4gnReplace::jump
         timer.timeIncrement();
         writing::count(time_, nSolverSteps + nExtra);
         state_->advance(predicted_, duration);
+        lastIndex_ = time_.timeIndex();
         writing::passed(time_, nSolverSteps + nExtra);
         surrogateSeconds_ += timer.timeIncrement();
 
         const bool last = stepi + 1 == nSteps || !fits(1);
-        handedOver = false;
+        handedOver_ = false;
 
         if (last || state_->completeEach() || time_.writeTime())
         {
@@ -405,7 +407,7 @@ bool Foam::m4gnReplace::jump
         return false;
     }
 
-    if (!handedOver)
+    if (!handedOver_)
     {
         // The jump ended early
         complete(true);

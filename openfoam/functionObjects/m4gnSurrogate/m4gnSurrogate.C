@@ -368,6 +368,26 @@ Foam::word Foam::functionObjects::m4gnSurrogate::replacer
 }
 
 
+Foam::functionObjects::m4gnSurrogate::replacedState
+Foam::functionObjects::m4gnSurrogate::lastReplaced(const fvMesh& mesh)
+{
+    for (const m4gnSurrogate* other : all_)
+    {
+        if (&other->mesh_ == &mesh && other->replace_)
+        {
+            return
+            {
+                other->replace_->lastIndex(),
+                other->replace_->handedOver(),
+                other->solverDeltaT_
+            };
+        }
+    }
+
+    return {-1, false, 0};
+}
+
+
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
     if (session_)
