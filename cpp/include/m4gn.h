@@ -295,7 +295,7 @@ typedef struct m4gn_adapt_report
     int32_t strides;            /* model steps of the rollouts that decided */
     int64_t frames;             /* frames in memory */
     int64_t steps;              /* optimisation steps, or regressions */
-    double seconds;             /* wall time */
+    double seconds;             /* wall time; of a round beside the run, that of waiting for it */
     double before;              /* root mean square error of the rollouts over that of holding their first frame */
     double after;               /* the same with the weights that are used now */
 } m4gn_adapt_report;
@@ -328,7 +328,8 @@ int32_t m4gn_adapt_frame(
     m4gn_adapt* adapt, double time, int32_t begins, const m4gn_field* fields, int32_t n_fields);
 
 /* Collective. Learns, and hands the weights to the session if they are better than those before on frames that no gradient
- * has seen. `strides`: model steps of the next jump. What was done, or why nothing, stands in note, ended by a zero byte. */
+ * has seen. With overlap: hands over what the round that the last call began has learned, and begins another one, on threads
+ * that end with the handle. `strides`: model steps of the next jump. What was done, or why nothing, stands in note, ended by a zero byte. */
 int32_t m4gn_adapt_run(
     m4gn_adapt* adapt,
     m4gn_session* session,

@@ -21,7 +21,7 @@ use m4gn_step::faces_seen_as_their_cells;
 use std::path::Path;
 
 /// One recorded trajectory.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Sample {
     /// Its graph; of a body at points at rest.
     pub graph: Graph,

@@ -52,6 +52,34 @@ printf 'damaged' > 0.75/uniform/test.adapt
 refused 'not a usable state of this adaptation' icoFoam
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 
+# Beside the run: the first jump is that of the shipped weights, the second has what was learned from the frames before the first;
+# a run that is carried on while it is learned comes to the same
+surrogate 'adapt { mode during; start 0.1; steps 150; stepsEach 4; overlap yes; }'
+clean_case
+runs icoFoam
+grep -q '^m4gn: learning from [0-9]* frames beside the run' log.run || fail "nothing was learned beside the run"
+grep '^m4gn: adapted in .* beside the run, which waited' log.run || fail "nothing came of it"
+[ "$(error)" = "$before" ] || fail "error of U after the first jump $(error), expected that of the shipped weights, $before"
+rm -rf ../whole && mkdir ../whole && cp -r 1.05 ../whole
+rm -rf 0.8* 0.9* 1.* postProcessing
+sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
+runs icoFoam
+grep -q '^m4gn: adapted in .* beside the run' log.run || fail "nothing came of it after a restart"
+for field in U p; do
+    below "$(difference ../whole/1.05/$field 1.05/$field)" 1e-4 "$field at 1.05, learned beside, restarted at 0.75"
+done
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+clean_case
+runs decomposePar
+refused 'overlap of adapt is for runs on one rank' mpirun -np 2 icoFoam -parallel
+clean_case
+function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; adapt { overlap yes; }"
+refused 'overlap of adapt is for mode replace' icoFoam
+# Observed, it learns before it is compared
+function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; timeStart 0.5; adapt { start 0.1; steps 10; }"
+runs icoFoam
+grep -q '^m4gn: adapted in' log.run || fail "mode observe: nothing was adapted"
+
 # Before the first jump alone, on two ranks as on one
 surrogate 'adapt { mode before; start 0.1; steps 20; precision fp32; }'
 clean_case

@@ -28,7 +28,7 @@ std::string settings(const Foam::dictionary& dict)
     if (dict.getOrDefault<Foam::word>("mode", "") != "replace")
     {
         // It is jumps that are given another time
-        own.set("clock", false);
+        own.set("clock", Foam::word("no"));
     }
     return Foam::m4gn::json(own);
 }
@@ -157,6 +157,25 @@ void Foam::m4gnAdapt::checkDictionary(const dictionary& dict)
         FatalIOErrorInFunction(own)
             << "Entry mode of adapt is during, which adapts after jumps, and"
             << " mode observe has none; expected before"
+            << exit(FatalIOError);
+    }
+
+    if (!own.getOrDefault<bool>("overlap", false))
+    {
+        return;
+    }
+    if (dict.getOrDefault<word>("mode", "") != "replace")
+    {
+        FatalIOErrorInFunction(own)
+            << "Entry overlap of adapt is for mode replace: what is learned"
+            << " beside the run is used from the next jump but one on"
+            << exit(FatalIOError);
+    }
+    if (Pstream::parRun())
+    {
+        FatalIOErrorInFunction(own)
+            << "Entry overlap of adapt is for runs on one rank: more would sum"
+            << " gradients over MPI beside a solver that uses it. Leave it out"
             << exit(FatalIOError);
     }
 }

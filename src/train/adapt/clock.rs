@@ -5,13 +5,14 @@
 //! to the surrogate's own motion, and then hardly differs from step to step and from rollout to rollout of a case. So a few
 //! rollouts over the solver's own frames tell it, and whoever steps on lets a jump take as much more time.
 
-use super::Adaptation;
+use super::learner::Learner;
 use super::round::Split;
 use crate::backend::Rollout;
 use crate::native::NativeBackend;
 use crate::rollout::Lag;
 use crate::together::{gather_shares, own_share};
 use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -93,23 +94,28 @@ fn mean(values: impl Iterator<Item = (f64, f64)> + Clone, stride: f64) -> (f64, 
     }
 }
 
-impl Adaptation {
+impl Learner {
     /// The clock with the present weights, by rollouts of twice as many strides as the next jump has, or as fit; none where
     /// no frames tell it. Collective.
-    pub(super) fn measure_clock(&self, backend: &NativeBackend, split: &Split) -> Result<Option<Clock>> {
+    pub(super) fn measure_clock(
+        &self,
+        comm: &Comm,
+        backend: &NativeBackend,
+        split: &Split,
+    ) -> Result<Option<Clock>> {
         let (plan, n) = (&split.clock, split.frames_a_step);
         let Some(strides) = plan.first().map(|r| r.steps).filter(|_| n >= FRAMES_A_STRIDE) else {
             return Ok(None);
         };
-        let own = own_share(&self.comm, plan);
-        let model = backend.model(&self.optimiser.weights, &self.normaliser);
+        let own = own_share(comm, plan);
+        let model = backend.model(&self.knowledge.optimiser.weights, &self.normaliser);
         let interval = self.spec.stride / n as f64;
         let found = backend.on_threads(own.len(), |i| {
             backend.lags(&model, &own[i], [strides / 2, strides], interval)
         });
         let numbers = |lags: [Lag; 2]| lags.iter().flat_map(|lag| [lag.ahead, lag.weight]).collect();
-        let found = self.comm.agree(found)?.into_iter().map(numbers);
-        let flat = gather_shares(&self.comm, plan.iter().map(|_| 4), found);
+        let found = comm.agree(found)?.into_iter().map(numbers);
+        let flat = gather_shares(comm, plan.iter().map(|_| 4), found);
         let lag = |f: &[f64]| Lag {
             ahead: f[0],
             weight: f[1],

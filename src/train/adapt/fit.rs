@@ -1,11 +1,12 @@
 //! Rounds by regression: the decoder's last layer in closed form.
 
-use super::Adaptation;
-use super::round::{Learned, Split};
+use super::learner::{Learned, Learner};
+use super::round::Split;
 use crate::backend::Example;
 use crate::native::NativeBackend;
 use crate::regression::{Layer, Regression};
 use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
 
 /// Examples that the sums of the oldest stretch are of, at most.
 const EXAMPLES: usize = 64;
@@ -16,52 +17,68 @@ const RIDGES: [f64; 5] = [1e-5, 1e-4, 1e-3, 1e-2, 1e-1];
 /// How often an example of a later stretch counts: these are few, and of the flow as it is now.
 const FRESH: f64 = 8.0;
 
-impl Adaptation {
+impl Learner {
     /// The regression on the frames that are not held back, with the ridge that is best on those that are; then, if that is
     /// better than the weights before, on all frames. Collective.
-    pub(super) fn fit(&mut self, backend: &mut NativeBackend, split: &Split, before: f64) -> Result<Learned> {
-        let layer = self.comm.agree(Layer::last(&self.spec, &self.layout))?;
+    pub(super) fn fit(
+        &mut self,
+        comm: &Comm,
+        backend: &mut NativeBackend,
+        split: &Split,
+        before: f64,
+    ) -> Result<Learned> {
+        let layer = comm.agree(Layer::last(&self.spec, &self.layout))?;
         let [old, new] = &split.starts;
         let ([all_old, all_new], apart) = (&split.all, split.all[0].len().div_ceil(EXAMPLES).max(1));
-        let (mut sums, ridges) = match &self.fitted {
+        let (mut sums, ridges) = match &self.knowledge.fitted {
             Some((sums, ridge)) => (sums.clone(), vec![*ridge]),
-            None => (self.sums(backend, old, 0, apart)?, RIDGES.to_vec()),
+            None => (self.sums(comm, backend, old, 0, apart)?, RIDGES.to_vec()),
         };
         let with = |sums: &Regression, later: &Regression| {
             let mut both = sums.clone();
             both.add(later, FRESH);
             both
         };
-        let mut fresh = self.sums(backend, new, 0, 1)?;
+        let mut fresh = self.sums(comm, backend, new, 0, 1)?;
         let later = with(&sums, &fresh);
-        let weights = self.optimiser.weights.clone();
+        let weights = self.knowledge.optimiser.weights.clone();
         let (mut best, mut steps) = ((f64::INFINITY, ridges[0]), 0);
         for ridge in ridges {
             steps += 1;
-            if later.solve(&layer, ridge, &self.shipped, &mut self.optimiser.weights)? {
-                let score = self.score(backend, split)?;
+            if later.solve(
+                &layer,
+                ridge,
+                &self.shipped,
+                &mut self.knowledge.optimiser.weights,
+            )? {
+                let score = self.score(comm, backend, split)?;
                 if score < best.0 {
                     best = (score, ridge);
                 }
             }
         }
         let (after, ridge) = best;
-        if self.fitted.is_none() {
+        if self.knowledge.fitted.is_none() {
             // Frames of the oldest stretch never come again: their sums are made once.
-            let rest = self.sums(backend, &all_old[old.len().min(all_old.len())..], 0, apart)?;
+            let rest = self.sums(comm, backend, &all_old[old.len().min(all_old.len())..], 0, apart)?;
             sums.add(&rest, 1.0);
         }
         let used = after < before && {
             // Those that were not held back are the first of them.
-            fresh.add(&self.sums(backend, all_new, new.len(), 1)?, 1.0);
+            fresh.add(&self.sums(comm, backend, all_new, new.len(), 1)?, 1.0);
             steps += 1;
-            with(&sums, &fresh).solve(&layer, ridge, &self.shipped, &mut self.optimiser.weights)?
+            with(&sums, &fresh).solve(
+                &layer,
+                ridge,
+                &self.shipped,
+                &mut self.knowledge.optimiser.weights,
+            )?
         };
         if !used {
-            self.optimiser.weights = weights;
+            self.knowledge.optimiser.weights = weights;
         }
-        self.fitted = Some((sums, ridge));
-        self.steps += steps;
+        self.knowledge.fitted = Some((sums, ridge));
+        self.knowledge.steps += steps;
         Ok(Learned {
             steps,
             before,
@@ -73,6 +90,7 @@ impl Adaptation {
     /// The sums of every so many of the examples that begin at these frames, without the first ones of these.
     fn sums(
         &self,
+        comm: &Comm,
         backend: &mut NativeBackend,
         starts: &[usize],
         without: usize,
@@ -88,7 +106,7 @@ impl Adaptation {
             weight: 1.0,
         });
         let examples: Vec<Example> = examples.collect();
-        let (weights, unroll) = (&self.optimiser.weights, self.settings.unroll);
-        backend.regress(&self.comm, weights, &self.normaliser, &examples, unroll)
+        let (weights, unroll) = (&self.knowledge.optimiser.weights, self.settings.unroll);
+        backend.regress(comm, weights, &self.normaliser, &examples, unroll)
     }
 }

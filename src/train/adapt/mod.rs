@@ -5,8 +5,10 @@
 //! gradients summed, so that the weights are those of one rank up to rounding. The last frames are held back: the adapted
 //! weights are used only where a rollout there is nearer to the solver than with the weights before.
 
+mod beside;
 mod clock;
 mod fit;
+mod learner;
 mod round;
 mod settings;
 mod state;
@@ -18,17 +20,16 @@ pub use clock::{Ahead, Clock};
 pub use round::Outcome;
 pub use settings::{Layers, Method, Mode, Settings};
 
-use super::config::TrainingConfig;
 use super::normaliser::Normaliser;
-use super::regression::Regression;
 use super::samples::Sample;
+use beside::Beside;
+use learner::{Knowledge, Learner};
 use m4gn_data::{Place, whole_mesh};
 use m4gn_engine::backward::{Layout, Optimiser};
 use m4gn_mesh::parallel::{Comm, everywhere};
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{Model, ModelSpec, SegmentSpec, Tensor};
+use m4gn_model::{Model, ModelSpec, SegmentSpec};
 use m4gn_step::{Field, Session};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use window::Window;
 
@@ -39,34 +40,13 @@ const ROOM: usize = 1 << 30;
 #[derive(Debug)]
 pub struct Adaptation {
     comm: Comm,
-    settings: Settings,
-    /// What the settings mean for this model.
-    training: TrainingConfig,
-    threads: usize,
-    spec: ModelSpec,
-    layout: Layout,
-    /// Weights of the model's file, and its other tensors.
-    shipped: Vec<f32>,
-    others: BTreeMap<String, Tensor>,
-    normaliser: Normaliser,
-    /// The weights that are used, and how they came about.
-    optimiser: Optimiser,
-    /// This rank's part of the mesh, and the undecomposed one.
+    learner: Learner,
+    /// This rank's part of the mesh.
     mesh: Mesh,
-    whole: Mesh,
     /// Node of the undecomposed mesh of each row that the ranks send.
     places: Vec<usize>,
-    /// Graph, segments and frames of the undecomposed mesh.
-    sample: Arc<Sample>,
-    window: Window,
-    /// The sums of the oldest stretch, and the ridge that its frames chose.
-    fitted: Option<(Regression, f64)>,
-    /// Of the weights that are used; none before it was measured.
-    clock: Option<Clock>,
-    /// Optimisation steps made, or regressions.
-    steps: u64,
-    /// Wall time of them, s.
-    seconds: f64,
+    /// A round that goes on beside the run.
+    beside: Option<Beside>,
     /// Whether nothing more is to be learned.
     done: bool,
 }
@@ -79,7 +59,7 @@ impl Adaptation {
     /// [`Error::Mesh`] for global numbers that are no permutation.
     pub fn new(session: &Session, mesh: &Mesh, model: &Model, settings: Settings) -> Result<Self> {
         let comm = session.comm().clone();
-        comm.agree(check(&model.spec, &settings))?;
+        comm.agree(check(&model.spec, &settings, comm.size() as usize))?;
         let whole = whole_mesh(&comm, mesh, Place::Everywhere);
         let whole = whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into())));
         let whole = comm.agree(whole)?;
@@ -103,40 +83,41 @@ impl Adaptation {
         let training = settings.training(&model.spec, &normaliser.scales().node.std, precision);
         let window = Window::new(&settings, model.spec.stride, sample.graph.n_owned * sample.width);
         let threads = settings.threads.unwrap_or_else(|| session.threads());
-        Ok(Adaptation {
+        let optimiser = Optimiser::new(shipped.clone(), training.betas, false).with_rule(
+            training.optimiser,
+            &layout,
+            model.spec.architecture.width,
             threads,
-            optimiser: Optimiser::new(shipped.clone(), training.betas, false).with_rule(
-                training.optimiser,
-                &layout,
-                model.spec.architecture.width,
-                threads,
-            ),
+        );
+        Ok(Adaptation {
             places: everywhere(&comm, &nodes)
                 .into_iter()
                 .map(|node| node as usize)
                 .collect(),
             mesh: mesh.clone(),
-            spec: model.spec.clone(),
-            others: model
-                .tensors
-                .clone()
-                .into_iter()
-                .filter(|(name, _)| name.starts_with("norm."))
-                .collect(),
-            sample: Arc::new(sample),
-            fitted: None,
-            clock: None,
-            steps: 0,
-            seconds: 0.0,
-            done: false,
+            learner: Learner {
+                threads,
+                spec: model.spec.clone(),
+                others: model
+                    .tensors
+                    .clone()
+                    .into_iter()
+                    .filter(|(name, _)| name.starts_with("norm."))
+                    .collect(),
+                sample: Arc::new(sample),
+                knowledge: Knowledge::of(optimiser),
+                settings,
+                training,
+                layout,
+                shipped,
+                normaliser,
+                whole,
+                window,
+                stop: Arc::default(),
+            },
+            beside: None,
             comm,
-            settings,
-            training,
-            layout,
-            shipped,
-            normaliser,
-            whole,
-            window,
+            done: false,
         })
     }
 
@@ -151,21 +132,21 @@ impl Adaptation {
         if self.done {
             return Ok(());
         }
-        let mut window = self.window.clone();
+        let mut window = self.learner.window.clone();
         if !self.comm.agree(window.next(time, begins))? {
-            self.window = window;
+            self.learner.window = window;
             return Ok(());
         }
         let rows = self.comm.agree(self.rows(fields))?;
         let rows = everywhere(&self.comm, &rows);
-        let width = self.sample.width;
-        let sample = Arc::get_mut(&mut self.sample);
+        let width = self.learner.sample.width;
+        let sample = Arc::get_mut(&mut self.learner.sample);
         let sample = sample.ok_or_else(|| Error::Internal("frames that are still being read".into()))?;
-        let mut frame = vec![0.0; self.whole.n_nodes() * width];
+        let mut frame = vec![0.0; self.learner.whole.n_nodes() * width];
         for (row, place) in rows.chunks_exact(width).zip(&self.places) {
             frame[place * width..][..width].copy_from_slice(row);
         }
-        sample.push(&self.whole, &self.spec, frame);
+        sample.push(&self.learner.whole, &self.learner.spec, frame);
         let size = sample.graph.n_owned * width;
         if let Some(stays) = window.thin() {
             let kept = stays.iter().enumerate().filter(|(_, stays)| **stays);
@@ -179,16 +160,16 @@ impl Adaptation {
             sample.frames.truncate(n * size);
             sample.n_frames = n;
         }
-        self.window = window;
+        self.learner.window = window;
         Ok(())
     }
 
     /// This rank's values, cells and then boundary faces, all components of a node together.
     fn rows(&self, fields: &[Field]) -> Result<Vec<f32>> {
-        let (width, cells) = (self.sample.width, self.mesh.n_cells());
+        let (width, cells) = (self.learner.sample.width, self.mesh.n_cells());
         let mut rows = vec![0f32; self.mesh.n_nodes() * width];
         let mut column = 0;
-        for spec in &self.spec.fields {
+        for spec in &self.learner.spec.fields {
             let name = &spec.name;
             let field = fields.iter().find(|f| f.name == name);
             let field = field
@@ -231,7 +212,7 @@ impl Adaptation {
 
     /// The settings.
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        &self.learner.settings
     }
 
     /// Whether frames and rounds are of no more use.
@@ -241,21 +222,23 @@ impl Adaptation {
 
     /// By how much a model step brings the surrogate further than its stride; 0 where that was not measured.
     pub fn ahead(&self) -> Ahead {
-        self.clock.map_or(Ahead::default(), |clock| clock.ahead)
+        let clock = self.learner.knowledge.clock;
+        clock.map_or(Ahead::default(), |clock| clock.ahead)
     }
 
     /// Forgets the frames: nothing more is to be learned.
     fn finish(&mut self) {
-        if let Some(sample) = Arc::get_mut(&mut self.sample) {
+        let learner = &mut self.learner;
+        if let Some(sample) = Arc::get_mut(&mut learner.sample) {
             (sample.frames, sample.n_frames) = (Vec::new(), 0);
-            self.window = self.window.emptied();
+            learner.window = learner.window.emptied();
         }
         self.done = true;
     }
 
     /// Frames in memory.
     pub fn frames(&self) -> usize {
-        self.sample.n_frames
+        self.learner.frames()
     }
 
     /// This rank's part of the mesh, with which a session takes the weights over.
@@ -265,22 +248,19 @@ impl Adaptation {
 
     /// The model with the weights that are used, and where they are from.
     pub fn model(&self) -> Model {
-        let mut tensors = self.layout.unflatten(&self.optimiser.weights);
-        tensors.extend(self.others.clone());
-        let mut spec = self.spec.clone();
-        if self.steps > 0 {
-            spec.training = serde_json::json!({
-                "adapted": { "settings": self.settings, "steps": self.steps, "version": env!("CARGO_PKG_VERSION") },
-                "from": self.spec.training,
-            });
-        }
-        Model { spec, tensors }
+        self.learner.model()
     }
 }
 
-fn check(spec: &ModelSpec, settings: &Settings) -> Result<()> {
+fn check(spec: &ModelSpec, settings: &Settings, ranks: usize) -> Result<()> {
     if settings.mode == Mode::Off {
         return Err(Error::Input("adapt: mode off asks for nothing".into()));
+    }
+    if settings.overlap && ranks > 1 {
+        return Err(Error::Input(format!(
+            "adapt: overlap yes is for runs on one rank, and this one has {ranks}, which would sum gradients over MPI beside a solver \
+             that uses it: leave overlap out"
+        )));
     }
     if spec.contact.is_some() {
         return Err(Error::Input(

@@ -1,28 +1,19 @@
 //! A round of an adaptation: optimisation steps on the frames in memory, checked on those that are held back.
 
 use super::clock;
-use super::{Adaptation, Layers, Method, Mode};
-use crate::backend::{Backend, Batch, Example, Rollout};
+use super::learner::Learner;
+use super::{Adaptation, Mode};
+use crate::backend::Rollout;
 use crate::native::NativeBackend;
-use crate::together::{learn_together, roll_out_together};
 use crate::workload::Workload;
-use m4gn_engine::backward::norm;
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Checks of the first round; it ends after this many that brought nothing.
-const CHECKS: u64 = 6;
-const PATIENCE: u64 = 3;
-
 /// Rollouts of a check.
 const ROLLOUTS: usize = 4;
-
-/// Learning rate of later rounds, as a share of the first one's.
-const LATER_RATE: f64 = 0.3;
 
 /// What came of a round.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -31,7 +22,7 @@ pub struct Outcome {
     pub used: bool,
     /// Optimisation steps made, or regressions.
     pub steps: u64,
-    /// Wall time, s.
+    /// Wall time, s; of a round beside the run, that of waiting for it.
     pub seconds: f64,
     /// Frames in memory.
     pub frames: usize,
@@ -52,48 +43,12 @@ pub(super) struct Split {
     pub starts: [Vec<usize>; 2],
     /// The same with those that are held back.
     pub all: [Vec<usize>; 2],
-    rollouts: Vec<Rollout>,
-    strides: usize,
+    pub rollouts: Vec<Rollout>,
+    pub strides: usize,
     /// Rollouts that tell the clock.
     pub clock: Vec<Rollout>,
     /// Whether the newest stretch is one of those that they are on.
     fresh: bool,
-}
-
-/// What the learning of a round did; the weights are the best ones, or those from before.
-pub(super) struct Learned {
-    pub steps: u64,
-    /// Error of the rollouts with the weights from before.
-    pub before: f64,
-    /// With the best weights.
-    pub after: f64,
-    /// Why it ended early, for people.
-    pub ended: &'static str,
-}
-
-impl Learned {
-    /// For people.
-    fn note(&self, split: &Split, frames: usize, seconds: f64, method: Method) -> String {
-        let (steps, before, after) = (self.steps, self.before, self.after);
-        let what = match method {
-            Method::Gradient => "step",
-            Method::Ridge => "regression",
-            Method::Clock => return format!("not adapted but timed in {seconds:.1} s on {frames} frames"),
-        };
-        let plural = |n: u64| if n == 1 { "" } else { "s" };
-        let so = match after < before {
-            true => "",
-            false => ", so that the weights stay as they were",
-        };
-        format!(
-            "adapted in {seconds:.1} s ({steps} {what}{} on {frames} frames): error of rollouts of {} stride{} on the \
-             held-back frames {before:.3} -> {after:.3} of holding{so}{}",
-            plural(steps),
-            split.strides,
-            plural(split.strides as u64),
-            self.ended
-        )
-    }
 }
 
 impl Adaptation {
@@ -102,37 +57,70 @@ impl Adaptation {
     /// nothing more to do. Collective; all ranks fail together, and
     /// the weights are then those from before.
     ///
+    /// Where rounds go on beside the run (`overlap`), the weights are those of the round that the last call began, and another
+    /// one begins.
+    ///
     /// # Errors
     /// What the engine may fail with.
     pub fn run(&mut self, strides: usize) -> Result<Outcome> {
         if self.done {
             return Ok(Outcome::default());
         }
-        let before = self.optimiser.clone();
-        let result = self.round(strides);
-        match &result {
-            Ok(_) if self.settings.mode == Mode::Before => self.finish(),
-            Ok(_) => {}
-            Err(_) => self.optimiser = before,
+        let split = self.learner.split(strides);
+        if let Some(beside) = self.beside.take() {
+            let (outcome, knowledge) = beside.end()?;
+            self.learner.knowledge = knowledge;
+            match (self.learner.settings.mode, split) {
+                (Mode::Before, _) => self.finish(),
+                (_, Ok(_)) => self.beside = Some(self.learner.beside(strides)?),
+                (_, Err(_)) => {}
+            }
+            return Ok(outcome);
         }
-        result
-    }
-
-    fn round(&mut self, strides: usize) -> Result<Outcome> {
-        let began = Instant::now();
-        let frames = self.frames();
-        let nothing = |note: &str| Outcome {
-            frames,
-            note: format!("not adapted: {note}"),
+        let mut outcome = Outcome {
+            frames: self.frames(),
             ..Outcome::default()
         };
-        let split = match self.split(strides) {
-            Ok(split) => split,
-            Err(why) => return Ok(nothing(&why)),
-        };
+        match split {
+            Err(why) => outcome.note = format!("not adapted: {why}"),
+            Ok(_) if self.learner.settings.overlap => {
+                self.beside = Some(self.learner.beside(strides)?);
+                outcome.note = format!(
+                    "learning from {} frames beside the run, for the next jump but one",
+                    outcome.frames
+                );
+                return Ok(outcome);
+            }
+            Ok(split) => {
+                self.learner.prepare()?;
+                let before = self.learner.knowledge.clone();
+                let result = self.learner.round(&self.comm, &split);
+                if result.is_err() {
+                    self.learner.knowledge = before;
+                }
+                outcome = result?;
+            }
+        }
+        if self.learner.settings.mode == Mode::Before {
+            self.finish();
+        }
+        Ok(outcome)
+    }
+}
+
+impl Learner {
+    /// Makes the frames ready to be learned from.
+    pub(super) fn prepare(&mut self) -> Result<()> {
         let sample = Arc::get_mut(&mut self.sample);
         let sample = sample.ok_or_else(|| Error::Internal("frames that are still being read".into()))?;
         sample.find_copies(&self.whole, &self.spec);
+        Ok(())
+    }
+
+    /// Learns; the knowledge is of no use where it fails. Collective.
+    pub(super) fn round(&mut self, comm: &Comm, split: &Split) -> Result<Outcome> {
+        let began = Instant::now();
+        let frames = self.frames();
         let work = Workload {
             train: vec![self.sample.clone()],
             valid: vec![self.sample.clone()],
@@ -140,17 +128,17 @@ impl Adaptation {
             names: Vec::new(),
         };
         let backend = NativeBackend::new(&self.training, &self.spec, &work, self.threads);
-        let mut backend = self.comm.agree(backend)?;
-        let learned = self.learn(&mut backend, &split, began)?;
+        let mut backend = comm.agree(backend)?;
+        let learned = self.learn(comm, &mut backend, split, began)?;
         let used = learned.after < learned.before;
-        if self.settings.clock() && (used || split.fresh || self.clock.is_none()) {
-            self.clock = self.measure_clock(&backend, &split)?;
+        if self.settings.clock() && (used || split.fresh || self.knowledge.clock.is_none()) {
+            self.knowledge.clock = self.measure_clock(comm, &backend, split)?;
         }
         let seconds = began.elapsed().as_secs_f64();
-        self.seconds += seconds;
-        let mut note = learned.note(&split, frames, seconds, self.settings.method);
+        self.knowledge.seconds += seconds;
+        let mut note = learned.note(split, frames, seconds, self.settings.method);
         if self.settings.clock() {
-            let clock = self.clock.map(|clock| clock.note(self.spec.stride));
+            let clock = self.knowledge.clock.map(|clock| clock.note(self.spec.stride));
             note += "; ";
             note += &clock
                 .unwrap_or_else(|| "the frames are too few, or too far apart, to tell the clock".into());
@@ -167,175 +155,9 @@ impl Adaptation {
         })
     }
 
-    /// Learns as the settings say. Collective.
-    fn learn(&mut self, backend: &mut NativeBackend, split: &Split, began: Instant) -> Result<Learned> {
-        let before = self.score(backend, split)?;
-        match self.settings.method {
-            Method::Gradient => self.descend(backend, split, before, began),
-            Method::Ridge => self.fit(backend, split, before),
-            Method::Clock => Ok(Learned {
-                steps: 0,
-                before,
-                after: before,
-                ended: "",
-            }),
-        }
-    }
-
-    /// Optimisation steps, with checks in between. Collective.
-    fn descend(
-        &mut self,
-        backend: &mut NativeBackend,
-        split: &Split,
-        before: f64,
-        began: Instant,
-    ) -> Result<Learned> {
-        let first = self.steps == 0;
-        let steps = if first {
-            self.settings.steps
-        } else {
-            self.settings.steps_each
-        };
-        let interval = if first { steps.div_ceil(CHECKS) } else { steps };
-        let mut best = (before, self.optimiser.clone());
-        let (mut made, mut missed, mut ended) = (0, 0, "");
-        while made < steps && ended.is_empty() {
-            if self.late(began) {
-                ended = "; the budget is spent";
-            } else if self.step(backend, split, first.then_some(made))? {
-                made += 1;
-            } else {
-                ended = "; it diverged, and the weights are the best ones before";
-                break;
-            }
-            if made == steps || made.is_multiple_of(interval) || !ended.is_empty() {
-                let score = self.score(backend, split)?;
-                missed = if score < best.0 { 0 } else { missed + 1 };
-                if score < best.0 {
-                    best = (score, self.optimiser.clone());
-                }
-                if missed == PATIENCE && made < steps {
-                    ended = "; more steps brought nothing";
-                }
-            }
-        }
-        let (after, optimiser) = best;
-        self.optimiser = optimiser;
-        Ok(Learned {
-            steps: made,
-            before,
-            after,
-            ended,
-        })
-    }
-
-    /// Whether the budget of wall time is spent, by the first rank's clock. Collective.
-    fn late(&self, began: Instant) -> bool {
-        let Some(budget) = self.settings.budget else {
-            return false;
-        };
-        let spent = self.seconds + began.elapsed().as_secs_f64();
-        let mut late = [i64::from(self.comm.is_root() && spent >= budget)];
-        self.comm.max_i64(&mut late);
-        late[0] != 0
-    }
-
-    /// One optimisation step; `at` is its number in a first round. False, and nothing done, if loss or gradient is not
-    /// finite. Collective.
-    fn step(&mut self, backend: &mut dyn Backend, split: &Split, at: Option<u64>) -> Result<bool> {
-        let t = &self.training;
-        // Random numbers belong to the step, so that a restart goes on with the same ones.
-        let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
-        rng.set_stream(self.steps + 1);
-        let examples = (0..t.batch_size).map(|_| {
-            let [old, new] = &split.starts;
-            // Later stretches are short, and of the flow as it is now: half of the examples are theirs.
-            let starts = match (old.is_empty(), new.is_empty()) {
-                (false, false) if rng.random::<bool>() => old,
-                (false, true) => old,
-                _ => new,
-            };
-            Example {
-                sample: 0,
-                frame: starts[rng.random_range(0..starts.len())],
-                mirror: t.mirror && rng.random(),
-                seed: rng.random(),
-                weight: 1.0,
-            }
-        });
-        let examples: Vec<Example> = examples.collect();
-        let batch = Batch {
-            examples: &examples,
-            micro: t.micro_batch,
-            total: t.batch_size,
-            unroll: self.settings.unroll,
-            accumulate: false,
-            learn: true,
-        };
-        let learned = learn_together(
-            &self.comm,
-            backend,
-            &self.optimiser.weights,
-            &self.normaliser,
-            &batch,
-        )?;
-        let mut gradient = learned.gradient.unwrap_or_default();
-        self.mask(&mut gradient);
-        let length = norm(&gradient);
-        if !(length.is_finite() && learned.losses.iter().all(|l| l.is_finite())) {
-            return Ok(false);
-        }
-        let rate = match at {
-            Some(at) => t.learning_rate_at(at),
-            None => LATER_RATE * t.learning_rate,
-        };
-        self.optimiser
-            .update(&gradient, length, rate, t.gradient_clip, 0.0);
-        let pull = (rate * self.settings.pull).min(1.0) as f32;
-        if pull > 0.0 {
-            let pairs = self.optimiser.weights.iter_mut().zip(&self.shipped);
-            pairs.for_each(|(weight, shipped)| *weight -= pull * (*weight - shipped));
-        }
-        self.steps += 1;
-        Ok(true)
-    }
-
-    /// Clears the derivatives by weights that do not learn.
-    fn mask(&self, gradient: &mut [f32]) {
-        let last = format!("decoder.{}.", self.spec.architecture.hidden_layers);
-        let learns = |name: &str| match self.settings.layers {
-            Layers::All => true,
-            Layers::Decoder => name.starts_with("decoder."),
-            Layers::Last => name.starts_with(&last),
-        };
-        let mut rest = gradient;
-        for (name, shape) in self.layout.entries() {
-            let Some((own, after)) = rest.split_at_mut_checked(shape.iter().product()) else {
-                return;
-            };
-            if !learns(name) {
-                own.fill(0.0);
-            }
-            rest = after;
-        }
-    }
-
-    /// Error of the rollouts over that of holding their first frames; infinite if one leaves the finite numbers. Collective.
-    pub(super) fn score(&self, backend: &mut dyn Backend, split: &Split) -> Result<f64> {
-        let (weights, normaliser) = (&self.optimiser.weights, &self.normaliser);
-        let outcomes = roll_out_together(&self.comm, backend, weights, normaliser, &split.rollouts)?;
-        let (mut model, mut held) = (0.0, 0.0);
-        for (m, h) in outcomes.into_iter().flatten() {
-            model += m;
-            held += h;
-        }
-        let score = (model / held.max(1e-30)).sqrt();
-        Ok(if score.is_finite() { score } else { f64::INFINITY })
-    }
-
     /// Divides the frames. In a first round the last ones are held back; later the newest stretch of the solver, which no
     /// gradient has seen.
-    fn split(&self, strides: usize) -> std::result::Result<Split, String> {
+    pub(super) fn split(&self, strides: usize) -> std::result::Result<Split, String> {
         let ranges = self.window.stretches();
         let (Some(n), Some(newest)) = (self.window.frames_a_stride(), ranges.last()) else {
             return Err("there are fewer than two frames of the solver".into());
@@ -346,7 +168,7 @@ impl Adaptation {
             let steps = |r: &std::ops::Range<usize>| r.end.saturating_sub(cut.max(r.start) + 1) / n;
             ranges.iter().map(steps).max().unwrap_or(0)
         };
-        let mut cut = match self.steps == 0 {
+        let mut cut = match self.knowledge.steps == 0 {
             true => frames.saturating_sub(tail),
             false => newest.start,
         };

@@ -95,6 +95,9 @@ pub struct Settings {
     pub seed: u64,
     /// Threads of each rank; none: those of the session.
     pub threads: Option<usize>,
+    /// Whether rounds go on beside the run, on these threads. What a round learned is used from the jump on that follows the
+    /// next stretch of the solver. On one rank only.
+    pub overlap: bool,
 }
 
 impl Default for Settings {
@@ -120,6 +123,7 @@ impl Default for Settings {
             precision: PrecisionChoice::Auto,
             seed: 1,
             threads: None,
+            overlap: false,
         }
     }
 }

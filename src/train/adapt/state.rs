@@ -1,6 +1,7 @@
 //! An adaptation on disk, so that a run that is carried on has the weights, the moments, the frames and the random numbers
 //! of the uninterrupted one.
 
+use super::learner::{Knowledge, Learner};
 use super::window::Window;
 use super::{Adaptation, Clock};
 use crate::regression::Regression;
@@ -31,6 +32,16 @@ struct Description {
     #[serde(default)]
     clock: Option<Clock>,
     window: Window,
+    /// A round beside the run, which has its frames in the array `beside`.
+    #[serde(default)]
+    beside: Option<Round>,
+}
+
+/// A round that went on when the state was written.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Round {
+    strides: usize,
+    window: Window,
 }
 
 /// FNV-1a of the weights' bits.
@@ -55,27 +66,44 @@ impl Adaptation {
     }
 
     fn write(&self, path: &Path) -> Result<()> {
+        let Learner {
+            knowledge,
+            sample,
+            window,
+            shipped,
+            ..
+        } = &self.learner;
+        let Knowledge {
+            optimiser, fitted, ..
+        } = knowledge;
         let description = Description {
             version: 1,
-            model: digest(&self.shipped),
-            nodes: self.sample.graph.n_owned,
-            steps: self.steps,
-            updates: self.optimiser.updates,
-            seconds: self.seconds,
+            model: digest(shipped),
+            nodes: sample.graph.n_owned,
+            steps: knowledge.steps,
+            updates: optimiser.updates,
+            seconds: knowledge.seconds,
             done: self.done,
-            ridge: self.fitted.as_ref().map(|(_, ridge)| *ridge),
-            clock: self.clock,
-            window: self.window.clone(),
+            ridge: fitted.as_ref().map(|(_, ridge)| *ridge),
+            clock: knowledge.clock,
+            window: window.clone(),
+            beside: self.beside.as_ref().map(|round| Round {
+                strides: round.strides,
+                window: round.window.clone(),
+            }),
         };
         let mut arrays = Arrays::default();
         // Before anything was learned the weights are those of the model's file, and there are no moments.
-        if self.steps > 0 {
-            arrays.floats("weights", &self.optimiser.weights);
-            arrays.floats("first", &self.optimiser.first);
-            arrays.floats("second", &self.optimiser.second);
+        if knowledge.steps > 0 {
+            arrays.floats("weights", &optimiser.weights);
+            arrays.floats("first", &optimiser.first);
+            arrays.floats("second", &optimiser.second);
         }
-        arrays.floats("frames", &self.sample.frames);
-        if let Some((sums, _)) = &self.fitted {
+        arrays.floats("frames", &sample.frames);
+        if let Some(round) = &self.beside {
+            arrays.floats("beside", &round.sample.frames);
+        }
+        if let Some((sums, _)) = fitted {
             arrays.doubles("regression", &sums.sums);
         }
         arrays.write(path, "state of the adaptation", ENTRY, &description)
@@ -105,19 +133,20 @@ impl Adaptation {
     /// Takes up the bytes of a state; nothing is changed where they are of no use.
     fn take(&mut self, bytes: &[u8]) -> std::result::Result<(), String> {
         let (found, file): (Description, _) = TensorFile::parse(bytes, ENTRY)?;
+        let learner = &mut self.learner;
         if found.version != 1 {
             return Err(format!("schema version {}, this program reads 1", found.version));
         }
-        if found.model != digest(&self.shipped) {
+        if found.model != digest(&learner.shipped) {
             return Err("it began from the weights of another model".into());
         }
-        let nodes = self.sample.graph.n_owned;
+        let nodes = learner.sample.graph.n_owned;
         if found.nodes != nodes {
             return Err(format!("{} nodes, this mesh has {nodes}", found.nodes));
         }
         let mut window = found.window;
-        window.follow(&self.window)?;
-        let stride = self.spec.stride;
+        window.follow(&learner.window)?;
+        let stride = learner.spec.stride;
         let ahead = found.clock.unwrap_or_default().ahead;
         if ![ahead.first, ahead.later].iter().all(|a| a.abs() < stride) {
             return Err(format!(
@@ -134,19 +163,31 @@ impl Adaptation {
                 )),
             }
         };
-        let size = nodes * self.sample.width;
-        let n_frames = window.frames();
-        let expected = n_frames.checked_mul(size).ok_or("too many frames")?;
-        let frames = array("frames", expected)?;
-        let n = self.layout.len();
+        let size = nodes * learner.sample.width;
+        let frames_of = |name: &str, window: &Window| {
+            let expected = window.frames().checked_mul(size).ok_or("too many frames")?;
+            array(name, expected)
+        };
+        let frames = frames_of("frames", &window)?;
+        let beside = match found.beside {
+            Some(mut round) => {
+                round.window.follow(&learner.window)?;
+                if round.strides > i32::MAX as usize {
+                    return Err(format!("jumps of {} strides", round.strides));
+                }
+                Some((frames_of("beside", &round.window)?, round))
+            }
+            None => None,
+        };
+        let n = learner.layout.len();
         let (weights, first, second) = match found.steps {
-            0 => (self.shipped.clone(), vec![0.0; n], vec![0.0; n]),
+            0 => (learner.shipped.clone(), vec![0.0; n], vec![0.0; n]),
             _ => (array("weights", n)?, array("first", n)?, array("second", n)?),
         };
         if second.iter().any(|v| *v < 0.0) {
             return Err("tensor `second`: a negative number".into());
         }
-        let mut fitted = Regression::new(&self.spec);
+        let mut fitted = Regression::new(&learner.spec);
         let fitted = match found.ridge {
             Some(ridge) if ridge.is_finite() && ridge > 0.0 => {
                 let sums = file.doubles("regression").unwrap_or_default();
@@ -160,13 +201,29 @@ impl Adaptation {
             Some(ridge) => return Err(format!("a ridge of {ridge}")),
             None => None,
         };
-        let sample = Arc::get_mut(&mut self.sample).ok_or("its frames are being read")?;
-        (sample.frames, sample.n_frames) = (frames, n_frames);
-        self.optimiser.weights = weights;
-        (self.optimiser.first, self.optimiser.second) = (first, second);
-        self.optimiser.updates = found.updates;
-        (self.window, self.steps, self.fitted) = (window, found.steps, fitted);
-        (self.seconds, self.done, self.clock) = (found.seconds, found.done, found.clock);
+        let sample = Arc::get_mut(&mut learner.sample).ok_or("its frames are being read")?;
+        (sample.frames, sample.n_frames) = (frames, window.frames());
+        let mut optimiser = learner.knowledge.optimiser.clone();
+        (optimiser.weights, optimiser.first, optimiser.second) = (weights, first, second);
+        optimiser.updates = found.updates;
+        learner.window = window;
+        learner.knowledge = Knowledge {
+            optimiser,
+            fitted,
+            clock: found.clock,
+            steps: found.steps,
+            seconds: found.seconds,
+        };
+        self.done = found.done;
+        // The round begins again, and comes to the same end.
+        let begin = |(frames, round): (Vec<f32>, Round)| {
+            let mut own = learner.clone();
+            let mut sample = (*learner.sample).clone();
+            (sample.frames, sample.n_frames) = (frames, round.window.frames());
+            (own.sample, own.window) = (Arc::new(sample), round.window);
+            own.beside(round.strides)
+        };
+        self.beside = beside.map(begin).transpose().map_err(|e| e.to_string())?;
         Ok(())
     }
 }

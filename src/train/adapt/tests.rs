@@ -105,7 +105,7 @@ fn a_case_is_learned_and_the_session_takes_it_over() {
 #[test]
 fn the_last_layer_is_fitted_in_closed_form() {
     let (_, mut a) = adaptation(r#"{"mode": "during", "method": "ridge", "threads": 2}"#);
-    let shipped = a.shipped.clone();
+    let shipped = a.learner.shipped.clone();
     show(&mut a, 0..60);
     let outcome = a.run(10).unwrap();
     println!("{}", outcome.note);
@@ -116,13 +116,15 @@ fn the_last_layer_is_fitted_in_closed_form() {
     );
     assert_eq!(outcome.steps, 6, "five ridges, and the regression on all frames");
     let changed: usize = a
+        .learner
+        .knowledge
         .optimiser
         .weights
         .iter()
         .zip(&shipped)
         .filter(|(a, b)| a != b)
         .count();
-    let layer = 3 * (a.spec.architecture.width + 1);
+    let layer = 3 * (a.learner.spec.architecture.width + 1);
     assert!(
         changed <= layer && changed > layer / 2,
         "{changed} weights of {layer}"
@@ -182,7 +184,7 @@ fn the_clock_of_a_model_that_goes_too_fast_is_told() {
 #[test]
 fn weights_that_are_no_better_are_not_used() {
     let (_, mut a) = adaptation(r#"{"learningRate": 30, "steps": 12}"#);
-    let shipped = a.shipped.clone();
+    let shipped = a.learner.shipped.clone();
     show(&mut a, 0..40);
     let outcome = a.run(4).unwrap();
     assert!(
@@ -191,7 +193,7 @@ fn weights_that_are_no_better_are_not_used() {
         outcome.note
     );
     assert!(outcome.note.contains("stay as they were"), "{}", outcome.note);
-    assert_eq!(a.optimiser.weights, shipped);
+    assert_eq!(a.learner.knowledge.optimiser.weights, shipped);
 }
 
 #[test]
@@ -245,6 +247,69 @@ fn later_stretches_are_judged_by_the_newest_one() {
 }
 
 #[test]
+fn a_round_beside_the_run_is_used_a_jump_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("state");
+    for (mode, method) in [
+        ("during", "gradient"),
+        ("during", "ridge"),
+        ("before", "gradient"),
+    ] {
+        let settings = |overlap| {
+            format!(
+                r#"{{"mode": "{mode}", "method": "{method}", "learningRate": 3e-3, "steps": 30, "stepsEach": 20, "overlap": {overlap}}}"#
+            )
+        };
+        let weights = |a: &Adaptation| a.learner.knowledge.optimiser.weights.clone();
+        let (_, mut first) = adaptation(&settings(false));
+        let (_, mut beside) = adaptation(&settings(true));
+        let shipped = weights(&beside);
+        show(&mut first, 0..40);
+        show(&mut beside, 0..40);
+        let expected = first.run(4).unwrap();
+        let begun = beside.run(4).unwrap();
+        assert!(!begun.used && begun.note.contains("40 frames"), "{begun:?}");
+        // A run that is carried on while the round goes on begins it again.
+        show(&mut beside, 60..67);
+        beside.save(&path).unwrap();
+        assert_eq!(weights(&beside), shipped);
+        let (_, mut parts) = adaptation(&settings(true));
+        parts.load(&path).unwrap();
+        for a in [&mut beside, &mut parts] {
+            let outcome = a.run(4).unwrap();
+            assert!(outcome.used && outcome.note.contains("waited"), "{outcome:?}");
+            assert_eq!((outcome.after, outcome.frames), (expected.after, 40));
+            assert_eq!(weights(a), weights(&first));
+            assert_eq!(a.is_done(), mode == "before");
+        }
+        // The next one, of the frames that there were then.
+        show(&mut first, 60..67);
+        let expected = first.run(4).unwrap();
+        for a in [&mut beside, &mut parts] {
+            show(a, 80..87);
+            let outcome = a.run(4).unwrap();
+            assert_eq!((outcome.after, outcome.steps), (expected.after, expected.steps));
+            assert_eq!(weights(a), weights(&first), "{mode} {method}");
+        }
+    }
+    // Several ranks would sum gradients beside the solver.
+    let overlap = Settings::parse(r#"{"overlap": true}"#).unwrap();
+    let spec = model(11).spec;
+    assert!(check(&spec, &overlap, 1).is_ok());
+    let error = check(&spec, &overlap, 2).unwrap_err().to_string();
+    assert!(error.contains("leave overlap out"), "{error}");
+    // Too few frames are said at once, and nothing goes on.
+    let (_, mut few) = adaptation(r#"{"overlap": true}"#);
+    show(&mut few, 0..4);
+    assert!(few.run(4).unwrap().note.contains("start earlier") && few.is_done());
+    // A run that ends does not wait for a long round.
+    let (_, mut long) = adaptation(r#"{"overlap": true, "steps": 1000000000}"#);
+    show(&mut long, 0..40);
+    long.run(4).unwrap();
+    drop(long);
+}
+
+#[test]
 fn carried_on_from_a_file_it_is_the_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("state");
@@ -267,28 +332,31 @@ fn is_the_uninterrupted_one(settings: &str, path: &std::path::Path) {
             parts.save(path).unwrap();
             parts = adaptation(settings).1;
             parts.load(path).unwrap();
-            if parts.steps == whole.steps {
+            if parts.learner.knowledge.steps == whole.learner.knowledge.steps {
                 let (a, b) = (whole.run(4).unwrap(), parts.run(4).unwrap());
                 assert_eq!((a.before, a.after), (b.before, b.after), "round {number}");
             }
         }
-        assert_eq!(whole.optimiser, parts.optimiser);
         assert_eq!(
-            (&whole.window, &whole.sample.frames),
-            (&parts.window, &parts.sample.frames)
+            whole.learner.knowledge.optimiser,
+            parts.learner.knowledge.optimiser
+        );
+        assert_eq!(
+            (&whole.learner.window, &whole.learner.sample.frames),
+            (&parts.learner.window, &parts.learner.sample.frames)
         );
     }
     // What is damaged or of another model changes nothing.
     let good = std::fs::read(path).unwrap();
-    let before = parts.optimiser.clone();
+    let before = parts.learner.knowledge.optimiser.clone();
     for cut in [0, 7, good.len() / 2, good.len() - 1] {
         std::fs::write(path, &good[..cut]).unwrap();
         let error = parts.load(path).unwrap_err().to_string();
         assert!(error.contains("delete it"), "{error}");
     }
-    assert_eq!(parts.optimiser, before);
+    assert_eq!(parts.learner.knowledge.optimiser, before);
     std::fs::write(path, &good).unwrap();
-    parts.shipped[0] += 1.0;
+    parts.learner.shipped[0] += 1.0;
     assert!(
         parts
             .load(path)
