@@ -12,48 +12,58 @@ use std::path::Path;
 /// As [`Writer`].
 pub fn write_data(folder: &Path, count: usize) -> Result<()> {
     for number in 0..count {
-        let mesh = sample::triangles(6, 4, 1.5, 1.0);
-        let options = WriteOptions {
-            fields: vec![
-                FieldMeta {
-                    name: "U".into(),
-                    vector: true,
-                    dimensions: [0, 1, -1, 0, 0, 0, 0],
-                },
-                FieldMeta {
-                    name: "p".into(),
-                    vector: false,
-                    dimensions: [0, 2, -2, 0, 0, 0, 0],
-                },
-            ],
-            provenance: serde_json::json!({ "application": "test" }),
-            split: if number + 1 == count {
-                Split::Valid
-            } else {
-                Split::Train
-            },
-            overwrite: false,
+        let split = if number + 1 == count {
+            Split::Valid
+        } else {
+            Split::Train
         };
-        let mut writer = Writer::create(folder.join(format!("{number:03}.h5")), &mesh, &options)?;
-        for frame in 0..30 {
-            let time = 0.01 * frame as f64;
-            let flow = |x: [f64; 3]| flow(x, [0.3 + 0.1 * number as f64 + time, 0.5]);
-            let mut frames = vec![Frame::default(), Frame::default()];
-            for &x in &mesh.cell_centres {
-                let (u, p) = flow(x);
-                frames[0].cells.extend(u);
-                frames[1].cells.push(p);
-            }
-            for face in &mesh.boundary {
-                let outlet = face.kind == NodeType::Outlet;
-                let (u, p) = flow(mesh.cell_centres[face.owner as usize]);
-                frames[0].boundary.extend(if outlet { u } else { [0.5, 0.0] });
-                frames[1].boundary.push(if outlet { 0.0 } else { p });
-            }
-            writer.append(time, &frames)?;
-        }
-        writer.finish()?;
+        write_trajectory(&folder.join(format!("{number:03}.h5")), number, split, 30)?;
     }
+    Ok(())
+}
+
+/// Writes one of them, of so many frames.
+///
+/// # Errors
+/// As [`Writer`].
+pub fn write_trajectory(path: &Path, number: usize, split: Split, frames: usize) -> Result<()> {
+    let mesh = sample::triangles(6, 4, 1.5, 1.0);
+    let options = WriteOptions {
+        fields: vec![
+            FieldMeta {
+                name: "U".into(),
+                vector: true,
+                dimensions: [0, 1, -1, 0, 0, 0, 0],
+            },
+            FieldMeta {
+                name: "p".into(),
+                vector: false,
+                dimensions: [0, 2, -2, 0, 0, 0, 0],
+            },
+        ],
+        provenance: serde_json::json!({ "application": "test" }),
+        split,
+        overwrite: false,
+    };
+    let mut writer = Writer::create(path, &mesh, &options)?;
+    for frame in 0..frames {
+        let time = 0.01 * frame as f64;
+        let flow = |x: [f64; 3]| flow(x, [0.3 + 0.1 * number as f64 + time, 0.5]);
+        let mut frames = vec![Frame::default(), Frame::default()];
+        for &x in &mesh.cell_centres {
+            let (u, p) = flow(x);
+            frames[0].cells.extend(u);
+            frames[1].cells.push(p);
+        }
+        for face in &mesh.boundary {
+            let outlet = face.kind == NodeType::Outlet;
+            let (u, p) = flow(mesh.cell_centres[face.owner as usize]);
+            frames[0].boundary.extend(if outlet { u } else { [0.5, 0.0] });
+            frames[1].boundary.push(if outlet { 0.0 } else { p });
+        }
+        writer.append(time, &frames)?;
+    }
+    writer.finish()?;
     Ok(())
 }
 

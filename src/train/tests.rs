@@ -210,6 +210,32 @@ fn a_model_is_given_an_input_more() {
 }
 
 #[test]
+fn trajectories_that_are_too_short_are_left_out() {
+    let folder = data();
+    let count = |name: &str| {
+        let r = request(folder.path(), name, "", 4);
+        run(&r).unwrap();
+        Model::read(&r.out).unwrap().spec.training["trajectories"].clone()
+    };
+    let before = count("before");
+    // Two strides of two frames each, and the state before them.
+    for (frames, more) in [(4, 0), (5, 1)] {
+        let path = folder.path().join("data/short.h5");
+        sample::write_trajectory(&path, 7, m4gn_data::Split::Train, frames).unwrap();
+        let expected = before.as_u64().unwrap() + more;
+        assert_eq!(count(&format!("with{frames}")), expected, "{frames} frames");
+        std::fs::remove_file(path).unwrap();
+    }
+    let r = request(folder.path(), "none", "", 4);
+    edit(&r.config, "[6, 2]", "[6, 40]");
+    let message = run(&r).unwrap_err().to_string();
+    assert!(
+        message.contains("no trajectory to learn from but 3 with fewer frames than the 81"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_wider_network_begins_with_what_a_narrower_one_knows() {
     let folder = data();
     let first = request(folder.path(), "first", "", 20);
@@ -338,7 +364,7 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     };
     let edited = |from: &'static str, to: &'static str| message(&move |r| edit(&r.config, from, to));
     assert!(edited("stride = 0.02", "stride = 0.015").contains("model.stride"));
-    assert!(edited("stride = 0.02", "stride = 0.2").contains("at least 41"));
+    assert!(edited("stride = 0.02", "stride = 0.2").contains("than the 41"));
     let temperature = "fields = [{ name = \"T\", input = true, output = \"none\" }, ";
     assert!(edited("fields = [", temperature).contains("recorded are U, p"));
     assert!(edited("count = 4", "count = 400").contains("400 segments"));

@@ -136,16 +136,39 @@ impl Workload {
         check_memory(&spec)?;
         let frames = frames_a_step(first.times(), spec.stride, first.path())?;
         let needed = 1 + frames * config.training.longest_unroll();
-        let mut names = Vec::new();
         for trajectory in train.iter().chain(&valid) {
-            check(trajectory, &spec, frames, needed)?;
-            let name = trajectory
-                .path()
-                .file_name()
-                .map(|n| n.to_string_lossy().into_owned())
-                .unwrap_or_default();
-            names.push(format!("{name} {}", trajectory.times().len()));
+            check(trajectory, &spec, frames)?;
         }
+        let described = |trajectory: &Trajectory| {
+            let name = trajectory.path().file_name();
+            let name = name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            format!("{name} {}", trajectory.times().len())
+        };
+        // As the last stretch of a hybrid run may be.
+        let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
+        let left_out: Vec<String> = train
+            .iter()
+            .chain(&valid)
+            .filter(|t| short(t))
+            .map(described)
+            .collect();
+        train.retain(|t| !short(t));
+        valid.retain(|t| !short(t));
+        if let Some(first) = left_out.first() {
+            let many = left_out.len();
+            let note = format!(
+                "{many} with fewer frames than the {needed} that training.unroll and model.stride need, the first of them \
+                 (name, frames) {first}"
+            );
+            if train.is_empty() {
+                return Err(Error::file(
+                    folder,
+                    format!("no trajectory to learn from but {note}"),
+                ));
+            }
+            report.line(&format!("note: trajectories left out: {note}"));
+        }
+        let names: Vec<String> = train.iter().chain(&valid).map(described).collect();
         let total = train.len() + valid.len();
         report.begin_loading(total as u64);
         let mut left = room;
@@ -282,9 +305,8 @@ fn check_kind(trajectory: &Trajectory, config: &Config) -> Result<()> {
     Err(Error::file(trajectory.path(), message))
 }
 
-/// Whether a trajectory has the fields, the directions and the frame interval that the first one promised, and enough
-/// frames.
-fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize, needed: usize) -> Result<()> {
+/// Whether a trajectory has the fields, the directions and the frame interval that the first one promised.
+fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()> {
     let (path, times) = (trajectory.path(), trajectory.times());
     let dim = trajectory.mesh().dim();
     if dim != spec.dim {
@@ -308,11 +330,5 @@ fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize, needed: usize
             "its frame interval differs from the first trajectory's",
         ));
     }
-    match times.len() {
-        found if found < needed => Err(Error::file(
-            path,
-            format!("{found} frames; training.unroll and model.stride need at least {needed}"),
-        )),
-        _ => Ok(()),
-    }
+    Ok(())
 }
