@@ -6,15 +6,21 @@ processes of their own that live through the whole comparison and take turns: st
 that slows down slows all of them. PhysicsNeMo is installed into an environment of its own and run in inference mode as
 it comes, with its options for speed (do_concat_trick, torch.compile), and under bf16 autocast.
 
+With --train a step is one update in training (forward, backward, Adam) with batches of --batch graphs, in place of one
+application.
+
 The figures: fp32_vs_physicsnemo and bf16_vs_physicsnemo are its time as it comes over m4gn's in fp32 and bf16,
 ..._vs_physicsnemo_fastest the same for the fastest of its ways in fp32, bf16_vs_physicsnemo_bf16 for the fastest of its
-ways in bf16; fp32_vs_tch and bf16_vs_tch are for the libtorch model.
+ways in bf16; fp32_vs_tch and bf16_vs_tch are for the libtorch model. With --train: train_vs_physicsnemo (as it comes),
+train_vs_physicsnemo_fastest (of all its ways, bf16 autocast with them) and train_vs_torch (m4gn's own training on libtorch, in the
+precision that suits it best) over m4gn's native training in the precision that suits it best.
 """
 
 import argparse
 import contextlib
 import fcntl
 import importlib.util
+import itertools
 import json
 import os
 import pathlib
@@ -68,6 +74,8 @@ def arguments():
     add("--width", type=positive, default=128, metavar="W", help="latent width (128)")
     add("--hidden", type=positive, default=2, metavar="H", help="hidden layers of each perceptron (2)")
     add("--nodes", type=positive, default=1900, metavar="N", help="nodes of the graph (1900)")
+    add("--train", action="store_true", help="compare a step of training")
+    add("--batch", type=positive, nargs="+", default=[2, 8], metavar="B", help="with --train: graphs in a batch (2 8)")
     add("--rounds", type=positive, default=15, metavar="R", help="turns of each contestant (15)")
     add("--m4gn", type=pathlib.Path, metavar="FILE", help="the program m4gn (of this checkout's target/release, or in PATH)")
     add("--json", type=pathlib.Path, metavar="FILE", help="write the figures to this file")
@@ -238,15 +246,17 @@ def compare(args, python):
             folder = pathlib.Path(scratch) / str(number)
             shape = ["--layers", layers, "--width", args.width, "--hidden", args.hidden, *extra]
             network = export(m4gn, folder, [*shape, "--nodes", args.nodes])
-            for threads in args.threads:
+            for threads, batch in itertools.product(args.threads, args.batch if args.train else [0]):
                 print(
                     f"\n{title}, width {args.width}, {network['parameters']} parameters; {network['nodes']} nodes, "
-                    f"{network['edges']} directed edges; {threads} thread{'s' if threads > 1 else ''}",
+                    f"{network['edges']} directed edges; {threads} thread{'s' if threads > 1 else ''}"
+                    + (f"; training, {batch} graphs in a batch" if batch else ""),
                     flush=True,
                 )
                 # PhysicsNeMo has no M4GN.
                 rival = None if extra else python
-                results.append(match(args, m4gn, rival, folder, network, layers, threads))
+                play = match_training if batch else match
+                results.append(play(args, m4gn, rival, folder, network, layers, threads, [*shape, "--batch", batch]))
                 results[-1]["network"] = "m4gn" if extra else "mgn"
     figures = {"machine": machine(), "width": args.width, "results": results}
     if len(results) == 1:
@@ -262,11 +272,16 @@ def export(m4gn, folder, options):
     return json.loads(done.stdout)
 
 
-def match(args, m4gn, python, folder, network, layers, threads):
-    """One network on one number of threads."""
-    command = [m4gn, "bench", "--worker", "--model", folder / "model.safetensors", "--nodes", args.nodes, "--threads", threads]
+def with_libtorch():
+    """Variables with which m4gn finds libtorch."""
     libtorch = os.environ.get("LIBTORCH") or CACHE / f"libtorch-{TORCH}-cpu"
     paths = [f"{libtorch}/lib", os.environ.get("LD_LIBRARY_PATH", "")]
+    return {"LD_LIBRARY_PATH": ":".join(p for p in paths if p)}
+
+
+@contextlib.contextmanager
+def starter(network):
+    """Starts processes with a network of this size; they end together."""
     with contextlib.ExitStack() as stack:
 
         def start(*process):
@@ -277,12 +292,59 @@ def match(args, m4gn, python, folder, network, layers, threads):
                 raise Failure(f"{made.name} has {found} parameters, expected {network['parameters']}")
             return made
 
+        yield start
+
+
+def show(everybody, over):
+    """A line for each contestant, with its time over those of these two."""
+    first, second = over
+    ms = {name: everybody[name].median() for name in over}
+    print(f"  {'':<36} {'ms a step (quartiles)':>29}   over {first}  over {second}   processor ms")
+    for contestant in dict.fromkeys(everybody.values()):
+        low, _, high = statistics.quantiles([wall for wall, _ in contestant.times], n=4)
+        median = contestant.median()
+        print(
+            f"  {contestant.name:<36} {median:8.2f} ({low:8.2f} {high:8.2f})  {median / ms[first]:10.2f} "
+            f"{median / ms[second]:10.2f} {contestant.processor():14.2f}",
+            flush=True,
+        )
+
+
+def match_training(args, m4gn, python, folder, network, layers, threads, shape):
+    """Training one network on one number of threads, with batches of one size."""
+    batch = shape[-1]
+    command = [m4gn, "bench", "--train", "--worker", *shape, "--nodes", args.nodes, "--threads", threads]
+    with starter(network) as start:
+        everybody = {}
+        for precision in ["fp32", "bf16"]:
+            own = [*command, "--precision", precision]
+            everybody[precision] = Contestant(f"m4gn, {precision}", start("m4gn", own, threads))
+            process = start("m4gn on libtorch", [*own, "--backend", "torch"], threads, with_libtorch())
+            everybody[f"torch_{precision}"] = Contestant(f"m4gn on libtorch, {precision}", process)
+        row = {"layers": layers, "threads": threads, "batch": batch}
+        if python:
+            everybody |= physicsnemo(args, python, folder, threads, start, row, batch)
+        by_turns(everybody.values(), args.rounds)
+        ms = row["ms"] = {name: c.median() for name, c in everybody.items()}
+        best = min(ms["fp32"], ms["bf16"])
+        row["train_vs_torch"] = min(ms["torch_fp32"], ms["torch_bf16"]) / best
+        if python:
+            row["train_vs_physicsnemo"] = ms["physicsnemo"] / best
+            row["train_vs_physicsnemo_fastest"] = min(ms["physicsnemo_fastest"], ms["physicsnemo_bf16"]) / best
+        row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
+        show(everybody, ["fp32", "bf16"])
+        return row
+
+
+def match(args, m4gn, python, folder, network, layers, threads, _shape):
+    """One network on one number of threads."""
+    command = [m4gn, "bench", "--worker", "--model", folder / "model.safetensors", "--nodes", args.nodes, "--threads", threads]
+    with starter(network) as start:
         everybody = {
             "fp32": Contestant("m4gn, fp32", start("m4gn", [*command, "--precision", "fp32"], threads)),
             "bf16": Contestant("m4gn, bf16", start("m4gn", [*command, "--precision", "bf16"], threads)),
         }
-        variables = {"LD_LIBRARY_PATH": ":".join(p for p in paths if p)}
-        process = start("the libtorch model", [*command, "--backend", "torch"], threads, variables)
+        process = start("the libtorch model", [*command, "--backend", "torch"], threads, with_libtorch())
         everybody["tch"] = Contestant("libtorch model", process)
         row = {"layers": layers, "threads": threads}
         if python:
@@ -298,22 +360,14 @@ def match(args, m4gn, python, folder, network, layers, threads):
         if python:
             row["bf16_vs_physicsnemo_bf16"] = ms["physicsnemo_bf16"] / ms["bf16"]
         row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
-        print(f"  {'':<36} {'ms a step (quartiles)':>29}   over fp32  over bf16   processor ms")
-        for contestant in dict.fromkeys(everybody.values()):
-            low, _, high = statistics.quantiles([wall for wall, _ in contestant.times], n=4)
-            median = contestant.median()
-            print(
-                f"  {contestant.name:<36} {median:8.2f} ({low:8.2f} {high:8.2f})  {median / ms['fp32']:10.2f} "
-                f"{median / ms['bf16']:10.2f} {contestant.processor():14.2f}",
-                flush=True,
-            )
+        show(everybody, ["fp32", "bf16"])
         return row
 
 
-def physicsnemo(args, python, folder, threads, start, row):
+def physicsnemo(args, python, folder, threads, start, row, batch=0):
     """As it comes, and its fastest ways here in fp32 and under bf16 autocast."""
     names = [name for name, (_, compiled) in VARIANTS.items() if not (compiled and args.no_compile)]
-    request = {"folder": str(folder), "threads": threads, "variants": names}
+    request = {"folder": str(folder), "threads": threads, "variants": names, "batch": batch}
     script = [python, HOME / "bench/physicsnemo_worker.py", json.dumps(request)]
     variables = {"LD_LIBRARY_PATH": "", "CUDA_VISIBLE_DEVICES": "", "TORCHINDUCTOR_CACHE_DIR": str(CACHE / "torchinductor")}
     process = start("PhysicsNeMo", script, threads, variables)

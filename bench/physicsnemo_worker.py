@@ -1,4 +1,8 @@
-"""PhysicsNeMo's MeshGraphNet as a contestant of compare.py, run by the Python of its environment."""
+"""PhysicsNeMo's MeshGraphNet as a contestant of compare.py, run by the Python of its environment.
+
+A step is one application of the network, or, where the request has a batch, one update in training: forward, mean square
+error, backward, the gradient's norm clipped, Adam.
+"""
 
 import json
 import os
@@ -48,6 +52,29 @@ def serve(request):
         made.load_state_dict(translated(weights, layers, hidden, split))
         return made.eval()
 
+    batch = request.get("batch", 0)
+    if batch:
+        # One graph of as many parts; it is put together once, and not at each step.
+        several = Data(
+            edge_index=torch.cat([topology.edge_index + i * len(nodes) for i in range(batch)], 1), num_nodes=batch * len(nodes)
+        )
+        inputs = nodes.repeat(batch, 1), edges.repeat(batch, 1), several
+        targets = torch.randn(batch * len(nodes), graph["outputs"].shape[1])
+
+    def training(model, half, fused):
+        model.train()
+        optimiser = torch.optim.Adam(model.parameters(), lr=1e-5, fused=fused)
+
+        def step():
+            optimiser.zero_grad(set_to_none=True)
+            with torch.autocast("cpu", torch.bfloat16, enabled=half):
+                found = model(*inputs)
+            torch.nn.functional.mse_loss(found.float(), targets).backward()
+            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            optimiser.step()
+
+        return step
+
     steps, errors, failed = {"fp32": {}, "bf16": {}}, {}, {}
     parameters = sum(p.numel() for p in network(False).parameters())
     expected = graph["outputs"]
@@ -57,15 +84,16 @@ def serve(request):
             try:
                 model = torch.compile(network(split)) if compiled else network(split)
 
-                def step(model=model, half=kind == "bf16"):
+                def apply(model=model, half=kind == "bf16"):
                     with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=half):
                         return model(nodes, edges, topology)
 
-                found = step().float() * weights["norm.output.std"] + weights["norm.output.mean"]
+                found = apply().float() * weights["norm.output.std"] + weights["norm.output.mean"]
                 error = ((found - expected).abs().max() / expected.abs().max()).item()
                 if not error < {"fp32": 1e-4, "bf16": 0.2}[kind]:
                     raise ValueError(f"its outputs differ from m4gn's by {error:.1e}")
                 errors[f"{kind}, {name}"] = float(f"{error:.1e}")
+                step = training(model, kind == "bf16", name != DEFAULT) if batch else apply
                 step()
                 steps[kind][name] = step
             except Exception as error:

@@ -68,7 +68,7 @@ pub struct Args {
     export: Option<PathBuf>,
     /// Measure a step of training instead: forward, backward and update, on the native engine and by turns on libtorch
     /// where libm4gn_torch.so is there
-    #[arg(long, conflicts_with_all = ["model", "data", "export", "worker"])]
+    #[arg(long, conflicts_with_all = ["model", "data", "export"])]
     train: bool,
     /// With --train: graphs in a batch
     #[arg(long, value_name = "B", default_value_t = 2, requires = "train")]
@@ -109,12 +109,11 @@ pub fn run(args: Args) -> Result<()> {
         ..EngineOptions::default()
     };
     if args.train {
-        return super::bench_train::run(
-            &args.trial(&options),
-            args.steps,
-            &args.backend,
-            args.json.as_deref(),
-        );
+        let trial = args.trial(&options);
+        return match args.worker {
+            true => super::bench_train::serve(&trial, &args.backend),
+            false => super::bench_train::run(&trial, args.steps, &args.backend, args.json.as_deref()),
+        };
     }
     let backend = Backend::parse(&args.backend)?;
     let workload = workload(&args)?;
@@ -368,16 +367,26 @@ fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Resu
     super::write_json(args.json.as_deref(), &figures)
 }
 
-/// Answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
+/// A step of a network for another program.
 fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> Result<()> {
     let case = workload.case()?;
     let (inputs, mut outputs) = workload.values(&case.graph)?;
     let mut network = make(&case)?;
     network.forward(&workload.comm, &inputs, &mut outputs)?;
+    answer(workload.describe(&case.graph), || {
+        network.forward(&workload.comm, &inputs, &mut outputs)
+    })
+}
+
+/// Says the description, then answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
+///
+/// # Errors
+/// What the step returns; [`Error::File`] where the other side is gone; [`Error::Input`] for another line.
+pub(super) fn answer(description: Value, mut step: impl FnMut() -> Result<()>) -> Result<()> {
     let failed = |e: std::io::Error| Error::file("standard output", e.to_string());
     let mut out = std::io::stdout().lock();
     let mut say = |line: String| writeln!(out, "{line}").and_then(|()| out.flush()).map_err(failed);
-    say(workload.describe(&case.graph).to_string())?;
+    say(description.to_string())?;
     for line in std::io::stdin().lock().lines() {
         match line
             .map_err(|e| Error::file("standard input", e.to_string()))?
@@ -385,7 +394,7 @@ fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> 
         {
             "run" => {
                 let (began, processor) = (Instant::now(), bench::processor_time());
-                network.forward(&workload.comm, &inputs, &mut outputs)?;
+                step()?;
                 let (wall, processor) = (began.elapsed().as_secs_f64(), bench::processor_time() - processor);
                 say(format!("{:.6} {:.6}", wall * 1e3, processor * 1e3))?;
             }

@@ -1,5 +1,6 @@
 //! `m4gn bench --train`: what a step of training costs on this machine, natively and by turns on libtorch.
 
+use super::bench::answer;
 use m4gn_engine::torch::{self, TorchTrial};
 use m4gn_engine::{EngineOptions, Isa};
 use m4gn_mesh::{Error, Result};
@@ -42,20 +43,49 @@ impl Times {
     }
 }
 
+/// Where libtorch computes.
+fn device(backend: &str) -> Result<&str> {
+    match backend.split_once(':') {
+        None if backend == "native" || backend == "torch" => Ok("cpu"),
+        Some(("torch", device)) => Ok(device),
+        _ => Err(Error::Input(format!(
+            "--backend {backend}: expected native, torch or torch:DEVICE"
+        ))),
+    }
+}
+
+/// Serves another program: steps of training on one backend.
+///
+/// # Errors
+/// As [`run`], and [`answer`].
+pub fn serve(trial: &Trial, backend: &str) -> Result<()> {
+    let device = device(backend)?;
+    let prepared = trial.prepare()?;
+    let graph = &prepared.work.train[0].graph;
+    let mut optimiser = prepared.optimiser();
+    let description = json!({
+        "parameters": optimiser.weights.len(), "nodes": graph.n_owned, "edges": graph.senders.len(),
+    });
+    if backend == "native" {
+        let training = &prepared.config.training;
+        let mut native = NativeBackend::new(training, &prepared.spec, &prepared.work, trial.threads)?;
+        prepared.step(&mut native, &mut optimiser)?;
+        return answer(description, || {
+            prepared.step(&mut native, &mut optimiser).map(|_| ())
+        });
+    }
+    let described = serde_json::to_value(trial).map_err(|e| Error::Internal(e.to_string()))?;
+    let mut torch = TorchTrial::new(&described, device)?;
+    torch.step()?;
+    answer(description, || torch.step().map(|_| ()))
+}
+
 /// Runs the measurement; `backend` native leaves libtorch out.
 ///
 /// # Errors
 /// For sizes out of range, or a file that cannot be written.
 pub fn run(trial: &Trial, steps: Option<usize>, backend: &str, json: Option<&Path>) -> Result<()> {
-    let device = match backend.split_once(':') {
-        None if backend == "native" || backend == "torch" => "cpu",
-        Some(("torch", device)) => device,
-        _ => {
-            return Err(Error::Input(format!(
-                "--backend {backend}: expected native, torch or torch:DEVICE"
-            )));
-        }
-    };
+    let device = device(backend)?;
     let options = EngineOptions {
         n_threads: trial.threads,
         precision: trial.precision(),
