@@ -163,7 +163,7 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
         })
     };
     assert!(edit("stride = 0.02", "stride = 0.015").contains("model.stride"));
-    assert!(edit("stride = 0.02", "stride = 0.2").contains("at least 41"));
+    assert!(edit("stride = 0.02", "stride = 0.2").contains("than the 41"));
     assert!(
         edit(
             "fields = [",
