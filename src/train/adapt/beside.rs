@@ -1,7 +1,7 @@
 //! A round on a thread of its own, while the run goes on.
 
 use super::learner::{Knowledge, Learner};
-use super::round::Outcome;
+use super::round::{Outcome, Split};
 use super::window::Window;
 use crate::samples::Sample;
 use m4gn_mesh::parallel::Comm;
@@ -24,23 +24,26 @@ pub(super) struct Beside {
 }
 
 impl Learner {
-    /// Begins a round on the frames that there are now.
+    /// A copy that learns from frames of its own.
+    pub(super) fn with(&self, sample: Sample, window: Window) -> Self {
+        Learner {
+            sample: Arc::new(sample),
+            window,
+            stop: Arc::default(),
+            ..self.clone()
+        }
+    }
+
+    /// Begins a round on its frames, divided like this for jumps of so many model steps.
     ///
     /// # Errors
-    /// [`Error::Internal`] where the system has no thread left.
-    pub(super) fn beside(&mut self, strides: usize) -> Result<Beside> {
+    /// [`Error::Internal`] where the system has no thread left, or others have the frames as well.
+    pub(super) fn beside(mut self, strides: usize, split: Split) -> Result<Beside> {
         self.prepare()?;
-        let stop = Arc::new(AtomicBool::new(false));
-        let mut own = Learner {
-            sample: Arc::new((*self.sample).clone()),
-            stop: stop.clone(),
-            ..self.clone()
-        };
-        let (sample, window) = (own.sample.clone(), own.window.clone());
+        let (sample, window, stop) = (self.sample.clone(), self.window.clone(), self.stop.clone());
         let learn = move || {
-            let split = own.split(strides).map_err(Error::Input);
-            let result = split.and_then(|split| own.round(&Comm::serial(), &split));
-            (result, own.knowledge)
+            let result = self.round(&Comm::serial(), &split);
+            (result, self.knowledge)
         };
         let thread = std::thread::Builder::new().name("m4gn adapt".into()).spawn(learn);
         let thread = thread.map_err(|e| Error::Internal(format!("adapt: no thread to learn on: {e}")))?;

@@ -66,14 +66,13 @@ impl Adaptation {
         if self.done {
             return Ok(Outcome::default());
         }
-        let split = self.learner.split(strides);
         if let Some(beside) = self.beside.take() {
             let (outcome, knowledge) = beside.end()?;
             self.learner.knowledge = knowledge;
-            match (self.learner.settings.mode, split) {
-                (Mode::Before, _) => self.finish(),
-                (_, Ok(_)) => self.beside = Some(self.learner.beside(strides)?),
-                (_, Err(_)) => {}
+            if self.learner.settings.mode == Mode::Before {
+                self.finish();
+            } else if let Ok(split) = self.learner.split(strides) {
+                self.begin(strides, split)?;
             }
             return Ok(outcome);
         }
@@ -81,10 +80,10 @@ impl Adaptation {
             frames: self.frames(),
             ..Outcome::default()
         };
-        match split {
+        match self.learner.split(strides) {
             Err(why) => outcome.note = format!("not adapted: {why}"),
-            Ok(_) if self.learner.settings.overlap => {
-                self.beside = Some(self.learner.beside(strides)?);
+            Ok(split) if self.learner.settings.overlap => {
+                self.begin(strides, split)?;
                 outcome.note = format!(
                     "learning from {} frames beside the run, for the next jump but one",
                     outcome.frames
@@ -105,6 +104,14 @@ impl Adaptation {
             self.finish();
         }
         Ok(outcome)
+    }
+
+    /// Begins a round beside the run, on a copy of the frames.
+    fn begin(&mut self, strides: usize, split: Split) -> Result<()> {
+        let Learner { sample, window, .. } = &self.learner;
+        let own = self.learner.with((**sample).clone(), window.clone());
+        self.beside = Some(own.beside(strides, split)?);
+        Ok(())
     }
 }
 

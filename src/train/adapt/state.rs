@@ -169,16 +169,6 @@ impl Adaptation {
             array(name, expected)
         };
         let frames = frames_of("frames", &window)?;
-        let beside = match found.beside {
-            Some(mut round) => {
-                round.window.follow(&learner.window)?;
-                if round.strides > i32::MAX as usize {
-                    return Err(format!("jumps of {} strides", round.strides));
-                }
-                Some((frames_of("beside", &round.window)?, round))
-            }
-            None => None,
-        };
         let n = learner.layout.len();
         let (weights, first, second) = match found.steps {
             0 => (learner.shipped.clone(), vec![0.0; n], vec![0.0; n]),
@@ -201,29 +191,36 @@ impl Adaptation {
             Some(ridge) => return Err(format!("a ridge of {ridge}")),
             None => None,
         };
-        let sample = Arc::get_mut(&mut learner.sample).ok_or("its frames are being read")?;
-        (sample.frames, sample.n_frames) = (frames, window.frames());
         let mut optimiser = learner.knowledge.optimiser.clone();
         (optimiser.weights, optimiser.first, optimiser.second) = (weights, first, second);
         optimiser.updates = found.updates;
-        learner.window = window;
-        learner.knowledge = Knowledge {
+        let knowledge = Knowledge {
             optimiser,
             fitted,
             clock: found.clock,
             steps: found.steps,
             seconds: found.seconds,
         };
-        self.done = found.done;
         // The round begins again, and comes to the same end.
-        let begin = |(frames, round): (Vec<f32>, Round)| {
-            let mut own = learner.clone();
-            let mut sample = (*learner.sample).clone();
-            (sample.frames, sample.n_frames) = (frames, round.window.frames());
-            (own.sample, own.window) = (Arc::new(sample), round.window);
-            own.beside(round.strides)
+        let beside = match found.beside {
+            Some(Round { strides, mut window }) => {
+                window.follow(&learner.window)?;
+                if strides > i32::MAX as usize {
+                    return Err(format!("jumps of {strides} strides"));
+                }
+                let mut sample = (*learner.sample).clone();
+                (sample.frames, sample.n_frames) = (frames_of("beside", &window)?, window.frames());
+                let mut own = learner.with(sample, window);
+                own.knowledge = knowledge.clone();
+                let split = own.split(strides)?;
+                Some(own.beside(strides, split).map_err(|e| e.to_string())?)
+            }
+            None => None,
         };
-        self.beside = beside.map(begin).transpose().map_err(|e| e.to_string())?;
+        let sample = Arc::get_mut(&mut learner.sample).ok_or("its frames are being read")?;
+        (sample.frames, sample.n_frames) = (frames, window.frames());
+        (learner.window, learner.knowledge) = (window, knowledge);
+        (self.beside, self.done) = (beside, found.done);
         Ok(())
     }
 }

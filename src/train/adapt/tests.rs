@@ -292,6 +292,13 @@ fn a_round_beside_the_run_is_used_a_jump_later() {
             assert_eq!(weights(a), weights(&first), "{mode} {method}");
         }
     }
+    // Jumps that were refused leave no stretch to judge by: nothing is begun, and the run goes on.
+    let (_, mut refused) =
+        adaptation(r#"{"mode": "during", "learningRate": 3e-3, "steps": 30, "overlap": true}"#);
+    show(&mut refused, 0..40);
+    refused.run(4).unwrap();
+    assert!(refused.run(4).unwrap().used);
+    assert!(refused.run(4).unwrap().note.contains("too few"));
     // Several ranks would sum gradients beside the solver.
     let overlap = Settings::parse(r#"{"overlap": true}"#).unwrap();
     let spec = model(11).spec;
