@@ -255,8 +255,10 @@ def compare(args, python):
                 )
                 # PhysicsNeMo has no M4GN.
                 rival = None if extra else python
-                play = match_training if batch else match
-                results.append(play(args, m4gn, rival, folder, network, layers, threads, [*shape, "--batch", batch]))
+                if batch:
+                    results.append(match_training(args, m4gn, rival, folder, network, layers, threads, shape, batch))
+                else:
+                    results.append(match(args, m4gn, rival, folder, network, layers, threads))
                 results[-1]["network"] = "m4gn" if extra else "mgn"
     figures = {"machine": machine(), "width": args.width, "results": results}
     if len(results) == 1:
@@ -295,25 +297,22 @@ def starter(network):
         yield start
 
 
-def show(everybody, over):
-    """A line for each contestant, with its time over those of these two."""
-    first, second = over
-    ms = {name: everybody[name].median() for name in over}
-    print(f"  {'':<36} {'ms a step (quartiles)':>29}   over {first}  over {second}   processor ms")
+def show(everybody, ms):
+    """A line for each contestant, with its time over those of m4gn."""
+    print(f"  {'':<36} {'ms a step (quartiles)':>29}   over fp32  over bf16   processor ms")
     for contestant in dict.fromkeys(everybody.values()):
         low, _, high = statistics.quantiles([wall for wall, _ in contestant.times], n=4)
         median = contestant.median()
         print(
-            f"  {contestant.name:<36} {median:8.2f} ({low:8.2f} {high:8.2f})  {median / ms[first]:10.2f} "
-            f"{median / ms[second]:10.2f} {contestant.processor():14.2f}",
+            f"  {contestant.name:<36} {median:8.2f} ({low:8.2f} {high:8.2f})  {median / ms['fp32']:10.2f} "
+            f"{median / ms['bf16']:10.2f} {contestant.processor():14.2f}",
             flush=True,
         )
 
 
-def match_training(args, m4gn, python, folder, network, layers, threads, shape):
+def match_training(args, m4gn, python, folder, network, layers, threads, shape, batch):
     """Training one network on one number of threads, with batches of one size."""
-    batch = shape[-1]
-    command = [m4gn, "bench", "--train", "--worker", *shape, "--nodes", args.nodes, "--threads", threads]
+    command = [m4gn, "bench", "--train", "--worker", *shape, "--batch", batch, "--nodes", args.nodes, "--threads", threads]
     with starter(network) as start:
         everybody = {}
         for precision in ["fp32", "bf16"]:
@@ -332,11 +331,11 @@ def match_training(args, m4gn, python, folder, network, layers, threads, shape):
             row["train_vs_physicsnemo"] = ms["physicsnemo"] / best
             row["train_vs_physicsnemo_fastest"] = min(ms["physicsnemo_fastest"], ms["physicsnemo_bf16"]) / best
         row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
-        show(everybody, ["fp32", "bf16"])
+        show(everybody, ms)
         return row
 
 
-def match(args, m4gn, python, folder, network, layers, threads, _shape):
+def match(args, m4gn, python, folder, network, layers, threads):
     """One network on one number of threads."""
     command = [m4gn, "bench", "--worker", "--model", folder / "model.safetensors", "--nodes", args.nodes, "--threads", threads]
     with starter(network) as start:
@@ -360,7 +359,7 @@ def match(args, m4gn, python, folder, network, layers, threads, _shape):
         if python:
             row["bf16_vs_physicsnemo_bf16"] = ms["physicsnemo_bf16"] / ms["bf16"]
         row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
-        show(everybody, ["fp32", "bf16"])
+        show(everybody, ms)
         return row
 
 

@@ -19,6 +19,16 @@ error() {
     paste <(values ../full/0.75/U) <(values 0.75/U) |
         awk '{ s += ($1-$4)^2 + ($2-$5)^2 } END { printf "%.12g", sqrt(s/(2*NR)) }'
 }
+# carried_on TEXT WHAT: from 0.75, the end of the first jump, the run says TEXT and comes to the fields of ../whole at 1.05
+carried_on() {
+    rm -rf 0.8* 0.9* 1.* postProcessing
+    sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
+    runs icoFoam
+    grep -q "$1" log.run || fail "$2: a run that is carried on does not say: $1"
+    for field in U p; do
+        below "$(difference ../whole/1.05/$field 1.05/$field)" 1e-4 "$field at 1.05, $2, restarted at 0.75"
+    done
+}
 surrogate ''
 clean_case
 runs icoFoam
@@ -39,13 +49,7 @@ grep -q stride log.info || { cat log.info; fail "the adapted model is not descri
 mkdir ../whole && cp -r [01].* ../whole
 
 # Carried on from the end of the first jump: weights, frames and random numbers are those of the uninterrupted run
-rm -rf 0.8* 0.9* 1.* postProcessing
-sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
-runs icoFoam
-grep -q 'carried on from .*0.75/uniform/test.adapt' log.run || fail "the state was not taken up"
-for field in U p; do
-    below "$(difference ../whole/1.05/$field 1.05/$field)" 1e-4 "$field at 1.05, restarted at 0.75"
-done
+carried_on 'carried on from .*0.75/uniform/test.adapt' learned
 # A state of another model is refused
 cp 0.75/uniform/test.adapt ../state
 printf 'damaged' > 0.75/uniform/test.adapt
@@ -61,13 +65,7 @@ grep -q '^m4gn: learning from [0-9]* frames beside the run' log.run || fail "not
 grep '^m4gn: adapted in .* beside the run, which waited' log.run || fail "nothing came of it"
 [ "$(error)" = "$before" ] || fail "error of U after the first jump $(error), expected that of the shipped weights, $before"
 rm -rf ../whole && mkdir ../whole && cp -r 1.05 ../whole
-rm -rf 0.8* 0.9* 1.* postProcessing
-sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
-runs icoFoam
-grep -q '^m4gn: adapted in .* beside the run' log.run || fail "nothing came of it after a restart"
-for field in U p; do
-    below "$(difference ../whole/1.05/$field 1.05/$field)" 1e-4 "$field at 1.05, learned beside, restarted at 0.75"
-done
+carried_on '^m4gn: adapted in .* beside the run' 'learned beside'
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 clean_case
 runs decomposePar
