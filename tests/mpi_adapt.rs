@@ -1,6 +1,8 @@
 //! A model that learns its case on several ranks against the same on one: run as `mpirun -np P <this binary>` for
 //! P = 1, 2, 3. Without mpirun this is a run on one rank.
 
+#[path = "mpi_adapt/bodies.rs"]
+mod bodies;
 #[path = "ranks/mod.rs"]
 mod ranks;
 
@@ -65,6 +67,7 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     }
 
     time(comm, &mesh, &model, &mut failures)?;
+    bodies::run(comm, &mut failures)?;
 
     // What one rank finds wrong, all know.
     let size = comm.size();

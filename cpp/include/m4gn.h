@@ -170,7 +170,8 @@ typedef struct m4gn_field
     const char* name;           /* OpenFOAM's name, "U" */
     int32_t components;         /* 1 scalar, 3 vector */
     const double* cells;        /* [components*n_cells] */
-    const double* boundary;     /* [components*n_boundary] face values */
+    const double* boundary;     /* [components*n_boundary] face values; of a body, and read by m4gn_adapt_frame alone, the
+                                   displacement of the obstacle's points [3*n_obstacle], of which the first rank's counts */
 } m4gn_field;
 
 /* Where a predicted field goes; components that are not solved are left as they are. */

@@ -173,7 +173,7 @@ exports! {
         // SAFETY: an adaptation of ours, or null.
         let handle = unsafe { raw::reference_mut("adapt", adapt)? };
         handle.guarded(|a| {
-            let (cells, boundary) = (a.mesh().n_cells(), a.mesh().boundary.len());
+            let (cells, boundary) = (a.n_cells(), a.n_boundary());
             // SAFETY: the host's arrays, as the header says.
             let values = unsafe { read_fields((fields, n_fields), cells, boundary) };
             let same = format!("call m4gn_adapt_frame\ntime {time:?}\nbegins {}", begins != 0);

@@ -25,17 +25,14 @@ pub fn segment(
     modes: Option<&Modes>,
     comm: &Comm,
 ) -> Result<Segmentation> {
-    let bare = Mesh {
-        boundary: Vec::new(),
-        ..part.mesh.clone()
-    };
+    let bare = without_obstacle(part);
     // Without an obstacle there is no distance to one.
     let mut settings = settings.clone();
     if part.obstacle.is_empty() && settings.method.uses_obstacle() {
         settings.method = SegmentMethod::Slic;
     }
     let mut graph = Graph::new(&bare, comm)?;
-    let mut body = match modes {
+    let body = match modes {
         Some(modes) => {
             let own = Modes {
                 eigenvalues: modes.eigenvalues.clone(),
@@ -57,11 +54,48 @@ pub fn segment(
         }
         None => segments::segment(&bare, &mut graph, &settings, &NoModes, comm, None)?,
     };
-    body.encode(spec, &bare, comm);
-    if part.obstacle.is_empty() {
-        return Ok(body);
+    Ok(finished(body, &bare, part, contact, spec, comm))
+}
+
+/// As [`segment`], with the segments of this rank's own points, which were found before.
+///
+/// # Errors
+/// As [`segments::segment`], for labels that are no segments.
+pub fn of_labels(
+    part: &BodyPart,
+    contact: &ContactGraph,
+    spec: &ModelSpec,
+    settings: &SegmentSpec,
+    labels: &[i32],
+    comm: &Comm,
+) -> Result<Segmentation> {
+    let bare = without_obstacle(part);
+    let mut graph = Graph::new(&bare, comm)?;
+    let body = segments::segment(&bare, &mut graph, settings, &NoModes, comm, Some(labels))?;
+    Ok(finished(body, &bare, part, contact, spec, comm))
+}
+
+fn without_obstacle(part: &BodyPart) -> Mesh {
+    Mesh {
+        boundary: Vec::new(),
+        ..part.mesh.clone()
     }
-    Ok(with_obstacle(body, part, contact, spec))
+}
+
+/// What a network reads of a body's segments, and the obstacle as one more. Collective.
+fn finished(
+    mut body: Segmentation,
+    bare: &Mesh,
+    part: &BodyPart,
+    contact: &ContactGraph,
+    spec: &ModelSpec,
+    comm: &Comm,
+) -> Segmentation {
+    body.encode(spec, bare, comm);
+    match part.obstacle.is_empty() {
+        true => body,
+        false => with_obstacle(body, part, contact, spec),
+    }
 }
 
 /// Adds the obstacle as the last segment.

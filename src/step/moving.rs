@@ -10,7 +10,7 @@ use m4gn_engine::{Engine, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
-use m4gn_model::{Model, cell_size};
+use m4gn_model::{Model, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
 
 type Vector = [f64; 3];
@@ -56,6 +56,7 @@ impl Moving {
         mesh: &Mesh,
         model: &Model,
         radius: f64,
+        settings: &SegmentSpec,
         options: &SessionOptions,
     ) -> Result<(Self, Cut, f64)> {
         let spec = &model.spec;
@@ -76,7 +77,6 @@ impl Moving {
             }
             None => None,
         };
-        let settings = comm.agree(options.segment_spec(&spec.segments))?;
         let whole = spec.architecture.segment_transformer().is_some();
         // Every rank computes the same modes: bodies at points are small beside what ranks are for.
         let modes = match whole && settings.method.uses_modes() && settings.count > 1 {
@@ -93,14 +93,14 @@ impl Moving {
                 &part,
                 &graph,
                 spec,
-                &settings,
+                settings,
                 modes.as_ref(),
                 comm,
             )?),
             false => None,
         };
-        let settings = options.engine(options.precision.agreed(comm));
-        let engine = Engine::new(model, graph.graph(), cut.as_ref(), &settings);
+        let engine_options = options.engine(options.precision.agreed(comm));
+        let engine = Engine::new(model, graph.graph(), cut.as_ref(), &engine_options);
         let engine = comm.agree(engine)?;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
         let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();
@@ -126,6 +126,35 @@ impl Moving {
             projection,
         };
         Ok((moving, cut, size))
+    }
+
+    /// Takes the weights of another model of the same description; `labels` are the segments of the host's own points. Collective;
+    /// all ranks fail together, and the weights are then those from before.
+    pub(super) fn set_weights(
+        &mut self,
+        comm: &Comm,
+        mesh: &Mesh,
+        model: &Model,
+        (settings, labels): (&SegmentSpec, &[i32]),
+        options: &SessionOptions,
+    ) -> Result<()> {
+        let spec = &model.spec;
+        let cut = match spec.architecture.segment_transformer() {
+            Some(_) => {
+                let (body, ranks) = mesh.whole_body(comm)?;
+                let part = BodyPart::of_rank(&body, mesh.obstacle.as_ref(), &ranks, comm.rank());
+                let part = comm.agree(part)?;
+                let mut own = vec![0; self.points.len()];
+                self.place.iter().zip(labels).for_each(|(&i, &k)| own[i] = k);
+                let of_labels = segments::of_labels(&part, &self.graph, spec, settings, &own, comm)?;
+                Some(of_labels)
+            }
+            None => None,
+        };
+        let settings = options.engine(options.precision.agreed(comm));
+        let engine = Engine::new(model, self.graph.graph(), cut.as_ref(), &settings);
+        self.engine = comm.agree(engine)?;
+        Ok(())
     }
 
     /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the

@@ -53,9 +53,10 @@ impl Session {
     pub fn new(comm: Comm, mesh: &Mesh, model: &Model, options: &SessionOptions) -> Result<Self> {
         let spec = &model.spec;
         comm.agree(case::check(spec, mesh, options))?;
+        let segment_spec = comm.agree(options.segment_spec(&spec.segments))?;
         if let Some(contact) = spec.contact {
             let (moving, (n_segments, cell_segment), cell_size) =
-                Moving::new(&comm, mesh, model, contact.radius, options)?;
+                Moving::new(&comm, mesh, model, contact.radius, &segment_spec, options)?;
             let n_cells = mesh.cell_global.len();
             return Ok(Session {
                 comm,
@@ -70,14 +71,13 @@ impl Session {
                 network: Network::Moving(Box::new(moving)),
                 groups: None,
                 options: options.clone(),
-                segment_spec: spec.segments.clone(),
+                segment_spec,
                 inputs: Vec::new(),
                 outputs: Vec::new(),
                 result: vec![0.0; n_cells * spec.n_outputs()],
                 spec: spec.clone(),
             });
         }
-        let segment_spec = comm.agree(options.segment_spec(&spec.segments))?;
         let groups = OnGroups::new(mesh, options.resolution.of(spec.resolution), spec, &comm)?;
         let nodes = network_nodes(mesh, groups.as_ref());
         let preset = match spec.architecture.segment_transformer() {
@@ -131,12 +131,15 @@ impl Session {
     /// Collective; all ranks fail together, and the weights are then those from before.
     ///
     /// # Errors
-    /// [`Error::Input`] for a session on libtorch or of a body at points, whose weights stay; [`Error::Model`] for a model
-    /// of another description.
+    /// [`Error::Input`] for a session on libtorch, whose weights stay; [`Error::Model`] for a model of another description.
     pub fn set_weights(&mut self, mesh: &Mesh, model: &Model) -> Result<()> {
         let comm = self.comm.clone();
         comm.agree(self.check_weights(mesh, model))?;
-        let (groups, labels) = (self.groups.as_ref(), Some(&self.cell_segment[..]));
+        let labels = &self.cell_segment[..];
+        if let Network::Moving(moving) = &mut self.network {
+            return moving.set_weights(&comm, mesh, model, (&self.segment_spec, labels), &self.options);
+        }
+        let (groups, labels) = (self.groups.as_ref(), Some(labels));
         let (graph, segmentation) = cut(mesh, groups, &self.spec, &self.segment_spec, labels, &comm)?;
         let network = fixed(model, &graph, segmentation.as_ref(), &self.options, &comm)?;
         self.network = Network::Fixed(network);
@@ -145,11 +148,6 @@ impl Session {
 
     fn check_weights(&self, mesh: &Mesh, model: &Model) -> Result<()> {
         let (own, new) = (&self.spec, &model.spec);
-        if matches!(self.network, Network::Moving(_)) {
-            return Err(Error::Input(
-                "the weights of a model of bodies at points stay as they are".into(),
-            ));
-        }
         if self.options.backend != Backend::Native {
             return Err(Error::Input(
                 "weights that change need backend native: libtorch reads them from the model's file".into(),
@@ -157,7 +155,7 @@ impl Session {
         }
         let same = (&own.fields, &own.architecture, &own.node_types)
             == (&new.fields, &new.architecture, &new.node_types);
-        if !same || mesh.n_cells() != self.n_cells || mesh.boundary.len() != self.n_boundary {
+        if !same || mesh.cell_global.len() != self.n_cells || mesh.boundary.len() != self.n_boundary {
             return Err(Error::Model(
                 "weights of another network or for another mesh than the session's: expected the same description".into(),
             ));

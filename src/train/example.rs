@@ -16,7 +16,7 @@ use std::time::Instant;
 const KEEP: usize = 1 << 30;
 
 /// The graph of a body at a state, with its senders and receivers.
-type Moved = (TrainGraph, Vec<i32>, Vec<i32>);
+pub(super) type Moved = (TrainGraph, Vec<i32>, Vec<i32>);
 
 /// An application of the network: the state before it, and, of bodies, the graph there with its senders and receivers.
 struct Applied {
@@ -260,7 +260,11 @@ impl NativeBackend<'_> {
 }
 
 /// The graph of a body at a state, with its senders and receivers; none for cells, whose graph stays.
-fn at_state(base: &TrainGraph, contact: &mut Option<ContactGraph>, state: &[f32]) -> Result<Option<Moved>> {
+pub(super) fn at_state(
+    base: &TrainGraph,
+    contact: &mut Option<ContactGraph>,
+    state: &[f32],
+) -> Result<Option<Moved>> {
     let Some(contact) = contact else { return Ok(None) };
     let graph = contact.update(&Comm::serial(), state)?;
     Ok(Some((

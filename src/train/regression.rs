@@ -7,6 +7,7 @@
 //! The scale g_ii makes the ridge a share of each input's own part, whatever its size.
 
 use super::backend::Example;
+use super::example::at_state;
 use super::native::NativeBackend;
 use super::normaliser::Normaliser;
 use super::together::own_share;
@@ -163,6 +164,10 @@ impl NativeBackend<'_> {
             let frame = example.frame + step * self.work.frames_a_step;
             self.stepper.frame(sample, frame, example.mirror)
         };
+        let mut contact = sample.contact.as_ref().map(|c| match example.mirror {
+            true => c.reflected(),
+            false => c.clone(),
+        });
         let mut state = frame(0)?;
         self.add_noise(sample, example.seed, &mut state);
         let m = self.spec.n_outputs();
@@ -171,8 +176,9 @@ impl NativeBackend<'_> {
         let mut sum = Regression::new(&self.spec);
         for step in 1..=unroll {
             let next = frame(step)?;
-            self.stepper
-                .inputs(sample.contact.as_ref(), &state, &next, &mut inputs);
+            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
+            let moved = at_state(graph, &mut contact, &state)?;
+            let graph = moved.as_ref().map_or(graph, |(graph, ..)| graph);
             self.network
                 .forward(worker, 0, graph, scales, &inputs, &mut outputs);
             self.network.last_inputs(worker, 0, graph, &mut rows);

@@ -130,7 +130,7 @@ impl Sample {
     pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Result<Self> {
         let mesh = trajectory.mesh();
         let made = match trajectory.body() {
-            Some(body) => Self::of_body(body, trajectory.obstacle(), spec),
+            Some(body) => Self::of_body(body, trajectory.obstacle(), spec, None),
             None => Self::of_mesh(mesh, spec, &spec.segments, spec.resolution, None),
         };
         let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
@@ -218,7 +218,11 @@ impl Sample {
     }
 
     /// Finds by the frames in memory which boundary values are their owners'. `mesh` is the one that the sample was made of.
+    /// The boundary of a body is its obstacle, whose motion is its own.
     pub fn find_copies(&mut self, mesh: &Mesh, spec: &ModelSpec) {
+        if self.contact.is_some() {
+            return;
+        }
         let nodes = self.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
         let mut copies = Copies::new(nodes, spec);
         let size = self.graph.n_owned * self.width;
@@ -228,21 +232,33 @@ impl Sample {
         self.copies = found;
     }
 
-    /// The graph and segments of a body, without frames.
+    /// The graph and segments of a body, without frames. `labels [N]` are segments of its points found before.
     ///
     /// # Errors
     /// For a body or an obstacle that no graph can be made of, or segments that cannot be found.
-    pub fn of_body(body: &Body, obstacle: Option<&Obstacle>, spec: &ModelSpec) -> Result<Self> {
+    pub fn of_body(
+        body: &Body,
+        obstacle: Option<&Obstacle>,
+        spec: &ModelSpec,
+        labels: Option<&[i32]>,
+    ) -> Result<Self> {
         let comm = Comm::serial();
         let radius = spec.contact.map_or(0.0, |c| c.radius);
         let part = BodyPart::whole(body, obstacle)?;
         let contact = ContactGraph::new(&part, radius, &comm)?;
         let settings = &spec.segments;
-        let modes = match settings.method.uses_modes() && settings.count > 1 {
-            true => Some(Modal::default().of_body(body, settings.mode_count())?),
-            false => None,
+        let cut = match labels {
+            Some(labels) => {
+                m4gn_contact::segments::of_labels(&part, &contact, spec, settings, labels, &comm)?
+            }
+            None => {
+                let modes = match settings.method.uses_modes() && settings.count > 1 {
+                    true => Some(Modal::default().of_body(body, settings.mode_count())?),
+                    false => None,
+                };
+                m4gn_contact::segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm)?
+            }
         };
-        let cut = m4gn_contact::segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm)?;
         let graph = contact.graph().clone();
         let owners = vec![0; graph.n_owned - graph.n_cells];
         Ok(Sample {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <mpi.h>
 
 namespace
@@ -147,6 +148,60 @@ std::vector<double> run(m4gn::Session& session, std::size_t n, double& gap)
     return D;
 }
 
+// The model learns a beam that bends otherwise than its own would, shown by the host; where it was, where it then goes in a step,
+// and what the adaptation said.
+struct Learned
+{
+    std::vector<double> before, after;
+    m4gn_adapt_report report{};
+    std::string note;
+};
+
+Learned learn(int32_t comm, const Beam& beam)
+{
+    // The model's stride is 0.04 s, two of these steps.
+    constexpr double step = 0.02;
+    const auto bent = [&](int at)
+    {
+        std::vector<double> D(3*beam.n() + 1, 0);
+        for (std::size_t p = 0; p < beam.n(); ++p)
+        {
+            D[3*p + 2] = 0.0001*at*std::pow(beam.positions[3*p]/0.1, 2);
+        }
+        return D;
+    };
+    // Away from the beam.
+    const std::vector<double> still(18, 0);
+    m4gn::Session session(comm, beam.data, settings(model));
+    const auto ahead = [&]
+    {
+        auto D = bent(20);
+        session.setObstacle(still, still);
+        session.step({m4gn_field{"D", 3, D.data(), nullptr}}, {m4gn_field_out{"D", 3, D.data()}});
+        D.pop_back();
+        return D;
+    };
+    Learned learned;
+    learned.before = ahead();
+    m4gn_adapt* adapt = nullptr;
+    m4gn::check
+    (
+        m4gn_adapt_new(session.get(), &beam.data, R"({"precision": "fp32", "steps": 40, "threads": 1})", &adapt)
+    );
+    const std::unique_ptr<m4gn_adapt, void (*)(m4gn_adapt*)> owner(adapt, m4gn_adapt_free);
+    for (int at = 0; at < 40; ++at)
+    {
+        const auto D = bent(at);
+        const m4gn_field field{"D", 3, D.data(), still.data()};
+        m4gn::check(m4gn_adapt_frame(adapt, step*at, at == 0, &field, 1));
+    }
+    std::vector<char> note(400);
+    m4gn::check(m4gn_adapt_run(adapt, session.get(), 2, &learned.report, note.data(), 400));
+    learned.note = note.data();
+    learned.after = ahead();
+    return learned;
+}
+
 } // namespace
 
 int main(int argc, char** argv)
@@ -193,6 +248,32 @@ int main(int argc, char** argv)
         REQUIRE(largest > 1e-3 && largest < 0.05);
         REQUIRE(difference < 1e-5*largest);
         REQUIRE(gap > -0.02 && std::abs(gap - gapSerial) < 1e-4);
+    }
+
+    {
+        const Beam whole(0, 1), part(rank, size);
+        const auto expected = learn(M4GN_NO_MPI, whole);
+        const auto found = learn(comm, part);
+        if (rank == 0)
+        {
+            std::printf("%s\n", found.note.c_str());
+        }
+        REQUIRE(found.report.used == 1 && found.report.after < 0.7*found.report.before);
+        REQUIRE(std::abs(found.report.after/expected.report.after - 1) < 1e-2);
+        double moved = 0, difference = 0;
+        for (std::size_t p = 0; p < part.n(); ++p)
+        {
+            const auto at = std::find(whole.global.begin(), whole.global.end(), part.global[p]) - whole.global.begin();
+            for (std::size_t i = 0; i < 3; ++i)
+            {
+                const double after = found.after[3*p + i];
+                moved = std::max(moved, std::abs(after - found.before[3*p + i]));
+                difference = std::max(difference, std::abs(after - expected.after[3*static_cast<std::size_t>(at) + i]));
+            }
+        }
+        std::printf("rank %d of %d: adapted, a step differs from serial by %.1e m of %.1e m\n", rank, size, difference, moved);
+        MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD);
+        REQUIRE(difference < 1e-2*moved);
     }
 
     // What a host may get wrong.

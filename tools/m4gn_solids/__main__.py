@@ -1,7 +1,7 @@
 """python -m m4gn_solids: makes the trajectory that case.json in the working folder asks for.
 
-case.json: family, large, seed, index, points (about how many; null: as many as in the paper), frames, interval (s),
-split, command. What comes out: trajectory.h5 and, for
+case.json: family, large, seed, index, points (about how many; null: as many as in the paper), poisson (the ratio), frames,
+interval (s), split, command. What comes out: trajectory.h5 and, for
 the figures, result.json. A draw that has no quasi-static path, cannot be meshed or lets the obstacle sink in is drawn
 again; every such failure is kept in both files.
 """
@@ -30,8 +30,8 @@ def attempt(case, parameters):
     """Simulates one draw into trajectory.h5; the figures, without closing the file."""
     family, frames = case["family"], case["frames"]
     body, obstacle = draws.build(parameters, family, frames, ".")
-    material = {"young": draws.YOUNG, "poisson": draws.POISSON, "density": draws.DENSITY}
-    solid = Solid(body, draws.YOUNG, draws.POISSON)
+    material = {"young": draws.YOUNG, "poisson": case["poisson"], "density": draws.DENSITY}
+    solid = Solid(body, draws.YOUNG, case["poisson"])
     march = March(body, obstacle, solid, draws.YOUNG)
     local, triangles = obstacle.shape.surface(march.size)
     start = obstacle.place(local, 0)
@@ -72,7 +72,7 @@ def main():
         sys.exit(f"none of {ATTEMPTS} draws of case {index} could be simulated; the last: {redraws[-1]['reason']}")
     figures["cpu_seconds"] = round(time.process_time() - began, 3)
     figures["redraws"] = [{key: r[key] for key in ("reason", "cpu_seconds")} for r in redraws]
-    provenance = {key: case[key] for key in ("command", "family", "large", "seed", "index", "frames", "interval")}
+    provenance = {key: case[key] for key in ("command", "family", "large", "seed", "index", "poisson", "frames", "interval")}
     provenance |= {"draw": len(redraws), "parameters": parameters, **figures}
     provenance["software"] = {name: version(name) for name in ("felupe", "numpy", "scipy", "h5py")}
     recording.finish(provenance)

@@ -7,7 +7,7 @@ from .obstacles import Obstacle, RoundedBox, RoundedCylinder
 
 FAMILIES = ("deforming-plate", "deforming-beam")
 
-YOUNG, POISSON, DENSITY = 1e6, 0.4, 1000.0
+YOUNG, DENSITY = 1e6, 1000.0
 """Pa, -, kg/m^3, as in the paper."""
 
 PLATE_POINTS, BEAM_POINTS, LARGE_BEAM_POINTS = 1271, 1542, 4540

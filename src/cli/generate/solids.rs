@@ -6,7 +6,7 @@ use m4gn_mesh::{Error, Result};
 use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
 use m4gn_workbench::generate::queue::Made;
-use m4gn_workbench::generate::solids::{Family, Figures, Request, find_python};
+use m4gn_workbench::generate::solids::{Family, Figures, POISSON, Request, find_python};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Plates of 8 to 12 cm x 4 to 6 cm x 4 to 8 mm with one to three holes, held at both ends, at one end or all round;
 /// a sphere, cylinder or rounded block is pressed into them and slides. Tetrahedra, about 1271 points; neo-Hookean,
-/// E 1 MPa, nu 0.4, rho 1000 kg/m^3; quasi-static, frictionless. A draw that has no quasi-static path (the body snaps
+/// E 1 MPa, nu 0.4 unless set, rho 1000 kg/m^3; quasi-static, frictionless. A draw that has no quasi-static path (the body snaps
 /// or slips off) is drawn again and counted. Needs gmsh, and the Python environment that setup/solids.sh makes.
 #[derive(Debug, clap::Args)]
 pub(super) struct PlateArgs {
@@ -45,6 +45,9 @@ struct SolidArgs {
     /// About how many points a body has [default: as many as in the paper]
     #[arg(long, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     points: Option<u32>,
+    /// Poisson's ratio of the material, 0 to 0.49
+    #[arg(long, default_value_t = POISSON, value_parser = poisson)]
+    poisson: f64,
     /// Frames after the first one; the obstacle's whole way is divided by them
     #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
@@ -69,6 +72,13 @@ pub(super) fn run_beam(args: BeamArgs) -> Result<()> {
     run(&args.common, &args.solid, Family::DeformingBeam, args.large)
 }
 
+fn poisson(text: &str) -> std::result::Result<f64, String> {
+    match text.parse() {
+        Ok(ratio) if (0.0..=0.49).contains(&ratio) => Ok(ratio),
+        _ => Err("expected a number from 0 to 0.49".into()),
+    }
+}
+
 fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
     if find_program("gmsh").is_none() {
         return Err(Error::Input(
@@ -80,10 +90,14 @@ fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Resul
     environment.push(("PYTHONPATH".to_string(), package()?.into()));
     environment.push(("PYTHONDONTWRITEBYTECODE".to_string(), "1".into()));
     let command = format!(
-        "m4gn generate {}{}{} --count {} --seed {} --split {} --frames {} --frame-interval {}",
+        "m4gn generate {}{}{}{} --count {} --seed {} --split {} --frames {} --frame-interval {}",
         family.name(),
         if large { " --large" } else { "" },
         solid.points.map_or(String::new(), |n| format!(" --points {n}")),
+        match solid.poisson == POISSON {
+            true => String::new(),
+            false => format!(" --poisson {}", solid.poisson),
+        },
         common.count,
         common.seed,
         common.split,
@@ -97,6 +111,7 @@ fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Resul
             seed: common.seed,
             index,
             points: solid.points,
+            poisson: solid.poisson,
             split,
             frames: solid.frames,
             interval: solid.frame_interval,

@@ -24,6 +24,7 @@ use super::normaliser::Normaliser;
 use super::samples::Sample;
 use beside::Beside;
 use learner::{Knowledge, Learner};
+use m4gn_contact::part::BodyPart;
 use m4gn_data::{Place, whole_mesh};
 use m4gn_engine::backward::{Layout, Optimiser};
 use m4gn_mesh::parallel::{Comm, everywhere};
@@ -55,27 +56,17 @@ impl Adaptation {
     /// For a model on the mesh of a session. Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Input`] for settings that ask for nothing, or a model of bodies at points, which is not adapted yet;
-    /// [`Error::Mesh`] for global numbers that are no permutation.
+    /// [`Error::Input`] for settings that ask for nothing; [`Error::Mesh`] for global numbers that are no permutation.
     pub fn new(session: &Session, mesh: &Mesh, model: &Model, settings: Settings) -> Result<Self> {
         let comm = session.comm().clone();
-        comm.agree(check(&model.spec, &settings, comm.size() as usize))?;
-        let whole = whole_mesh(&comm, mesh, Place::Everywhere);
-        let whole = whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into())));
-        let whole = comm.agree(whole)?;
-        let cells = everywhere(&comm, &mesh.cell_global);
-        let labels = everywhere(&comm, session.cell_segment());
-        let (segments, labels) = segments(session, &cells, &labels);
-        let sample = comm.agree(Sample::of_mesh(
-            &whole,
-            &model.spec,
-            &segments,
-            session.resolution(),
-            Some(&labels),
-        ))?;
+        comm.agree(check(&settings, comm.size() as usize))?;
+        let (whole, sample) = match model.spec.contact {
+            Some(_) => of_body(session, mesh, &model.spec)?,
+            None => of_cells(session, mesh, &model.spec)?,
+        };
         let n_cells = whole.n_cells() as i64;
-        let faces = mesh.boundary.iter().map(|face| n_cells + face.global);
-        let nodes: Vec<i64> = mesh.cell_global.iter().copied().chain(faces).collect();
+        let boundary = own_boundary(mesh, comm.is_root()).map(|face| n_cells + face);
+        let nodes: Vec<i64> = mesh.cell_global.iter().copied().chain(boundary).collect();
         let normaliser = comm.agree(Normaliser::of_model(model))?;
         let layout = Layout::new(&model.spec);
         let shipped = comm.agree(layout.flatten(model))?;
@@ -166,8 +157,12 @@ impl Adaptation {
 
     /// This rank's values, cells and then boundary faces, all components of a node together.
     fn rows(&self, fields: &[Field]) -> Result<Vec<f32>> {
-        let (width, cells) = (self.learner.sample.width, self.mesh.n_cells());
-        let mut rows = vec![0f32; self.mesh.n_nodes() * width];
+        let (width, cells) = (self.learner.sample.width, self.n_cells());
+        let (boundary, own) = (
+            self.n_boundary(),
+            own_boundary(&self.mesh, self.comm.is_root()).count(),
+        );
+        let mut rows = vec![0f32; (cells + own) * width];
         let mut column = 0;
         for spec in &self.learner.spec.fields {
             let name = &spec.name;
@@ -175,7 +170,7 @@ impl Adaptation {
             let field = field
                 .ok_or_else(|| Error::Input(format!("adapt: field '{name}' is missing from the frame")))?;
             let c = if spec.vector { 3 } else { 1 };
-            let expected = (c, c * cells, c * self.mesh.boundary.len());
+            let expected = (c, c * cells, c * boundary);
             let found = (field.components, field.cells.len(), field.boundary.len());
             if found != expected {
                 return Err(Error::Input(format!(
@@ -241,6 +236,19 @@ impl Adaptation {
         self.learner.frames()
     }
 
+    /// This rank's cells, or points of a body.
+    pub fn n_cells(&self) -> usize {
+        self.mesh.cell_global.len()
+    }
+
+    /// Boundary values of a component of a frame: one for each boundary face of this rank, or each point of a body's obstacle.
+    pub fn n_boundary(&self) -> usize {
+        match &self.mesh.obstacle {
+            Some(obstacle) => obstacle.positions.len(),
+            None => self.mesh.boundary.len(),
+        }
+    }
+
     /// This rank's part of the mesh, with which a session takes the weights over.
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
@@ -252,7 +260,7 @@ impl Adaptation {
     }
 }
 
-fn check(spec: &ModelSpec, settings: &Settings, ranks: usize) -> Result<()> {
+fn check(settings: &Settings, ranks: usize) -> Result<()> {
     if settings.mode == Mode::Off {
         return Err(Error::Input("adapt: mode off asks for nothing".into()));
     }
@@ -262,16 +270,51 @@ fn check(spec: &ModelSpec, settings: &Settings, ranks: usize) -> Result<()> {
              that uses it: leave overlap out"
         )));
     }
-    if spec.contact.is_some() {
-        return Err(Error::Input(
-            "adapt: the model is of bodies at points that an obstacle touches, which do not learn in a run: leave adapt out".into(),
-        ));
-    }
     Ok(())
 }
 
-/// The session's segmentation in the order of the undecomposed mesh; one segment where the model has no macro stage.
-fn segments(session: &Session, cells: &[i64], labels: &[i32]) -> (SegmentSpec, Vec<i32>) {
+/// Numbers of the boundary nodes that this rank sends: its boundary faces; of a body the obstacle's points, which all ranks
+/// have and the first one sends.
+fn own_boundary(mesh: &Mesh, first: bool) -> impl Iterator<Item = i64> {
+    let obstacle = mesh.obstacle.as_ref().filter(|_| first);
+    let points = 0..obstacle.map_or(0, |o| o.positions.len() as i64);
+    mesh.boundary.iter().map(|face| face.global).chain(points)
+}
+
+/// The undecomposed mesh, and its graph and segments. Collective; all ranks fail together.
+fn of_cells(session: &Session, mesh: &Mesh, spec: &ModelSpec) -> Result<(Mesh, Sample)> {
+    let comm = session.comm();
+    let whole = whole_mesh(comm, mesh, Place::Everywhere);
+    let whole = whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into())));
+    let whole = comm.agree(whole)?;
+    let (segments, labels) = segments(session, mesh);
+    let sample = Sample::of_mesh(&whole, spec, &segments, session.resolution(), Some(&labels));
+    let sample = comm.agree(sample)?;
+    Ok((whole, sample))
+}
+
+/// The whole body as a mesh of its points, whose boundary is the obstacle, and its graph and segments. Collective; all ranks fail
+/// together.
+fn of_body(session: &Session, mesh: &Mesh, spec: &ModelSpec) -> Result<(Mesh, Sample)> {
+    let comm = session.comm();
+    let (body, _) = mesh.whole_body(comm)?;
+    let (segments, labels) = segments(session, mesh);
+    let spec = ModelSpec {
+        segments,
+        ..spec.clone()
+    };
+    let make = || {
+        let whole = BodyPart::whole(&body, mesh.obstacle.as_ref())?.mesh;
+        let sample = Sample::of_body(&body, mesh.obstacle.as_ref(), &spec, Some(&labels))?;
+        Ok((whole, sample))
+    };
+    comm.agree(make())
+}
+
+/// The session's segmentation in the order of the undecomposed mesh; one segment where the model has no macro stage. Collective.
+fn segments(session: &Session, mesh: &Mesh) -> (SegmentSpec, Vec<i32>) {
+    let cells = everywhere(session.comm(), &mesh.cell_global);
+    let labels = everywhere(session.comm(), session.cell_segment());
     let mut ordered = vec![0; cells.len()];
     if session.n_segments() == 0 {
         let one = SegmentSpec {
@@ -281,7 +324,7 @@ fn segments(session: &Session, cells: &[i64], labels: &[i32]) -> (SegmentSpec, V
         };
         return (one, ordered);
     }
-    for (&cell, &label) in cells.iter().zip(labels) {
+    for (&cell, label) in cells.iter().zip(labels) {
         ordered[cell as usize] = label;
     }
     (session.segment_spec().clone(), ordered)

@@ -222,6 +222,14 @@ impl Settings {
             column += n;
         }
         let own = |key: &str| spec.training.pointer(&format!("/config/training/{key}"));
+        if let (Some(_), Some(trained)) = (spec.contact, own("noise").and_then(|n| n.as_object())) {
+            // What moves is not an input by itself: as much noise as the model was trained with.
+            let usable = |v: &serde_json::Value| v.as_f64().filter(|v| v.is_finite() && *v >= 0.0);
+            let known = trained
+                .iter()
+                .filter(|(name, _)| spec.fields.iter().any(|f| f.name == **name));
+            noise.extend(known.filter_map(|(name, v)| Some((name.clone(), usable(v)?))));
+        }
         let of_losses = own("loss_weights");
         let weights = |name: &str| {
             of_losses
@@ -298,5 +306,14 @@ mod tests {
         assert!((t.noise["U"] - 0.02).abs() < 1e-12, "{:?}", t.noise);
         // The rest is as the model was trained.
         assert!(t.mirror && t.loss_weights["p"] == 0.3 && t.loss_weights.len() == 1);
+    }
+
+    #[test]
+    fn bodies_get_the_noise_of_their_training() {
+        let mut spec = m4gn_model::sample::bodies();
+        let noise = serde_json::json!({"D": 2e-5, "of no field": 1.0});
+        spec.training = serde_json::json!({"config": {"training": {"noise": noise}}});
+        let t = Settings::default().training(&spec, &[], Precision::Fp32);
+        assert_eq!(t.noise, BTreeMap::from([("D".to_string(), 2e-5)]));
     }
 }

@@ -301,9 +301,8 @@ fn a_round_beside_the_run_is_used_a_jump_later() {
     assert!(refused.run(4).unwrap().note.contains("too few"));
     // Several ranks would sum gradients beside the solver.
     let overlap = Settings::parse(r#"{"overlap": true}"#).unwrap();
-    let spec = model(11).spec;
-    assert!(check(&spec, &overlap, 1).is_ok());
-    let error = check(&spec, &overlap, 2).unwrap_err().to_string();
+    assert!(check(&overlap, 1).is_ok());
+    let error = check(&overlap, 2).unwrap_err().to_string();
     assert!(error.contains("leave overlap out"), "{error}");
     // Too few frames are said at once, and nothing goes on.
     let (_, mut few) = adaptation(r#"{"overlap": true}"#);

@@ -37,6 +37,9 @@ impl Family {
     }
 }
 
+/// Poisson's ratio of a body unless another one is asked for.
+pub const POISSON: f64 = 0.4;
+
 /// Everything that makes a case.
 #[derive(Clone, Debug)]
 pub struct Request {
@@ -50,6 +53,8 @@ pub struct Request {
     pub index: u64,
     /// About how many points the body has; None: as many as in the paper.
     pub points: Option<u32>,
+    /// Poisson's ratio of its material.
+    pub poisson: f64,
     /// What the trajectory is for.
     pub split: Split,
     /// Frames after the first one.
@@ -98,7 +103,8 @@ impl Request {
     fn write(&self, folder: &Path) -> Result<()> {
         let request = serde_json::json!({
             "family": self.family.name(), "large": self.large, "seed": self.seed, "index": self.index,
-            "points": self.points, "split": self.split, "frames": self.frames, "interval": self.interval, "command": self.command,
+            "points": self.points, "poisson": self.poisson, "split": self.split, "frames": self.frames, "interval": self.interval,
+            "command": self.command,
         });
         let path = folder.join("case.json");
         std::fs::create_dir_all(folder)
@@ -153,13 +159,19 @@ impl Case for Request {
         } else if *points != wanted {
             Some(format!("about {points} points instead of {wanted}"))
         } else {
+            let mut provenance = provenance.clone();
+            if provenance["poisson"].is_null() {
+                // What all bodies had before it could be chosen.
+                provenance["poisson"] = POISSON.into();
+            }
             let numbers = [
+                ("poisson", self.poisson),
                 ("seed", self.seed as f64),
                 ("index", self.index as f64),
                 ("frames", f64::from(self.frames)),
                 ("interval", self.interval),
             ];
-            other_number(provenance, &numbers)
+            other_number(&provenance, &numbers)
         };
         Ok((trajectory.split(), difference))
     }
@@ -204,6 +216,7 @@ mod tests {
             seed: 5,
             index: 2,
             points: None,
+            poisson: 0.3,
             split: Split::Valid,
             frames: 3,
             interval: 0.5,
@@ -219,8 +232,8 @@ mod tests {
         let text = std::fs::read_to_string(dir.path().join("new/case.json")).unwrap();
         let found: serde_json::Value = serde_json::from_str(&text).unwrap();
         let expected = serde_json::json!({
-            "family": "deforming-beam", "large": false, "seed": 5, "index": 2, "points": null, "split": "valid",
-            "frames": 3, "interval": 0.5, "command": "m4gn generate",
+            "family": "deforming-beam", "large": false, "seed": 5, "index": 2, "points": null, "poisson": 0.3,
+            "split": "valid", "frames": 3, "interval": 0.5, "command": "m4gn generate",
         });
         assert_eq!(found, expected);
     }
