@@ -146,6 +146,9 @@ pub struct TrainingConfig {
     pub ema_decay: f64,
     /// Standard deviation of the noise on the cells' input fields, in the fields' units.
     pub noise: BTreeMap<String, f64>,
+    /// How many times smaller the noise of an example may be: its deviations are drawn between `noise / noise_spread` and `noise`,
+    /// evenly in their logarithm. 1: all examples have `noise`. On the native backend.
+    pub noise_spread: f64,
     /// Weight of each predicted field's loss; 1 where none is given.
     pub loss_weights: BTreeMap<String, f64>,
     /// How far trajectories of small changes weigh up to those of large ones in the loss: 0 not at all, so that fast flows
@@ -211,6 +214,7 @@ impl Default for TrainingConfig {
             gradient_clip: 0.0,
             ema_decay: 0.0,
             noise: BTreeMap::new(),
+            noise_spread: 1.0,
             loss_weights: BTreeMap::new(),
             balance: 0.0,
             smooth_loss: 0.0,
@@ -399,6 +403,13 @@ impl Config {
                 "training.gradient_clip",
                 &t.gradient_clip.to_string(),
                 "a norm, or 0 for no limit",
+            );
+        }
+        if !(t.noise_spread.is_finite() && t.noise_spread >= 1.0) {
+            return bad(
+                "training.noise_spread",
+                &t.noise_spread.to_string(),
+                "a number, 1 or more",
             );
         }
         if !(t.smooth_loss.is_finite() && t.smooth_loss >= 0.0) {

@@ -101,6 +101,11 @@ fn each_wrong_value_is_named() {
         ),
         (
             "[training]",
+            "[training]\nnoise_spread = 0.5",
+            "training.noise_spread",
+        ),
+        (
+            "[training]",
             "[training]\nsmooth_hops = 0",
             "training.smooth_hops",
         ),

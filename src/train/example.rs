@@ -8,7 +8,7 @@ use m4gn_contact::graph::{ContactGraph, N_FEATURES, features_backward};
 use m4gn_engine::backward::{InputGradient, Scales, TrainGraph, Worker, normal};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::time::Instant;
 
@@ -245,11 +245,16 @@ impl NativeBackend<'_> {
             return;
         }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        // Where all have the same, the numbers of a seed are those from before there was a choice.
+        let share = match self.noise_spread > 1.0 {
+            true => self.noise_spread.powf(-rng.random::<f64>()),
+            false => 1.0,
+        };
         let rows = state.chunks_exact_mut(self.noise.len()).take(sample.n_cells());
         for (cell, row) in rows.enumerate() {
             let held = sample.held.as_ref().is_some_and(|held| held[cell]);
             for (x, std) in row.iter_mut().zip(&self.noise).filter(|(_, std)| **std > 0.0) {
-                let noise = (std * normal(&mut rng)) as f32;
+                let noise = (share * std * normal(&mut rng)) as f32;
                 if !held {
                     *x += noise;
                 }

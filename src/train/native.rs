@@ -29,6 +29,8 @@ pub struct NativeBackend<'a> {
     pub(super) graphs: Vec<[TrainGraph; 2]>,
     /// Noise of each component, physical units.
     pub(super) noise: Vec<f64>,
+    /// How many times smaller it may be in an example.
+    pub(super) noise_spread: f64,
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(super) groups: Vec<(usize, usize, f64)>,
     pub(super) through_unroll: bool,
@@ -75,6 +77,7 @@ impl<'a> NativeBackend<'a> {
             workers: (0..threads.max(1)).map(|_| network.worker()).collect(),
             network,
             noise: noise.collect(),
+            noise_spread: t.noise_spread,
             smoothers: match t.smooth_loss > 0.0 {
                 true => work
                     .train

@@ -467,3 +467,50 @@ fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
         }
     }
 }
+
+/// Two decades: the logarithms lie evenly between those of 0.0004 and 0.04.
+#[test]
+fn noise_has_a_size_in_each_example() {
+    let folder = data();
+    let spec = m4gn_model::sample::spec();
+    let path = folder.path().join("data/000.h5");
+    let sample = samples::Sample::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
+    let work = Workload {
+        train: vec![sample.clone().into()],
+        valid: vec![],
+        frames_a_step: 2,
+        names: vec![],
+    };
+    let before = sample.frame(0).unwrap().into_owned();
+    let logarithms = |noise_spread: f64| -> Vec<f64> {
+        let training = config::TrainingConfig {
+            noise: [("U".to_string(), 0.04)].into(),
+            noise_spread,
+            ..config::TrainingConfig::default()
+        };
+        let backend = native::NativeBackend::new(&training, &spec, &work, 1).unwrap();
+        let size = |seed| {
+            let mut state = before.clone();
+            backend.add_noise(&sample, seed, &mut state);
+            let cells = sample.n_cells() * sample.width;
+            let square = state[..cells]
+                .iter()
+                .zip(&before)
+                .map(|(a, b)| f64::from(a - b).powi(2));
+            // Two components of three
+            (square.sum::<f64>() / (2 * sample.n_cells()) as f64).sqrt().ln()
+        };
+        (0..200).map(size).collect()
+    };
+    let (least, most) = (0.0004f64.ln(), 0.04f64.ln());
+    assert!(logarithms(1.0).iter().all(|l| (l - most).abs() < 0.5));
+    let sizes = logarithms(100.0);
+    assert!(sizes.iter().all(|l| (least - 0.5..most + 0.5).contains(l)));
+    for third in 0..3 {
+        let from = least + f64::from(third) / 3.0 * (most - least);
+        let here = sizes
+            .iter()
+            .filter(|l| (from..from + (most - least) / 3.0).contains(l));
+        assert!((45..=90).contains(&here.count()), "{sizes:?}");
+    }
+}

@@ -22,14 +22,19 @@ pub struct TorchBackend {
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for a loss of the smooth part of errors;
+    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for a loss of the smooth part of errors, or noise of several sizes;
     /// [`m4gn_mesh::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
-        let smooth = task.config.training.smooth_loss;
-        if smooth > 0.0 {
-            return Err(Error::Input(format!(
-                "training.smooth_loss: found {smooth}, and libtorch knows 0 alone; use --backend native, or leave it out"
-            )));
+        let t = &task.config.training;
+        for (key, found, known) in [
+            ("smooth_loss", t.smooth_loss, 0.0),
+            ("noise_spread", t.noise_spread, 1.0),
+        ] {
+            if found != known {
+                return Err(Error::Input(format!(
+                    "training.{key}: found {found}, and libtorch knows {known} alone; use --backend native, or leave it out"
+                )));
+            }
         }
         // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
         tch::set_num_threads(1);

@@ -181,12 +181,14 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
 }
 
 #[test]
-fn a_loss_that_libtorch_does_not_know_is_refused() {
+fn what_libtorch_does_not_know_is_refused() {
     let folder = data();
-    let error = run(&request(folder.path(), "smooth", "smooth_loss = 2.0", 3)).unwrap_err();
-    let text = error.to_string();
-    assert!(
-        text.contains("found 2") && text.contains("--backend native"),
-        "{text}"
-    );
+    for key in ["smooth_loss", "noise_spread"] {
+        let error = run(&request(folder.path(), key, &format!("{key} = 2.0"), 3)).unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains(&format!("{key}: found 2")) && text.contains("--backend native"),
+            "{text}"
+        );
+    }
 }
