@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # m4gnSurrogate, adapt: with six times the viscosity of the training, on a coarser mesh, the shipped model learns the case from the
-# solver's steps, and the hybrid run is nearer to the full one; two ranks agree with one; a restart is the uninterrupted run.
+# solver's steps, and the hybrid run is nearer to the full one; two ranks agree with one; a restart is the uninterrupted run,
+# also after the run was killed while the model learned.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
@@ -50,6 +51,31 @@ mkdir ../whole && cp -r [01].* ../whole
 
 # Carried on from the end of the first jump: weights, frames and random numbers are those of the uninterrupted run
 carried_on 'carried on from .*0.75/uniform/test.adapt' learned
+# Killed while it learns: what is lost are the steps of that round, and the next run makes them
+surrogate 'adapt { mode during; start 0.1; steps 1000000; stepsEach 4; threads 2; }'
+clean_case
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+: > log.killed
+icoFoam > log.killed 2>&1 &
+solver=$!
+until grep -q '^Time = 0.5$' log.killed; do
+    kill -0 $solver 2> /dev/null || { tail -n 20 log.killed; fail "the run that was to be killed has ended"; }
+    sleep 0.1
+done
+sleep 2
+kill -9 $solver
+wait $solver 2> /dev/null || true
+grep -q 'm4gn: adapted' log.killed && fail "the round was to be killed, and has ended"
+[ -f 0.45/uniform/test.adapt ] || fail "no state at 0.45"
+rm -rf 0.5
+surrogate 'adapt { mode during; start 0.1; steps 150; stepsEach 4; threads 2; }'
+sed -i 's/^startTime .*/startTime 0.45;/' system/controlDict
+runs icoFoam
+grep -q 'carried on from .*0.45/uniform/test.adapt' log.run || fail "the run after the kill does not say what it is carried on from"
+for field in U p; do
+    below "$(difference ../whole/1.05/$field 1.05/$field)" 1e-4 "$field at 1.05, killed while it learned"
+done
+sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
 # A state of another model is refused
 cp 0.75/uniform/test.adapt ../state
 printf 'damaged' > 0.75/uniform/test.adapt
