@@ -78,7 +78,7 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
     let options = SessionOptions::default();
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
-    let sample = m4gn_train::samples::Sample::of_body(&body, Some(&obstacle), &spec).unwrap();
+    let sample = m4gn_train::samples::Sample::of_body(&body, Some(&obstacle), &spec, None).unwrap();
     let sample = Sample::new(&std::sync::Arc::new(sample), &spec, Device::Cpu).unwrap();
     let layout = Layout::new(&spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);
