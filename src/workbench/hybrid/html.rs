@@ -17,6 +17,9 @@ const COLOURS: [(u8, u8, u8); 7] = [
     GREY,
 ];
 
+/// Smaller errors are drawn as this one: zero, of a run that is the full one, has no logarithm.
+const LEAST_ERROR: f64 = 1e-3;
+
 /// The page.
 ///
 /// # Errors
@@ -38,7 +41,10 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     let series = variants.iter().enumerate().map(|(i, name)| {
         let points = results.iter().filter_map(|d| {
             let run = d.runs.get(name)?;
-            Some((100.0 * relative_time(d, run)?, run.score.as_ref()?.end?))
+            Some((
+                100.0 * relative_time(d, run)?,
+                run.score.as_ref()?.end?.max(LEAST_ERROR),
+            ))
         });
         Series {
             name: name.clone(),
@@ -56,7 +62,10 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     };
     page.svg(
         &chart.svg()?,
-        "A dot a case: error of the velocity over the whole run, both axes logarithmic. Left and low is better; 1 is as bad as holding the last field.",
+        &format!(
+            "A dot a case: error of the velocity over the whole run, both axes logarithmic (errors below {LEAST_ERROR} are drawn there). \
+             Left and low is better; 1 is as bad as holding the last field."
+        ),
     );
     page.heading("Each variant");
     for (title, table) in summary_tables(results, variants, order) {
