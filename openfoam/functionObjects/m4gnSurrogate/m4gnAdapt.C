@@ -189,11 +189,19 @@ Foam::scalar Foam::m4gnAdapt::start
 )
 {
     const scalar begin = time.startTime().value();
+    const dictionary& own = dict.subDict("adapt");
 
-    return dict.subDict("adapt").getOrDefault<scalar>
+    // Learning wants many frames; the clock is that of the flow as it is
+    // at the first jump
+    const scalar share =
+        own.getOrDefault<word>("method", "gradient") == "clock"
+      ? scalar(2)/3
+      : scalar(1)/3;
+
+    return own.getOrDefault<scalar>
     (
         "start",
-        begin + max(timeStart - begin, scalar(0))/3
+        begin + share*max(timeStart - begin, scalar(0))
     );
 }
 
