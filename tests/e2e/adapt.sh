@@ -121,13 +121,11 @@ sed 's/\(stride\\":\)0\.05\([,}]\)/\10.045\2/; s/\(seed\\":[0-9]*\)[0-9]\([,}]\)
 # At a viscosity that the model knows, once the flow has left its start: there rollouts agree on a clock
 sed -i 's/6e-3/1e-3/' constant/transportProperties
 function_object m4gnSurrogate "mode replace; model \"constant/short.safetensors\"; timeStart 0.99; solverSteps 18; surrogateSteps 3;
-    adapt { method clock; }"
+    adapt { method clock; start 0.5; }"
 sed -i 's/^endTime .*/endTime 1.89;/; s/^writeInterval .*/writeInterval 0.045;/; s/^deltaT .*/deltaT 0.0025;/' system/controlDict
 clean_case
 runs icoFoam
 grep '^m4gn: .*timed in .* the clock by .* rollouts' log.run || fail "the clock was not measured"
-# The last third of 0.99 s, 0.0025 s each
-grep -q 'timed in .* on 13[1-4] frames' log.run || fail "the clock is to be measured from two thirds of the time on"
 jumps() { sed -n 's/^m4gn: jumped 3 steps of 0.045 s to time \([^ ]*\) .*/\1/p' log.run | tr '\n' ' '; }
 [ "$(jumps)" = "1.125 1.305 1.485 1.665 1.845 " ] || fail "jumps to $(jumps)"
 clock=$(sed -n 's/.*"adapt_ahead": \(.*\),/\1/p' $summary)

@@ -189,19 +189,11 @@ Foam::scalar Foam::m4gnAdapt::start
 )
 {
     const scalar begin = time.startTime().value();
-    const dictionary& own = dict.subDict("adapt");
 
-    // Learning wants many frames; the clock is that of the flow as it is
-    // at the first jump
-    const scalar share =
-        own.getOrDefault<word>("method", "gradient") == "clock"
-      ? scalar(2)/3
-      : scalar(1)/3;
-
-    return own.getOrDefault<scalar>
+    return dict.subDict("adapt").getOrDefault<scalar>
     (
         "start",
-        begin + share*max(timeStart - begin, scalar(0))
+        begin + max(timeStart - begin, scalar(0))/3
     );
 }
 
