@@ -131,7 +131,7 @@ impl<T: Number> Layer<T> {
             Output::Wide(receivers),
         );
         sums[..n * columns].fill(0.0);
-        for chunk in tile.chunks() {
+        for chunk in tile.chunks::<T>() {
             let m = chunk.len();
             let own = (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns;
             let before = before.map(|b| &b[own.clone()]);

@@ -170,7 +170,7 @@ impl SegmentStage {
         let (encoder, bias) = (&self.encoder, &self.encoder_bias);
         let latents = Parts::new(&mut self.latents);
         let encode = |scratch: &mut transformer::Scratch, i: usize| {
-            let rows = block(i, k);
+            let rows = block::<f32>(i, k);
             // SAFETY: blocks are disjoint.
             let out = unsafe { latents.rows(&rows, columns) };
             let transformer::Scratch { a, b, c, .. } = scratch;
@@ -187,7 +187,7 @@ impl SegmentStage {
                 out.iter_mut().zip(own).for_each(|(x, p)| *x += p);
             }
         };
-        pool.run(&mut self.scratch, blocks(k).len(), encode, || ());
+        pool.run(&mut self.scratch, blocks::<f32>(k).len(), encode, || ());
         for layer in &self.layers {
             layer.run(pool, &mut self.scratch, &mut self.heads, &mut self.latents);
         }

@@ -4,14 +4,7 @@ use super::kernels::{Buffer, Number, padded};
 use super::profile::Clock;
 use std::ops::Range;
 
-/// Nodes of a tile: a whole number of the products' tiles of six rows.
-const NODES: usize = 48;
-
-/// Edges that go through the edge network at a time. With width 128 in bf16 the two activations and a panel of a
-/// weight fit into a first-level cache of 48 KiB.
-pub const EDGES: usize = 48;
-
-/// Consecutive nodes with all their incoming edges.
+/// Consecutive nodes, as many as suit a kind of number, with all their incoming edges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tile {
     /// Owned nodes.
@@ -21,23 +14,23 @@ pub struct Tile {
 }
 
 impl Tile {
-    /// The edges, [`EDGES`] at a time.
-    pub fn chunks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+    /// The edges, so many at a time as suits this kind of number.
+    pub fn chunks<T: Number>(&self) -> impl Iterator<Item = Range<usize>> + use<T> {
         let end = self.edges.end;
         self.edges
             .clone()
-            .step_by(EDGES)
-            .map(move |start| start..(start + EDGES).min(end))
+            .step_by(T::ROWS)
+            .map(move |start| start..(start + T::ROWS).min(end))
     }
 }
 
 /// Cuts the nodes whose edges are `row[i]..row[i + 1]`; no tile crosses `border`.
-pub fn cut(row: &[u32], border: usize) -> Vec<Tile> {
+pub fn cut<T: Number>(row: &[u32], border: usize) -> Vec<Tile> {
     let n = row.len() - 1;
     let mut tiles = Vec::new();
     for part in [0..border.min(n), border.min(n)..n] {
-        for start in part.clone().step_by(NODES) {
-            let end = (start + NODES).min(part.end);
+        for start in part.clone().step_by(T::ROWS) {
+            let end = (start + T::ROWS).min(part.end);
             tiles.push(Tile {
                 nodes: start..end,
                 edges: row[start] as usize..row[end] as usize,
@@ -48,13 +41,13 @@ pub fn cut(row: &[u32], border: usize) -> Vec<Tile> {
 }
 
 /// Tiles of the rows 0 to n, for work on one row at a time.
-pub fn blocks(n: usize) -> impl ExactSizeIterator<Item = Range<usize>> {
-    (0..n.div_ceil(NODES)).map(move |i| block(i, n))
+pub fn blocks<T: Number>(n: usize) -> impl ExactSizeIterator<Item = Range<usize>> {
+    (0..n.div_ceil(T::ROWS)).map(move |i| block::<T>(i, n))
 }
 
 /// Rows of block i of n.
-pub fn block(i: usize, n: usize) -> Range<usize> {
-    i * NODES..((i + 1) * NODES).min(n)
+pub fn block<T: Number>(i: usize, n: usize) -> Range<usize> {
+    i * T::ROWS..((i + 1) * T::ROWS).min(n)
 }
 
 /// One thread's buffers. Rows of `columns`, the padded width, unless said otherwise.
@@ -82,14 +75,14 @@ impl<T: Number> Scratch<T> {
     /// For latents of width `d` and up to `raw` features or outputs.
     pub fn new(d: usize, raw: usize, profile: bool) -> Self {
         let columns = padded(d);
-        let rows = NODES.max(EDGES);
+        let rows = T::ROWS;
         Scratch {
             x: Buffer::new(rows * 2 * columns),
             a: Buffer::new(rows * columns),
             b: Buffer::new(rows * columns),
             c: Buffer::new(rows * columns),
-            receivers: Buffer::new(NODES * columns),
-            sums: Buffer::new(NODES * columns),
+            receivers: Buffer::new(rows * columns),
+            sums: Buffer::new(rows * columns),
             raw: Buffer::new(rows * padded(raw)),
             clock: Clock::new(profile),
         }
@@ -120,22 +113,22 @@ mod tests {
             row.push(row[i as usize] + if i == 500 { 3000 } else { i % 7 });
         }
         for border in [0, 77, 1000] {
-            let tiles = cut(&row, border);
+            let tiles = cut::<f32>(&row, border);
             let (mut node, mut edge) = (0, 0);
             for tile in &tiles {
                 assert_eq!(tile.nodes.start, node);
                 assert!(tile.nodes.end <= border || tile.nodes.start >= border);
                 assert_eq!(tile.edges, row[node] as usize..row[tile.nodes.end] as usize);
-                for chunk in tile.chunks() {
+                for chunk in tile.chunks::<f32>() {
                     assert_eq!(chunk.start, edge);
-                    assert!(chunk.len() <= EDGES && !chunk.is_empty());
+                    assert!(chunk.len() <= f32::ROWS && !chunk.is_empty());
                     edge = chunk.end;
                 }
                 node = tile.nodes.end;
             }
             assert_eq!((node, edge), (1000, row[1000] as usize));
         }
-        assert!(cut(&[0], 0).is_empty());
-        assert_eq!(blocks(100).map(|b| b.len()).sum::<usize>(), 100);
+        assert!(cut::<f32>(&[0], 0).is_empty());
+        assert_eq!(blocks::<f32>(100).map(|b| b.len()).sum::<usize>(), 100);
     }
 }

@@ -69,7 +69,7 @@ impl Heads {
 impl Scratch {
     /// For k segments of width d.
     pub fn new(k: usize, d: usize, spec: &MacroSpec) -> Self {
-        let rows = block(0, k).len();
+        let rows = block::<f32>(0, k).len();
         let size = rows * padded(d).max(padded(spec.ffn_width));
         Scratch {
             a: Buffer::new(size),
@@ -124,10 +124,10 @@ impl TransformerLayer {
     pub fn run(&self, pool: &Pool, scratch: &mut [Scratch], heads: &mut Heads, latents: &mut [f32]) {
         let columns = self.output.weight.columns();
         let k = latents.len() / columns;
-        let n_blocks = blocks(k).len();
+        let n_blocks = blocks::<f32>(k).len();
         let projections = Parts::new(&mut heads.projections);
         let project = |s: &mut Scratch, i: usize| {
-            let rows = block(i, k);
+            let rows = block::<f32>(i, k);
             // SAFETY: blocks are disjoint.
             let out = unsafe { projections.rows(&rows, 3 * columns) };
             let n = rows.len();
@@ -162,7 +162,7 @@ impl TransformerLayer {
         let heads = &*heads;
         let latents = Parts::new(latents);
         let attend = |s: &mut Scratch, i: usize| {
-            let rows = block(i, k);
+            let rows = block::<f32>(i, k);
             // SAFETY: blocks are disjoint.
             let x = unsafe { latents.rows(&rows, columns) };
             self.attend(s, heads, rows.start, x);

@@ -221,7 +221,7 @@ impl Attention {
             Output::Wide(x),
         );
         self.normalise(&self.norm2, &mut tape.norm2, x);
-        for rows in blocks(k) {
+        for rows in blocks::<f32>(k) {
             let n = rows.len();
             let from = (&tape.norm2.out[rows.start * columns..], columns);
             let bias = Addend::Bias(&self.first_bias.data);
@@ -276,8 +276,8 @@ impl Attention {
         let (isa, columns) = (self.isa, self.columns);
         let k = d.len() / columns;
         let wide = self.first.forward().columns();
-        for i in 0..blocks(k).len() {
-            let rows = block(i, k);
+        for i in 0..blocks::<f32>(k).len() {
+            let rows = block::<f32>(i, k);
             let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
             add_rows(&d[range.clone()], columns, gradients.block(self.second_bias.slot));
             let dy = (&d[range.clone()], columns);
@@ -306,8 +306,8 @@ impl Attention {
         fit(&mut w.scores, k * padded(k));
         fit(&mut w.transposed, columns.max(k) * padded(k).max(columns));
         w.d_projections.iter_mut().for_each(|p| fit(p, k * columns));
-        for i in 0..blocks(k).len() {
-            let rows = block(i, k);
+        for i in 0..blocks::<f32>(k).len() {
+            let rows = block::<f32>(i, k);
             let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
             add_rows(&d[range.clone()], columns, gradients.block(self.output_bias.slot));
             let dy = (&d[range.clone()], columns);
@@ -316,8 +316,8 @@ impl Attention {
             self.output.back(dy, n, &mut w.d_mixed[range]);
         }
         self.through_attention(tape, w, k);
-        for i in 0..blocks(k).len() {
-            let rows = block(i, k);
+        for i in 0..blocks::<f32>(k).len() {
+            let rows = block::<f32>(i, k);
             let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
             let from = (&tape.norm1.out[range.clone()], columns);
             work.wide[..n * columns].fill(0.0);

@@ -121,12 +121,12 @@ impl<T: Number> Processor<T> for Convolutions<T> {
             }
             scaled[..size].copy_from_slice(&work.latents[..size]);
             scale_rows(&mut scaled[..size], columns, scale);
-            for tile in &graph.tiles {
+            for tile in &graph.tiles::<T>() {
                 let (n, first) = (tile.nodes.len(), tile.nodes.start);
                 let own = first * columns..tile.nodes.end * columns;
                 let sums = &mut work.latents[own.clone()];
                 sums.copy_from_slice(&scaled[own.clone()]);
-                for chunk in tile.chunks() {
+                for chunk in tile.chunks::<T>() {
                     let rows = &mut work_rows.wide[..chunk.len() * columns];
                     rows.fill(0.0);
                     gather_add(isa, rows, columns, scaled, &order.senders[chunk.clone()], 0);
@@ -174,7 +174,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         let rows_at_a_time = &mut work.shared.work;
         for ((weight, bias), kept) in self.layers.iter().zip(layers).rev() {
             scaled[..size].fill(0.0);
-            for tile in &graph.tiles {
+            for tile in &graph.tiles::<T>() {
                 let (n, first) = (tile.nodes.len(), tile.nodes.start);
                 let own = first * columns..tile.nodes.end * columns;
                 let d = &mut work.d_nodes[own.clone()];
@@ -191,7 +191,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
                 scale_rows(d, columns, &scale[tile.nodes.clone()]);
                 let sums = scaled[own].iter_mut().zip(&*d);
                 sums.for_each(|(sum, d)| *sum += d);
-                for chunk in tile.chunks() {
+                for chunk in tile.chunks::<T>() {
                     let rows = &mut rows_at_a_time.wide[..chunk.len() * columns];
                     rows.fill(0.0);
                     let receivers = &order.receivers[chunk.clone()];

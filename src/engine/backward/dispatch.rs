@@ -45,7 +45,7 @@ impl<T: Number> Messages<T> {
         product(isa, weight, x, members.count, bias, Function::Identity, out);
         fit(&mut tape.dispatched, graph.n_nodes() * columns);
         let zeros = work.shared.zeros();
-        for rows in blocks(graph.n_nodes()) {
+        for rows in blocks::<T>(graph.n_nodes()) {
             let range = rows.start * columns..rows.end * columns;
             let h = &mut work.latents[range.clone()];
             let x = &mut tape.dispatched[range];
@@ -92,7 +92,7 @@ impl<T: Number> Messages<T> {
         if let Some(dispatch) = &self.dispatch {
             d_table.fill(0.0);
             let (work, zeros) = shared.split();
-            for rows in blocks(graph.n_nodes()) {
+            for rows in blocks::<T>(graph.n_nodes()) {
                 let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
                 let d = &mut d_nodes[range.clone()];
                 for (place, d) in rows.clone().zip(d.chunks_exact(columns)) {
@@ -132,8 +132,8 @@ pub fn through_table(
     gradients: &mut Gradients,
 ) {
     let k = d_table.len() / columns;
-    for i in 0..blocks(k).len() {
-        let rows = block(i, k);
+    for i in 0..blocks::<f32>(k).len() {
+        let rows = block::<f32>(i, k);
         let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
         let dy = (&d_table[range.clone()], columns);
         weight.learn(dy, (&x[range.clone()], columns), n, gradients, &mut work.pairs);

@@ -214,7 +214,7 @@ impl<T: Number> Decoder<T> {
     ) {
         let (isa, columns, m) = (self.isa, self.columns, self.n_outputs);
         let silu = self.function == Function::Silu;
-        for rows in blocks(graph.cells.len()) {
+        for rows in blocks::<T>(graph.cells.len()) {
             let n = rows.len();
             let range = rows.start * columns..rows.end * columns;
             for (i, &(place, _)) in graph.cells[rows.clone()].iter().enumerate() {
@@ -314,8 +314,8 @@ impl<T: Number> Decoder<T> {
     ) {
         let (isa, columns, m) = (self.isa, self.columns, self.n_outputs);
         let silu = self.function == Function::Silu;
-        for i in 0..blocks(graph.cells.len()).len() {
-            let rows = block(i, graph.cells.len());
+        for i in 0..blocks::<T>(graph.cells.len()).len() {
+            let rows = block::<T>(i, graph.cells.len());
             let n = rows.len();
             let range = rows.start * columns..rows.end * columns;
             let stride = self.last.forward().columns();

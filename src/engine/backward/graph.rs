@@ -1,6 +1,7 @@
 //! A graph as the backward pass reads it: in the engine's order, with its segments.
 
 use crate::check as check_graph;
+use crate::kernels::Number;
 use crate::order::Order;
 use crate::segment_stage::{check, inverted, reordered};
 use crate::tiles::{self, Tile};
@@ -33,7 +34,6 @@ pub struct Members {
 #[derive(Clone, Debug)]
 pub struct TrainGraph {
     pub(super) order: Order,
-    pub(super) tiles: Vec<Tile>,
     /// Place and number of each cell, by place.
     pub(super) cells: Vec<(u32, u32)>,
     /// Features that do not change with time, a row a node of the graph.
@@ -103,7 +103,6 @@ impl TrainGraph {
         };
         let numbered = (0..).zip(&order.node).map(|(p, &i)| (p, i));
         Ok(TrainGraph {
-            tiles: tiles::cut(&order.row, order.n_interior),
             cells: numbered.filter(|(_, i)| (*i as usize) < graph.n_cells).collect(),
             order,
             fixed,
@@ -117,13 +116,17 @@ impl TrainGraph {
         // On one rank no node waits for ghosts, so that the order of the nodes stays.
         let order = Order::of(graph, &self.order.search);
         TrainGraph {
-            tiles: tiles::cut(&order.row, order.n_interior),
             order,
             edge_features: graph.edge_features.clone(),
             cells: self.cells.clone(),
             fixed: self.fixed.clone(),
             members: self.members.clone(),
         }
+    }
+
+    /// The nodes in tiles for this kind of number.
+    pub(super) fn tiles<T: Number>(&self) -> Vec<Tile> {
+        tiles::cut::<T>(&self.order.row, self.order.n_interior)
     }
 
     /// Nodes.

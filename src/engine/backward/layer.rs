@@ -189,7 +189,7 @@ impl<T: Number> Layer<T> {
             let out = Output::Wide(&mut s.receivers[..]);
             product(isa, self.edge_receiver.forward(), x, n, bias, none, out);
             s.sums[..n * columns].fill(0.0);
-            for chunk in tile.chunks() {
+            for chunk in tile.chunks::<T>() {
                 let range = chunk.start * columns..chunk.end * columns;
                 let (m, owner, first) = (chunk.len(), &order.receivers[chunk.clone()], tile.nodes.start);
                 let ends = Addend::Ends {
@@ -284,7 +284,7 @@ impl<T: Number> Layer<T> {
                 s.sums[i * columns..(i + 1) * columns].copy_from_slice(&both[columns..]);
             }
             s.receivers[..n * columns].fill(0.0);
-            for chunk in tile.chunks() {
+            for chunk in tile.chunks::<T>() {
                 let m = chunk.len();
                 let range = chunk.start * columns..chunk.end * columns;
                 let (owner, first) = (&order.receivers[chunk.clone()], tile.nodes.start);

@@ -124,12 +124,13 @@ impl<T: Number> Processor<T> for Messages<T> {
         }
         if let Some(first) = tape.layers.first_mut() {
             let wide = &mut work.shared.work.wide;
-            for rows in blocks(n_edges) {
+            for rows in blocks::<T>(n_edges) {
                 let out = &mut first.edges[rows.start * columns..rows.end * columns];
                 self.edges
                     .forward(&mut tape.edges, &rows, wide, Normed::Narrow(out));
             }
         }
+        let (order, tiles) = (&graph.order, graph.tiles::<T>());
         for (l, layer) in self.layers.iter().enumerate() {
             if l == self.layers_before {
                 self.macro_stage(graph, tape, work);
@@ -137,8 +138,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             let (done, rest) = tape.layers.split_at_mut(l + 1);
             let next = rest.first_mut().map(|t| &mut t.edges);
             let nodes = &mut work.latents[..n_nodes * columns];
-            let (order, tiles) = (&graph.order, &graph.tiles);
-            layer.forward(order, tiles, &mut done[l], &mut work.shared, nodes, next);
+            layer.forward(order, &tiles, &mut done[l], &mut work.shared, nodes, next);
         }
         if self.layers_before == self.layers.len() {
             self.macro_stage(graph, tape, work);
@@ -157,6 +157,7 @@ impl<T: Number> Processor<T> for Messages<T> {
         let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
         fit(&mut work.d_edges, n_edges * columns);
         work.d_edges[..n_edges * columns].fill(0.0);
+        let (order, tiles) = (&graph.order, graph.tiles::<T>());
         for (l, layer) in self.layers.iter().enumerate().rev() {
             if l + 1 == self.layers_before {
                 self.stage_backward(graph, tape, work, gradients);
@@ -165,8 +166,7 @@ impl<T: Number> Processor<T> for Messages<T> {
                 &mut work.d_nodes[..n_nodes * columns],
                 &mut work.d_edges[..n_edges * columns],
             );
-            let (order, tiles) = (&graph.order, &graph.tiles);
-            layer.backward(order, tiles, &tape.layers[l], &mut work.shared, d, gradients);
+            layer.backward(order, &tiles, &tape.layers[l], &mut work.shared, d, gradients);
         }
         if self.layers_before == 0 {
             self.stage_backward(graph, tape, work, gradients);
@@ -182,7 +182,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             d_features,
             ..
         } = work;
-        for rows in blocks(n_edges) {
+        for rows in blocks::<T>(n_edges) {
             let n = rows.len();
             shared.work.wide[..n * columns]
                 .copy_from_slice(&d_edges[rows.start * columns..rows.end * columns]);

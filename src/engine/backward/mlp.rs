@@ -2,15 +2,15 @@
 
 use super::weights::{Dense, Gradients, NormWeights, Slots, Vector};
 use crate::kernels::{
-    Addend, Buffer, Function, Isa, Kept, Normed, Number, Output, Packed, Pairs, activation_backward,
+    Addend, Bf16, Buffer, Function, Isa, Kept, Normed, Number, Output, Packed, Pairs, activation_backward,
     layer_norm_keep, narrow, norm_backward, padded, product, silu_keep,
 };
 use m4gn_mesh::Result;
 use m4gn_model::{Activation, Architecture};
 use std::ops::Range;
 
-/// Rows that are worked on at a time.
-pub const ROWS: usize = 48;
+/// Most rows that are worked on at a time.
+pub const ROWS: usize = Bf16::ROWS;
 
 /// Makes a buffer at least this long.
 pub fn fit<T: Number>(buffer: &mut Buffer<T>, len: usize) {

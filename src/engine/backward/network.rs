@@ -156,7 +156,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             to[k..k + width].copy_from_slice(&graph.fixed[node * width..(node + 1) * width]);
         }
         let wide = &mut work.shared.work.wide;
-        for rows in blocks(n_nodes) {
+        for rows in blocks::<T>(n_nodes) {
             let out = &mut work.latents[rows.start * columns..rows.end * columns];
             self.nodes
                 .forward(&mut tape.nodes, &rows, wide, Normed::Wide(out));
@@ -250,7 +250,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             d_features,
             ..
         } = work;
-        for rows in blocks(n_nodes) {
+        for rows in blocks::<T>(n_nodes) {
             let n = rows.len();
             shared.work.wide[..n * columns]
                 .copy_from_slice(&d_nodes[rows.start * columns..rows.end * columns]);

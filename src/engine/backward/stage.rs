@@ -126,7 +126,7 @@ impl Stage {
             }
             mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
         }
-        for rows in blocks(k) {
+        for rows in blocks::<f32>(k) {
             let x = (&tape.means[rows.start * columns..], columns);
             let bias = Addend::Bias(&self.encoder.first_bias.data);
             let (value, slope) = tape.encoder.first(&rows, columns);
@@ -173,7 +173,7 @@ impl Stage {
             fit(buffer, k * columns);
         }
         let last = position.layers.len() - 1;
-        for rows in blocks(k) {
+        for rows in blocks::<f32>(k) {
             let n = rows.len();
             for (i, layer) in position.layers.iter().enumerate() {
                 let width = if i == 0 { stride } else { columns };
@@ -218,8 +218,8 @@ impl Stage {
         for (layer, kept) in self.layers.iter().zip(&tape.layers).rev() {
             layer.backward(kept, &mut tape.work, work, d, gradients);
         }
-        for i in 0..blocks(k).len() {
-            let rows = block(i, k);
+        for i in 0..blocks::<f32>(k).len() {
+            let rows = block::<f32>(i, k);
             let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
             if let Some(position) = &self.position {
                 self.positions_backward(position, tape, i, k, work, &d[range.clone()], gradients);
@@ -255,7 +255,7 @@ impl Stage {
         gradients: &mut Gradients,
     ) {
         let (isa, columns, stride) = (self.isa, self.columns, padded(position.n));
-        let rows = block(i, k);
+        let rows = block::<f32>(i, k);
         let n = rows.len();
         work.narrow[..d.len()].copy_from_slice(d);
         let last = position.layers.len() - 1;

@@ -203,22 +203,55 @@ unsafe fn activation_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>
     narrow: *mut T,
     bias: *mut f32,
 ) {
-    for j in (0..columns).step_by(LANES) {
-        // SAFETY: whole vectors of n rows.
-        unsafe {
-            let mut sum = S::load(bias.add(j));
-            for i in 0..n {
-                let at = i * columns + j;
+    let mut j = 0;
+    // SAFETY: whole vectors of n rows.
+    unsafe {
+        while WIDE && j + 4 * LANES <= columns {
+            activation_columns::<S, T, 4>(kept, slope, (n, columns), j, d, narrow, bias);
+            j += 4 * LANES;
+        }
+        while j < columns {
+            activation_columns::<S, T, 1>(kept, slope, (n, columns), j, d, narrow, bias);
+            j += LANES;
+        }
+    }
+}
+
+/// C vectors of each row from column `at` on, whose chains of additions the processor then overlaps.
+///
+/// # Safety
+/// As [`activation_backward`] checks.
+#[inline(always)]
+unsafe fn activation_columns<S: Simd, T: Number, const C: usize>(
+    kept: *const T,
+    slope: bool,
+    (n, columns): (usize, usize),
+    at: usize,
+    d: *mut f32,
+    narrow: *mut T,
+    bias: *mut f32,
+) {
+    // SAFETY: passed on.
+    unsafe {
+        let mut sum = [S::splat(0.0); C];
+        for c in 0..C {
+            sum[c] = S::load(bias.add(at + c * LANES));
+        }
+        for i in 0..n {
+            for c in 0..C {
+                let at = i * columns + at + c * LANES;
                 let (v, kept) = (S::load(d.add(at)), T::load::<S>(kept.add(at)));
                 let v = match slope {
                     true => S::mul(v, kept),
                     false => S::where_positive(kept, v),
                 };
-                sum = S::add(sum, v);
+                sum[c] = S::add(sum[c], v);
                 S::store(d.add(at), v);
                 T::store::<S>(narrow.add(at), v);
             }
-            S::store(bias.add(j), sum);
+        }
+        for c in 0..C {
+            S::store(bias.add(at + c * LANES), sum[c]);
         }
     }
 }

@@ -79,6 +79,9 @@ pub trait Simd: Copy {
 pub trait Number: Plain + Default + Send + Sync + std::fmt::Debug + 'static {
     /// Inputs that one step of a product takes.
     const STEP: usize;
+    /// Rows that go through a perceptron at a time, so that activations and sums stay in the first two caches: more of them
+    /// where numbers are small, since the sums of an outer product are read and written once each time.
+    const ROWS: usize;
 
     /// Rounded to nearest even.
     fn from_f32(x: f32) -> Self;
@@ -99,6 +102,7 @@ pub trait Number: Plain + Default + Send + Sync + std::fmt::Debug + 'static {
 
 impl Number for f32 {
     const STEP: usize = 1;
+    const ROWS: usize = 48;
 
     fn from_f32(x: f32) -> Self {
         x
@@ -134,6 +138,7 @@ impl Number for f32 {
 
 impl Number for Bf16 {
     const STEP: usize = 2;
+    const ROWS: usize = 96;
 
     #[inline(always)]
     fn from_f32(x: f32) -> Self {

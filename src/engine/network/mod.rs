@@ -144,7 +144,7 @@ impl<T: Number + Element> Network<T> {
     /// What follows from the edges: tiles, features in the engine's order, room for latents.
     fn place_edges(&mut self, graph: &Graph) {
         let grid = &mut self.grid;
-        grid.tiles = tiles::cut(&grid.order.row, grid.order.n_interior);
+        grid.tiles = tiles::cut::<T>(&grid.order.row, grid.order.n_interior);
         let interior = |t: &&Tile| t.nodes.end <= grid.order.n_interior;
         grid.n_interior = grid.tiles.iter().take_while(interior).count();
         self.processor.place(grid, graph);

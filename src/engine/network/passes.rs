@@ -61,7 +61,7 @@ impl<T: Number + Element> Network<T> {
         let outputs = Parts::new(outputs);
         let task = |s: &mut Scratch<T>, i: usize| {
             s.clock.start();
-            let cells = &cells[block(i, cells.len())];
+            let cells = &cells[block::<T>(i, cells.len())];
             for (row, &(place, _)) in cells.iter().enumerate() {
                 let place = place as usize;
                 s.c[row * columns..(row + 1) * columns]
@@ -82,6 +82,6 @@ impl<T: Number + Element> Network<T> {
             s.clock.stop(Phase::Decode);
         };
         grid.pool
-            .run(&mut grid.scratch, blocks(cells.len()).len(), task, || ());
+            .run(&mut grid.scratch, blocks::<T>(cells.len()).len(), task, || ());
     }
 }

@@ -72,7 +72,7 @@ impl<T: Number + Element> Processor<T> for Convolutions<T> {
                 let (n, first) = (tile.nodes.len(), tile.nodes.start);
                 let sums = &mut s.sums[..n * columns];
                 sums.copy_from_slice(&scaled[first * columns..(first + n) * columns]);
-                for chunk in tile.chunks() {
+                for chunk in tile.chunks::<T>() {
                     let rows = &mut s.c[..chunk.len() * columns];
                     rows.fill(0.0);
                     gather_add(isa, rows, columns, scaled, &order.senders[chunk.clone()], 0);

@@ -258,7 +258,7 @@ fn encode_tile<T: Number>(
     let own = |chunk: &Range<usize>| {
         (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns
     };
-    for chunk in tile.chunks() {
+    for chunk in tile.chunks::<T>() {
         let Scratch { a, b, c, .. } = &mut *scratch;
         let from = (&features[chunk.start * k..], k);
         let bias = Addend::Bias(bias);
