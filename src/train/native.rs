@@ -36,7 +36,7 @@ pub struct NativeBackend<'a> {
     pub(super) through_unroll: bool,
     /// Of each training trajectory, where the loss asks for the smooth part of errors.
     pub(super) smoothers: Vec<Smoother>,
-    precision: Precision,
+    pub(super) precision: Precision,
     /// Nanoseconds of all threads: weights taken, forward, backward, sums.
     clock: [AtomicU64; 4],
 }

@@ -1,4 +1,4 @@
-//! Rollouts of recorded trajectories on the native engine, in fp32.
+//! Rollouts of recorded trajectories on the native engine, in the arithmetic of the training.
 
 use super::backend::Rollout;
 use super::native::NativeBackend;
@@ -92,7 +92,11 @@ impl NativeBackend<'_> {
         }
         let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
         let segments = stage.then_some(&sample.segments);
-        let mut engine = Engine::new(model, graph, segments, &EngineOptions::default())?;
+        let options = EngineOptions {
+            precision: self.precision,
+            ..EngineOptions::default()
+        };
+        let mut engine = Engine::new(model, graph, segments, &options)?;
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
         for step in 1..=rollout.steps {
             let next = &*frame(step)?;

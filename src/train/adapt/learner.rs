@@ -21,8 +21,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Checks of the first round; it ends after this many that brought nothing.
+/// Most checks of the first round, and least steps between them; it ends after so many that brought nothing.
 const CHECKS: u64 = 6;
+const BETWEEN: u64 = 25;
 const PATIENCE: u64 = 3;
 
 /// Learning rate of later rounds, as a share of the first one's.
@@ -172,7 +173,10 @@ impl Learner {
         } else {
             self.settings.steps_each
         };
-        let interval = if first { steps.div_ceil(CHECKS) } else { steps };
+        let interval = match first {
+            true => steps.div_ceil(CHECKS).max(BETWEEN),
+            false => steps,
+        };
         let mut best = (before, self.knowledge.optimiser.clone());
         let (mut made, mut missed, mut ended) = (0, 0, "");
         while made < steps && ended.is_empty() {
