@@ -104,31 +104,37 @@ impl<T: Number> Scratch<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::Bf16;
 
     #[test]
     fn tiles_cover_everything_once() {
+        cover::<f32>();
+        cover::<Bf16>();
+    }
+
+    fn cover<T: Number>() {
         // 1000 nodes with 0 to 6 edges, and one with many.
         let mut row = vec![0u32];
         for i in 0..1000u32 {
             row.push(row[i as usize] + if i == 500 { 3000 } else { i % 7 });
         }
         for border in [0, 77, 1000] {
-            let tiles = cut::<f32>(&row, border);
+            let tiles = cut::<T>(&row, border);
             let (mut node, mut edge) = (0, 0);
             for tile in &tiles {
                 assert_eq!(tile.nodes.start, node);
                 assert!(tile.nodes.end <= border || tile.nodes.start >= border);
                 assert_eq!(tile.edges, row[node] as usize..row[tile.nodes.end] as usize);
-                for chunk in tile.chunks::<f32>() {
+                for chunk in tile.chunks::<T>() {
                     assert_eq!(chunk.start, edge);
-                    assert!(chunk.len() <= f32::ROWS && !chunk.is_empty());
+                    assert!(chunk.len() <= T::ROWS && !chunk.is_empty());
                     edge = chunk.end;
                 }
                 node = tile.nodes.end;
             }
             assert_eq!((node, edge), (1000, row[1000] as usize));
         }
-        assert!(cut::<f32>(&[0], 0).is_empty());
-        assert_eq!(blocks::<f32>(100).map(|b| b.len()).sum::<usize>(), 100);
+        assert!(cut::<T>(&[0], 0).is_empty());
+        assert_eq!(blocks::<T>(100).map(|b| b.len()).sum::<usize>(), 100);
     }
 }

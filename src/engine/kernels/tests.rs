@@ -395,3 +395,43 @@ fn rows_are_gathered_and_scattered() {
         assert!(caught.is_err(), "row 1 of 1");
     }
 }
+
+fn activations<T: Number>(isa: Isa) {
+    // One vector, whole fours of vectors, and fours with a rest.
+    for columns in [16, 64, 80] {
+        let n = 5;
+        let kept: Buffer<T> = numbers(n * columns, 1);
+        let before: Buffer<f32> = numbers(n * columns, 2);
+        for slope in [false, true] {
+            let mut d: Buffer<f32> = numbers(n * columns, 2);
+            let mut narrow: Buffer<T> = Buffer::new(n * columns);
+            let mut bias: Buffer<f32> = numbers(columns, 3);
+            let of = match slope {
+                true => Kept::Slope(&kept[..]),
+                false => Kept::Value(&kept[..]),
+            };
+            activation_backward(isa, of, (n, columns), &mut d, &mut narrow, &mut bias);
+            let derivative = |i: usize| match (slope, kept[i].to_f32()) {
+                (true, kept) => kept,
+                (false, kept) => f32::from(kept > 0.0),
+            };
+            for i in 0..n * columns {
+                let expected = before[i] * derivative(i);
+                assert_eq!(d[i], expected, "{columns} columns, number {i}");
+                assert_eq!(narrow[i].to_f32(), T::from_f32(expected).to_f32());
+            }
+            for j in 0..columns {
+                let sum: f32 = (0..n).map(|i| d[i * columns + j]).sum();
+                assert!((bias[j] - number(j + 3) - sum).abs() < 1e-5, "column {j}");
+            }
+        }
+    }
+}
+
+#[test]
+fn derivatives_go_through_activations() {
+    for isa in Isa::available() {
+        activations::<f32>(isa);
+        activations::<Bf16>(isa);
+    }
+}
