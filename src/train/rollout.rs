@@ -1,4 +1,4 @@
-//! Rollouts of recorded trajectories on the native engine, in the arithmetic of the training.
+//! Rollouts of recorded trajectories on the native engine.
 
 use super::backend::Rollout;
 use super::native::NativeBackend;
@@ -93,7 +93,7 @@ impl NativeBackend<'_> {
         let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
         let segments = stage.then_some(&sample.segments);
         let options = EngineOptions {
-            precision: self.precision,
+            precision: self.rollouts_in,
             ..EngineOptions::default()
         };
         let mut engine = Engine::new(model, graph, segments, &options)?;
