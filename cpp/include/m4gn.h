@@ -90,7 +90,7 @@ void m4gn_finalize(void);
  *   energy          null        as many modes as hold this share, (0, 1], of the energy of `modes`; null: all
  *   tau             1.0         weight of positions against modes
  *   size            null        size S of a segment, m; null: from K
- *   iterations      20          most sweeps of SLIC
+ *   iterations      20          most sweeps of SLIC, up to 10000
  *   connected       true        every segment is connected
  *   distance_scale  null        length of the distance to the obstacle, m; 0: off (the paper); null: S
  *   obstacles       []          names of the patches that are the obstacle; []: found by their node types

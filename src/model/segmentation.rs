@@ -11,6 +11,9 @@ use std::fmt;
 /// Largest number of segments that a description may ask for.
 const MOST: usize = 1 << 20;
 
+/// Most sweeps of SLIC: ten are mostly enough.
+const MOST_SWEEPS: usize = 10_000;
+
 /// First partition and its refinement (paper, section 3.3.3 and appendix B.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum SegmentMethod {
@@ -247,6 +250,14 @@ impl SegmentSpec {
         if !(1..=MOST).contains(&self.count) {
             return bad("count", &format!("1 to {MOST}"), self.count as f64);
         }
+        // Sweeps may go to and fro between two answers, so that only their number ends them.
+        if self.iterations > MOST_SWEEPS {
+            return bad(
+                "iterations",
+                &format!("0 to {MOST_SWEEPS}"),
+                self.iterations as f64,
+            );
+        }
         if !(self.tau.is_finite() && self.tau >= 0.0) {
             return bad("tau", "a finite number that is not negative", self.tau);
         }
@@ -399,8 +410,9 @@ mod tests {
     #[test]
     fn each_wrong_value_is_named() {
         type Change = fn(&mut SegmentSpec);
-        let broken: [(&str, Change); 7] = [
+        let broken: [(&str, Change); 8] = [
             ("count", |s| s.count = 0),
+            ("iterations", |s| s.iterations = 1 << 40),
             ("tau", |s| s.tau = -1.0),
             ("tau", |s| s.tau = f64::NAN),
             ("size", |s| s.size = Some(0.0)),
