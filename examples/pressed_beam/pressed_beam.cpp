@@ -10,6 +10,7 @@
 
 #include "m4gn.hpp"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -219,20 +220,28 @@ void run(const std::string& model, const std::string& folder)
     double wall = 0;
     for (int step = 0; step <= steps; ++step)
     {
-        if (step % 10 == 0)
+        if (step > 0)
+        {
+            const auto began = std::chrono::steady_clock::now();
+            session.setObstacle(cylinder.displacement(step - 1), cylinder.displacement(step));
+            session.step({m4gn_field{"D", 3, D.data(), nullptr}}, {m4gn_field_out{"D", 3, D.data()}});
+            wall += std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+        }
+        if (step % 10 != 0)
+        {
+            continue;
+        }
+        std::printf("%4d %13.1f %9.2f", step, -1e3*push*step, 1e3*D[tip + 1]);
+        if (step > 0)
         {
             const auto report = session.projection();
-            std::printf("%4d %13.1f %9.2f %12.3f %8.3f\n", step, -1e3*push*step, 1e3*D[tip + 1],
-                step == 0 ? 0.1 : report.gap_before, step == 0 ? 0.1 : report.gap_after);
-            if (!folder.empty())
-            {
-                write(folder, step, beam, D);
-            }
+            std::printf(" %12.3f %8.3f", report.gap_before, report.gap_after);
         }
-        const auto began = std::chrono::steady_clock::now();
-        session.setObstacle(cylinder.displacement(step), cylinder.displacement(step + 1));
-        session.step({m4gn_field{"D", 3, D.data(), nullptr}}, {m4gn_field_out{"D", 3, D.data()}});
-        wall += std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+        std::printf("\n");
+        if (!folder.empty())
+        {
+            write(folder, step, beam, D);
+        }
     }
     std::printf("%.1f ms a step\n", 1e3*wall/steps);
 }

@@ -11,7 +11,8 @@ use std::fmt;
 /// Largest number of segments that a description may ask for.
 const MOST: usize = 1 << 20;
 
-/// Most sweeps of SLIC: ten are mostly enough.
+/// Most sweeps of SLIC. Ten are mostly enough; on some meshes the sweeps go to and fro between two answers, so that only their
+/// number ends them.
 const MOST_SWEEPS: usize = 10_000;
 
 /// First partition and its refinement (paper, section 3.3.3 and appendix B.4).
@@ -250,7 +251,6 @@ impl SegmentSpec {
         if !(1..=MOST).contains(&self.count) {
             return bad("count", &format!("1 to {MOST}"), self.count as f64);
         }
-        // Sweeps may go to and fro between two answers, so that only their number ends them.
         if self.iterations > MOST_SWEEPS {
             return bad(
                 "iterations",

@@ -110,6 +110,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
             scale,
             scaled,
         } = tape;
+        let tiles = graph.tiles::<T>();
         *scale = scales_of(&order.row);
         fit(scaled, size);
         let work_rows = &mut work.shared.work;
@@ -121,7 +122,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
             }
             scaled[..size].copy_from_slice(&work.latents[..size]);
             scale_rows(&mut scaled[..size], columns, scale);
-            for tile in &graph.tiles::<T>() {
+            for tile in &tiles {
                 let (n, first) = (tile.nodes.len(), tile.nodes.start);
                 let own = first * columns..tile.nodes.end * columns;
                 let sums = &mut work.latents[own.clone()];
@@ -171,10 +172,11 @@ impl<T: Number> Processor<T> for Convolutions<T> {
             scale,
             scaled,
         } = tape;
+        let tiles = graph.tiles::<T>();
         let rows_at_a_time = &mut work.shared.work;
         for ((weight, bias), kept) in self.layers.iter().zip(layers).rev() {
             scaled[..size].fill(0.0);
-            for tile in &graph.tiles::<T>() {
+            for tile in &tiles {
                 let (n, first) = (tile.nodes.len(), tile.nodes.start);
                 let own = first * columns..tile.nodes.end * columns;
                 let d = &mut work.d_nodes[own.clone()];
