@@ -201,6 +201,9 @@ int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
  *   projection      null        of a body: its contact with the obstacle is projected after each step. Object with what
  *                               differs from the defaults, {"clearance": 0.0, "tolerance": 0.005, "radius": 6.0,
  *                               "self_contact": false, "sweeps": 12}, lengths in mean edges at rest; null: no projection
+ *   solid           null        what the solver says of a solid at cells, for m4gn_session_outside, each entry optional: {"E":
+ *                               [lowest, highest], "nu": [0.3, 0.3], "rho": ..., "traction": ..., "laws": ["linearElastic"],
+ *                               "schemes": ["Euler"]}: Pa, kg/m^3; the largest traction on a face, Pa
  */
 int32_t m4gn_session_new(
     int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
@@ -276,9 +279,11 @@ int32_t m4gn_session_set_obstacle(
 /* What the projection did in the last step. M4GN_ERROR_INPUT for a session without projection. */
 int32_t m4gn_session_projection(const m4gn_session* session, m4gn_projection_report* report);
 
-/* Collective, after a step. In how many respects the mesh and the fields of that step lie outside of what the model was
- * trained on, by more than a quarter of the range: cell size, speed, Courant number of the stride, inputs. One a line in
- * why, ended by a zero byte. 0 for a model that does not say what it was trained on. */
+/* Collective. In how many respects the case lies outside of what the model was trained on: cell size, speed, Courant number
+ * of the stride and inputs by more than a quarter of their range, a solid's moduli and largest traction by more than 2 %, its
+ * laws and schemes by name. What a solid at cells is, the host says in the options (solid); a body at points says Poisson's
+ * ratio with its elements. Before the first step there are no fields to look at: cell size and solid alone. One a line in why,
+ * ended by a zero byte. 0 for a model that does not say what it was trained on. */
 int32_t m4gn_session_outside(
     const m4gn_session* session,
     int32_t* count,

@@ -280,4 +280,34 @@ Foam::dictionary Foam::m4gn::without
 }
 
 
+Foam::word Foam::m4gn::scheme
+(
+    const dictionary& fvSchemes,
+    const word& group,
+    const word& key
+)
+{
+    const dictionary schemes(fvSchemes.subOrEmptyDict(group));
+    const word used(schemes.found(key) ? key : word("default"));
+
+    if (!schemes.found(used))
+    {
+        return word::null;
+    }
+
+    const ITstream& stream = schemes.lookup(used);
+
+    // "bounded Euler", "NewmarkBeta 0.25 0.5"
+    for (label i = stream.size() - 1; i >= 0; --i)
+    {
+        if (stream[i].isWord())
+        {
+            return stream[i].wordToken();
+        }
+    }
+
+    return word::null;
+}
+
+
 // ************************************************************************* //

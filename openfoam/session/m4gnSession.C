@@ -10,12 +10,14 @@ License
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticModes.H"
+#include "m4gnMechanicalProperties.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
 #include "clockTime.H"
 #include "OSspecific.H"
 #include "Time.H"
+#include <sstream>
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -54,7 +56,17 @@ void Foam::m4gnSession::open
         nodes_->setModes(modes->eigenvalues(), modes->cells());
     }
 
-    const std::string settings(options(dict, model_, others_));
+    const m4gnMechanicalProperties properties(mesh_);
+    const std::string settings
+    (
+        options
+        (
+            dict,
+            model_,
+            others_,
+            properties.description(dict.getOrDefault<word>("D", "D"))
+        )
+    );
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
@@ -170,12 +182,22 @@ void Foam::m4gnSession::compare()
         "m4gnSurrogate"
     );
 
-    if (count == 0 || outOfRange_ == "ignore")
+    std::istringstream lines(count ? why : "");
+    std::string line;
+    string text;
+    while (std::getline(lines, line))
+    {
+        // Not stripped of its blanks
+        if (said_.insert(word(line, false)))
+        {
+            text += (text.empty() ? "" : "\n        ") + line;
+        }
+    }
+
+    if (text.empty() || outOfRange_ == "ignore")
     {
         return;
     }
-
-    const string text(string(why).replaceAll("\n", "\n        "));
 
     if (outOfRange_ == "refuse")
     {
@@ -271,6 +293,9 @@ Foam::m4gnSession::m4gnSession
 
     setupSeconds_ = timer.elapsedTime();
 
+    // Mesh and solid before the run waits for timeStart
+    compare();
+
     Info<< "m4gn: model " << model_ << ", stride " << stride_ << " s, "
         << label(m4gn_session_n_segments(session_)) << " segments, ";
     if (nGroups > 0)
@@ -298,13 +323,18 @@ std::string Foam::m4gnSession::options
 (
     const dictionary& dict,
     const fileName& model,
-    const wordList& others
+    const wordList& others,
+    const dictionary& solid
 )
 {
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, ownKeys());
     settings = m4gn::without(settings, others);
     settings.set("model", string(model));
+    if (solid.size() && !settings.found("solid"))
+    {
+        settings.add("solid", solid);
+    }
     settings.set
     (
         "segments",

@@ -8,150 +8,7 @@ License
 
 #include "m4gnElasticBody.H"
 #include "m4gnDictionary.H"
-#include "IOdictionary.H"
-#include "PtrList.H"
-#include "Time.H"
-#include "dictionaryEntry.H"
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
-namespace Foam
-{
-
-static const word propertiesName("mechanicalProperties");
-
-//- As registered, or as stored; null: there is none
-static autoPtr<dictionary> readProperties(const fvMesh& mesh)
-{
-    for (const objectRegistry* registry : {&mesh.thisDb(), &mesh.time().db()})
-    {
-        const auto* registered =
-            registry->findObject<IOdictionary>(propertiesName);
-
-        if (registered)
-        {
-            return autoPtr<dictionary>(new dictionary(*registered));
-        }
-    }
-
-    IOobject io
-    (
-        propertiesName,
-        mesh.time().constant(),
-        mesh,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
-
-    return
-        io.typeHeaderOk<IOdictionary>(true)
-      ? autoPtr<dictionary>(new dictionary(IOdictionary(io)))
-      : autoPtr<dictionary>();
-}
-
-
-//- The last number of an entry: "2e11", "[1 -1 -2 0 0 0 0] 2e11" or
-//  "E [1 -1 -2 0 0 0 0] 2e11", or the value of a dictionary; false if there is
-//  none, as of the list that materials with several relaxation times have
-static bool number(const dictionary& dict, const word& key, scalar& value)
-{
-    if (dict.isDict(key))
-    {
-        return number(dict.subDict(key), "value", value);
-    }
-    if (!dict.found(key))
-    {
-        return false;
-    }
-
-    const ITstream& stream = dict.lookup(key);
-
-    if (stream.empty() || !stream.last().isNumber())
-    {
-        return false;
-    }
-
-    value = stream.last().number();
-    return true;
-}
-
-
-//- Do E, nu and rho stand there as solidDisplacementFoam has them?
-static bool uniformProperties(const dictionary& dict)
-{
-    for (const word key : {"E", "nu", "rho"})
-    {
-        scalar value;
-        if
-        (
-            !dict.isDict(key)
-         || dict.subDict(key).getOrDefault<word>("type", "uniform") != "uniform"
-         || !number(dict, key, value)
-        )
-        {
-            return false;
-        }
-    }
-
-    return true;
-}
-
-
-//- E, nu and rho; false if the material does not have them
-static bool moduli
-(
-    const dictionary& dict,
-    scalar& E,
-    scalar& nu,
-    scalar& rho
-)
-{
-    if (!number(dict, "rho", rho))
-    {
-        return false;
-    }
-    if (number(dict, "E", E) && number(dict, "nu", nu))
-    {
-        return true;
-    }
-
-    scalar mu, K;
-    if (number(dict, "mu", mu) && number(dict, "K", K))
-    {
-        E = 9*K*mu/(3*K + mu);
-        nu = (3*K - 2*mu)/(2*(3*K + mu));
-        return true;
-    }
-
-    return false;
-}
-
-
-static bool registeredFields(const fvMesh& mesh)
-{
-    for (const word key : {"E", "nu", "rho"})
-    {
-        if (!mesh.foundObject<volScalarField>(key))
-        {
-            return false;
-        }
-    }
-
-    return
-        mesh.lookupObject<volScalarField>("E").dimensions() == dimPressure
-     && mesh.lookupObject<volScalarField>("rho").dimensions() == dimDensity;
-}
-
-
-//- The materials of solids4foam's list
-static PtrList<entry> materialsOf(const dictionary& properties)
-{
-    return PtrList<entry>(properties.lookup("mechanical"));
-}
-
-} // End namespace Foam
-
+#include "m4gnMechanicalProperties.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
@@ -161,7 +18,7 @@ void Foam::m4gnElasticBody::setUniform(const dictionary& material)
     scalar nu = 0;
     scalar rho = 0;
 
-    if (!moduli(material, E, nu, rho))
+    if (!m4gnMechanicalProperties::moduli(material, E, nu, rho))
     {
         FatalErrorInFunction
             << material.name() << ": the material of the elastic body is not known: expected E, nu"
@@ -175,9 +32,12 @@ void Foam::m4gnElasticBody::setUniform(const dictionary& material)
 }
 
 
-void Foam::m4gnElasticBody::setMaterials(const dictionary& properties)
+void Foam::m4gnElasticBody::setMaterials
+(
+    const m4gnMechanicalProperties& properties
+)
 {
-    const PtrList<entry> materials(materialsOf(properties));
+    const PtrList<entry> materials(properties.materials());
 
     labelList count(mesh_.nCells(), Zero);
 
@@ -188,12 +48,12 @@ void Foam::m4gnElasticBody::setMaterials(const dictionary& properties)
         scalar nu = 0;
         scalar rho = 0;
 
-        if (!moduli(dict, E, nu, rho))
+        if (!m4gnMechanicalProperties::moduli(dict, E, nu, rho))
         {
             FatalErrorInFunction
                 << "The material " << material.keyword() << " of "
-                << propertiesName << " has neither E and nu nor mu and K"
-                << " with rho, each a number: "
+                << m4gnMechanicalProperties::fileName
+                << " has neither E and nu nor mu and K with rho, each a number: "
                 << m4gn::join(dict.toc()) << nl
                 << "    Give the function object's dictionary"
                 << " material { E ...; nu ...; rho ...; }, or operator"
@@ -206,7 +66,8 @@ void Foam::m4gnElasticBody::setMaterials(const dictionary& properties)
         {
             FatalErrorInFunction
                 << "The material " << material.keyword() << " of "
-                << propertiesName << " has no cellZone of its name: found "
+                << m4gnMechanicalProperties::fileName
+                << " has no cellZone of its name: found "
                 << m4gn::join(mesh_.cellZones().names()) << exit(FatalError);
         }
 
@@ -232,8 +93,8 @@ void Foam::m4gnElasticBody::setMaterials(const dictionary& properties)
         {
             FatalErrorInFunction
                 << "Cell " << celli << " at " << mesh_.C()[celli] << " has "
-                << count[celli] << " materials of " << propertiesName
-                << "; expected one: each cell in one of the materials'"
+                << count[celli] << " materials of "
+                << m4gnMechanicalProperties::fileName << "; expected one: each cell in one of the materials'"
                 << " cellZones" << exit(FatalError);
         }
     }
@@ -247,9 +108,10 @@ void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
     nu_.resize(n);
     rho_.resize(n);
 
-    const autoPtr<dictionary> properties(readProperties(mesh_));
+    const m4gnMechanicalProperties properties(mesh_);
     bool planeStress =
-        properties && properties->getOrDefault<bool>("planeStress", false);
+        properties.found()
+     && properties.dict().getOrDefault<bool>("planeStress", false);
 
     if (dict.found("material"))
     {
@@ -261,30 +123,30 @@ void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
         setUniform(own);
         planeStress = own.getOrDefault<bool>("planeStress", planeStress);
     }
-    else if (registeredFields(mesh_))
+    else if (properties.registered())
     {
         E_ = mesh_.lookupObject<volScalarField>("E").primitiveField();
         nu_ = mesh_.lookupObject<volScalarField>("nu").primitiveField();
         rho_ = mesh_.lookupObject<volScalarField>("rho").primitiveField();
     }
-    else if (properties && properties->found("mechanical"))
+    else if (properties.listed())
     {
-        setMaterials(*properties);
+        setMaterials(properties);
     }
-    else if (properties && uniformProperties(*properties))
+    else if (properties.uniform())
     {
-        setUniform(*properties);
+        setUniform(properties.dict());
     }
     else
     {
         FatalErrorInFunction
             << "The material of the elastic body is not known: expected E, nu"
             << " and rho as registered fields or in constant/"
-            << propertiesName << ", found "
+            << m4gnMechanicalProperties::fileName << ", found "
             << word
                (
-                   properties
-                 ? "there " + m4gn::join(properties->toc())
+                   properties.found()
+                 ? "there " + m4gn::join(properties.dict().toc())
                  : word("no such file", false),
                    false
                )
@@ -309,33 +171,41 @@ Foam::string Foam::m4gnElasticBody::unknown
     const dictionary& dict
 )
 {
-    if (dict.found("material") || registeredFields(mesh))
+    const m4gnMechanicalProperties properties(mesh);
+
+    if (dict.found("material") || properties.registered())
     {
         return string();
     }
-
-    const autoPtr<dictionary> properties(readProperties(mesh));
-
-    if (!properties)
+    if (!properties.found())
     {
-        return "there is no constant/" + propertiesName;
+        return "there is no constant/" + m4gnMechanicalProperties::fileName;
     }
-    if (!properties->found("mechanical"))
+    if (!properties.listed())
     {
         return
-            uniformProperties(*properties)
+            properties.uniform()
           ? string()
-          : string(propertiesName + " has no uniform E, nu and rho");
+          : string
+            (
+                m4gnMechanicalProperties::fileName
+              + " has no uniform E, nu and rho"
+            );
     }
 
-    const PtrList<entry> materials(materialsOf(*properties));
+    const PtrList<entry> materials(properties.materials());
     for (const entry& material : materials)
     {
         scalar E, nu, rho;
-        if (!material.isDict() || !moduli(material.dict(), E, nu, rho))
+        if
+        (
+            !material.isDict()
+         || !m4gnMechanicalProperties::moduli(material.dict(), E, nu, rho)
+        )
         {
             return
-                "material " + material.keyword() + " of " + propertiesName
+                "material " + material.keyword() + " of "
+              + m4gnMechanicalProperties::fileName
               + " has neither E and nu nor mu and K with rho, each a number";
         }
     }
@@ -343,7 +213,11 @@ Foam::string Foam::m4gnElasticBody::unknown
     return
         materials.size()
       ? string()
-      : string("the list mechanical of " + propertiesName + " is empty");
+      : string
+        (
+            "the list mechanical of " + m4gnMechanicalProperties::fileName
+          + " is empty"
+        );
 }
 
 

@@ -74,7 +74,15 @@ Foam::m4gnDisplacementState::m4gnDisplacementState
     DName_(displacementName(dict)),
     dynamic_(false)
 {
-    const word used(scheme("d2dt2Schemes", "d2dt2(" + DName_ + ')'));
+    refuseHistory();
+
+    const word used
+    (
+        m4gn::scheme
+        (
+            mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'
+        )
+    );
 
     if (used != "Euler" && used != "steadyState")
     {

@@ -7,6 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnFlowState.H"
+#include "m4gnDictionary.H"
 #include "m4gnSolverStateType.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
 
@@ -46,7 +47,10 @@ void Foam::m4gnFlowState::checkCase() const
 
     // The scheme's state must be in the old-time levels of the fields:
     // CrankNicolson keeps fields of its own, pseudo-time has no real time.
-    const word used(scheme("ddtSchemes", "ddt(" + UName_ + ')'));
+    const word used
+    (
+        m4gn::scheme(mesh_.schemesDict(), "ddtSchemes", "ddt(" + UName_ + ')')
+    );
 
     if (used != "Euler" && used != "backward")
     {

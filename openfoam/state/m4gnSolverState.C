@@ -8,6 +8,7 @@ License
 
 #include "m4gnSolverState.H"
 #include "m4gnDictionary.H"
+#include "m4gnMechanicalProperties.H"
 #include "m4gnSolverStateType.H"
 #include "StringStream.H"
 #include "surfaceFields.H"
@@ -30,36 +31,21 @@ void Foam::m4gnSolverState::impose
 }
 
 
-Foam::word Foam::m4gnSolverState::scheme
-(
-    const word& group,
-    const word& key
-) const
+void Foam::m4gnSolverState::refuseHistory() const
 {
-    const dictionary schemes
+    const wordList laws
     (
-        mesh_.lookupObject<IOdictionary>("fvSchemes").subOrEmptyDict(group)
+        m4gnMechanicalProperties(mesh_).lawsWithHistory()
     );
 
-    const word used(schemes.found(key) ? key : word("default"));
-
-    if (!schemes.found(used))
+    if (laws.size())
     {
-        return word::null;
+        FatalErrorInFunction
+            << "mode replace does not hand over the history of the material: "
+            << m4gnMechanicalProperties::fileName << " has the law "
+            << m4gn::join(laws) << ", whose stress depends on it" << nl
+            << "    Use an elastic law, or mode observe" << exit(FatalError);
     }
-
-    const ITstream& stream = schemes.lookup(used);
-
-    // "bounded Euler", "NewmarkBeta 0.25 0.5"
-    for (label i = stream.size() - 1; i >= 0; --i)
-    {
-        if (stream[i].isWord())
-        {
-            return stream[i].wordToken();
-        }
-    }
-
-    return word::null;
 }
 
 

@@ -71,8 +71,16 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
 :
     m4gnSolverState(mesh, session),
     DName_(displacementName(dict)),
-    scheme_(scheme("d2dt2Schemes", "d2dt2(" + DName_ + ')'))
+    scheme_
+    (
+        m4gn::scheme
+        (
+            mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'
+        )
+    )
 {
+    refuseHistory();
+
     wordList needed(1, DName_);
 
     if (scheme_ == "Euler")

@@ -9,6 +9,7 @@ mod resolution;
 pub mod sample;
 mod segmentation;
 pub mod settings;
+mod solid;
 mod tensors;
 mod trained_on;
 
@@ -16,6 +17,7 @@ pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindNam
 pub use calibration::{Calibration, Growth, RolloutErrors};
 pub use resolution::Resolution;
 pub use segmentation::{ModalOperator, SegmentEntries, SegmentMethod, SegmentSpec};
+pub use solid::Solid;
 pub use tensors::{Model, Tensor};
 pub use trained_on::{Extent, InputRange, TrainedOn, cell_size};
 
@@ -64,9 +66,10 @@ impl FieldSpec {
         self.input && self.output == Output::None
     }
 
-    /// Whether it is a velocity, m/s.
+    /// Whether it is the velocity of a flow, m/s. The rate `ddt(D)` of a solid is none: how fast a body is at the moment says
+    /// where it is in its vibration, and not which case it is.
     pub fn is_velocity(&self) -> bool {
-        self.vector && self.dimensions == [0, 1, -1, 0, 0, 0, 0]
+        self.vector && self.dimensions == [0, 1, -1, 0, 0, 0, 0] && !self.name.starts_with("ddt(")
     }
 
     /// Its unit in those of SI: `m/s`, `kg/m/s^2`; `1` without dimensions.

@@ -1,5 +1,6 @@
 //! What a model was trained on, as far as a case can be compared with it: part of a model's description.
 
+use crate::solid::Solid;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use serde::{Deserialize, Serialize};
@@ -34,6 +35,9 @@ pub struct TrainedOn {
     pub courant: Option<Range>,
     /// Of each field that is an input.
     pub inputs: Vec<InputRange>,
+    /// Of a solid, what its solvers said of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solid: Option<Solid>,
 }
 
 /// The same of one case, or of one trajectory.
@@ -43,8 +47,10 @@ pub struct Extent {
     pub cell_size: f64,
     /// As [`TrainedOn::speed`].
     pub speed: Option<f64>,
-    /// As [`TrainedOn::inputs`].
+    /// As [`TrainedOn::inputs`]; none before any field was seen.
     pub inputs: Vec<InputRange>,
+    /// As [`TrainedOn::solid`].
+    pub solid: Option<Solid>,
 }
 
 impl Extent {
@@ -96,12 +102,24 @@ impl TrainedOn {
                 widen(&mut all.range, one.range[1]);
             }
         }
+        let mut solid = trajectories[0].solid.clone();
+        for t in &trajectories[1..] {
+            solid = match (solid, &t.solid) {
+                (Some(mut all), Some(one)) => {
+                    all.widen(one);
+                    Some(all)
+                }
+                // Nothing can be said of all where one says nothing.
+                _ => None,
+            };
+        }
         let some = |range: Range| (range[0] <= range[1]).then_some(range);
         Some(TrainedOn {
             cell_size: some(size)?,
             speed: some(speed),
             courant: some(courant),
             inputs,
+            solid,
         })
     }
 
@@ -130,6 +148,9 @@ impl TrainedOn {
             self.courant,
             case.courant(stride),
         );
+        if let (Some(trained), Some(case)) = (&self.solid, &case.solid) {
+            found.extend(trained.outside(case));
+        }
         for input in &case.inputs {
             let Some(trained) = self.inputs.iter().find(|i| i.field == input.field) else {
                 continue;
@@ -161,6 +182,7 @@ mod tests {
                 field: "U".into(),
                 range,
             }],
+            solid: None,
         }
     }
 
@@ -190,6 +212,30 @@ mod tests {
         );
         let json = serde_json::to_string(&trained).unwrap();
         assert_eq!(serde_json::from_str::<TrainedOn>(&json).unwrap(), trained);
+    }
+
+    #[test]
+    fn a_solid_is_compared_where_all_trajectories_know_theirs() {
+        let solid = |poisson| {
+            Some(Solid {
+                poisson: Some([poisson, poisson]),
+                ..Solid::default()
+            })
+        };
+        let of = |solid| Extent {
+            solid,
+            ..extent(0.01, 1.0, [0.0, 1.0])
+        };
+        let trained = TrainedOn::over(&[of(solid(0.3)), of(solid(0.4))], 0.05).unwrap();
+        assert_eq!(trained.outside(&of(solid(0.35)), 0.05).len(), 0);
+        let found = trained.outside(&of(solid(0.1)), 0.05);
+        assert_eq!(
+            found,
+            ["Poisson's ratio is 1.000e-1, and the model was trained on 3.000e-1 to 4.000e-1"]
+        );
+        assert_eq!(trained.outside(&of(None), 0.05).len(), 0);
+        let unknown = TrainedOn::over(&[of(solid(0.3)), of(None)], 0.05).unwrap();
+        assert_eq!(unknown.outside(&of(solid(0.1)), 0.05).len(), 0);
     }
 
     #[test]

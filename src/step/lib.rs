@@ -60,6 +60,8 @@ pub struct Session {
     outputs: Vec<f32>,
     /// Fields at the end of the step, solved components only `[n_cells x n_outputs]`.
     result: Vec<f64>,
+    /// Whether a step has been done, so that there are fields to look at.
+    stepped: bool,
 }
 
 impl Session {
@@ -154,9 +156,16 @@ impl Session {
     /// # Errors
     /// As [`Session::step`].
     pub fn advance(&mut self, fields: &[Field], checked: Result<()>) -> Result<()> {
-        if let Network::Moving(_) = &self.network {
-            return self.advance_body(fields, checked);
-        }
+        let done = match &self.network {
+            Network::Moving(_) => self.advance_body(fields, checked),
+            Network::Fixed(_) => self.advance_cells(fields, checked),
+        };
+        self.stepped |= done.is_ok();
+        done
+    }
+
+    /// As [`Session::advance`], of fields at cells.
+    fn advance_cells(&mut self, fields: &[Field], checked: Result<()>) -> Result<()> {
         let gathered = checked.and_then(|()| self.gather(fields));
         self.comm.agree(gathered)?;
         let Network::Fixed(network) = &mut self.network else {
@@ -242,17 +251,27 @@ impl Session {
         }
     }
 
-    /// In which respects the mesh and the fields of the last step lie outside of what the model was trained on, one
-    /// an entry, for people; empty too for a model that does not say. Collective.
+    /// In which respects the mesh, the solid and the fields of the last step lie outside of what the model was trained on, one
+    /// an entry, for people; empty too for a model that does not say. Before the first step there are no fields to look at.
+    /// Collective.
     pub fn outside(&self) -> Vec<String> {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
         // The displacement of a body goes in through its edges.
-        let (rows, carried) = match &self.network {
-            Network::Moving(moving) => (moving.displacement(), true),
-            Network::Fixed(_) => (&self.inputs[..], false),
+        let (rows, carried, solid) = match &self.network {
+            Network::Moving(moving) => (moving.displacement(), true, Some(moving.solid())),
+            Network::Fixed(_) => (&self.inputs[..], false, self.options.solid.as_ref()),
         };
+        if !self.stepped {
+            let case = Extent {
+                cell_size: self.cell_size,
+                speed: None,
+                inputs: Vec::new(),
+                solid: solid.cloned(),
+            };
+            return trained_on.outside(&case, self.spec.stride);
+        }
         let fields = self.spec.fields.iter().filter(|f| f.input || carried);
         let width: usize = fields.clone().map(|f| f.components(self.spec.dim)).sum();
         let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
@@ -282,6 +301,7 @@ impl Session {
             cell_size: self.cell_size,
             speed,
             inputs,
+            solid: solid.cloned(),
         };
         trained_on.outside(&case, self.spec.stride)
     }

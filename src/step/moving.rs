@@ -10,7 +10,7 @@ use m4gn_engine::{Engine, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
-use m4gn_model::{Model, SegmentSpec, cell_size};
+use m4gn_model::{Model, SegmentSpec, Solid, cell_size};
 use m4gn_modes::Modal;
 
 type Vector = [f64; 3];
@@ -30,6 +30,8 @@ pub(super) struct Moving {
     points: Vec<u32>,
     n_points: usize,
     n_obstacle: usize,
+    /// What the body's elements are made of.
+    solid: Solid,
     /// Displacement of the obstacle's points now and after the step, once it is known.
     motion: Option<[Vec<Vector>; 2]>,
     /// Displacement of the owned nodes `[n_owned x 3]`.
@@ -114,6 +116,7 @@ impl Moving {
         let moving = Moving {
             n_points: body.positions.len(),
             n_obstacle: part.obstacle.len(),
+            solid: Solid::of_body(&body),
             motion: None,
             displacement: vec![0.0; 3 * n_owned],
             inputs: Vec::new(),
@@ -267,6 +270,11 @@ impl Moving {
     /// Displacement of the own points before the last step `[n x 3]`, m.
     pub(super) fn displacement(&self) -> &[f32] {
         &self.displacement[..3 * self.points.len()]
+    }
+
+    /// What the body's elements are made of.
+    pub(super) fn solid(&self) -> &Solid {
+        &self.solid
     }
 
     /// What the projection did in the last step; none without one.

@@ -146,8 +146,15 @@ fn what_a_body_was_trained_on_is_compared() {
             field: "D".into(),
             range: [-0.1, 0.1],
         }],
+        solid: Some(m4gn_model::Solid {
+            poisson: Some([0.1, 0.2]),
+            ..m4gn_model::Solid::default()
+        }),
     });
     let mut session = session(&model, &body, &obstacle);
+    // The material is known before any step, and the displacement is not.
+    let material = "Poisson's ratio is 4.000e-1, and the model was trained on 1.000e-1 to 2.000e-1";
+    assert_eq!(session.outside(), [material]);
     let still = vec![[0.0; 3]; 6];
     let mut from = |x: f64| {
         session
@@ -155,10 +162,10 @@ fn what_a_body_was_trained_on_is_compared() {
             .unwrap();
         session.outside()
     };
-    assert_eq!(from(0.1), Vec::<String>::new());
+    assert_eq!(from(0.1), [material]);
     let far = from(0.5);
     assert!(
-        far.len() == 1 && far[0].starts_with("D is 0.000e0 to 5.000e-1"),
+        far.len() == 2 && far[1].starts_with("D is 0.000e0 to 5.000e-1"),
         "{far:?}"
     );
 }

@@ -75,6 +75,7 @@ impl Session {
                 inputs: Vec::new(),
                 outputs: Vec::new(),
                 result: vec![0.0; n_cells * spec.n_outputs()],
+                stepped: false,
                 spec: spec.clone(),
             });
         }
@@ -123,6 +124,7 @@ impl Session {
             inputs: vec![0.0; mesh.n_nodes() * spec.n_field_inputs()],
             outputs: vec![0.0; n_cells * spec.n_outputs()],
             result: vec![0.0; n_cells * spec.n_outputs()],
+            stepped: false,
             spec: spec.clone(),
         })
     }

@@ -3,7 +3,7 @@
 use m4gn_contact::projection::ProjectionOptions;
 use m4gn_engine::{EngineOptions, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, settings};
+use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -74,6 +74,9 @@ pub struct SessionOptions {
     pub segments: SegmentEntries,
     /// Contact projection after each step of a body; none: the network's answer as it is.
     pub projection: Option<ProjectionOptions>,
+    /// What the host's solver says of a solid at cells, to be compared with what the model was trained on; a body at points
+    /// says it with its elements.
+    pub solid: Option<Solid>,
     /// Segment of each cell, computed before; none: segments are computed.
     #[serde(skip)]
     pub cell_segment: Option<Vec<i32>>,
@@ -89,6 +92,7 @@ impl Default for SessionOptions {
             resolution: Resolution::default(),
             segments: SegmentEntries::default(),
             projection: None,
+            solid: None,
             cell_segment: None,
         }
     }
@@ -117,6 +121,9 @@ impl SessionOptions {
             )));
         }
         self.segments.over(&SegmentSpec::default())?;
+        if let Some(fault) = self.solid.as_ref().and_then(Solid::fault) {
+            return Err(Error::Input(format!("solid.{fault}")));
+        }
         self.projection.map_or(Ok(()), |p| p.check())
     }
 

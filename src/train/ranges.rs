@@ -1,6 +1,9 @@
 //! What the data span: ranges that a model says it was trained on.
 
-use m4gn_model::{Extent, InputRange, ModelSpec};
+use m4gn_data::Trajectory;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Extent, InputRange, ModelSpec, Solid};
+use serde::Deserialize;
 
 /// Largest speed and ranges of the inputs, in the frames that were seen so far.
 pub(super) struct Ranges {
@@ -52,13 +55,36 @@ impl Ranges {
         }
     }
 
-    /// What was seen, on a mesh of this cell size (m).
-    pub fn extent(self, cell_size: f64) -> Extent {
+    /// What was seen, on a mesh of this cell size (m), of a solid where it is one.
+    pub fn extent(self, cell_size: f64, solid: Option<Solid>) -> Extent {
         let speed = self.inputs.iter().any(|i| i.2).then(|| self.fastest.sqrt());
         Extent {
             cell_size,
             speed,
             inputs: self.inputs.into_iter().map(|i| i.1).collect(),
+            solid,
         }
     }
+}
+
+/// What a trajectory says of its solid: a body by its elements, a solver's case by the provenance that `m4gnHarvest` writes.
+///
+/// # Errors
+/// [`Error::File`] for a provenance that has something else under this name.
+pub(super) fn solid(trajectory: &Trajectory) -> Result<Option<Solid>> {
+    if let Some(body) = trajectory.body() {
+        return Ok(Some(Solid::of_body(body)));
+    }
+    let recorded = &trajectory.provenance()["solid"];
+    if recorded.is_null() {
+        return Ok(None);
+    }
+    let found = Solid::deserialize(recorded).map_err(|e| e.to_string());
+    let checked = found.and_then(|solid| match solid.fault() {
+        Some(fault) => Err(fault),
+        None => Ok(solid),
+    });
+    checked
+        .map(Some)
+        .map_err(|e| Error::file(trajectory.path(), format!("provenance, entry solid: {e}")))
 }

@@ -2,7 +2,7 @@
 
 use super::config::Config;
 use super::copies::Copies;
-use super::ranges::Ranges;
+use super::ranges::{Ranges, solid};
 use super::recorded::{Recorded, see_as_cells};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
@@ -159,7 +159,7 @@ impl Sample {
         let mut found = vec![false; sample.copies.len()];
         copies.mark(&mut found);
         sample.copies = found;
-        sample.extent = Some(ranges.extent(sample.cell_size));
+        sample.extent = Some(ranges.extent(sample.cell_size, solid(trajectory)?));
         sample.frames = frames;
         sample.recorded = (!keep).then_some(recorded);
         Ok(sample)

@@ -12,6 +12,7 @@ License
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticModes.H"
+#include "m4gnMechanicalProperties.H"
 #include "m4gnSurrogate.H"
 #include "OSspecific.H"
 
@@ -239,6 +240,17 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance
               : "with states of the surrogate " + replacer_
             )
         );
+    }
+    const dictionary solid
+    (
+        m4gnMechanicalProperties(mesh_).description
+        (
+            dict.getOrDefault<word>("D", "D")
+        )
+    );
+    if (solid.size())
+    {
+        about.add("solid", solid);
     }
     about.merge(dict.subOrEmptyDict("provenance"));
 

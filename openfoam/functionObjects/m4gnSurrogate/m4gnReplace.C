@@ -253,7 +253,8 @@ Foam::m4gnReplace::m4gnReplace
     const word& name,
     const fvMesh& mesh,
     const dictionary& dict,
-    m4gnSession& session
+    m4gnSession& session,
+    autoPtr<m4gnSolverState>&& state
 )
 :
     writeFile(mesh, name, "surrogate", dict),
@@ -262,7 +263,7 @@ Foam::m4gnReplace::m4gnReplace
     time_(const_cast<Time&>(mesh.time())),
     others_(m4gnOthers::chosen(name, mesh.time(), dict)),
     session_(session),
-    state_(m4gnSolverState::New(mesh, dict, session)),
+    state_(std::move(state)),
     stale_(mesh, state_->advanced()),
     inputs_(mesh, session.inputs()),
     outputs_(mesh, session.outputs()),

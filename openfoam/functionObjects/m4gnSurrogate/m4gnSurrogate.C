@@ -105,6 +105,7 @@ void Foam::functionObjects::m4gnSurrogate::load()
         session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
         if (mode_ == modeType::REPLACE)
         {
+            state_ = m4gnSolverState::New(mesh_, dict_, *session_);
             digest_ = m4gnRestart::digest(session_->model());
         }
     }
@@ -202,8 +203,15 @@ bool Foam::functionObjects::m4gnSurrogate::jump
 bool Foam::functionObjects::m4gnSurrogate::jumped()
 {
     const scalar half = 0.5*time_.deltaTValue();
+    const bool over = time_.value() > timeEnd_ + half;
 
-    if (time_.value() < timeStart_ - half || time_.value() > timeEnd_ + half)
+    // What does not fit is said now, and not after the hours to timeStart
+    if (!over)
+    {
+        load();
+    }
+
+    if (over || time_.value() < timeStart_ - half)
     {
         if (accelerate_)
         {
@@ -211,8 +219,6 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
         }
         return false;
     }
-
-    load();
 
     if (mode_ == modeType::ACCELERATE)
     {
@@ -244,7 +250,13 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
 
     if (!replace_)
     {
-        replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_));
+        replace_.reset
+        (
+            new m4gnReplace
+            (
+                name(), mesh_, dict_, *session_, std::move(state_)
+            )
+        );
     }
 
     if

@@ -106,7 +106,13 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 
     if (state.found("totals"))
     {
-        replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_));
+        replace_.reset
+        (
+            new m4gnReplace
+            (
+                name(), mesh_, dict_, *session_, std::move(state_)
+            )
+        );
         replace_->restore(state.subDict("totals"));
     }
 
