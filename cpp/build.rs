@@ -37,6 +37,7 @@ const SOURCES: &[&str] = &[
     "../openfoam/segments/m4gnSegmentRecord.C",
     "../openfoam/solids/m4gnElasticBody.C",
     "../openfoam/solids/m4gnElasticMaterial.C",
+    "../openfoam/solids/m4gnMechanicalProperties.C",
 ];
 
 /// What they include.
@@ -53,6 +54,7 @@ const HEADERS: &[&str] = &[
     "../openfoam/segments/m4gnSegmentField.H",
     "../openfoam/segments/m4gnSegmentRecord.H",
     "../openfoam/solids/m4gnElasticBody.H",
+    "../openfoam/solids/m4gnMechanicalProperties.H",
 ];
 
 fn stop(message: &str) -> ! {
