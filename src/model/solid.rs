@@ -72,16 +72,40 @@ impl Solid {
         }
     }
 
+    /// Name, unit and range of each quantity.
+    fn quantities(&self) -> [(&'static str, &'static str, Option<Range>); 4] {
+        [
+            ("Young's modulus", " Pa", self.young),
+            ("Poisson's ratio", "", self.poisson),
+            ("the density", " kg/m^3", self.density),
+            ("the largest traction", " Pa", self.traction),
+        ]
+    }
+
+    /// Quantities and their ranges, laws and schemes, for people.
+    pub(super) fn described(&self) -> Vec<[String; 2]> {
+        let known = self.quantities().into_iter();
+        let known = known.filter_map(|(what, unit, values)| Some((what, unit, values?)));
+        let mut lines: Vec<[String; 2]> = known
+            .map(|(what, unit, values)| {
+                [
+                    what.trim_start_matches("the ").into(),
+                    format!("{}{unit}", range(values)),
+                ]
+            })
+            .collect();
+        for (what, names) in [("material law", &self.laws), ("time scheme", &self.schemes)] {
+            if !names.is_empty() {
+                lines.push([what.into(), names.join(", ")]);
+            }
+        }
+        lines
+    }
+
     /// In which respects a case lies outside, one a line for people.
     pub(super) fn outside(&self, case: &Solid) -> Vec<String> {
         let mut found = Vec::new();
-        let moduli = [
-            ("Young's modulus", " Pa", self.young, case.young),
-            ("Poisson's ratio", "", self.poisson, case.poisson),
-            ("the density", " kg/m^3", self.density, case.density),
-            ("the largest traction", " Pa", self.traction, case.traction),
-        ];
-        for (what, unit, trained, case) in moduli {
+        for ((what, unit, trained), (_, _, case)) in self.quantities().into_iter().zip(case.quantities()) {
             let (Some([low, high]), Some([least, most])) = (trained, case) else {
                 continue;
             };
@@ -135,7 +159,8 @@ impl Solid {
     }
 }
 
-fn range([low, high]: Range) -> String {
+/// A range for people.
+pub(super) fn range([low, high]: Range) -> String {
     match low == high {
         true => format!("{low:.3e}"),
         false => format!("{low:.3e} to {high:.3e}"),

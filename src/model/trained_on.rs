@@ -1,6 +1,6 @@
 //! What a model was trained on, as far as a case can be compared with it: part of a model's description.
 
-use crate::solid::Solid;
+use crate::solid::{Solid, range};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use serde::{Deserialize, Serialize};
@@ -123,6 +123,22 @@ impl TrainedOn {
         })
     }
 
+    /// Quantities and their ranges, for people.
+    pub fn described(&self) -> Vec<[String; 2]> {
+        let mut lines = vec![["distance of cells, m".to_string(), range(self.cell_size)]];
+        let flow = [
+            ("largest speed, m/s", self.speed),
+            ("Courant number of the stride", self.courant),
+        ];
+        for (what, values) in flow {
+            lines.extend(values.map(|values| [what.to_string(), range(values)]));
+        }
+        let inputs = self.inputs.iter();
+        lines.extend(inputs.map(|input| [input.field.clone(), range(input.range)]));
+        lines.extend(self.solid.iter().flat_map(Solid::described));
+        lines
+    }
+
     /// In which respects a case lies outside, one a line for people; empty: in none.
     pub fn outside(&self, case: &Extent, stride: f64) -> Vec<String> {
         let mut found = Vec::new();
@@ -234,6 +250,17 @@ mod tests {
             ["Poisson's ratio is 1.000e-1, and the model was trained on 3.000e-1 to 4.000e-1"]
         );
         assert_eq!(trained.outside(&of(None), 0.05).len(), 0);
+        let lines: Vec<String> = trained.described().iter().map(|l| l.join(": ")).collect();
+        assert_eq!(
+            lines,
+            [
+                "distance of cells, m: 1.000e-2",
+                "largest speed, m/s: 1.000e0",
+                "Courant number of the stride: 5.000e0",
+                "U: 0.000e0 to 1.000e0",
+                "Poisson's ratio: 3.000e-1 to 4.000e-1",
+            ]
+        );
         let unknown = TrainedOn::over(&[of(solid(0.3)), of(None)], 0.05).unwrap();
         assert_eq!(unknown.outside(&of(solid(0.1)), 0.05).len(), 0);
     }

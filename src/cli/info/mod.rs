@@ -5,7 +5,7 @@ mod body;
 use super::write_json;
 use m4gn_data::{Frame, Split, Trajectory, list};
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
-use m4gn_model::{Kind, Model};
+use m4gn_model::{Kind, Model, TrainedOn};
 use m4gn_report::number;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -321,6 +321,9 @@ fn model(path: &Path) -> Result<(String, Value)> {
             );
         }
         None => text += "macro       none\n",
+    }
+    for [what, values] in spec.trained_on.iter().flat_map(TrainedOn::described) {
+        let _ = writeln!(text, "trained on  {what:<32} {values}");
     }
     if let Some(entries) = spec.training.as_object() {
         for (key, value) in entries {
