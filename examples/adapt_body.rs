@@ -120,14 +120,21 @@ fn errors(session: &mut Session, recorded: &Recorded, cut: usize, stride: usize)
     let (body, obstacle) = (&recorded.body, &recorded.obstacle);
     let frames = (cut + stride..body.len()).step_by(stride);
     let mut state = body[cut].clone();
+    // One stride before it.
+    let mut past = body[cut.saturating_sub(stride)].clone();
     let [mut rolled, mut held, mut single, mut kept] = [0.0; 4];
     for next in frames {
         let now = next - stride;
         let motion = [&obstacle[now][..], &obstacle[next][..]];
+        let start = state.clone();
+        let earlier = now.saturating_sub(stride);
+        session.set_before(&past, &obstacle[earlier])?;
         session.step_body(&mut state, motion)?;
+        past = start;
         rolled += square(&state, &body[next]);
         held += square(&body[cut], &body[next]);
         let mut one = body[now].clone();
+        session.set_before(&body[earlier], &obstacle[earlier])?;
         session.step_body(&mut one, motion)?;
         single += square(&one, &body[next]);
         kept += square(&body[now], &body[next]);

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 9
+#define M4GN_ABI_VERSION 10
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -274,6 +274,20 @@ int32_t m4gn_session_set_obstacle(
     m4gn_session* session,
     const double* now,
     const double* after,
+    int32_t n_obstacle);
+
+/* Collective. Displacement one stride before the next step, m: of this rank's points [3*n_points], n_points being the n_cells of
+ * its mesh, and of the obstacle's points [3*n_obstacle], of which that of the first rank counts. A model with a history
+ * (contact.history, `m4gn info`) reads what the displacement changed by since then. Call it before a step from a state that is
+ * neither the result of the step before (a host's rounding is let pass) nor undeformed: of a body that a solver has moved, or
+ * that rests deformed, which gives the displacement that it has. Such a step is refused without (M4GN_ERROR_INPUT), as nothing
+ * else tells the change. It holds for one step. Other models of bodies check the values and do not use them, so that a host
+ * need not ask; M4GN_ERROR_INPUT for a model of fields at cells. */
+int32_t m4gn_session_set_before(
+    m4gn_session* session,
+    const double* displacement,
+    int32_t n_points,
+    const double* obstacle,
     int32_t n_obstacle);
 
 /* What the projection did in the last step. M4GN_ERROR_INPUT for a session without projection. */

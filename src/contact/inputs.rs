@@ -1,4 +1,5 @@
-//! What a network of bodies is told at its nodes: how the obstacle moves until the next state, and how near it comes to the skin.
+//! What a network of bodies is told at its nodes: how the obstacle moves until the next state, how near it comes to the skin, and how
+//! body and obstacle came here.
 
 use crate::graph::ContactGraph;
 use m4gn_mesh::surface::Surface;
@@ -7,18 +8,31 @@ use m4gn_model::N_CONTACT_INPUTS;
 
 impl ContactGraph {
     /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of the owned points `[n x 3]`, and that of all of the
-    /// obstacle's points now and after the step `[Q x 3]`.
+    /// obstacle's points now and after the step `[Q x 3]`. Of a model with a history the rows end with what the displacement of the
+    /// owned nodes changed by over the stride before, `change [n_owned x 3]`; none of one without.
     ///
     /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
     /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
     /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Zeros of all other points.
     ///
     /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
-    pub fn inputs(&self, displacement: &[f32], motion: [&[f32]; 2], inputs: &mut Vec<f32>) {
+    pub fn inputs(
+        &self,
+        displacement: &[f32],
+        change: Option<&[f32]>,
+        motion: [&[f32]; 2],
+        inputs: &mut Vec<f32>,
+    ) {
         let n_owned = self.graph().n_owned;
+        let width = N_CONTACT_INPUTS + change.map_or(0, |_| 3);
         inputs.clear();
-        inputs.resize(n_owned * N_CONTACT_INPUTS, 0.0);
-        let rows = inputs.as_chunks_mut::<N_CONTACT_INPUTS>().0;
+        inputs.resize(n_owned * width, 0.0);
+        let mut rows: Vec<&mut [f32]> = inputs.chunks_exact_mut(width).collect();
+        if let Some(change) = change {
+            for (row, change) in rows.iter_mut().zip(change.as_chunks::<3>().0) {
+                row[N_CONTACT_INPUTS..].copy_from_slice(change);
+            }
+        }
         let n = self.graph().n_cells;
         // Only the first rank has rows of the obstacle.
         let [now, after] = motion.map(|displacement| displacement.as_chunks::<3>().0);
@@ -73,7 +87,7 @@ mod tests {
     ) -> Vec<[f32; N_CONTACT_INPUTS]> {
         let motion = motion.map(|u| u.repeat(6));
         let mut rows = Vec::new();
-        body.inputs(displacement, [&motion[0], &motion[1]], &mut rows);
+        body.inputs(displacement, None, [&motion[0], &motion[1]], &mut rows);
         rows.as_chunks().0.to_vec()
     }
 
@@ -101,6 +115,21 @@ mod tests {
         let rows = inputs(&cube(), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
         let depth = 0.2 / 3f32.sqrt();
         close(&rows[7], &[0.0, 0.0, 0.0, 0.6 + depth, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_history_follows_what_the_obstacle_says() {
+        let body = cube();
+        let change: Vec<f32> = (0..3 * 14).map(|i| i as f32).collect();
+        let motion = [[0.0; 3], [0.0, 0.0, -0.2]].map(|u| u.repeat(6));
+        let (mut without, mut with) = (Vec::new(), Vec::new());
+        body.inputs(&[0.0; 24], None, [&motion[0], &motion[1]], &mut without);
+        body.inputs(&[0.0; 24], Some(&change), [&motion[0], &motion[1]], &mut with);
+        assert_eq!((without.len(), with.len()), (14 * 8, 14 * 11));
+        for (node, (row, old)) in with.chunks_exact(11).zip(without.chunks_exact(8)).enumerate() {
+            assert_eq!(row[..8], *old, "{node}");
+            assert_eq!(row[8..], change[3 * node..][..3], "{node}");
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@ mod case;
 pub mod control;
 mod field;
 mod groups;
+mod history;
 mod moving;
 mod opening;
 mod options;
@@ -239,6 +240,24 @@ impl Session {
             Network::Moving(moving) => moving.set_obstacle(&self.comm, [now, after]),
             Network::Fixed(_) => Err(Error::Input(
                 "the model is of fields at cells: it knows no obstacle that moves".into(),
+            )),
+        }
+    }
+
+    /// Takes the displacement one stride before the next step, m: of this rank's points, and of the obstacle's points `[Q]`, of which
+    /// that of the first rank counts. A model with a history (`contact.history`) reads what the displacement changed by since then.
+    /// Needed before a step from a state that is neither the result of the step before nor undeformed: of a body that a solver has
+    /// moved, or that rests deformed. Other models of bodies do without; the values are checked all the same, so that a host need
+    /// not ask. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for other lengths, or a session without body; [`Error::Numerical`] for values that are not
+    /// finite.
+    pub fn set_before(&mut self, displacement: &[[f64; 3]], obstacle: &[[f64; 3]]) -> Result<()> {
+        match &mut self.network {
+            Network::Moving(moving) => moving.set_before(&self.comm, displacement, obstacle),
+            Network::Fixed(_) => Err(Error::Input(
+                "the model is of fields at cells: it reads nothing of the stride before".into(),
             )),
         }
     }

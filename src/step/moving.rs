@@ -2,6 +2,7 @@
 //! projection after the step.
 
 use super::SessionOptions;
+use super::history::{History, State};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
 use m4gn_contact::projection::{Projection, ProjectionReport, check_start};
@@ -41,6 +42,8 @@ pub(super) struct Moving {
     /// Change of the displacement of the own points `[n x 3]`.
     outputs: Vec<f32>,
     projection: Option<(Projection, ProjectionReport)>,
+    /// Where the model reads it.
+    history: Option<History>,
 }
 
 /// What a session says of its segments: their number, and that of each of the host's own points.
@@ -127,6 +130,7 @@ impl Moving {
             graph,
             engine,
             projection,
+            history: spec.has_history().then(|| History::new(size)),
         };
         Ok((moving, cut, size))
     }
@@ -166,30 +170,45 @@ impl Moving {
     /// # Errors
     /// [`Error::Input`] for other lengths; [`Error::Numerical`] for values that are not finite.
     pub(super) fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
-        let check = |values: &[Vector], when: &str| {
-            if values.len() != self.n_obstacle {
-                return Err(Error::Input(format!(
-                    "displacement of the obstacle {when}: expected {} points, found {}",
-                    self.n_obstacle,
-                    values.len()
-                )));
-            }
-            match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
-                Some(i) => Err(Error::Numerical(format!(
-                    "displacement of the obstacle {when}: {:?} at point {i}",
-                    values[i]
-                ))),
-                None => Ok(()),
-            }
-        };
-        let checked = check(motion[0], "now").and_then(|()| check(motion[1], "after the step"));
+        let checked = self.check_obstacle(motion[0], "now");
+        let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
         comm.agree(checked)?;
-        self.motion = Some(motion.map(|values| {
-            let mut flat = values.as_flattened().to_vec();
-            comm.broadcast(&mut flat);
-            flat.as_chunks().0.to_vec()
-        }));
+        self.motion = Some(motion.map(|values| of_root(comm, values)));
         Ok(())
+    }
+
+    /// Takes the displacement one stride before the next step, m: of the host's own points, and of the obstacle's, of which that of
+    /// the first rank counts. Where the model does not read it, it is checked and forgotten. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// As [`Moving::set_obstacle`].
+    pub(super) fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
+        let when = "one stride before";
+        let checked = self.check(body, when);
+        comm.agree(checked.and_then(|()| self.check_obstacle(obstacle, when)))?;
+        let obstacle = of_root(comm, obstacle);
+        if let Some(history) = &mut self.history {
+            let body = body.to_vec();
+            history.give(State { body, obstacle });
+        }
+        Ok(())
+    }
+
+    fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
+        if values.len() != self.n_obstacle {
+            return Err(Error::Input(format!(
+                "displacement of the obstacle {when}: expected {} points, found {}",
+                self.n_obstacle,
+                values.len()
+            )));
+        }
+        match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the obstacle {when}: {:?} at point {i}",
+                values[i]
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// One step of the displacement of the host's own points, m; held points stay. Collective; all ranks fail together,
@@ -207,8 +226,14 @@ impl Moving {
                     .into(),
             )),
         };
-        let checked = motion.and_then(|m| self.check(displacement).map(|()| m));
+        let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
+        let start = State {
+            body: displacement.to_vec(),
+            obstacle: now.clone(),
+        };
+        let before = self.history.as_mut().map(|history| history.before(comm, &start));
+        let change = before.transpose()?.map(|before| self.change(&before, &start));
         let n = self.points.len();
         let (own, here) = self.displacement.split_at_mut(3 * n);
         let own = own.as_chunks_mut::<3>().0;
@@ -219,8 +244,9 @@ impl Moving {
         let motion = [narrow(&now), narrow(&after)];
         // Only the first rank has rows of the obstacle.
         here.copy_from_slice(&motion[0][..here.len()]);
+        let (own, motion) = (own.as_flattened(), [&motion[0][..], &motion[1]]);
         self.graph
-            .inputs(own.as_flattened(), [&motion[0], &motion[1]], &mut self.inputs);
+            .inputs(own, change.as_deref(), motion, &mut self.inputs);
         let graph = self.graph.update(comm, &self.displacement)?;
         let edges = self.engine.set_edges(graph);
         comm.agree(edges)?;
@@ -228,7 +254,31 @@ impl Moving {
         let mut end = comm.agree(done.and_then(|()| self.moved(displacement)))?;
         self.project(comm, &mut end, &after)?;
         displacement.copy_from_slice(&end);
+        if let Some(history) = &mut self.history {
+            // What the projection corrected is part of the change.
+            let obstacle = after;
+            history.done(start, State { body: end, obstacle });
+        }
         Ok(())
+    }
+
+    /// What the displacement of the owned nodes changed by from a state to another one `[n_owned x 3]`.
+    fn change(&self, before: &State, now: &State) -> Vec<f32> {
+        let changes = |before: &[Vector], now: &[Vector]| -> Vec<[f32; 3]> {
+            let pairs = before.iter().zip(now);
+            pairs
+                .map(|(a, b)| std::array::from_fn(|i| (b[i] - a[i]) as f32))
+                .collect()
+        };
+        let mut change = vec![0.0; self.displacement.len()];
+        let (own, here) = change.as_chunks_mut::<3>().0.split_at_mut(self.points.len());
+        for (&i, u) in self.place.iter().zip(changes(&before.body, &now.body)) {
+            own[i] = u;
+        }
+        // Only the first rank has rows of the obstacle.
+        let obstacle = changes(&before.obstacle, &now.obstacle);
+        here.copy_from_slice(&obstacle[..here.len()]);
+        change
     }
 
     /// The displacement of the host's own points after the change that the network says; held points stay.
@@ -282,22 +332,29 @@ impl Moving {
         self.projection.as_ref().map(|(_, report)| report)
     }
 
-    fn check(&self, displacement: &[Vector]) -> Result<()> {
+    fn check(&self, displacement: &[Vector], when: &str) -> Result<()> {
         if displacement.len() != self.place.len() {
             return Err(Error::Input(format!(
-                "displacement of the body: expected {} points, found {}",
+                "displacement of the body {when}: expected {} points, found {}",
                 self.place.len(),
                 displacement.len()
             )));
         }
         match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
             Some(i) => Err(Error::Numerical(format!(
-                "displacement of the body: {:?} at point {}",
+                "displacement of the body {when}: {:?} at point {}",
                 displacement[i], self.points[self.place[i]]
             ))),
             None => Ok(()),
         }
     }
+}
+
+/// The first rank's values on all ranks. Collective.
+fn of_root(comm: &Comm, values: &[Vector]) -> Vec<Vector> {
+    let mut flat = values.as_flattened().to_vec();
+    comm.broadcast(&mut flat);
+    flat.as_chunks().0.to_vec()
 }
 
 #[cfg(test)]

@@ -101,6 +101,16 @@ fn each_wrong_value_is_named() {
         ),
         (
             "[training]",
+            "[training]\nhistory_pace = 0.5",
+            "training.history_pace: found 0.5, expected 0 without [contact] history = 1",
+        ),
+        (
+            "[training]",
+            "[training]\nhistory_noise = -0.1",
+            "training.history_noise",
+        ),
+        (
+            "[training]",
             "[training]\nnoise_spread = 0.5",
             "training.noise_spread",
         ),

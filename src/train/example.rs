@@ -56,11 +56,10 @@ impl NativeBackend<'_> {
             false => c.clone(),
         });
         let began = Instant::now();
-        let mut state = frame(0)?;
-        self.add_noise(sample, example.seed, &mut state);
+        let mut state = self.start(sample, example)?;
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
         let mut moments = None;
-        let mut graph = at_state(base, &mut contact, &state)?;
+        let mut graph = at_state(base, &mut contact, self.stepper.parts(&state).0)?;
         if batch.accumulate {
             let next = frame(1)?;
             self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
@@ -110,7 +109,7 @@ impl NativeBackend<'_> {
                 graph: graph.take(),
             });
             if step < batch.unroll {
-                graph = at_state(base, &mut contact, &state)?;
+                graph = at_state(base, &mut contact, self.stepper.parts(&state).0)?;
             }
         }
         let began = self.lap(1, began);
@@ -239,24 +238,64 @@ impl NativeBackend<'_> {
         d
     }
 
+    /// The state that an example starts from: its frame with noise. With a history, what is said of the stride before is not always that
+    /// of the trajectory.
+    pub(super) fn start(&self, sample: &Sample, example: &Example) -> Result<Vec<f32>> {
+        // Numbers of its own, so that those of the noise are the same with a history and without.
+        let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
+        rng.set_stream(1);
+        let stride = self.work.frames_a_step;
+        let frames = match rng.random::<f64>() < self.history_pace {
+            true => rng.random_range(0..=2 * stride),
+            false => stride,
+        };
+        let mut state = self
+            .stepper
+            .frame_after(sample, example.frame, frames, example.mirror)?;
+        if self.history_noise > 0.0 && self.stepper.parts(&state).1.is_some() {
+            let other = rng.random_range(0..sample.n_frames);
+            let other = self.stepper.frame(sample, other, example.mirror)?;
+            let first = self.stepper.parts(&state).0.len();
+            let moving = first..first + self.noise.len() * sample.n_cells();
+            let times = (self.share(&mut rng) * self.history_noise * normal(&mut rng)) as f32;
+            let pairs = state[moving.clone()].iter_mut().zip(&other[moving]);
+            pairs.for_each(|(change, other)| *change += times * other);
+        }
+        self.add_noise(sample, example.seed, &mut state);
+        Ok(state)
+    }
+
+    /// By how much the noise of an example is smaller than it may be. Where all have the same, no number is drawn: those of a seed are
+    /// then those from before there was a choice.
+    fn share(&self, rng: &mut ChaCha8Rng) -> f64 {
+        match self.noise_spread > 1.0 {
+            true => self.noise_spread.powf(-rng.random::<f64>()),
+            false => 1.0,
+        }
+    }
+
     /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.
     pub(super) fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
         if self.noise.iter().all(|&n| n == 0.0) {
             return;
         }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        // Where all have the same, the numbers of a seed are those from before there was a choice.
-        let share = match self.noise_spread > 1.0 {
-            true => self.noise_spread.powf(-rng.random::<f64>()),
-            false => 1.0,
-        };
-        let rows = state.chunks_exact_mut(self.noise.len()).take(sample.n_cells());
+        let share = self.share(&mut rng);
+        let width = self.noise.len();
+        let (now, changes) = state.split_at_mut(self.stepper.parts(state).0.len());
+        let mut changes = changes.chunks_exact_mut(width);
+        let rows = now.chunks_exact_mut(width).take(sample.n_cells());
         for (cell, row) in rows.enumerate() {
+            let mut change = changes.next();
             let held = sample.held.as_ref().is_some_and(|held| held[cell]);
-            for (x, std) in row.iter_mut().zip(&self.noise).filter(|(_, std)| **std > 0.0) {
+            for (i, std) in self.noise.iter().enumerate().filter(|(_, std)| **std > 0.0) {
                 let noise = (share * std * normal(&mut rng)) as f32;
                 if !held {
-                    *x += noise;
+                    row[i] += noise;
+                    // It came in the stride before: where the body was then is known.
+                    if let Some(change) = &mut change {
+                        change[i] += noise;
+                    }
                 }
             }
         }

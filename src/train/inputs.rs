@@ -2,13 +2,22 @@
 
 use super::normaliser::Moments;
 use super::samples::Components;
+use super::state::Stepper;
 use super::workload::Workload;
 use m4gn_mesh::Result;
-use m4gn_model::{FieldSpec, Model, ModelSpec};
+use m4gn_model::{ContactSpec, FieldSpec, Model, ModelSpec};
 
 /// Whether `new` has the fields of `old`, and after them none but inputs that are not predicted.
 pub(super) fn follow(old: &[FieldSpec], new: &[FieldSpec]) -> bool {
     new.starts_with(old) && new[old.len()..].iter().all(FieldSpec::is_given)
+}
+
+/// Whether `new` is the contact of `old`, or that with a history.
+pub(super) fn follow_contact(old: Option<ContactSpec>, new: Option<ContactSpec>) -> bool {
+    match (old, new) {
+        (Some(old), Some(new)) => old.radius == new.radius && old.history <= new.history,
+        (old, new) => old == new,
+    }
 }
 
 /// The model with the inputs that `spec` has after those of the model. Their weights are zero, so that the network says
@@ -22,14 +31,21 @@ pub(super) fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Res
         return Ok(model);
     }
     let components = Components::new(spec);
-    let added = &components.inputs[old..];
-    let mut moments = Moments::new(added.len());
+    // A body's fields are no inputs, and what is added is its history.
+    let added = components.inputs.get(old..).unwrap_or(&[]);
+    let stepper = Stepper::new(spec, work.frames_a_step);
+    let mut moments = Moments::new(new - old);
     for sample in &work.train {
         for frame in [0, sample.n_frames / 2, sample.n_frames - 1] {
-            let frame = sample.frame(frame)?;
-            let rows = frame.chunks_exact(components.count);
-            let values: Vec<f32> = rows.flat_map(|row| added.iter().map(|&c| row[c])).collect();
-            moments.add(&Moments::of(&values, added.len()));
+            let frame = stepper.frame(sample, frame, false)?;
+            moments.add(&match stepper.parts(&frame) {
+                (_, Some(changes)) => Moments::of_changes(changes),
+                (frame, None) => {
+                    let rows = frame.chunks_exact(components.count);
+                    let values: Vec<f32> = rows.flat_map(|row| added.iter().map(|&c| row[c])).collect();
+                    Moments::of(&values, added.len())
+                }
+            });
         }
     }
     let (mean, std) = moments.mean_std();
@@ -50,5 +66,6 @@ pub(super) fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Res
     tensor.data = widened.collect();
     tensor.shape[1] += new - old;
     model.spec.fields = spec.fields.clone();
+    model.spec.contact = spec.contact;
     Model::new(model.spec, model.tensors)
 }

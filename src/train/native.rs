@@ -31,6 +31,9 @@ pub struct NativeBackend<'a> {
     pub(super) noise: Vec<f64>,
     /// How many times smaller it may be in an example.
     pub(super) noise_spread: f64,
+    /// Of a history: the part of examples that came at another pace, and the share of another stride's change that is added.
+    pub(super) history_pace: f64,
+    pub(super) history_noise: f64,
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(super) groups: Vec<(usize, usize, f64)>,
     pub(super) through_unroll: bool,
@@ -49,7 +52,7 @@ impl<'a> NativeBackend<'a> {
     /// # Errors
     /// [`Error::Model`] for a model that cannot be trained, or a graph that it does not know.
     pub fn new(t: &TrainingConfig, spec: &ModelSpec, work: &'a Workload, threads: usize) -> Result<Self> {
-        let stepper = Stepper::new(spec);
+        let stepper = Stepper::new(spec, work.frames_a_step);
         let c = stepper.components();
         let name = |c: &usize| spec.fields[stepper.components().field[*c]].name.as_str();
         let noise = (0..c.count).map(|i| match c.inputs.contains(&i) || spec.contact.is_some() {
@@ -80,6 +83,8 @@ impl<'a> NativeBackend<'a> {
             network,
             noise: noise.collect(),
             noise_spread: t.noise_spread,
+            history_pace: if spec.has_history() { t.history_pace } else { 0.0 },
+            history_noise: t.history_noise,
             smoothers: match t.smooth_loss > 0.0 {
                 true => work
                     .train

@@ -4,7 +4,7 @@
 use m4gn_contact::graph::has_feature;
 use m4gn_engine::backward::{Scale, Scales};
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Model, ModelSpec, Tensor};
+use m4gn_model::{Model, ModelSpec, N_CONTACT_INPUTS, Tensor};
 use std::collections::BTreeMap;
 
 /// Count, sum and sum of squares of each channel.
@@ -52,6 +52,27 @@ impl Moments {
         let mean = self.square.iter().sum::<f64>() / self.square.len().max(1) as f64;
         self.square.fill(mean);
         self.sum.fill(0.0);
+        self
+    }
+
+    /// What displacements change by, `[n x 3]`: of the nodes that move, and with one deviation around 0.
+    pub(super) fn of_changes(rows: &[f32]) -> Self {
+        Self::of_present(rows, 3, |row, i| row[i] != 0.0).alike_from(0)
+    }
+
+    /// The same with one deviation, around 0, for the channels from `first` on.
+    fn alike_from(mut self, first: usize) -> Self {
+        let last = Moments {
+            count: self.count.split_off(first),
+            sum: self.sum.split_off(first),
+            square: self.square.split_off(first),
+        };
+        let n = last.count.len().max(1) as f64;
+        self.count.extend(&last.count);
+        self.count[first..].fill(last.count.iter().sum::<f64>() / n);
+        self.sum.resize(first + last.sum.len(), 0.0);
+        self.square
+            .resize(first + last.square.len(), last.square.iter().sum::<f64>() / n);
         self
     }
 
@@ -142,7 +163,7 @@ impl Normaliser {
         let nodes = spec.n_field_inputs();
         match spec.contact {
             Some(_) => Normaliser {
-                node: Moments::of_present(inputs, nodes, |row, i| row[i] != 0.0),
+                node: Moments::of_present(inputs, nodes, |row, i| row[i] != 0.0).alike_from(N_CONTACT_INPUTS),
                 edge: Moments::of_present(edges, edge, has_feature),
                 output: output.alike(),
             },
@@ -284,6 +305,27 @@ mod tests {
         let (mean, std) = seen.output.mean_std();
         assert_eq!(mean, [0.0; 3]);
         assert!(std.iter().all(|s| (s - 3f32.sqrt()).abs() < 1e-6), "{std:?}");
+    }
+
+    #[test]
+    fn the_changes_of_a_history_have_one_deviation() {
+        let mut spec = m4gn_model::sample::bodies();
+        spec.contact.as_mut().unwrap().history = 1;
+        // Two nodes: a motion of 2 and then 4 of the obstacle, changes (3 4 0) and (0 0 5); what is 0 is not there.
+        let mut inputs = [0.0; 22];
+        (inputs[0], inputs[11]) = (2.0, 4.0);
+        (inputs[8], inputs[9], inputs[21]) = (3.0, 4.0, 5.0);
+        let seen = Normaliser::of_example(&spec, &inputs, &[], &[]);
+        let (mean, std) = seen.node.mean_std();
+        assert_eq!((mean[0], std[0]), (3.0, 1.0));
+        // (9 + 16 + 25) / 3
+        assert_eq!(mean[8..], [0.0; 3]);
+        assert!(
+            std[8..].iter().all(|s| (s - (50f32 / 3.0).sqrt()).abs() < 1e-5),
+            "{std:?}"
+        );
+        let alone = Moments::of_changes(&[3.0, 4.0, 0.0, 0.0, 0.0, 5.0]);
+        assert_eq!(alone.mean_std().1, std[8..]);
     }
 
     #[test]

@@ -168,8 +168,7 @@ impl NativeBackend<'_> {
             true => c.reflected(),
             false => c.clone(),
         });
-        let mut state = frame(0)?;
-        self.add_noise(sample, example.seed, &mut state);
+        let mut state = self.start(sample, example)?;
         let m = self.spec.n_outputs();
         let mut outputs = vec![0.0; sample.n_cells() * m];
         let (mut inputs, mut target, mut rows) = (Vec::new(), Vec::new(), Vec::new());
@@ -177,7 +176,7 @@ impl NativeBackend<'_> {
         for step in 1..=unroll {
             let next = frame(step)?;
             self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
-            let moved = at_state(graph, &mut contact, &state)?;
+            let moved = at_state(graph, &mut contact, self.stepper.parts(&state).0)?;
             let graph = moved.as_ref().map_or(graph, |(graph, ..)| graph);
             self.network
                 .forward(worker, 0, graph, scales, &inputs, &mut outputs);

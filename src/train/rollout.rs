@@ -85,10 +85,13 @@ impl NativeBackend<'_> {
         let comm = Comm::serial();
         let stage = self.spec.architecture.segment_transformer().is_some();
         let mut contact = sample.contact.clone();
-        let frame = |step: usize| sample.frame(rollout.frame + step * self.work.frames_a_step);
-        let mut state = frame(0)?.to_vec();
+        let frame = |step: usize| {
+            let frame = rollout.frame + step * self.work.frames_a_step;
+            self.stepper.frame(sample, frame, false)
+        };
+        let mut state = frame(0)?;
         if let Some(contact) = &mut contact {
-            contact.update(&comm, &state)?;
+            contact.update(&comm, self.stepper.parts(&state).0)?;
         }
         let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
         let segments = stage.then_some(&sample.segments);
@@ -99,16 +102,17 @@ impl NativeBackend<'_> {
         let mut engine = Engine::new(model, graph, segments, &options)?;
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
         for step in 1..=rollout.steps {
-            let next = &*frame(step)?;
-            self.stepper.inputs(contact.as_ref(), &state, next, &mut inputs);
+            let next = frame(step)?;
+            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
             engine.forward(&comm, &inputs, &mut outputs)?;
-            state = self.stepper.advance(sample, &state, &outputs, next);
-            visit(step, &state, next)?;
+            state = self.stepper.advance(sample, &state, &outputs, &next);
+            visit(step, &state, &next)?;
             if let (Some(contact), true) = (&mut contact, step < rollout.steps) {
                 if !state.iter().all(|v| v.is_finite()) {
                     break;
                 }
-                engine.set_edges(contact.update(&comm, &state)?)?;
+                let displacement = self.stepper.parts(&state).0;
+                engine.set_edges(contact.update(&comm, displacement)?)?;
             }
         }
         Ok(())

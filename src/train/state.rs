@@ -4,7 +4,7 @@
 use super::samples::{Components, Sample};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_mesh::Result;
-use m4gn_model::{ModelSpec, Output};
+use m4gn_model::{ModelSpec, N_CONTACT_INPUTS, Output};
 
 /// Which components are inputs and outputs, and how they go from a state to the next.
 #[derive(Clone, Debug)]
@@ -16,11 +16,14 @@ pub struct Stepper {
     given: Vec<usize>,
     /// Whether the obstacle's motion is the input: bodies at points.
     contact: bool,
+    /// Frames of a stride, where what the displacement changed by over the stride before is an input too. A state is then the
+    /// displacement of all nodes, followed by this change of all nodes.
+    history: Option<usize>,
 }
 
 impl Stepper {
-    /// For the fields of a model.
-    pub fn new(spec: &ModelSpec) -> Self {
+    /// For the fields of a model, whose stride is so many frames.
+    pub fn new(spec: &ModelSpec, frames_a_step: usize) -> Self {
         let components = Components::new(spec);
         let output = |c: &usize| spec.fields[components.field[*c]].output;
         Stepper {
@@ -33,6 +36,7 @@ impl Stepper {
                 .filter(|c| output(c) == Output::None)
                 .collect(),
             contact: spec.contact.is_some(),
+            history: spec.has_history().then_some(frames_a_step),
             components,
         }
     }
@@ -42,12 +46,35 @@ impl Stepper {
         &self.components
     }
 
-    /// A frame, reflected in the second direction if asked for.
+    /// The state of a frame, reflected in the second direction if asked for.
+    ///
+    /// A trajectory begins at rest: of a frame that is less than a stride from the first one the change over the stride before is
+    /// that since the first one, and of the first one it is zero.
     ///
     /// # Errors
     /// As [`Sample::frame`].
     pub fn frame(&self, sample: &Sample, frame: usize, mirror: bool) -> Result<Vec<f32>> {
+        self.frame_after(sample, frame, self.history.unwrap_or(0), mirror)
+    }
+
+    /// As [`Stepper::frame`], of a body that came here in a stride from where it was so many frames before.
+    ///
+    /// # Errors
+    /// As [`Sample::frame`].
+    pub fn frame_after(
+        &self,
+        sample: &Sample,
+        frame: usize,
+        frames: usize,
+        mirror: bool,
+    ) -> Result<Vec<f32>> {
         let mut state = sample.frame(frame)?.into_owned();
+        if self.history.is_some() {
+            let before = sample.frame(frame.saturating_sub(frames))?;
+            for (i, before) in before.iter().enumerate() {
+                state.push(state[i] - before);
+            }
+        }
         if mirror {
             for row in state.chunks_exact_mut(self.components.count) {
                 let odd = row.iter_mut().zip(&self.components.odd);
@@ -57,12 +84,24 @@ impl Stepper {
         Ok(state)
     }
 
+    /// Displacement, or fields, of all nodes in a state; then what it changed by over the stride before, where that is in it.
+    pub fn parts<'a>(&self, state: &'a [f32]) -> (&'a [f32], Option<&'a [f32]>) {
+        match self.history {
+            Some(_) => {
+                let (now, change) = state.split_at(state.len() / 2);
+                (now, Some(change))
+            }
+            None => (state, None),
+        }
+    }
+
     /// Physical node inputs. Of a body at points they come of its points and of the obstacle's motion until `next`.
     pub fn inputs(&self, body: Option<&ContactGraph>, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
         let c = &self.components;
         if let Some(body) = body {
+            let ((state, change), (next, _)) = (self.parts(state), self.parts(next));
             let (points, now) = state.split_at(3 * body.graph().n_cells);
-            body.inputs(points, [now, &next[points.len()..]], inputs);
+            body.inputs(points, change, [now, &next[points.len()..]], inputs);
             return;
         }
         inputs.clear();
@@ -82,7 +121,8 @@ impl Stepper {
         }
     }
 
-    /// The state one step later from physical outputs. `next` holds what is prescribed at the new time.
+    /// The state one step later from physical outputs. `next` holds what is prescribed at the new time: of a history, what the
+    /// displacement of held points and of the obstacle changes by; that of the other points is the output.
     pub fn advance(&self, sample: &Sample, state: &[f32], outputs: &[f32], next: &[f32]) -> Vec<f32> {
         let c = &self.components;
         let mut new = next.to_vec();
@@ -94,6 +134,9 @@ impl Stepper {
             for ((&i, delta), y) in c.outputs.iter().zip(&self.delta).zip(row) {
                 let at = cell * c.count + i;
                 new[at] = if *delta { state[at] + y } else { *y };
+                if self.history.is_some() {
+                    new[next.len() / 2 + at] = *y;
+                }
             }
         }
         self.copy_to_boundary(sample, &mut new, true);
@@ -136,6 +179,9 @@ impl Stepper {
                 if *delta {
                     d_state[cell * width + i] = d;
                 }
+                if self.history.is_some() {
+                    *y += d_next[d_next.len() / 2 + cell * width + i];
+                }
             }
         }
         d_state
@@ -145,6 +191,14 @@ impl Stepper {
     pub fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]) {
         // The motion of an obstacle is prescribed, and how near it is counts as given.
         if self.contact {
+            if self.history.is_some() {
+                let (_, change) = d_state.split_at_mut(d_state.len() / 2);
+                let rows = d_inputs.chunks_exact(N_CONTACT_INPUTS + 3);
+                for (d, row) in change.as_chunks_mut::<3>().0.iter_mut().zip(rows) {
+                    let by = d.iter_mut().zip(&row[N_CONTACT_INPUTS..]);
+                    by.for_each(|(d, x)| *d += x);
+                }
+            }
             return;
         }
         let c = &self.components;
@@ -166,3 +220,7 @@ impl Stepper {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "state_tests.rs"]
+mod tests;

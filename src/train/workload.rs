@@ -257,15 +257,16 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
     let pairs = [
         ("model.stride", old.stride.to_string(), spec.stride.to_string()),
         ("directions", old.dim.to_string(), spec.dim.to_string()),
-        (
-            "[contact]",
-            format!("{:?}", old.contact),
-            format!("{:?}", spec.contact),
-        ),
     ];
-    match pairs.into_iter().find(|(_, found, expected)| found != expected) {
-        Some((what, found, expected)) => Err(misfit(what, found, expected)),
-        None => Ok(()),
+    if let Some((what, found, expected)) = pairs.into_iter().find(|(_, found, expected)| found != expected) {
+        return Err(misfit(what, found, expected));
+    }
+    match inputs::follow_contact(old.contact, spec.contact) {
+        true => Ok(()),
+        false => {
+            let text = |contact| format!("{contact:?}");
+            Err(misfit("[contact]", text(old.contact), text(spec.contact)))
+        }
     }
 }
 

@@ -176,7 +176,10 @@ Learned learn(int32_t comm, const Beam& beam)
     const auto ahead = [&]
     {
         auto D = bent(20);
+        auto before = bent(18);
+        before.pop_back();
         session.setObstacle(still, still);
+        session.setBefore(before, still);
         session.step({m4gn_field{"D", 3, D.data(), nullptr}}, {m4gn_field_out{"D", 3, D.data()}});
         D.pop_back();
         return D;
@@ -291,6 +294,19 @@ int main(int argc, char** argv)
     REQUIRE(failure(message, [&] { session.setObstacle(shorter, shorter); }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "expected 6 points, found 5"));
     session.setObstacle(motion(0), motion(1));
+    step();
+    std::vector<double> before(3*part.n(), 0);
+    REQUIRE(failure(message, [&] { session.setBefore(before, shorter); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "one stride before: expected 6 points, found 5"));
+    before.resize(before.size() + 3);
+    REQUIRE(failure(message, [&] { session.setBefore(before, motion(0)); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "displacement of the body one stride before"));
+    before.resize(before.size() - 3);
+    before[0] = rank == size - 1 ? std::nan("") : 0;
+    REQUIRE(failure(message, [&] { session.setBefore(before, motion(0)); }) > 0);
+    before[0] = 0;
+    session.setBefore(before, motion(0));
+    session.setObstacle(motion(1), motion(2));
     step();
 
     const auto refused = [&](m4gn_mesh_data data, const std::string& projection, const std::string& words)

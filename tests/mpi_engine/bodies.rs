@@ -8,13 +8,13 @@ use m4gn_model::{ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec};
 use m4gn_step::{Session, SessionOptions};
 
 /// The description of a model of bodies with this network.
-fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize) -> ModelSpec {
+fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize, history: usize) -> ModelSpec {
     let mut s = base;
     s.fields.truncate(1);
     s.fields[0].name = "D".into();
     s.fields[0].input = false;
     s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    s.contact = Some(ContactSpec { radius: 0.6 });
+    s.contact = Some(ContactSpec { radius: 0.6, history });
     s.segments = SegmentSpec {
         method,
         count: 6,
@@ -28,13 +28,20 @@ fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize) -> ModelSpec {
 /// What differs from a run on one rank.
 pub fn failures(comm: &Comm, base: &ModelSpec) -> Vec<String> {
     let mut failures = Vec::new();
-    for (method, overlap) in [(SegmentMethod::SlicExp, 0), (SegmentMethod::Metis, 1)] {
-        let name = format!("body, {method}, overlap {overlap}");
-        match compare(comm, spec(base.clone(), method, overlap)) {
+    for (method, overlap, history) in [
+        (SegmentMethod::SlicExp, 0, 0),
+        (SegmentMethod::Metis, 1, 0),
+        (SegmentMethod::SlicExp, 0, 1),
+    ] {
+        let name = format!("body, {method}, overlap {overlap}, history {history}");
+        match compare(comm, spec(base.clone(), method, overlap, history)) {
             Ok(error) if error < super::TOLERANCE => {}
             Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
             Err(e) => failures.push(format!("{name}: {e}")),
         }
+    }
+    if let Err(e) = past(comm, spec(base.clone(), SegmentMethod::SlicExp, 0, 1)) {
+        failures.push(format!("body, history: {e}"));
     }
     failures
 }
@@ -67,6 +74,13 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
         let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.2 * f64::from(s % 4)]; 6];
         let (now, next) = (at(step), at(step + 1));
         let (mut alone, mut shared) = (start.clone(), own(&start));
+        // Every second time the session says itself that nothing is displaced, or is told.
+        if step > 0 {
+            let past: Vec<[f64; 3]> = start.iter().map(|u| u.map(|v| 0.7 * v)).collect();
+            let earlier = at(step - 1);
+            serial.set_before(&past, &earlier)?;
+            session.set_before(&own(&past), &earlier)?;
+        }
         serial.step_body(&mut alone, [&now, &next])?;
         session.step_body(&mut shared, [&now, &next])?;
         for ((a, b), before) in own(&alone).iter().zip(&shared).zip(own(&start)) {
@@ -82,4 +96,67 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
     let mut figures = [worst, largest];
     comm.max_f64(&mut figures);
     Ok(figures[0] / figures[1])
+}
+
+/// A session that goes on from its own steps, against one rank; what one rank gives wrongly all ranks refuse.
+fn past(comm: &Comm, spec: ModelSpec) -> Result<()> {
+    let mut model = Model::random(spec, 3)?;
+    // Random weights move points far.
+    if let Some(std) = model.tensors.get_mut("norm.output.std") {
+        std.data.fill(0.01);
+    }
+    let body = sample::block([9, 3, 2], [4.5, 1.5, 1.0]);
+    let obstacle = sample::octahedron([4.0, 0.8, 1.7], 0.5);
+    let options = SessionOptions::default();
+    let size = comm.size() as usize;
+    let ranks: Vec<i32> = (0..body.positions.len())
+        .map(|p| (p % 10 * size / 10) as i32)
+        .collect();
+    let part = body.share(Some(&obstacle), &ranks, comm.rank());
+    let mut serial = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options)?;
+    let mut session = Session::new(comm.clone(), &part, &model, &options)?;
+    let mut alone = vec![[0.0; 3]; body.positions.len()];
+    let mut shared = vec![[0.0; 3]; part.cell_global.len()];
+    let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.1 * f64::from(s)]; 6];
+    for step in 0..4 {
+        let (now, next) = (at(step), at(step + 1));
+        serial.step_body(&mut alone, [&now, &next])?;
+        session.step_body(&mut shared, [&now, &next])?;
+        let pairs = part.cell_global.iter().zip(&shared);
+        let off = pairs.flat_map(|(&p, b)| (0..3).map(move |i| (p as usize, i, b[i])));
+        let mut worst = [off.fold(0f64, |worst, (p, i, b)| worst.max((alone[p][i] - b).abs()))];
+        comm.max_f64(&mut worst);
+        if worst[0] > 1e-6 {
+            return Err(Error::Internal(format!("step {step} is off by {:e} m", worst[0])));
+        }
+    }
+    // The last rank alone has moved its points, names too few of them, or one that is nowhere: all ranks say so.
+    let last = comm.rank() + 1 == comm.size();
+    let still = at(4);
+    let mut moved = shared.clone();
+    if last {
+        moved.iter_mut().for_each(|u| u[0] += 0.1);
+    }
+    let mut wrong = shared.clone();
+    if last {
+        wrong[0][2] = f64::NAN;
+    }
+    let short = &shared[usize::from(last)..];
+    let refused = [
+        session.step_body(&mut moved, [&still, &still]),
+        session.set_before(short, &still),
+        session.set_before(&wrong, &still),
+        session.set_before(&shared, &still[usize::from(last)..]),
+    ];
+    for (number, result) in refused.into_iter().enumerate() {
+        if result.is_ok() {
+            return Err(Error::Internal(format!(
+                "refusal {number} did not come on rank {}",
+                comm.rank()
+            )));
+        }
+    }
+    // The session works on, with what it is told.
+    session.set_before(&shared, &still)?;
+    session.step_body(&mut moved, [&still, &still])
 }

@@ -80,6 +80,7 @@ pub fn node_inputs(bodies: &[&ContactGraph], state: &State, next: &State) -> Res
         let rows = 3 * face..3 * (face + all - n);
         body.inputs(
             &cells[3 * cell..3 * (cell + n)],
+            None,
             [&boundary[rows.clone()], &after[rows]],
             &mut own,
         );

@@ -48,7 +48,10 @@ fn spec() -> ModelSpec {
                 segment_transformer: stage,
             }),
         },
-        contact: Some(ContactSpec { radius: 0.6 }),
+        contact: Some(ContactSpec {
+            radius: 0.6,
+            history: 0,
+        }),
         resolution: None,
         segments: SegmentSpec {
             method: SegmentMethod::SlicExp,

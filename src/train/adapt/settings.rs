@@ -242,6 +242,12 @@ impl Settings {
                 weights(name).filter(|w| w.is_finite() && *w >= 0.0)?,
             ))
         };
+        // What it was taught of the stride before it is taught here.
+        let share = |key: &str| {
+            let value = own(key).and_then(serde_json::Value::as_f64);
+            let usable = |v: &f64| spec.has_history() && (0.0..=1.0).contains(v);
+            value.filter(usable).unwrap_or(0.0)
+        };
         TrainingConfig {
             seed: self.seed,
             batch_size: self.batch,
@@ -257,6 +263,8 @@ impl Settings {
                 .and_then(serde_json::Value::as_bool)
                 .unwrap_or(false),
             noise,
+            history_pace: share("history_pace"),
+            history_noise: share("history_noise"),
             smooth_loss: self.smooth_loss,
             loss_weights: spec.fields.iter().filter_map(|f| weight(&f.name)).collect(),
             unroll: vec![[0, self.unroll as u64]],

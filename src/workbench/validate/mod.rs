@@ -28,7 +28,7 @@ mod summary;
 pub use html::report;
 pub use pace::Pace;
 pub use prediction::{FieldErrors, Keep, Prediction};
-pub use scene::{Scene, Step, predicted};
+pub use scene::{Given, Scene, Step, predicted};
 pub use series::write as write_series;
 pub use shape::Shape;
 pub use summary::{Figures, Row, Summary, headline, json, summaries};
@@ -36,7 +36,6 @@ pub use summary::{Figures, Row, Summary, headline, json, summaries};
 use m4gn_contact::projection::ProjectionOptions;
 use m4gn_data::{Split, Trajectory};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, Model};
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
@@ -213,11 +212,15 @@ pub fn run(
 pub fn stepper<'a>(
     session: &'a mut Session,
     trajectory: &Trajectory,
-) -> impl FnMut(&[Field], &mut [FieldMut], [&[Vector]; 2]) -> Result<()> + 'a {
+) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
-    move |fields, out, motion| {
+    let has_history = session.spec().has_history();
+    move |fields, out, given| {
         if has_obstacle {
-            session.set_obstacle(motion[0], motion[1])?;
+            session.set_obstacle(given.motion[0], given.motion[1])?;
+        }
+        if let (true, Some((before, obstacle))) = (has_history, given.before) {
+            session.set_before(before.as_chunks().0, obstacle)?;
         }
         session.step(fields, out)
     }

@@ -11,9 +11,19 @@ use m4gn_step::{Field, FieldMut, copied_faces, impose_boundary};
 use std::borrow::Cow;
 use std::time::Instant;
 
-/// Takes all fields one stride on, from the first into the second; the displacement of the obstacle's points is given
-/// before and after, empty without obstacle.
-pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], [&[Vector]; 2]) -> Result<()> + 'a;
+/// What a step is given beside the fields.
+#[derive(Clone, Copy)]
+pub struct Given<'a> {
+    /// Displacement of the obstacle's points at the start and at the end of the step, m; empty without obstacle.
+    pub motion: [&'a [Vector]; 2],
+    /// Of a step that starts from a recorded frame: the headline field at the nodes in the recorded frame one stride before, and the
+    /// displacement of the obstacle's points there; in the first frame of a trajectory, before which nothing moved, these themselves.
+    /// None where the step goes on from the result of the last one.
+    pub before: Option<(&'a [f64], &'a [Vector])>,
+}
+
+/// Takes all fields one stride on, from the first into the second.
+pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a;
 
 /// Values of a field: rows of 1 or 3 at the nodes, and at the boundary faces.
 pub type Values = (Vec<f64>, Vec<f64>);
@@ -244,7 +254,7 @@ impl<'a> Scene<'a> {
         let mut next: Vec<Vec<f64>> = start.collect();
         for i in 0..steps {
             let state: Vec<_> = self.tracks.iter().map(|t| &t.recorded[i]).collect();
-            self.step(step, i, &state, &mut next, &mut p.seconds)?;
+            self.step(step, (i, true), &state, &mut next, &mut p.seconds)?;
             for (k, errors) in p.fields.iter_mut().enumerate() {
                 errors.single.push(self.error(k, &next[k], i + 1));
             }
@@ -296,7 +306,7 @@ impl<'a> Scene<'a> {
         let mut next: Vec<Vec<f64>> = state.iter().map(|s| s.0.clone()).collect();
         for i in first..first + steps {
             let now: Vec<_> = state.iter().collect();
-            match self.step(step, i, &now, &mut next, seconds) {
+            match self.step(step, (i, i == first), &now, &mut next, seconds) {
                 Ok(()) => {}
                 Err(Error::Numerical(why)) => return Ok(Some(format!("step {}: {why}", i + 1))),
                 Err(other) => return Err(other),
@@ -318,11 +328,11 @@ impl<'a> Scene<'a> {
             .fold(0.0, f64::max)
     }
 
-    /// One step from a state, at the start of step `i`.
+    /// One step from a state, at the start of step `i`; whether that is the recorded one.
     fn step(
         &self,
         step: &mut Step,
-        i: usize,
+        (i, recorded): (usize, bool),
         state: &[&Values],
         next: &mut [Vec<f64>],
         seconds: &mut (f64, usize),
@@ -345,8 +355,13 @@ impl<'a> Scene<'a> {
                 cells,
             })
             .collect();
+        let before = i.saturating_sub(1);
+        let given = Given {
+            motion: [&self.motion[i], &self.motion[i + 1]],
+            before: recorded.then(|| (self.truth(0, before), &self.motion[before][..])),
+        };
         let began = Instant::now();
-        let done = step(&fields, &mut out, [&self.motion[i], &self.motion[i + 1]]);
+        let done = step(&fields, &mut out, given);
         seconds.0 += began.elapsed().as_secs_f64();
         seconds.1 += 1;
         done

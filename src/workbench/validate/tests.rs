@@ -159,9 +159,22 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
     let fields = m4gn_model::sample::bodies().fields;
     let pace = Pace::new(t.times(), stride).unwrap();
     let scene = Scene::read(&t, &fields, pace).unwrap();
-    let mut step = |_: &[Field], out: &mut [FieldMut], motion: [&[Vector]; 2]| {
-        let k = (0..pace.steps).find(|&k| scene.motion(k) == motion[0]).unwrap();
-        assert_eq!(scene.motion(k + 1), motion[1]);
+    let mut followed = None;
+    let mut step = |fields: &[Field], out: &mut [FieldMut], given: Given| {
+        let k = (0..pace.steps)
+            .find(|&k| scene.motion(k) == given.motion[0])
+            .unwrap();
+        assert_eq!(scene.motion(k + 1), given.motion[1]);
+        // A step goes on from the last one, or is told of the recorded frame before its own.
+        match given.before {
+            Some((before, obstacle)) => {
+                let frame = k.saturating_sub(1);
+                assert_eq!((before, obstacle), (scene.truth(0, frame), scene.motion(frame)));
+                assert_eq!(fields[0].cells, scene.truth(0, k));
+            }
+            None => assert_eq!(followed, Some(k)),
+        }
+        followed = Some(k + 1);
         out[0].cells.copy_from_slice(scene.truth(0, k + 1));
         wrong(out[0].cells, &t)
     };
