@@ -290,7 +290,7 @@ fn a_state_that_does_not_follow_needs_its_past() {
     broken[7][1] = f64::NAN;
     says(session.set_before(&broken, &still), "point 7");
     says(
-        session.set_before(&rest, &vec![[f64::INFINITY; 3]; 6]),
+        session.set_before(&rest, &[[f64::INFINITY; 3]; 6]),
         "one stride before",
     );
 

@@ -243,3 +243,62 @@ fn a_history_that_is_added_changes_nothing_at_first() {
     );
     assert!((after / before - 1.0).abs() < 1e-6, "{before} {after}");
 }
+
+/// In this bar a stride's change is the square of the distance from the handle (in z), times a number of its own.
+#[test]
+fn an_example_came_at_another_pace_and_its_change_is_off() {
+    let spec = spec(1);
+    let (work, body) = bar(&spec);
+    let sample = &work.train[0];
+    let start = |pace: f64, noise: f64, seed: u64| {
+        let mut t = config().training;
+        t.noise.clear();
+        (t.history_pace, t.history_noise) = (pace, noise);
+        let backend = NativeBackend::new(&t, &spec, &work, 1).unwrap();
+        let example = Example {
+            sample: 0,
+            frame: 5,
+            mirror: false,
+            seed,
+            weight: 1.0,
+        };
+        backend.start(sample, &example).unwrap()
+    };
+    let stepper = Stepper::new(&spec, STRIDE);
+    let frame = stepper.frame(sample, 5, false).unwrap();
+    assert_eq!(start(0.0, 0.0, 1), frame);
+    let tip = body.positions.iter().position(|x| x[0] == 3.0).unwrap();
+    let half = frame.len() / 2;
+    // The factor of the change, and how far the obstacle came.
+    let of_change = |state: &[f32]| {
+        (
+            state[half + 3 * tip + 2] / (0.3 * 9.0),
+            -10.0 * state[frame.len() - 1],
+        )
+    };
+    let mut seen = [false; 2 * STRIDE + 1];
+    for seed in 0..60 {
+        let state = start(1.0, 0.0, seed);
+        assert_eq!(state[..half], frame[..half]);
+        let (factor, frames) = of_change(&state);
+        let frames = frames.round() as usize;
+        let t = |frame: usize| (0.1 * frame as f32).powi(2);
+        close(factor, t(5) - t(5 - frames));
+        seen[frames] = true;
+    }
+    assert_eq!(seen, [true; 2 * STRIDE + 1]);
+    let mut largest = 0f32;
+    for seed in 0..20 {
+        let state = start(0.0, 0.5, seed);
+        let n = 3 * sample.n_cells();
+        assert_eq!(state[..half], frame[..half]);
+        let off = of_change(&state).0 - of_change(&frame).0;
+        for (p, x) in body.positions.iter().enumerate() {
+            let at = half + 3 * p + 2;
+            close(state[at] - frame[at], 0.3 * off * (x[0] * x[0]) as f32);
+        }
+        assert_eq!(state[half + n..], frame[half + n..]);
+        largest = largest.max(off.abs());
+    }
+    assert!(largest > 0.02, "{largest}");
+}

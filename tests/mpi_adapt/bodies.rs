@@ -44,6 +44,7 @@ fn error(comm: &Comm, session: &mut Session, mesh: &Mesh) -> Result<f64> {
     let (time, stride) = (0.04, 2.0 * STEP);
     let now = bent(mesh, time);
     let mut found = now.clone();
+    session.set_before(&bent(mesh, time - stride), &pressed(time - stride))?;
     session.step_body(&mut found, [&pressed(time), &pressed(time + stride)])?;
     let next = bent(mesh, time + stride);
     let square = |a: &[[f64; 3]], b: &[[f64; 3]]| -> f64 {
@@ -79,17 +80,25 @@ pub fn run(comm: &Comm, failures: &mut Vec<String>) -> Result<()> {
     let mut spec = m4gn_model::sample::bodies();
     spec.segments.count = 3;
     spec.segments.modes = 1;
-    let model = Model::random(spec, 5)?;
+    let model = Model::random(spec.clone(), 5)?;
+    if let Some(contact) = &mut spec.contact {
+        contact.history = 1;
+    }
+    let with_history = Model::random(spec, 5)?;
     let body = sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
     let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
     // Planes of points in turns, so that a rank's points are no single stretch of the numbering.
     let size = comm.size() as usize;
     let ranks: Vec<i32> = (0..body.positions.len()).map(|p| (p % 7 % size) as i32).collect();
-    for method in ["gradient", "ridge"] {
+    for (method, model) in [
+        ("gradient", &model),
+        ("ridge", &model),
+        ("gradient", &with_history),
+    ] {
         let whole = body.mesh(Some(&obstacle));
-        let (alone, expected, _) = adapt(&Comm::serial(), &whole, &model, method)?;
+        let (alone, expected, _) = adapt(&Comm::serial(), &whole, model, method)?;
         let part = body.share(Some(&obstacle), &ranks, comm.rank());
-        let (together, found, [before, after]) = adapt(comm, &part, &model, method)?;
+        let (together, found, [before, after]) = adapt(comm, &part, model, method)?;
         for (a, b) in found.iter().zip(&expected) {
             let same = (a.used, a.steps, a.frames, a.strides) == (b.used, b.steps, b.frames, b.strides);
             if !same || (a.after / b.after - 1.0).abs() > 1e-3 {

@@ -364,7 +364,7 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
     let pace = Pace::new(t.times(), 0.01).unwrap();
     let frames = t.read_frames("p", 0, 1, pace.steps + 1).unwrap();
     let mut seen = Vec::new();
-    let mut step = |fields: &[m4gn_step::Field], _: &mut [m4gn_step::FieldMut], _: [&[Vector]; 2]| {
+    let mut step = |fields: &[m4gn_step::Field], _: &mut [m4gn_step::FieldMut], _: Given| {
         let p = fields.iter().find(|f| f.name == "p").unwrap();
         seen.push((p.components, p.cells.to_vec(), p.boundary.to_vec()));
         Ok(())
