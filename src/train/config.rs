@@ -150,8 +150,8 @@ pub struct TrainingConfig {
     /// evenly in their logarithm. 1: all examples have `noise`. On the native backend.
     pub noise_spread: f64,
     /// Of models with a history (`contact.history`) the part of examples whose body came to where it is in another time: in 0 to 2
-    /// strides, 0 being at rest. Right where the law knows neither inertia nor rates. Without it a rollout hardly begins: few
-    /// frames of a trajectory are at rest.
+    /// strides, 0 being at rest. Right where the law knows neither inertia nor rates: few frames of a trajectory are at rest, from
+    /// which rollouts begin.
     pub history_pace: f64,
     /// Of models with a history, the deviation of the share of another stride's change, of the same trajectory, that is added to the
     /// change over the stride before; `noise_spread` holds for it too. 0: none.
