@@ -228,12 +228,18 @@ impl Moving {
         };
         let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
-        let start = State {
+        // States are kept for a history alone.
+        let start = self.history.is_some().then(|| State {
             body: displacement.to_vec(),
             obstacle: now.clone(),
+        });
+        let change = match (&mut self.history, &start) {
+            (Some(history), Some(start)) => {
+                let before = history.before(comm, start)?;
+                Some(self.change(&before, start))
+            }
+            _ => None,
         };
-        let before = self.history.as_mut().map(|history| history.before(comm, &start));
-        let change = before.transpose()?.map(|before| self.change(&before, &start));
         let n = self.points.len();
         let (own, here) = self.displacement.split_at_mut(3 * n);
         let own = own.as_chunks_mut::<3>().0;
@@ -254,7 +260,7 @@ impl Moving {
         let mut end = comm.agree(done.and_then(|()| self.moved(displacement)))?;
         self.project(comm, &mut end, &after)?;
         displacement.copy_from_slice(&end);
-        if let Some(history) = &mut self.history {
+        if let (Some(history), Some(start)) = (&mut self.history, start) {
             // What the projection corrected is part of the change.
             let obstacle = after;
             history.done(start, State { body: end, obstacle });

@@ -4,6 +4,7 @@ use m4gn_contact::sample;
 use m4gn_engine::plain;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_model::sample::bodies;
+use m4gn_segments::Segmentation;
 
 fn case() -> (Model, Body, Obstacle) {
     let mut spec = bodies();
@@ -22,6 +23,19 @@ fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
     Session::new(Comm::serial(), &mesh, model, &SessionOptions::default()).unwrap()
 }
 
+/// The graph of the whole body, and its segments, as a session on one rank makes them.
+fn graph_and_segments(model: &Model, body: &Body, obstacle: &Obstacle) -> (ContactGraph, Segmentation) {
+    let comm = Comm::serial();
+    let part = BodyPart::whole(body, Some(obstacle)).unwrap();
+    let graph = ContactGraph::new(&part, 0.5, &comm).unwrap();
+    let settings = &model.spec.segments;
+    let modes = Modal(settings.modal())
+        .of_body(body, settings.mode_count())
+        .unwrap();
+    let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
+    (graph, cut)
+}
+
 /// The engine that takes new edges in each step against the plain loops on a graph made for that step.
 #[test]
 fn steps_are_those_of_the_plain_network() {
@@ -29,13 +43,7 @@ fn steps_are_those_of_the_plain_network() {
     let comm = Comm::serial();
     let options = SessionOptions::default();
     let mut session = Session::new(comm.clone(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
-    let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
-    let mut graph = ContactGraph::new(&part, 0.5, &comm).unwrap();
-    let settings = &model.spec.segments;
-    let modes = Modal(settings.modal())
-        .of_body(&body, settings.mode_count())
-        .unwrap();
-    let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
+    let (mut graph, cut) = graph_and_segments(&model, &body, &obstacle);
     let mut displacement = vec![[0.0; 3]; 63];
     let mut edges = Vec::new();
     for step in 0..4 {
@@ -198,13 +206,7 @@ fn a_session_remembers_the_change_of_its_last_step() {
     };
     for options in [SessionOptions::default(), projected] {
         let mut session = Session::new(comm.clone(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
-        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
-        let mut graph = ContactGraph::new(&part, 0.5, &comm).unwrap();
-        let settings = &model.spec.segments;
-        let modes = Modal(settings.modal())
-            .of_body(&body, settings.mode_count())
-            .unwrap();
-        let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
+        let (mut graph, cut) = graph_and_segments(&model, &body, &obstacle);
         let narrow = |rows: &[Vector]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
         let (mut u, mut before) = (vec![[0.0; 3]; 63], vec![[0.0; 3]; 63]);
         let mut corrected = false;
