@@ -49,7 +49,7 @@ void Foam::m4gnCellSize::provide(const fvMesh& mesh, const word& name)
     }
 
     volScalarField* field =
-        m4gnOwnField::get(mesh, fieldName, dimLength, mark);
+        m4gnOwnField::get<scalar>(mesh, fieldName, dimLength, mark);
 
     if (!field)
     {

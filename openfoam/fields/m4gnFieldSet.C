@@ -8,6 +8,7 @@ License
 
 #include "m4gnFieldSet.H"
 #include "m4gnCellSize.H"
+#include "m4gnObstacleFields.H"
 #include "m4gnRate.H"
 #include "m4gnTimeStep.H"
 #include "m4gnViscosity.H"
@@ -18,6 +19,7 @@ License
 static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
 {
     Foam::m4gnCellSize::provide(mesh, name);
+    Foam::m4gnObstacleFields::provide(mesh, name);
     Foam::m4gnRate::provide(mesh, name);
     Foam::m4gnTimeStep::provide(mesh, name);
     Foam::m4gnViscosity::provide(mesh, name);

@@ -8,23 +8,27 @@ License
 
 #include "m4gnOwnField.H"
 #include "volFields.H"
-#include "zeroGradientFvPatchFields.H"
 
 // * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
 
-Foam::volScalarField* Foam::m4gnOwnField::get
+template<class Type>
+Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>*
+Foam::m4gnOwnField::get
 (
     const fvMesh& mesh,
     const word& name,
     const dimensionSet& dimensions,
-    const string& mark
+    const string& mark,
+    const word& patchType
 )
 {
-    auto* field = mesh.getObjectPtr<volScalarField>(name);
+    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
+
+    auto* field = mesh.getObjectPtr<fieldType>(name);
 
     if (!field)
     {
-        field = new volScalarField
+        field = new fieldType
         (
             IOobject
             (
@@ -35,8 +39,8 @@ Foam::volScalarField* Foam::m4gnOwnField::get
                 IOobject::NO_WRITE
             ),
             mesh,
-            dimensionedScalar(name, dimensions, 0),
-            zeroGradientFvPatchScalarField::typeName
+            dimensioned<Type>(name, dimensions, Zero),
+            patchType
         );
         field->note() = mark;
         mesh.objectRegistry::store(field);
@@ -44,6 +48,23 @@ Foam::volScalarField* Foam::m4gnOwnField::get
 
     return field->note() == mark ? field : nullptr;
 }
+
+
+#define makeOwnField(Type)                                                     \
+    template Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>*    \
+    Foam::m4gnOwnField::get<Type>                                              \
+    (                                                                          \
+        const fvMesh&,                                                         \
+        const word&,                                                           \
+        const dimensionSet&,                                                   \
+        const string&,                                                         \
+        const word&                                                            \
+    );
+
+makeOwnField(Foam::scalar)
+makeOwnField(Foam::vector)
+
+#undef makeOwnField
 
 
 // ************************************************************************* //

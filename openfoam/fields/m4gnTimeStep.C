@@ -38,7 +38,7 @@ void Foam::m4gnTimeStep::provide(const fvMesh& mesh, const word& name)
         return;
     }
 
-    if (auto* field = m4gnOwnField::get(mesh, fieldName, dimTime, mark))
+    if (auto* field = m4gnOwnField::get<scalar>(mesh, fieldName, dimTime, mark))
     {
         *field ==
             dimensionedScalar(fieldName, dimTime, mesh.time().deltaTValue());

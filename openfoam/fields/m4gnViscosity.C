@@ -44,7 +44,7 @@ void Foam::m4gnViscosity::provide(const fvMesh& mesh, const word& name)
 
     const dimensionedScalar nu(fieldName, dimViscosity, *properties);
 
-    if (auto* field = m4gnOwnField::get(mesh, fieldName, dimViscosity, mark))
+    if (auto* field = m4gnOwnField::get<scalar>(mesh, fieldName, dimViscosity, mark))
     {
         *field == nu;
     }

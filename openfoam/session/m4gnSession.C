@@ -11,6 +11,7 @@ License
 #include "m4gnDictionary.H"
 #include "m4gnElasticModes.H"
 #include "m4gnMechanicalProperties.H"
+#include "m4gnObstacleFields.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
@@ -99,15 +100,39 @@ void Foam::m4gnSession::open
 
 void Foam::m4gnSession::checkFields()
 {
+    List<m4gn_field_info> infos(m4gn_session_n_fields(session_));
     DynamicList<word> inputs;
+
+    forAll(infos, i)
+    {
+        m4gn::check
+        (
+            m4gn_session_field(session_, i, &infos[i]),
+            "m4gnSurrogate"
+        );
+        if (infos[i].is_input)
+        {
+            inputs.append(word(infos[i].name, false));
+        }
+    }
+    inputNames_.transfer(inputs);
+
+    const string misfit
+    (
+        m4gnObstacleFields::misfit(mesh_, inputNames_, stride_)
+    );
+    if (misfit.size() && outOfRange_ != "ignore")
+    {
+        FatalErrorInFunction
+            << misfit.c_str() << nl << "    The model is " << model_
+            << exit(FatalError);
+    }
+
     DynamicList<word> outputs;
     DynamicList<label> components;
 
-    for (label i = 0; i < m4gn_session_n_fields(session_); ++i)
+    for (const m4gn_field_info& info : infos)
     {
-        m4gn_field_info info;
-        m4gn::check(m4gn_session_field(session_, i, &info), "m4gnSurrogate");
-
         const word name(info.name, false);
 
         if (!m4gnFieldSet::registered(mesh_, *nodes_, name))
@@ -147,10 +172,6 @@ void Foam::m4gnSession::checkFields()
                 << exit(FatalError);
         }
 
-        if (info.is_input)
-        {
-            inputs.append(name);
-        }
         if (info.is_output)
         {
             outputs.append(name);
@@ -158,7 +179,6 @@ void Foam::m4gnSession::checkFields()
         }
     }
 
-    inputNames_.transfer(inputs);
     outputNames_.transfer(outputs);
     outputComponents_.transfer(components);
 }

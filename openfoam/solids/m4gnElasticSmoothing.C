@@ -15,6 +15,7 @@ License
 #include "fvcLaplacian.H"
 #include "fvmLaplacian.H"
 #include "fvmSup.H"
+#include "obstacleTractionFvPatchVectorField.H"
 #include "surfaceFields.H"
 
 // * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
@@ -165,6 +166,10 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::heldAs
         {
             types[patchi] = fixedValueFvPatchVectorField::typeName;
         }
+        else if (isA<obstacleTractionFvPatchVectorField>(patch))
+        {
+            types[patchi] = linearisedTractionFvPatchVectorField::typeName;
+        }
     }
 
     return tmp<volVectorField>::New
@@ -188,25 +193,52 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::heldAs
 void Foam::m4gnElasticSmoothing::release
 (
     volVectorField& field,
-    const volSymmTensorField& stress
+    const volSymmTensorField& stress,
+    const volVectorField* held
 ) const
 {
     auto& boundary = field.boundaryFieldRef();
 
     forAll(boundary, patchi)
     {
-        if (isA<fixedGradientFvPatchVectorField>(boundary[patchi]))
+        fvPatchVectorField& patch = boundary[patchi];
+
+        if (!isA<fixedGradientFvPatchVectorField>(patch))
         {
-            refCast<fixedGradientFvPatchVectorField>
-            (
-                boundary[patchi]
-            ).gradient() -=
-                (
-                    mesh_.boundary()[patchi].nf()()
-                  & stress.boundaryField()[patchi]
-                )
-               /stiffness_.boundaryField()[patchi];
+            continue;
         }
+
+        const vectorField traction
+        (
+            (
+                mesh_.boundary()[patchi].nf()
+              & stress.boundaryField()[patchi]
+            )
+           /stiffness_.boundaryField()[patchi]
+        );
+
+        if (!isA<linearisedTractionFvPatchVectorField>(patch))
+        {
+            refCast<fixedGradientFvPatchVectorField>(patch).gradient() -=
+                traction;
+            continue;
+        }
+
+        auto& linear = refCast<linearisedTractionFvPatchVectorField>(patch);
+        vectorField slope(patch.size(), Zero);
+        if (held)
+        {
+            slope = refCast<const obstacleTractionFvPatchVectorField>
+            (
+                held->boundaryField()[patchi]
+            ).slope();
+        }
+        linear.linearise
+        (
+            -cmptMultiply(slope, linear.displacement()()),
+            slope,
+            traction
+        );
     }
 
     field.correctBoundaryConditions();
@@ -277,7 +309,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::respond
         const volSymmTensorField stress(law_.stress(gradient));
 
         right = force + law_.explicitPart(stress, gradient)().internalField();
-        release(response, stress);
+        release(response, stress, &D);
     }
 
     WarningInFunction

@@ -84,7 +84,8 @@ pub fn run(args: Args) -> Result<()> {
     })?;
 
     println!(
-        "Velocity errors over holding the last field; forces and frequency against the full run; processor time after the takeover\n"
+        "Errors of the velocity, or of a solid's displacement, over holding the last field; the displacement's over its root mean square (D), \
+         and that of the cell that moves most (cell); forces and frequency against the full run; processor time after the takeover\n"
     );
     println!("{}", case_table(&results, &names, &order));
     for (title, table) in summary_tables(&results, &names, &order) {

@@ -144,6 +144,9 @@ fn all_times(case: &Path, application: &str) -> Option<Vec<(f64, Times)>> {
         };
         if line.starts_with("Time =") {
             time = seconds("Time").unwrap_or(time);
+        } else if let Some(rest) = line.strip_prefix("Iteration:") {
+            // solidDisplacementFoam
+            time = rest.trim().parse().unwrap_or(time);
         } else if line.starts_with("ExecutionTime =")
             && let Some(processor) = seconds("ExecutionTime")
         {
@@ -172,6 +175,9 @@ mod tests {
         let parts = processor_seconds(dir.path(), "icoFoam", 1.0).unwrap();
         assert!(parts[0] == 0.5 && (parts[1] - 1.36).abs() < 1e-12, "{parts:?}");
         assert_eq!(processor_seconds(dir.path(), "icoFoam", 0.5), Some([0.0, 1.86]));
+        // solidDisplacementFoam's
+        write("Iteration: 1\n\nExecutionTime = 0.5 s  ClockTime = 0 s\n\nIteration: 2\n\nExecutionTime = 2 s\n");
+        assert_eq!(processor_seconds(dir.path(), "icoFoam", 1.0), Some([0.5, 1.5]));
         write("no times\n");
         assert_eq!(times(dir.path(), "icoFoam"), None);
         assert_eq!(processor_seconds(dir.path(), "icoFoam", 1.0), None);

@@ -3,7 +3,7 @@
 use super::score::Score;
 use super::variant::{FULL, Kind};
 use super::{DrawResult, Event, Plan};
-use crate::compare::{self, Options, records};
+use crate::compare::{self, Options, displacement, records};
 use crate::foam_case::FoamCase;
 use crate::generate::case::{Times, program};
 use crate::generate::family::Draw;
@@ -269,25 +269,21 @@ impl Job<'_> {
         let _one = self.comparing.lock().unwrap_or_else(|e| e.into_inner());
         let (mut a, mut b) = (FoamCase::open(&folder.join(FULL))?, FoamCase::open(case)?);
         let plain = matches!(kind, Kind::Plain(_));
-        let options = Options {
+        let mut options = Options {
             patch: schedule.patch.clone(),
             takeover: plain.then_some(takeover),
             interpolate: plain,
             ..Options::default()
         };
-        let (mut comparison, _) = compare::compare(&mut a, &mut b, &options, |_, _| {})?;
-        if matches!(kind, Kind::Hybrid(entries) if controlled(entries))
-            && comparison.replaced_fraction.is_none()
-        {
+        let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
+        let mut compared = Compared::new(&mut a, &mut b, &options, stride, strides)?;
+        if matches!(kind, Kind::Hybrid(entries) if controlled(entries)) && compared.score.replaced.is_none() {
             // Error control let no jump go: the solver's own run is what came of it.
-            let options = Options {
-                takeover: Some(takeover),
-                ..options
-            };
-            (comparison, _) = compare::compare(&mut a, &mut b, &options, |_, _| {})?;
-            comparison.replaced_fraction = Some(0.0);
+            options.takeover = Some(takeover);
+            compared = Compared::new(&mut a, &mut b, &options, stride, strides)?;
+            compared.score.replaced = Some(0.0);
         }
-        if !plain && comparison.replaced_fraction.is_none() {
+        if !plain && compared.score.replaced.is_none() {
             return Err(Error::file(
                 case,
                 format!(
@@ -297,22 +293,16 @@ impl Job<'_> {
                 ),
             ));
         }
-        let last = comparison.times.last().copied().unwrap_or(f64::NAN);
-        if (last - schedule.end).abs() > 0.5 * schedule.interval {
+        if (compared.last - schedule.end).abs() > 0.5 * schedule.interval {
             return Err(Error::file(
                 folder,
                 format!(
-                    "the last time that both runs have is {last} s, expected {} s: remove the folder and run again",
-                    schedule.end
+                    "the last time that both runs have is {} s, expected {} s: remove the folder and run again",
+                    compared.last, schedule.end
                 ),
             ));
         }
-        let score = Score::of(
-            &comparison,
-            schedule.interval,
-            f64::from(schedule.surrogate_steps),
-        );
-        Ok((cost, Some(score), Some(comparison.json()?)))
+        Ok((cost, Some(compared.score), Some(compared.whole)))
     }
 
     /// The function object's entries; those of the variant come last, so that they count.
@@ -328,6 +318,36 @@ impl Job<'_> {
             (s.solver_time / delta_t).round().max(1.0),
             s.surrogate_steps
         )
+    }
+}
+
+/// A run beside the full one.
+struct Compared {
+    score: Score,
+    /// Last time that both have, s.
+    last: f64,
+    /// The whole comparison.
+    whole: Value,
+}
+
+impl Compared {
+    /// Compares B with the full run A: displacements of solids, velocity and forces of flows.
+    fn new(a: &mut FoamCase, b: &mut FoamCase, options: &Options, stride: f64, strides: f64) -> Result<Self> {
+        let last = |times: &[f64]| times.last().copied().unwrap_or(f64::NAN);
+        if displacement::is_solid(a)? {
+            let motion = displacement::compare(a, b, options, |_, _| {})?;
+            return Ok(Compared {
+                score: Score::of_solid(&motion, stride, strides),
+                last: last(&motion.times),
+                whole: motion.json()?,
+            });
+        }
+        let (comparison, _) = compare::compare(a, b, options, |_, _| {})?;
+        Ok(Compared {
+            score: Score::of_flow(&comparison, stride, strides),
+            last: last(&comparison.times),
+            whole: comparison.json()?,
+        })
     }
 }
 

@@ -32,7 +32,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     ));
     page.paragraph(&format!(
         "{} draws of seed {}: the solver alone up to {} s, then by turns {} s of the solver and {} strides of the surrogate, up to {} s. \
-         Velocity errors are root mean squares over cells, components and stored times, over those of holding the full run's last \
+         Errors, of the velocity or of a solid's displacement, are root mean squares over cells, components and stored times, over those of holding the full run's last \
          field before the first jump. Times are processor times after the takeover over the full run's. Forces are relative \
          to the full run's.",
         plan.count, plan.seed, s.start_up, s.solver_time, s.surrogate_steps, s.end
@@ -55,7 +55,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     });
     let chart = Chart {
         x_label: "processor time / full run [%]".into(),
-        y_label: "error of U / hold last".into(),
+        y_label: "error / hold last".into(),
         series: series.collect(),
         // Variants are factors apart: a plain solver of a tenth of the error, an adaptation of ten times the cost.
         axis: Axis::BothLogarithmic,
@@ -63,7 +63,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     page.svg(
         &chart.svg()?,
         &format!(
-            "A dot a case: error of the velocity over the whole run, both axes logarithmic (errors below {LEAST_ERROR} are drawn there). \
+            "A dot a case: error over the whole run, both axes logarithmic (errors below {LEAST_ERROR} are drawn there). \
              Left and low is better; 1 is as bad as holding the last field."
         ),
     );

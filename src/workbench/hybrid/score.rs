@@ -1,12 +1,13 @@
 //! The figures of one run against the full run.
 
 use crate::compare::Comparison;
+use crate::compare::displacement::Motion;
 use serde::{Deserialize, Serialize};
 
-/// Errors of a run; forces are relative to the full run's and keep their sign.
+/// Errors of a run, of a flow's velocity or of a solid's displacement; forces are relative to the full run's and keep their sign.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// Velocity error over the first stride, over that of holding the last field before the first jump.
+    /// Error over the first stride, over that of holding the last field before the first jump.
     pub first: Option<f64>,
     /// The same over the first jump.
     pub jump: Option<f64>,
@@ -14,15 +15,21 @@ pub struct Score {
     pub end: Option<f64>,
     /// Times of the three, s after the takeover.
     pub horizons: [f64; 3],
-    /// Velocity errors at the three, RMSE over the stored times up to there, m/s.
+    /// Errors at the three, RMSE over the stored times up to there, m/s (m of a displacement).
     pub errors: [f64; 3],
-    /// Those of holding, m/s.
+    /// Those of holding.
     pub hold_last: [f64; 3],
+    /// Of a solid: the displacement's error over the whole run, over its root mean square.
+    #[serde(default)]
+    pub displacement: Option<f64>,
+    /// Of a solid: the largest error of the cell that moves most, over its largest displacement.
+    #[serde(default)]
+    pub cell: Option<f64>,
     /// Mean drag.
     pub drag: Option<f64>,
     /// Root mean square of the lift; none where the full run's wake is steady.
     pub lift: Option<f64>,
-    /// Shedding frequency; none where one of the two runs has none.
+    /// Frequency of the shedding, or of a solid's vibration; none where one of the two runs has none.
     pub frequency: Option<f64>,
     /// Where the full run's wake is steady: the lift's root mean square over the mean drag in this run.
     pub unsteadiness: Option<f64>,
@@ -32,40 +39,104 @@ pub struct Score {
     pub cells: usize,
 }
 
-impl Score {
-    /// From a comparison; a stride lasts `stride` s where the surrogate does not say otherwise, a jump `strides`.
-    pub fn of(c: &Comparison, stride: f64, strides: f64) -> Self {
-        let said = c.surrogate.as_ref().and_then(|s| s["stride"].as_f64());
+/// What the figures of flows and of solids are made of: errors up to each common time.
+struct Errors<'a> {
+    takeover: f64,
+    times: &'a [f64],
+    rmse: &'a [f64],
+    hold_last: &'a [f64],
+    surrogate: Option<&'a serde_json::Value>,
+}
+
+fn relative(v: [f64; 2]) -> Option<f64> {
+    (v[0] != 0.0).then(|| v[1] / v[0] - 1.0)
+}
+
+impl Errors<'_> {
+    /// The part of a score that flows and solids have in common; a stride lasts `stride` s where the surrogate does not say
+    /// otherwise, a jump `strides`.
+    fn score(&self, stride: f64, strides: f64) -> Score {
+        let said = self.surrogate.and_then(|s| s["stride"].as_f64());
         let stride = said.unwrap_or(stride);
-        let last = c.times.len() - 1;
+        let last = self.times.len() - 1;
         // The first stored time at or after the horizon.
         let at = |after: f64| {
-            let reached = |t: &f64| *t >= c.takeover + after * (1.0 - 1e-6);
-            c.times.iter().position(reached).unwrap_or(last)
+            let reached = |t: &f64| *t >= self.takeover + after * (1.0 - 1e-6);
+            self.times.iter().position(reached).unwrap_or(last)
         };
         let places = [at(stride), at(strides * stride), last];
-        let ratio = |i: usize| (c.hold_last_rmse[i] > 0.0).then(|| c.velocity_rmse[i] / c.hold_last_rmse[i]);
-        let relative = |v: [f64; 2]| (v[0] != 0.0).then(|| v[1] / v[0] - 1.0);
-        let steady = c.mean_drag.is_some() && c.lift_error.is_none();
+        let ratio = |i: usize| (self.hold_last[i] > 0.0).then(|| self.rmse[i] / self.hold_last[i]);
         Score {
             first: ratio(places[0]),
             jump: ratio(places[1]),
             end: ratio(last),
-            horizons: places.map(|i| c.times[i] - c.takeover),
-            errors: places.map(|i| c.velocity_rmse[i]),
-            hold_last: places.map(|i| c.hold_last_rmse[i]),
+            horizons: places.map(|i| self.times[i] - self.takeover),
+            errors: places.map(|i| self.rmse[i]),
+            hold_last: places.map(|i| self.hold_last[i]),
+            displacement: None,
+            cell: None,
+            drag: None,
+            lift: None,
+            frequency: None,
+            unsteadiness: None,
+            replaced: None,
+            cells: 0,
+        }
+    }
+}
+
+/// The relative change of a frequency that both runs have.
+fn frequency(pair: [Option<f64>; 2]) -> Option<f64> {
+    match pair {
+        [Some(a), Some(b)] => relative([a, b]),
+        _ => None,
+    }
+}
+
+impl Score {
+    /// From a comparison of flows; a stride lasts `stride` s where the surrogate does not say otherwise, a jump `strides`.
+    pub fn of_flow(c: &Comparison, stride: f64, strides: f64) -> Self {
+        let steady = c.mean_drag.is_some() && c.lift_error.is_none();
+        let errors = Errors {
+            takeover: c.takeover,
+            times: &c.times,
+            rmse: &c.velocity_rmse,
+            hold_last: &c.hold_last_rmse,
+            surrogate: c.surrogate.as_ref(),
+        };
+        Score {
             drag: c.mean_drag.and_then(relative),
             lift: c.lift_rms.filter(|_| !steady).and_then(relative),
-            frequency: match c.frequency {
-                [Some(a), Some(b)] => relative([a, b]),
-                _ => None,
-            },
+            frequency: frequency(c.frequency),
             unsteadiness: match (c.lift_rms, c.mean_drag) {
                 (Some(lift), Some(drag)) if steady && drag[1] != 0.0 => Some(lift[1] / drag[1].abs()),
                 _ => None,
             },
             replaced: c.replaced_fraction,
             cells: c.cells_b,
+            ..errors.score(stride, strides)
+        }
+    }
+
+    /// The same of solids.
+    pub fn of_solid(m: &Motion, stride: f64, strides: f64) -> Self {
+        let errors = Errors {
+            takeover: m.takeover,
+            times: &m.times,
+            rmse: &m.displacement_rmse,
+            hold_last: &m.hold_last_rmse,
+            surrogate: m.surrogate.as_ref(),
+        };
+        let last = m.displacement_rmse.last();
+        Score {
+            displacement: last
+                .filter(|_| m.displacement_rms > 0.0)
+                .map(|e| e / m.displacement_rms),
+            cell: Some(m.point_error_max),
+            frequency: frequency(m.frequency),
+            replaced: m.replaced_fraction,
+            cells: m.cells,
+            ..errors.score(stride, strides)
         }
     }
 }

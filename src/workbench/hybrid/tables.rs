@@ -21,10 +21,12 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 7] = [
+const FIGURES: [Figure; 9] = [
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
+    ("D %", "displacement", |_, r| percent(score(r)?.displacement)),
+    ("cell %", "cell", |_, r| percent(score(r)?.cell)),
     ("drag %", "drag", |_, r| percent(score(r)?.drag)),
     ("lift rms %", "lift", |_, r| percent(score(r)?.lift)),
     ("frequency %", "frequency", |_, r| percent(score(r)?.frequency)),
@@ -45,10 +47,22 @@ fn text(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| number(v, 3))
 }
 
+/// The figures that some run has: flows have no displacement, solids no drag.
+fn shown(results: &[DrawResult]) -> Vec<&'static Figure> {
+    let steady = |r: &RunRecord| score(r).is_some_and(|s| s.unsteadiness.is_some());
+    let has = |figure: &Figure| {
+        results.iter().any(|d| {
+            let mut runs = d.runs.values();
+            runs.any(|r| figure.2(d, r).is_some() || (figure.1 == "lift" && steady(r)))
+        })
+    };
+    FIGURES.iter().filter(|figure| has(figure)).collect()
+}
+
 /// An empty table of runs.
-fn heading(order: &str) -> Table {
+fn heading(order: &str, figures: &[&Figure]) -> Table {
     let mut headers = vec!["case".to_string(), order.to_string(), "run".into()];
-    headers.extend(FIGURES.iter().map(|f| f.0.to_string()));
+    headers.extend(figures.iter().map(|f| f.0.to_string()));
     headers.extend([
         "replaced %".into(),
         "cells".into(),
@@ -58,16 +72,17 @@ fn heading(order: &str) -> Table {
     Table::new(headers)
 }
 
-/// A row a run, the cases in their order; velocity errors are over those of holding the last field, times over the full run's
+/// A row a run, the cases in their order; errors are over those of holding the last field, times over the full run's
 /// after the takeover.
 pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> Table {
-    let mut table = heading(order);
+    let figures = shown(results);
+    let mut table = heading(order, &figures);
     for draw in sorted(results) {
         let first = [format!("{:04}", draw.index), number(draw.order, 4)];
         if let Some(full) = &draw.full {
             let mut row = first.to_vec();
             row.push("full".into());
-            row.extend(FIGURES.iter().map(|_| "-".to_string()));
+            row.extend(figures.iter().map(|_| "-".to_string()));
             row.extend(["-".into(), "-".into()]);
             row.extend(cost(full));
             table.row(row);
@@ -76,7 +91,7 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
             let Some(run) = draw.runs.get(name) else { continue };
             let mut row = first.to_vec();
             row.push(name.clone());
-            row.extend(FIGURES.iter().map(|(_, key, value)| match (*key, score(run)) {
+            row.extend(figures.iter().map(|(_, key, value)| match (*key, score(run)) {
                 (
                     "lift",
                     Some(Score {
@@ -141,6 +156,7 @@ fn range(band: &[&DrawResult]) -> [f64; 2] {
 
 /// Median and worst of each variant: one table for all cases, and one a band.
 pub fn summary_tables(results: &[DrawResult], variants: &[String], order: &str) -> Vec<(String, Table)> {
+    let figures = shown(results);
     let table = |band: &Vec<&DrawResult>| {
         let [low, high] = range(band);
         let title = format!(
@@ -150,13 +166,13 @@ pub fn summary_tables(results: &[DrawResult], variants: &[String], order: &str) 
             number(high, 4)
         );
         let mut headers = vec!["run".to_string()];
-        headers.extend(FIGURES.iter().map(|f| f.0.to_string()));
+        headers.extend(figures.iter().map(|f| f.0.to_string()));
         headers.push("cases".into());
         let mut table = Table::new(headers);
         for name in variants {
             let ran = band.iter().filter(|d| d.runs.contains_key(name)).count();
             let mut row = vec![name.clone()];
-            row.extend(FIGURES.iter().map(|figure| {
+            row.extend(figures.iter().map(|figure| {
                 let all = values(band, name, figure);
                 match (median(all.iter().copied()), worst(&all)) {
                     (Some(m), Some(w)) => format!("{} ({})", number(m, 3), number(w, 3)),
@@ -208,6 +224,8 @@ mod tests {
             jump: None,
             end: Some(end),
             horizons: [0.1, 0.2, 0.3],
+            displacement: None,
+            cell: None,
             errors: [0.0; 3],
             hold_last: [1.0; 3],
             drag: Some(-0.02),
@@ -261,5 +279,7 @@ mod tests {
         assert!(table.to_string().contains("3.00 (6.00)"), "{table}");
         let table = case_table(&all, &names, "Re").to_string();
         assert!(table.contains("sheds") && table.contains("-2.00"), "{table}");
+        // Of flows there is no displacement to show.
+        assert!(!table.contains("D %") && table.contains("drag %"), "{table}");
     }
 }

@@ -1,0 +1,224 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "obstacleTractionFvPatchVectorField.H"
+#include "addToRunTimeSelectionTable.H"
+#include "m4gnObstacles.H"
+#include "Time.H"
+#include "volFields.H"
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+void Foam::obstacleTractionFvPatchVectorField::checkAtRest() const
+{
+    // Of a cell's half
+    const scalar tolerance = 0.05;
+
+    if (checked_ || (size() && max(mag(primitiveField())) > 0))
+    {
+        return;
+    }
+    checked_ = true;
+
+    scalarField gap;
+    vectorField normal;
+    gaps(db().time().startTime().value(), gap, normal);
+
+    forAll(gap, facei)
+    {
+        if (-gap[facei]*patch().deltaCoeffs()[facei] > tolerance)
+        {
+            FatalErrorInFunction
+                << "The patch " << patch().name() << " is "
+                << -gap[facei] << " m inside of an obstacle (constant/"
+                << m4gnObstacles::fileNameOf << ") at "
+                << patch().Cf()[facei] << " when the run begins" << nl
+                << "    Let the obstacle begin outside of the body"
+                << exit(FatalError);
+        }
+    }
+}
+
+
+void Foam::obstacleTractionFvPatchVectorField::gaps
+(
+    const scalar time,
+    scalarField& gap,
+    vectorField& normal
+) const
+{
+    const fvMesh& mesh = patch().boundaryMesh().mesh();
+
+    // No face is further inside than the whole body is long
+    m4gnObstacles::of(mesh).gaps
+    (
+        patch().Cf() + displacement(),
+        time,
+        mesh.bounds().mag(),
+        gap,
+        normal
+    );
+}
+
+
+void Foam::obstacleTractionFvPatchVectorField::contact
+(
+    scalarField& stiffness,
+    scalarField& gap,
+    vectorField& normal
+) const
+{
+    gaps(db().time().value(), gap, normal);
+    stiffness = neg(gap)*penaltyFactor_*patch().deltaCoeffs();
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
+(
+    const fvPatch& p,
+    const DimensionedField<vector, volMesh>& iF
+)
+:
+    linearisedTractionFvPatchVectorField(p, iF),
+    penaltyFactor_(1),
+    checked_(false)
+{}
+
+
+Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
+(
+    const fvPatch& p,
+    const DimensionedField<vector, volMesh>& iF,
+    const dictionary& dict
+)
+:
+    linearisedTractionFvPatchVectorField(p, iF, dict),
+    penaltyFactor_(dict.getOrDefault<scalar>("penaltyFactor", 1)),
+    checked_(false)
+{
+    if (penaltyFactor_ <= 0)
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry penaltyFactor is " << penaltyFactor_
+            << "; expected a number above 0" << exit(FatalIOError);
+    }
+}
+
+
+Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
+(
+    const obstacleTractionFvPatchVectorField& other,
+    const fvPatch& p,
+    const DimensionedField<vector, volMesh>& iF,
+    const fvPatchFieldMapper& mapper
+)
+:
+    linearisedTractionFvPatchVectorField(other, p, iF, mapper),
+    penaltyFactor_(other.penaltyFactor_),
+    checked_(other.checked_)
+{}
+
+
+Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
+(
+    const obstacleTractionFvPatchVectorField& other,
+    const DimensionedField<vector, volMesh>& iF
+)
+:
+    linearisedTractionFvPatchVectorField(other, iF),
+    penaltyFactor_(other.penaltyFactor_),
+    checked_(other.checked_)
+{}
+
+
+Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
+(
+    const obstacleTractionFvPatchVectorField& other
+)
+:
+    obstacleTractionFvPatchVectorField(other, other.internalField())
+{}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::tmp<Foam::vectorField>
+Foam::obstacleTractionFvPatchVectorField::slope() const
+{
+    scalarField stiffness, gap;
+    vectorField normal;
+    contact(stiffness, gap, normal);
+
+    return stiffness*cmptMultiply(normal, normal);
+}
+
+
+void Foam::obstacleTractionFvPatchVectorField::updateCoeffs()
+{
+    if (updated())
+    {
+        return;
+    }
+
+    checkAtRest();
+
+    scalarField stiffness, gap;
+    vectorField normal;
+    contact(stiffness, gap, normal);
+
+    // As solidDisplacementFoam's tractionDisplacement
+    const auto& rho = patch().lookupPatchField<volScalarField, scalar>("rho");
+    const auto& E = patch().lookupPatchField<volScalarField, scalar>("E");
+    const auto& nu = patch().lookupPatchField<volScalarField, scalar>("nu");
+    const auto& sigmaD =
+        patch().lookupPatchField<volSymmTensorField, symmTensor>("sigmaD");
+    const bool planeStress =
+        db().lookupObject<IOdictionary>("mechanicalProperties")
+       .get<bool>("planeStress");
+
+    const scalarField mu(E/rho/(2*(1 + nu)));
+    const scalarField lambda
+    (
+        planeStress
+      ? nu*E/rho/((1 + nu)*(1 - nu))
+      : nu*E/rho/((1 + nu)*(1 - 2*nu))
+    );
+
+    linearise
+    (
+        -stiffness*gap*normal,
+        stiffness*cmptMultiply(normal, normal),
+        (patch().nf() & sigmaD)/(2*mu + lambda)
+    );
+
+    linearisedTractionFvPatchVectorField::updateCoeffs();
+}
+
+
+void Foam::obstacleTractionFvPatchVectorField::write(Ostream& os) const
+{
+    fvPatchVectorField::write(os);
+    os.writeEntryIfDifferent<scalar>("penaltyFactor", 1, penaltyFactor_);
+    writeEntry("value", os);
+}
+
+
+// * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * //
+
+namespace Foam
+{
+    makePatchTypeField
+    (
+        fvPatchVectorField,
+        obstacleTractionFvPatchVectorField
+    );
+}
+
+// ************************************************************************* //
