@@ -148,11 +148,63 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
 }
 
 #[test]
+fn solids_are_compared_by_their_displacement() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("f.json");
+    let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
+        .env("M4GN_HOME", HOME)
+        .env_remove("WM_PROJECT_DIR")
+        .args("hybrid --family vibrating-beam --count 1 --seed 7 --end 0.6 --plain loose".split(' '))
+        .arg("--model")
+        .arg(Path::new(HOME).join("models/beam.safetensors"))
+        .arg("--out")
+        .arg(dir.path().join("runs"))
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", text(&run));
+    assert!(
+        text(&run).contains("D %") && !text(&run).contains("drag"),
+        "{}",
+        text(&run)
+    );
+    let found: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    for name in ["hybrid", "loose"] {
+        let score = &found["cases"][0]["runs"][name]["score"];
+        let number = |key: &str| {
+            score[key]
+                .as_f64()
+                .unwrap_or_else(|| panic!("{name} {key}: {score}"))
+        };
+        assert!(number("end") < 0.2, "{score}");
+        assert!(
+            number("displacement") > 0.0 && number("displacement") < 0.2,
+            "{score}"
+        );
+        assert!(score["drag"].is_null() && number("cells") == 320.0, "{score}");
+        let cost = &found["cases"][0]["runs"][name]["cost"];
+        let [whole, after] = ["processor", "after_takeover"].map(|k| cost[k].as_f64().unwrap());
+        assert!(after > 0.0 && after < whole, "{cost}");
+    }
+}
+
+#[test]
 fn what_cannot_be_is_refused_before_anything_runs() {
     let dir = tempfile::tempdir().unwrap();
+    // A family that says nothing of hybrid runs
+    let family = fs::read_to_string(Path::new(HOME).join("openfoam/templates/vibrating-beam/family.toml"));
+    let family = family.unwrap();
+    fs::create_dir(dir.path().join("own")).unwrap();
+    let without = family.split("[hybrid]").next().unwrap();
+    fs::write(dir.path().join("own/family.toml"), without).unwrap();
+    let own = format!("--family {}", dir.path().join("own").display());
     for (options, words) in [
-        ("--family vibrating-beam", "[hybrid]"),
-        ("--family none-such", "cylinder-flow, vibrating-beam"),
+        (own.as_str(), "[hybrid]"),
+        (
+            "--family none-such",
+            "cylinder-flow, pressed-beam, vibrating-beam",
+        ),
         ("--set u0=-1", "above 0"),
         ("--plain fast", "loose, coarse"),
         ("--variant hybrid=/dev/null", "'hybrid' cannot be"),

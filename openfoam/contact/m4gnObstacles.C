@@ -219,7 +219,11 @@ void Foam::m4gnObstacles::gaps
 }
 
 
-Foam::scalar Foam::m4gnObstacles::smallestGap(const volVectorField& D) const
+Foam::scalar Foam::m4gnObstacles::smallestGap
+(
+    const volVectorField& D,
+    const bool withCells
+) const
 {
     // All of the body is nearer than this
     const scalar limit = GREAT;
@@ -235,9 +239,12 @@ Foam::scalar Foam::m4gnObstacles::smallestGap(const volVectorField& D) const
             continue;
         }
 
+        vectorField moved(patch.patch().Cf());
+        moved += withCells ? patch.patchInternalField()() : patch;
+
         gaps
         (
-            patch.patch().Cf() + patch,
+            moved,
             mesh_.time().value(),
             limit,
             gap,

@@ -27,7 +27,7 @@ void Foam::obstacleTractionFvPatchVectorField::checkAtRest() const
 
     scalarField gap;
     vectorField normal;
-    gaps(db().time().startTime().value(), gap, normal);
+    gaps(displacement(), db().time().startTime().value(), gap, normal);
 
     forAll(gap, facei)
     {
@@ -47,6 +47,7 @@ void Foam::obstacleTractionFvPatchVectorField::checkAtRest() const
 
 void Foam::obstacleTractionFvPatchVectorField::gaps
 (
+    const vectorField& displacement,
     const scalar time,
     scalarField& gap,
     vectorField& normal
@@ -57,24 +58,12 @@ void Foam::obstacleTractionFvPatchVectorField::gaps
     // No face is further inside than the whole body is long
     m4gnObstacles::of(mesh).gaps
     (
-        patch().Cf() + displacement(),
+        patch().Cf() + displacement,
         time,
         mesh.bounds().mag(),
         gap,
         normal
     );
-}
-
-
-void Foam::obstacleTractionFvPatchVectorField::contact
-(
-    scalarField& stiffness,
-    scalarField& gap,
-    vectorField& normal
-) const
-{
-    gaps(db().time().value(), gap, normal);
-    stiffness = neg(gap)*penaltyFactor_*patch().deltaCoeffs();
 }
 
 
@@ -149,14 +138,16 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-Foam::tmp<Foam::vectorField>
-Foam::obstacleTractionFvPatchVectorField::slope() const
+void Foam::obstacleTractionFvPatchVectorField::contact
+(
+    const vectorField& displacement,
+    scalarField& stiffness,
+    scalarField& gap,
+    vectorField& normal
+) const
 {
-    scalarField stiffness, gap;
-    vectorField normal;
-    contact(stiffness, gap, normal);
-
-    return stiffness*cmptMultiply(normal, normal);
+    gaps(displacement, db().time().value(), gap, normal);
+    stiffness = neg(gap)*penaltyFactor_*patch().deltaCoeffs();
 }
 
 
@@ -171,7 +162,7 @@ void Foam::obstacleTractionFvPatchVectorField::updateCoeffs()
 
     scalarField stiffness, gap;
     vectorField normal;
-    contact(stiffness, gap, normal);
+    contact(displacement(), stiffness, gap, normal);
 
     // As solidDisplacementFoam's tractionDisplacement
     const auto& rho = patch().lookupPatchField<volScalarField, scalar>("rho");

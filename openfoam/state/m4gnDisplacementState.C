@@ -8,7 +8,6 @@ License
 
 #include "m4gnDisplacementState.H"
 #include "m4gnDictionary.H"
-#include "m4gnObstacles.H"
 #include "m4gnRate.H"
 #include "Time.H"
 
@@ -196,19 +195,11 @@ Foam::m4gnDisplacementState::quantities() const
 {
     const tmp<scalarField> magD(mag(D().primitiveField()));
 
-    List<quantity> all
-    ({
+    return
+    {
         quantity("minMag" + DName_, gMin(magD())),
         quantity("maxMag" + DName_, gMax(magD()))
-    });
-    if (m4gnObstacles::present(mesh_))
-    {
-        all.append
-        (
-            quantity("gap", m4gnObstacles::of(mesh_).smallestGap(D()))
-        );
-    }
-    return all;
+    };
 }
 
 

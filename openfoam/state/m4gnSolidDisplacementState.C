@@ -7,6 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnSolidDisplacementState.H"
+#include "m4gnObstacles.H"
 #include "m4gnSolverStateType.H"
 #include "Time.H"
 
@@ -28,6 +29,12 @@ void Foam::m4gnSolidDisplacementState::update()
 
 void Foam::m4gnSolidDisplacementState::smooth()
 {
+    if (contact_.active())
+    {
+        gapBefore_ = contact_.project(D());
+        update();
+    }
+
     if (!smoothing_.active())
     {
         return;
@@ -68,6 +75,8 @@ Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState
     m4gnDisplacementState(mesh, dict, session),
     stress_(mesh),
     smoothing_(mesh, dict, stress_),
+    contact_(mesh, dict, stress_),
+    gapBefore_(0),
     smoothed_(0)
 {}
 
@@ -93,6 +102,11 @@ Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnSolidDisplacementState::quantities() const
 {
     List<quantity> all(m4gnDisplacementState::quantities());
+    if (contact_.active())
+    {
+        all.append(quantity("gapBefore", gapBefore_));
+        all.append(quantity("gap", m4gnObstacles::of(mesh_).smallestGap(D())));
+    }
     if (smoothing_.active())
     {
         all.append(quantity("smoothed", smoothed_));

@@ -8,7 +8,7 @@ cp -r "$M4GN_HOME/openfoam/templates/vibrating-beam" full
 cp "$M4GN_HOME"/openfoam/tutorials/beam/system/{controlDict,decomposeParDict,setExprFieldsDict} full/system
 cd full
 rm 0/D_0
-sed -i 's/@tip@/0.02/; s/@endTime@/0.88/; s/@deltaT@/0.001/; s/binary;/ascii;/' system/*
+sed -i 's/@tip@/0.02/; s/@tolerance@/5e-6/; s/@endTime@/0.88/; s/@deltaT@/0.001/; s/binary;/ascii;/' system/*
 : > system/functions
 runs blockMesh
 runs setExprFields

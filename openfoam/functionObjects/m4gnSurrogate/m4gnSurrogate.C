@@ -10,6 +10,7 @@ License
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnAccelerate.H"
 #include "m4gnAdapt.H"
+#include "m4gnContactProjection.H"
 #include "m4gnControl.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
@@ -449,6 +450,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         );
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
+        m4gnContactProjection::checkDictionary(dict);
     }
     else
     {

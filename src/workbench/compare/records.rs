@@ -176,7 +176,9 @@ mod tests {
         assert!(parts[0] == 0.5 && (parts[1] - 1.36).abs() < 1e-12, "{parts:?}");
         assert_eq!(processor_seconds(dir.path(), "icoFoam", 0.5), Some([0.0, 1.86]));
         // solidDisplacementFoam's
-        write("Iteration: 1\n\nExecutionTime = 0.5 s  ClockTime = 0 s\n\nIteration: 2\n\nExecutionTime = 2 s\n");
+        write(
+            "Iteration: 1\n\nExecutionTime = 0.5 s  ClockTime = 0 s\n\nIteration: 2\n\nExecutionTime = 2 s\n",
+        );
         assert_eq!(processor_seconds(dir.path(), "icoFoam", 1.0), Some([0.5, 1.5]));
         write("no times\n");
         assert_eq!(times(dir.path(), "icoFoam"), None);

@@ -81,7 +81,11 @@ fn faster_flow_and_finer_meshes_need_more_steps() {
 
 #[test]
 fn every_placeholder_is_filled() {
-    for (name, end) in [("cylinder-flow", "7;"), ("vibrating-beam", "1.3;")] {
+    for (name, end) in [
+        ("cylinder-flow", "7;"),
+        ("pressed-beam", "2.58;"),
+        ("vibrating-beam", "1.3;"),
+    ] {
         let dir = tempfile::tempdir().unwrap();
         let case = case(name, &[]);
         case.write(dir.path()).unwrap();
