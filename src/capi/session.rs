@@ -317,14 +317,21 @@ exports! {
         why: *mut c_char,
         why_size: i32,
     ) -> i32, or |status| status; {
-        let size = raw::count("why_size", why_size)?;
-        // SAFETY: a session of ours and the host's places, or null.
-        let (handle, count, why) = unsafe {
-            (raw::reference("session", session)?, raw::reference_mut("count", count)?, raw::slice_mut("why", why, size)?)
-        };
-        let found = handle.session.outside();
-        *count = found.len() as i32;
-        raw::put_text(&found.join("\n"), why);
+        // SAFETY: a session of ours, or null.
+        let handle = unsafe { raw::reference("session", session)? };
+        let comm = handle.session.comm().clone();
+        comm.guarded(|| {
+            let places = || {
+                let size = raw::count("why_size", why_size)?;
+                // SAFETY: the host's places, as the header says.
+                unsafe { Ok((raw::reference_mut("count", count)?, raw::slice_mut("why", why, size)?)) }
+            };
+            let (count, why) = comm.agree(places())?;
+            let found = handle.session.outside();
+            *count = found.len() as i32;
+            raw::put_text(&found.join("\n"), why);
+            Ok(())
+        })?;
         Ok(0)
     }
 

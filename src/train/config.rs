@@ -281,6 +281,22 @@ impl TrainingConfig {
             .unwrap_or(1)
     }
 
+    /// What of the schedule lies behind the last step, in words: `steps` moves none of it.
+    pub fn unreached(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        let first_decay = self.decay_start + self.decay_steps;
+        if self.restarts.is_empty() && first_decay > self.steps {
+            found.push(format!(
+                "the decay of the learning rate ends at step {first_decay}"
+            ));
+        }
+        let stage = self.unroll.iter().find(|u| u[0] >= self.steps && u[0] > 0);
+        found.extend(stage.map(|u| format!("unroll has {} strides from step {} on", u[1], u[0])));
+        let restart = self.restarts.iter().find(|r| r.step >= self.steps);
+        found.extend(restart.map(|r| format!("restarts has one at step {}", r.step)));
+        found
+    }
+
     /// The longest unrolling of the whole schedule.
     pub fn longest_unroll(&self) -> usize {
         self.unroll.iter().map(|u| u[1] as usize).max().unwrap_or(1)

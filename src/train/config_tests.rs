@@ -46,6 +46,31 @@ fn a_restart_decays_to_the_last_step() {
 }
 
 #[test]
+fn what_a_shorter_training_does_not_reach_is_named() {
+    let mut t = TrainingConfig {
+        steps: 1000,
+        decay_start: 0,
+        decay_steps: 1000,
+        unroll: vec![[0, 1], [500, 4]],
+        ..TrainingConfig::default()
+    };
+    assert_eq!(t.unreached(), Vec::<String>::new());
+    t.steps = 400;
+    assert_eq!(
+        t.unreached(),
+        [
+            "the decay of the learning rate ends at step 1000",
+            "unroll has 4 strides from step 500 on"
+        ]
+    );
+    t.restarts = vec![Restart {
+        step: 700,
+        learning_rate: 1e-4,
+    }];
+    assert_eq!(t.unreached()[1], "restarts has one at step 700");
+}
+
+#[test]
 fn shipped_configurations_are_valid() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
     for name in [

@@ -131,6 +131,14 @@ impl Workload {
                 }
             }
         }
+        let unreached = config.training.unreached();
+        if config.training.steps > 0 && !unreached.is_empty() {
+            report.line(&format!(
+                "note: the training ends at step {}, and {}: shorten them as well, if that is not meant",
+                config.training.steps,
+                unreached.join("; ")
+            ));
+        }
         // Now, not when a model is exported, hours later.
         spec.check()?;
         check_memory(&spec)?;

@@ -30,6 +30,7 @@ unsafe extern "C" {
         out: *const FieldOut,
         n_out: i32,
     ) -> i32;
+    pub fn m4gn_session_outside(session: Handle, count: *mut i32, why: *mut c_char, why_size: i32) -> i32;
     pub fn m4gn_adapt_new(
         session: Handle,
         mesh: *const MeshData,

@@ -44,6 +44,7 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "text",
         ],
         "session_step" => &["missing", "null", "nan", "count", "output"],
+        "session_outside" => &["null", "size"],
         "segments_new" => &[
             "null",
             "no mesh",
@@ -168,6 +169,7 @@ impl Bench {
             "elastic_modes" => self.elastic_modes(odd, panic),
             "session_new" => self.session_new(odd, panic).0,
             "session_step" => self.session_step(odd, panic),
+            "session_outside" => self.session_outside(odd, panic),
             "segments_new" => self.segments_new(odd, panic),
             "modes_new" => self.modes_new(odd, panic),
             "solid_modes_new" => self.solid_modes_new(odd, panic),

@@ -25,10 +25,11 @@ const LIMIT: Duration = Duration::from_secs(20);
 /// Most places in a call at which a panic is tried.
 const PLACES: i64 = 12;
 
-const CALLS: [&str; 16] = [
+const CALLS: [&str; 17] = [
     "elastic_modes",
     "session_new",
     "session_step",
+    "session_outside",
     "segments_new",
     "modes_new",
     "solid_modes_new",

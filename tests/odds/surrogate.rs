@@ -108,6 +108,31 @@ impl Bench {
         ended
     }
 
+    /// After a step: before one there is nothing that the ranks would have to bring together.
+    pub fn session_outside(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (made, session) = self.session_new(None, None);
+        if made.status != 0 {
+            return made;
+        }
+        let host = self.host(None);
+        let (u, p, b) = values(&host);
+        let (mut u_out, mut p_out) = (u.clone(), p.clone());
+        let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
+        let out = [output(c"U", 3, &mut u_out), output(c"p", 1, &mut p_out)];
+        // SAFETY: arrays of their lengths.
+        timed(|| unsafe { m4gn_session_step(session, fields.as_ptr(), 2, out.as_ptr(), 2) });
+        let (mut count, mut why) = (0, [0; 200]);
+        let place = unless_mut(odd == Some("null"), &raw mut count);
+        let size = if odd == Some("size") { -1 } else { 200 };
+        // SAFETY: places of their lengths, or what the call refuses.
+        let ended = self.made(panic, || unsafe {
+            m4gn_session_outside(session, place, why.as_mut_ptr(), size)
+        });
+        // SAFETY: freed once.
+        timed(|| unsafe { m4gn_session_free(session) });
+        ended
+    }
+
     pub fn segments_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let host = self.host(odd);
         let labels = vec![0; host.mesh.n_cells()];
