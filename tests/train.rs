@@ -55,6 +55,8 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     // Three trajectories of 30 frames, 68 nodes and 3 components in 4 bytes.
     let said = String::from_utf8_lossy(&first.stderr);
     assert!(said.contains("frames: 0.0734 MB in memory"), "{said}");
+    // The same 50 recorded frames as in `m4gn validate`, with their time
+    assert!(said.contains("(RMSE-50 over "), "{said}");
     let streamed = train(
         folder.path(),
         "s.safetensors",

@@ -180,8 +180,6 @@ pub struct TrainingConfig {
     pub validation_interval: u64,
     /// Trajectories that are rolled out in a validation.
     pub validation_rollouts: usize,
-    /// Length of the short rollouts, s.
-    pub validation_horizon: f64,
     /// By which of their errors the best weights are chosen.
     pub best_of: BestOf,
     /// Steps between checkpoints.
@@ -235,7 +233,6 @@ impl Default for TrainingConfig {
             normaliser_warmup: 100,
             validation_interval: 2000,
             validation_rollouts: 4,
-            validation_horizon: 0.5,
             best_of: BestOf::default(),
             checkpoint_interval: 1000,
             log_interval: 100,
@@ -410,7 +407,6 @@ impl Config {
         if !t.restarts.is_sorted_by(|a, b| a.step < b.step) {
             return Err(Error::Input("training.restarts: expected ascending steps".into()));
         }
-        positive("training.validation_horizon", t.validation_horizon)?;
         if let Some(minutes) = t.max_minutes {
             positive("training.max_minutes", minutes)?;
         }

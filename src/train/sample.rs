@@ -130,7 +130,6 @@ pub fn config(training: &str) -> String {
         unroll = [[0, 1], [6, 2]]
         normaliser_steps = 4
         normaliser_warmup = 2
-        validation_horizon = 0.1
         log_interval = 2
         {training}
     "#

@@ -11,11 +11,13 @@ use super::report::Report;
 use super::request::Request;
 use super::start::load;
 use super::together::learn_together;
+use super::validation::HORIZON;
 use super::workload::Workload;
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Output};
+use m4gn_report::number;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -105,12 +107,16 @@ pub fn train(
         from: request.from.as_ref().map(|p| p.display().to_string()),
     };
     let training = format!(
-        "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate; {}{}",
+        "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate (RMSE-50 over {} s); {}{}",
         layout.len(),
         work.train.len(),
         work.train.iter().map(|s| s.graph.n_owned).max().unwrap_or(0),
         work.train.iter().map(|s| s.n_frames).max().unwrap_or(0),
         work.valid.len(),
+        number(
+            HORIZON as f64 * config.model.stride / work.frames_a_step as f64,
+            3
+        ),
         backend.name(),
         match comm.size() {
             1 => String::new(),

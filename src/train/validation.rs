@@ -7,13 +7,15 @@ use super::together::roll_out_together;
 use super::trainer::Trainer;
 use m4gn_mesh::Result;
 
+/// Recorded frames that RMSE-50 is over, here as in `m4gn validate`.
+pub(super) const HORIZON: usize = 50;
+
 impl Trainer<'_> {
     /// Rolls out the validation trajectories and keeps the weights if they are the best so far.
     pub(super) fn validate(&mut self, report: &Report) -> Result<Validation> {
-        let t = &self.config.training;
         let weights = self.optimiser.best_guess().to_vec();
         let stride = self.work.frames_a_step;
-        let short = ((t.validation_horizon / self.config.model.stride).round() as usize).max(1);
+        let short = (HORIZON / stride).max(1);
         // (kind of rollout, job); the long ones first, so that the threads end together.
         let mut plan = Vec::new();
         for (sample, s) in self.work.valid.iter().enumerate() {
@@ -60,7 +62,7 @@ impl Trainer<'_> {
             rmse_all: root(sums[2]),
         };
         let earlier = self.progress.best.as_ref().map(|(_, earlier)| earlier);
-        let better = validation.replaces(earlier, t.best_of);
+        let better = validation.replaces(earlier, self.config.training.best_of);
         if better {
             self.progress.best = Some((self.progress.step, validation));
             self.best = Some((weights, self.normaliser.clone()));
