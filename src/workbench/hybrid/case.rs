@@ -168,9 +168,15 @@ impl Job<'_> {
     /// What a variant is made with.
     fn key(&self, index: u64, kind: &Kind) -> Result<String> {
         let own = match kind {
-            Kind::Hybrid(entries) => json!({
-                "model": self.model, "surrogate_steps": self.plan.schedule.surrogate_steps, "entries": entries,
-            }),
+            Kind::Hybrid(entries) => {
+                let mut own = json!({
+                    "model": self.model, "surrogate_steps": self.plan.schedule.surrogate_steps, "entries": entries,
+                });
+                if let Some(folder) = &self.plan.stretches {
+                    own["stretches"] = json!(folder);
+                }
+                own
+            }
             Kind::Plain(_) => json!({ "quantities": self.draw_plain(index, kind)?.variables }),
         };
         Ok(json!({ "full": self.full_key(index), "variant": own }).to_string())
@@ -239,7 +245,9 @@ impl Job<'_> {
             write_interval: schedule.interval,
         };
         let functions = match kind {
-            Some(Kind::Hybrid(entries)) => self.surrogate(times.delta_t, entries),
+            Some(Kind::Hybrid(entries)) => {
+                self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, folder, case, draw)?
+            }
             _ => String::new(),
         };
         plan.family.write(draw, times, &functions, case)?;
@@ -318,6 +326,46 @@ impl Job<'_> {
             (s.solver_time / delta_t).round().max(1.0),
             s.surrogate_steps
         )
+    }
+
+    /// The function object that records the solver's stretches between the jumps, if that is asked for.
+    fn recorder(&self, delta_t: f64, folder: &Path, case: &Path, draw: &Draw) -> Result<String> {
+        let Some(stretches) = &self.plan.stretches else {
+            return Ok(String::new());
+        };
+        let (family, seed) = (&self.plan.family, self.plan.seed);
+        let recording = &family.recording;
+        let steps = recording.interval / delta_t;
+        if (steps - steps.round()).abs() > 1e-6 * steps || steps < 0.5 {
+            return Err(Error::Input(format!(
+                "the frames of family {} are {} s apart, which is {steps} of this run's time steps of {delta_t} s: expected a \
+                 whole number",
+                family.name, recording.interval
+            )));
+        }
+        let name = |path: &Path| {
+            path.file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned()
+        };
+        let (index, variant) = (name(folder), name(case));
+        let values: String = draw
+            .values
+            .iter()
+            .map(|(name, value)| format!("        {name} {value};\n"))
+            .collect();
+        Ok(format!(
+            "stretches\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
+             hybrid          stretches;\n    file            \"{}/{seed}-{index}-{variant}.h5\";\n    overwrite       yes;\n    \
+             writeControl    timeStep;\n    writeInterval   {};\n\n    provenance\n    {{\n        family {};\n        seed {seed};\n        \
+             index {};\n{values}    }}\n}}\n",
+            recording.fields.join(" "),
+            stretches.display(),
+            steps.round(),
+            family.name,
+            index.trim_start_matches('0').parse::<u64>().unwrap_or(0),
+        ))
     }
 }
 

@@ -47,6 +47,8 @@ pub struct Plan {
     pub variants: Vec<Variant>,
     /// Folder of the cases and results.
     pub folder: PathBuf,
+    /// Folder that the solver's stretches between the jumps of the hybrids are recorded to, for training.
+    pub stretches: Option<PathBuf>,
     /// Draws at once.
     pub jobs: usize,
     /// Whether case folders stay.
@@ -112,6 +114,9 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     std::fs::create_dir_all(&plan.folder)
         .map_err(|e| Error::file(&plan.folder, format!("cannot be made: {e}")))?;
     let _lock = queue::lock(&plan.folder)?;
+    if let Some(folder) = &plan.stretches {
+        std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
+    }
     // OpenFOAM's libraries are not made for several threads.
     let comparing = Mutex::new(());
     let job = case::Job {
