@@ -79,8 +79,6 @@ Foam::scalar Foam::m4gnContactProjection::project
         gap = obstacles_->smallestGap(D, true);
     }
 
-    D.correctBoundaryConditions();
-
     return before;
 }
 

@@ -121,16 +121,17 @@ Foam::string Foam::m4gnObstacleFields::misfit
         return string();
     }
 
+    const bool present = m4gnObstacles::present(mesh);
     OStringStream os;
 
-    if (reads && !m4gnObstacles::present(mesh))
+    if (reads && !present)
     {
         os  << "The model reads where the obstacles are, and this case has no"
             << " file constant/" << m4gnObstacles::fileNameOf << nl
             << "    Describe them there (docs/contact.md), or use a model"
             << " without obstacles";
     }
-    else if (!reads && m4gnObstacles::present(mesh))
+    else if (!reads && present)
     {
         os  << "The case has obstacles (constant/"
             << m4gnObstacles::fileNameOf << "), and the model does not read "

@@ -8,22 +8,28 @@ License
 
 #include "obstacleTractionFvPatchVectorField.H"
 #include "addToRunTimeSelectionTable.H"
+#include "m4gnExplicitStress.H"
 #include "m4gnObstacles.H"
 #include "Time.H"
 #include "volFields.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
-void Foam::obstacleTractionFvPatchVectorField::checkAtRest() const
+void Foam::obstacleTractionFvPatchVectorField::checkAtRest()
 {
     // Of a cell's half
     const scalar tolerance = 0.05;
 
-    if (checked_ || (size() && max(mag(primitiveField())) > 0))
+    if (checked_)
     {
         return;
     }
     checked_ = true;
+
+    if (size() && max(mag(primitiveField())) > 0)
+    {
+        return;
+    }
 
     scalarField gap;
     vectorField normal;
@@ -160,33 +166,35 @@ void Foam::obstacleTractionFvPatchVectorField::updateCoeffs()
 
     checkAtRest();
 
-    scalarField stiffness, gap;
+    scalarField penalty, gap;
     vectorField normal;
-    contact(displacement(), stiffness, gap, normal);
+    contact(displacement(), penalty, gap, normal);
 
     // As solidDisplacementFoam's tractionDisplacement
     const auto& rho = patch().lookupPatchField<volScalarField, scalar>("rho");
-    const auto& E = patch().lookupPatchField<volScalarField, scalar>("E");
-    const auto& nu = patch().lookupPatchField<volScalarField, scalar>("nu");
+    const scalarField E
+    (
+        patch().lookupPatchField<volScalarField, scalar>("E")/rho
+    );
+    const scalarField& nu =
+        patch().lookupPatchField<volScalarField, scalar>("nu");
     const auto& sigmaD =
         patch().lookupPatchField<volSymmTensorField, symmTensor>("sigmaD");
     const bool planeStress =
         db().lookupObject<IOdictionary>("mechanicalProperties")
        .get<bool>("planeStress");
 
-    const scalarField mu(E/rho/(2*(1 + nu)));
-    const scalarField lambda
+    const scalarField stiffness
     (
-        planeStress
-      ? nu*E/rho/((1 + nu)*(1 - nu))
-      : nu*E/rho/((1 + nu)*(1 - 2*nu))
+        2*m4gnExplicitStress::shearModulus(E, nu)
+      + m4gnExplicitStress::lambda(E, nu, planeStress)
     );
 
     linearise
     (
-        -stiffness*gap*normal,
-        stiffness*cmptMultiply(normal, normal),
-        (patch().nf() & sigmaD)/(2*mu + lambda)
+        -penalty*gap*normal,
+        penalty*cmptMultiply(normal, normal),
+        (patch().nf() & sigmaD)/stiffness
     );
 
     linearisedTractionFvPatchVectorField::updateCoeffs();

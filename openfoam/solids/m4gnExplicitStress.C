@@ -43,12 +43,10 @@ Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
        .get<bool>("planeStress");
 
     // Not to be found in the registry in place of the solver's
-    mu_.reset(new volScalarField("m4gnMu", E/(2*(1 + nu))));
+    mu_.reset(new volScalarField("m4gnMu", shearModulus(E, nu)));
     lambda_.reset
     (
-        planeStress
-      ? new volScalarField("m4gnLambda", nu*E/((1 + nu)*(1 - nu)))
-      : new volScalarField("m4gnLambda", nu*E/((1 + nu)*(1 - 2*nu)))
+        new volScalarField("m4gnLambda", lambda(E, nu, planeStress))
     );
 }
 

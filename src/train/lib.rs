@@ -43,6 +43,7 @@ pub use backend::{Backend, Batch, Example, Learned, Rollout};
 pub use native::NativeBackend;
 pub use request::Request;
 pub use trainer::{Task, train};
+pub use validation::HORIZON;
 pub use workload::Workload;
 
 use m4gn_mesh::Result;

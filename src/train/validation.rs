@@ -7,8 +7,8 @@ use super::together::roll_out_together;
 use super::trainer::Trainer;
 use m4gn_mesh::Result;
 
-/// Recorded frames that RMSE-50 is over, here as in `m4gn validate`.
-pub(super) const HORIZON: usize = 50;
+/// Recorded frames that RMSE-50 is over, in training as in `m4gn validate`.
+pub const HORIZON: usize = 50;
 
 impl Trainer<'_> {
     /// Rolls out the validation trajectories and keeps the weights if they are the best so far.

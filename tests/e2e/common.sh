@@ -54,28 +54,34 @@ EOF
     sed -i 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' 0/U
 }
 
-# with_input FIELD: a configuration that trains the small model with a field more that it reads and does not predict.
-with_input() {
+# network STRIDE RWSE_STEPS FIELDS...: [model] and [macro] of a small network of these fields, a line each.
+network() {
     cat <<EOD
 [model]
-stride = 0.01
+stride = $1
 width = 8
 hidden_layers = 1
 activation = "silu"
 layers_before = 2
 layers_after = 1
 fields = [
-    { name = "U", input = true, output = "delta" },
-    { name = "p", input = true, output = "value" },
-    { name = "$1", input = true, output = "none" },
+$(printf '    %s,\n' "${@:3}")
 ]
 [macro]
 layers = 1
 heads = 2
 ffn_width = 16
-rwse_steps = 4
+rwse_steps = $2
 centroids = true
 offsets = true
+EOD
+}
+
+# with_input FIELD: a configuration that trains the small model with a field more that it reads and does not predict.
+with_input() {
+    network 0.01 4 '{ name = "U", input = true, output = "delta" }' '{ name = "p", input = true, output = "value" }' \
+        "{ name = \"$1\", input = true, output = \"none\" }"
+    cat <<EOD
 [segments]
 count = 4
 modes = 3

@@ -97,28 +97,10 @@ sed -i 's/type  *obstacleTraction;/& penaltyFactor 0;/' 0/D
 refused 'penaltyFactor is 0; expected a number above 0' solidDisplacementFoam
 cd .. && rm -r case && cp -r whole case && cd case
 
-# A model that reads the obstacle
+# A model that reads the obstacle, and one that does not
 config() {
-    cat <<EOD
-[model]
-stride = 0.04
-width = 8
-hidden_layers = 1
-activation = "silu"
-layers_before = 2
-layers_after = 1
-fields = [
-    { name = "D", input = true, output = "delta" },
-    { name = "ddt(D)", input = true, output = "delta" },
-$*
-]
-[macro]
-layers = 1
-heads = 2
-ffn_width = 16
-rwse_steps = 0
-centroids = true
-offsets = true
+    network 0.04 0 '{ name = "D", input = true, output = "delta" }' '{ name = "ddt(D)", input = true, output = "delta" }' "$@"
+    cat <<'EOD'
 [segments]
 count = 4
 method = "metis"
@@ -131,9 +113,7 @@ normaliser_steps = 10
 normaliser_warmup = 2
 EOD
 }
-seeing='    { name = "obstacle", input = true, output = "none" },
-    { name = "obstacleAhead", input = true, output = "none" },'
-config "$seeing" > ../seeing.toml
+config '{ name = "obstacle", input = true, output = "none" }' '{ name = "obstacleAhead", input = true, output = "none" }' > ../seeing.toml
 config > ../blind.toml
 for name in seeing blind; do
     runs m4gn train --data "$work/trajectory.h5" --config ../$name.toml --out "$work/$name.safetensors"

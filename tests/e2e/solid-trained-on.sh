@@ -17,22 +17,9 @@ m4gn info ../data/a.h5 > log.run
 for what in '"E":\[1000000,1000000\]' '"nu":\[0.3,0.3\]' '"traction":\[50,50\]' '"schemes":\["Euler"\]'; do
     tr -d ' ' < log.run | grep -q "$what" || { cat log.run; fail "the provenance does not have $what"; }
 done
-cat > ../tiny.toml <<'EOD'
-[model]
-stride = 0.025
-width = 8
-hidden_layers = 1
-activation = "silu"
-layers_before = 1
-layers_after = 1
-fields = [{ name = "D", input = true, output = "delta" }, { name = "ddt(D)", input = true, output = "delta" }]
-[macro]
-layers = 1
-heads = 2
-ffn_width = 16
-rwse_steps = 0
-centroids = true
-offsets = true
+{
+    network 0.025 0 '{ name = "D", input = true, output = "delta" }' '{ name = "ddt(D)", input = true, output = "delta" }'
+    cat <<'EOD'
 [segments]
 count = 4
 modes = 3
@@ -41,6 +28,7 @@ batch_size = 1
 learning_rate = 1e-3
 decay_steps = 1
 EOD
+} > ../tiny.toml
 runs m4gn train --data ../data --config ../tiny.toml --out ../tiny.safetensors --steps 1 --backend native
 
 surrogate() { function_object m4gnSurrogate "mode replace; model \"$work/tiny.safetensors\"; timeStart 0.05; solverSteps 5; surrogateSteps 1; $1"; }

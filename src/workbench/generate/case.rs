@@ -110,36 +110,48 @@ impl Family {
     }
 }
 
+/// Entries of a provenance that say which draw of a family a recording is of.
+pub(crate) fn origin(family: &Family, seed: u64, index: u64, draw: &Draw) -> Vec<(String, String)> {
+    let mut entries = vec![
+        ("family".into(), family.name.clone()),
+        ("seed".into(), seed.to_string()),
+        ("index".into(), index.to_string()),
+    ];
+    let values = draw.values.iter();
+    entries.extend(values.map(|(name, value)| (name.clone(), value.to_string())));
+    let derived = family.derived.iter().filter(|d| d.record);
+    entries.extend(derived.map(|d| (d.name.clone(), draw.variables[&d.name].to_string())));
+    entries
+}
+
+/// The dictionary `provenance` of m4gnHarvest.
+pub(crate) fn provenance(entries: &[(String, String)]) -> String {
+    let lines: String = entries
+        .iter()
+        .map(|(key, value)| format!("        {key:<15} {value};\n"))
+        .collect();
+    format!("    provenance\n    {{\n{lines}    }}\n")
+}
+
 impl FamilyCase {
     /// Entries of the function object m4gnHarvest.
     fn functions(&self, delta_t: f64, steps: u32) -> String {
-        let mut entries = vec![
-            ("command".to_string(), format!("\"{}\"", self.command)),
-            ("family".into(), self.family.name.clone()),
-            ("seed".into(), self.seed.to_string()),
-            ("index".into(), self.index.to_string()),
-        ];
-        let values = self.draw.values.iter();
-        entries.extend(values.map(|(name, value)| (name.clone(), value.to_string())));
-        let derived = self.family.derived.iter().filter(|d| d.record);
-        entries.extend(derived.map(|d| (d.name.clone(), self.draw.variables[&d.name].to_string())));
+        let mut entries = vec![("command".to_string(), format!("\"{}\"", self.command))];
+        entries.extend(origin(&self.family, self.seed, self.index, &self.draw));
         entries.extend([
             ("frames".into(), self.frames.to_string()),
             ("frameInterval".into(), self.interval.to_string()),
             ("spinUp".into(), self.spin_up.to_string()),
         ]);
-        let provenance: String = entries
-            .iter()
-            .map(|(key, value)| format!("        {key:<15} {value};\n"))
-            .collect();
         // Half a step off, so that rounding of the times does not matter
         let start = self.spin_up - 0.5 * delta_t;
         format!(
             "harvest\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
              file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
-             timeStep;\n    writeInterval   {steps};\n\n    provenance\n    {{\n{provenance}    }}\n}}\n",
+             timeStep;\n    writeInterval   {steps};\n\n{}}}\n",
             self.family.recording.fields.join(" "),
-            self.split.name()
+            self.split.name(),
+            provenance(&entries)
         )
     }
 

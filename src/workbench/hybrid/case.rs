@@ -5,7 +5,7 @@ use super::variant::{FULL, Kind};
 use super::{DrawResult, Event, Plan};
 use crate::compare::{self, Options, displacement, records};
 use crate::foam_case::FoamCase;
-use crate::generate::case::{Times, program};
+use crate::generate::case::{Times, origin, program, provenance};
 use crate::generate::family::Draw;
 use crate::generate::parameter::Settings;
 use m4gn_mesh::files::write_whole;
@@ -198,7 +198,7 @@ impl Job<'_> {
         // A record stands for fields that are whole: that of a run before this one goes first.
         let _ = std::fs::remove_file(folder.join(format!("{name}.json")));
         let made = self
-            .try_make(folder, &case, draw, kind)
+            .try_make(folder, index, name, draw, kind)
             .and_then(|(cost, score, comparison)| {
                 let record = RunRecord {
                     made_with,
@@ -229,11 +229,13 @@ impl Job<'_> {
     fn try_make(
         &self,
         folder: &Path,
-        case: &Path,
+        index: u64,
+        name: &str,
         draw: &Draw,
         kind: Option<&Kind>,
     ) -> Result<(Cost, Option<Score>, Option<Value>)> {
         let (plan, schedule) = (self.plan, &self.plan.schedule);
+        let case = &folder.join(name);
         if case.exists() {
             std::fs::remove_dir_all(case)
                 .map_err(|e| Error::file(case, format!("cannot be replaced: {e}")))?;
@@ -246,7 +248,7 @@ impl Job<'_> {
         };
         let functions = match kind {
             Some(Kind::Hybrid(entries)) => {
-                self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, folder, case, draw)?
+                self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, index, name, draw)?
             }
             _ => String::new(),
         };
@@ -329,7 +331,7 @@ impl Job<'_> {
     }
 
     /// The function object that records the solver's stretches between the jumps, if that is asked for.
-    fn recorder(&self, delta_t: f64, folder: &Path, case: &Path, draw: &Draw) -> Result<String> {
+    fn recorder(&self, delta_t: f64, index: u64, name: &str, draw: &Draw) -> Result<String> {
         let Some(stretches) = &self.plan.stretches else {
             return Ok(String::new());
         };
@@ -343,28 +345,14 @@ impl Job<'_> {
                 family.name, recording.interval
             )));
         }
-        let name = |path: &Path| {
-            path.file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned()
-        };
-        let (index, variant) = (name(folder), name(case));
-        let values: String = draw
-            .values
-            .iter()
-            .map(|(name, value)| format!("        {name} {value};\n"))
-            .collect();
         Ok(format!(
             "stretches\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
-             hybrid          stretches;\n    file            \"{}/{seed}-{index}-{variant}.h5\";\n    overwrite       yes;\n    \
-             writeControl    timeStep;\n    writeInterval   {};\n\n    provenance\n    {{\n        family {};\n        seed {seed};\n        \
-             index {};\n{values}    }}\n}}\n",
+             hybrid          stretches;\n    file            \"{}/{seed}-{index:04}-{name}.h5\";\n    overwrite       yes;\n    \
+             writeControl    timeStep;\n    writeInterval   {};\n\n{}}}\n",
             recording.fields.join(" "),
             stretches.display(),
             steps.round(),
-            family.name,
-            index.trim_start_matches('0').parse::<u64>().unwrap_or(0),
+            provenance(&origin(family, seed, index, draw)),
         ))
     }
 }

@@ -5,7 +5,7 @@ use crate::compare::displacement::Motion;
 use serde::{Deserialize, Serialize};
 
 /// Errors of a run, of a flow's velocity or of a solid's displacement; forces are relative to the full run's and keep their sign.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// Error over the first stride, over that of holding the last field before the first jump.
     pub first: Option<f64>,
@@ -73,14 +73,7 @@ impl Errors<'_> {
             horizons: places.map(|i| self.times[i] - self.takeover),
             errors: places.map(|i| self.rmse[i]),
             hold_last: places.map(|i| self.hold_last[i]),
-            displacement: None,
-            cell: None,
-            drag: None,
-            lift: None,
-            frequency: None,
-            unsteadiness: None,
-            replaced: None,
-            cells: 0,
+            ..Score::default()
         }
     }
 }

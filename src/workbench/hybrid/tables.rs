@@ -224,16 +224,13 @@ mod tests {
             jump: None,
             end: Some(end),
             horizons: [0.1, 0.2, 0.3],
-            displacement: None,
-            cell: None,
             errors: [0.0; 3],
             hold_last: [1.0; 3],
             drag: Some(-0.02),
-            lift: None,
-            frequency: None,
             unsteadiness: Some(0.5),
             replaced: Some(0.9),
             cells: 10,
+            ..Score::default()
         });
         RunRecord {
             made_with: String::new(),

@@ -41,8 +41,7 @@ use m4gn_model::{FieldSpec, Model};
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::path::PathBuf;
 
-/// Recorded frames that RMSE-50 covers, where no time is given.
-pub const HORIZON: usize = 50;
+pub use m4gn_train::HORIZON;
 
 /// A way to roll a model out.
 #[derive(Clone, Copy, Debug)]
