@@ -138,6 +138,10 @@ fn mesh(mesh: &Mesh, text: &mut String, figures: &mut Value) {
         mesh.boundary.len(),
         mesh.coupled.len()
     );
+    let parts = mesh.parts();
+    if parts > 1 {
+        let _ = writeln!(text, "parts       {parts}, which no face joins");
+    }
     let mut patches = Vec::new();
     for (i, name) in mesh.patches.iter().enumerate() {
         let faces: Vec<_> = mesh.boundary.iter().filter(|f| f.patch == i as i32).collect();
@@ -160,6 +164,7 @@ fn mesh(mesh: &Mesh, text: &mut String, figures: &mut Value) {
     figures["internal_faces"] = mesh.face_owner.len().into();
     figures["boundary_faces"] = mesh.boundary.len().into();
     figures["cyclic_faces"] = mesh.coupled.len().into();
+    figures["parts"] = parts.into();
     figures["directions"] = json!(mesh.directions);
     figures["patches"] = patches.into();
 }
@@ -363,6 +368,25 @@ fn range(frame: &Frame) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mesh_in_two_parts_is_said_so() {
+        let shown = |of: &Mesh| {
+            let (mut text, mut figures) = (String::new(), json!({}));
+            mesh(of, &mut text, &mut figures);
+            (text, figures["parts"].clone())
+        };
+        let mut duct = m4gn_mesh::sample::triangles(2, 1, 1.0, 1.0);
+        let (text, parts) = shown(&duct);
+        assert!(!text.contains("parts") && parts == 1, "{text}");
+        duct.face_owner.clear();
+        duct.face_neighbour.clear();
+        let (text, parts) = shown(&duct);
+        assert!(
+            text.contains("parts       4, which no face joins") && parts == 4,
+            "{text}"
+        );
+    }
 
     #[test]
     fn irregular_times_have_no_interval() {
