@@ -60,15 +60,17 @@ unpack_tutorials() {
     local tmp=$tutorials.tmp
     rm -rf "$tmp" &&
         mkdir -p "$tmp" &&
-        tar -xjf "$M4GN_CACHE/$FOAM_TARBALL" -C "$tmp" --strip-components=2 --wildcards \
-            '*/tutorials/incompressible/pi*Foam' '*/tutorials/compressible/rhoPimpleFoam' \
-            '*/tutorials/multiphase/interFoam' '*/tutorials/heatTransfer/buoyantPimpleFoam' &&
+        tar -xjf "$M4GN_CACHE/$FOAM_TARBALL" -C "$tmp" --strip-components=2 --wildcards "${chosen[@]/#/*/tutorials/}" &&
+        echo "$FOAM_SHA256 ${chosen[*]}" >"$tmp/.complete" &&
         rm -rf "$tutorials" &&
         mv -T "$tmp" "$tutorials" &&
         rm -f "$M4GN_CACHE/$FOAM_TARBALL"
 }
 
 tutorials=$FOAM_SOURCE-tutorials
+# The tutorials that the tests use
+chosen=(incompressible/{icoFoam,nonNewtonianIcoFoam,pisoFoam,pimpleFoam} compressible/rhoPimpleFoam multiphase/interFoam
+    heatTransfer/buoyantPimpleFoam)
 stamp="$FOAM_SHA256 $(printf '%s\n' "${FOAM_LIBRARIES[@]}" | cksum)"
 complete() { [ "$(cat "$FOAM_SOURCE/.complete" 2>/dev/null)" = "$stamp" ]; }
 
@@ -80,7 +82,7 @@ have_source() {
 }
 
 have_tutorials() {
-    [ -d "$tutorials" ] && return
+    [ "$(cat "$tutorials/.complete" 2>/dev/null)" = "$FOAM_SHA256 ${chosen[*]}" ] && return
     have_source
     step "OpenFOAM $FOAM_VERSION tutorials" unpack_tutorials ||
         die "the tutorials of OpenFOAM could not be unpacked into $tutorials" \

@@ -85,6 +85,9 @@ impl Session {
             Some(_) => preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm),
             None => None,
         };
+        if groups.is_some() && spec.architecture.segment_transformer().is_some() && preset.is_none() {
+            enough(mesh, nodes, &segment_spec, &comm)?;
+        }
         let (graph, segmentation) = cut(mesh, groups.as_ref(), spec, &segment_spec, preset, &comm)?;
         let cell_segment = segmentation.as_ref().map_or(Vec::new(), |found| {
             let labels = &found.node_segment[..nodes.n_cells()];
@@ -164,6 +167,22 @@ impl Session {
         }
         Ok(())
     }
+}
+
+/// Whether there are as many groups as segments: there are fewer in a case that is far smaller than those of the training.
+fn enough(mesh: &Mesh, groups: &Mesh, segments: &SegmentSpec, comm: &Comm) -> Result<()> {
+    let mut total = [mesh.n_cells() as i64, groups.n_cells() as i64];
+    comm.sum_i64(&mut total);
+    let [cells, nodes] = total;
+    if segments.count as i64 <= nodes {
+        return Ok(());
+    }
+    Err(Error::Input(format!(
+        "the {cells} cells of this case are {nodes} nodes at the network's resolution, and it has {} segments: the case is \
+         far smaller than those that the model was trained on; if it shall be tried all the same, set resolution (off, or \
+         a shorter length in m) or segments {{ count }} in the dictionary",
+        segments.count
+    )))
 }
 
 /// What the network sees: groups, or the cells themselves.

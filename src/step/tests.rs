@@ -222,6 +222,18 @@ fn cases_that_do_not_fit_are_refused() {
         },
     );
     assert!(message.contains("25 segments for 24 cells"), "{message}");
+    // On the network's own, coarser graph: the count of the case's cells says nothing
+    let mut s = spec();
+    s.resolution = Some(0.4);
+    let options = SessionOptions {
+        segments: entries("count", 20),
+        ..default()
+    };
+    let message = refused(&mesh, s, options);
+    assert!(
+        message.contains("the 24 cells of this case are ") && message.contains("and it has 20 segments"),
+        "{message}"
+    );
     let message = refused(
         &mesh,
         spec(),

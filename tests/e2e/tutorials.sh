@@ -31,7 +31,7 @@ writeFormat binary;
 functions { #include "functions" }
 EOF
     : > system/functions
-    runs blockMesh
+    if [ -e elbow.msh ]; then runs fluentMeshToFoam elbow.msh; else runs blockMesh; fi
     [ ! -e system/setFieldsDict ] || runs setFields
 }
 
@@ -111,6 +111,37 @@ sed -i 's/^numberOfSubdomains.*/numberOfSubdomains 2;/; s/(2 2 1)/(2 1 1)/' syst
 runs decomposePar
 { echo "$harvest"; observe 'outOfRange ignore;'; } > system/functions
 neutral mpirun -np 2 interFoam -parallel
+
+# What the solver alone advances has a note where a jump ends: the turbulence of the first jump, which begins after five steps
+name=turbulence
+tutorial incompressible/pisoFoam/RAS/cavity 1e-3
+network 5e-3 m2/s2
+echo "watch { type m4gnSurrogate; libs (m4gnFoam); mode replace; model \"$work/network.safetensors\"; outOfRange ignore;
+timeStart 0.005; solverSteps 5; surrogateSteps 1; }" > system/functions
+runs pisoFoam
+for field in k epsilon nut; do
+    grep -q 'note .*not advanced by the surrogate, values of time 0.005"' 0.01/$field ||
+        { head -15 0.01/$field; fail "no note in 0.01/$field"; }
+    ! grep -q 'not advanced' 0.02/$field || fail "a note in 0.02/$field, which the solver wrote"
+done
+! grep -q 'not advanced' 0.01/U || fail "a note in 0.01/U"
+grep -q 'the model does not advance .*epsilon' log.run || { cat log.run; fail "it is not said that epsilon stays"; }
+echo "$name: what nobody advances is marked"
+
+# The shipped model of a cylinder in tutorials that are no cylinders in a channel: none is replaced in silence
+while read -r name path solver deltaT what; do
+    tutorial "$path" "$deltaT"
+    # refuse: at the end of the first time step
+    echo "watch { type m4gnSurrogate; libs (m4gnFoam); mode replace; model \"$M4GN_HOME/models/cylinder-flow.safetensors\";
+timeStart 0; solverSteps 10; surrogateSteps 5; outOfRange refuse; }" > system/functions
+    refused "$what" "$solver"
+    echo "$name: $(grep -o "$what" log.run | head -1)"
+done <<'EOF'
+cavity incompressible/icoFoam/cavity/cavity icoFoam 0.005 400 cells of this case are [0-9]* nodes at the network's resolution, and it has 144 segments
+elbow incompressible/icoFoam/elbow icoFoam 0.05 mean distance of neighbouring cells is 1.173e0 m, and the model was trained on
+non-newtonian incompressible/nonNewtonianIcoFoam/offsetCylinder nonNewtonianIcoFoam 2.5e-3 mean distance of neighbouring cells is 1.433e-1 m, and the model was trained on
+RAS incompressible/pisoFoam/RAS/cavity pisoFoam 0.005 400 cells of this case are [0-9]* nodes at the network's resolution, and it has 144 segments
+EOF
 
 name=moving
 tutorial incompressible/pimpleFoam/RAS/oscillatingInletPeriodicAMI2D 1e-3
