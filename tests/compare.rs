@@ -102,6 +102,86 @@ fn compare_gives_the_errors_on_paper() {
     );
 }
 
+/// A temperature in both cells of the full run 300, 301, 302 K, of the hybrid 300, 302, 302 K at t = 1, 2, 3.
+#[test]
+fn a_temperature_is_compared_where_both_runs_have_it() {
+    let (dir, a, b) = two_runs();
+    let json = dir.path().join("c.json").to_str().unwrap().to_string();
+    for (case, values) in [(&a, [300, 301, 302]), (&b, [300, 302, 302])] {
+        for (i, value) in values.iter().enumerate() {
+            let value = value.to_string();
+            let boundary = "\".*\"{type zeroGradient;} sides{type empty;}";
+            let time = (i + 1).to_string();
+            field(Path::new(case), &time, "T", [&value, &value], boundary);
+        }
+    }
+    let run = m4gn(&["compare", &a, &b, "--json", &json]);
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let found = figures(&json);
+    // The errors are 1 and 0 K, those of holding 300 K are 1 and 2 K; a horizon has all times before it too.
+    for (key, expected) in [
+        ("rmse", [1.0, 0.5_f64.sqrt()]),
+        ("hold_last_rmse", [1.0, 2.5_f64.sqrt()]),
+    ] {
+        for (horizon, value) in expected.into_iter().enumerate() {
+            let found = found["fields"]["T"][key][horizon].as_f64().unwrap();
+            assert!((found - value).abs() < 1e-9, "{key}: {found}, expected {value}");
+        }
+    }
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(text.contains("hybrid [T]"), "{text}");
+}
+
+/// The pressure on the upper faces of the body goes up and down by `swing`, and the lift with it.
+fn lifted(case: &Path, swing: f64) {
+    for (time, sign) in [("1", 1.0), ("2", -1.0), ("3", 1.0)] {
+        let upper = 1.0 + sign * swing;
+        let calculated = "type calculated; value";
+        let boundary = format!(
+            "body{{{calculated} nonuniform List<scalar> 4(1 1 {upper} {upper});}} sides{{type empty;}} \
+             \".*let\"{{{calculated} uniform 1;}}"
+        );
+        field(case, time, "p", ["1", "1"], &boundary);
+    }
+}
+
+/// Not "22073 %": no percentage tells of a lift that the full run hardly has.
+#[test]
+fn a_lift_of_many_times_the_full_runs_is_said_so() {
+    let (_dir, a, b) = two_runs();
+    lifted(Path::new(&a), 0.001);
+    lifted(Path::new(&b), 0.221);
+    let run = m4gn(&["compare", &a, &b, "--patch", "body"]);
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let text = String::from_utf8_lossy(&run.stdout);
+    let row = text.lines().find(|l| l.contains("rms lift")).unwrap();
+    assert!(
+        row.contains("221 times the full run's") && !row.contains('%'),
+        "{row}"
+    );
+}
+
+/// As in `m4gn compare A B | head -1`.
+#[test]
+fn a_reader_of_one_line_is_no_error() {
+    let (dir, a, b) = two_runs();
+    let json = dir.path().join("c.json");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
+        .args(["compare", &a, &b, "--json", json.to_str().unwrap()])
+        .stdout(writer)
+        .output()
+        .unwrap();
+    assert!(
+        run.status.success() && run.stderr.is_empty(),
+        "{} {}",
+        run.status,
+        String::from_utf8_lossy(&run.stderr)
+    );
+    assert!(json.is_file(), "the figures are written all the same");
+}
+
 #[test]
 fn compare_refuses_what_cannot_be_compared() {
     let (dir, a, b) = two_runs();

@@ -5,6 +5,7 @@ use m4gn_model::Model;
 use m4gn_train::sample;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::time::{Duration, Instant};
 
 /// Data, and a configuration whose segments need the modes of PETSc and SLEPc.
 fn folder() -> tempfile::TempDir {
@@ -260,22 +261,17 @@ fn backends_and_devices_that_do_not_go_together_are_refused() {
     assert!(said.contains("use --backend torch"), "{said}");
 }
 
-/// The library of libtorch, where it was built.
-fn library() -> Option<PathBuf> {
-    let own = Path::new(env!("CARGO_BIN_EXE_m4gn")).parent()?;
-    let places = [own.join(LIBRARY.file), own.join("../../lib").join(LIBRARY.file)];
-    let found = places.into_iter().find(|p| p.is_file());
-    if found.is_none() {
-        println!("not tested: {} was not built", LIBRARY.file);
-    }
-    found
+/// The library of libtorch.
+///
+/// # Panics
+/// Where it was not built: a test of it that cannot run must not pass.
+fn library() -> PathBuf {
+    LIBRARY.find().unwrap_or_else(|e| panic!("{e}"))
 }
 
 #[test]
 fn libtorch_ends_with_its_own_status() {
-    if library().is_none() {
-        return;
-    }
+    library();
     let folder = folder();
     let options = ["--backend", "torch", "--steps", "4"];
     let done = train(folder.path(), "a.safetensors", &options);
@@ -288,11 +284,116 @@ fn libtorch_ends_with_its_own_status() {
     assert!(message(&train(folder.path(), "b.safetensors", &options)).contains("cuda:N"));
 }
 
+/// Each of these ended with SIGSEGV (139), when the library was unloaded before PETSc's handlers at the end of the process.
+#[test]
+fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
+    library();
+    let folder = folder();
+    let path = folder.path();
+    let torch = |name: &str, limit: &str, steps: &str| {
+        let mut command = Command::new("bash");
+        command.current_dir(path).args(["-c", &format!(
+            "{limit} exec '{}' train --data data --config config.toml --backend torch --out {name} --steps {steps}",
+            env!("CARGO_BIN_EXE_m4gn")
+        )]);
+        command
+    };
+    // Ctrl-C, once the first row of the journal shows that it learns
+    let running = torch("stopped.safetensors", "", "1000000")
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let journal = path.join("stopped.csv");
+    let started = Instant::now();
+    while std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 2 {
+        assert!(started.elapsed() < Duration::from_secs(100), "it does not learn");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let id = running.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &id])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let said = message(&running.wait_with_output().unwrap());
+    assert!(
+        said.contains("interrupted at step") && said.contains("--resume"),
+        "{said}"
+    );
+    assert!(path.join("stopped.checkpoint").is_file());
+
+    // Files may have 8 KiB: the first checkpoint does not fit
+    let full = torch("full.safetensors", "ulimit -f 8;", "4").output().unwrap();
+    let said = message(&full);
+    assert!(
+        said.contains("full.") && said.contains("File too large"),
+        "{said}"
+    );
+    let left: Vec<_> = std::fs::read_dir(path)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.contains("full.") && !name.ends_with(".csv"))
+        .collect();
+    assert!(left.is_empty(), "{left:?}");
+
+    let damaged = path.join("data/000.h5");
+    let mut bytes = std::fs::read(&damaged).unwrap();
+    let half = bytes.len() / 2;
+    bytes.truncate(half);
+    std::fs::write(&damaged, bytes).unwrap();
+    let said = message(&torch("bad.safetensors", "", "4").output().unwrap());
+    assert!(said.contains("000.h5"), "{said}");
+}
+
+#[test]
+fn a_training_on_libtorch_that_diverges_keeps_what_was_good() {
+    library();
+    let folder = folder();
+    let config = folder.path().join("config.toml");
+    let tame = std::fs::read_to_string(&config).unwrap();
+    let options = |steps| ["--backend", "torch", "--steps", steps];
+    let first = train(folder.path(), "a.safetensors", &options("8"));
+    assert!(first.status.success(), "{first:?}");
+    let files =
+        || ["a.safetensors", "a.checkpoint"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
+    let good = files();
+    let wild = "learning_rate = 1e37\nlearning_rate_end = 1e37\ncheckpoint_interval = 400";
+    std::fs::write(&config, tame.replace("learning_rate = 2e-3", wild)).unwrap();
+    let carried_on = ["--resume", "--backend", "torch", "--steps", "400"];
+    let said = message(&train(folder.path(), "a.safetensors", &carried_on));
+    assert!(
+        said.contains("diverged") && said.contains("Lower learning_rate"),
+        "{said}"
+    );
+    assert!(files() == good, "what was good was overwritten");
+}
+
+/// A program that was taken out of its checkout: the message names the script that builds the library, which ./Allrun does not.
+#[test]
+fn without_the_library_the_message_says_what_builds_it() {
+    let folder = folder();
+    let alone = folder.path().join("m4gn");
+    std::fs::copy(env!("CARGO_BIN_EXE_m4gn"), &alone).unwrap();
+    let output = Command::new(alone)
+        .current_dir(folder.path())
+        .env_remove("M4GN_HOME")
+        .args(["train", "--data", "data", "--config", "config.toml"])
+        .args(["--out", "a.safetensors", "--backend", "torch"])
+        .output()
+        .unwrap();
+    let said = message(&output);
+    assert!(
+        said.contains(LIBRARY.file) && said.contains("type setup/all.sh") && !said.contains("Allrun"),
+        "{said}"
+    );
+}
+
 /// PETSc's handlers at the end of the process are in the library where it came with it: unloaded, they would be gone.
 #[test]
 fn the_library_of_libtorch_is_never_unloaded() {
-    let Some(path) = library() else { return };
-    drop(LIBRARY.load_from(path).unwrap());
+    drop(LIBRARY.load_from(library()).unwrap());
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
     assert!(maps.contains(LIBRARY.file), "unloaded");
 }

@@ -75,10 +75,11 @@ pub fn cube(case: &Path, closed: bool, sides: &str) {
     put(case, "constant/polyMesh/boundary", "polyBoundaryMesh", &patches);
 }
 
-/// Writes p, U or D at a time.
+/// Writes p, T, U or D at a time.
 pub fn field(case: &Path, time: &str, name: &str, cells: [&str; 2], boundary: &str) {
     let (class, kind, dimensions) = match name {
         "p" => ("volScalarField", "scalar", "[0 2 -2 0 0 0 0]"),
+        "T" => ("volScalarField", "scalar", "[0 0 0 1 0 0 0]"),
         "D" => ("volVectorField", "vector", "[0 1 0 0 0 0 0]"),
         _ => ("volVectorField", "vector", "[0 1 -1 0 0 0 0]"),
     };
