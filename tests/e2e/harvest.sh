@@ -40,15 +40,34 @@ done
 # A run that is killed leaves none
 clean_case
 sed -i 's/^endTime .*/endTime 100;/' system/controlDict
+# Empty at once: what the run before said must not be found
+: > log.run
 icoFoam > log.run 2>&1 &
 solver=$!
 for ((i = 0; i < 600; ++i)); do
     grep -q '^Time = 0.03$' log.run && break
     sleep 0.1
 done
+# Meanwhile another run records to the same file: it is refused, and leaves the recording alone
+cp -r . ../other
+(
+    cd ../other
+    function_object m4gnHarvest "file \"$work/case/$file\";"
+    sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
+    refused 'is being written by another recording' icoFoam
+)
+partial=$(find postProcessing -name '.*.partial')
+[ -n "$partial" ] || fail "the recording of the first run has gone"
 kill -9 $solver
 wait $solver 2> /dev/null || true
 [ ! -e $file ] || fail "a killed run left $file"
+# What it left is in nobody's way
+cd ../other
+function_object m4gnHarvest "file \"$work/case/$file\";"
+sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
+runs icoFoam
+cd ../case
+m4gn info $file | grep -q '^frames  *5 from 0.002 to 0.01 s' || { m4gn info $file; fail "no recording after the killed one"; }
 
 # A disk that is full (a limit on the size of files is the same to the program)
 clean_case

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A solver state from another library that the case loads: found by name, with its own entries; where two kinds apply,
-# the dictionary must say which.
+# the dictionary must say which. And a function object of that library that moves the mesh.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
@@ -30,4 +30,13 @@ refused 'Entry state is none; expected one of bareFlow, flow, solidDisplacement'
 state 'state flow; projection { nCorrectors 1; }'
 runs icoFoam
 grep -q 'maxDivAfter' log.run || { cat log.run; fail "the flow state was not taken"; }
+
+# A mesh that another function object moves: said with the name of the function object that cannot follow
+move="move { type moveMesh; libs (\"$work/build/libbareFlow.so\"); executeControl timeStep; executeInterval 3; }"
+for object in "m4gnSurrogate; mode observe; model \"$small_model\"" m4gnHarvest; do
+    clean_case
+    echo "watch { libs (m4gnFoam); type $object; } $move" > system/functions
+    refused "Function object watch of type ${object%%;*}: the mesh has moved" icoFoam
+    grep -q 'or run on a fixed mesh' log.run || { cat log.run; fail "no remedy"; }
+done
 echo "state: passed"
