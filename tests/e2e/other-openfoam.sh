@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# The function objects compile against the headers of another OpenFOAM than this machine's: M4GN_OTHER_OPENFOAM is the
+# folder of its source, with src, wmake and META-INFO in it. Takes some minutes.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+[ -n "${M4GN_OTHER_OPENFOAM:-}" ] || skip "M4GN_OTHER_OPENFOAM does not name the source of another OpenFOAM"
+[ -f "$M4GN_OTHER_OPENFOAM/META-INFO/api-info" ] || fail "$M4GN_OTHER_OPENFOAM has no META-INFO/api-info"
+
+mkdir foam libraries
+cp -r "$M4GN_OTHER_OPENFOAM"/{src,wmake,META-INFO} foam
+for library in "${FOAM_LIBRARIES[@]}"; do
+    (cd foam/src && WM_ARCH=linux64 ../wmake/wmakeLnInclude -silent "$library") || true
+    [ -n "$(ls -A "foam/src/$library/lnInclude")" ] || fail "no headers of $library"
+done
+export WM_PROJECT_DIR=$work/foam FOAM_LIBBIN=$work/libraries FOAM_MPI=. WM_LABEL_SIZE=32 WM_PRECISION_OPTION=DP
+# Nothing is linked: CMake looks whether the libraries are there
+names=$(sed -n '/^find_package(OpenFOAM/,/)/p' "$M4GN_HOME/openfoam/CMakeLists.txt" | tr -d '()' | tr ' ' '\n' | grep '^[a-z]' | grep -v find_package)
+for name in OpenFOAM Pstream $names; do
+    : | cc -shared -x c - -o "libraries/lib$name.so"
+done
+runs cmake -S "$M4GN_HOME/openfoam" -B build -G Ninja -DCMAKE_BUILD_TYPE=None
+grep -q "$(sed -n 's/^api=//p' foam/META-INFO/api-info)" build/build.ninja || fail "another version of OpenFOAM was configured"
+objects=$(ninja -C build -t targets all | sed -n 's/^\(.*\.C\.o\): .*/\1/p')
+[ "$(wc -l <<< "$objects")" -gt 40 ] || fail "$(wc -l <<< "$objects") objects to compile"
+# shellcheck disable=SC2086  # one word an object
+runs ninja -C build -k 0 $objects
+echo "other-openfoam: $(wc -l <<< "$objects") files compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
+echo "other-openfoam: passed"
