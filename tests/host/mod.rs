@@ -13,6 +13,7 @@ pub type Handle = *mut c_void;
 
 unsafe extern "C" {
     pub fn m4gn_last_error() -> *const c_char;
+    pub fn m4gn_finalize();
     pub fn m4gn_options_check(kind: *const c_char, options: *const c_char) -> i32;
     pub fn m4gn_model_elastic_modes(comm: i32, model: *const c_char) -> i32;
     pub fn m4gn_session_new(
@@ -29,6 +30,19 @@ unsafe extern "C" {
         n_in: i32,
         out: *const FieldOut,
         n_out: i32,
+    ) -> i32;
+    pub fn m4gn_session_set_obstacle(
+        session: Handle,
+        now: *const f64,
+        after: *const f64,
+        n_obstacle: i32,
+    ) -> i32;
+    pub fn m4gn_session_set_before(
+        session: Handle,
+        displacement: *const f64,
+        n_points: i32,
+        obstacle: *const f64,
+        n_obstacle: i32,
     ) -> i32;
     pub fn m4gn_session_outside(session: Handle, count: *mut i32, why: *mut c_char, why_size: i32) -> i32;
     pub fn m4gn_adapt_new(
@@ -145,6 +159,10 @@ pub struct Host {
     integers: [Vec<i32>; 5],
     longs: [Vec<i64>; 2],
     reals: [Vec<f64>; 2],
+    /// Of a body: types of its points, kinds of its elements, the obstacle's triangles.
+    codes: [Vec<i32>; 3],
+    /// Of a body: its elements' materials, the obstacle's points.
+    figures: [Vec<f64>; 2],
     _names: Vec<CString>,
     names: Vec<*const c_char>,
 }
@@ -185,6 +203,8 @@ impl Host {
             ],
             names: names.iter().map(|n| n.as_ptr()).collect(),
             _names: names,
+            codes: Default::default(),
+            figures: Default::default(),
             mesh,
         });
         let mut directions = [-1; 3];
@@ -194,7 +214,8 @@ impl Host {
         host.data = MeshData {
             n_directions: host.mesh.directions.len() as i32,
             directions,
-            n_cells: host.mesh.n_cells() as i32,
+            // A body's points have no volumes.
+            n_cells: host.mesh.cell_global.len() as i32,
             cell_global: host.mesh.cell_global.as_ptr(),
             cell_centres: host.vectors[0].as_ptr(),
             cell_volumes: host.mesh.cell_volumes.as_ptr(),
@@ -231,11 +252,33 @@ impl Host {
             n_obstacle_triangles: 0,
             obstacle_triangles: null(),
         };
+        host.give_body();
         host
     }
-}
 
-impl Host {
+    /// Hands in the body and the obstacle that the mesh has, if any.
+    fn give_body(&mut self) {
+        if let Some(body) = &self.mesh.body {
+            let values = body.material.iter().map(|m| [m.young, m.poisson, m.density]);
+            self.figures[0] = values.flatten().collect();
+            self.codes[0] = body.types.iter().map(|&t| t as i32).collect();
+            self.codes[1] = body.kind.iter().map(|&k| k as i32).collect();
+            self.data.cell_type = self.codes[0].as_ptr();
+            self.data.n_elements = self.codes[1].len() as i32;
+            self.data.element_kind = self.codes[1].as_ptr();
+            self.data.element_points = body.points.as_ptr();
+            self.data.element_material = self.figures[0].as_ptr();
+        }
+        if let Some(obstacle) = &self.mesh.obstacle {
+            self.figures[1] = obstacle.positions.as_flattened().to_vec();
+            self.codes[2] = obstacle.triangles.as_flattened().to_vec();
+            self.data.n_obstacle = obstacle.positions.len() as i32;
+            self.data.obstacle_positions = self.figures[1].as_ptr();
+            self.data.n_obstacle_triangles = obstacle.triangles.len() as i32;
+            self.data.obstacle_triangles = self.codes[2].as_ptr();
+        }
+    }
+
     /// Hands elastic modes in with the mesh.
     pub fn give_modes(&mut self, modes: &ElasticModes) {
         let cells = modes.vectors.iter().flatten().flatten().copied().collect();

@@ -12,7 +12,7 @@ const STEP: f64 = 0.005;
 
 impl Bench {
     /// An adaptation of this session's model.
-    fn adapt_made(
+    pub fn adapt_made(
         &self,
         session: Handle,
         host: &Host,
@@ -66,7 +66,7 @@ impl Bench {
         for i in 0..12 {
             self.adapt_frame(adapt, &host, STEP * f64::from(i), None, None);
         }
-        let mut ended = match call {
+        let ended = match call {
             "adapt_frame" => self.adapt_frame(adapt, &host, STEP * 12.0, odd, panic),
             "adapt_run" => run(odd, panic),
             "adapt_load" => {
@@ -76,24 +76,13 @@ impl Bench {
             "adapt_save" => file("adapt_save", odd, panic),
             _ => file("adapt_write_model", odd, panic),
         };
-        // After bad input the adaptation works, after a panic it refuses, on all ranks.
         let again = run(None, None);
-        let (low, high) = self.range(again.status);
-        let (low_before, _) = self.range(ended.status);
-        let expected = match low_before < 0 {
-            true => high < 0,
-            false => low == 0 && high == 0,
-        };
-        ended.usable = Some(expected);
-        if !expected {
-            ended.message = format!("the next run gives {low} to {high}: {}", again.message);
-        }
         // SAFETY: freed once.
         timed(|| unsafe {
             m4gn_adapt_free(adapt);
             m4gn_session_free(session);
         });
-        ended
+        self.then(ended, again)
     }
 
     fn adapt_frame(

@@ -42,7 +42,45 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "model",
             "labels",
             "text",
+            "backend",
+            "resolution",
+            "projection",
+            "solid",
         ],
+        "session_new_of_body" => &[
+            "null",
+            "no mesh",
+            "no options",
+            "type",
+            "element",
+            "inverted",
+            "material",
+            "position",
+            "global",
+            "obstacle",
+            "triangle",
+            "overlap",
+            "no obstacle",
+            "no types",
+            "elements",
+            "faces",
+            "backend",
+            "projection",
+            "no projection",
+            "far projection",
+        ],
+        "session_set_obstacle" => &["nan", "infinite", "count", "short", "none", "no now", "no after"],
+        "session_set_before" => &[
+            "nan",
+            "obstacle nan",
+            "count",
+            "short",
+            "obstacle count",
+            "obstacle short",
+            "no body",
+            "no obstacle",
+        ],
+        "session_step_of_body" => &["nan", "moved", "name", "null", "output", "missing", "count"],
         "session_step" => &["missing", "null", "nan", "count", "output"],
         "session_outside" => &["null", "size"],
         "segments_new" => &[
@@ -97,6 +135,7 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "volume",
             "json",
         ],
+        "recorder_finish" => &["taken", "lost"],
         "recorder_append" => &["missing", "nan", "count", "time"],
         "segments_fit" => &["null", "no mesh", "no options", "spec", "json", "labels", "size"],
         "adapt_new" => &[
@@ -122,8 +161,8 @@ pub struct Ended {
     pub message: String,
     /// Collective operations of it.
     pub operations: i64,
-    /// Of a handle: whether a good call works after it.
-    pub usable: Option<bool>,
+    /// Whether the handle can be used afterwards as it should.
+    pub usable: bool,
 }
 
 /// What all calls are made with.
@@ -167,7 +206,21 @@ impl Bench {
         *SCENARIO.lock().unwrap() = format!("{call}, odd {odd:?}, panic {panic:?}");
         match call {
             "elastic_modes" => self.elastic_modes(odd, panic),
-            "session_new" => self.session_new(odd, panic).0,
+            "session_new" => {
+                let (ended, session) = self.session_new(odd, panic);
+                // SAFETY: null, or a session that is not used again.
+                timed(|| unsafe { m4gn_session_free(session) });
+                ended
+            }
+            "session_new_of_body" => {
+                let (ended, session) = self.body_new(odd, panic);
+                // SAFETY: null, or a session that is not used again.
+                timed(|| unsafe { m4gn_session_free(session) });
+                ended
+            }
+            "session_set_obstacle" | "session_set_before" | "session_step_of_body" => {
+                self.body_call(call, odd, panic)
+            }
             "session_step" => self.session_step(odd, panic),
             "session_outside" => self.session_outside(odd, panic),
             "segments_new" => self.segments_new(odd, panic),
@@ -182,9 +235,26 @@ impl Bench {
             "recorder_append" => self.recorder_append(odd, panic),
             "segments_fit" => self.segments_fit(odd, panic),
             "adapt_new" => self.adapt_new(odd, panic),
-            _ if call.starts_with("adapt_") => self.adapt_call(call, odd, panic),
-            _ => self.recorder_finish(panic),
+            "recorder_finish" => self.recorder_finish(odd, panic),
+            _ => self.adapt_call(call, odd, panic),
         }
+    }
+
+    /// What a call's end is, where the same handle was used again: after bad input it works, after a panic it refuses, on
+    /// all ranks. Collective.
+    pub fn then(&self, mut ended: Ended, again: Ended) -> Ended {
+        let (low_before, _) = self.range(ended.status);
+        let (low, high) = self.range(again.status);
+        let expected = match low_before < 0 {
+            true => high < 0,
+            false => low == 0 && high == 0,
+        };
+        if !expected {
+            ended.usable = false;
+            let first = ended.message;
+            ended.message = format!("{first}; the next call gives {low} to {high}: {}", again.message);
+        }
+        ended
     }
 
     /// The call itself, which is under the clock and has the panic.
@@ -197,7 +267,7 @@ impl Bench {
             status,
             operations: operations_since(after),
             message: if status != 0 { message() } else { String::new() },
-            usable: None,
+            usable: true,
         }
     }
 

@@ -6,6 +6,7 @@
 #![allow(unsafe_code)]
 
 mod adapting;
+mod bodies;
 mod calls;
 #[path = "../host/mod.rs"]
 mod host;
@@ -25,11 +26,15 @@ const LIMIT: Duration = Duration::from_secs(20);
 /// Most places in a call at which a panic is tried.
 const PLACES: i64 = 12;
 
-const CALLS: [&str; 17] = [
+const CALLS: [&str; 21] = [
     "elastic_modes",
     "session_new",
     "session_step",
     "session_outside",
+    "session_new_of_body",
+    "session_set_obstacle",
+    "session_set_before",
+    "session_step_of_body",
     "segments_new",
     "modes_new",
     "solid_modes_new",
@@ -220,7 +225,7 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
                     found.status, found.message
                 ));
             }
-            if found.usable == Some(false) {
+            if !found.usable {
                 failures.push(format!(
                     "'{what}' on rank {odd_rank} broke the handle: {}",
                     found.message
@@ -236,6 +241,12 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
                 failures.push(format!(
                     "a panic on rank {odd_rank} at operation {at} of {n}: statuses from {low} to {high}; here {} {}",
                     found.status, found.message
+                ));
+            }
+            if !found.usable {
+                failures.push(format!(
+                    "a panic on rank {odd_rank} at operation {at} of {n} left a handle that is not refused: {}",
+                    found.message
                 ));
             }
         }

@@ -5,6 +5,7 @@ use crate::host::*;
 use crate::timed;
 use m4gn::RecorderField;
 use serde_json::json;
+use std::path::PathBuf;
 
 impl Bench {
     pub fn recorder_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
@@ -73,26 +74,73 @@ impl Bench {
             })
         };
         let ended = append(0.5, odd, panic);
-        append(2.5, None, None);
+        let again = append(2.5, None, None);
+        let finished = self.finished(recorder, None, None);
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_recorder_free(recorder) });
-        ended
+        self.then(self.then(ended, again), finished)
     }
 
-    pub fn recorder_finish(&self, panic: Option<u32>) -> Ended {
+    /// A recording with one frame.
+    fn recorded(&self) -> (Ended, Handle) {
         let (made, recorder) = self.recorder_new(None, None);
         if made.status != 0 {
-            return made;
+            return (made, recorder);
         }
         let host = self.host(None);
         let (u, p, b) = values(&host);
         let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        // SAFETY: arrays of their lengths; freed once.
-        unsafe {
-            m4gn_recorder_append(recorder, 0.0, fields.as_ptr(), 2);
-            let ended = self.made(panic, || m4gn_recorder_finish(recorder));
-            timed(|| m4gn_recorder_free(recorder));
-            ended
+        // SAFETY: arrays of their lengths.
+        let ended = self.made(None, || unsafe {
+            m4gn_recorder_append(recorder, 0.0, fields.as_ptr(), 2)
+        });
+        (ended, recorder)
+    }
+
+    /// The handle is all that this call is given, and must be valid; the rest of what may go wrong is with the file.
+    fn finished(&self, recorder: Handle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        // The first rank's folder is the one that is written to.
+        let mut folder = self.folder.path().display().to_string().into_bytes();
+        self.world.broadcast(&mut folder);
+        let folder = PathBuf::from(String::from_utf8(folder).unwrap());
+        match odd {
+            Some("taken") => {
+                let _ = std::fs::remove_file(folder.join("a.h5"));
+                std::fs::create_dir(folder.join("a.h5")).unwrap();
+            }
+            Some("lost") => {
+                for entry in std::fs::read_dir(&folder).unwrap() {
+                    std::fs::remove_file(entry.unwrap().path()).unwrap();
+                }
+            }
+            _ => (),
         }
+        // SAFETY: a recorder of ours.
+        let ended = self.made(panic, || unsafe { m4gn_recorder_finish(recorder) });
+        self.world.barrier();
+        if odd == Some("taken") {
+            std::fs::remove_dir(folder.join("a.h5")).unwrap();
+        }
+        ended
+    }
+
+    pub fn recorder_finish(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (made, recorder) = self.recorded();
+        if made.status != 0 {
+            return made;
+        }
+        let mut ended = self.finished(recorder, odd, panic);
+        // What is finished, or was given up, is not finished again: all ranks say so.
+        let again = self.finished(recorder, None, None);
+        let (low, high) = self.range(again.status);
+        let (low_before, _) = self.range(ended.status);
+        let refused = if low_before < 0 { high < 0 } else { low > 0 };
+        if !refused {
+            ended.usable = false;
+            ended.message = format!("finished again it gives {low} to {high}: {}", again.message);
+        }
+        // SAFETY: freed once.
+        timed(|| unsafe { m4gn_recorder_free(recorder) });
+        ended
     }
 }

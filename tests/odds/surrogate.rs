@@ -3,7 +3,7 @@
 use crate::calls::{Bench, Ended, Oddity, c, field, output, unless, unless_mut, values};
 use crate::host::*;
 use crate::timed;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::ptr::null;
 
 impl Bench {
@@ -38,10 +38,27 @@ impl Bench {
         match odd {
             Some("precision") => settings["precision"] = "bf16".into(),
             Some("text") => settings["backend"] = "abacus".into(),
+            // Each of these is valid where all ranks give it.
+            Some("backend") => settings["backend"] = "torch:cpu".into(),
+            Some("resolution") => settings["resolution"] = 0.3.into(),
+            Some("projection") => settings["projection"] = json!({ "sweeps": 3 }),
+            Some("solid") => settings["solid"] = json!({ "E": [1e6, 1e6], "schemes": ["Euler"] }),
             _ => (),
         }
-        let settings = options(&settings);
         let cell_segment = unless(odd != Some("labels"), labels.as_ptr());
+        self.session_of(&host, &settings, cell_segment, odd, panic)
+    }
+
+    /// A session on the host's mesh. One with something odd about it is freed at once.
+    pub fn session_of(
+        &self,
+        host: &Host,
+        settings: &Value,
+        cell_segment: *const i32,
+        odd: Option<Oddity>,
+        panic: Option<u32>,
+    ) -> (Ended, Handle) {
+        let settings = options(settings);
         let mut session = none();
         let place = unless_mut(odd == Some("null"), &raw mut session);
         let mesh = unless(odd == Some("no mesh"), &raw const host.data);
@@ -57,55 +74,42 @@ impl Bench {
         (ended, session)
     }
 
+    /// A step of a session of U and p.
+    fn flow_step(&self, session: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (mut u, p, b) = values(host);
+        if odd == Some("nan") {
+            u[0] = f64::NAN;
+        }
+        let (mut u_out, mut p_out) = (u.clone(), p.clone());
+        let mut fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
+        let mut out = [output(c"U", 3, &mut u_out), output(c"p", 1, &mut p_out)];
+        match odd {
+            Some("null") => fields[1].cells = null(),
+            Some("output") => out[0].components = 2,
+            _ => (),
+        }
+        let n = match odd {
+            Some("missing") => 1,
+            Some("count") => -3,
+            _ => 2,
+        };
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        self.made(panic, || unsafe {
+            m4gn_session_step(session, fields.as_ptr(), n, out.as_ptr(), 2)
+        })
+    }
+
     pub fn session_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (made, session) = self.session_new(None, None);
         if made.status != 0 {
             return made;
         }
         let host = self.host(None);
-        let step = |odd: Option<Oddity>, panic| {
-            let (mut u, p, b) = values(&host);
-            if odd == Some("nan") {
-                u[0] = f64::NAN;
-            }
-            let (mut u_out, mut p_out) = (u.clone(), p.clone());
-            let mut fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-            let mut out = [output(c"U", 3, &mut u_out), output(c"p", 1, &mut p_out)];
-            match odd {
-                Some("null") => fields[1].cells = null(),
-                Some("output") => out[0].components = 2,
-                _ => (),
-            }
-            let n = match odd {
-                Some("missing") => 1,
-                Some("count") => -3,
-                _ => 2,
-            };
-            // SAFETY: arrays of their lengths, or what the call refuses.
-            self.made(panic, || unsafe {
-                m4gn_session_step(session, fields.as_ptr(), n, out.as_ptr(), 2)
-            })
-        };
-        let mut ended = step(odd, panic);
-        if odd.is_some() || panic.is_none() {
-            ended.usable = Some(true);
-        }
-        // After bad input the session works, after a panic it refuses, on all ranks.
-        let again = step(None, None);
-        let (low, high) = self.range(again.status);
-        let (low_before, _) = self.range(ended.status);
-        let expected = if low_before < 0 {
-            high < 0
-        } else {
-            low == 0 && high == 0
-        };
-        if !expected {
-            ended.usable = Some(false);
-            ended.message = format!("the next step gives {low} to {high}: {}", again.message);
-        }
+        let ended = self.flow_step(session, &host, odd, panic);
+        let again = self.flow_step(session, &host, None, None);
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_session_free(session) });
-        ended
+        self.then(ended, again)
     }
 
     /// After a step: before one there is nothing that the ranks would have to bring together.
@@ -115,12 +119,7 @@ impl Bench {
             return made;
         }
         let host = self.host(None);
-        let (u, p, b) = values(&host);
-        let (mut u_out, mut p_out) = (u.clone(), p.clone());
-        let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        let out = [output(c"U", 3, &mut u_out), output(c"p", 1, &mut p_out)];
-        // SAFETY: arrays of their lengths.
-        timed(|| unsafe { m4gn_session_step(session, fields.as_ptr(), 2, out.as_ptr(), 2) });
+        self.flow_step(session, &host, None, None);
         let (mut count, mut why) = (0, [0; 200]);
         let place = unless_mut(odd == Some("null"), &raw mut count);
         let size = if odd == Some("size") { -1 } else { 200 };
@@ -128,9 +127,10 @@ impl Bench {
         let ended = self.made(panic, || unsafe {
             m4gn_session_outside(session, place, why.as_mut_ptr(), size)
         });
+        let again = self.flow_step(session, &host, None, None);
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_session_free(session) });
-        ended
+        self.then(ended, again)
     }
 
     pub fn segments_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {

@@ -1,0 +1,185 @@
+//! Sessions of a body at points under an obstacle, whose model reads the stride before.
+
+use crate::calls::{Bench, Ended, Oddity, field, output, unless};
+use crate::host::*;
+use crate::timed;
+use m4gn_contact::sample;
+use m4gn_mesh::NodeType;
+use m4gn_model::Model;
+use m4gn_model::sample::bodies;
+use serde_json::json;
+use std::path::PathBuf;
+use std::ptr::null;
+
+/// Points of the obstacle.
+const N_OBSTACLE: usize = 6;
+
+/// Where the obstacle's points are after so many steps.
+fn motion(step: i32) -> Vec<f64> {
+    [0.0, 0.0, -0.05 * f64::from(step)].repeat(N_OBSTACLE)
+}
+
+impl Bench {
+    /// A model file; each rank has one of the same name and content.
+    fn body_model(&self) -> PathBuf {
+        let path = self.folder.path().join("body.safetensors");
+        if !path.exists() {
+            let mut spec = bodies();
+            if let Some(contact) = &mut spec.contact {
+                contact.history = 1;
+            }
+            (spec.segments.count, spec.segments.modes) = (3, 1);
+            let mut model = Model::random(spec, 5).unwrap();
+            // Random weights move points far.
+            model.tensors.get_mut("norm.output.std").unwrap().data.fill(0.01);
+            model.write(&path).unwrap();
+        }
+        path
+    }
+
+    fn body_host(&self, odd: Option<Oddity>) -> Box<Host> {
+        let body = sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
+        let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
+        // In turns along the beam, so that a rank's points are no single stretch of the numbering.
+        let size = self.world.size();
+        let ranks: Vec<i32> = (0..body.positions.len() as i32).map(|p| p % 7 % size).collect();
+        let mut mesh = body.share(Some(&obstacle), &ranks, self.world.rank());
+        if let (Some(share), Some(obstacle)) = (&mut mesh.body, &mut mesh.obstacle) {
+            match odd {
+                Some("type") => share.types[1] = NodeType::Wall,
+                Some("element") => share.points[3] = 1 << 40,
+                Some("inverted") => share.points[..8].rotate_left(4),
+                Some("material") => share.material[0].poisson = f64::NAN,
+                Some("position") => mesh.cell_centres[2][1] = f64::INFINITY,
+                Some("global") => mesh.cell_global[0] = 1 << 40,
+                Some("obstacle") => obstacle.positions[4][2] += 0.1,
+                Some("triangle") => obstacle.triangles[2][1] = N_OBSTACLE as i32,
+                Some("overlap") => obstacle.positions.iter_mut().for_each(|x| x[2] -= 0.5),
+                Some("no obstacle") => mesh.obstacle = None,
+                _ => (),
+            }
+        }
+        let mut host = Host::new(mesh);
+        match odd {
+            Some("no types") => host.data.cell_type = null(),
+            Some("elements") => host.data.n_elements = -1,
+            Some("faces") => host.data.n_faces = 1,
+            _ => (),
+        }
+        host
+    }
+
+    pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
+        let mut settings = json!({ "model": self.body_model(), "projection": {} });
+        match odd {
+            Some("backend") => settings["backend"] = "torch".into(),
+            Some("projection") => settings["projection"] = json!({ "sweeps": 13 }),
+            Some("no projection") => settings["projection"] = json!(null),
+            Some("far projection") => settings["projection"] = json!({ "radius": -1.0 }),
+            _ => (),
+        }
+        self.session_of(&self.body_host(odd), &settings, null(), odd, panic)
+    }
+
+    /// A call on a session of a body. The displacement before it is none.
+    pub fn body_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (made, session) = self.body_new(None, None);
+        if made.status != 0 {
+            return made;
+        }
+        let n = self.body_host(None).mesh.cell_global.len();
+        let ended = match call {
+            "session_set_obstacle" => self.set_obstacle(session, odd, panic),
+            "session_set_before" => self.set_before(session, n, odd, panic),
+            _ => {
+                self.set_obstacle(session, None, None);
+                self.body_step(session, n, odd, panic)
+            }
+        };
+        let after = [
+            self.set_obstacle(session, None, None),
+            self.set_before(session, n, None, None),
+            self.body_step(session, n, None, None),
+        ];
+        // SAFETY: freed once.
+        timed(|| unsafe { m4gn_session_free(session) });
+        after
+            .into_iter()
+            .fold(ended, |ended, next| self.then(ended, next))
+    }
+
+    fn set_obstacle(&self, session: Handle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (mut now, mut after) = (motion(0), motion(1));
+        match odd {
+            Some("nan") => now[4] = f64::NAN,
+            Some("infinite") => after[17] = f64::INFINITY,
+            _ => (),
+        }
+        let n = match odd {
+            Some("count") => -1,
+            Some("short") => 5,
+            Some("none") => 0,
+            _ => N_OBSTACLE as i32,
+        };
+        let now = unless(odd == Some("no now"), now.as_ptr());
+        let after = unless(odd == Some("no after"), after.as_ptr());
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        self.made(panic, || unsafe {
+            m4gn_session_set_obstacle(session, now, after, n)
+        })
+    }
+
+    /// Of a body at rest.
+    fn set_before(&self, session: Handle, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (mut body, mut obstacle) = (vec![0.0; 3 * n], motion(0));
+        match odd {
+            Some("nan") => body[1] = f64::NAN,
+            Some("obstacle nan") => obstacle[4] = f64::NAN,
+            _ => (),
+        }
+        let n_points = match odd {
+            Some("count") => -1,
+            Some("short") => n as i32 - 1,
+            _ => n as i32,
+        };
+        let n_obstacle = match odd {
+            Some("obstacle count") => -1,
+            Some("obstacle short") => 5,
+            _ => N_OBSTACLE as i32,
+        };
+        let body = unless(odd == Some("no body"), body.as_ptr());
+        let obstacle = unless(odd == Some("no obstacle"), obstacle.as_ptr());
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        self.made(panic, || unsafe {
+            m4gn_session_set_before(session, body, n_points, obstacle, n_obstacle)
+        })
+    }
+
+    fn body_step(&self, session: Handle, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let mut displacement = vec![0.0; 3 * n];
+        match odd {
+            Some("nan") => displacement[2] = f64::NAN,
+            // The others' points have not moved: nobody says where this rank's were before.
+            Some("moved") => displacement[3] = 0.1,
+            _ => (),
+        }
+        let mut end = displacement.clone();
+        let name = if odd == Some("name") { c"U" } else { c"D" };
+        let mut fields = [field(name, 3, &displacement, &[])];
+        let mut out = [output(c"D", 3, &mut end)];
+        match odd {
+            Some("null") => fields[0].cells = null(),
+            Some("output") => out[0].components = 1,
+            _ => (),
+        }
+        let n_fields = match odd {
+            Some("missing") => 0,
+            Some("count") => -2,
+            _ => 1,
+        };
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        self.made(panic, || unsafe {
+            m4gn_session_step(session, fields.as_ptr(), n_fields, out.as_ptr(), 1)
+        })
+    }
+}
