@@ -1,7 +1,7 @@
 //! The calls that are tried, what may be odd in them, and how they end.
 
 use crate::host::*;
-use crate::{SCENARIO, timed};
+use crate::{FAULT, SCENARIO, timed};
 use m4gn::{FieldData, FieldOut};
 use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
 use m4gn_mesh::sample;
@@ -236,8 +236,35 @@ impl Bench {
             "segments_fit" => self.segments_fit(odd, panic),
             "adapt_new" => self.adapt_new(odd, panic),
             "recorder_finish" => self.recorder_finish(odd, panic),
+            "session_free" | "recorder_free" | "adapt_free" | "finalize" => self.last_call(call, panic),
             _ => self.adapt_call(call, odd, panic),
         }
+    }
+
+    /// The call that ends an object, or the library, which says nothing and has nothing that could be odd: the rank that
+    /// is to break does so in its place.
+    fn last_call(&self, call: &str, panic: Option<u32>) -> Ended {
+        let (made, session) = self.session_new(None, None);
+        let (adapted, adapt) = self.adapt_made(session, &self.host(None), None, None);
+        let (recorded, recorder) = self.recorder_new(None, None);
+        for ended in [made, adapted, recorded] {
+            if ended.status != 0 {
+                return ended;
+            }
+        }
+        self.made(None, || {
+            assert!(panic.is_none(), "{FAULT}");
+            // SAFETY: objects of ours, freed once.
+            unsafe {
+                match call {
+                    "session_free" => m4gn_session_free(session),
+                    "adapt_free" => m4gn_adapt_free(adapt),
+                    "recorder_free" => m4gn_recorder_free(recorder),
+                    _ => m4gn_finalize(),
+                }
+            }
+            0
+        })
     }
 
     /// What a call's end is, where the same handle was used again: after bad input it works, after a panic it refuses, on
