@@ -1,14 +1,15 @@
 //! What a host hands to the C ABI.
 
-use crate::damaged::{at, host, shorter, size, word};
+use crate::damaged::{at, host, n_cells, not_internal, settings_as_text, shorter, size, word};
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{place, read_all, root};
 use m4gn::{CsrData, FieldData, FieldOut, RecorderField};
 use m4gn_mesh::parallel::NO_MPI;
+use m4gn_mesh::sample;
 use m4gn_modes::fem::sample::{Flat, Kind, block, rectangle};
-use serde_json::{Value, json};
-use std::ffi::CString;
+use serde_json::json;
+use std::ffi::{CStr, CString};
 use std::ptr::null;
 
 #[test]
@@ -16,7 +17,7 @@ fn session_arguments() {
     let model = root().join("tests/cabi/small.safetensors");
     fuzz("session", |r| {
         let h = host(r);
-        let labels: Vec<i32> = (0..h.mesh.n_cells()).map(|_| label(r)).collect();
+        let labels: Vec<i32> = (0..n_cells(&h)).map(|_| label(r)).collect();
         let mut o = json!({ "model": model, "segments": {} });
         let mut cell_segment = null();
         let s = &mut o["segments"];
@@ -41,7 +42,7 @@ fn session_arguments() {
                 s["petsc_options"] = (*r.pick(&texts)).into();
             }
         }
-        let o = damaged(&o, r);
+        let o = settings_as_text(&o, r);
         let mut session = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
@@ -51,13 +52,13 @@ fn session_arguments() {
                 let (cells, faces) = (vec![value; 3 * n], vec![value; 3 * b]);
                 let mut out = vec![0.0; 4 * n];
                 let (u_out, p_out) = out.split_at_mut(3 * n);
-                let field = |name: &'static std::ffi::CStr, components: i32| FieldData {
+                let field = |name: &'static CStr, components: i32| FieldData {
                     name: name.as_ptr(),
                     components,
                     cells: cells.as_ptr(),
                     boundary: faces.as_ptr(),
                 };
-                let to = |name: &'static std::ffi::CStr, components: i32, cells: &mut [f64]| FieldOut {
+                let to = |name: &'static CStr, components: i32, cells: &mut [f64]| FieldOut {
                     name: name.as_ptr(),
                     components,
                     cells: cells.as_mut_ptr(),
@@ -76,24 +77,6 @@ fn session_arguments() {
         }
         size(&h)
     });
-}
-
-/// The settings as text, now and then with bytes that were changed.
-fn damaged(settings: &Value, r: &mut Random) -> CString {
-    let mut text = settings.to_string().into_bytes();
-    match r.below(8) {
-        0 => r.damage(&mut text),
-        1 => r.damage_number(&mut text, 0),
-        _ => (),
-    }
-    text.retain(|b| *b != 0);
-    CString::new(text).unwrap()
-}
-
-/// Fails after a panic behind the ABI's door, which is a status there.
-fn not_internal() {
-    let message = message();
-    assert!(!message.contains("internal error"), "{message}");
 }
 
 fn label(r: &mut Random) -> i32 {
@@ -116,11 +99,11 @@ fn stored_segments() {
             let solver = *r.pick(&["direct", "iterative", "none"]);
             settings["segments"]["modal_solver"] = solver.into();
         }
-        let settings = damaged(&settings, r);
+        let settings = settings_as_text(&settings, r);
         let labels: Vec<i32> = match r.below(3) {
             // All four, as a good one has them.
-            0 => (0..h.mesh.n_cells()).map(|c| c as i32 % 4).collect(),
-            _ => (0..h.mesh.n_cells()).map(|_| label(r)).collect(),
+            0 => (0..n_cells(&h)).map(|c| c as i32 % 4).collect(),
+            _ => (0..n_cells(&h)).map(|_| label(r)).collect(),
         };
         let cell_segment = if r.below(3) == 0 { null() } else { labels.as_ptr() };
         let mut segments = none();
@@ -132,6 +115,92 @@ fn stored_segments() {
         }
         size(&h)
     });
+}
+
+/// Whether what is stored fits, with the record that was stored beside it.
+#[test]
+fn stored_segments_and_their_record() {
+    let (good, record) = cut();
+    let entries = json!({ "method": "slic-md", "count": 4, "modes": 3 });
+    fuzz("fit", |r| {
+        let h = host(r);
+        let mut settings = json!({ "segments": entries });
+        match r.below(8) {
+            0 => settings["segments"]["count"] = r.integer().into(),
+            1 => settings["segments"]["tau"] = r.real().into(),
+            2 => settings["segments"]["obstacles"] = json!([r.pick(&["wall", "", "left"])]),
+            3 => settings["model"] = root().join("tests/cabi/small.safetensors").to_str().into(),
+            4 => settings["model"] = "/nowhere/other.safetensors".into(),
+            _ => (),
+        }
+        let settings = settings_as_text(&settings, r);
+        let mut labels = good.clone();
+        labels.resize(n_cells(&h), 0);
+        if r.below(2) == 0 {
+            labels.iter_mut().for_each(|l| *l = label(r));
+        }
+        let mut text = record.clone();
+        match r.below(4) {
+            0 => (),
+            1 => text.clear(),
+            2 => r.damage_number(&mut text, 0),
+            _ => r.damage(&mut text),
+        }
+        text.retain(|b| *b != 0);
+        let text = CString::new(text).unwrap();
+        let stored = if r.below(8) == 0 { null() } else { text.as_ptr() };
+        let labels = if r.below(16) == 0 { null() } else { labels.as_ptr() };
+        let (mut fit, mut why) = (-1, [1; 200]);
+        let why_size = *r.pick(&[-1, 0, 1, 20, 200]);
+        // SAFETY: arrays at least of the lengths that the counts say.
+        let status = unsafe {
+            m4gn_segments_fit(
+                NO_MPI,
+                &h.data,
+                settings.as_ptr(),
+                labels,
+                stored,
+                &mut fit,
+                why.as_mut_ptr(),
+                why_size,
+            )
+        };
+        not_internal();
+        if status == 0 {
+            assert!((0..=1).contains(&fit), "fit {fit}");
+            let written = &why[..why_size as usize];
+            assert!(
+                written.is_empty() || written.contains(&0),
+                "an answer without an end"
+            );
+            assert!(
+                fit == 0 || written.first().is_none_or(|c| *c == 0),
+                "it fits, and why not"
+            );
+        }
+        assert!(
+            why[why_size.max(0) as usize..].iter().all(|c| *c == 1),
+            "written too far"
+        );
+        size(&h) + text.as_bytes().len()
+    });
+}
+
+/// Good labels of a good mesh, and their record.
+fn cut() -> (Vec<i32>, Vec<u8>) {
+    let h = Host::new(sample::triangles(4, 3, 1.0, 0.7));
+    let settings = options(&json!({ "segments": { "method": "slic-md", "count": 4, "modes": 3 } }));
+    let mut labels = vec![0; n_cells(&h)];
+    let mut segments = none();
+    // SAFETY: arrays of the lengths that the counts say; the record lives as long as the segments.
+    unsafe {
+        let made = m4gn_segments_new(NO_MPI, &h.data, settings.as_ptr(), null(), &mut segments);
+        assert_eq!(made, 0, "{}", message());
+        m4gn_segments_cells(segments, labels.as_mut_ptr());
+        let record = CStr::from_ptr(m4gn_segments_record(segments)).to_bytes().to_vec();
+        m4gn_segments_free(segments);
+        (labels, record)
+    }
 }
 
 #[test]
@@ -183,7 +252,7 @@ fn matrices() {
             5 => o["modal_solver"] = (*r.pick(&["direct", "iterative"])).into(),
             _ => (),
         }
-        let o = damaged(&o, r);
+        let o = settings_as_text(&o, r);
         let mut modes = none();
         let mass = if r.below(2) == 0 { null() } else { &raw const mass };
         // SAFETY: arrays at least of the lengths that the counts say.
@@ -239,7 +308,7 @@ fn elastic_bodies() {
             _ => (),
         }
         let modes = if r.below(6) == 0 { r.integer() } else { 3 };
-        let o = damaged(&json!({ "modes": modes }), r);
+        let o = settings_as_text(&json!({ "modes": modes }), r);
         let mut modes = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {

@@ -1,8 +1,9 @@
-//! Fuzz targets: files as they are read, and (`abi.rs`) what a host hands to the C ABI. See `../fuzzing/mod.rs`.
+//! Fuzz targets: files as they are read, and (`abi.rs`, `bodies.rs`) what a host hands to the C ABI. See `../fuzzing/mod.rs`.
 #![allow(unsafe_code)]
 
 mod abi;
 mod adapt;
+mod bodies;
 mod control;
 mod damaged;
 #[path = "../fuzzing/mod.rs"]

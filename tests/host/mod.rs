@@ -5,6 +5,8 @@
 use m4gn::{AdaptReport, CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData, StrideError};
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
+use m4gn_model::Model;
+use m4gn_model::sample::bodies;
 use m4gn_modes::fem::PointMesh;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::ptr::{null, null_mut};
@@ -97,6 +99,8 @@ unsafe extern "C" {
         segments: *mut Handle,
     ) -> i32;
     pub fn m4gn_segments_free(segments: Handle);
+    pub fn m4gn_segments_cells(segments: Handle, cell_segment: *mut i32) -> i32;
+    pub fn m4gn_segments_record(segments: Handle) -> *const c_char;
     pub fn m4gn_segments_fit(
         comm: i32,
         mesh: *const MeshData,
@@ -340,6 +344,17 @@ impl BodyHost {
         };
         host
     }
+}
+
+/// A small model of bodies at points, which reads so many strides of the past.
+pub fn body_model(history: usize) -> Model {
+    let mut spec = bodies();
+    spec.contact.as_mut().unwrap().history = history;
+    (spec.segments.count, spec.segments.modes) = (3, 1);
+    let mut model = Model::random(spec, 5).unwrap();
+    // Random weights move points far.
+    model.tensors.get_mut("norm.output.std").unwrap().data.fill(0.01);
+    model
 }
 
 /// No handle yet.

@@ -5,8 +5,6 @@ use crate::host::*;
 use crate::timed;
 use m4gn_contact::sample;
 use m4gn_mesh::NodeType;
-use m4gn_model::Model;
-use m4gn_model::sample::bodies;
 use serde_json::json;
 use std::path::PathBuf;
 use std::ptr::null;
@@ -21,18 +19,10 @@ fn motion(step: i32) -> Vec<f64> {
 
 impl Bench {
     /// A model file; each rank has one of the same name and content.
-    fn body_model(&self) -> PathBuf {
+    fn body_model_file(&self) -> PathBuf {
         let path = self.folder.path().join("body.safetensors");
         if !path.exists() {
-            let mut spec = bodies();
-            if let Some(contact) = &mut spec.contact {
-                contact.history = 1;
-            }
-            (spec.segments.count, spec.segments.modes) = (3, 1);
-            let mut model = Model::random(spec, 5).unwrap();
-            // Random weights move points far.
-            model.tensors.get_mut("norm.output.std").unwrap().data.fill(0.01);
-            model.write(&path).unwrap();
+            body_model(1).write(&path).unwrap();
         }
         path
     }
@@ -70,7 +60,7 @@ impl Bench {
     }
 
     pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
-        let mut settings = json!({ "model": self.body_model(), "projection": {} });
+        let mut settings = json!({ "model": self.body_model_file(), "projection": {} });
         match odd {
             Some("backend") => settings["backend"] = "torch".into(),
             Some("projection") => settings["projection"] = json!({ "sweeps": 13 }),

@@ -1,0 +1,108 @@
+//! What a host hands to sessions of bodies at points.
+
+use crate::damaged::{at, body_host, not_internal, settings_as_text, shorter, size};
+use crate::fuzzing::{Random, fuzz};
+use crate::host::*;
+use crate::place;
+use m4gn::{FieldData, FieldOut};
+use m4gn_mesh::parallel::NO_MPI;
+use serde_json::json;
+use std::ptr::null;
+
+/// A displacement of so many points, some of them nowhere.
+fn displacement(n: usize, r: &mut Random) -> Vec<f64> {
+    let mut values = vec![*r.pick(&[0.0, 0.0, 0.1, -0.2]); 3 * n];
+    if r.below(3) == 0 && n > 0 {
+        *at(&mut values, r) = r.real();
+    }
+    values
+}
+
+/// A count that is right, now and then another one that its arrays have.
+fn counted(n: usize, r: &mut Random) -> i32 {
+    let mut n = n as i32;
+    if r.below(8) == 0 {
+        shorter(&mut n, r);
+    }
+    n
+}
+
+#[test]
+fn bodies_at_points() {
+    let (_folder, path) = place("body.safetensors");
+    let paths = [0, 1].map(|history| {
+        let path = path.with_extension(format!("{history}"));
+        body_model(history).write(&path).unwrap();
+        path
+    });
+    fuzz("body", |r| {
+        let h = body_host(r);
+        let mut o = json!({ "model": r.pick(&paths) });
+        // Mostly what makes a session, so that there is one to be given the rest.
+        match r.below(20) {
+            0 => o["projection"] = json!({ "radius": r.real() }),
+            1 => o["projection"] = json!({ "sweeps": r.integer() }),
+            2 => o["projection"] = json!({ "clearance": r.real(), "tolerance": r.real() }),
+            3 => o["segments"] = json!({ "count": r.integer() }),
+            4 => o["segments"] = json!({ "size": r.real() }),
+            5 => o["backend"] = "torch".into(),
+            6..10 => o["projection"] = json!({ "self_contact": true }),
+            10..14 => o["projection"] = json!({}),
+            _ => (),
+        }
+        let o = settings_as_text(&o, r);
+        let mut session = none();
+        // SAFETY: arrays at least of the lengths that the counts say.
+        unsafe {
+            if m4gn_session_new(NO_MPI, &h.data, o.as_ptr(), null(), &mut session) == 0 {
+                for _ in 0..2 {
+                    step(session, h.data.n_cells as usize, h.data.n_obstacle as usize, r);
+                }
+            }
+            not_internal();
+            m4gn_session_free(session);
+        }
+        size(&h)
+    });
+}
+
+/// A step with all that is said before it.
+///
+/// # Safety
+/// `session` must be one of a body of `n` points under an obstacle of so many.
+unsafe fn step(session: Handle, n: usize, n_obstacle: usize, r: &mut Random) {
+    let (now, after) = (displacement(n_obstacle, r), displacement(n_obstacle, r));
+    let (before, there) = (displacement(n, r), displacement(n_obstacle, r));
+    let start = displacement(n, r);
+    let mut end = start.clone();
+    let field = FieldData {
+        name: c"D".as_ptr(),
+        components: 3,
+        cells: start.as_ptr(),
+        boundary: null(),
+    };
+    let out = FieldOut {
+        name: c"D".as_ptr(),
+        components: 3,
+        cells: end.as_mut_ptr(),
+    };
+    // SAFETY: arrays at least of the lengths that the counts say.
+    let stepped = unsafe {
+        if r.below(8) > 0 {
+            m4gn_session_set_obstacle(session, now.as_ptr(), after.as_ptr(), counted(n_obstacle, r));
+        }
+        if r.below(2) == 0 {
+            let (n, q) = (counted(n, r), counted(n_obstacle, r));
+            m4gn_session_set_before(session, before.as_ptr(), n, there.as_ptr(), q);
+        }
+        m4gn_session_step(session, &field, 1, &out, 1)
+    };
+    let good = match stepped {
+        0 => end.iter().all(|v| v.is_finite()),
+        _ => end.iter().zip(&start).all(|(a, b)| a.to_bits() == b.to_bits()),
+    };
+    assert!(
+        good,
+        "a step that ended with {stepped} wrote what is not finite, or wrote at all: {end:?}"
+    );
+}
