@@ -197,6 +197,8 @@ int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
  *   backend         "native"    "native", "torch", or "torch:DEVICE", e.g. "torch:cuda:0"
  *   n_threads       1           threads of this rank
  *   precision       "fp32"      "fp32", "bf16", or "auto": of the native backend's products
+ *   resolution      "auto"      of fields at cells: mean distance of the network's nodes, "auto" for what the model was trained
+ *                               on, "off" for a node a cell, or a length, m
  *   segments        {}          what differs from the segmentation that the model was trained with, see above
  *   projection      null        of a body: its contact with the obstacle is projected after each step. Object with what
  *                               differs from the defaults, {"clearance": 0.0, "tolerance": 0.005, "radius": 6.0,

@@ -41,7 +41,7 @@ pub struct SessionHandle {
     /// The fields' names as C reads them.
     names: Vec<CString>,
     segment_record: CString,
-    /// Set while a step runs: a step that panicked leaves it, and the handle may only be freed.
+    /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
     broken: bool,
 }
 
@@ -102,6 +102,20 @@ fn handle(session: Session) -> Result<SessionHandle> {
 }
 
 impl SessionHandle {
+    /// What a call that changes the session does. Collective.
+    fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
+        let broken = std::mem::replace(&mut self.broken, true);
+        let comm = self.session.comm().clone();
+        let result = comm.guarded(|| match broken {
+            true => Err(Error::Internal(
+                "the session broke in an earlier call and can only be freed".into(),
+            )),
+            false => work(self),
+        });
+        self.broken = matches!(result, Err(Error::Internal(_)));
+        result.map(|()| 0)
+    }
+
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
     unsafe fn step(&mut self, fields: (*const FieldData, i32), out: (*const FieldOut, i32)) -> Result<()> {
@@ -257,17 +271,15 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
         let handle = unsafe { raw::reference_mut("session", session)? };
-        let comm = handle.session.comm().clone();
-        comm.guarded(|| {
+        handle.guarded(|handle| {
             let read = || {
                 let n = raw::count("n_obstacle", n_obstacle)?;
                 // SAFETY: the host's arrays, as the header says.
                 unsafe { Ok((raw::vectors("now", now, n)?, raw::vectors("after", after, n)?)) }
             };
-            let (now, after) = comm.agree(read())?;
+            let (now, after) = handle.session.comm().agree(read())?;
             handle.session.set_obstacle(now, after)
-        })?;
-        Ok(0)
+        })
     }
 
     /// Where body and obstacle were one stride before the next step.
@@ -280,17 +292,15 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
         let handle = unsafe { raw::reference_mut("session", session)? };
-        let comm = handle.session.comm().clone();
-        comm.guarded(|| {
+        handle.guarded(|handle| {
             let read = || {
                 let (n, q) = (raw::count("n_points", n_points)?, raw::count("n_obstacle", n_obstacle)?);
                 // SAFETY: the host's arrays, as the header says.
                 unsafe { Ok((raw::vectors("displacement", displacement, n)?, raw::vectors("obstacle", obstacle, q)?)) }
             };
-            let (displacement, obstacle) = comm.agree(read())?;
+            let (displacement, obstacle) = handle.session.comm().agree(read())?;
             handle.session.set_before(displacement, obstacle)
-        })?;
-        Ok(0)
+        })
     }
 
     /// What the projection did in the last step.
@@ -345,17 +355,7 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
         let handle = unsafe { raw::reference_mut("session", session)? };
-        let broken = std::mem::replace(&mut handle.broken, true);
-        let comm = handle.session.comm().clone();
-        // The ranks agree within the step.
-        let result = comm.guarded(|| {
-            if broken {
-                return Err(Error::Internal("the session broke in an earlier step and can only be freed".into()));
-            }
-            // SAFETY: the host's arrays, as the header says.
-            unsafe { handle.step((fields, n_in), (out, n_out)) }
-        });
-        handle.broken = matches!(result, Err(Error::Internal(_)));
-        result.map(|()| 0)
+        // SAFETY: the host's arrays, as the header says. The ranks agree within the step.
+        handle.guarded(|handle| unsafe { handle.step((fields, n_in), (out, n_out)) })
     }
 }

@@ -63,8 +63,8 @@ fn kinds(call: &str, ranks: usize) -> &'static [&'static str] {
     match (call, ranks) {
         // They have nothing that could be odd, and no operation in which a rank could panic.
         ("session_free" | "recorder_free" | "adapt_free" | "finalize", _) => &["kill_first"],
-        (_, 2) => &["odds", "kill_first", "kill_middle"],
-        _ => &["odds", "kill_middle", "kill_last"],
+        (_, 2) => &["odds", "kill_first", "kill_last"],
+        _ => &["odds", "kill_middle"],
     }
 }
 
