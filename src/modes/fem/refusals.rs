@@ -71,6 +71,11 @@ fn broken_meshes_are_refused() {
     }
     let found = message(|m, _, _| m.points[3][1] = f64::NAN);
     assert!(found.contains("points[3]"), "{found}");
+    // Neither start plus 3 nor the difference of two starts is an i32
+    for (f, start) in [(1, i32::MAX - 1), (1, i32::MIN)] {
+        let found = message(|m, _, _| m.face_start[f] = start);
+        assert!(found.contains("(face_start): expected at least 3"), "{found}");
+    }
     let found = message(|m, _, _| m.face_points[6] = 99);
     assert!(found.contains("names point 99: expected 0 to 35"), "{found}");
     let found = message(|m, _, _| m.face_points[6] = -1);
