@@ -24,6 +24,16 @@ FOAM_LIBRARIES=(
     dynamicMesh dynamicFvMesh sampling conversion lagrangian/basic fvOptions genericPatchFields
 )
 
+# link_headers SRC: the lnInclude folders of these libraries.
+link_headers() {
+    local src=$1 library
+    for library in "${FOAM_LIBRARIES[@]}"; do
+        # Its exit status says nothing, so look at what it made.
+        (cd "$src" && WM_ARCH=linux64 ../wmake/wmakeLnInclude -silent "$library")
+        [ -n "$(ls -A "$src/$library/lnInclude")" ] || { echo "no headers in $src/$library"; return 1; }
+    done
+}
+
 # tch 0.24 needs exactly this libtorch; the two CUDA wheels are the ones that it was built against.
 TORCH_VERSION=2.11.0
 TORCH_SHA256=7aa2f9bbc6d4595ba72138026b2074be1233186150e9292865e04b7a63b8c67a

@@ -34,15 +34,6 @@ fetch() {
     intact || { rm -f "$M4GN_CACHE/$FOAM_TARBALL" && download "$M4GN_CACHE/$FOAM_TARBALL" && intact; }
 }
 
-link_headers() {
-    local src=$1 library
-    for library in "${FOAM_LIBRARIES[@]}"; do
-        # Its exit status says nothing, so look at what it made.
-        (cd "$src" && WM_ARCH=linux64 ../wmake/wmakeLnInclude -silent "$library")
-        [ -n "$(ls -A "$src/$library/lnInclude")" ] || { echo "no headers in $src/$library"; return 1; }
-    done
-}
-
 # A function that `step` runs has to chain its commands: the shell ignores `set -e` inside a tested command.
 unpack() {
     local tmp=$FOAM_SOURCE.tmp

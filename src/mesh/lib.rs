@@ -16,7 +16,6 @@ pub mod ffi;
 pub mod files;
 pub mod nearest;
 pub mod parallel;
-mod parts;
 pub mod plugin;
 pub mod sample;
 pub mod surface;

@@ -11,6 +11,7 @@ pub mod graph;
 mod obstacle;
 mod overlap;
 mod partition;
+mod parts;
 mod quality;
 pub mod ranks;
 mod record;
@@ -18,6 +19,7 @@ mod slic;
 mod walk;
 
 pub use obstacle::obstacle_distance;
+pub use parts::parts;
 pub use quality::{Dissimilarity, Quality, quality};
 pub use record::{Record, misfit};
 

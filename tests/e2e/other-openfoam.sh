@@ -8,10 +8,7 @@
 
 mkdir foam libraries
 cp -r "$M4GN_OTHER_OPENFOAM"/{src,wmake,META-INFO} foam
-for library in "${FOAM_LIBRARIES[@]}"; do
-    (cd foam/src && WM_ARCH=linux64 ../wmake/wmakeLnInclude -silent "$library") || true
-    [ -n "$(ls -A "foam/src/$library/lnInclude")" ] || fail "no headers of $library"
-done
+runs link_headers foam/src
 export WM_PROJECT_DIR=$work/foam FOAM_LIBBIN=$work/libraries FOAM_MPI=. WM_LABEL_SIZE=32 WM_PRECISION_OPTION=DP
 # Nothing is linked: CMake looks whether the libraries are there
 names=$(sed -n '/^find_package(OpenFOAM/,/)/p' "$M4GN_HOME/openfoam/CMakeLists.txt" | tr -d '()' | tr ' ' '\n' | grep '^[a-z]' | grep -v find_package)
