@@ -38,19 +38,36 @@ const Foam::scalar sweepTolerance = 1e-10;
 void Foam::m4gnTotalDisplacementState::update()
 {
     D().correctBoundaryConditions();
+    extrapolate(D());
+}
 
+
+void Foam::m4gnTotalDisplacementState::extrapolate
+(
+    const volVectorField& conditions
+)
+{
     const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
     auto& boundary = D().boundaryFieldRef();
 
     for (label sweep = 0; sweep < maxSweeps; ++sweep)
     {
         const volTensorField gradD(fvc::grad(D()));
-
         scalar change = 0;
-        for (fvPatchVectorField& patch : boundary)
+
+        forAll(boundary, patchi)
         {
+            fvPatchVectorField& patch = boundary[patchi];
+
             // Of traction, and what derives from it
-            if (isA<fixedGradientFvPatchVectorField>(patch) && patch.size())
+            if
+            (
+                isA<fixedGradientFvPatchVectorField>
+                (
+                    conditions.boundaryField()[patchi]
+                )
+             && patch.size()
+            )
             {
                 const labelUList& cells = patch.patch().faceCells();
                 const vectorField extrapolated
@@ -61,7 +78,6 @@ void Foam::m4gnTotalDisplacementState::update()
                       & tensorField(gradD.primitiveField(), cells)
                     )
                 );
-
                 change = max(change, max(mag(extrapolated - patch)));
                 patch == extrapolated;
             }

@@ -91,8 +91,12 @@ mechanical
 );
 EOD
     schemes "$4" > system/fvSchemes
-    displacement D volVectorField fixedDisplacement solidTraction "$3" > 0/D
-    displacement pointD pointVectorField fixedValue pointSolidTraction "$3" > 0/pointD
+    rm -f 0/*
+    case $1 in
+        vertexCentred*) displacement pointD pointVectorField fixedValue pointSolidTraction "$3" > 0/pointD ;;
+        *TotalDisplacement) displacement D volVectorField fixedDisplacement solidTraction "$3" > 0/D ;;
+        *) displacement DD volVectorField fixedDisplacement solidTraction "$3" > 0/DD ;;
+    esac
 }
 : > system/functions
 runs blockMesh
@@ -116,7 +120,7 @@ while read -r ranks name law traction scheme fields limit; do
     field=${fields%% *}
     model "$name" "$law" "$traction" "$scheme"
     location=cells
-    if [ "$field" = pointD ]; then location=points; rm 0/D; else rm 0/pointD; fi
+    if [ "$field" = pointD ]; then location=points; fi
     clean_case
     function_object m4gnHarvest "fields ($fields); location $location; writeControl timeStep; writeInterval 1;"
     solve
@@ -137,6 +141,8 @@ while read -r ranks name law traction scheme fields limit; do
 done <<'EOD'
 1 linearGeometryTotalDisplacement linearElastic 200 Euler D,ddt(D) 1e-5
 1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler D,ddt(D) 1e-5
+1 linearGeometry linearElastic 200 Euler D,ddt(D) 5e-3
+1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 Euler D,ddt(D) 5e-3
 1 vertexCentredLinearGeometry linearElastic 200 Euler pointD,pointU 1e-9
 1 vertexCentredLinearGeometry linearElastic 200 NewmarkBeta_0.25_0.5 pointD,pointU,pointA 1e-9
 2 linearGeometryTotalDisplacement linearElastic 200 Euler D,ddt(D) 1e-5
@@ -155,14 +161,13 @@ record 'fields (pointD); location points;'
 function_object m4gnSurrogate "location points; $surrogate"
 refused 'has its unknowns at cells' solids4Foam
 model vertexCentredLinearGeometry linearElastic 200 'NewmarkBeta 0.25 0.5'
-rm 0/D
 record 'fields (pointD pointU); location points;'
 function_object m4gnSurrogate "location points; $surrogate"
 refused 'carries on from pointD, pointU, pointA' solids4Foam
 function_object m4gnSurrogate "location points; $surrogate state totalDisplacement;"
 refused 'solidProperties with solidModel' solids4Foam
 function_object m4gnSurrogate "location points; mode observe; model any;"
-refused 'location points is for mode replace' solids4Foam
+refused 'location is points, which is for mode replace' solids4Foam
 
 # Modes with the solver's own K and M, on the beam of 0.6 x 0.06 x 0.06 m; Euler-Bernoulli says 0.851, 5.34, and 13.2 along it
 if [ -f "$M4GN_HOME/lib/libm4gnSolids4Foam.so" ]; then
@@ -172,7 +177,6 @@ if [ -f "$M4GN_HOME/lib/libm4gnSolids4Foam.so" ]; then
         -e 's/(20 4 2)/(60 4 4)/' system/blockMeshDict
     sed -i 's/^endTime .*/endTime 0.002;/' system/controlDict
     model vertexCentredLinearGeometry linearElastic 0 Euler
-    rm 0/D
     sed -i 's/zeta 0.2/zeta 0.1/' constant/solidProperties
     : > system/functions
     runs blockMesh
