@@ -66,7 +66,8 @@ pub struct Motion {
     pub surrogate: Option<serde_json::Value>,
 }
 
-/// Whether a case is a solid's: it has a displacement and no velocity at its last time.
+/// Whether a case is a solid's: it has a displacement and no pressure at its last time. (The velocity `U` does not tell:
+/// solids4foam writes that of the solid.)
 ///
 /// # Errors
 /// [`Error::File`] when the case cannot be read.
@@ -74,7 +75,7 @@ pub fn is_solid(case: &mut FoamCase) -> Result<bool> {
     let Some(last) = case.description().times.len().checked_sub(1) else {
         return Ok(false);
     };
-    Ok(case.has_field(FIELD, last)? && !case.has_field("U", last)?)
+    Ok(case.has_field(FIELD, last)? && !case.has_field("p", last)?)
 }
 
 /// Compares B (hybrid) with A (full). `progress(done, of)` is called once a time. Of the options, those of coefficients
