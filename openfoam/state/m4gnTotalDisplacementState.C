@@ -7,6 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnTotalDisplacementState.H"
+#include "m4gnObstacles.H"
 #include "m4gnSolverStateType.H"
 #include "fixedGradientFvPatchFields.H"
 #include "fvcGrad.H"
@@ -129,7 +130,11 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
     const m4gnSession& session
 )
 :
-    m4gnDisplacementState(mesh, dict, session)
+    m4gnDisplacementState(mesh, dict, session),
+    obstacles_
+    (
+        m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr
+    )
 {}
 
 
@@ -173,6 +178,19 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
     return names;
 }
 
+
+Foam::List<Foam::m4gnSolverState::quantity>
+Foam::m4gnTotalDisplacementState::quantities() const
+{
+    List<quantity> all(m4gnDisplacementState::quantities());
+
+    if (obstacles_)
+    {
+        all.append(quantity("gap", obstacles_->smallestGap(D())));
+    }
+
+    return all;
+}
 
 
 // ************************************************************************* //
