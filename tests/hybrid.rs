@@ -217,7 +217,7 @@ fn what_cannot_be_is_refused_before_anything_runs() {
         (own.as_str(), "[hybrid]"),
         (
             "--family none-such",
-            "cylinder-flow, pressed-beam, vibrating-beam",
+            "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam",
         ),
         ("--set u0=-1", "above 0"),
         ("--plain fast", "loose, coarse"),

@@ -84,6 +84,7 @@ fn every_placeholder_is_filled() {
     for (name, end) in [
         ("cylinder-flow", "7;"),
         ("pressed-beam", "2.58;"),
+        ("pressed-rubber", "2.58;"),
         ("vibrating-beam", "1.3;"),
     ] {
         let dir = tempfile::tempdir().unwrap();

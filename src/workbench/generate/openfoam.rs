@@ -22,7 +22,7 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
     if !missing.is_empty() {
         return Err(Error::Input(format!(
             "{} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
-             OpenFOAM's etc/bashrc; 'm4gn doctor' says more",
+             OpenFOAM's etc/bashrc; 'm4gn doctor' says more, docs/solids.md where solids4Foam comes from",
             missing.join(", ")
         )));
     }
