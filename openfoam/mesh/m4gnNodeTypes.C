@@ -121,6 +121,25 @@ static bool fixes(const fvPatchVectorField& pD)
 }
 
 
+//- Has the field boundary conditions, and not computed values alone?
+static bool conditioned(const volVectorField& field)
+{
+    for (const fvPatchVectorField& patch : field.boundaryField())
+    {
+        if
+        (
+            !polyPatch::constraintType(patch.patch().type())
+         && patch.type() != calculatedFvPatchVectorField::typeName
+        )
+        {
+            return true;
+        }
+    }
+
+    return false;
+}
+
+
 //- Does it hold its value or let go of it, as the flow goes?
 static bool isMixed(const fvPatchVectorField& pU)
 {
@@ -280,6 +299,18 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     // solids4foam registers a velocity and a pressure as well
     autoPtr<volVectorField> storedD;
     const volVectorField* D = find(mesh, displacementName, storedD);
+
+    // solids4foam's incremental models have the conditions at the increment
+    autoPtr<volVectorField> storedDD;
+    const volVectorField* DD =
+        D && !conditioned(*D)
+      ? find(mesh, "D" + displacementName, storedDD)
+      : nullptr;
+    if (DD && conditioned(*DD))
+    {
+        D = DD;
+    }
+
     autoPtr<pointVectorField> storedPointD;
     const pointVectorField* pointD = find(mesh, displacementName, storedPointD);
 

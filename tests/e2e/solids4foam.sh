@@ -131,6 +131,7 @@ while read -r ranks name law traction scheme fields limit; do
     function_object m4gnSurrogate "location $location; $replace"
     solve
     [ "$(grep -c '^m4gn: jumped 2 steps' log.run)" -eq 2 ] || fail "$what: expected two jumps of two steps"
+    grep -q '^ *clamp: handle' log.run && grep -q '^ *tip: free' log.run || fail "$what: node types: $(grep -A 4 'm4gn: node types' log.run)"
     if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field)" -time '0.03:'; fi
     if [ -d 0.028 ] || [ ! -d 0.03 ]; then
         fail "$what: expected the surrogate's times 0.025 and 0.03, found: $(echo 0.0*)"
