@@ -8,7 +8,6 @@ License
 
 #include "m4gnIncrementalDisplacementState.H"
 #include "m4gnSolverStateType.H"
-#include "fixedGradientFvPatchFields.H"
 #include "fvcGrad.H"
 #include "volFields.H"
 
@@ -25,9 +24,9 @@ const char* const Foam::m4gnIncrementalDisplacementState::needs =
 
 namespace
 {
-    //- Strains that solids4foam's laws add up
-    const char* const smallStrain = "epsilon_";
-    const char* const deformation = "F_";
+//- Strains that solids4foam's laws add up
+const char* const smallStrain = "epsilon_";
+const char* const deformation = "F_";
 
 
 //- Set a field and its boundary values; its old level has those of before
