@@ -1,0 +1,104 @@
+#!/usr/bin/env bash
+# Builds the solid part of solids4foam (2.2) from a source of yours against the OpenFOAM that m4gn uses, where there is no
+# wmake or solids4foam asks for a later version (it wants v2012; Debian has v1912). m4gn's own library for it comes with it.
+#   setup/solids4foam.sh SOURCE [FOLDER]    SOURCE: its checkout or unpacked release; FOLDER: ~/.cache/m4gn/solids4foam
+# Prints what to set. Left out: fluids and their interaction with solids, thermal solids, plates.
+set -euo pipefail
+# shellcheck source=setup/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+models=src/solids4FoamModels
+[ $# -ge 1 ] && [ $# -le 2 ] || die "expected one or two folders" "usage: setup/solids4foam.sh SOURCE [FOLDER]"
+[ -e "$1/$models/Make/files.openfoam" ] ||
+    die "$1 is no source of solids4foam: it has no $models/Make/files.openfoam" \
+        "Give the folder that a checkout of solids4foam, or its unpacked release, makes."
+from=$(cd "$1" && pwd)
+into=${2:-$M4GN_CACHE/solids4foam}
+foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
+eval "$foam"
+
+# What is not built, as a pattern of the paths in Make/files.openfoam
+left_out='^(fluidModels|fluidSolidInterfaces)/|/(coupledUns|kirchhoffPlate|poroLinGeom|thermal|weakThermal)[A-Za-z]*Solid/|thermalConvection'
+left_out+='|poroMechanicalLaw|thermoMechanicalLaw|fixedTemperature|hotCylinder|solidPointTemperature|fsiConvergenceData|anisotropicBiot'
+
+# sources PART: the files of a part, from its list for wmake
+sources() {
+    awk '
+        { sub(/\/\*.*\*\//, ""); gsub(/[ \t]/, "") }
+        /^LIB=/ || !NF { next }
+        /^[A-Za-z]+=/ { split($0, pair, "="); value = pair[2] }
+        { line = $0
+          while (match(line, /\$\([A-Za-z]+\)/))
+              line = substr(line, 1, RSTART - 1) of[substr(line, RSTART + 2, RLENGTH - 3)] substr(line, RSTART + RLENGTH) }
+        /^[A-Za-z]+=/ { sub(/^[A-Za-z]+=/, "", line); of[pair[1]] = line; next }
+        { print line }' "$1/Make/files.openfoam" | grep -vE "$left_out"
+}
+
+# v1912 differs from what solids4foam asks for in these places.
+adapt() {
+    local numerics=$models/numerics
+    sed -i -E 's/PrimitivePatch<(List<face>|faceList), pointField>/PrimitivePatch<face, List, pointField>/' \
+        "$numerics/globalPolyPatch/standAlonePatch.H" &&
+        sed -i -E 's/PrimitivePatch<FaceList<face>, const pointField&>/PrimitivePatch<face, FaceList, const pointField\&>/' \
+            "$numerics/fvc/fvcGradf.H" "$numerics/fvc/fvcGradf.C" &&
+        sed -i -E 's/#if(def)? OPENFOAM_COM/#if 0/' \
+            src/blockCoupledSolids4FoamTools/newLeastSquaresVolPointInterpolation/newLeastSquaresVolPointInterpolation.C &&
+        cat >"$numerics/realEigenValues/realEigenValues.C" <<'CODE' &&
+#include "realEigenValues.H"
+Foam::vector Foam::realEigenValues(const tensor& t) { return eigenValues(t); }
+Foam::tensor Foam::realEigenVectors(const tensor& t) { return eigenVectors(t); }
+CODE
+        cat >lacking/refPtr.H <<'CODE'
+// What solids4foam uses of OpenFOAM's refPtr, which v1912 does not have
+#ifndef refPtr_H
+#define refPtr_H
+#include <memory>
+namespace Foam
+{
+template<class T> class refPtr
+{
+    std::shared_ptr<const T> object_;
+public:
+    template<class... Arguments> static refPtr New(Arguments&&... arguments)
+    {
+        refPtr made;
+        made.object_ = std::make_shared<const T>(std::forward<Arguments>(arguments)...);
+        return made;
+    }
+    // Somebody else's
+    void cref(const T& object) { object_ = std::shared_ptr<const T>(std::shared_ptr<const T>(), &object); }
+    bool valid() const { return bool(object_); }
+    const T& operator()() const { return *object_; }
+    void clear() { object_.reset(); }
+};
+}
+#endif
+CODE
+}
+
+prepare() {
+    local part library
+    rm -rf "$into/source" && mkdir -p "$into/source/lacking" && cp -r "$from/src" "$from/applications" "$into/source" &&
+        cd "$into/source" || return
+    if [ "$M4GN_FOAM_VERSION" -lt 2012 ]; then adapt || return; fi
+    for part in solids4FoamModels blockCoupledSolids4FoamTools; do
+        sources "src/$part" >"src/$part/sources" || return
+    done
+    for part in solids4FoamModels blockCoupledSolids4FoamTools RBFMeshMotionSolver; do
+        (cd src && WM_ARCH=linux64 "$M4GN_FOAM_SRC/../wmake/wmakeLnInclude" -silent "$part")
+    done
+    for library in finiteArea topoChangerFvMesh fvMotionSolver optimisation/adjointOptimisation/adjoint; do
+        [ -d "$M4GN_FOAM_SRC/$library/lnInclude" ] ||
+            (cd "$M4GN_FOAM_SRC" && WM_ARCH=linux64 ../wmake/wmakeLnInclude -silent "$library")
+    done
+}
+
+build() {
+    cmake -S "$M4GN_HOME/cmake/solids4foam" -B "$into/build" -G Ninja -DCMAKE_BUILD_TYPE=Release \
+        -DSOLIDS4FOAM_SOURCE="$into/source" -DCMAKE_INSTALL_PREFIX="$into" &&
+        cmake --build "$into/build" && cmake --install "$into/build"
+}
+
+step "solids4foam: source" prepare || die "the source of solids4foam could not be prepared in $into"
+step "solids4foam" build || die "solids4foam did not build; it was tried with version 2.2" "It needs Debian's libeigen3-dev."
+echo "export SOLIDS4FOAM_INST_DIR=$into"
