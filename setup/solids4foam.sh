@@ -2,7 +2,7 @@
 # Builds the solid part of solids4foam (2.2) from a source of yours against the OpenFOAM that m4gn uses, where there is no
 # wmake or solids4foam asks for a later version (it wants v2012; Debian has v1912). m4gn's own library for it comes with it.
 #   setup/solids4foam.sh SOURCE [FOLDER]    SOURCE: its checkout or unpacked release; FOLDER: ~/.cache/m4gn/solids4foam
-# Prints what to set. Left out: fluids and their interaction with solids, thermal solids, plates.
+# Prints what to set. Left out: fluids and their interaction with solids, thermal solids, plates; before v2012 solidContact.
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -43,44 +43,22 @@ adapt() {
             "$numerics/fvc/fvcGradf.H" "$numerics/fvc/fvcGradf.C" &&
         sed -i -E 's/#if(def)? OPENFOAM_COM/#if 0/' \
             src/blockCoupledSolids4FoamTools/newLeastSquaresVolPointInterpolation/newLeastSquaresVolPointInterpolation.C &&
-        cat >"$numerics/realEigenValues/realEigenValues.C" <<'CODE' &&
+        cat >"$numerics/realEigenValues/realEigenValues.C" <<'CODE'
 #include "realEigenValues.H"
 Foam::vector Foam::realEigenValues(const tensor& t) { return eigenValues(t); }
 Foam::tensor Foam::realEigenVectors(const tensor& t) { return eigenVectors(t); }
-CODE
-        cat >lacking/refPtr.H <<'CODE'
-// What solids4foam uses of OpenFOAM's refPtr, which v1912 does not have
-#ifndef refPtr_H
-#define refPtr_H
-#include <memory>
-namespace Foam
-{
-template<class T> class refPtr
-{
-    std::shared_ptr<const T> object_;
-public:
-    template<class... Arguments> static refPtr New(Arguments&&... arguments)
-    {
-        refPtr made;
-        made.object_ = std::make_shared<const T>(std::forward<Arguments>(arguments)...);
-        return made;
-    }
-    // Somebody else's
-    void cref(const T& object) { object_ = std::shared_ptr<const T>(std::shared_ptr<const T>(), &object); }
-    bool valid() const { return bool(object_); }
-    const T& operator()() const { return *object_; }
-    void clear() { object_.reset(); }
-};
-}
-#endif
 CODE
 }
 
 prepare() {
     local part library
-    rm -rf "$into/source" && mkdir -p "$into/source/lacking" && cp -r "$from/src" "$from/applications" "$into/source" &&
+    rm -rf "$into/source" && mkdir -p "$into/source" && cp -r "$from/src" "$from/applications" "$into/source" &&
         cd "$into/source" || return
-    if [ "$M4GN_FOAM_VERSION" -lt 2012 ]; then adapt || return; fi
+    if [ "$M4GN_FOAM_VERSION" -lt 2012 ]; then
+        adapt || return
+        # solidContact and its interpolation between patches ask for faceAreaIntersect and refPtr of later versions
+        left_out+='|AMI|amiZone|[sS]olidContact/'
+    fi
     for part in solids4FoamModels blockCoupledSolids4FoamTools; do
         sources "src/$part" >"src/$part/sources" || return
     done
@@ -99,6 +77,18 @@ build() {
         cmake --build "$into/build" && cmake --install "$into/build"
 }
 
+# libm4gnSolids4Foam.so, which asks the solver's material law
+build_m4gn() {
+    cmake -S "$M4GN_HOME/openfoam/solids4foam" -B "$M4GN_HOME/target/solids4foam" -G Ninja -DCMAKE_BUILD_TYPE=Release \
+        -DSOLIDS4FOAM_DIR="$into/source" -DSOLIDS4FOAM_LIB_DIR="$into/lib" && cmake --build "$M4GN_HOME/target/solids4foam"
+}
+
 step "solids4foam: source" prepare || die "the source of solids4foam could not be prepared in $into"
 step "solids4foam" build || die "solids4foam did not build; it was tried with version 2.2" "It needs Debian's libeigen3-dev."
-echo "export SOLIDS4FOAM_INST_DIR=$into"
+if [ -f "$M4GN_HOME/lib/libm4gnFoam.so" ]; then
+    step "m4gn for solids4foam" build_m4gn || die "openfoam/solids4foam did not build"
+else
+    warn "lib/libm4gnFoam.so is not there yet: after ./Allrun --setup-only type this again for lib/libm4gnSolids4Foam.so"
+fi
+echo "export SOLIDS4FOAM_INST_DIR=$into SOLIDS4FOAM_DIR=$into/source SOLIDS4FOAM_LIB_DIR=$into/lib"
+echo "export PATH=\$SOLIDS4FOAM_INST_DIR/bin:\$PATH LD_LIBRARY_PATH=\$SOLIDS4FOAM_INST_DIR/lib:\$LD_LIBRARY_PATH"
