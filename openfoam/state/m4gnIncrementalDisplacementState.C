@@ -56,7 +56,7 @@ Foam::volVectorField& Foam::m4gnIncrementalDisplacementState::DD() const
 
 bool Foam::m4gnIncrementalDisplacementState::linear() const
 {
-    return solidModel(mesh_) == "linearGeometry";
+    return m4gnSolidLaw::modelName(mesh_) == "linearGeometry";
 }
 
 
@@ -64,6 +64,8 @@ bool Foam::m4gnIncrementalDisplacementState::linear() const
 
 void Foam::m4gnIncrementalDisplacementState::update()
 {
+    followed_ = false;
+
     const volVectorField& old = D().oldTime();
     auto& boundary = D().boundaryFieldRef();
 
@@ -82,6 +84,34 @@ void Foam::m4gnIncrementalDisplacementState::update()
 }
 
 
+void Foam::m4gnIncrementalDisplacementState::setLevels(const scalar deltaT)
+{
+    volVectorField& increment = DD();
+    volVectorField& old = D().oldTime();
+
+    if (dynamic_)
+    {
+        set(increment, dimensionedScalar("deltaT", dimTime, deltaT)*rate());
+        old == D() - increment;
+        old.oldTime() == old - increment;
+        increment.oldTime() == increment;
+
+        if (linear())
+        {
+            auto& inertia = mesh_.lookupObjectRef<volVectorField>("rhoD2dt2D");
+            inertia.oldTime();
+            inertia == dimensionedVector(inertia.dimensions(), Zero);
+        }
+    }
+
+    set
+    (
+        mesh_.lookupObjectRef<volTensorField>("grad(DD)"),
+        fvc::grad(increment)
+    );
+}
+
+
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 bool Foam::m4gnIncrementalDisplacementState::applies
@@ -90,7 +120,7 @@ bool Foam::m4gnIncrementalDisplacementState::applies
     const dictionary&
 )
 {
-    const word model(solidModel(mesh));
+    const word model(m4gnSolidLaw::modelName(mesh));
 
     return
         mesh.foundObject<volVectorField>("D")
@@ -138,32 +168,15 @@ void Foam::m4gnIncrementalDisplacementState::complete
 {
     m4gnTotalDisplacementState::complete(deltaT, handOver);
 
-    volVectorField& increment = DD();
-    volVectorField& old = D().oldTime();
+    setLevels(deltaT);
 
-    if (dynamic_)
+    if (followed_)
     {
-        set(increment, dimensionedScalar("deltaT", dimTime, deltaT)*rate());
-        old == D() - increment;
-        old.oldTime() == old - increment;
-        increment.oldTime() == increment;
-
-        if (linear())
-        {
-            auto& inertia = mesh_.lookupObjectRef<volVectorField>("rhoD2dt2D");
-            inertia.oldTime();
-            inertia == dimensionedVector(inertia.dimensions(), Zero);
-        }
+        return;
     }
 
     auto& gradD = mesh_.lookupObjectRef<volTensorField>("grad(D)");
     set(gradD, fvc::grad(D()));
-    set
-    (
-        mesh_.lookupObjectRef<volTensorField>("grad(DD)"),
-        fvc::grad(increment)
-    );
-
     if (linear())
     {
         set
@@ -187,7 +200,9 @@ Foam::wordList Foam::m4gnIncrementalDisplacementState::advanced() const
     wordList names(m4gnTotalDisplacementState::advanced());
     names.append
     (
-        wordList({"DD", "grad(D)", "grad(DD)", "F", smallStrain, deformation})
+        wordList({
+            "DD", "grad(D)", "grad(DD)", "F", "rhoD2dt2D", smallStrain, deformation
+        })
     );
     return names;
 }

@@ -122,6 +122,12 @@ Foam::wordList Foam::m4gnSolverState::advanced() const
 }
 
 
+void Foam::m4gnSolverState::write() const
+{
+    time_.write();
+}
+
+
 // * * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * //
 
 Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)

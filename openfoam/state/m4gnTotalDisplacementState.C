@@ -38,6 +38,7 @@ const Foam::scalar sweepTolerance = 1e-10;
 
 void Foam::m4gnTotalDisplacementState::update()
 {
+    followed_ = false;
     D().correctBoundaryConditions();
     extrapolate(D());
 }
@@ -92,19 +93,60 @@ void Foam::m4gnTotalDisplacementState::extrapolate
 }
 
 
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::word Foam::m4gnTotalDisplacementState::solidModel(const fvMesh& mesh)
+void Foam::m4gnTotalDisplacementState::setVelocity()
 {
-    const auto* properties =
-        mesh.time().findObject<IOdictionary>("solidProperties");
+    auto* U = mesh_.getObjectPtr<volVectorField>("U");
+    if (dynamic_ && U)
+    {
+        U->primitiveFieldRef() = rate().primitiveField();
 
-    return
-        properties
-      ? properties->getOrDefault<word>("solidModel", word::null)
-      : word::null;
+        forAll(U->boundaryFieldRef(), patchi)
+        {
+            U->boundaryFieldRef()[patchi] == rate().boundaryField()[patchi];
+        }
+    }
 }
 
+
+void Foam::m4gnTotalDisplacementState::follow()
+{
+    followed_ = law_ && law_->follow();
+
+    auto* points = mesh_.getObjectPtr<pointVectorField>("point" + DName_);
+    if (points && !followed_)
+    {
+        volPointInterpolation::New(mesh_).interpolate(D(), *points);
+    }
+}
+
+
+void Foam::m4gnTotalDisplacementState::refuseContact() const
+{
+    for (const word& name : {DName_, word("DD")})
+    {
+        const auto* field = mesh_.findObject<volVectorField>(name);
+        if (!field)
+        {
+            continue;
+        }
+        for (const fvPatchVectorField& patch : field->boundaryField())
+        {
+            if (patch.type() == "solidContact")
+            {
+                FatalErrorInFunction
+                    << "mode replace does not hand over the tractions that"
+                    << " solidContact relaxes from corrector to corrector"
+                    << " (patch " << patch.patch().name() << " of " << name
+                    << ')' << nl
+                    << "    Use rigidCylinderContact, or mode observe"
+                    << exit(FatalError);
+            }
+        }
+    }
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 bool Foam::m4gnTotalDisplacementState::applies
 (
@@ -112,7 +154,7 @@ bool Foam::m4gnTotalDisplacementState::applies
     const dictionary& dict
 )
 {
-    const word model(solidModel(mesh));
+    const word model(m4gnSolidLaw::modelName(mesh));
 
     return
         mesh.foundObject<volVectorField>(displacementName(dict))
@@ -134,8 +176,12 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
     obstacles_
     (
         m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr
-    )
-{}
+    ),
+    law_(m4gnSolidLaw::New(mesh)),
+    followed_(false)
+{
+    refuseContact();
+}
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
@@ -148,21 +194,16 @@ void Foam::m4gnTotalDisplacementState::complete
 {
     m4gnDisplacementState::complete(deltaT, handOver);
 
-    auto* U = mesh_.getObjectPtr<volVectorField>("U");
-    if (dynamic_ && U)
-    {
-        U->primitiveFieldRef() = rate().primitiveField();
+    setVelocity();
+    follow();
 
-        forAll(U->boundaryFieldRef(), patchi)
-        {
-            U->boundaryFieldRef()[patchi] == rate().boundaryField()[patchi];
-        }
-    }
-
-    auto* points = mesh_.getObjectPtr<pointVectorField>("point" + DName_);
-    if (points)
+    auto* DD = mesh_.getObjectPtr<volVectorField>("DD");
+    if (dynamic_ && followed_ && DD)
     {
-        volPointInterpolation::New(mesh_).interpolate(D(), *points);
+        // Of the solver's time step, at the boundary too
+        *DD == dimensionedScalar("deltaT", dimTime, deltaT)*rate();
+        D().oldTime().boundaryFieldRef() ==
+            D().boundaryField() - DD->boundaryField();
     }
 }
 
@@ -175,7 +216,22 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
     {
         names.append("U");
     }
+    if (followed_)
+    {
+        names.append(law_->fields());
+    }
     return names;
+}
+
+
+void Foam::m4gnTotalDisplacementState::write() const
+{
+    if (followed_)
+    {
+        law_->write();
+        return;
+    }
+    m4gnSolverState::write();
 }
 
 

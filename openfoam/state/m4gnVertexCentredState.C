@@ -9,7 +9,6 @@ License
 #include "m4gnVertexCentredState.H"
 #include "m4gnSolverStateType.H"
 #include "m4gnDictionary.H"
-#include "m4gnTotalDisplacementState.H"
 #include "Time.H"
 
 // * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
@@ -50,7 +49,7 @@ bool Foam::m4gnVertexCentredState::applies
     const dictionary& dict
 )
 {
-    const word model(m4gnTotalDisplacementState::solidModel(mesh));
+    const word model(m4gnSolidLaw::modelName(mesh));
 
     return
         mesh.foundObject<pointVectorField>(displacementName(dict))
@@ -77,7 +76,9 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
         (
             mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'
         )
-    )
+    ),
+    law_(m4gnSolidLaw::New(mesh)),
+    followed_(false)
 {
     refuseHistory();
 
@@ -148,6 +149,7 @@ void Foam::m4gnVertexCentredState::advance
         }
         cells->correctBoundaryConditions();
     }
+    followed_ = false;
 }
 
 
@@ -160,6 +162,19 @@ void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool)
         D.oldTime().primitiveFieldRef() =
             D.primitiveField() - deltaT*field("pointU").primitiveField();
     }
+
+    followed_ = law_ && law_->follow();
+}
+
+
+void Foam::m4gnVertexCentredState::write() const
+{
+    if (followed_)
+    {
+        law_->write();
+        return;
+    }
+    m4gnSolverState::write();
 }
 
 
@@ -167,6 +182,10 @@ Foam::wordList Foam::m4gnVertexCentredState::advanced() const
 {
     wordList names(m4gnSolverState::advanced());
     names.append(wordList({DName_, "D"}));
+    if (followed_)
+    {
+        names.append(law_->fields());
+    }
     return names;
 }
 

@@ -264,7 +264,7 @@ Foam::m4gnReplace::m4gnReplace
     others_(m4gnOthers::chosen(name, mesh.time(), dict)),
     session_(session),
     state_(std::move(state)),
-    stale_(mesh, state_->advanced()),
+    stale_(mesh),
     inputs_(mesh, session.inputs()),
     outputs_(mesh, session.outputs()),
     replacedTime_(0),
@@ -390,12 +390,16 @@ bool Foam::m4gnReplace::jump
         const bool last = stepi + 1 == nSteps || !fits(1);
         handedOver_ = false;
 
-        if (last || state_->completeEach() || time_.writeTime())
+        if
+        (
+            last || state_->completeEach() || time_.writeTime()
+         || (others_.size() && state_->completeForOthers())
+        )
         {
             complete(last);
         }
 
-        stale_.write(time_, lastSolved);
+        stale_.write(*state_, lastSolved);
 
         if (time_.writeTime())
         {

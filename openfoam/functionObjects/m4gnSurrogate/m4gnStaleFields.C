@@ -8,6 +8,7 @@ License
 
 #include "m4gnStaleFields.H"
 #include "m4gnDictionary.H"
+#include "m4gnSolverState.H"
 #include "Time.H"
 #include "IOdictionary.H"
 #include "volFields.H"
@@ -87,12 +88,10 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
 
 Foam::m4gnStaleFields::m4gnStaleFields
 (
-    const fvMesh& mesh,
-    const wordList& advanced
+    const fvMesh& mesh
 )
 :
     mesh_(mesh),
-    advanced_(advanced),
     said_(false)
 {}
 
@@ -114,13 +113,17 @@ Foam::wordList Foam::m4gnStaleFields::names() const
 }
 
 
-void Foam::m4gnStaleFields::write(Time& time, const word& since)
+void Foam::m4gnStaleFields::write
+(
+    const m4gnSolverState& state,
+    const word& since
+)
 {
+    advanced_ = wordHashSet(state.advanced());
     derive();
 
-    if (!time.writeTime())
+    if (!mesh_.time().writeTime())
     {
-        time.write();
         return;
     }
 
@@ -143,7 +146,7 @@ void Foam::m4gnStaleFields::write(Time& time, const word& since)
         said_ = true;
     }
 
-    time.write();
+    state.write();
 
     forAll(marked, i)
     {

@@ -1,0 +1,545 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnSolids4FoamLaw.H"
+#include "addToRunTimeSelectionTable.H"
+#include "fixedGradientFvPatchFields.H"
+#include "fvc.H"
+#include "fvm.H"
+#include "lookupSolidModel.H"
+#include "m4gnMixing.H"
+#include "m4gnSolidsBuild.H"
+#include "SHA1.H"
+#include "vfvcCellPoint.H"
+#include <dlfcn.h>
+#include <fstream>
+
+// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
+
+namespace Foam
+{
+    defineTypeNameAndDebug(m4gnSolids4FoamLaw, 0);
+    addToRunTimeSelectionTable(m4gnSolidLaw, m4gnSolids4FoamLaw, mesh);
+}
+
+
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+namespace
+{
+
+using namespace Foam;
+
+//- Most sweeps, the change of a boundary value at which they end, relative to
+//  the largest displacement, and that from which on a warning is due
+const label maxSweeps = 300;
+const scalar sweepTolerance = 1e-10;
+const scalar warnTolerance = 1e-6;
+
+//- Sweeps that the mixing remembers
+const label depth = 8;
+
+
+//- Digest of the library that the solver has loaded, as CMake makes it
+string digest()
+{
+    Dl_info where;
+    if (!::dladdr(&solidModel::typeName, &where) || !where.dli_fname)
+    {
+        return string();
+    }
+
+    std::ifstream file(where.dli_fname, std::ios::binary);
+    SHA1 sha;
+    std::vector<char> part(1 << 16);
+    while (file.read(part.data(), part.size()) || file.gcount())
+    {
+        sha.append(part.data(), file.gcount());
+    }
+
+    return sha.str();
+}
+
+
+//- Set a field and its boundary values; its old level has those of before
+template<class Type>
+void set
+(
+    GeometricField<Type, fvPatchField, volMesh>& field,
+    const tmp<GeometricField<Type, fvPatchField, volMesh>>& values
+)
+{
+    field.oldTime();
+    field == values;
+}
+
+
+//- Set a field, if it is there
+template<class Type>
+void setIfFound
+(
+    const fvMesh& mesh,
+    const word& name,
+    const tmp<GeometricField<Type, fvPatchField, volMesh>>& values
+)
+{
+    auto* field =
+        mesh.getObjectPtr<GeometricField<Type, fvPatchField, volMesh>>(name);
+    if (field)
+    {
+        set(*field, values);
+    }
+    values.clear();
+}
+
+
+//- Set the old level of a strain to that of a body at rest, if it is there
+template<class Type>
+void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
+{
+    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
+
+    auto* field = mesh.getObjectPtr<fieldType>(name);
+    if (field)
+    {
+        field->oldTime() == dimensioned<Type>("rest", field->dimensions(), value);
+    }
+}
+
+
+fixedGradientFvPatchVectorField& traction(fvPatchVectorField& patch)
+{
+    return refCast<fixedGradientFvPatchVectorField>(patch);
+}
+
+} // End anonymous namespace
+
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::mechanicalModel& Foam::m4gnSolids4FoamLaw::mechanical()
+{
+    // The model hands it out to its own classes only
+    return const_cast<mechanicalModel&>
+    (
+        const_cast<const solidModel&>(*solid_).mechanical()
+    );
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
+{
+    const auto& properties =
+        mesh_.lookupObject<IOdictionary>("mechanicalProperties");
+    const PtrList<entry> laws(properties.lookup("mechanical"));
+
+    for (const entry& law : laws)
+    {
+        if
+        (
+            law.isDict()
+         && law.dict().getOrDefault<bool>("solvePressureEqn", false)
+        )
+        {
+            return true;
+        }
+    }
+
+    return false;
+}
+
+
+void Foam::m4gnSolids4FoamLaw::rest()
+{
+    solid_->D().oldTime() == dimensionedVector(dimLength, Zero);
+    solid_->gradD().oldTime() == dimensionedTensor(dimless, Zero);
+    setAtRest<symmTensor>(mesh_, "epsilon_", Zero);
+    setAtRest<tensor>(mesh_, "F_", tensor::I);
+}
+
+
+Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
+{
+    solidModel& solid = *solid_;
+    const dimensionedTensor one("one", dimless, tensor::I);
+
+    if (!solid.incremental())
+    {
+        mechanical().grad(solid.D(), solid.gradD());
+    }
+    else
+    {
+        solid.D() == solid.D().oldTime() + solid.DD();
+        mechanical().grad(solid.DD(), solid.gradDD());
+        if (!solid.movingMesh())
+        {
+            // From rest
+            set(solid.gradD(), tmp<volTensorField>(1.0*solid.gradDD()));
+        }
+    }
+
+    auto* F = mesh_.getObjectPtr<volTensorField>("F");
+    if (!F || solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
+    {
+        return 1;
+    }
+
+    volScalarField& J = mesh_.lookupObjectRef<volScalarField>("J");
+
+    if (solid.movingMesh())
+    {
+        const volTensorField relF(one + solid.gradDD().T());
+        const volScalarField relJ(det(relF));
+
+        set(*F, relF & F->oldTime());
+        set(J, relJ*J.oldTime());
+        setIfFound(mesh_, "relF", tmp<volTensorField>(1.0*relF));
+        setIfFound(mesh_, "relJ", tmp<volScalarField>(1.0*relJ));
+
+        const scalar smallest = min(gMin(relJ.primitiveField()), min(relJ).value());
+        if (smallest > SMALL)
+        {
+            setIfFound(mesh_, "relFinv", inv(relF));
+        }
+        return returnReduce(smallest, minOp<scalar>());
+    }
+
+    set(*F, one + solid.gradD().T());
+    set(J, det(*F));
+
+    // Its boundary values too, on all ranks
+    const scalar smallest = min(J).value();
+    if (smallest > SMALL)
+    {
+        setIfFound(mesh_, "Finv", inv(*F));
+    }
+
+    return smallest;
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::stress()
+{
+    if (strain() <= SMALL)
+    {
+        return false;
+    }
+
+    autoPtr<volScalarField> diagonal;
+    if (impKf_)
+    {
+        // What the solver has for it at this point of a corrector
+        volVectorField& u = solid_->solutionD();
+        const fvVectorMatrix equation
+        (
+            fvm::d2dt2(const_cast<const solidModel&>(*solid_).rho(), u)
+         == fvm::laplacian
+            (
+                *impKf_,
+                u,
+                solid_->incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)"
+            )
+        );
+        diagonal.reset(new volScalarField("DEqnA", equation.A()));
+    }
+
+    mechanical().correct(solid_->sigma());
+
+    return true;
+}
+
+
+Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
+{
+    DynamicList<label> found;
+    const volVectorField& u = solid_->solutionD();
+
+    forAll(u.boundaryField(), patchi)
+    {
+        if (isA<fixedGradientFvPatchVectorField>(u.boundaryField()[patchi]))
+        {
+            found.append(patchi);
+        }
+    }
+
+    return labelList(std::move(found));
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::agree()
+{
+    volVectorField& u = solid_->solutionD();
+    auto& boundary = u.boundaryFieldRef();
+    const labelList patches(tractions());
+
+    label n = 0;
+    for (const label patchi : patches)
+    {
+        n += boundary[patchi].size();
+    }
+
+    const auto gather = [&](vectorField& gradients)
+    {
+        label facei = 0;
+        for (const label patchi : patches)
+        {
+            for (const vector& g : traction(boundary[patchi]).gradient())
+            {
+                gradients[facei++] = g;
+            }
+        }
+    };
+    const auto scatter = [&](const vectorField& gradients)
+    {
+        label facei = 0;
+        for (const label patchi : patches)
+        {
+            for (vector& g : traction(boundary[patchi]).gradient())
+            {
+                g = gradients[facei++];
+            }
+        }
+    };
+
+    const scalar size = max(gMax(mag(solid_->D().primitiveField())()), VSMALL);
+    m4gnMixing mixing(depth);
+    vectorField now(n), next(n);
+
+    // The boundary values that there are
+    for (const label patchi : patches)
+    {
+        fvPatchVectorField& patch = boundary[patchi];
+        traction(patch).gradient() =
+            patch.patch().deltaCoeffs()*(patch - patch.patchInternalField());
+    }
+    gather(now);
+
+    scalar change = GREAT;
+    for (label sweep = 0; sweep < maxSweeps && change > sweepTolerance*size; ++sweep)
+    {
+        scatter(now);
+        for (const label patchi : patches)
+        {
+            // They count as updated, so that their gradient is this one
+            boundary[patchi].fvPatchVectorField::updateCoeffs();
+        }
+        const volVectorField::Boundary before(boundary);
+        u.correctBoundaryConditions();
+
+        if (!stress())
+        {
+            return false;
+        }
+
+        change = 0;
+        forAll(boundary, patchi)
+        {
+            const fvPatchVectorField& patch = boundary[patchi];
+            if (patch.size() && !patch.coupled() && !patches.found(patchi))
+            {
+                change = max(change, max(mag(patch - before[patchi])));
+            }
+        }
+
+        for (const label patchi : patches)
+        {
+            const vectorField last(traction(boundary[patchi]).gradient());
+            boundary[patchi].updateCoeffs();
+            if (last.size())
+            {
+                change = max
+                (
+                    change,
+                    max
+                    (
+                        mag(traction(boundary[patchi]).gradient() - last)
+                       /boundary[patchi].patch().deltaCoeffs()
+                    )
+                );
+            }
+        }
+        reduce(change, maxOp<scalar>());
+
+        gather(next);
+        now = mixing.next(now, next);
+    }
+
+    // Conditions that are updated still have the last gradient
+    u.correctBoundaryConditions();
+
+    if (change > warnTolerance*size && !said_)
+    {
+        said_ = true;
+        WarningInFunction
+            << "Stress and boundary values of the surrogate's state do not agree:"
+            << " after " << maxSweeps << " sweeps the values change by " << change
+            << " m, of a displacement of " << size << " m" << endl;
+    }
+
+    return stress();
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::followPoints()
+{
+    solid_->gradD() = vfvc::grad(solid_->pointD(), solid_->mesh());
+
+    auto* F = mesh_.getObjectPtr<volTensorField>("F");
+    if (F && solid_->nonLinGeom() != nonLinearGeometry::LINEAR_GEOMETRY)
+    {
+        volScalarField& J = mesh_.lookupObjectRef<volScalarField>("J");
+        set(*F, dimensionedTensor("one", dimless, tensor::I) + solid_->gradD().T());
+        set(J, det(*F));
+        if (min(J).value() <= SMALL)
+        {
+            return false;
+        }
+        setIfFound(mesh_, "Finv", inv(*F));
+    }
+    mechanical().correct(solid_->sigma());
+
+    return true;
+}
+
+
+// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
+
+Foam::string Foam::m4gnSolids4FoamLaw::mismatch() const
+{
+    if (!solid_)
+    {
+        return
+            "libm4gnSolids4Foam.so was built with another"
+            " libsolids4FoamModels.so than the one that the solver has loaded";
+    }
+
+    return string();
+}
+
+
+// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
+
+Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh)
+:
+    mesh_(mesh),
+    solid_(nullptr),
+    said_(false)
+{
+    // Classes of another build may be laid out in another way
+    if (digest() != M4GN_SOLIDS4FOAM_DIGEST)
+    {
+        return;
+    }
+
+    solid_ = const_cast<solidModel*>(&lookupSolidModel(mesh));
+    if (solvesPressure())
+    {
+        impKf_.reset(new surfaceScalarField(mechanical().impKf()));
+    }
+}
+
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+Foam::wordList Foam::m4gnSolids4FoamLaw::fields() const
+{
+    return wordList
+    ({
+        "sigma", "grad(D)", "grad(DD)", "DD", "pointD", "pointDD", "F", "Finv",
+        "J", "relF", "relFinv", "relJ", "rho", "epsilon_", "F_", "Ff_", "sigmaHyd",
+        "grad(sigmaHyd)"
+    });
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::follow()
+{
+    solidModel& solid = *solid_;
+    solid.enforceLinear() = false;
+
+    bool done = true;
+    if (solid.type().starts_with("vertexCentred"))
+    {
+        done = followPoints();
+    }
+    else
+    {
+        if (solid.incremental())
+        {
+            const volVectorField before("before", solid.D().oldTime());
+
+            if (!solid.movingMesh())
+            {
+                rest();
+            }
+            set(solid.DD(), solid.D() - solid.D().oldTime());
+            done = agree();
+            if (!solid.movingMesh())
+            {
+                solid.D().oldTime() == before;
+                set(solid.DD(), solid.D() - before);
+            }
+        }
+        else
+        {
+            done = agree();
+        }
+    }
+
+    if (!done)
+    {
+        if (!said_)
+        {
+            said_ = true;
+            WarningInFunction
+                << "The surrogate's displacement turns cells inside out (det F is"
+                << " not positive): stresses of such states stay as they were"
+                << endl;
+        }
+        return false;
+    }
+
+    if (solid.type().starts_with("vertexCentred"))
+    {
+        return true;
+    }
+
+    if (solid.movingMesh())
+    {
+        solid.gradD() = fvc::grad(solid.D().oldTime() + solid.DD());
+        mechanical().interpolate(solid.DD(), solid.gradDD(), solid.pointDD());
+        solid.pointD() = solid.pointD().oldTime() + solid.pointDD();
+        return true;
+    }
+
+    if (!solid.incremental())
+    {
+        solid.DD() = solid.D() - solid.D().oldTime();
+        solid.gradDD() = solid.gradD() - solid.gradD().oldTime();
+    }
+    solid.pointD().oldTime();
+    mechanical().interpolate(solid.D(), solid.gradD(), solid.pointD());
+    solid.pointDD() = solid.pointD() - solid.pointD().oldTime();
+
+    return true;
+}
+
+
+void Foam::m4gnSolids4FoamLaw::move()
+{
+    solid_->updateTotalFields();
+}
+
+
+void Foam::m4gnSolids4FoamLaw::write() const
+{
+    solid_->writeFields(mesh_.time());
+}
+
+
+// ************************************************************************* //
