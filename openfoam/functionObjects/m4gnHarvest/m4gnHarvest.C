@@ -13,6 +13,7 @@ License
 #include "m4gnDictionary.H"
 #include "m4gnElasticModes.H"
 #include "m4gnMechanicalProperties.H"
+#include "m4gnSolidLaw.H"
 #include "m4gnSurrogate.H"
 #include "OSspecific.H"
 
@@ -424,6 +425,13 @@ void Foam::functionObjects::m4gnHarvest::updateMesh(const mapPolyMesh&)
 
 void Foam::functionObjects::m4gnHarvest::movePoints(const polyMesh&)
 {
+    // The cells stay the body's: what was made of the mesh at the start of the
+    // run is that of the body at rest
+    if (m4gnSolidLaw::movesMesh(mesh_))
+    {
+        return;
+    }
+
     FatalErrorInFunction
         << "Function object " << name() << " of type " << type()
         << ": the mesh has moved, and a trajectory has one mesh" << nl

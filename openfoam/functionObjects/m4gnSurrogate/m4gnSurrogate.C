@@ -21,6 +21,7 @@ License
 #include "m4gnReplace.H"
 #include "m4gnRestart.H"
 #include "m4gnSession.H"
+#include "m4gnSolidLaw.H"
 #include "m4gnSolverState.H"
 #include "m4gnFluxProjection.H"
 
@@ -568,6 +569,13 @@ void Foam::functionObjects::m4gnSurrogate::updateMesh(const mapPolyMesh&)
 
 void Foam::functionObjects::m4gnSurrogate::movePoints(const polyMesh&)
 {
+    // The cells stay the body's: what was made of the mesh at the start of the
+    // run is that of the body at rest
+    if (m4gnSolidLaw::movesMesh(mesh_))
+    {
+        return;
+    }
+
     FatalErrorInFunction
         << "Function object " << name() << " of type " << type()
         << ": the mesh has moved, and a surrogate has one mesh" << nl
