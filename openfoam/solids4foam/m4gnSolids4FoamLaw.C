@@ -36,10 +36,10 @@ namespace
 using namespace Foam;
 
 //- Most sweeps, the change of a boundary value at which they end, relative to
-//  the largest displacement, and that from which on a warning is due
+//  the largest displacement, and that which is enough where they do not
 const label maxSweeps = 300;
 const scalar sweepTolerance = 1e-10;
-const scalar warnTolerance = 1e-6;
+const scalar enough = 1e-5;
 
 //- Sweeps that the mixing remembers
 const label depth = 8;
@@ -271,7 +271,7 @@ Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
 }
 
 
-bool Foam::m4gnSolids4FoamLaw::agree()
+bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
 {
     volVectorField& u = solid_->solutionD();
     auto& boundary = u.boundaryFieldRef();
@@ -366,22 +366,36 @@ bool Foam::m4gnSolids4FoamLaw::agree()
         reduce(change, maxOp<scalar>());
 
         gather(next);
-        now = mixing.next(now, next);
+        now = mixed ? mixing.next(now, next) : tmp<vectorField>::New(next);
     }
 
     // Conditions that are updated still have the last gradient
     u.correctBoundaryConditions();
 
-    if (change > warnTolerance*size && !said_)
+    return stress() && change < enough*size;
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::agree()
+{
+    volVectorField& u = solid_->solutionD();
+    const volVectorField before("before", u);
+    const volSymmTensorField stressBefore("stressBefore", solid_->sigma());
+
+    // Mixing can lead astray where the stress is far from linear
+    for (const bool mixed : {true, false})
     {
-        said_ = true;
-        WarningInFunction
-            << "Stress and boundary values of the surrogate's state do not agree:"
-            << " after " << maxSweeps << " sweeps the values change by " << change
-            << " m, of a displacement of " << size << " m" << endl;
+        if (agree(mixed))
+        {
+            return true;
+        }
+        u == before;
+        solid_->sigma() == stressBefore;
     }
 
-    return stress();
+    strain();
+
+    return false;
 }
 
 
@@ -497,9 +511,10 @@ bool Foam::m4gnSolids4FoamLaw::follow()
         {
             said_ = true;
             WarningInFunction
-                << "The surrogate's displacement turns cells inside out (det F is"
-                << " not positive): stresses of such states stay as they were"
-                << endl;
+                << "No boundary values were found with which the stress of the"
+                << " surrogate's displacement agrees, or it turns cells inside"
+                << " out: stresses of such states stay as they were, and boundary"
+                << " values are extrapolated" << endl;
         }
         return false;
     }

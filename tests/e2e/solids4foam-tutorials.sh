@@ -1,0 +1,95 @@
+#!/usr/bin/env bash
+# solids4foam's own tutorials, of different models and laws: the function objects leave the solver's files as they were to the byte,
+# and mode replace goes on from recorded states or is refused in the first time step, by name. Needs solids4foam:
+#   SOLIDS4FOAM_INST_DIR   as tests/e2e/solids4foam.sh
+#   SOLIDS4FOAM_DIR        its source, with tutorials/solids and applications/scripts
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+if [ -z "${SOLIDS4FOAM_INST_DIR:-}" ]; then skip "SOLIDS4FOAM_INST_DIR is not set"; fi
+tutorials=${SOLIDS4FOAM_DIR:-}/tutorials/solids
+if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR has no tutorials/solids"; fi
+export PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/bin:$PATH
+export LD_LIBRARY_PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/lib:$LD_LIBRARY_PATH
+real=$LD_LIBRARY_PATH
+make_oracle
+oracle=$LD_LIBRARY_PATH
+
+setting() { foamDictionary -entry "$1" -set "$2" system/controlDict > /dev/null; }
+# prepare TUTORIAL STEPS: its mesh, and a run of so many time steps, all of which are written
+prepare() {
+    cp -r "$tutorials/$1" case && cd case
+    # What solids4foam's own convertCaseFormat does for this OpenFOAM
+    find . -type f -print0 | xargs -0 sed -i 's/symmetryPlane\b/symmetry/g'
+    if [ -f constant/polyMesh/blockMeshDict ]; then mv constant/polyMesh/blockMeshDict system; fi
+    foamDictionary -entry functions -remove system/controlDict > /dev/null 2>&1 || true
+    step=$(awk '$1 == "deltaT" { print $2 + 0 }' system/controlDict)
+    setting endTime "$(awk "BEGIN { print $2*$step }")"
+    setting writeControl timeStep
+    setting writeInterval 1
+    setting writeFormat ascii
+    setting writePrecision 14
+    setting writeCompression off
+    setting runTimeModifiable no
+    echo 'functions { #include "functions" }' >> system/controlDict
+    : > system/functions
+    runs blockMesh
+}
+# same FOLDER: every file of the times there is as it was, besides what m4gn writes
+same() {
+    local file n=0
+    while read -r file; do
+        cmp -s "$1/$file" "$file" || fail "$what: $file is not as it was without m4gn"
+        n=$((n + 1))
+    done < <(cd "$1" && find . -path './[0-9]*' -type f)
+    [ $n -gt 4 ] || fail "$what: only $n files to compare"
+    echo "$what: $n files as without m4gn"
+}
+
+while read -r tutorial steps limit text; do
+    what=$tutorial
+    export LD_LIBRARY_PATH=$real
+    rm -rf "$work/case" && cd "$work"
+    prepare "$tutorial" "$steps"
+    runs solids4Foam
+    rm -rf ../plain && mkdir ../plain && find . -maxdepth 1 -name '[0-9]*' ! -name 0 -exec mv -t ../plain {} +
+
+    # Recorded, with segments
+    clean_case
+    echo "record { type m4gnHarvest; libs (m4gnFoam); fields (D); writeControl timeStep; writeInterval 1; }
+        parts { type m4gnSegments; libs (m4gnFoam); segments { count 4; } }" > system/functions
+    runs solids4Foam
+    same ../plain
+    [ -s "$(find . -name trajectory.h5)" ] || fail "$what: nothing was recorded"
+
+    # Replaced: from the fourth step two steps are the surrogate's
+    clean_case
+    export LD_LIBRARY_PATH=$oracle
+    ORACLE_STRIDE=$(awk "BEGIN { print 2*$step }")
+    export ORACLE_STRIDE ORACLE_FRAMES=2
+    function_object m4gnHarvest 'fields (D); writeControl timeStep; writeInterval 1;'
+    runs solids4Foam
+    clean_case
+    : > any
+    function_object m4gnSurrogate "mode replace; model any; solverSteps 4; surrogateSteps 1; timeStart $(awk "BEGIN { print 3.5*$step }");"
+    if [ "$limit" = refused ]; then
+        refused "$text" solids4Foam
+        [ "$(grep -c '^Time = ' log.run)" -le 1 ] || fail "$what: refused in step $(grep -c '^Time = ' log.run), expected the first"
+        echo "$what: refused in the first step: $text"
+        continue
+    fi
+    runs solids4Foam
+    grep -q '^m4gn: jumped 1 steps' log.run || fail "$what: no jump"
+    last=$(foamListTimes -latestTime)
+    for field in D sigma; do
+        below "$(difference "../plain/$last/$field" "$last/$field")" "$limit" "$what: $field at $last, two steps of $steps were jumped"
+    done
+done <<'EOD'
+linearElasticity/rigidCylinderContactBrick 8 1e-3
+hyperelasticity/longWall 8 1e-3
+hyperelasticity/rigidRotation/rotatingBlock 8 1e-3
+hyperelasticity/cylindricalPressureVessel 8 1e-3
+viscoelasticity/viscoTube 6 refused does not hand over the history of the material
+linearElasticity/waveBar 8 refused does not know how this solver carries on
+elastoplasticity/cooksMembrane 3 refused does not hand over the history of the material
+EOD
+echo "solids4foam-tutorials: passed"
