@@ -1,0 +1,186 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnSolids4FoamLaw.H"
+#include "fixedGradientFvPatchFields.H"
+#include "m4gnMixing.H"
+#include "solidModel.H"
+
+// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+
+namespace
+{
+
+using namespace Foam;
+
+//- Most sweeps, the change of a boundary value at which they end, relative to
+//  the largest displacement, and that which is enough where they do not
+const label maxSweeps = 300;
+const scalar sweepTolerance = 1e-10;
+const scalar enough = 1e-5;
+
+//- Sweeps that the mixing remembers
+const label depth = 8;
+
+
+fixedGradientFvPatchVectorField& traction(fvPatchVectorField& patch)
+{
+    return refCast<fixedGradientFvPatchVectorField>(patch);
+}
+
+} // End anonymous namespace
+
+
+// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
+
+Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
+{
+    DynamicList<label> found;
+    const volVectorField& u = solid_->solutionD();
+
+    forAll(u.boundaryField(), patchi)
+    {
+        if (isA<fixedGradientFvPatchVectorField>(u.boundaryField()[patchi]))
+        {
+            found.append(patchi);
+        }
+    }
+
+    return labelList(std::move(found));
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
+{
+    volVectorField& u = solid_->solutionD();
+    auto& boundary = u.boundaryFieldRef();
+    const labelList patches(tractions());
+
+    label n = 0;
+    for (const label patchi : patches)
+    {
+        n += boundary[patchi].size();
+    }
+
+    const auto gather = [&](vectorField& gradients)
+    {
+        label facei = 0;
+        for (const label patchi : patches)
+        {
+            for (const vector& g : traction(boundary[patchi]).gradient())
+            {
+                gradients[facei++] = g;
+            }
+        }
+    };
+    const auto scatter = [&](const vectorField& gradients)
+    {
+        label facei = 0;
+        for (const label patchi : patches)
+        {
+            for (vector& g : traction(boundary[patchi]).gradient())
+            {
+                g = gradients[facei++];
+            }
+        }
+    };
+
+    const scalar size = max(gMax(mag(solid_->D().primitiveField())()), VSMALL);
+    m4gnMixing mixing(depth);
+    vectorField now(n), next(n);
+
+    // The boundary values that there are
+    for (const label patchi : patches)
+    {
+        fvPatchVectorField& patch = boundary[patchi];
+        traction(patch).gradient() =
+            patch.patch().deltaCoeffs()*(patch - patch.patchInternalField());
+    }
+    gather(now);
+
+    scalar change = GREAT;
+    for (label sweep = 0; sweep < maxSweeps && change > sweepTolerance*size; ++sweep)
+    {
+        scatter(now);
+        for (const label patchi : patches)
+        {
+            // They count as updated, so that their gradient is this one
+            boundary[patchi].fvPatchVectorField::updateCoeffs();
+        }
+        const volVectorField::Boundary before(boundary);
+        u.correctBoundaryConditions();
+
+        if (!stress())
+        {
+            return false;
+        }
+
+        change = 0;
+        forAll(boundary, patchi)
+        {
+            const fvPatchVectorField& patch = boundary[patchi];
+            if (patch.size() && !patch.coupled() && !patches.found(patchi))
+            {
+                change = max(change, max(mag(patch - before[patchi])));
+            }
+        }
+
+        for (const label patchi : patches)
+        {
+            const vectorField last(traction(boundary[patchi]).gradient());
+            boundary[patchi].updateCoeffs();
+            if (last.size())
+            {
+                change = max
+                (
+                    change,
+                    max
+                    (
+                        mag(traction(boundary[patchi]).gradient() - last)
+                       /boundary[patchi].patch().deltaCoeffs()
+                    )
+                );
+            }
+        }
+        reduce(change, maxOp<scalar>());
+
+        gather(next);
+        now = mixed ? mixing.next(now, next) : tmp<vectorField>::New(next);
+    }
+
+    // Conditions that are updated still have the last gradient
+    u.correctBoundaryConditions();
+
+    return stress() && change < enough*size;
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::agree()
+{
+    volVectorField& u = solid_->solutionD();
+    const volVectorField before("before", u);
+    const volSymmTensorField stressBefore("stressBefore", solid_->sigma());
+
+    // Mixing can lead astray where the stress is far from linear
+    for (const bool mixed : {true, false})
+    {
+        if (agree(mixed))
+        {
+            return true;
+        }
+        u == before;
+        solid_->sigma() == stressBefore;
+    }
+
+    strain();
+
+    return false;
+}
+
+
+// ************************************************************************* //
