@@ -52,7 +52,7 @@ CODE
 
 prepare() {
     local part library
-    rm -rf "$into/source" && mkdir -p "$into/source" && cp -r "$from/src" "$from/applications" "$into/source" &&
+    rm -rf "$into/source" && mkdir -p "$into/source" && cp -r "$from/src" "$from/applications" "$from/tutorials" "$into/source" &&
         cd "$into/source" || return
     if [ "$M4GN_FOAM_VERSION" -lt 2012 ]; then
         adapt || return
