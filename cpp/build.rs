@@ -25,6 +25,7 @@ const LIBRARIES: [&str; 6] = [
 const SOURCES: &[&str] = &[
     "src/FoamCase.C",
     "src/FoamFields.C",
+    "src/FoamSolids.C",
     "src/FoamMesh.C",
     "src/FoamWrite.C",
     "../openfoam/mesh/m4gnMeshAdapter.C",

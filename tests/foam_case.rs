@@ -4,8 +4,8 @@
 
 mod common;
 
-use common::{cube, field, put, uniform};
-use m4gn_workbench::foam_case::FoamCase;
+use common::{cube, field, note, put, uniform};
+use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
 use std::{
     fs,
     path::Path,
@@ -233,6 +233,8 @@ fn a_decomposed_case_is_read_without_reconstructing_it() {
         field(dir.path(), time, "U", ["(1 0 0)", "(3 0 0)"], values);
         field(dir.path(), time, "p", ["1", "2"], p);
     }
+    let stress = "\".*\"{type calculated; value uniform (7 2 3 -1 0.5 4);}";
+    field(dir.path(), "1", "sigma", ["(7 2 3 -1 0.5 4)"; 2], stress);
     let whole = open(dir.path()).unwrap().force("body", 1).unwrap();
     let method = "numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }";
     put(dir.path(), "system/decomposeParDict", "dictionary", method);
@@ -262,6 +264,18 @@ fn a_decomposed_case_is_read_without_reconstructing_it() {
         near(force.pressure, whole.pressure) && near(force.viscous, whole.viscous),
         "{force:?}, {whole:?}"
     );
+    assert_eq!(
+        case.reaction("outlet", 1).unwrap(),
+        Reaction::Force([7.0, 2.0, 3.0])
+    );
+    let stale = "m4gn: not advanced by the surrogate, values of time 0";
+    note(dir.path(), "processor0/1/sigma", stale);
+    let found = || open(dir.path()).unwrap().reaction("outlet", 1).unwrap();
+    assert_eq!(found(), Reaction::Unknown(Unknown::Stale));
+    // reconstructPar takes no notes over
+    field(dir.path(), "1", "sigma", ["(7 2 3 -1 0.5 4)"; 2], stress);
+    assert_eq!(open(dir.path()).unwrap().description().processors, 0);
+    assert_eq!(found(), Reaction::Unknown(Unknown::Stale));
     assert!(
         case.vector_field("V", 1)
             .unwrap_err()

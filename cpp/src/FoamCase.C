@@ -131,7 +131,17 @@ void m4gn::FoamCase::Data::set_time(std::size_t index)
     const Foam::label i = Foam::label(index);
     time.setTime(times[i], i);
     forAll(databases, proc) { databases[proc].setTime(times[i], i); }
-    if (current != i) { vectors.clear(); scalars.clear(); current = i; }
+    if (current != i) { forget(); current = i; }
+}
+
+
+void m4gn::FoamCase::Data::forget()
+{
+    scalars.clear();
+    vectors.clear();
+    symmTensors.clear();
+    tensors.clear();
+    current = -1;
 }
 
 

@@ -25,18 +25,25 @@ Foam::IOobject header(const Foam::word& name, const Foam::Time& time, const Foam
 
 
 template<class Field>
+bool m4gn::FoamCase::Data::is(const Foam::word& name) const
+{
+    const bool distributed = databases.size();
+    const Foam::objectRegistry& registry = distributed ? processors->meshes()[0].thisDb() : mesh->thisDb();
+    return header(name, stored_time(), registry).typeHeaderOk<Field>(true);
+}
+
+
+template<class Field>
 const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& name)
 {
     const auto found = known.find(name);
     if (found != known.end()) { return *found->second; }
 
     const bool distributed = databases.size();
-    const Foam::Time& where = distributed ? databases[0] : time;
-    const Foam::objectRegistry& registry = distributed ? processors->meshes()[0].thisDb() : mesh->thisDb();
-    if (!header(name, where, registry).typeHeaderOk<Field>(true))
+    if (!is<Field>(name))
     {
         FatalErrorInFunction
-            << "expected a " << Field::typeName << " in " << where.timePath()/name
+            << "expected a " << Field::typeName << " in " << stored_time().timePath()/name
             << ", found no such file or a file of another class"
             << Foam::exit(Foam::FatalError);
     }
@@ -55,12 +62,17 @@ const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& n
 }
 
 
+// FoamSolids.C asks for these too.
+template const Foam::volVectorField& m4gn::FoamCase::Data::read(Known<Foam::volVectorField>&, const Foam::word&);
+template const Foam::volSymmTensorField& m4gn::FoamCase::Data::read(Known<Foam::volSymmTensorField>&, const Foam::word&);
+template const Foam::volTensorField& m4gn::FoamCase::Data::read(Known<Foam::volTensorField>&, const Foam::word&);
+template bool m4gn::FoamCase::Data::is<Foam::volTensorField>(const Foam::word&) const;
+
+
 bool m4gn::FoamCase::has_field(rust::Str name, std::size_t time)
 {
     data_->set_time(time);
-    const bool distributed = data_->databases.size();
-    const Foam::Time& where = distributed ? data_->databases[0] : data_->time;
-    return Foam::isFile(where.timePath()/field_name(name));
+    return Foam::isFile(data_->stored_time().timePath()/field_name(name));
 }
 
 

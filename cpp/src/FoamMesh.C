@@ -56,9 +56,7 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     // What fixes its value where is read from the start time's U and p, as a run registers them.
     Foam::Time& time = data_->time;
     time.setTime(Foam::instant(time.startTime().value(), data_->start_name()), 0);
-    data_->current = -1;
-    data_->vectors.clear();
-    data_->scalars.clear();
+    data_->forget();
 
     const Foam::m4gnNodeTypes nodes
     (

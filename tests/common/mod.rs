@@ -75,12 +75,14 @@ pub fn cube(case: &Path, closed: bool, sides: &str) {
     put(case, "constant/polyMesh/boundary", "polyBoundaryMesh", &patches);
 }
 
-/// Writes p, T, U or D at a time.
+/// Writes p, T, U, D, sigma or F at a time.
 pub fn field(case: &Path, time: &str, name: &str, cells: [&str; 2], boundary: &str) {
     let (class, kind, dimensions) = match name {
         "p" => ("volScalarField", "scalar", "[0 2 -2 0 0 0 0]"),
         "T" => ("volScalarField", "scalar", "[0 0 0 1 0 0 0]"),
         "D" => ("volVectorField", "vector", "[0 1 0 0 0 0 0]"),
+        "sigma" => ("volSymmTensorField", "symmTensor", "[1 -1 -2 0 0 0 0]"),
+        "F" => ("volTensorField", "tensor", "[0 0 0 0 0 0 0]"),
         _ => ("volVectorField", "vector", "[0 1 -1 0 0 0 0]"),
     };
     let text = format!(
@@ -109,4 +111,12 @@ pub fn uniform(case: &Path, time: &str, u: f64) {
         ["1", "1"],
         &walls("type calculated; value uniform 1;"),
     );
+}
+
+/// Puts a note into the header of a file.
+pub fn note(case: &Path, file: &str, note: &str) {
+    let path = case.join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    let (before, after) = text.split_once("class").unwrap();
+    fs::write(&path, format!("{before}note \"{note}\"; class{after}")).unwrap();
 }

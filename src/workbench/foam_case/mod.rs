@@ -3,8 +3,10 @@
 mod body;
 mod fields;
 mod mesh;
+mod solid;
 
 pub use fields::Stored;
+pub use solid::{CorrectorLimits, Reaction, Unknown};
 
 use crate::foam_bridge;
 use crate::foam_bridge::CaseHandle;

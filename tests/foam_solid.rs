@@ -1,0 +1,225 @@
+//! What the bridge to OpenFOAM says of solids, on a cube of two cells: the force on a patch, and where correctors end.
+//!
+//! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
+
+mod common;
+
+use common::{cube, field, note, put};
+use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
+use std::{
+    fs,
+    path::Path,
+    sync::{Mutex, MutexGuard},
+};
+use tempfile::TempDir;
+
+/// OpenFOAM is not thread-safe, and tests run in threads.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
+}
+
+fn open(case: &Path) -> m4gn_mesh::Result<FoamCase> {
+    FoamCase::open(case)
+}
+
+fn near(a: [f64; 3], b: [f64; 3]) -> bool {
+    (0..3).all(|d| (a[d] - b[d]).abs() < 1e-12)
+}
+
+/// Centres of the boundary faces of the cube, patch by patch: inlet, outlet, body, sides.
+const CENTRES: [(&str, &[[f64; 3]]); 4] = [
+    ("inlet", &[[0.0, 0.5, 0.5]]),
+    ("outlet", &[[1.0, 0.5, 0.5]]),
+    (
+        "body",
+        &[
+            [0.25, 0.0, 0.5],
+            [0.75, 0.0, 0.5],
+            [0.25, 1.0, 0.5],
+            [0.75, 1.0, 0.5],
+        ],
+    ),
+    (
+        "sides",
+        &[
+            [0.25, 0.5, 0.0],
+            [0.75, 0.5, 0.0],
+            [0.25, 0.5, 1.0],
+            [0.75, 0.5, 1.0],
+        ],
+    ),
+];
+
+/// Writes a field of a solid with these values at its places.
+fn solid_field(case: &Path, time: &str, name: &str, kind: &str, of: &dyn Fn([f64; 3]) -> String) {
+    let patches = CENTRES.map(|(patch, centres)| {
+        let values: Vec<String> = centres.iter().map(|c| of(*c)).collect();
+        let n = values.len();
+        format!(
+            "{patch}{{type calculated; value nonuniform List<{kind}> {n}({});}} ",
+            values.join(" ")
+        )
+    });
+    let cells = [of([0.25, 0.5, 0.5]), of([0.75, 0.5, 0.5])];
+    field(case, time, name, [&cells[0], &cells[1]], &patches.concat());
+}
+
+/// A cube in the uniform stress xx 7, xy 2, xz 3, yy -1, yz 0.5, zz 4 Pa at time 1.
+fn stressed(case: &Path) {
+    cube(case, false, "patch");
+    solid_field(case, "1", "sigma", "symmTensor", &|_| "(7 2 3 -1 0.5 4)".into());
+}
+
+fn force(case: &mut FoamCase, patch: &str) -> [f64; 3] {
+    match case.reaction(patch, 0).unwrap() {
+        Reaction::Force(force) => force,
+        other => panic!("{patch}: {other:?}"),
+    }
+}
+
+#[test]
+fn reaction_of_a_uniform_stress() {
+    let _alone = alone();
+    let dir = TempDir::new().unwrap();
+    stressed(dir.path());
+    let mut case = open(dir.path()).unwrap();
+    // The row of the stress along the normal, times an area of 1
+    assert!(near(force(&mut case, "outlet"), [7.0, 2.0, 3.0]));
+    assert!(near(force(&mut case, "inlet"), [-7.0, -2.0, -3.0]));
+    // Opposite faces are in equilibrium
+    assert!(near(force(&mut case, "body"), [0.0; 3]));
+    let error = case.reaction("wing", 0).unwrap_err().to_string();
+    assert!(error.contains("wing") && error.contains("outlet"), "{error}");
+
+    // A model of solids4foam for small strains does not look at D
+    let linear = "solidModel linearGeometryTotalDisplacement;";
+    put(dir.path(), "constant/solidProperties", "dictionary", linear);
+    solid_field(dir.path(), "1", "D", "vector", &|c| format!("({} 0 0)", c[0]));
+    assert!(near(
+        force(&mut open(dir.path()).unwrap(), "outlet"),
+        [7.0, 2.0, 3.0]
+    ));
+}
+
+/// x is stretched by 1.5, sheared by 0.25 along y and 0.5 along z; z is doubled. F has no symmetry, so that a transpose in the wrong
+/// place shows.
+#[test]
+fn reaction_on_deformed_areas() {
+    let _alone = alone();
+    let dir = TempDir::new().unwrap();
+    stressed(dir.path());
+    let total = "solidModel nonLinearGeometryTotalLagrangianTotalDisplacement;";
+    put(dir.path(), "constant/solidProperties", "dictionary", total);
+    let displacement = |c: [f64; 3]| {
+        let x = 0.5 * c[0] + 0.25 * c[1] + 0.5 * c[2];
+        format!("({x} 0 {})", c[2])
+    };
+    solid_field(dir.path(), "1", "D", "vector", &displacement);
+    // The face x = 1 is spanned by the images of y and z, (0.25 1 0) and (0.5 0 2): its area is their cross product,
+    // (2 -0.5 -0.5), and the force the stress times it.
+    let expected = [
+        7.0 * 2.0 + 2.0 * -0.5 + 3.0 * -0.5,
+        2.0 * 2.0 + -1.0 * -0.5 + 0.5 * -0.5,
+        3.0 * 2.0 + 0.5 * -0.5 + 4.0 * -0.5,
+    ];
+    let by_gradient = force(&mut open(dir.path()).unwrap(), "outlet");
+    assert!(
+        near(by_gradient, expected),
+        "{by_gradient:?}, expected {expected:?}"
+    );
+
+    // The stored F goes before the gradient of D, here that of no displacement at all
+    solid_field(dir.path(), "1", "F", "tensor", &|_| {
+        "(1.5 0.25 0.5 0 1 0 0 0 2)".into()
+    });
+    solid_field(dir.path(), "1", "D", "vector", &|_| "(0 0 0)".into());
+    let by_f = force(&mut open(dir.path()).unwrap(), "outlet");
+    assert!(near(by_f, expected), "{by_f:?}, expected {expected:?}");
+
+    // An F that the surrogate did not advance does not
+    note(
+        dir.path(),
+        "1/F",
+        "m4gn: not advanced by the surrogate, values of time 0.5",
+    );
+    let found = force(&mut open(dir.path()).unwrap(), "outlet");
+    assert!(near(found, [7.0, 2.0, 3.0]), "{found:?}");
+
+    solid_field(dir.path(), "1", "F", "tensor", &|_| "(-1 0 0 0 1 0 0 0 1)".into());
+    let error = open(dir.path())
+        .unwrap()
+        .reaction("outlet", 0)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("inside out") && error.contains("outlet"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_force_that_is_not_known_is_not_guessed() {
+    let _alone = alone();
+    let dir = TempDir::new().unwrap();
+    let unknown = || open(dir.path()).unwrap().reaction("outlet", 0).unwrap();
+    cube(dir.path(), false, "patch");
+    solid_field(dir.path(), "1", "D", "vector", &|c| format!("({} 0 0)", c[0]));
+    assert_eq!(unknown(), Reaction::Unknown(Unknown::Missing));
+    stressed(dir.path());
+    let path = dir.path().join("1/sigma");
+    let whole = fs::read_to_string(&path).unwrap();
+    note(
+        dir.path(),
+        "1/sigma",
+        "m4gn: not advanced by the surrogate, values of time 0.5",
+    );
+    assert_eq!(unknown(), Reaction::Unknown(Unknown::Stale));
+    // A note of somebody else says nothing of that
+    fs::write(&path, &whole).unwrap();
+    note(dir.path(), "1/sigma", "of the tutorial");
+    assert_eq!(unknown(), Reaction::Force([7.0, 2.0, 3.0]));
+    fs::write(&path, whole.replace("[1 -1 -2 0 0 0 0]", "[0 2 -2 0 0 0 0]")).unwrap();
+    assert_eq!(unknown(), Reaction::Unknown(Unknown::Kinematic));
+    fs::write(&path, whole.replace("[1 -1 -2 0 0 0 0]", "[0 0 0 0 0 0 0]")).unwrap();
+    let error = open(dir.path())
+        .unwrap()
+        .reaction("outlet", 0)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("expected a stress") || error.contains("needs a stress"),
+        "{error}"
+    );
+    fs::write(&path, &whole).unwrap();
+    let updated = "solidModel nonLinearGeometryUpdatedLagrangian;";
+    put(dir.path(), "constant/solidProperties", "dictionary", updated);
+    assert_eq!(unknown(), Reaction::Unknown(Unknown::Moved));
+}
+
+#[test]
+fn where_correctors_end() {
+    let _alone = alone();
+    let dir = TempDir::new().unwrap();
+    cube(dir.path(), false, "patch");
+    let limits = || {
+        let found = open(dir.path()).unwrap().corrector_limits().unwrap();
+        (found.most, found.tolerance)
+    };
+    assert_eq!(limits(), (None, None));
+    let stock = "solvers{} stressAnalysis { compactNormalStress yes; nCorrectors 400; D 5e-6; }";
+    put(dir.path(), "system/fvSolution", "dictionary", stock);
+    assert_eq!(limits(), (Some(400), Some(5e-6)));
+    let model = "solidModel linearGeometry; linearGeometryCoeffs { nCorrectors 700; }";
+    put(dir.path(), "constant/solidProperties", "dictionary", model);
+    assert_eq!(limits(), (Some(700), None));
+    // What solids4foam takes where nothing is said
+    put(
+        dir.path(),
+        "constant/solidProperties",
+        "dictionary",
+        "solidModel linearGeometry;",
+    );
+    assert_eq!(limits(), (Some(10_000), None));
+}
