@@ -202,6 +202,7 @@ fn compare_refuses_what_cannot_be_compared() {
         &[&a, &b, "--patch", "wing"],
         "its patches are inlet, outlet, body, sides",
     );
+    fails(&[&a, &b, "--follow", "outlet"], "of a solid");
     fails(&[&a, &b, "--from", "0.5"], "took over at 0.5 s");
     fails(&[&a, &b, "--from", "3"], "took over at 3 s");
     fails(&[&a, &b, "--wall-a", "0"], "expected a positive number");
@@ -238,7 +239,7 @@ fn the_motion_of_a_solid_is_compared() {
     // The cell beside the outlet is the one that moves most; the one beside the inlet moves half as far.
     for (patch, most) in [(None, 1.0), (Some("outlet"), 1.0), (Some("inlet"), 0.5)] {
         let mut args = vec!["compare", &a, &b, "--json", &json, "--html", &html];
-        args.extend(patch.iter().flat_map(|p| ["--patch", p]));
+        args.extend(patch.iter().flat_map(|p| ["--follow", p]));
         let run = m4gn(&args);
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
         let found = figures(&json);
@@ -258,6 +259,14 @@ fn the_motion_of_a_solid_is_compared() {
         assert!(number("frequency_error") < 1e-6 && (number("periods") - 23.0 / 8.0).abs() < 1e-4);
         // Over both cells and both components: (1 + 1/4)/4 of the square.
         let expected = 0.1 * (mean_square * 1.25 / 4.0).sqrt();
+        // The errors of the cells are 0.1 and 0.05 where they are largest, of a range of 1
+        let worst = (0.5 * (0.01 + 0.0025_f64)).sqrt();
+        assert!((number("displacement_range") - 1.0).abs() < 1e-9, "{found}");
+        assert!(
+            (number("displacement_error_of_range") - worst).abs() < 1e-9,
+            "{found}"
+        );
+        assert!(found["reaction"].is_null());
         let last = found["displacement_rmse"].as_array().unwrap().last().unwrap();
         assert!((last.as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
     }
@@ -271,8 +280,75 @@ fn the_motion_of_a_solid_is_compared() {
     };
     fails(&["--png", &path("c.png")], "--png");
     fails(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
+    fails(
+        &["--follow", "wing"],
+        "its patches are inlet, outlet, body, sides",
+    );
     sways(Path::new(&a), 0.0);
     fails(&[], "does not move");
     fs::remove_file(Path::new(&b).join("24/D")).unwrap();
     fails(&[], "24/D");
+}
+
+/// A stress that is the same everywhere: `xx` along x, and `xy`. In 2-D there is no stress on `sides`.
+fn stress(case: &Path, time: u32, xx: f64, xy: f64) {
+    let value = format!("({xx} {xy} 0 0 0 0)");
+    let boundary = format!("sides{{type empty;}} \".*\"{{type calculated; value uniform {value};}}");
+    field(case, &time.to_string(), "sigma", [&value, &value], &boundary);
+}
+
+#[test]
+fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
+    let (a, b, json, html) = (path("a"), path("b"), path("c.json"), path("c.html"));
+    sways(Path::new(&a), 1.0);
+    sways(Path::new(&b), 0.9);
+    // Errors count from 1 on. Full: 3 N and 4 N along x on an area of 1; hybrid: 1 N too much along y, then right.
+    for time in 2..=24 {
+        stress(Path::new(&a), time, if time == 2 { 3.0 } else { 4.0 }, 0.0);
+    }
+    stress(Path::new(&b), 2, 3.0, 1.0);
+    stress(Path::new(&b), 3, 4.0, 0.0);
+    // A stress of the solver's last step, under a time of the surrogate's
+    stress(Path::new(&b), 4, 9.0, 9.0);
+    let file = Path::new(&b).join("4/sigma");
+    let text = fs::read_to_string(&file).unwrap();
+    let note = "format ascii; note \"m4gn: not advanced by the surrogate, values of time 3\";";
+    fs::write(&file, text.replacen("format ascii;", note, 1)).unwrap();
+
+    let run = m4gn(&[
+        "compare", &a, &b, "--patch", "outlet", "--json", &json, "--html", &html,
+    ]);
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let found = figures(&json);
+    let reaction = &found["reaction"];
+    assert_eq!(reaction["times"], serde_json::json!([2.0, 3.0]));
+    assert_eq!(
+        reaction["force_a"],
+        serde_json::json!([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    );
+    let number = |key: &str| reaction[key].as_f64().unwrap();
+    assert!((number("error_rms") - 0.2).abs() < 1e-12, "{reaction}");
+    assert!((number("error_max") - 0.25).abs() < 1e-12, "{reaction}");
+    // The patch of the force is not the one beside which a cell is followed
+    assert_eq!(found["amplitude"], 1.0);
+    let text = String::from_utf8_lossy(&run.stdout);
+    for words in [
+        "compared at 2 of 23 times",
+        "1 time where sigma was not advanced by the surrogate in the hybrid run",
+        "20 times where no sigma is stored in the hybrid run",
+    ] {
+        assert!(text.contains(words), "{text}");
+        assert!(fs::read_to_string(&html).unwrap().contains(words));
+    }
+    let row = |what: &str| {
+        let line = text.lines().find(|l| l.contains(what));
+        line.unwrap_or_else(|| panic!("{text}"))
+    };
+    assert!(row("rms reaction force on outlet").ends_with("20.0 %"), "{text}");
+    assert!(
+        row("largest reaction force on outlet").ends_with("25.0 %"),
+        "{text}"
+    );
 }

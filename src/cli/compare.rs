@@ -4,6 +4,7 @@ use m4gn_mesh::{Error, Result};
 use m4gn_report::{number, percent, write_file};
 use m4gn_workbench::compare;
 use m4gn_workbench::compare::displacement::Motion;
+use m4gn_workbench::compare::reaction::Reaction;
 use m4gn_workbench::compare::{Options, displacement};
 use m4gn_workbench::foam_case::FoamCase;
 use std::path::{Path, PathBuf};
@@ -11,18 +12,21 @@ use std::path::{Path, PathBuf};
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
 ///
 /// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar.
-/// Of a case with a displacement D and no velocity U, the displacement, the motion of one cell and its frequency are
-/// compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
+/// Of a case with a displacement D and no pressure p, the displacement, the motion of one cell, its frequency and the reaction
+/// force on a patch are compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Folder of the full run, the reference.
     case_a: PathBuf,
     /// Folder of the hybrid run.
     case_b: PathBuf,
-    /// Patch whose drag and lift are compared [default: cylinder, where there is one]; of a solid, the patch beside whose
-    /// centre a cell is followed [default: the cell that moves most].
+    /// Patch whose drag and lift are compared [default: cylinder, where there is one]; of a solid, whose reaction force is,
+    /// the integral of the stored stress sigma [default: none].
     #[arg(long)]
     patch: Option<String>,
+    /// Of a solid, the patch beside whose centre a cell is followed [default: the cell that moves most].
+    #[arg(long, value_name = "PATCH")]
+    follow: Option<String>,
     /// Reference speed of the force coefficients, m/s [default: mean inlet velocity].
     #[arg(long, value_name = "M/S")]
     speed: Option<f64>,
@@ -73,6 +77,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut b = FoamCase::open(&args.case_b)?;
     let options = Options {
         patch: args.patch,
+        follow: args.follow,
         speed: args.speed,
         length: args.length,
         takeover: args.from,
@@ -103,6 +108,12 @@ pub fn run(args: Args) -> Result<()> {
         let motion = displacement::compare(&mut a, &mut b, &options, progress);
         bar.iter().for_each(|b| b.finish_and_clear());
         return show_motion(&motion?, args.json.as_deref(), args.html.as_deref());
+    }
+    if let Some(patch) = &options.follow {
+        return Err(Error::Input(format!(
+            "--follow {patch}: cells are followed of a solid, and {} is a flow's; leave it out",
+            a.description().path
+        )));
     }
     let result = compare::compare(&mut a, &mut b, &options, progress);
     bar.iter().for_each(|b| b.finish_and_clear());
@@ -176,6 +187,9 @@ fn show_motion(motion: &Motion, json: Option<&Path>, html: Option<&Path>) -> Res
     println!("{}", motion.error_table());
     println!("{}", motion.figure_table());
     println!("  followed: {}", motion.point_text());
+    if let Some(text) = motion.reaction.as_ref().and_then(Reaction::left_out_text) {
+        println!("  {text}");
+    }
     if let Some(periods) = motion.periods {
         println!("  over {} periods", number(periods, 3));
     } else {

@@ -1,9 +1,11 @@
 //! A hybrid run of a solid against the full run: the displacement everywhere, and the motion of one cell.
 //!
 //! Displacement errors are counted as those of the velocity are ([`super`]). The cell is the one beside the centre of a
-//! patch, or the one that moves most; its component is the one that moves most.
+//! patch, or the one that moves most; its component is the one that moves most. The force on a patch is in
+//! [`super::reaction`].
 
 use super::pairing::{common_times, same_mesh};
+use super::reaction::{Reaction, Track, known};
 use super::{Cost, components, error_table, pair, records, seconds, signal};
 use crate::foam_case::FoamCase;
 use crate::validate::rmse::{SquaredError, cumulative};
@@ -37,6 +39,12 @@ pub struct Motion {
     pub displacement_error: Vec<f64>,
     /// Root mean square of the full run's displacement over all times, m.
     pub displacement_rms: f64,
+    /// Largest displacement of any cell of the full run at any of the times, m: its range.
+    pub displacement_range: f64,
+    /// Largest over the times of the root mean square over cells of |D of B - D of A|, over the range.
+    pub displacement_error_of_range: f64,
+    /// Force on the patch that was named; none: none was.
+    pub reaction: Option<Reaction>,
     /// Centre of the cell that is followed, m.
     pub point: [f64; 3],
     /// Component that is followed: 0, 1, 2 for x, y, z.
@@ -96,6 +104,13 @@ pub fn compare(
     let directions = &description.directions;
     let centres = a.cell_centres()?;
 
+    let mut forces = match &options.patch {
+        Some(patch) => {
+            let jumps = surrogate.as_ref().map_or(Vec::new(), |s| s.jumps.clone());
+            Some(Track::new(a, b, patch, jumps)?)
+        }
+        None => None,
+    };
     let held = components(&a.vector_field(FIELD, hold.0)?, directions);
     let (mut hybrid, mut holding, mut all) = (Vec::new(), Vec::new(), SquaredError::default());
     let (mut full_fields, mut hybrid_fields) = (Vec::new(), Vec::new());
@@ -105,12 +120,15 @@ pub fn compare(
         hybrid.push(SquaredError::between(&va, &vb));
         holding.push(SquaredError::between(&va, &held));
         all.add(SquaredError::between(&va, &vec![0.0; va.len()]));
+        if let Some(forces) = &mut forces {
+            forces.add(a, b, (i, j))?;
+        }
         full_fields.push(da);
         hybrid_fields.push(db);
         progress(done + 1, pairs.len());
     }
 
-    let cell = match &options.patch {
+    let cell = match &options.follow {
         Some(name) => beside_patch(&description, &centres, name)?,
         None => most_moved(&full_fields),
     };
@@ -134,6 +152,8 @@ pub fn compare(
     let frequency = [&point_a, &point_b]
         .map(|history| signal::dominant_oscillation(&times, history).map(|o| o.frequency));
     let takeover = description.times[hold.0];
+    let error: Vec<f64> = hybrid.iter().map(SquaredError::rmse).collect();
+    let range = largest(&full_fields);
     Ok(Motion {
         case_a: description.path.clone(),
         case_b: b.description().path.clone(),
@@ -141,8 +161,14 @@ pub fn compare(
         takeover,
         displacement_rmse: cumulative(&hybrid),
         hold_last_rmse: cumulative(&holding),
-        displacement_error: hybrid.iter().map(SquaredError::rmse).collect(),
         displacement_rms: all.rmse(),
+        displacement_range: range,
+        // A cell's error has as many components as there are solved directions
+        displacement_error_of_range: (directions.len() as f64).sqrt()
+            * error.iter().copied().fold(0.0, f64::max)
+            / range,
+        displacement_error: error,
+        reaction: forces.map(Track::finish),
         point: centres[cell],
         component,
         amplitude,
@@ -170,6 +196,15 @@ fn extent(fields: &[Vec<[f64; 3]>], cell: usize, component: usize) -> f64 {
     fields.iter().fold(0.0, |m, f| m.max(f[cell][component].abs()))
 }
 
+/// Largest displacement of any cell at any time, m.
+fn largest(fields: &[Vec<[f64; 3]>]) -> f64 {
+    let squares = fields
+        .iter()
+        .flatten()
+        .map(|d| d.iter().map(|v| v * v).sum::<f64>());
+    squares.fold(0.0, f64::max).sqrt()
+}
+
 /// The cell with the largest displacement of all times; of equal ones the first.
 fn most_moved(fields: &[Vec<[f64; 3]>]) -> usize {
     let (mut cell, mut most) = (0, -1.0);
@@ -190,14 +225,7 @@ fn beside_patch(
     centres: &[[f64; 3]],
     name: &str,
 ) -> Result<usize> {
-    let Some(patch) = description.patches.iter().find(|p| p.name == name) else {
-        let names: Vec<&str> = description.patches.iter().map(|p| p.name.as_str()).collect();
-        return Err(Error::Input(format!(
-            "patch {name} is not in {}: its patches are {}",
-            description.path,
-            names.join(", ")
-        )));
-    };
+    let patch = known(description, name)?;
     let distance = |c: &[f64; 3]| {
         (0..3)
             .map(|d| (c[d] - 0.5 * (patch.lower[d] + patch.upper[d])).powi(2))
@@ -231,6 +259,11 @@ impl Motion {
         let most = |h: &[f64]| h.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let largest = [most(&self.point_a), most(&self.point_b)];
         row(
+            "range of D [m] (error: largest rms over the cells)",
+            [Some(self.displacement_range), None],
+            percent(Some(self.displacement_error_of_range)),
+        );
+        row(
             "largest displacement of the cell [m]",
             pair(Some(largest)),
             percent(Some((largest[1] / largest[0] - 1.0).abs())),
@@ -246,6 +279,9 @@ impl Motion {
             percent(Some(self.point_error_max)),
         );
         row("frequency [1/s]", self.frequency, percent(self.frequency_error));
+        for (name, both, error) in self.reaction.iter().flat_map(Reaction::rows) {
+            row(&name, both, error);
+        }
         for (name, pair, gained) in self.cost.rows() {
             row(name, pair, gained);
         }
@@ -301,9 +337,12 @@ impl Motion {
         page.heading("Displacement error");
         page.paragraph(&format!(
             "Root mean square over {} cells and the solved components. Hold last: the full run's field at the takeover, \
-             kept. The full run's own root-mean-square displacement is {} m.",
+             kept. The full run's own root-mean-square displacement is {} m, its range, the largest displacement of any cell at \
+             any time, {} m: of that, the root mean square over the cells of the difference's magnitude is {} at most.",
             self.cells,
-            number(self.displacement_rms, 3)
+            number(self.displacement_rms, 3),
+            number(self.displacement_range, 4),
+            percent(Some(self.displacement_error_of_range))
         ));
         page.table(&self.error_table());
         let errors = vec![
@@ -314,6 +353,9 @@ impl Motion {
             &chart("RMSE of D up to t [m]", errors, Axis::FromZero).svg()?,
             "Error over all stored times up to t.",
         );
+        if let Some(reaction) = &self.reaction {
+            reaction.report(&mut page)?;
+        }
         page.heading("Where this comes from");
         page.paragraph(&format!("Full: {}. Hybrid: {}.", self.case_a, self.case_b));
         if let Some(summary) = &self.surrogate {

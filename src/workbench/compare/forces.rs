@@ -40,15 +40,10 @@ impl Reference {
                 .join(", ")
         };
         let wanted = options.patch.as_deref().unwrap_or(DEFAULT_PATCH);
-        let Some(patch) = description.patches.iter().find(|p| p.name == wanted) else {
-            return match &options.patch {
-                None => Ok(None),
-                Some(name) => Err(Error::Input(format!(
-                    "patch {name} is not in {}: its patches are {}",
-                    description.path,
-                    names()
-                ))),
-            };
+        let patch = match (super::reaction::known(&description, wanted), &options.patch) {
+            (Ok(patch), _) => patch,
+            (Err(_), None) => return Ok(None),
+            (Err(e), Some(_)) => return Err(e),
         };
         let inlets = inlet(case, time)?;
         let mean = |d: usize| inlets.iter().map(|f| f.velocity[d] * f.area).sum::<f64>();

@@ -4,7 +4,7 @@
 //! them; over a horizon also over its stored times, as the paper's RMSE-1, RMSE-50 (50 stored times) and RMSE-all. Beside
 //! the velocity, the other fields that a surrogate may predict are compared where both runs stored them. Errors count from the takeover, the last time that the
 //! solver had computed before the surrogate first acted. "Hold last" keeps the full run's field of that time.
-//! Of solids, [`displacement`] compares the displacement and the vibration.
+//! Of solids, [`displacement`] compares the displacement and the vibration, [`reaction`] the force on a patch.
 
 pub mod displacement;
 mod fields;
@@ -12,6 +12,7 @@ pub mod forces;
 mod html;
 mod mapping;
 mod pairing;
+pub mod reaction;
 pub mod records;
 pub mod signal;
 mod snapshot;
@@ -35,8 +36,10 @@ use std::path::Path;
 /// What the user may set.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Patch whose forces are compared; none: `cylinder` where there is one.
+    /// Patch whose forces are compared; none: of a flow `cylinder` where there is one, of a solid none.
     pub patch: Option<String>,
+    /// Of a solid: the patch beside whose centre a cell is followed; none: the cell that moves most.
+    pub follow: Option<String>,
     /// Reference speed of the coefficients, m/s; none: mean inlet velocity of A.
     pub speed: Option<f64>,
     /// Reference length, m; none: extent of the patch across the flow.

@@ -11,6 +11,8 @@ pub struct Surrogate {
     pub takeover: f64,
     /// Replaced part of the simulated time after start-up, 0 to 1.
     pub replaced_fraction: Option<f64>,
+    /// Its jumps: the ends of their first and last steps, s. What is stored in between is the surrogate's.
+    pub jumps: Vec<[f64; 2]>,
     /// Its `summary.json`.
     pub summary: Value,
 }
@@ -42,7 +44,12 @@ pub fn surrogate(case: &Path) -> Result<Option<Surrogate>> {
     let Some(takeover) = found.iter().map(|(_, s)| s.takeover).reduce(f64::min) else {
         return Ok(None);
     };
-    Ok(found.pop().map(|(_, last)| Surrogate { takeover, ..last }))
+    let jumps = found.iter().flat_map(|(_, s)| s.jumps.clone()).collect();
+    Ok(found.pop().map(|(_, last)| Surrogate {
+        takeover,
+        jumps,
+        ..last
+    }))
 }
 
 fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
@@ -51,7 +58,10 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
         return Ok(None);
     }
     // The table says where the first jump began; the summary, from when on jumps were allowed.
-    let takeover = match (first_jump(folder, number("stride")), number("takeover_time")) {
+    let jumps = jumps(folder, number("stride"));
+    let begin = |jump: &[f64; 2]| jump[0] - number("stride").unwrap_or(0.0);
+    let first_jump = jumps.iter().map(begin).reduce(f64::min);
+    let takeover = match (first_jump, number("takeover_time")) {
         (Some(first), allowed) => first.max(allowed.unwrap_or(f64::NEG_INFINITY)),
         (None, Some(allowed)) => allowed,
         (None, None) => {
@@ -64,25 +74,29 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
     Ok(Some(Surrogate {
         takeover,
         replaced_fraction: number("replaced_fraction"),
+        jumps,
         summary,
     }))
 }
 
-/// Where the first jump began: the first row of the table beside the summary holds the time at its end and the number
-/// of its steps.
-fn first_jump(folder: &Path, stride: Option<f64>) -> Option<f64> {
-    let tables = std::fs::read_dir(folder).ok()?.flatten().map(|e| e.path());
-    let tables = tables.filter(|p| p.extension().is_some_and(|e| e == "dat"));
-    let starts = tables.filter_map(|path| {
-        let text = std::fs::read_to_string(path).ok()?;
-        let row = text
-            .lines()
-            .find(|l| !l.trim_start().starts_with('#') && !l.trim().is_empty())?;
+/// The ends of the first and the last step of each jump: a row of the table beside the summary holds the time at a jump's
+/// end and the number of its steps.
+fn jumps(folder: &Path, stride: Option<f64>) -> Vec<[f64; 2]> {
+    let tables = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let tables = tables
+        .map(|e| e.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "dat"));
+    let of_row = |row: &str| {
         let mut numbers = row.split_whitespace().map(|w| w.parse::<f64>().ok());
         let (end, steps) = (numbers.next()??, numbers.next()??);
-        Some(end - steps * stride?).filter(|t| t.is_finite())
-    });
-    starts.reduce(f64::min)
+        let first = end - (steps - 1.0) * stride?;
+        first.is_finite().then_some([first, end])
+    };
+    let of_table = |path| {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        text.lines().filter_map(of_row).collect::<Vec<_>>()
+    };
+    tables.flat_map(of_table).collect()
 }
 
 fn started(folder: &Path) -> f64 {
@@ -210,6 +224,13 @@ mod tests {
         let found = surrogate(dir.path()).unwrap().unwrap();
         assert!(
             (found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9),
+            "{found:?}"
+        );
+        // Of three steps and of four
+        let expected = [[1.1, 1.2], [1.3, 1.45]];
+        let near = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs() < 1e-12 && a[1] == b[1];
+        assert!(
+            found.jumps.len() == 2 && found.jumps.iter().zip(&expected).all(near),
             "{found:?}"
         );
         fs::write(folder("3.5").join("summary.json"), "{").unwrap();
