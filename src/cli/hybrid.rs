@@ -8,7 +8,7 @@ use m4gn_workbench::generate::openfoam::{environment, plain_path};
 use m4gn_workbench::generate::parameter::Settings;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::hybrid::{
-    self, DrawResult, Event, Kind, Plan, Variant, case_table, summary, summary_tables, variants,
+    self, DrawResult, Event, Kind, Plan, Variant, case_table, remarks, summary, summary_tables, variants,
 };
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -91,6 +91,7 @@ pub fn run(args: Args) -> Result<()> {
          and that of the cell that moves most (cell); forces and frequency against the full run; processor time after the takeover\n"
     );
     println!("{}", case_table(&results, &names, &order));
+    remarks(&results).iter().for_each(|line| println!("{line}"));
     for (title, table) in summary_tables(&results, &names, &order) {
         println!("{title}\n{table}");
     }

@@ -1,44 +1,28 @@
 //! The runs of one draw: files, solver, cost, comparison, and the result that stays.
 
-use super::score::Score;
+use super::compared::Compared;
+use super::correctors::{Correctors, Worked};
+use super::record::{Cost, RunRecord, kept, remove};
 use super::variant::{FULL, Kind};
 use super::{DrawResult, Event, Plan};
-use crate::compare::{self, Options, displacement, records};
+use crate::compare::{Options, records};
 use crate::foam_case::FoamCase;
 use crate::generate::case::{Times, origin, program, provenance};
 use crate::generate::family::Draw;
 use crate::generate::parameter::Settings;
 use m4gn_mesh::files::write_whole;
 use m4gn_mesh::{Error, Result};
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// What a run took.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Cost {
-    /// Wall seconds of the solver with what rides in it, measured around its process.
-    pub wall: f64,
-    /// Processor seconds (`ExecutionTime` of the log).
-    pub processor: f64,
-    /// Those after the takeover: without the start-up, which all runs have.
-    pub after_takeover: f64,
-}
-
-/// A finished run, as it is kept.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct RunRecord {
-    /// What the run was made with, as JSON: another one is run anew. (A text, since numbers may lose a digit when they are
-    /// read.)
-    pub made_with: String,
-    /// What it took.
-    pub cost: Cost,
-    /// Its figures against the full run; none of the full run itself.
-    pub score: Option<Score>,
-    /// The whole comparison.
-    pub comparison: Option<Value>,
+/// What was found of a run that has ended.
+struct Found {
+    cost: Cost,
+    correctors: Option<Correctors>,
+    /// None of the full run.
+    compared: Option<Compared>,
 }
 
 /// What all draws have in common.
@@ -197,19 +181,19 @@ impl Job<'_> {
         let case = folder.join(name);
         // A record stands for fields that are whole: that of a run before this one goes first.
         let _ = std::fs::remove_file(folder.join(format!("{name}.json")));
-        let made = self
-            .try_make(folder, index, name, draw, kind)
-            .and_then(|(cost, score, comparison)| {
-                let record = RunRecord {
-                    made_with,
-                    cost,
-                    score,
-                    comparison,
-                };
-                let text = serde_json::to_vec(&record).map_err(|e| Error::Internal(e.to_string()))?;
-                write_whole(&folder.join(format!("{name}.json")), &text)?;
-                Ok(record)
-            });
+        let made = self.try_make(folder, index, name, draw, kind).and_then(|found| {
+            let (score, comparison) = found.compared.map(|c| (c.score, c.whole)).unzip();
+            let record = RunRecord {
+                made_with,
+                cost: found.cost,
+                correctors: found.correctors,
+                score,
+                comparison,
+            };
+            let text = serde_json::to_vec(&record).map_err(|e| Error::Internal(e.to_string()))?;
+            write_whole(&folder.join(format!("{name}.json")), &text)?;
+            Ok(record)
+        });
         match made {
             Ok(record) => {
                 self.done(index, name, false);
@@ -233,7 +217,7 @@ impl Job<'_> {
         name: &str,
         draw: &Draw,
         kind: Option<&Kind>,
-    ) -> Result<(Cost, Option<Score>, Option<Value>)> {
+    ) -> Result<Found> {
         let (plan, schedule) = (self.plan, &self.plan.schedule);
         let case = &folder.join(name);
         if case.exists() {
@@ -273,10 +257,29 @@ impl Job<'_> {
             processor: before + after,
             after_takeover: after,
         };
-        let Some(kind) = kind else {
-            return Ok((cost, None, None));
-        };
         let _one = self.comparing.lock().unwrap_or_else(|e| e.into_inner());
+        let mut found = Found {
+            cost,
+            correctors: None,
+            compared: None,
+        };
+        match kind {
+            None => found.correctors = Worked::of(case, solver)?.map(|full| full.alone()),
+            Some(kind) => {
+                let full = &folder.join(FULL);
+                if let (Some(full), Some(own)) = (Worked::of(full, solver)?, Worked::of(case, solver)?) {
+                    found.correctors = Some(own.beside(&full));
+                }
+                found.compared = Some(self.compare(folder, case, kind, takeover)?);
+            }
+        }
+        Ok(found)
+    }
+
+    /// Compares a run with the full one.
+    fn compare(&self, folder: &Path, case: &Path, kind: &Kind, takeover: f64) -> Result<Compared> {
+        let (plan, schedule) = (self.plan, &self.plan.schedule);
+        let log = case.join(format!("log.{}", program(&plan.family.solver)));
         let (mut a, mut b) = (FoamCase::open(&folder.join(FULL))?, FoamCase::open(case)?);
         let plain = matches!(kind, Kind::Plain(_));
         let mut options = Options {
@@ -299,7 +302,7 @@ impl Job<'_> {
                 format!(
                     "the surrogate replaced nothing up to {} s; {} says why",
                     schedule.end,
-                    case.join(format!("log.{solver}")).display()
+                    log.display()
                 ),
             ));
         }
@@ -312,7 +315,7 @@ impl Job<'_> {
                 ),
             ));
         }
-        Ok((cost, Some(compared.score), Some(compared.whole)))
+        Ok(compared)
     }
 
     /// The function object's entries; those of the variant come last, so that they count.
@@ -355,49 +358,6 @@ impl Job<'_> {
             provenance(&origin(family, seed, index, draw)),
         ))
     }
-}
-
-/// A run beside the full one.
-struct Compared {
-    score: Score,
-    /// Last time that both have, s.
-    last: f64,
-    /// The whole comparison.
-    whole: Value,
-}
-
-impl Compared {
-    /// Compares B with the full run A: displacements of solids, velocity and forces of flows.
-    fn new(a: &mut FoamCase, b: &mut FoamCase, options: &Options, stride: f64, strides: f64) -> Result<Self> {
-        let last = |times: &[f64]| times.last().copied().unwrap_or(f64::NAN);
-        if displacement::is_solid(a)? {
-            let motion = displacement::compare(a, b, options, |_, _| {})?;
-            return Ok(Compared {
-                score: Score::of_solid(&motion, stride, strides),
-                last: last(&motion.times),
-                whole: motion.json()?,
-            });
-        }
-        let (comparison, _) = compare::compare(a, b, options, |_, _| {})?;
-        Ok(Compared {
-            score: Score::of_flow(&comparison, stride, strides),
-            last: last(&comparison.times),
-            whole: comparison.json()?,
-        })
-    }
-}
-
-/// The record of a run that is finished and was made with this; none where it must be run.
-fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
-    let text = std::fs::read(folder.join(format!("{name}.json"))).ok()?;
-    let record: RunRecord = serde_json::from_slice(&text).ok()?;
-    (record.made_with == made_with).then_some(record)
-}
-
-/// Removes a case, first the file that says it is whole.
-fn remove(case: &Path) {
-    let _ = std::fs::remove_file(case.join("system/controlDict"));
-    let _ = std::fs::remove_dir_all(case);
 }
 
 /// Whether a function object's entries have the dictionary `control`.

@@ -1,6 +1,6 @@
 //! The results as a page: error over processor time, tables.
 
-use super::tables::{case_table, relative_time, summary_tables};
+use super::tables::{case_table, relative_time, remarks, summary_tables};
 use super::{DrawResult, Plan};
 use m4gn_mesh::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
@@ -74,6 +74,10 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     }
     page.heading("Each case");
     page.table(&case_table(results, variants, order));
+    let remarks = remarks(results);
+    if !remarks.is_empty() {
+        page.listing(&remarks.join("\n"));
+    }
     let failed: Vec<String> = results
         .iter()
         .flat_map(|d| {

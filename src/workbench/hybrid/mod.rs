@@ -5,15 +5,19 @@
 //! [`crate::compare`]. [`run`] keeps what is finished, so that the same command goes on where it was stopped.
 
 mod case;
+mod compared;
+mod correctors;
 mod html;
+mod record;
 mod score;
 mod tables;
 mod variant;
 
-pub use case::{Cost, RunRecord};
+pub use correctors::Correctors;
 pub use html::report;
+pub use record::{Cost, RunRecord};
 pub use score::{Score, median};
-pub use tables::{case_table, summary, summary_tables};
+pub use tables::{case_table, remarks, summary, summary_tables};
 pub use variant::{FULL, Kind, Variant, variants};
 
 use crate::foam_bridge;

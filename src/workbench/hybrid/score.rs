@@ -22,9 +22,25 @@ pub struct Score {
     /// Of a solid: the displacement's error over the whole run, over its root mean square.
     #[serde(default)]
     pub displacement: Option<f64>,
+    /// Of a solid: the largest over the stored times of the root mean square over cells of the displacement's error, over the
+    /// full run's largest displacement.
+    #[serde(default)]
+    pub range: Option<f64>,
     /// Of a solid: the largest error of the cell that moves most, over its largest displacement.
     #[serde(default)]
     pub cell: Option<f64>,
+    /// Of a solid: root mean square of the error of the reaction force on the patch, over that of the force.
+    #[serde(default)]
+    pub reaction: Option<f64>,
+    /// The same at the times of the solver alone, outside of jumps.
+    #[serde(default)]
+    pub reaction_of_solver: Option<f64>,
+    /// Of a solid: the largest error of the reaction force, over the largest force.
+    #[serde(default)]
+    pub reaction_max: Option<f64>,
+    /// Of a solid: times at which the reaction force was not compared, and why, in words; none where it was at all.
+    #[serde(default)]
+    pub reaction_left_out: Option<String>,
     /// Mean drag.
     pub drag: Option<f64>,
     /// Root mean square of the lift; none where the full run's wake is steady.
@@ -125,7 +141,12 @@ impl Score {
             displacement: last
                 .filter(|_| m.displacement_rms > 0.0)
                 .map(|e| e / m.displacement_rms),
+            range: Some(m.displacement_error_of_range),
             cell: Some(m.point_error_max),
+            reaction: m.reaction.as_ref().and_then(|r| r.error_rms),
+            reaction_of_solver: m.reaction.as_ref().and_then(|r| r.error_rms_of_solver),
+            reaction_max: m.reaction.as_ref().and_then(|r| r.error_max),
+            reaction_left_out: m.reaction.as_ref().and_then(|r| r.left_out_text()),
             frequency: frequency(m.frequency),
             replaced: m.replaced_fraction,
             cells: m.cells,

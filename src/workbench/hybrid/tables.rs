@@ -21,17 +21,52 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 9] = [
+const FIGURES: [Figure; 17] = [
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
     ("D %", "displacement", |_, r| percent(score(r)?.displacement)),
+    ("D/range %", "range", |_, r| percent(score(r)?.range)),
     ("cell %", "cell", |_, r| percent(score(r)?.cell)),
     ("drag %", "drag", |_, r| percent(score(r)?.drag)),
     ("lift rms %", "lift", |_, r| percent(score(r)?.lift)),
     ("frequency %", "frequency", |_, r| percent(score(r)?.frequency)),
+    ("force %", "reaction", |_, r| percent(score(r)?.reaction)),
+    ("solver's %", "reaction_of_solver", |_, r| {
+        percent(score(r)?.reaction_of_solver)
+    }),
+    ("force max %", "reaction_max", |_, r| {
+        percent(score(r)?.reaction_max)
+    }),
+    ("at cap", AT_CAP, |_, r| count(r.correctors.as_ref()?.at_cap)),
+    ("at cap alone", AT_CAP_ALONE, |_, r| {
+        count(r.correctors.as_ref()?.at_cap_alone)
+    }),
+    ("correctors", "correctors_after", |_, r| {
+        r.correctors.as_ref()?.after
+    }),
+    ("full's", "correctors_after_in_full", |_, r| {
+        r.correctors.as_ref()?.after_in_full
+    }),
     ("time %", "time", |d, r| percent(relative_time(d, r))),
 ];
+
+/// The figure that the full run has as well.
+const AT_CAP: &str = "at_cap";
+const AT_CAP_ALONE: &str = "at_cap_alone";
+/// Figures that a log may not tell, which is said with a dash.
+const OF_LOGS: [&str; 4] = [
+    AT_CAP,
+    AT_CAP_ALONE,
+    "correctors_after",
+    "correctors_after_in_full",
+];
+/// Figures of a patch's force, likewise where no time has the stress.
+const OF_STRESSES: [&str; 3] = ["reaction", "reaction_of_solver", "reaction_max"];
+
+fn count(value: Option<usize>) -> Option<f64> {
+    value.map(|n| n as f64)
+}
 
 fn percent(value: Option<f64>) -> Option<f64> {
     value.map(|v| 100.0 * v)
@@ -47,13 +82,25 @@ fn text(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| number(v, 3))
 }
 
-/// The figures that some run has: flows have no displacement, solids no drag.
+/// A figure of one run; steps are counted.
+fn figure_text(key: &str, value: Option<f64>) -> String {
+    match value {
+        Some(steps) if [AT_CAP, AT_CAP_ALONE].contains(&key) => format!("{steps:.0}"),
+        _ => text(value),
+    }
+}
+
+/// The figures that some run has or could have: flows have no displacement, solids no drag.
 fn shown(results: &[DrawResult]) -> Vec<&'static Figure> {
-    let steady = |r: &RunRecord| score(r).is_some_and(|s| s.unsteadiness.is_some());
+    let could = |figure: &Figure, s: &Score| {
+        (figure.1 == "lift" && s.unsteadiness.is_some())
+            || (OF_LOGS.contains(&figure.1) && s.displacement.is_some())
+            || (OF_STRESSES.contains(&figure.1) && s.reaction_left_out.is_some())
+    };
     let has = |figure: &Figure| {
         results.iter().any(|d| {
             let mut runs = d.runs.values();
-            runs.any(|r| figure.2(d, r).is_some() || (figure.1 == "lift" && steady(r)))
+            runs.any(|r| figure.2(d, r).is_some() || score(r).is_some_and(|s| could(figure, s)))
         })
     };
     FIGURES.iter().filter(|figure| has(figure)).collect()
@@ -82,7 +129,10 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
         if let Some(full) = &draw.full {
             let mut row = first.to_vec();
             row.push("full".into());
-            row.extend(figures.iter().map(|_| "-".to_string()));
+            row.extend(figures.iter().map(|figure| match figure.1 == AT_CAP {
+                true => figure_text(figure.1, figure.2(draw, full)),
+                false => "-".into(),
+            }));
             row.extend(["-".into(), "-".into()]);
             row.extend(cost(full));
             table.row(row);
@@ -106,7 +156,7 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
                         ..
                     }),
                 ) => "steady".into(),
-                _ => text(value(draw, run)),
+                _ => figure_text(key, value(draw, run)),
             }));
             row.push(text(percent(score(run).and_then(|s| s.replaced))));
             row.push(score(run).map_or("-".into(), |s| s.cells.to_string()));
@@ -115,6 +165,17 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
         }
     }
     table
+}
+
+/// What the tables do not say of a run: a line a run of which a force was left out at some time.
+pub fn remarks(results: &[DrawResult]) -> Vec<String> {
+    let of = |draw: &DrawResult| {
+        let (index, runs) = (draw.index, draw.runs.iter());
+        let told = runs.filter_map(|(name, r)| Some((name, score(r)?.reaction_left_out.as_ref()?)));
+        told.map(|(name, text)| format!("{index:04} {name}: {text}"))
+            .collect::<Vec<_>>()
+    };
+    results.iter().flat_map(of).collect()
 }
 
 fn cost(run: &RunRecord) -> [String; 2] {
@@ -209,74 +270,5 @@ pub fn summary(results: &[DrawResult], variants: &[String]) -> Value {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::hybrid::Cost;
-
-    fn record(time: f64, end: Option<f64>) -> RunRecord {
-        let cost = Cost {
-            wall: time,
-            processor: time,
-            after_takeover: time,
-        };
-        let score = end.map(|end| Score {
-            first: Some(0.1),
-            jump: None,
-            end: Some(end),
-            horizons: [0.1, 0.2, 0.3],
-            errors: [0.0; 3],
-            hold_last: [1.0; 3],
-            drag: Some(-0.02),
-            unsteadiness: Some(0.5),
-            replaced: Some(0.9),
-            cells: 10,
-            ..Score::default()
-        });
-        RunRecord {
-            made_with: String::new(),
-            cost,
-            score,
-            comparison: None,
-        }
-    }
-
-    fn draws(n: u64) -> Vec<DrawResult> {
-        (0..n)
-            .map(|index| DrawResult {
-                index,
-                quantities: Default::default(),
-                order: 100.0 - index as f64,
-                full: Some(record(4.0, None)),
-                runs: [("hybrid".to_string(), record(1.0, Some(index as f64)))].into(),
-                failed: Vec::new(),
-            })
-            .collect()
-    }
-
-    #[test]
-    fn medians_and_worst_on_paper() {
-        let all = draws(7);
-        let names = ["hybrid".to_string()];
-        let found = summary(&all, &names);
-        let whole = &found[0]["runs"]["hybrid"];
-        assert_eq!(
-            (whole["end"]["median"].as_f64(), whole["end"]["worst"].as_f64()),
-            (Some(3.0), Some(6.0))
-        );
-        assert_eq!(whole["drag"]["worst"], 2.0);
-        assert_eq!(whole["time"]["median"], 25.0);
-        assert!(whole["jump"]["median"].is_null());
-        // Three bands in the order of 94 to 100, of two, two and three cases
-        assert_eq!(found.as_array().unwrap().len(), 4);
-        assert_eq!(found[1]["order"], json!([94.0, 95.0]));
-        assert_eq!(found[3]["cases"], 3);
-        assert_eq!(summary(&draws(5), &names).as_array().unwrap().len(), 1);
-        let (title, table) = &summary_tables(&all, &names, "Re")[0];
-        assert!(title.contains("7 cases, Re 94"), "{title}");
-        assert!(table.to_string().contains("3.00 (6.00)"), "{table}");
-        let table = case_table(&all, &names, "Re").to_string();
-        assert!(table.contains("sheds") && table.contains("-2.00"), "{table}");
-        // Of flows there is no displacement to show.
-        assert!(!table.contains("D %") && table.contains("drag %"), "{table}");
-    }
-}
+#[path = "tables_tests.rs"]
+mod tests;

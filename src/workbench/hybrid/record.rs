@@ -1,0 +1,48 @@
+//! The result of a run, as it is kept beside the cases.
+
+use super::correctors::Correctors;
+use super::score::Score;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::Path;
+
+/// What a run took.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Cost {
+    /// Wall seconds of the solver with what rides in it, measured around its process.
+    pub wall: f64,
+    /// Processor seconds (`ExecutionTime` of the log).
+    pub processor: f64,
+    /// Those after the takeover: without the start-up, which all runs have.
+    pub after_takeover: f64,
+}
+
+/// A finished run, as it is kept.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// What the run was made with, as JSON: another one is run anew. (A text, since numbers may lose a digit when they are
+    /// read.)
+    pub made_with: String,
+    /// What it took.
+    pub cost: Cost,
+    /// How hard the solver of a solid worked; none where its log does not tell.
+    #[serde(default)]
+    pub correctors: Option<Correctors>,
+    /// Its figures against the full run; none of the full run itself.
+    pub score: Option<Score>,
+    /// The whole comparison.
+    pub comparison: Option<Value>,
+}
+
+/// The record of a run that is finished and was made with this; none where it must be run.
+pub(super) fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
+    let text = std::fs::read(folder.join(format!("{name}.json"))).ok()?;
+    let record: RunRecord = serde_json::from_slice(&text).ok()?;
+    (record.made_with == made_with).then_some(record)
+}
+
+/// Removes a case, first the file that says it is whole.
+pub(super) fn remove(case: &Path) {
+    let _ = std::fs::remove_file(case.join("system/controlDict"));
+    let _ = std::fs::remove_dir_all(case);
+}

@@ -1,0 +1,131 @@
+//! Tests of the tables.
+
+use super::*;
+use crate::hybrid::{Correctors, Cost};
+
+fn record(time: f64, end: Option<f64>) -> RunRecord {
+    let cost = Cost {
+        wall: time,
+        processor: time,
+        after_takeover: time,
+    };
+    let score = end.map(|end| Score {
+        first: Some(0.1),
+        jump: None,
+        end: Some(end),
+        horizons: [0.1, 0.2, 0.3],
+        errors: [0.0; 3],
+        hold_last: [1.0; 3],
+        drag: Some(-0.02),
+        unsteadiness: Some(0.5),
+        replaced: Some(0.9),
+        cells: 10,
+        ..Score::default()
+    });
+    RunRecord {
+        made_with: String::new(),
+        cost,
+        correctors: None,
+        score,
+        comparison: None,
+    }
+}
+
+fn draws(n: u64) -> Vec<DrawResult> {
+    (0..n)
+        .map(|index| DrawResult {
+            index,
+            quantities: Default::default(),
+            order: 100.0 - index as f64,
+            full: Some(record(4.0, None)),
+            runs: [("hybrid".to_string(), record(1.0, Some(index as f64)))].into(),
+            failed: Vec::new(),
+        })
+        .collect()
+}
+
+#[test]
+fn medians_and_worst_on_paper() {
+    let all = draws(7);
+    let names = ["hybrid".to_string()];
+    let found = summary(&all, &names);
+    let whole = &found[0]["runs"]["hybrid"];
+    assert_eq!(
+        (whole["end"]["median"].as_f64(), whole["end"]["worst"].as_f64()),
+        (Some(3.0), Some(6.0))
+    );
+    assert_eq!(whole["drag"]["worst"], 2.0);
+    assert_eq!(whole["time"]["median"], 25.0);
+    assert!(whole["jump"]["median"].is_null());
+    // Three bands in the order of 94 to 100, of two, two and three cases
+    assert_eq!(found.as_array().unwrap().len(), 4);
+    assert_eq!(found[1]["order"], json!([94.0, 95.0]));
+    assert_eq!(found[3]["cases"], 3);
+    assert_eq!(summary(&draws(5), &names).as_array().unwrap().len(), 1);
+    let (title, table) = &summary_tables(&all, &names, "Re")[0];
+    assert!(title.contains("7 cases, Re 94"), "{title}");
+    assert!(table.to_string().contains("3.00 (6.00)"), "{table}");
+    let table = case_table(&all, &names, "Re").to_string();
+    assert!(table.contains("sheds") && table.contains("-2.00"), "{table}");
+    // Of flows there is no displacement to show.
+    assert!(!table.contains("D %") && table.contains("drag %"), "{table}");
+}
+
+/// One draw of a solid: the hybrid run with a log and a force at some times, the plain one with neither.
+#[test]
+fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
+    let solid = |correctors, reaction: Option<f64>, left: Option<&str>| {
+        let mut run = record(1.0, Some(0.5));
+        run.correctors = correctors;
+        let score = run.score.as_mut().unwrap();
+        (score.drag, score.unsteadiness) = (None, None);
+        (score.displacement, score.range) = (Some(0.2), Some(0.0123));
+        (score.reaction, score.reaction_max) = (reaction, reaction.map(|r| 2.0 * r));
+        score.reaction_of_solver = reaction.map(|r| 0.5 * r);
+        score.reaction_left_out = left.map(Into::into);
+        run
+    };
+    let worked = Correctors {
+        at_cap: Some(3),
+        at_cap_alone: Some(2),
+        after: Some(61.5),
+        after_in_full: Some(20.25),
+        ..Correctors::default()
+    };
+    let mut draw = draws(1).remove(0);
+    draw.full.as_mut().unwrap().correctors = Some(Correctors {
+        at_cap: Some(1),
+        ..Correctors::default()
+    });
+    let left = "reaction force on clamp: compared at 1 of 4 times";
+    draw.runs = [
+        ("hybrid".to_string(), solid(Some(worked), Some(0.04), Some(left))),
+        ("loose".to_string(), solid(None, None, None)),
+    ]
+    .into();
+    let all = [draw];
+    let names = ["hybrid".to_string(), "loose".to_string()];
+    let table = case_table(&all, &names, "depth").to_string();
+    let row = |name: &str| {
+        let line = table.lines().find(|l| l.split_whitespace().nth(2) == Some(name));
+        line.unwrap_or_else(|| panic!("{table}"))
+            .split_whitespace()
+            .map(str::to_string)
+            .collect::<Vec<_>>()
+    };
+    // Of 'D %' and 'D/range %', of the force, of the correctors
+    let hybrid = row("hybrid").join(" ");
+    assert!(
+        hybrid.contains("20.0 1.23") && hybrid.contains("4.00 2.00 8.00 3 2 61.5 20.2"),
+        "{table}"
+    );
+    assert!(
+        row("loose").join(" ").contains("20.0 1.23 - - - - - - -"),
+        "{table}"
+    );
+    assert_eq!(row("full").iter().filter(|w| *w == "1").count(), 1, "{table}");
+    assert_eq!(remarks(&all), [format!("0000 hybrid: {left}")]);
+    let found = &summary(&all, &names)[0]["runs"];
+    assert_eq!(found["hybrid"]["at_cap_alone"]["worst"], 2.0);
+    assert!(found["loose"]["reaction"]["worst"].is_null());
+}
