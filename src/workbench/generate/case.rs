@@ -146,10 +146,11 @@ impl FamilyCase {
         // Half a step off, so that rounding of the times does not matter
         let start = self.spin_up - 0.5 * delta_t;
         format!(
-            "harvest\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
+            "harvest\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
              file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
              timeStep;\n    writeInterval   {steps};\n\n{}}}\n",
             self.family.recording.fields.join(" "),
+            self.family.recording.location.entry(),
             self.split.name(),
             provenance(&entries)
         )

@@ -325,9 +325,10 @@ impl Job<'_> {
         let start = s.start_up + s.solver_time;
         format!(
             "surrogate\n{{\n    type            m4gnSurrogate;\n    libs            (m4gnFoam);\n    mode            replace;\n    \
-             model           \"{}\";\n    precision       auto;\n    timeStart       {start};\n    solverSteps     {};\n    \
+             model           \"{}\";\n    precision       auto;\n{}    timeStart       {start};\n    solverSteps     {};\n    \
              surrogateSteps  {};\n\n{entries}\n}}\n",
             self.plan.model.display(),
+            self.plan.family.recording.location.entry(),
             (s.solver_time / delta_t).round().max(1.0),
             s.surrogate_steps
         )
@@ -349,10 +350,11 @@ impl Job<'_> {
             )));
         }
         Ok(format!(
-            "stretches\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
+            "stretches\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
              hybrid          stretches;\n    file            \"{}/{seed}-{index:04}-{name}.h5\";\n    overwrite       yes;\n    \
              writeControl    timeStep;\n    writeInterval   {};\n\n{}}}\n",
             recording.fields.join(" "),
+            recording.location.entry(),
             stretches.display(),
             steps.round(),
             provenance(&origin(family, seed, index, draw)),
