@@ -41,6 +41,39 @@ Foam::word Foam::m4gnVertexCentredState::displacementName
 }
 
 
+Foam::ITstream& Foam::m4gnVertexCentredState::newmark() const
+{
+    return mesh_.d2dt2Scheme("d2dt2(" + DName_ + ')');
+}
+
+
+void Foam::m4gnVertexCentredState::holdFixed()
+{
+    const pointVectorField& D = field(DName_);
+
+    for (const word& name : {"pointU", "pointA"})
+    {
+        if (!session_.outputs().found(name))
+        {
+            continue;
+        }
+        vectorField& rate = field(name).primitiveFieldRef();
+        forAll(D.boundaryField(), patchi)
+        {
+            // Those that are derived from it may move
+            if (D.boundaryField()[patchi].type() == "fixedValue")
+            {
+                const auto& patch = D.mesh().boundary()[patchi];
+                for (const label pointi : patch.meshPoints())
+                {
+                    rate[pointi] = Zero;
+                }
+            }
+        }
+    }
+}
+
+
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 bool Foam::m4gnVertexCentredState::applies
@@ -78,9 +111,12 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
         )
     ),
     law_(m4gnSolidLaw::New(mesh)),
-    followed_(false)
+    followed_(false),
+    dampedSteps_(dict.getOrDefault<label>("dampedSteps", 4)),
+    coefficients_(scalar(0))
 {
     refuseHistory();
+    m4gn::checkAtLeast(dict, "dampedSteps", dampedSteps_, 0);
 
     wordList needed(1, DName_);
 
@@ -92,6 +128,13 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
     {
         needed.append("pointU");
         needed.append("pointA");
+
+        ITstream& scheme = newmark();
+        word name(scheme);
+        for (scalar& coefficient : coefficients_)
+        {
+            coefficient = readScalar(scheme);
+        }
     }
     else if (scheme_ != "steadyState")
     {
@@ -155,6 +198,8 @@ void Foam::m4gnVertexCentredState::advance
 
 void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool)
 {
+    holdFixed();
+
     if (scheme_ == "Euler")
     {
         pointVectorField& D = field(DName_);
@@ -175,6 +220,24 @@ void Foam::m4gnVertexCentredState::write() const
         return;
     }
     m4gnSolverState::write();
+}
+
+
+void Foam::m4gnVertexCentredState::beforeStep(const label n)
+{
+    if (scheme_ != "NewmarkBeta")
+    {
+        return;
+    }
+
+    const FixedList<scalar, 2> damped({1, 1.5});
+    const auto& wanted = n < dampedSteps_ ? damped : coefficients_;
+
+    ITstream& scheme = newmark();
+    forAll(wanted, i)
+    {
+        scheme[1 + i] = token(wanted[i]);
+    }
 }
 
 

@@ -296,6 +296,12 @@ bool Foam::m4gnReplace::fits
 }
 
 
+void Foam::m4gnReplace::solved(const label nSteps)
+{
+    state_->beforeStep(nSteps);
+}
+
+
 Foam::label Foam::m4gnReplace::extraSteps(const scalar deltaT) const
 {
     const label most = std::lround(0.5*session_.stride()/deltaT);
@@ -342,6 +348,10 @@ bool Foam::m4gnReplace::jump
     {
         timer.timeIncrement();
         state_->complete(deltaT, handOver);
+        if (handOver)
+        {
+            state_->beforeStep(0);
+        }
         handedOver_ = handOver;
         handOverSeconds_ += timer.timeIncrement();
     };

@@ -519,6 +519,10 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     {
         handBack_->stepped();
     }
+    if (replace_ && replace_->jumps())
+    {
+        replace_->solved(time_.timeIndex() - handedBack_);
+    }
 
     // What a run that is carried on from here begins with
     if (time_.writeTime())

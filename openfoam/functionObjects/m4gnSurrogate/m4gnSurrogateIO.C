@@ -128,6 +128,10 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     }
 
     handedBack_ = time_.timeIndex() - state.get<label>("solverSteps");
+    if (replace_ && replace_->jumps())
+    {
+        replace_->solved(time_.timeIndex() - handedBack_);
+    }
 
     if
     (
