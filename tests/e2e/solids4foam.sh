@@ -278,9 +278,11 @@ four=$off
 handed_back 'no error, ten damped steps' 10 0
 below "$(awk "BEGIN { print 1.01*$four }")" "$off" 'what four damped steps take, and a hundredth more, is less than what ten take'
 
-# A beam of rubber under a cylinder
+# A beam of rubber under a cylinder; beams of rubber that vibrate, at cells and at points
 cd "$work"
 LD_LIBRARY_PATH=${LD_LIBRARY_PATH#"$work/lib:"} shipped_model_is_near pressed-rubber 0.2
+LD_LIBRARY_PATH=${LD_LIBRARY_PATH#"$work/lib:"} shipped_model_is_near vibrating-rubber 0.03
+LD_LIBRARY_PATH=${LD_LIBRARY_PATH#"$work/lib:"} shipped_model_is_near vibrating-points 0.03
 cd case
 
 # Modes with the solver's own K and M, on the beam of 0.6 x 0.06 x 0.06 m; Euler-Bernoulli says 0.851, 5.34, and 13.2 along it
