@@ -443,6 +443,22 @@ fn bodies_among_flows_are_refused() {
     );
 }
 
+#[test]
+fn contact_on_flows_is_refused_with_what_to_leave_out() {
+    let folder = data();
+    let request = request(folder.path(), "contact", "", 2);
+    edit(
+        &request.config,
+        "[training]",
+        "[contact]\nradius = 0.01\n[training]",
+    );
+    let message = run(&request).unwrap_err().to_string();
+    assert!(
+        message.contains("[contact] is for deforming bodies") && message.contains("leave the table out"),
+        "{message}"
+    );
+}
+
 /// Twice the fields, four times the squared changes: 0.4 and 1.6 of the mean.
 #[test]
 fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
