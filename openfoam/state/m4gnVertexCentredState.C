@@ -51,7 +51,7 @@ void Foam::m4gnVertexCentredState::holdFixed()
 {
     const pointVectorField& D = field(DName_);
 
-    for (const word& name : {"pointU", "pointA"})
+    for (const char* name : {"pointU", "pointA"})
     {
         if (!session_.outputs().found(name))
         {
