@@ -4,29 +4,13 @@
 
 mod common;
 
-use common::{cube, field, note, put, uniform};
+use common::{alone, cube, field, near, note, put, uniform};
 use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
-use std::{
-    fs,
-    path::Path,
-    process::Command,
-    sync::{Mutex, MutexGuard},
-};
+use std::{fs, path::Path, process::Command};
 use tempfile::TempDir;
-
-/// OpenFOAM is not thread-safe, and tests run in threads.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-fn alone() -> MutexGuard<'static, ()> {
-    ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
-}
 
 fn open(case: &Path) -> m4gn_mesh::Result<FoamCase> {
     FoamCase::open(case)
-}
-
-fn near(a: [f64; 3], b: [f64; 3]) -> bool {
-    (0..3).all(|d| (a[d] - b[d]).abs() < 1e-12)
 }
 
 #[test]

@@ -2,7 +2,11 @@
 // Each test program uses a part of it.
 #![allow(dead_code)]
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::Path,
+    sync::{Mutex, MutexGuard},
+};
 
 const HEADER: &str = "FoamFile { version 2.0; format ascii; class CLASS; object OBJECT; }\n";
 
@@ -119,4 +123,16 @@ pub fn note(case: &Path, file: &str, note: &str) {
     let text = fs::read_to_string(&path).unwrap();
     let (before, after) = text.split_once("class").unwrap();
     fs::write(&path, format!("{before}note \"{note}\"; class{after}")).unwrap();
+}
+
+/// OpenFOAM is not thread-safe, and tests run in threads.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+pub fn alone() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner())
+}
+
+/// Two points, or vectors, that are the same up to rounding.
+pub fn near(a: [f64; 3], b: [f64; 3]) -> bool {
+    (0..3).all(|d| (a[d] - b[d]).abs() < 1e-12)
 }
