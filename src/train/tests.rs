@@ -454,7 +454,7 @@ fn contact_on_flows_is_refused_with_what_to_leave_out() {
     );
     let message = run(&request).unwrap_err().to_string();
     assert!(
-        message.contains("[contact] is for deforming bodies") && message.contains("leave the table out"),
+        message.contains("[contact]") && message.contains("delete the table"),
         "{message}"
     );
 }
