@@ -24,13 +24,11 @@ left_out+='|poroMechanicalLaw|thermoMechanicalLaw|fixedTemperature|hotCylinder|s
 # sources PART: the files of a part, from its list for wmake
 sources() {
     awk '
-        { sub(/\/\*.*\*\//, ""); gsub(/[ \t]/, "") }
+        { sub(/\/\*.*\*\//, ""); gsub(/[ \t]/, ""); line = $0 }
         /^LIB=/ || !NF { next }
-        /^[A-Za-z]+=/ { split($0, pair, "="); value = pair[2] }
-        { line = $0
-          while (match(line, /\$\([A-Za-z]+\)/))
+        { while (match(line, /\$\([A-Za-z]+\)/))
               line = substr(line, 1, RSTART - 1) of[substr(line, RSTART + 2, RLENGTH - 3)] substr(line, RSTART + RLENGTH) }
-        /^[A-Za-z]+=/ { sub(/^[A-Za-z]+=/, "", line); of[pair[1]] = line; next }
+        /^[A-Za-z]+=/ { split(line, pair, "="); of[pair[1]] = pair[2]; next }
         { print line }' "$1/Make/files.openfoam" | grep -vE "$left_out"
 }
 
