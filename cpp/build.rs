@@ -52,6 +52,7 @@ const HEADERS: &[&str] = &[
     "../openfoam/mesh/m4gnPointAdapter.H",
     "../openfoam/dictionary/m4gnDictionary.H",
     "../openfoam/fields/m4gnFieldFiles.H",
+    "../openfoam/fields/m4gnStaleNote.H",
     "../openfoam/segments/m4gnSegmentField.H",
     "../openfoam/segments/m4gnSegmentRecord.H",
     "../openfoam/solids/m4gnElasticBody.H",

@@ -6,12 +6,10 @@
 #include "IFstream.H"
 #include "IOdictionary.H"
 #include "leastSquaresGrad.H"
+#include "m4gnStaleNote.H"
 
 namespace
 {
-
-//- What m4gnStaleFields writes into the header of a field that keeps the values of the solver's last step
-const char* const not_advanced = "m4gn: not advanced by the surrogate";
 
 enum answer { given = 0, missing = 1, stale = 2, kinematic = 3, moved = 4 };
 
@@ -46,7 +44,7 @@ bool m4gn::FoamCase::Data::up_to_date(const Foam::word& name) const
             name, time.timeName(), time, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false
         );
         Foam::IFstream is(file);
-        return io.readHeader(is) && io.note().find(not_advanced) == 0;
+        return io.readHeader(is) && io.note().find(Foam::m4gn::staleNote) == 0;
     };
     // reconstructPar does not take notes over: the first processor's file says what that of the whole case does not
     return

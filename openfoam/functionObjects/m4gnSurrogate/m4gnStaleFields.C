@@ -9,6 +9,7 @@ License
 #include "m4gnStaleFields.H"
 #include "m4gnDictionary.H"
 #include "m4gnSolverState.H"
+#include "m4gnStaleNote.H"
 #include "Time.H"
 #include "IOdictionary.H"
 #include "volFields.H"
@@ -135,7 +136,7 @@ void Foam::m4gnStaleFields::write
         string& note = mesh_.lookupObjectRef<regIOobject>(marked[i]).note();
         notes[i] = note;
         note =
-            "m4gn: not advanced by the surrogate, values of time " + since;
+            std::string(m4gn::staleNote) + ", values of time " + since;
     }
 
     if (marked.size() && !said_)
