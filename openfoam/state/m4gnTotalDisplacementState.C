@@ -181,10 +181,33 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
     followed_(false)
 {
     refuseContact();
+
+    if (law_ && law_->settles() && dynamic_)
+    {
+        settling_.reset(new m4gnSettling(mesh, dict, session.stride()));
+    }
+    else if (law_ && dict.isDict("settling"))
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry settling is for dynamic cases of solids4foam's models"
+            << " linearGeometryTotalDisplacement and"
+            << " nonLinearGeometryTotalLagrangianTotalDisplacement; this one is "
+            << m4gnSolidLaw::modelName(mesh) << (dynamic_ ? "" : ", quasi-static")
+            << nl << "    Remove the entry" << exit(FatalIOError);
+    }
 }
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnTotalDisplacementState::beforeStride()
+{
+    if (settling_ && settling_->restore(D(), rate()))
+    {
+        update();
+    }
+}
+
 
 void Foam::m4gnTotalDisplacementState::complete
 (
@@ -192,6 +215,15 @@ void Foam::m4gnTotalDisplacementState::complete
     const bool handOver
 )
 {
+    if (completeLastTwo())
+    {
+        settling_->settle(*law_, D(), rate(), deltaT);
+        if (handOver)
+        {
+            settling_->end();
+        }
+    }
+
     m4gnDisplacementState::complete(deltaT, handOver);
 
     setVelocity();
@@ -226,6 +258,10 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
 
 void Foam::m4gnTotalDisplacementState::write() const
 {
+    if (settling_)
+    {
+        settling_->write();
+    }
     if (followed_)
     {
         law_->write();

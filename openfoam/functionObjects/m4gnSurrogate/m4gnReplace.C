@@ -141,6 +141,7 @@ void runAt
 
 bool Foam::m4gnReplace::predict()
 {
+    state_->beforeStride();
     inputs_.gather(session_.nodes());
     old_ = outputs_.values(session_.nodes());
     predicted_ = old_;
@@ -398,11 +399,13 @@ bool Foam::m4gnReplace::jump
         surrogateSeconds_ += timer.timeIncrement();
 
         const bool last = stepi + 1 == nSteps || !fits(1);
+        const bool lastButOne = stepi + 2 == nSteps || !fits(2);
         handedOver_ = false;
 
         if
         (
             last || state_->completeEach() || time_.writeTime()
+         || (lastButOne && state_->completeLastTwo())
          || (others_.size() && state_->completeForOthers())
         )
         {

@@ -21,6 +21,7 @@ License
 #include "m4gnReplace.H"
 #include "m4gnRestart.H"
 #include "m4gnSession.H"
+#include "m4gnSettling.H"
 #include "m4gnSolidLaw.H"
 #include "m4gnSolverState.H"
 #include "m4gnFluxProjection.H"
@@ -451,6 +452,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         );
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
+        m4gnSettling::checkDictionary(dict);
         m4gnContactProjection::checkDictionary(dict);
     }
     else
