@@ -17,6 +17,9 @@ namespace
 
 const Foam::word entryName("settling");
 
+//- Implicit steps: the order in (omega h)^2 to which slow modes stay
+const Foam::label nSteps = 3;
+
 
 //- The time that the dictionary asks for, 0 for none, else as given (s).
 //  FatalIOError if the entry is not valid.
@@ -149,10 +152,13 @@ void Foam::m4gnSettling::settle
 
     const vectorField predicted(D.primitiveField());
     vectorField free(predicted);
-    bool done = law.settle(free, time_, tolerance_);
-    if (done)
+    bool done = true;
+    for (label i = 0; done && i < nSteps; ++i)
     {
-        free = 2*predicted - D.primitiveField();
+        if (i)
+        {
+            free -= D.primitiveField() - predicted;
+        }
         done = law.settle(free, time_, tolerance_);
     }
     if (!done)

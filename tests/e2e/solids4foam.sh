@@ -225,7 +225,7 @@ if [ "$law" = yes ]; then
             if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.025:'; fi
             rm -rf ../full && mkdir ../full && mv 0.* ../full
 
-            settle "$name, no error, settled" '' 0
+            settle "$name, no error, settled" 'settling { time 0.005; }' 0
             below "$stress" 0.05 "$name, $ranks ranks: sigma of a recorded state that was settled"
             below "$(difference ../full/0.036/D 0.036/D)" 0.01 "$name, $ranks ranks: D after a recorded state that was settled"
             if [ "$ranks" -eq 1 ]; then
@@ -242,7 +242,7 @@ if [ "$law" = yes ]; then
 
             settle "$name, rough, as predicted" 'settling none;' 0.01
             rough=$stress
-            settle "$name, rough, settled" '' 0.01
+            settle "$name, rough, settled" 'settling { time 0.005; }' 0.01
             below "$stress" "$(awk "BEGIN { print $rough/20 }")" "$name, $ranks ranks: sigma of a rough state that was settled"
         done
     done <<'EOD'
