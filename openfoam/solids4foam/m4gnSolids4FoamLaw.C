@@ -33,19 +33,6 @@ namespace
 
 using namespace Foam;
 
-//- Time has a length of the step before that nobody can set
-struct timeSteps
-:
-    public TimeState
-{
-    static void setDeltaT0(Time& time, const scalar deltaT)
-    {
-        scalar TimeState::* before = &timeSteps::deltaT0_;
-        static_cast<TimeState&>(time).*before = deltaT;
-    }
-};
-
-
 //- Digest of the library that the solver has loaded, as CMake makes it
 string digest()
 {
