@@ -41,12 +41,6 @@ struct protectedParts
 };
 
 
-fixedGradientFvPatchVectorField& gradient(fvPatchVectorField& patch)
-{
-    return refCast<fixedGradientFvPatchVectorField>(patch);
-}
-
-
 //- The patch's condition, if it is one that has a traction, which conditions of
 //  contact relax from corrector to corrector
 solidTractionFvPatchVectorField* loaded(fvPatchVectorField& patch)
@@ -79,7 +73,7 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns
         forAll(patch, facei)
         {
             const scalar distance = 1/patch.patch().deltaCoeffs()[facei];
-            all.append(distance*gradient(patch).gradient()[facei]);
+            all.append(distance*traction(patch).gradient()[facei]);
             all.append
             (
                 condition
@@ -116,7 +110,7 @@ bool Foam::m4gnSolids4FoamLaw::take
         forAll(patch, facei)
         {
             const scalar coeff = patch.patch().deltaCoeffs()[facei];
-            gradient(patch).gradient()[facei] = coeff*unknowns[i++];
+            traction(patch).gradient()[facei] = coeff*unknowns[i++];
             if (condition)
             {
                 condition->traction()[facei] =
@@ -171,12 +165,7 @@ bool Foam::m4gnSolids4FoamLaw::settle
     controls.set("tolerance", VSMALL);
     controls.set("relTol", linearTolerance);
 
-    for (const label patchi : tractions())
-    {
-        fvPatchVectorField& patch = D.boundaryFieldRef()[patchi];
-        gradient(patch).gradient() =
-            patch.patch().deltaCoeffs()*(patch - patch.patchInternalField());
-    }
+    presentGradients();
 
     // The solver prints the residuals of none of its correctors either
     const label debug = SolverPerformance<vector>::debug;
@@ -204,7 +193,7 @@ bool Foam::m4gnSolids4FoamLaw::settle
           : fvc::div
             (
                 mesh_.lookupObject<volScalarField>("J")
-               *inv(mesh_.lookupObject<volTensorField>("F")) & sigma,
+               *mesh_.lookupObject<volTensorField>("Finv") & sigma,
                 "div(sigma)"
             )
         );

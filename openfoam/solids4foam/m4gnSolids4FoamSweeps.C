@@ -7,7 +7,6 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnSolids4FoamLaw.H"
-#include "fixedGradientFvPatchFields.H"
 #include "m4gnMixing.H"
 #include "solidModel.H"
 
@@ -26,12 +25,6 @@ const scalar enough = 1e-5;
 
 //- Sweeps that the mixing remembers
 const label depth = 8;
-
-
-fixedGradientFvPatchVectorField& traction(fvPatchVectorField& patch)
-{
-    return refCast<fixedGradientFvPatchVectorField>(patch);
-}
 
 } // End anonymous namespace
 
@@ -52,6 +45,28 @@ Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
     }
 
     return labelList(std::move(found));
+}
+
+
+Foam::fixedGradientFvPatchVectorField& Foam::m4gnSolids4FoamLaw::traction
+(
+    fvPatchVectorField& patch
+)
+{
+    return refCast<fixedGradientFvPatchVectorField>(patch);
+}
+
+
+void Foam::m4gnSolids4FoamLaw::presentGradients()
+{
+    auto& boundary = solid_->solutionD().boundaryFieldRef();
+
+    for (const label patchi : tractions())
+    {
+        fvPatchVectorField& patch = boundary[patchi];
+        traction(patch).gradient() =
+            patch.patch().deltaCoeffs()*(patch - patch.patchInternalField());
+    }
 }
 
 
@@ -94,13 +109,7 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     m4gnMixing mixing(depth);
     vectorField now(n), next(n);
 
-    // The boundary values that there are
-    for (const label patchi : patches)
-    {
-        fvPatchVectorField& patch = boundary[patchi];
-        traction(patch).gradient() =
-            patch.patch().deltaCoeffs()*(patch - patch.patchInternalField());
-    }
+    presentGradients();
     gather(now);
 
     scalar change = GREAT;
