@@ -35,7 +35,8 @@ pub struct Args {
     seed: u64,
     #[command(flatten)]
     set: SetArgs,
-    /// A further hybrid: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones
+    /// A further hybrid: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
+    /// of its case can follow, NAME=FILE,PARAMETER=VALUE,...
     #[arg(long, value_name = "NAME=FILE")]
     variant: Vec<String>,
     /// A plain solver to compare with: one of the family's by name, or NAME=PARAMETER=VALUE,...; none: no plain solver
@@ -160,14 +161,16 @@ fn plan(args: &Args) -> Result<Plan> {
 
 fn figures(plan: &Plan, results: &[DrawResult], names: &[String]) -> Result<Value> {
     let s = &plan.schedule;
-    let variant = |v: &Variant| match &v.kind {
-        Kind::Hybrid(entries) => json!({ "name": v.name, "entries": entries }),
-        Kind::Plain(settings) => {
-            let settings: Vec<String> = settings
-                .iter()
-                .map(|(name, setting)| format!("{name}={setting}"))
-                .collect();
-            json!({ "name": v.name, "settings": settings })
+    let variant = |v: &Variant| {
+        let settings = v.kind.settings().iter();
+        let settings: Vec<String> = settings
+            .map(|(name, setting)| format!("{name}={setting}"))
+            .collect();
+        match &v.kind {
+            Kind::Hybrid { entries, .. } => {
+                json!({ "name": v.name, "entries": entries, "settings": settings })
+            }
+            Kind::Plain(_) => json!({ "name": v.name, "settings": settings }),
         }
     };
     let settings = plan.settings.iter().map(|(name, v)| format!("{name}={v}"));

@@ -151,6 +151,9 @@ pub struct Hybrid {
     /// Settings of all runs.
     #[serde(default)]
     pub set: Settings,
+    /// Settings of the runs with the surrogate, beside these.
+    #[serde(default)]
+    pub hybrid_set: Settings,
     /// Cheaper plain solvers, to compare at equal cost.
     #[serde(default)]
     pub plain: Vec<Plain>,
@@ -232,6 +235,7 @@ impl Family {
         let Some(hybrid) = &self.hybrid else { return Ok(()) };
         hybrid.check()?;
         self.check_settings(&hybrid.set)?;
+        self.check_settings(&hybrid.hybrid_set)?;
         for plain in &hybrid.plain {
             if !is_word(&plain.name) {
                 return fault(format!("hybrid: '{}' is no name of a variant", plain.name));

@@ -79,11 +79,7 @@ impl Job<'_> {
             if self.plan.tools.stopped() {
                 return result;
             }
-            let draw = match &variant.kind {
-                Kind::Hybrid(_) => Ok(draw.clone()),
-                Kind::Plain(_) => self.draw_plain(index, &variant.kind),
-            };
-            let made = match draw {
+            let made = match self.draw_with(index, &variant.kind) {
                 Ok(draw) => self.make(
                     &folder,
                     index,
@@ -120,17 +116,11 @@ impl Job<'_> {
         (self.report)(Event::Failed { index, name, message });
     }
 
-    /// Settings of a plain variant: its own replace those of the full run.
-    fn plain(&self, kind: &Kind) -> Settings {
+    /// The draw of a variant, whose settings replace those of the full run.
+    fn draw_with(&self, index: u64, kind: &Kind) -> Result<Draw> {
         let mut all = self.settings.clone();
-        if let Kind::Plain(own) = kind {
-            all.extend(own.clone());
-        }
-        all
-    }
-
-    fn draw_plain(&self, index: u64, kind: &Kind) -> Result<Draw> {
-        self.plan.family.draw(self.plan.seed, index, &self.plain(kind))
+        all.extend(kind.settings().clone());
+        self.plan.family.draw(self.plan.seed, index, &all)
     }
 
     /// What the full run is made with.
@@ -152,16 +142,19 @@ impl Job<'_> {
     /// What a variant is made with.
     fn key(&self, index: u64, kind: &Kind) -> Result<String> {
         let own = match kind {
-            Kind::Hybrid(entries) => {
+            Kind::Hybrid { entries, settings } => {
                 let mut own = json!({
                     "model": self.model, "surrogate_steps": self.plan.schedule.surrogate_steps, "entries": entries,
                 });
+                if !settings.is_empty() {
+                    own["quantities"] = json!(self.draw_with(index, kind)?.variables);
+                }
                 if let Some(folder) = &self.plan.stretches {
                     own["stretches"] = json!(folder);
                 }
                 own
             }
-            Kind::Plain(_) => json!({ "quantities": self.draw_plain(index, kind)?.variables }),
+            Kind::Plain(_) => json!({ "quantities": self.draw_with(index, kind)?.variables }),
         };
         Ok(json!({ "full": self.full_key(index), "variant": own }).to_string())
     }
@@ -231,7 +224,7 @@ impl Job<'_> {
             write_interval: schedule.interval,
         };
         let functions = match kind {
-            Some(Kind::Hybrid(entries)) => {
+            Some(Kind::Hybrid { entries, .. }) => {
                 self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, index, name, draw)?
             }
             _ => String::new(),
@@ -290,7 +283,9 @@ impl Job<'_> {
         };
         let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
         let mut compared = Compared::new(&mut a, &mut b, &options, stride, strides)?;
-        if matches!(kind, Kind::Hybrid(entries) if controlled(entries)) && compared.score.replaced.is_none() {
+        if matches!(kind, Kind::Hybrid { entries, .. } if controlled(entries))
+            && compared.score.replaced.is_none()
+        {
             // Error control let no jump go: the solver's own run is what came of it.
             options.takeover = Some(takeover);
             compared = Compared::new(&mut a, &mut b, &options, stride, strides)?;

@@ -1,7 +1,8 @@
 //! How hard the solver of a solid works, from its log: correctors of its time steps, and steps that end at their cap.
 //!
 //! solidDisplacementFoam prints the solves of each corrector, and nothing of how they ended; solids4foam prints the number
-//! of the last one, or that they reached their most. Of another log nothing is told.
+//! of the last one, or that they reached their most. Of another log nothing is told. Correctors of m4gnAnderson, which solves
+//! a step before it begins, count as those of that step.
 
 use crate::foam_case::{CorrectorLimits, FoamCase};
 use m4gn_mesh::Result;
@@ -79,7 +80,7 @@ impl Worked {
 }
 
 fn steps_of(text: &str, limits: CorrectorLimits) -> Option<Vec<Step>> {
-    let (mut steps, mut jumps) = (Vec::new(), 0);
+    let (mut steps, mut jumps, mut ahead) = (Vec::new(), 0, 0);
     // Between two steps others solve too: the smoothing after a jump, function objects.
     let mut open: Option<(f64, Counter)> = None;
     for line in text.lines().map(str::trim_start) {
@@ -88,9 +89,18 @@ fn steps_of(text: &str, limits: CorrectorLimits) -> Option<Vec<Step>> {
         if let Some(rest) = begins {
             // Newer versions write the unit behind the time: 2s
             let time = rest.trim().trim_end_matches('s').parse().unwrap_or(f64::NAN);
-            open = Some((time, Counter::default()));
+            let ahead = std::mem::take(&mut ahead);
+            open = Some((
+                time,
+                Counter {
+                    ahead,
+                    ..Counter::default()
+                },
+            ));
         } else if line.starts_with("m4gn: jumped ") {
             jumps += 1;
+        } else if let Some(rest) = line.strip_prefix("m4gn: the next time step is solved in ") {
+            ahead = rest.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or(0);
         } else if line.starts_with("ExecutionTime =") {
             if let Some((time, counter)) = open.take() {
                 steps.push(counter.step(time, jumps, limits));
@@ -111,6 +121,8 @@ struct Counter {
     loops: usize,
     last: Option<usize>,
     reached: bool,
+    /// Correctors of m4gnAnderson.
+    ahead: usize,
     /// solidDisplacementFoam: solves of each component, and their last initial residuals.
     solves: [usize; 3],
     residuals: [f64; 3],
@@ -152,7 +164,7 @@ impl Counter {
         };
         Step {
             time,
-            correctors,
+            correctors: correctors.map(|own| own + self.ahead),
             at_cap,
             jumps,
         }
@@ -344,6 +356,17 @@ mod tests {
         );
         let found = Correctors::of_full(&steps, most);
         assert_eq!((found.at_cap, found.mean), (Some(1), Some(340.0 / 3.0)));
+        // Solved ahead by m4gnAnderson: counted with the step
+        let ahead = text.replace(
+            "Time = 0.215",
+            "m4gn: the next time step is solved in 40 correctors\n\nTime = 0.215",
+        );
+        let correctors: Vec<_> = steps_of(&ahead, most)
+            .unwrap()
+            .iter()
+            .map(|s| s.correctors)
+            .collect();
+        assert_eq!(correctors, [Some(137), Some(200), Some(43)]);
         // Without the most that there may be the steps at it are counted all the same, and no mean is made up
         let steps = steps_of(text, CorrectorLimits::default()).unwrap();
         let found = Correctors::of_full(&steps, CorrectorLimits::default());

@@ -22,15 +22,29 @@ pub struct Variant {
 /// What is different from the full run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// The surrogate; these entries replace or join those of the function object.
-    Hybrid(String),
+    /// The surrogate.
+    Hybrid {
+        /// Entries that replace or join those of the function object.
+        entries: String,
+        /// Parameters of the case that are other ones.
+        settings: Settings,
+    },
     /// The solver alone with other settings.
     Plain(Settings),
 }
 
-/// The hybrid with the family's schedule, then the variants `NAME=FILE`, whose file has entries for the function object, and
-/// the plain solvers: those of the family, or, where any are given, these: `NAME` of the family's, or
-/// `NAME=PARAMETER=VALUE,...`.
+impl Kind {
+    /// Parameters of the case that are other ones than the full run's.
+    pub fn settings(&self) -> &Settings {
+        match self {
+            Kind::Hybrid { settings, .. } | Kind::Plain(settings) => settings,
+        }
+    }
+}
+
+/// The hybrid with the family's schedule, then the variants `NAME=FILE` or `NAME=FILE,PARAMETER=VALUE,...`, whose file has
+/// entries for the function object, and the plain solvers: those of the family, or, where any are given, these: `NAME` of the
+/// family's, or `NAME=PARAMETER=VALUE,...`. The hybrids have the family's `hybrid_set`.
 ///
 /// # Errors
 /// [`Error::Input`] for a name that is none or occurs twice, or for settings that cannot be; [`Error::File`] for a file that
@@ -43,17 +57,30 @@ pub fn variants(
 ) -> Result<Vec<Variant>> {
     let mut all = vec![Variant {
         name: HYBRID.into(),
-        kind: Kind::Hybrid(String::new()),
+        kind: Kind::Hybrid {
+            entries: String::new(),
+            settings: schedule.hybrid_set.clone(),
+        },
     }];
     for text in hybrids {
-        let (name, file) = text
-            .split_once('=')
-            .ok_or_else(|| Error::Input(format!("--variant {text}: expected NAME=FILE")))?;
+        let (name, rest) = text.split_once('=').ok_or_else(|| {
+            Error::Input(format!(
+                "--variant {text}: expected NAME=FILE or NAME=FILE,PARAMETER=VALUE,..."
+            ))
+        })?;
+        let mut parts = rest.split(',');
+        let file = parts.next().unwrap_or_default();
+        let mut settings = schedule.hybrid_set.clone();
+        for part in parts {
+            let (parameter, value) = parse_setting(part)?;
+            settings.insert(parameter, value);
+        }
+        family.check_settings(&settings)?;
         let entries = std::fs::read_to_string(file)
             .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
         all.push(Variant {
             name: name.into(),
-            kind: Kind::Hybrid(entries),
+            kind: Kind::Hybrid { entries, settings },
         });
     }
     let known = |name: &str| schedule.plain.iter().find(|p| p.name == name);
@@ -115,6 +142,13 @@ mod tests {
             ["hybrid", "fp32", "loose", "coarse"]
         );
         assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid"]);
+        let coarse = [hybrid[0].clone() + ",cells=0.5"];
+        let all = variants(&family, &schedule, &coarse, &["none".into()]).unwrap();
+        assert_eq!(all[1].kind.settings()["cells"].to_string(), "0.5");
+        assert!(all[0].kind.settings().is_empty());
+        let unknown = [hybrid[0].clone() + ",size=2"];
+        let message = names(&unknown, &[]).unwrap_err().to_string();
+        assert!(message.contains("no parameter 'size'"), "{message}");
         assert_eq!(
             names(&[], &["loose", "half=cells=0.5,courant=2"]).unwrap(),
             ["hybrid", "loose", "half"]
