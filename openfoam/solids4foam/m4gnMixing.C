@@ -15,6 +15,10 @@ License
 namespace
 {
 
+//- Changes that differ by less than about the root of this count as the same
+const Foam::scalar alike = 1e-12;
+
+
 Foam::scalar product(const Foam::vectorField& a, const Foam::vectorField& b)
 {
     Foam::scalar sum = 0;
@@ -35,6 +39,7 @@ Foam::m4gnMixing::m4gnMixing(const label depth)
     depth_(depth),
     dx_(depth),
     df_(depth),
+    products_(depth*depth, Zero),
     n_(0)
 {}
 
@@ -54,8 +59,12 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next
     {
         for (label i = 0; i + 1 < depth_; ++i)
         {
-            dx_[i] = dx_[i + 1];
-            df_[i] = df_[i + 1];
+            dx_[i].swap(dx_[i + 1]);
+            df_[i].swap(df_[i + 1]);
+            for (label j = 0; j + 1 < depth_; ++j)
+            {
+                products_[i*depth_ + j] = products_[(i + 1)*depth_ + j + 1];
+            }
         }
         dx_.last() = x - x_;
         df_.last() = f - f_;
@@ -63,29 +72,33 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next
     x_ = x;
     f_ = f;
 
+    // Of m changes: the products with f, and of the latest with each
     const label m = min(n_ - 1, depth_);
     const label first = depth_ - m;
-
-    // Of m changes: the products with each other, and with f
-    List<scalar> sums(m*(m + 1), Zero);
+    List<scalar> sums(2*m, Zero);
     for (label i = 0; i < m; ++i)
     {
-        for (label j = 0; j < m; ++j)
-        {
-            sums[i*(m + 1) + j] = product(df_[first + i], df_[first + j]);
-        }
-        sums[i*(m + 1) + m] = product(df_[first + i], f);
+        sums[i] = product(df_[first + i], f);
+        sums[m + i] = product(df_[first + i], df_.last());
     }
     Pstream::listCombineGather(sums, plusEqOp<scalar>());
     Pstream::listCombineScatter(sums);
 
-    scalar trace = 0;
     for (label i = 0; i < m; ++i)
     {
-        trace += sums[i*(m + 1) + i];
+        products_[(first + i)*depth_ + depth_ - 1] = sums[m + i];
+        products_[(depth_ - 1)*depth_ + first + i] = sums[m + i];
     }
 
-    if (m && trace > 0)
+    // Each change counts by its direction, for the latest are the smallest
+    scalarField scale(m);
+    for (label i = 0; i < m; ++i)
+    {
+        scale[i] =
+            1/sqrt(max(products_[(first + i)*(depth_ + 1)], ROOTVSMALL));
+    }
+
+    if (m)
     {
         // The small term keeps changes that are alike from cancelling
         simpleMatrix<scalar> system(m, 0, 0);
@@ -93,16 +106,17 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next
         {
             for (label j = 0; j < m; ++j)
             {
-                system(i, j) = sums[i*(m + 1) + j];
+                system(i, j) =
+                    scale[i]*scale[j]*products_[(first + i)*depth_ + first + j];
             }
-            system(i, i) += 1e-13*trace;
-            system.source()[i] = sums[i*(m + 1) + m];
+            system(i, i) += alike;
+            system.source()[i] = scale[i]*sums[i];
         }
 
         const scalarField weights(system.LUsolve());
         for (label i = 0; i < m; ++i)
         {
-            mixed.ref() -= weights[i]*(dx_[first + i] + df_[first + i]);
+            mixed.ref() -= scale[i]*weights[i]*(dx_[first + i] + df_[first + i]);
         }
     }
 

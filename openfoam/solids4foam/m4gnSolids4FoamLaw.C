@@ -160,8 +160,7 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
         mechanical().grad(solid.DD(), solid.gradDD());
         if (!solid.movingMesh())
         {
-            // From rest
-            set(solid.gradD(), tmp<volTensorField>(1.0*solid.gradDD()));
+            set(solid.gradD(), solid.gradD().oldTime() + solid.gradDD());
         }
     }
 

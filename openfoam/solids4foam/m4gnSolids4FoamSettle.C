@@ -22,11 +22,16 @@ using namespace Foam;
 
 //- Most correctors, and correctors that the mixing remembers
 const label maxCorrectors = 500;
-const label depth = 15;
+const label depth = 20;
+
+//- Most sweeps over the boundary in a corrector, and the change at which they
+//  end: of that of the first one, and of that at which the correctors end
+const label maxSweeps = 10;
+const scalar sweepTolerance = 0.01;
 
 //- The part of its residual that the linear solver of a corrector leaves. With
 //  the few per cent that are enough for a solver, the mixing learns noise.
-const scalar linearTolerance = 1e-4;
+const scalar linearTolerance = 1e-3;
 
 
 //- The model hands its stabilisation out to its own classes only
@@ -61,9 +66,9 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns
     const volScalarField& impK
 ) const
 {
-    volVectorField& D = solid_->D();
-    auto& boundary = D.boundaryFieldRef();
-    DynamicList<vector> all(D.primitiveField());
+    volVectorField& u = solid_->solutionD();
+    auto& boundary = u.boundaryFieldRef();
+    DynamicList<vector> all(u.primitiveField());
 
     for (const label patchi : tractions())
     {
@@ -91,18 +96,20 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns
 bool Foam::m4gnSolids4FoamLaw::take
 (
     const vectorField& unknowns,
-    const volScalarField& impK
+    const volScalarField& impK,
+    const scalar tolerance
 )
 {
-    volVectorField& D = solid_->D();
-    auto& boundary = D.boundaryFieldRef();
+    volVectorField& u = solid_->solutionD();
+    auto& boundary = u.boundaryFieldRef();
+    const labelList patches(tractions());
     label i = 0;
 
-    for (vector& d : D.primitiveFieldRef())
+    for (vector& value : u.primitiveFieldRef())
     {
-        d = unknowns[i++];
+        value = unknowns[i++];
     }
-    for (const label patchi : tractions())
+    for (const label patchi : patches)
     {
         fvPatchVectorField& patch = boundary[patchi];
         auto* condition = loaded(patch);
@@ -118,13 +125,148 @@ bool Foam::m4gnSolids4FoamLaw::take
             }
             ++i;
         }
-
-        // It counts as updated, so that its gradient is this one
-        patch.fvPatchVectorField::updateCoeffs();
     }
-    D.correctBoundaryConditions();
+
+    // Where cells are not orthogonal to the boundary its values take part of
+    // the last gradient, which takes part of them
+    scalar first = 0;
+    for (label sweep = 0; sweep < maxSweeps; ++sweep)
+    {
+        const volVectorField::Boundary before(boundary);
+        for (const label patchi : patches)
+        {
+            // They count as updated, so that their gradient is this one
+            boundary[patchi].fvPatchVectorField::updateCoeffs();
+        }
+        u.correctBoundaryConditions();
+
+        scalar change = 0;
+        forAll(boundary, patchi)
+        {
+            if (boundary[patchi].size())
+            {
+                change =
+                    max(change, max(mag(boundary[patchi] - before[patchi])));
+            }
+        }
+        reduce(change, maxOp<scalar>());
+        first = max(first, change);
+        if (sweep && change <= max(tolerance, sweepTolerance*first))
+        {
+            break;
+        }
+        mechanical().grad
+        (
+            u,
+            solid_->incremental() ? solid_->gradDD() : solid_->gradD()
+        );
+    }
 
     return stress();
+}
+
+
+Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
+{
+    const volSymmTensorField& sigma =
+        const_cast<const solidModel&>(*solid_).sigma();
+
+    if (solid_->nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
+    {
+        return fvc::div(sigma, "div(sigma)");
+    }
+
+    const bool moving = solid_->movingMesh();
+
+    return fvc::div
+    (
+        mesh_.lookupObject<volScalarField>(moving ? "relJ" : "J")
+       *mesh_.lookupObject<volTensorField>(moving ? "relFinv" : "Finv")
+      & sigma,
+        "div(sigma)"
+    );
+}
+
+
+Foam::label Foam::m4gnSolids4FoamLaw::correct
+(
+    const std::function<tmp<fvVectorMatrix>()>& inertia,
+    const std::function<scalar()>& largest
+)
+{
+    solidModel& solid = *solid_;
+    const solidModel& model = solid;
+    volVectorField& u = solid.solutionD();
+    const word scheme
+    (
+        solid.incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)"
+    );
+    const volVectorField before("before", u);
+    const volScalarField impK(mechanical().impK());
+    const surfaceScalarField impKf(mechanical().impKf());
+
+    dictionary controls(mesh_.solverDict(u.name()));
+    controls.set("tolerance", VSMALL);
+    controls.set("relTol", linearTolerance);
+
+    presentGradients();
+
+    // The solver prints the residuals of none of its correctors either
+    const label debug = SolverPerformance<vector>::debug;
+    SolverPerformance<vector>::debug = 0;
+
+    m4gnMixing mixing(depth);
+    tmp<vectorField> now(unknowns(impK));
+    label nCorrectors = 0;
+    bool converged = false;
+    bool valid = true;
+
+    while (valid && !converged && nCorrectors < maxCorrectors)
+    {
+        valid = take(now(), impK, sweepTolerance*largest());
+        if (!valid)
+        {
+            break;
+        }
+
+        fvVectorMatrix equation
+        (
+            inertia()
+         == fvm::laplacian(impKf, u, scheme)
+          - fvc::laplacian(impKf, u, scheme)
+          + force()
+          + model.rho()*model.g()
+          + protectedParts::of(model).stabilisation
+            (
+                u,
+                solid.incremental() ? solid.gradDD() : solid.gradD(),
+                impK
+            )
+        );
+        equation.solve(controls);
+        ++nCorrectors;
+
+        // The list of a time step's solves becomes text with each of them
+        const_cast<dictionary&>(mesh_.solverPerformanceDict()).clear();
+
+        const tmp<vectorField> next(unknowns(impK));
+        converged = gMax(mag(next() - now())()) <= largest();
+        now = mixing.next(now(), next());
+    }
+    SolverPerformance<vector>::debug = debug;
+
+    if
+    (
+       !valid
+     || !converged
+     || !take(now(), impK, sweepTolerance*largest())
+    )
+    {
+        u == before;
+        return -1;
+    }
+
+    return nCorrectors;
 }
 
 
@@ -147,81 +289,89 @@ bool Foam::m4gnSolids4FoamLaw::settle
     const scalar tolerance
 )
 {
-    solidModel& solid = *solid_;
-    const solidModel& model = solid;
-    volVectorField& D = solid.D();
-    const volVectorField before("before", D);
-    const volScalarField impK(mechanical().impK());
-    const surfaceScalarField impKf(mechanical().impKf());
+    volVectorField& D = solid_->D();
     const volScalarField inertia
     (
         "inertia",
-        model.rho()/sqr(dimensionedScalar("duration", dimTime, duration))
+        const_cast<const solidModel&>(*solid_).rho()
+       /sqr(dimensionedScalar("duration", dimTime, duration))
     );
     volVectorField target("target", D);
     target.primitiveFieldRef() = free;
 
-    dictionary controls(mesh_.solverDict(D.name()));
-    controls.set("tolerance", VSMALL);
-    controls.set("relTol", linearTolerance);
-
-    presentGradients();
-
-    // The solver prints the residuals of none of its correctors either
-    const label debug = SolverPerformance<vector>::debug;
-    SolverPerformance<vector>::debug = 0;
-
     const scalar size = max(gMax(mag(D.primitiveField())()), VSMALL);
-    m4gnMixing mixing(depth);
-    tmp<vectorField> now(unknowns(impK));
-    scalar change = GREAT;
-    bool valid = true;
 
-    for (label i = 0; i < maxCorrectors && change > tolerance*size; ++i)
+    return correct
+    (
+        [&]() { return fvm::Sp(inertia, D) - inertia*target; },
+        [&]() { return tolerance*size; }
+    ) >= 0;
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::steps() const
+{
+    const word& model = solid_->type();
+
+    // A pressure that the law solves for is no unknown of the correctors
+    return
+       !solvesPressure()
+     && (
+            settles()
+         || model == "linearGeometry"
+         || model == "nonLinearGeometryTotalLagrangian"
+         || model == "nonLinearGeometryUpdatedLagrangian"
+        );
+}
+
+
+Foam::label Foam::m4gnSolids4FoamLaw::step()
+{
+    solidModel& solid = *solid_;
+    const solidModel& model = solid;
+    volVectorField& u = solid.solutionD();
+    const volScalarField& rho = model.rho();
+    const volVectorField& oldD = solid.D().oldTime();
+
+    const scalar tolerance =
+        model.solidProperties().subOrEmptyDict(solid.type() + "Coeffs")
+       .getOrDefault<scalar>("alternativeTolerance", 1e-7);
+
+    const auto inertia = [&]() -> tmp<fvVectorMatrix>
     {
-        valid = take(now(), impK);
-        if (!valid)
+        if (!solid.incremental())
         {
-            break;
+            return rho*fvm::d2dt2(u);
         }
+        if (solid.movingMesh())
+        {
+            const auto& now = mesh_.lookupObject<volScalarField>("rho");
+            return fvm::d2dt2(now, u) + fvc::d2dt2(now, oldD);
+        }
+        if (solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
+        {
+            return
+                rho*fvm::d2dt2(u)
+              + mesh_.lookupObject<volVectorField>("rhoD2dt2D").oldTime();
+        }
+        return rho*fvm::d2dt2(u) + rho*fvc::d2dt2(oldD);
+    };
 
-        volSymmTensorField& sigma = solid.sigma();
-        const tmp<volVectorField> force
-        (
-            solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY
-          ? fvc::div(sigma, "div(sigma)")
-          : fvc::div
-            (
-                mesh_.lookupObject<volScalarField>("J")
-               *mesh_.lookupObject<volTensorField>("Finv") & sigma,
-                "div(sigma)"
-            )
-        );
-
-        fvVectorMatrix equation
-        (
-            fvm::Sp(inertia, D) - inertia*target
-         == fvm::laplacian(impKf, D, "laplacian(DD,D)")
-          - fvc::laplacian(impKf, D, "laplacian(DD,D)")
-          + force
-          + model.rho()*model.g()
-          + protectedParts::of(model).stabilisation(D, solid.gradD(), impK)
-        );
-        equation.solve(controls);
-
-        const tmp<vectorField> next(unknowns(impK));
-        change = gMax(mag(next() - now())());
-        now = mixing.next(now(), next());
-    }
-    SolverPerformance<vector>::debug = debug;
-
-    valid = valid && take(now(), impK) && change <= tolerance*size;
-    if (!valid)
+    // As solids4foam's own measure, of the motion in the time step
+    const auto largest = [&]()
     {
-        D == before;
-    }
+        const vectorField& now = u.primitiveField();
+        const scalar motion =
+            solid.incremental()
+          ? gMax(mag(now)())
+          : gMax(mag(now - u.oldTime().primitiveField())());
 
-    return valid;
+        return
+            tolerance
+           *max(motion < SMALL ? gMax(mag(now)()) : motion, SMALL);
+    };
+
+    return correct(inertia, largest);
 }
 
 

@@ -257,6 +257,62 @@ EOD
     refused 'expected none, or settling' solids4Foam
 fi
 
+# m4gnAnderson: the solver's own answer, with a fraction of its correctors; stopped and carried on too
+if [ "$law" = yes ]; then
+    # all_correctors: of all time steps, those of m4gnAnderson among them
+    all_correctors() {
+        awk '/^m4gn: the next time step is solved/ { n += $9 } /^ *[0-9]+, / { split($1, a, ","); n += a[1] + 1 } END { print n + 0 }' log.run
+    }
+    anderson='anderson { type m4gnAnderson; libs (m4gnFoam); }'
+    while read -r ranks name material traction part; do
+        what="m4gnAnderson, $name, $ranks ranks"
+        model "$name" "$material" "$traction" Euler
+        clean_case
+        : > system/functions
+        solve
+        plain=$(all_correctors)
+        if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.026:'; fi
+        rm -rf ../full && mkdir ../full && mv 0.* ../full
+        clean_case
+        echo "$anderson" > system/functions
+        solve
+        mixed=$(all_correctors)
+        grep -q '51 time steps solved ahead in .* 0 left to the solver' log.run || fail "$what: $(grep 'solved ahead' log.run)"
+        if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.026:'; fi
+        for time in 0.026 0.052; do
+            for field in D sigma; do
+                below "$(difference ../full/$time/$field $time/$field)" 1e-6 "$what: $field at $time"
+            done
+        done
+        echo "$what: $mixed correctors in place of $plain"
+        below "$mixed" "$(awk "BEGIN { print $part*$plain }")" "$what: correctors"
+        # solids4foam itself carries on from D only
+        if [ "$ranks" -gt 1 ] || [ ! -f 0/D ]; then continue; fi
+        mkdir ../end && mv 0.052 ../end && rm -rf 0.0[345]*
+        sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
+        solve
+        sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
+        below "$(difference ../end/0.052/D 0.052/D)" 1e-6 "$what: D of a run that was stopped and carried on"
+        rm -rf ../end
+    done <<'EOD'
+1 linearGeometryTotalDisplacement linearElastic 200 0.35
+1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 0.35
+1 linearGeometry linearElastic 200 0.35
+1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35
+1 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 0.8
+2 linearGeometryTotalDisplacement linearElastic 200 0.35
+2 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35
+EOD
+    ranks=1
+    clean_case
+    { echo "$anderson"; echo "$watch"; } > system/functions
+    refused 'as the last one in functions' solids4Foam
+    model vertexCentredLinearGeometry linearElastic 200 Euler
+    clean_case
+    echo "$anderson" > system/functions
+    refused 'needs a cell-centred solid' solids4Foam
+fi
+
 # Without the law the run goes on, with boundary values that are extrapolated and stresses of the solver's last step
 cp "$M4GN_HOME/lib/libm4gnFoam.so" "$work/lib"
 ranks=1

@@ -58,7 +58,8 @@ const Foam::wordList& Foam::m4gnOthers::acting()
     ({
         "age", "electricPotential", "energyTransport", "externalCoupled",
         "hydrostaticPressure", "icoUncoupledKinematicCloud", "limitFields",
-        "phaseScalarTransport", "scalarTransport", "setFlow", "setTimeStep"
+        "m4gnAnderson", "phaseScalarTransport", "scalarTransport", "setFlow",
+        "setTimeStep"
     });
 
     return types;
