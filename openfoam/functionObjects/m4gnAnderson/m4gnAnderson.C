@@ -94,8 +94,14 @@ void storeOldTimes(const Foam::fvMesh& mesh)
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
-void Foam::functionObjects::m4gnAnderson::checkRun() const
+void Foam::functionObjects::m4gnAnderson::start()
 {
+    if (started_)
+    {
+        return;
+    }
+    started_ = true;
+
     if (postProcess)
     {
         FatalErrorInFunction
@@ -104,6 +110,7 @@ void Foam::functionObjects::m4gnAnderson::checkRun() const
             << exit(FatalError);
     }
 
+    law_ = m4gnSolidLaw::New(mesh_);
     if (!law_ || !law_->steps())
     {
         const word model(m4gnSolidLaw::modelName(mesh_));
@@ -197,7 +204,8 @@ Foam::functionObjects::m4gnAnderson::m4gnAnderson
 )
 :
     fvMeshFunctionObject(name, runTime, dict),
-    checked_(false),
+    started_(false),
+    timeStart_(-VGREAT),
     wait_(0),
     pause_(0),
     nSolved_(0),
@@ -206,17 +214,6 @@ Foam::functionObjects::m4gnAnderson::m4gnAnderson
     seconds_(0)
 {
     read(dict);
-
-    if (!postProcess)
-    {
-        law_ = m4gnSolidLaw::New(mesh_);
-    }
-    if (law_ && law_->steps())
-    {
-        // The first time step begins after this: no function object is
-        // executed before it
-        solveNext();
-    }
 }
 
 
@@ -229,18 +226,28 @@ bool Foam::functionObjects::m4gnAnderson::read(const dictionary& dict)
 
     fvMeshFunctionObject::read(dict);
     m4gn::checkKeys(dict, {}, true);
+    timeStart_ = dict.getOrDefault<scalar>("timeStart", -VGREAT);
 
     return true;
 }
 
 
+bool Foam::functionObjects::m4gnAnderson::filesModified() const
+{
+    if (!started_ && !postProcess && time_.value() >= timeStart_)
+    {
+        auto& self = const_cast<m4gnAnderson&>(*this);
+        self.start();
+        self.solveNext();
+    }
+
+    return false;
+}
+
+
 bool Foam::functionObjects::m4gnAnderson::execute()
 {
-    if (!checked_)
-    {
-        checkRun();
-        checked_ = true;
-    }
+    start();
     solveNext();
 
     return true;
