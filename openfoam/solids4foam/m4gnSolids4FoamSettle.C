@@ -190,7 +190,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
 
 Foam::label Foam::m4gnSolids4FoamLaw::correct
 (
-    const std::function<tmp<fvVectorMatrix>()>& inertia,
+    const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight,
     const std::function<scalar()>& largest
 )
 {
@@ -231,11 +231,10 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
 
         fvVectorMatrix equation
         (
-            inertia()
+            inertiaAndWeight()
          == fvm::laplacian(impKf, u, scheme)
           - fvc::laplacian(impKf, u, scheme)
           + force()
-          + model.rho()*model.g()
           + protectedParts::of(model).stabilisation
             (
                 u,
@@ -263,6 +262,8 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
     )
     {
         u == before;
+        presentGradients();
+        stress();
         return -1;
     }
 
@@ -289,12 +290,13 @@ bool Foam::m4gnSolids4FoamLaw::settle
     const scalar tolerance
 )
 {
+    const solidModel& model = *solid_;
+    const volScalarField& rho = model.rho();
     volVectorField& D = solid_->D();
     const volScalarField inertia
     (
         "inertia",
-        const_cast<const solidModel&>(*solid_).rho()
-       /sqr(dimensionedScalar("duration", dimTime, duration))
+        rho/sqr(dimensionedScalar("duration", dimTime, duration))
     );
     volVectorField target("target", D);
     target.primitiveFieldRef() = free;
@@ -303,7 +305,10 @@ bool Foam::m4gnSolids4FoamLaw::settle
 
     return correct
     (
-        [&]() { return fvm::Sp(inertia, D) - inertia*target; },
+        [&]()
+        {
+            return fvm::Sp(inertia, D) - inertia*target - rho*model.g();
+        },
         [&]() { return tolerance*size; }
     ) >= 0;
 }
@@ -337,24 +342,58 @@ Foam::label Foam::m4gnSolids4FoamLaw::step()
         model.solidProperties().subOrEmptyDict(solid.type() + "Coeffs")
        .getOrDefault<scalar>("alternativeTolerance", 1e-7);
 
-    const auto inertia = [&]() -> tmp<fvVectorMatrix>
+    autoPtr<volScalarField> moved;
+    if (solid.movingMesh())
+    {
+        // The model keeps the density of its moved mesh to itself, but for its
+        // old levels: it is that of the time step before over relJ, and it
+        // becomes the old level when the next time step begins
+        const auto* old = mesh_.findObject<volScalarField>("rho_0");
+        moved.reset
+        (
+            new volScalarField
+            (
+                IOobject
+                (
+                    "rho",
+                    mesh_.time().timeName(),
+                    mesh_,
+                    IOobject::NO_READ,
+                    IOobject::NO_WRITE,
+                    false
+                ),
+                old
+              ? *old/mesh_.lookupObject<volScalarField>("relJ")
+              : tmp<volScalarField>(rho)
+            )
+        );
+        if (old)
+        {
+            moved->oldTime().oldTime() == *old;
+        }
+    }
+
+    const auto inertiaAndWeight = [&]() -> tmp<fvVectorMatrix>
     {
         if (!solid.incremental())
         {
-            return rho*fvm::d2dt2(u);
+            return rho*fvm::d2dt2(u) - rho*model.g();
         }
         if (solid.movingMesh())
         {
-            const auto& now = mesh_.lookupObject<volScalarField>("rho");
-            return fvm::d2dt2(now, u) + fvc::d2dt2(now, oldD);
+            return
+                fvm::d2dt2(moved(), u)
+              + fvc::d2dt2(moved(), oldD)
+              - moved()*model.g();
         }
         if (solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
         {
             return
                 rho*fvm::d2dt2(u)
-              + mesh_.lookupObject<volVectorField>("rhoD2dt2D").oldTime();
+              + mesh_.lookupObject<volVectorField>("rhoD2dt2D").oldTime()
+              - rho*model.g();
         }
-        return rho*fvm::d2dt2(u) + rho*fvc::d2dt2(oldD);
+        return rho*fvm::d2dt2(u) + rho*fvc::d2dt2(oldD) - rho*model.g();
     };
 
     // As solids4foam's own measure, of the motion in the time step
@@ -371,7 +410,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::step()
            *max(motion < SMALL ? gMax(mag(now)()) : motion, SMALL);
     };
 
-    return correct(inertia, largest);
+    return correct(inertiaAndWeight, largest);
 }
 
 

@@ -299,7 +299,7 @@ if [ "$law" = yes ]; then
 1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 0.35
 1 linearGeometry linearElastic 200 0.35
 1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35
-1 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 0.8
+1 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 0.35
 2 linearGeometryTotalDisplacement linearElastic 200 0.35
 2 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35
 EOD
