@@ -1,0 +1,157 @@
+/*---------------------------------------------------------------------------*\
+    m4gn: M4GN surrogates inside OpenFOAM
+-------------------------------------------------------------------------------
+License
+    SPDX-License-Identifier: GPL-3.0-or-later
+
+\*---------------------------------------------------------------------------*/
+
+#include "m4gnSolids4FoamLaw.H"
+#include "fvc.H"
+#include "fvm.H"
+#include "solidModel.H"
+
+// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+bool Foam::m4gnSolids4FoamLaw::settles() const
+{
+    const word& model = solid_->type();
+
+    return
+        model == "linearGeometryTotalDisplacement"
+     || model == "nonLinearGeometryTotalLagrangianTotalDisplacement";
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::settle
+(
+    const vectorField& free,
+    const scalar duration,
+    const scalar tolerance
+)
+{
+    const solidModel& model = *solid_;
+    const volScalarField& rho = model.rho();
+    volVectorField& D = solid_->D();
+    const volScalarField inertia
+    (
+        "inertia",
+        rho/sqr(dimensionedScalar("duration", dimTime, duration))
+    );
+    volVectorField target("target", D);
+    target.primitiveFieldRef() = free;
+
+    const scalar size = max(gMax(mag(D.primitiveField())()), VSMALL);
+
+    return correct
+    (
+        [&]()
+        {
+            return fvm::Sp(inertia, D) - inertia*target - rho*model.g();
+        },
+        [&]() { return tolerance*size; }
+    ) >= 0;
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::steps() const
+{
+    const word& model = solid_->type();
+
+    // A pressure that the law solves for is no unknown of the correctors
+    return
+       !solvesPressure()
+     && (
+            settles()
+         || model == "linearGeometry"
+         || model == "nonLinearGeometryTotalLagrangian"
+         || model == "nonLinearGeometryUpdatedLagrangian"
+        );
+}
+
+
+Foam::label Foam::m4gnSolids4FoamLaw::step()
+{
+    solidModel& solid = *solid_;
+    const solidModel& model = solid;
+    volVectorField& u = solid.solutionD();
+    const volScalarField& rho = model.rho();
+    const volVectorField& oldD = solid.D().oldTime();
+
+    const scalar tolerance =
+        model.solidProperties().subOrEmptyDict(solid.type() + "Coeffs")
+       .getOrDefault<scalar>("alternativeTolerance", 1e-7);
+
+    autoPtr<volScalarField> moved;
+    if (solid.movingMesh())
+    {
+        // The model keeps the density of its moved mesh to itself, but for its
+        // old levels: it is that of the time step before over relJ, and it
+        // becomes the old level when the next time step begins
+        const auto* old = mesh_.findObject<volScalarField>("rho_0");
+        moved.reset
+        (
+            new volScalarField
+            (
+                IOobject
+                (
+                    "rho",
+                    mesh_.time().timeName(),
+                    mesh_,
+                    IOobject::NO_READ,
+                    IOobject::NO_WRITE,
+                    false
+                ),
+                old
+              ? *old/mesh_.lookupObject<volScalarField>("relJ")
+              : tmp<volScalarField>(rho)
+            )
+        );
+        if (old)
+        {
+            moved->oldTime().oldTime() == *old;
+        }
+    }
+
+    const auto inertiaAndWeight = [&]() -> tmp<fvVectorMatrix>
+    {
+        if (!solid.incremental())
+        {
+            return rho*fvm::d2dt2(u) - rho*model.g();
+        }
+        if (solid.movingMesh())
+        {
+            return
+                fvm::d2dt2(moved(), u)
+              + fvc::d2dt2(moved(), oldD)
+              - moved()*model.g();
+        }
+        if (solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
+        {
+            return
+                rho*fvm::d2dt2(u)
+              + mesh_.lookupObject<volVectorField>("rhoD2dt2D").oldTime()
+              - rho*model.g();
+        }
+        return rho*fvm::d2dt2(u) + rho*fvc::d2dt2(oldD) - rho*model.g();
+    };
+
+    // As solids4foam's own measure, of the motion in the time step
+    const auto largest = [&]()
+    {
+        const vectorField& now = u.primitiveField();
+        const scalar motion =
+            solid.incremental()
+          ? gMax(mag(now)())
+          : gMax(mag(now - u.oldTime().primitiveField())());
+
+        return
+            tolerance
+           *max(motion < SMALL ? gMax(mag(now)()) : motion, SMALL);
+    };
+
+    return correct(inertiaAndWeight, largest);
+}
+
+
+// ************************************************************************* //
