@@ -175,7 +175,7 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
 
     if (nCorrectors < 0)
     {
-        // Each in vain costs as much as a hard time step
+        // An attempt in vain costs as much as a hard time step
         wait_ = pause_;
         pause_ = min(2*pause_ + 1, maxPause);
         ++nLeft_;
