@@ -187,6 +187,41 @@ void Foam::m4gn::checkStatic(const polyMesh& mesh, const dictionary& dict)
 }
 
 
+void Foam::m4gn::checkSolver(const functionObject& object)
+{
+    if (functionObject::postProcess)
+    {
+        FatalErrorInFunction
+            << "Function object " << object.name() << " of type "
+            << object.type()
+            << " needs a running solver; it cannot work on stored times."
+            << exit(FatalError);
+    }
+}
+
+
+void Foam::m4gn::checkLast
+(
+    const functionObject& object,
+    const Time& time,
+    const char* what
+)
+{
+    const functionObjectList& all = time.functionObjects();
+    const label own = all.findObjectID(object.name());
+
+    if (own < all.size() - 1)
+    {
+        FatalErrorInFunction
+            << "Function object " << all[own + 1].name() << " comes after "
+            << object.name() << " of type " << object.type()
+            << ", and would look at " << what << nl << "    Have "
+            << object.name() << " as the last one in functions"
+            << exit(FatalError);
+    }
+}
+
+
 Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)
 {
     const Time& time = mesh.time();

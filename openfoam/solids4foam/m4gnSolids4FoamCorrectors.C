@@ -102,14 +102,13 @@ bool Foam::m4gnSolids4FoamLaw::take
 {
     volVectorField& u = solid_->solutionD();
     auto& boundary = u.boundaryFieldRef();
-    const labelList patches(tractions());
     label i = 0;
 
     for (vector& value : u.primitiveFieldRef())
     {
         value = unknowns[i++];
     }
-    for (const label patchi : patches)
+    for (const label patchi : tractions())
     {
         fvPatchVectorField& patch = boundary[patchi];
         auto* condition = loaded(patch);
@@ -133,12 +132,7 @@ bool Foam::m4gnSolids4FoamLaw::take
     for (label sweep = 0; sweep < maxSweeps; ++sweep)
     {
         const volVectorField::Boundary before(boundary);
-        for (const label patchi : patches)
-        {
-            // They count as updated, so that their gradient is this one
-            boundary[patchi].fvPatchVectorField::updateCoeffs();
-        }
-        u.correctBoundaryConditions();
+        evaluateBoundary();
 
         scalar change = 0;
         forAll(boundary, patchi)

@@ -70,6 +70,19 @@ void Foam::m4gnSolids4FoamLaw::presentGradients()
 }
 
 
+void Foam::m4gnSolids4FoamLaw::evaluateBoundary()
+{
+    volVectorField& u = solid_->solutionD();
+
+    for (const label patchi : tractions())
+    {
+        // They count as updated, so that their gradient stays
+        u.boundaryFieldRef()[patchi].fvPatchVectorField::updateCoeffs();
+    }
+    u.correctBoundaryConditions();
+}
+
+
 bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
 {
     volVectorField& u = solid_->solutionD();
@@ -116,13 +129,8 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     for (label sweep = 0; sweep < maxSweeps && change > sweepTolerance*size; ++sweep)
     {
         scatter(now);
-        for (const label patchi : patches)
-        {
-            // They count as updated, so that their gradient is this one
-            boundary[patchi].fvPatchVectorField::updateCoeffs();
-        }
         const volVectorField::Boundary before(boundary);
-        u.correctBoundaryConditions();
+        evaluateBoundary();
 
         if (!stress())
         {

@@ -9,6 +9,7 @@ License
 #include "m4gnAnderson.H"
 #include "addToRunTimeSelectionTable.H"
 #include "clockTime.H"
+#include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "pointFields.H"
 #include "surfaceFields.H"
@@ -102,13 +103,7 @@ void Foam::functionObjects::m4gnAnderson::start()
     }
     started_ = true;
 
-    if (postProcess)
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " of type " << type()
-            << " needs a running solver; it cannot work on stored times."
-            << exit(FatalError);
-    }
+    m4gn::checkSolver(*this);
 
     law_ = m4gnSolidLaw::New(mesh_);
     if (!law_ || !law_->steps())
@@ -127,16 +122,7 @@ void Foam::functionObjects::m4gnAnderson::start()
             << exit(FatalError);
     }
 
-    const functionObjectList& all = time_.functionObjects();
-    const label own = all.findObjectID(name());
-    if (own < all.size() - 1)
-    {
-        FatalErrorInFunction
-            << "Function object " << all[own + 1].name() << " comes after "
-            << name() << " of type " << type() << ", and would look at the next"
-            << " time step" << nl << "    Have " << name()
-            << " as the last one in functions" << exit(FatalError);
-    }
+    m4gn::checkLast(*this, time_, "the next time step");
 }
 
 

@@ -38,13 +38,7 @@ namespace
 
 void Foam::functionObjects::m4gnPredictor::checkRun() const
 {
-    if (postProcess)
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " of type " << type()
-            << " needs a running solver; it cannot work on stored times."
-            << exit(FatalError);
-    }
+    m4gn::checkSolver(*this);
 
     if (!m4gnExplicitStress::registered(mesh_) || !foundObject<volVectorField>(DName_))
     {
@@ -79,16 +73,7 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
             << exit(FatalError);
     }
 
-    const functionObjectList& all = time_.functionObjects();
-    const label own = all.findObjectID(name());
-    if (own < all.size() - 1)
-    {
-        FatalErrorInFunction
-            << "Function object " << all[own + 1].name() << " comes after "
-            << name() << " of type " << type() << ", and would look at a guess"
-            << nl << "    Have " << name() << " as the last one in functions"
-            << exit(FatalError);
-    }
+    m4gn::checkLast(*this, time_, "a guess");
 }
 
 

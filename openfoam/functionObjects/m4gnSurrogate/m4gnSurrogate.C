@@ -497,13 +497,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnSurrogate::execute()
 {
-    if (postProcess)
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " of type " << type()
-            << " needs a running solver; it cannot work on stored times."
-            << exit(FatalError);
-    }
+    m4gn::checkSolver(*this);
 
     if (!session_)
     {
