@@ -145,6 +145,36 @@ void Foam::m4gnSolids4FoamLaw::rest()
 }
 
 
+bool Foam::m4gnSolids4FoamLaw::asOneIncrement
+(
+    const std::function<bool()>& action
+)
+{
+    solidModel& solid = *solid_;
+    if (!solid.incremental())
+    {
+        return action();
+    }
+
+    const volVectorField before("before", solid.D().oldTime());
+    if (!solid.movingMesh())
+    {
+        rest();
+    }
+    set(solid.DD(), solid.D() - solid.D().oldTime());
+
+    const bool done = action();
+
+    if (!solid.movingMesh())
+    {
+        solid.D().oldTime() == before;
+        set(solid.DD(), solid.D() - before);
+    }
+
+    return done;
+}
+
+
 Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
 {
     solidModel& solid = *solid_;
@@ -319,26 +349,7 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     }
     else
     {
-        if (solid.incremental())
-        {
-            const volVectorField before("before", solid.D().oldTime());
-
-            if (!solid.movingMesh())
-            {
-                rest();
-            }
-            set(solid.DD(), solid.D() - solid.D().oldTime());
-            done = agree();
-            if (!solid.movingMesh())
-            {
-                solid.D().oldTime() == before;
-                set(solid.DD(), solid.D() - before);
-            }
-        }
-        else
-        {
-            done = agree();
-        }
+        done = asOneIncrement([&]() { return agree(); });
     }
 
     if (!done)

@@ -13,13 +13,20 @@ License
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-bool Foam::m4gnSolids4FoamLaw::settles() const
+bool Foam::m4gnSolids4FoamLaw::solves() const
 {
     const word& model = solid_->type();
 
+    // A pressure that the law solves for is no unknown of the correctors
     return
-        model == "linearGeometryTotalDisplacement"
-     || model == "nonLinearGeometryTotalLagrangianTotalDisplacement";
+       !solvesPressure()
+     && (
+            model == "linearGeometryTotalDisplacement"
+         || model == "nonLinearGeometryTotalLagrangianTotalDisplacement"
+         || model == "linearGeometry"
+         || model == "nonLinearGeometryTotalLagrangian"
+         || model == "nonLinearGeometryUpdatedLagrangian"
+        );
 }
 
 
@@ -30,43 +37,40 @@ bool Foam::m4gnSolids4FoamLaw::settle
     const scalar tolerance
 )
 {
-    const solidModel& model = *solid_;
-    const volScalarField& rho = model.rho();
-    volVectorField& D = solid_->D();
-    const volScalarField inertia
-    (
-        "inertia",
-        rho/sqr(dimensionedScalar("duration", dimTime, duration))
-    );
-    volVectorField target("target", D);
-    target.primitiveFieldRef() = free;
+    solidModel& solid = *solid_;
+    const solidModel& model = solid;
+    volVectorField& u = solid.solutionD();
+    const scalar size = max(gMax(mag(solid.D().primitiveField())()), VSMALL);
 
-    const scalar size = max(gMax(mag(D.primitiveField())()), VSMALL);
-
-    return correct
-    (
-        [&]()
+    return asOneIncrement([&]()
+    {
+        // Of the mesh that the increment begins from
+        volScalarField rho("rho", model.rho());
+        if (solid.movingMesh())
         {
-            return fvm::Sp(inertia, D) - inertia*target - rho*model.g();
-        },
-        [&]() { return tolerance*size; }
-    ) >= 0;
-}
-
-
-bool Foam::m4gnSolids4FoamLaw::steps() const
-{
-    const word& model = solid_->type();
-
-    // A pressure that the law solves for is no unknown of the correctors
-    return
-       !solvesPressure()
-     && (
-            settles()
-         || model == "linearGeometry"
-         || model == "nonLinearGeometryTotalLagrangian"
-         || model == "nonLinearGeometryUpdatedLagrangian"
+            rho /= mesh_.lookupObject<volScalarField>("J").oldTime();
+        }
+        const volScalarField inertia
+        (
+            "inertia",
+            rho/sqr(dimensionedScalar("duration", dimTime, duration))
         );
+        volVectorField target("target", u);
+        target.primitiveFieldRef() = free;
+        if (solid.incremental())
+        {
+            target.primitiveFieldRef() -= solid.D().oldTime().primitiveField();
+        }
+
+        return correct
+        (
+            [&]()
+            {
+                return fvm::Sp(inertia, u) - inertia*target - rho*model.g();
+            },
+            [&]() { return tolerance*size; }
+        ) >= 0;
+    });
 }
 
 

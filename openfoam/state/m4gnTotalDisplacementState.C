@@ -108,6 +108,25 @@ void Foam::m4gnTotalDisplacementState::setVelocity()
 }
 
 
+void Foam::m4gnTotalDisplacementState::settle
+(
+    const scalar deltaT,
+    const bool handOver
+)
+{
+    if (!completeLastTwo())
+    {
+        return;
+    }
+
+    settling_->settle(*law_, D(), rate(), deltaT);
+    if (handOver)
+    {
+        settling_->end();
+    }
+}
+
+
 void Foam::m4gnTotalDisplacementState::follow()
 {
     followed_ = law_ && law_->follow();
@@ -182,17 +201,17 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 {
     refuseContact();
 
-    if (law_ && law_->settles() && dynamic_)
+    if (law_ && law_->solves() && dynamic_)
     {
         settling_.reset(new m4gnSettling(mesh, dict, session.stride()));
     }
     else if (law_ && dict.isDict("settling"))
     {
         FatalIOErrorInFunction(dict)
-            << "Entry settling is for dynamic cases of solids4foam's models"
-            << " linearGeometryTotalDisplacement and"
-            << " nonLinearGeometryTotalLagrangianTotalDisplacement; this one is "
-            << m4gnSolidLaw::modelName(mesh) << (dynamic_ ? "" : ", quasi-static")
+            << "Entry settling is for dynamic cases of solids4foam's cell-centred"
+            << " models, without a pressure equation (solvePressureEqn); this one"
+            << " is " << m4gnSolidLaw::modelName(mesh)
+            << (dynamic_ ? "" : ", quasi-static")
             << nl << "    Remove the entry" << exit(FatalIOError);
     }
 }
@@ -215,14 +234,7 @@ void Foam::m4gnTotalDisplacementState::complete
     const bool handOver
 )
 {
-    if (completeLastTwo())
-    {
-        settling_->settle(*law_, D(), rate(), deltaT);
-        if (handOver)
-        {
-            settling_->end();
-        }
-    }
+    settle(deltaT, handOver);
 
     m4gnDisplacementState::complete(deltaT, handOver);
 

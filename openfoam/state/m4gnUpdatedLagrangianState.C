@@ -34,6 +34,11 @@ void Foam::m4gnUpdatedLagrangianState::update()
     }
     mesh_.lookupObjectRef<volScalarField>("J").oldTime();
     mesh_.lookupObjectRef<pointVectorField>("pointD").oldTime();
+    if (moved_.valid())
+    {
+        D().oldTime() == moved_();
+        moved_.clear();
+    }
 
     m4gnIncrementalDisplacementState::update();
     pending_ = true;
@@ -80,6 +85,23 @@ Foam::m4gnUpdatedLagrangianState::m4gnUpdatedLagrangianState
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
+void Foam::m4gnUpdatedLagrangianState::beforeStride()
+{
+    autoPtr<volVectorField> moved(new volVectorField("moved", D()));
+    autoPtr<volVectorField> movedRate;
+    if (dynamic_)
+    {
+        movedRate.reset(new volVectorField("movedRate", rate()));
+    }
+
+    m4gnIncrementalDisplacementState::beforeStride();
+
+    pending_ = false;
+    moved_ = std::move(moved);
+    movedRate_ = std::move(movedRate);
+}
+
+
 void Foam::m4gnUpdatedLagrangianState::complete
 (
     const scalar deltaT,
@@ -89,8 +111,20 @@ void Foam::m4gnUpdatedLagrangianState::complete
     const bool moves = pending_;
     pending_ = false;
 
+    if (moved_.valid())
+    {
+        // The stride was not taken
+        D() == moved_();
+        moved_.clear();
+        if (dynamic_)
+        {
+            rate() == movedRate_();
+        }
+    }
+
     if (moves)
     {
+        settle(deltaT, handOver);
         followed_ = law_->follow();
         if (!followed_)
         {

@@ -230,14 +230,16 @@ if [ "$law" = yes ]; then
             below "$(difference ../full/0.036/D 0.036/D)" 0.01 "$name, $ranks ranks: D after a recorded state that was settled"
             if [ "$ranks" -eq 1 ]; then
                 rm -rf ../one && mkdir ../one && mv 0.* ../one
-                # From inside the jump: as without the stop
+            else
+                below "$(difference ../one/0.03/D 0.03/D)" 1e-4 "$name: D on two ranks and on one"
+            fi
+            if [ "$ranks" -eq 1 ] && [ -f 0/D ]; then
+                # From inside the jump: as without the stop; solids4foam itself carries on from D only
                 cp -r ../one/0.025 . && sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
                 runs solids4Foam
                 sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
                 grep -q 'in a jump of which 1 steps are left' log.run || fail "the run does not go on inside the jump"
                 below "$(difference ../one/0.031/D 0.031/D)" 1e-9 "$name: D of a run that was carried on inside a jump"
-            else
-                below "$(difference ../one/0.03/D 0.03/D)" 1e-4 "$name: D on two ranks and on one"
             fi
 
             settle "$name, rough, as predicted" 'settling none;' 0.01
@@ -248,6 +250,9 @@ if [ "$law" = yes ]; then
     done <<'EOD'
 linearGeometryTotalDisplacement linearElastic 200
 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000
+linearGeometry linearElastic 200
+nonLinearGeometryTotalLagrangian neoHookeanElastic 2000
+nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000
 EOD
     sed -i 's/^endTime .*/endTime 0.052;/' system/controlDict
     ranks=1
