@@ -198,6 +198,31 @@ void Foam::m4gn::checkDictionaries
 }
 
 
+bool Foam::m4gn::isNone
+(
+    const dictionary& dict,
+    const word& key,
+    const std::string& example
+)
+{
+    const entry* given = dict.findEntry(key);
+    if (!given || given->isDict())
+    {
+        return false;
+    }
+
+    const word text(dict.get<word>(key));
+    if (text != "none")
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry " << key << " of " << dict.dictName() << " is " << text
+            << "; expected none, or " << example.c_str() << exit(FatalIOError);
+    }
+
+    return true;
+}
+
+
 void Foam::m4gn::checkAtLeast
 (
     const dictionary& dict,

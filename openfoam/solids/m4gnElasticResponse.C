@@ -192,36 +192,28 @@ Foam::scalar Foam::m4gnElasticResponse::lengthOf
     const scalar defaultLength
 )
 {
-    const entry* given = dict.findEntry(name);
-
-    if (!given)
+    const std::string example
+    (
+        name + " { length " + m4gn::text(defaultLength) + "; }"
+    );
+    if (m4gn::isNone(dict, name, example))
+    {
+        return 0;
+    }
+    if (!dict.found(name))
     {
         return defaultLength;
     }
 
-    if (!given->isDict())
-    {
-        const word text(dict.get<word>(name));
+    const dictionary& own = dict.subDict(name);
+    m4gn::checkKeys(own, {"length"}, false);
 
-        if (text != "none")
-        {
-            FatalIOErrorInFunction(dict)
-                << "Entry " << name << " of " << dict.dictName() << " is "
-                << text << "; expected none, or " << name << " { length "
-                << defaultLength << "; }" << exit(FatalIOError);
-        }
-        return 0;
-    }
-
-    m4gn::checkKeys(given->dict(), {"length"}, false);
-
-    const scalar length =
-        given->dict().getOrDefault<scalar>("length", defaultLength);
+    const scalar length = own.getOrDefault<scalar>("length", defaultLength);
 
     if (!(length > 0))
     {
-        FatalIOErrorInFunction(given->dict())
-            << "Entry length of " << given->dict().dictName() << " is "
+        FatalIOErrorInFunction(own)
+            << "Entry length of " << own.dictName() << " is "
             << length << " cells; expected more than 0" << nl
             << "    To hand over what was predicted: " << name << " none;"
             << exit(FatalIOError);

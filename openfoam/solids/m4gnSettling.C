@@ -25,28 +25,22 @@ const Foam::label nSteps = 3;
 //  FatalIOError if the entry is not valid.
 Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 {
-    const Foam::entry* given = dict.findEntry(entryName);
-    if (!given)
+    if
+    (
+        Foam::m4gn::isNone
+        (
+            dict, entryName, "settling { time 0.02; tolerance 1e-5; }"
+        )
+    )
+    {
+        return 0;
+    }
+    if (!dict.found(entryName))
     {
         return usual;
     }
 
-    if (!given->isDict())
-    {
-        const Foam::word text(dict.get<Foam::word>(entryName));
-
-        if (text != "none")
-        {
-            FatalIOErrorInFunction(dict)
-                << "Entry " << entryName << " of " << dict.dictName() << " is "
-                << text << "; expected none, or " << entryName
-                << " { time 0.02; tolerance 1e-5; }"
-                << Foam::exit(Foam::FatalIOError);
-        }
-        return 0;
-    }
-
-    const Foam::dictionary& own = given->dict();
+    const Foam::dictionary& own = dict.subDict(entryName);
     Foam::m4gn::checkKeys(own, {"time", "tolerance"}, false);
 
     for (const Foam::word& name : {Foam::word("time"), Foam::word("tolerance")})
