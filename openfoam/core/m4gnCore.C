@@ -16,7 +16,7 @@ License
 #include "OSspecific.H"
 #include "Time.H"
 #include "functionObject.H"
-#include "polyMesh.H"
+#include "fvMesh.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
@@ -43,6 +43,23 @@ struct lifetime
         return true;
     }
 };
+
+//- In v1912 the mesh has the dictionary itself ...
+template<class Mesh>
+auto performance(const Mesh& mesh, const int)
+    -> decltype(mesh.solverPerformanceDict())
+{
+    return mesh.solverPerformanceDict();
+}
+
+
+//- ... and in v2506 its state
+template<class Mesh>
+auto performance(const Mesh& mesh, const long)
+    -> decltype(mesh.data().solverPerformanceDict())
+{
+    return mesh.data().solverPerformanceDict();
+}
 
 } // End anonymous namespace
 
@@ -219,6 +236,12 @@ void Foam::m4gn::checkLast
             << object.name() << " as the last one in functions"
             << exit(FatalError);
     }
+}
+
+
+const Foam::dictionary& Foam::m4gn::solverPerformance(const fvMesh& mesh)
+{
+    return performance(mesh, 0);
 }
 
 

@@ -9,6 +9,7 @@ License
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
+#include "m4gnCore.H"
 #include "m4gnMixing.H"
 #include "solidModel.H"
 #include "solidTractionFvPatchVectorField.H"
@@ -240,7 +241,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
         ++nCorrectors;
 
         // The list of a time step's solves becomes text with each of them
-        const_cast<dictionary&>(mesh_.solverPerformanceDict()).clear();
+        const_cast<dictionary&>(m4gn::solverPerformance(mesh_)).clear();
 
         const tmp<vectorField> next(unknowns(impK));
         converged = gMax(mag(next() - now())()) <= largest();

@@ -212,7 +212,7 @@ bool Foam::functionObjects::m4gnPredictor::execute()
     volVectorField& D = lookupObjectRef<volVectorField>(DName_);
 
     List<SolverPerformance<vector>> solves;
-    mesh_.solverPerformanceDict().readIfPresent(DName_, solves);
+    m4gn::solverPerformance(mesh_).readIfPresent(DName_, solves);
     choice_->next(solves.size(), m4gnForecast::find(mesh_));
 
     remember(D.primitiveField());

@@ -7,6 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnHandBack.H"
+#include "m4gnCore.H"
 #include "m4gnExplicitStress.H"
 #include "SolverPerformance.H"
 #include "Time.H"
@@ -33,7 +34,7 @@ Foam::label Foam::m4gnHandBack::correctors() const
     }
 
     List<SolverPerformance<vector>> solves;
-    mesh_.solverPerformanceDict().readIfPresent(DName_, solves);
+    m4gn::solverPerformance(mesh_).readIfPresent(DName_, solves);
 
     return solves.size() ? solves.size() : -1;
 }
