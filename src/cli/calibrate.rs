@@ -14,7 +14,8 @@ use std::path::PathBuf;
 /// Rolls the model out from frames all along trajectories that no training has seen, and compares the errors after 1, 2, ... strides
 /// with that of the stride before. The quantiles of the ratios are written into the model (--out): with them, and with a stride that
 /// solver and surrogate both take, 'control { tolerance ...; }' of m4gnSurrogate chooses the length of its jumps. --check measures
-/// instead how often the estimates of a calibrated model hold on other trajectories.
+/// instead how often the estimates of a calibrated model hold on other trajectories. Of bodies it measures as well what part of the
+/// change over a stride before, where a host says it, is to go on in the next one.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors)
@@ -91,7 +92,21 @@ pub fn run(args: Args) -> Result<()> {
         ..SessionOptions::default()
     };
     let found = trajectories(&args.data, args.split, &model)?;
-    let progress = Progress::new(args.starts * found.len())?;
+    let singles = match known.is_none() && calibrate::carries(&model) {
+        true => found.iter().map(|(_, pace)| pace.steps.saturating_sub(1)).sum(),
+        false => 0,
+    };
+    let progress = Progress::new(singles + args.starts * found.len())?;
+    if singles > 0 {
+        // What is measured is the network alone; then rollouts with the part that goes on
+        model.spec.calibration = None;
+        let mut sums = Vec::new();
+        for (trajectory, _) in &found {
+            let of = calibrate::carried(&model, trajectory, &options, &mut || progress.advance());
+            sums.push(name_file(of, trajectory.path())?);
+        }
+        model.spec.calibration = Calibration::best_carried(&sums).map(Calibration::of_carried);
+    }
     let mut all: Vec<Vec<Rollout>> = Vec::new();
     for (i, (trajectory, _)) in found.iter().enumerate() {
         let rollouts = calibrate::rollouts(&model, trajectory, &options, (strides, args.starts), &mut || {
@@ -105,7 +120,10 @@ pub fn run(args: Args) -> Result<()> {
     let asked = args.coverage.unwrap_or(0.95);
     let calibration = match &known {
         Some(known) => known.clone(),
-        None => calibrate::calibration(&model, asked, &all)?,
+        None => Calibration {
+            carried: model.spec.calibration.as_ref().and_then(|c| c.carried),
+            ..calibrate::calibration(&model, asked, &all)?
+        },
     };
     let rollouts: Vec<Rollout> = all.iter().flatten().cloned().collect();
     let covered: Vec<Vec<f64>> = (0..calibration.growth.len())
@@ -159,6 +177,9 @@ fn print(
             "coverage {:.3} on {count} rollouts of {trajectories} trajectories",
             calibration.coverage
         ),
+    }
+    if let Some(part) = calibration.carried {
+        println!("of a change over a stride before that is known, {part:.3} goes on in the next one");
     }
     println!("error after n strides over that of the stride before:");
     println!("  field       n  median    factor  share within");

@@ -52,6 +52,7 @@ impl ModelSpec {
         })?;
         self.check_contact()?;
         self.check_resolution()?;
+        self.check_calibration()?;
         self.check_fields()?;
         self.check_node_types()?;
         self.architecture.verify()?;
@@ -67,6 +68,16 @@ impl ModelSpec {
         })?;
         expect(self.contact.is_none(), || {
             "resolution beside contact: the points of a body that moves cannot be agglomerated; leave one of the two out".into()
+        })
+    }
+
+    fn check_calibration(&self) -> Verdict {
+        let carried = self.calibration.as_ref().and_then(|c| c.carried);
+        expect(carried.is_none_or(|part| (0.0..=1.0).contains(&part)), || {
+            format!(
+                "calibration.carried: expected a part between 0 and 1, found {}",
+                carried.unwrap_or(f64::NAN)
+            )
         })
     }
 
@@ -205,14 +216,14 @@ fn expect(ok: bool, message: impl FnOnce() -> String) -> Verdict {
 #[cfg(test)]
 mod tests {
     use crate::sample::{bodies, spec};
-    use crate::{ContactSpec, Kind, MacroSpec, Output};
+    use crate::{Calibration, ContactSpec, Kind, MacroSpec, Output};
     use m4gn_mesh::NodeType;
 
     #[test]
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 13] = [
+        let broken: [(&str, Change); 14] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -235,6 +246,9 @@ mod tests {
                 (s.fields[0].input, s.fields[0].output) = (false, Output::Value);
             }),
             ("width", |s| s.architecture.width = 0),
+            ("calibration.carried", |s| {
+                s.calibration = Some(Calibration::of_carried(1.5))
+            }),
             ("segments.count", |s| s.segments.count = 0),
         ];
         for (word, change) in broken {

@@ -11,6 +11,7 @@ fn control(json: &str, calibrated: bool) -> Control {
             field: "U".into(),
             factors: vec![1.5, 2.0, 4.0],
         }],
+        carried: None,
     });
     Control::new(&spec, ControlSettings::parse(json).unwrap()).unwrap()
 }

@@ -1,4 +1,5 @@
-//! What a session of bodies knows of the stride before, where its model reads what the displacement changed by over it.
+//! What a session of bodies knows of the stride before, where its model reads what the displacement changed by over it, or a part of that
+//! change goes on.
 
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
@@ -46,6 +47,26 @@ impl History {
         self.last = Some([start, end]);
     }
 
+    /// The state one stride before this one that the host gave with a state that is not the result of the last step: of a solver that
+    /// hands over. Collective.
+    pub fn handed_over(&mut self, comm: &Comm, now: &State) -> Option<State> {
+        let given = self.given.take();
+        // A rank whose points do not move cannot tell a step's result from another state.
+        let mut not = [given.is_none(), !self.follows(now)].map(i64::from);
+        comm.max_i64(&mut not);
+        given.filter(|_| not == [0, 1])
+    }
+
+    /// Whether this rank's part of a state is the result of the last step.
+    fn follows(&self, now: &State) -> bool {
+        let near = |a: &[Vector], b: &[Vector]| {
+            let pairs = a.as_flattened().iter().zip(b.as_flattened());
+            a.len() == b.len() && pairs.into_iter().all(|(a, b)| (a - b).abs() <= self.slack)
+        };
+        let end = self.last.as_ref().map(|last| &last[1]);
+        end.is_some_and(|end| near(&now.body, &end.body) && near(&now.obstacle, &end.obstacle))
+    }
+
     /// The state one stride before this one: what the host gave; else, where this is the result of the last step, that step's start;
     /// else, where nothing is displaced, this state, in which the body rests. Collective; all ranks decide alike and fail together.
     ///
@@ -55,12 +76,7 @@ impl History {
     /// # Errors
     /// [`Error::Input`] for a state that the host says nothing about, and that does not follow from the last step.
     pub fn before(&mut self, comm: &Comm, now: &State) -> Result<State> {
-        let near = |a: &[Vector], b: &[Vector]| {
-            let pairs = a.as_flattened().iter().zip(b.as_flattened());
-            a.len() == b.len() && pairs.into_iter().all(|(a, b)| (a - b).abs() <= self.slack)
-        };
-        let end = self.last.as_ref().map(|last| &last[1]);
-        let follows = end.is_some_and(|end| near(&now.body, &end.body) && near(&now.obstacle, &end.obstacle));
+        let follows = self.follows(now);
         let rests = now.body.iter().all(|u| *u == [0.0; 3]);
         let given = self.given.take();
         // A rank whose points do not move cannot tell a step's result from a body at rest.
@@ -108,6 +124,23 @@ mod tests {
         let error = before(&mut history, &now).unwrap_err().to_string();
         assert!(error.contains("the first one, and not undeformed"), "{error}");
         assert!(error.contains("m4gn_session_set_before"), "{error}");
+    }
+
+    #[test]
+    fn what_the_host_says_of_a_steps_own_result_is_no_hand_over() {
+        let mut history = History::new(1.0);
+        let mut handed_over = |now: f64, given: bool| {
+            if given {
+                history.give(state(0.2, 0.4));
+            }
+            let found = history.handed_over(&Comm::serial(), &state(now, 0.5));
+            history.done(state(now, 0.5), state(0.3, 0.5));
+            found.is_some()
+        };
+        assert!(handed_over(0.3, true));
+        assert!(!handed_over(0.3, true));
+        assert!(!handed_over(0.4, false));
+        assert!(handed_over(0.4, true));
     }
 
     #[test]

@@ -42,8 +42,10 @@ pub(super) struct Moving {
     /// Change of the displacement of the own points `[n x 3]`.
     outputs: Vec<f32>,
     projection: Option<(Projection, ProjectionReport)>,
-    /// Where the model reads it.
+    /// Where the model reads it, or a part of it goes on.
     history: Option<History>,
+    /// What part of the change over the stride before goes on after a hand-over, where the model does not read that change.
+    carried: Option<f64>,
 }
 
 /// What a session says of its segments: their number, and that of each of the host's own points.
@@ -116,6 +118,8 @@ impl Moving {
         });
         let n_owned = graph.graph().n_owned;
         let size = cell_size(&part.mesh, comm);
+        let carried = spec.calibration.as_ref().and_then(|c| c.carried);
+        let carried = carried.filter(|_| !spec.has_history());
         let moving = Moving {
             n_points: body.positions.len(),
             n_obstacle: part.obstacle.len(),
@@ -130,7 +134,8 @@ impl Moving {
             graph,
             engine,
             projection,
-            history: spec.has_history().then(|| History::new(size)),
+            history: (spec.has_history() || carried.is_some()).then(|| History::new(size)),
+            carried,
         };
         Ok((moving, cut, size))
     }
@@ -178,7 +183,8 @@ impl Moving {
     }
 
     /// Takes the displacement one stride before the next step, m: of the host's own points, and of the obstacle's, of which that of
-    /// the first rank counts. Where the model does not read it, it is checked and forgotten. Collective; all ranks fail together.
+    /// the first rank counts. Where neither the model reads it nor a part of it is carried on, it is checked and forgotten.
+    /// Collective; all ranks fail together.
     ///
     /// # Errors
     /// As [`Moving::set_obstacle`].
@@ -233,13 +239,16 @@ impl Moving {
             body: displacement.to_vec(),
             obstacle: now.clone(),
         });
-        let change = match (&mut self.history, &start) {
-            (Some(history), Some(start)) => {
-                let before = history.before(comm, start)?;
-                Some(self.change(&before, start))
+        let (mut change, mut handed_over) = (None, None);
+        if let (Some(history), Some(start)) = (&mut self.history, &start) {
+            match self.carried {
+                Some(part) => handed_over = history.handed_over(comm, start).zip(Some(part)),
+                None => {
+                    let before = history.before(comm, start)?;
+                    change = Some(self.change(&before, start));
+                }
             }
-            _ => None,
-        };
+        }
         let n = self.points.len();
         let (own, here) = self.displacement.split_at_mut(3 * n);
         let own = own.as_chunks_mut::<3>().0;
@@ -257,7 +266,11 @@ impl Moving {
         let edges = self.engine.set_edges(graph);
         comm.agree(edges)?;
         let done = self.engine.forward(comm, &self.inputs, &mut self.outputs);
-        let mut end = comm.agree(done.and_then(|()| self.moved(displacement)))?;
+        let carried = handed_over.as_ref().map(|(before, part)| {
+            let part = part * evenness(&before.obstacle, &now, &after);
+            (part, &before.body[..])
+        });
+        let mut end = comm.agree(done.and_then(|()| self.moved(displacement, carried)))?;
         self.project(comm, &mut end, &after)?;
         displacement.copy_from_slice(&end);
         if let (Some(history), Some(start)) = (&mut self.history, start) {
@@ -287,12 +300,20 @@ impl Moving {
         change
     }
 
-    /// The displacement of the host's own points after the change that the network says; held points stay.
-    fn moved(&self, displacement: &[Vector]) -> Result<Vec<Vector>> {
+    /// The displacement of the host's own points after the change that the network says, of which a part is that from the displacement
+    /// one stride before, where that is given; held points stay.
+    fn moved(&self, displacement: &[Vector], before: Option<(f64, &[Vector])>) -> Result<Vec<Vector>> {
         let changes = self.outputs.as_chunks::<3>().0;
         let mut end = displacement.to_vec();
-        for (&i, u) in self.place.iter().zip(&mut end).filter(|(i, _)| self.free[**i]) {
-            (0..3).for_each(|k| u[k] += f64::from(changes[i][k]));
+        let own = self.place.iter().zip(&mut end).enumerate();
+        for (p, (&i, u)) in own.filter(|(_, (i, _))| self.free[**i]) {
+            for k in 0..3 {
+                let change = f64::from(changes[i][k]);
+                u[k] += match before {
+                    Some((part, before)) => (1.0 - part) * change + part * (u[k] - before[p][k]),
+                    None => change,
+                };
+            }
             if !u.iter().all(|v| v.abs() < FARTHEST) {
                 return Err(Error::Numerical(format!(
                     "the model's displacement is {u:?} at point {}: the state has left what it was trained on; hand back \
@@ -353,6 +374,21 @@ impl Moving {
             ))),
             None => Ok(()),
         }
+    }
+}
+
+/// How evenly the obstacle goes on: 1 with the motion of the stride before, 0 where it begins, stops or turns back. 1 without obstacle.
+fn evenness(before: &[Vector], now: &[Vector], after: &[Vector]) -> f64 {
+    let size = |of: &dyn Fn(usize, usize) -> f64| {
+        let values = (0..now.len()).flat_map(|q| (0..3).map(move |k| of(q, k).powi(2)));
+        values.sum::<f64>().sqrt()
+    };
+    let behind = size(&|q, k| now[q][k] - before[q][k]);
+    let ahead = size(&|q, k| after[q][k] - now[q][k]);
+    let turn = size(&|q, k| after[q][k] - 2.0 * now[q][k] + before[q][k]);
+    match behind.max(ahead) {
+        0.0 => 1.0,
+        largest => (1.0 - turn / largest).max(0.0),
     }
 }
 

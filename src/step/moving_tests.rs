@@ -85,6 +85,50 @@ fn steps_are_those_of_the_plain_network() {
     assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
 }
 
+/// Of a change that the host says, the calibrated part goes on in the next step alone, as far as the obstacle goes on evenly.
+#[test]
+fn a_part_of_the_last_change_goes_on() {
+    let (mut model, body, obstacle) = case();
+    let at = |z: f64| vec![[0.0, 0.0, z]; 6];
+    let start: Vec<Vector> = (0..63).map(|p| [0.0, 0.0, -1e-3 * f64::from(p)]).collect();
+    let past: Vec<Vector> = start.iter().map(|u| u.map(|v| 0.6 * v)).collect();
+    let step = |session: &mut Session, before: Option<f64>, after: f64| {
+        let mut u = start.clone();
+        if let Some(z) = before {
+            session.set_before(&past, &at(z)).unwrap();
+        }
+        session.step_body(&mut u, [&at(-0.1), &at(after)]).unwrap();
+        u
+    };
+    let mut alone = session(&model, &body, &obstacle);
+    model.spec.calibration = Some(m4gn_model::Calibration::of_carried(0.75));
+    let mut session = session(&model, &body, &obstacle);
+    // Before, after, and the part: evenly on; half as far; back; from rest
+    for (before, after, part) in [
+        (-0.05, -0.15, 0.75),
+        (-0.05, -0.125, 0.375),
+        (-0.05, -0.05, 0.0),
+        (-0.1, -0.15, 0.0),
+    ] {
+        let network = step(&mut alone, Some(before), after);
+        let both = step(&mut session, Some(before), after);
+        for p in 0..63 {
+            let last = start[p][2] - past[p][2];
+            let expected = match body.types[p] {
+                NodeType::Body => network[p][2] + part * (last - (network[p][2] - start[p][2])),
+                _ => start[p][2],
+            };
+            assert!(
+                (both[p][2] - expected).abs() < 1e-9,
+                "{before} {after} {p}: {} {expected}",
+                both[p][2]
+            );
+        }
+        // What was said holds once
+        assert_eq!(step(&mut session, None, after), network);
+    }
+}
+
 #[test]
 fn what_does_not_fit_is_refused() {
     let (model, body, obstacle) = case();

@@ -64,6 +64,49 @@ pub fn rollouts(
     Ok(all)
 }
 
+/// Whether a part of the change over the stride before may go on: of bodies, unless their model reads it itself.
+pub fn carries(model: &Model) -> bool {
+    model.spec.contact.is_some() && !model.spec.has_history()
+}
+
+/// Of a model of bodies whose calibration has no part that goes on yet, on one trajectory: what [`Calibration::best_carried`] takes.
+///
+/// # Errors
+/// [`Error::Input`] for a trajectory without a body; as [`fits`] and [`Session::new`].
+pub fn carried(
+    model: &Model,
+    trajectory: &Trajectory,
+    options: &SessionOptions,
+    progress: &mut dyn FnMut() -> Result<()>,
+) -> Result<[f64; 3]> {
+    let pace = fits(model, trajectory)?;
+    let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
+    let shape = scene.shape().ok_or_else(|| {
+        Error::Input(format!(
+            "{}: a mesh without elements; expected a body",
+            trajectory.path().display()
+        ))
+    })?;
+    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
+    let mut step = stepper(&mut session, trajectory);
+    let mut sums = [0.0; 3];
+    for i in 1..pace.steps {
+        let [before, now, after] = [i - 1, i, i + 1].map(|frame| scene.truth(0, frame));
+        scene.roll((i, 1), &mut step, &mut (0.0, 0), &mut |_, state| {
+            for k in shape.free.iter().flat_map(|&p| 3 * p..3 * p + 3) {
+                let last = now[k] - before[k];
+                let lacks = after[k] - now[k] - last;
+                let differs = state[0].0[k] - now[k] - last;
+                sums[0] += lacks * lacks;
+                sums[1] += lacks * differs;
+                sums[2] += differs * differs;
+            }
+            progress()
+        })?;
+    }
+    Ok(sums)
+}
+
 /// Of the rollouts on all trajectories.
 ///
 /// # Errors

@@ -213,12 +213,12 @@ pub fn stepper<'a>(
     trajectory: &Trajectory,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
-    let has_history = session.spec().has_history();
+    let is_body = session.spec().contact.is_some();
     move |fields, out, given| {
         if has_obstacle {
             session.set_obstacle(given.motion[0], given.motion[1])?;
         }
-        if let (true, Some((before, obstacle))) = (has_history, given.before) {
+        if let (true, Some((before, obstacle))) = (is_body, given.before) {
             session.set_before(before.as_chunks().0, obstacle)?;
         }
         session.step(fields, out)
