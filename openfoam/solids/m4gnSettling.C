@@ -8,7 +8,9 @@ License
 
 #include "m4gnSettling.H"
 #include "m4gnDictionary.H"
+#include "pointFields.H"
 #include "Time.H"
+#include "volFields.H"
 
 // * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
@@ -63,26 +65,60 @@ Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
-Foam::tmp<Foam::volVectorField> Foam::m4gnSettling::file
+Foam::vectorField Foam::m4gnSettling::read(const word& name) const
+{
+    IOobject file
+    (
+        name,
+        mesh_.time().timeName(),
+        mesh_,
+        IOobject::MUST_READ,
+        IOobject::NO_WRITE,
+        false
+    );
+    if (atPoints_)
+    {
+        return
+            file.typeHeaderOk<pointVectorField>(true)
+          ? pointVectorField(file, pointMesh::New(mesh_)).primitiveField()
+          : vectorField();
+    }
+    return
+        file.typeHeaderOk<volVectorField>(true)
+      ? volVectorField(file, mesh_).primitiveField()
+      : vectorField();
+}
+
+
+void Foam::m4gnSettling::write
 (
     const word& name,
-    const dimensionSet& dimensions
+    const dimensionSet& dimensions,
+    const vectorField& values
 ) const
 {
-    return tmp<volVectorField>::New
+    const IOobject file
     (
-        IOobject
-        (
-            name,
-            mesh_.time().timeName(),
-            mesh_,
-            IOobject::READ_IF_PRESENT,
-            IOobject::NO_WRITE,
-            false
-        ),
+        name,
+        mesh_.time().timeName(),
         mesh_,
-        dimensionedVector(dimensions, Zero)
+        IOobject::NO_READ,
+        IOobject::NO_WRITE,
+        false
     );
+    const dimensionedVector zero(dimensions, Zero);
+    if (atPoints_)
+    {
+        pointVectorField field(file, pointMesh::New(mesh_), zero);
+        field.primitiveFieldRef() = values;
+        field.write();
+    }
+    else
+    {
+        volVectorField field(file, mesh_, zero);
+        field.primitiveFieldRef() = values;
+        field.write();
+    }
 }
 
 
@@ -92,32 +128,37 @@ Foam::m4gnSettling::m4gnSettling
 (
     const fvMesh& mesh,
     const dictionary& dict,
-    const scalar stride
+    const scalar stride,
+    const bool atPoints
 )
 :
     mesh_(mesh),
-    time_(timeOf(dict, 0.5*stride)),
+    atPoints_(atPoints),
+    time_(timeOf(dict, (atPoints ? 0.25 : 0.5)*stride)),
     tolerance_
     (
         time_ > 0
-      ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>("tolerance", 1e-5)
+      ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>
+        (
+            // Newton's last iteration leaves far less than its change
+            "tolerance", atPoints ? 1e-3 : 1e-5
+        )
       : 0
     ),
     settledAt_(-VGREAT),
     lastTime_(-VGREAT),
     said_(false)
 {
-    IOobject written
-    (
-        "surrogateD", mesh.time().timeName(), mesh, IOobject::MUST_READ
-    );
-    if (active() && written.typeHeaderOk<volVectorField>(true))
+    if (active())
     {
-        settledAt_ = lastTime_ = mesh.time().value();
-        predictedD_ = file("surrogateD", dimLength)().primitiveField();
-        predictedRate_ = file("surrogateRate", dimVelocity)().primitiveField();
-        lastAcceleration_ =
-            file("surrogateAcceleration", dimAcceleration)().primitiveField();
+        predictedD_ = read("surrogateD");
+        if (returnReduce(predictedD_.size(), sumOp<label>()))
+        {
+            settledAt_ = lastTime_ = mesh.time().value();
+            predictedRate_ = read("surrogateRate");
+            predictedAcceleration_ = read("surrogateAcceleration");
+            lastAcceleration_ = read("settledAcceleration");
+        }
     }
 }
 
@@ -130,35 +171,45 @@ void Foam::m4gnSettling::checkDictionary(const dictionary& dict)
 }
 
 
-void Foam::m4gnSettling::settle
+bool Foam::m4gnSettling::settled() const
+{
+    return settledAt_ == mesh_.time().value();
+}
+
+
+bool Foam::m4gnSettling::settle
 (
     m4gnSolidLaw& law,
-    volVectorField& D,
-    volVectorField& rate,
+    vectorField& D,
+    vectorField& rate,
+    vectorField* acceleration,
     const scalar deltaT
 )
 {
-    const scalar now = mesh_.time().value();
-    if (settledAt_ == now)
+    if (settled())
     {
-        return;
+        return true;
     }
 
-    const vectorField predicted(D.primitiveField());
+    const vectorField predicted(D);
     vectorField free(predicted);
+    if (atPoints_ && smooth_.size())
+    {
+        // Newton's iterations go astray from where the stress is rough
+        D = smooth_;
+    }
     bool done = true;
     for (label i = 0; done && i < nSteps; ++i)
     {
         if (i)
         {
-            free -= D.primitiveField() - predicted;
+            free -= D - predicted;
         }
         done = law.settle(free, time_, tolerance_);
     }
     if (!done)
     {
-        D.primitiveFieldRef() = predicted;
-        D.correctBoundaryConditions();
+        D = predicted;
         lastD_.clear();
         if (!said_)
         {
@@ -171,33 +222,52 @@ void Foam::m4gnSettling::settle
                 << " { time ...; tolerance ...; }), or have settling none;"
                 << endl;
         }
-        return;
+        return false;
     }
 
+    const scalar now = mesh_.time().value();
     settledAt_ = now;
     predictedD_ = predicted;
-    predictedRate_ = rate.primitiveField();
-    const vectorField acceleration((D.primitiveField() - free)/sqr(time_));
-
-    if (lastD_.size())
+    predictedRate_ = rate;
+    const vectorField settledAcceleration((D - free)/sqr(time_));
+    if (acceleration)
     {
-        // The solver's rate is that of its last time step
-        const scalar between = now - lastTime_;
-        rate.primitiveFieldRef() =
-            (D.primitiveField() - lastD_)/between
-          + between*(acceleration/3 + lastAcceleration_/6)
-          - 0.5*deltaT*acceleration;
+        predictedAcceleration_ = *acceleration;
+        *acceleration = settledAcceleration;
     }
 
-    lastD_ = D.primitiveField();
-    lastAcceleration_ = acceleration;
+    // Newmark's scheme, which solvers at points have, damps nothing: fast modes
+    // swing on between the two states, whose difference does not know them
+    if (!atPoints_ && lastD_.size())
+    {
+        const scalar between = now - lastTime_;
+        rate =
+            (D - lastD_)/between
+          + between*(settledAcceleration/3 + lastAcceleration_/6)
+          - 0.5*deltaT*settledAcceleration;
+    }
+
+    smooth_ = D;
+    lastD_ = D;
+    lastAcceleration_ = settledAcceleration;
     lastTime_ = now;
+
+    return true;
 }
 
 
-bool Foam::m4gnSettling::restore(volVectorField& D, volVectorField& rate)
+bool Foam::m4gnSettling::restore
+(
+    vectorField& D,
+    vectorField& rate,
+    vectorField* acceleration
+)
 {
-    if (settledAt_ != mesh_.time().value())
+    if (!smooth_.size())
+    {
+        smooth_ = D;
+    }
+    if (!settled())
     {
         return false;
     }
@@ -205,11 +275,15 @@ bool Foam::m4gnSettling::restore(volVectorField& D, volVectorField& rate)
     // Of a run that is carried on
     if (!lastD_.size())
     {
-        lastD_ = D.primitiveField();
+        lastD_ = D;
     }
 
-    D.primitiveFieldRef() = predictedD_;
-    rate.primitiveFieldRef() = predictedRate_;
+    D = predictedD_;
+    rate = predictedRate_;
+    if (acceleration)
+    {
+        *acceleration = predictedAcceleration_;
+    }
     settledAt_ = -VGREAT;
 
     return true;
@@ -219,32 +293,25 @@ bool Foam::m4gnSettling::restore(volVectorField& D, volVectorField& rate)
 void Foam::m4gnSettling::end()
 {
     settledAt_ = -VGREAT;
+    smooth_.clear();
     lastD_.clear();
 }
 
 
 void Foam::m4gnSettling::write() const
 {
-    if (settledAt_ != mesh_.time().value())
+    if (!settled())
     {
         return;
     }
 
-    const auto write = [&]
-    (
-        const word& name,
-        const dimensionSet& dimensions,
-        const vectorField& values
-    )
-    {
-        tmp<volVectorField> field(file(name, dimensions));
-        field.ref().primitiveFieldRef() = values;
-        field().write();
-    };
-
     write("surrogateD", dimLength, predictedD_);
     write("surrogateRate", dimVelocity, predictedRate_);
-    write("surrogateAcceleration", dimAcceleration, lastAcceleration_);
+    if (predictedAcceleration_.size())
+    {
+        write("surrogateAcceleration", dimAcceleration, predictedAcceleration_);
+    }
+    write("settledAcceleration", dimAcceleration, lastAcceleration_);
 }
 
 

@@ -11,9 +11,9 @@ License
 #include "fvc.H"
 #include "fvm.H"
 #include "lookupSolidModel.H"
+#include "m4gnSetFields.H"
 #include "m4gnSolidsBuild.H"
 #include "SHA1.H"
-#include "vfvcCellPoint.H"
 #include <dlfcn.h>
 #include <fstream>
 
@@ -32,6 +32,8 @@ namespace
 {
 
 using namespace Foam;
+using m4gn::set;
+using m4gn::setIfFound;
 
 //- Digest of the library that the solver has loaded, as CMake makes it
 string digest()
@@ -51,38 +53,6 @@ string digest()
     }
 
     return sha.str();
-}
-
-
-//- Set a field and its boundary values; its old level has those of before
-template<class Type>
-void set
-(
-    GeometricField<Type, fvPatchField, volMesh>& field,
-    const tmp<GeometricField<Type, fvPatchField, volMesh>>& values
-)
-{
-    field.oldTime();
-    field == values;
-}
-
-
-//- Set a field, if it is there
-template<class Type>
-void setIfFound
-(
-    const fvMesh& mesh,
-    const word& name,
-    const tmp<GeometricField<Type, fvPatchField, volMesh>>& values
-)
-{
-    auto* field =
-        mesh.getObjectPtr<GeometricField<Type, fvPatchField, volMesh>>(name);
-    if (field)
-    {
-        set(*field, values);
-    }
-    values.clear();
 }
 
 
@@ -265,28 +235,6 @@ bool Foam::m4gnSolids4FoamLaw::stress()
 }
 
 
-bool Foam::m4gnSolids4FoamLaw::followPoints()
-{
-    solid_->gradD() = vfvc::grad(solid_->pointD(), solid_->mesh());
-
-    auto* F = mesh_.getObjectPtr<volTensorField>("F");
-    if (F && solid_->nonLinGeom() != nonLinearGeometry::LINEAR_GEOMETRY)
-    {
-        volScalarField& J = mesh_.lookupObjectRef<volScalarField>("J");
-        set(*F, dimensionedTensor("one", dimless, tensor::I) + solid_->gradD().T());
-        set(J, det(*F));
-        if (min(J).value() <= SMALL)
-        {
-            return false;
-        }
-        setIfFound(mesh_, "Finv", inv(*F));
-    }
-    mechanical().correct(solid_->sigma());
-
-    return true;
-}
-
-
 // * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
 Foam::string Foam::m4gnSolids4FoamLaw::mismatch() const
@@ -343,7 +291,7 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     solid.enforceLinear() = false;
 
     bool done = true;
-    if (solid.type().starts_with("vertexCentred"))
+    if (atPoints())
     {
         done = followPoints();
     }
@@ -366,7 +314,7 @@ bool Foam::m4gnSolids4FoamLaw::follow()
         return false;
     }
 
-    if (solid.type().starts_with("vertexCentred"))
+    if (atPoints())
     {
         return true;
     }

@@ -13,7 +13,23 @@ License
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
-bool Foam::m4gnSolids4FoamLaw::solves() const
+bool Foam::m4gnSolids4FoamLaw::settles() const
+{
+    if (!atPoints())
+    {
+        return steps();
+    }
+
+    // The other algorithms do not take a step of any length
+    const solidModel& model = *solid_;
+
+    return
+        model.solidModelDict().get<word>("solutionAlgorithm")
+     == "implicitCoupled";
+}
+
+
+bool Foam::m4gnSolids4FoamLaw::steps() const
 {
     const word& model = solid_->type();
 
@@ -37,6 +53,11 @@ bool Foam::m4gnSolids4FoamLaw::settle
     const scalar tolerance
 )
 {
+    if (atPoints())
+    {
+        return settlePoints(free, duration, tolerance);
+    }
+
     solidModel& solid = *solid_;
     const solidModel& model = solid;
     volVectorField& u = solid.solutionD();

@@ -17,7 +17,8 @@ addM4gnSolverState(m4gnSolidDisplacementState, solidDisplacement)
 
 const char* const Foam::m4gnSolidDisplacementState::needs =
     "a displacement (name: D), sigmaD, divSigmaExp, and E, nu and rho"
-    " (solidDisplacementFoam)";
+    " (solidDisplacementFoam; the times of solidEquilibriumDisplacementFoam are"
+    " iterations to one equilibrium, not time steps)";
 
 // * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 

@@ -119,7 +119,18 @@ void Foam::m4gnTotalDisplacementState::settle
         return;
     }
 
-    settling_->settle(*law_, D(), rate(), deltaT);
+    const bool settled = settling_->settle
+    (
+        *law_,
+        D().primitiveFieldRef(),
+        rate().primitiveFieldRef(),
+        nullptr,
+        deltaT
+    );
+    if (!settled)
+    {
+        D().correctBoundaryConditions();
+    }
     if (handOver)
     {
         settling_->end();
@@ -201,15 +212,18 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 {
     refuseContact();
 
-    if (law_ && law_->solves() && dynamic_)
+    if (law_ && law_->settles() && dynamic_)
     {
-        settling_.reset(new m4gnSettling(mesh, dict, session.stride()));
+        settling_.reset
+        (
+            new m4gnSettling(mesh, dict, session.stride(), atPoints)
+        );
     }
     else if (law_ && dict.isDict("settling"))
     {
         FatalIOErrorInFunction(dict)
-            << "Entry settling is for dynamic cases of solids4foam's cell-centred"
-            << " models, without a pressure equation (solvePressureEqn); this one"
+            << "Entry settling is for dynamic cases of solids4foam's models,"
+            << " without a pressure equation (solvePressureEqn); this one"
             << " is " << m4gnSolidLaw::modelName(mesh)
             << (dynamic_ ? "" : ", quasi-static")
             << nl << "    Remove the entry" << exit(FatalIOError);
@@ -221,7 +235,14 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 
 void Foam::m4gnTotalDisplacementState::beforeStride()
 {
-    if (settling_ && settling_->restore(D(), rate()))
+    if
+    (
+        settling_
+     && settling_->restore
+        (
+            D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr
+        )
+    )
     {
         update();
     }

@@ -74,6 +74,48 @@ void Foam::m4gnVertexCentredState::holdFixed()
 }
 
 
+Foam::vectorField* Foam::m4gnVertexCentredState::acceleration()
+{
+    return
+        scheme_ == "NewmarkBeta"
+      ? &field("pointA").primitiveFieldRef()
+      : nullptr;
+}
+
+
+void Foam::m4gnVertexCentredState::settle
+(
+    const scalar deltaT,
+    const bool handOver
+)
+{
+    if (!completeLastTwo())
+    {
+        return;
+    }
+
+    pointVectorField& D = field(DName_);
+
+    settled_ = settling_->settle
+    (
+        *law_,
+        D.primitiveFieldRef(),
+        field("pointU").primitiveFieldRef(),
+        acceleration(),
+        // What Euler's scheme has for the rate
+        scheme_ == "Euler" ? deltaT : 0
+    );
+    if (!settled_)
+    {
+        D.correctBoundaryConditions();
+    }
+    if (handOver)
+    {
+        settling_->end();
+    }
+}
+
+
 // * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 bool Foam::m4gnVertexCentredState::applies
@@ -112,7 +154,9 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
     ),
     law_(m4gnSolidLaw::New(mesh)),
     followed_(false),
+    settled_(false),
     dampedSteps_(dict.getOrDefault<label>("dampedSteps", 4)),
+    dampedStepsSettled_(dict.getOrDefault<label>("dampedSteps", 1)),
     coefficients_(scalar(0))
 {
     refuseHistory();
@@ -158,10 +202,41 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
                 << " model that predicts them" << exit(FatalError);
         }
     }
+
+    if (law_ && law_->settles() && scheme_ != "steadyState")
+    {
+        settling_.reset
+        (
+            new m4gnSettling(mesh, dict, session.stride(), atPoints)
+        );
+    }
+    else if (law_ && dict.isDict("settling"))
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry settling is for dynamic cases of solids4foam's models, those"
+            << " at points with solutionAlgorithm implicitCoupled; this one is "
+            << m4gnSolidLaw::modelName(mesh)
+            << (scheme_ == "steadyState" ? ", quasi-static" : "") << nl
+            << "    Remove the entry" << exit(FatalIOError);
+    }
 }
 
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
+
+void Foam::m4gnVertexCentredState::beforeStride()
+{
+    if (settling_)
+    {
+        settling_->restore
+        (
+            field(DName_).primitiveFieldRef(),
+            field("pointU").primitiveFieldRef(),
+            acceleration()
+        );
+    }
+}
+
 
 void Foam::m4gnVertexCentredState::advance
 (
@@ -196,8 +271,13 @@ void Foam::m4gnVertexCentredState::advance
 }
 
 
-void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool)
+void Foam::m4gnVertexCentredState::complete
+(
+    const scalar deltaT,
+    const bool handOver
+)
 {
+    settle(deltaT, handOver);
     holdFixed();
 
     if (scheme_ == "Euler")
@@ -214,6 +294,10 @@ void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool)
 
 void Foam::m4gnVertexCentredState::write() const
 {
+    if (settling_)
+    {
+        settling_->write();
+    }
     if (followed_)
     {
         law_->write();
@@ -231,7 +315,8 @@ void Foam::m4gnVertexCentredState::beforeStep(const label n)
     }
 
     const FixedList<scalar, 2> damped({1, 1.5});
-    const auto& wanted = n < dampedSteps_ ? damped : coefficients_;
+    const label nDamped = settled_ ? dampedStepsSettled_ : dampedSteps_;
+    const auto& wanted = n < nDamped ? damped : coefficients_;
 
     ITstream& scheme = newmark();
     forAll(wanted, i)

@@ -86,6 +86,17 @@ function_object m4gnSurrogate "mode observe; model \"$solid_model\"; segments { 
 refused 'wall' solidDisplacementFoam
 function_object m4gnSurrogate "mode replace; model \"$solid_model\"; state updated; solverSteps 2; surrogateSteps 2;"
 refused 'Entry state is updated; expected' solidDisplacementFoam
+
+# A solver whose times are iterations
+cat > system/fvSolution <<'EOD'
+FoamFile { version 2.0; format ascii; class dictionary; object fvSolution; }
+solvers { ".*" { solver GAMG; tolerance 1e-12; relTol 0.01; smoother GaussSeidel; nCellsInCoarsestLevel 20; } }
+stressAnalysis { compactNormalStress yes; accelerationFactor 1.4; relTol 0.01; }
+EOD
+sed -i 's/default none;/default Gauss linear;/; s/ddtSchemes.*/ddtSchemes { default steadyState; }/; s/Gauss linear; laplacian/Gauss linear corrected; laplacian/' system/fvSchemes
+sed -i 's/^snGradSchemes.*/snGradSchemes { default corrected; }/' system/fvSchemes
+function_object m4gnSurrogate "mode replace; model \"$solid_model\"; solverSteps 2; surrogateSteps 2;"
+refused 'the times of solidEquilibriumDisplacementFoam are iterations to one equilibrium' solidEquilibriumDisplacementFoam
 cd .. && make_case flow
 function_object m4gnSurrogate "mode observe; model \"$solid_model\";"
 refused 'need its displacement D: expected a volVectorField \[0 1 0 0 0 0 0\], found no such field' icoFoam

@@ -77,7 +77,7 @@ solidModel $1;
 $1Coeffs
 {
     nCorrectors 5000; infoFrequency 1000; $tolerances
-    solutionAlgorithm implicitCoupled; fullNewton no; zeta 0.2; lineSearch no; usePETSc no;
+    solutionAlgorithm implicitCoupled; fullNewton no; geometricStiffness yes; zeta 0.2; lineSearch no; usePETSc no;
 }
 EOD
     { header mechanicalProperties; cat <<EOD; } > constant/mechanicalProperties
@@ -86,7 +86,7 @@ mechanical
 (
     rubber
     {
-        type $2; rho rho [1 -3 0 0 0 0 0] 1000; E E [1 -1 -2 0 0 0 0] 1e6; nu nu [0 0 0 0 0 0 0] 0.3;
+        type $2; rho rho [1 -3 0 0 0 0 0] 1000; E E [1 -1 -2 0 0 0 0] 1e6; nu nu [0 0 0 0 0 0 0] 0.3; tangentEps 1e-8;
     }
 );
 EOD
@@ -208,51 +208,60 @@ if [ "$law" = yes ]; then
     # settle WHAT ENTRIES ROUGH
     settle() {
         clean_case
-        function_object m4gnSurrogate "${settled/0.02;/0.02; timeEnd 0.031;} $2"
-        echo "$watch" >> system/functions
+        function_object m4gnSurrogate "location $location; ${settled/0.02;/0.02; timeEnd 0.031;} $2"
+        if [ "$location" = cells ]; then echo "$watch" >> system/functions; fi
         ORACLE_ROUGH=$3 solve
-        if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.025:'; fi
+        if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field sigma)" -time '0.025:'; fi
         stress=$(difference ../full/0.03/sigma 0.03/sigma)
-        echo "$1, $ranks ranks: D off by $(difference ../full/0.03/D 0.03/D), a step later $(difference ../full/0.031/D 0.031/D)," \
+        echo "$1, $ranks ranks: D off by $(difference ../full/0.03/"$field" 0.03/"$field"), a step later $(difference ../full/0.031/"$field" 0.031/"$field")," \
             "sigma $stress, $(difference ../full/0.031/sigma 0.031/sigma), correctors $(correctors 0.031)"
     }
-    while read -r name material traction; do
+    # solids4foam's own linear solver at points is for one rank. Newmark's scheme damps nothing:
+    # a recorded state has fast waves, which settling takes away.
+    while read -r name material traction scheme location fields most; do
+        field=${fields%%,*}
         for ranks in 1 2; do
-            model "$name" "$material" "$traction" Euler
+            if [ $ranks -eq 2 ] && [ "$location" = points ]; then continue; fi
+            model "$name" "$material" "$traction" "${scheme//_/ }"
             clean_case
-            function_object m4gnHarvest "fields (D ddt(D)); writeControl timeStep; writeInterval 1;"
+            function_object m4gnHarvest "location $location; fields (${fields//,/ }); writeControl timeStep; writeInterval 1;"
             solve
             if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.025:'; fi
             rm -rf ../full && mkdir ../full && mv 0.* ../full
 
-            settle "$name, no error, settled" 'settling { time 0.005; }' 0
-            below "$stress" 0.05 "$name, $ranks ranks: sigma of a recorded state that was settled"
-            below "$(difference ../full/0.036/D 0.036/D)" 0.01 "$name, $ranks ranks: D after a recorded state that was settled"
+            settle "$name, $scheme, no error, settled" 'settling { time 0.005; }' 0
+            below "$stress" "$most" "$name, $ranks ranks: sigma of a recorded state that was settled"
+            below "$(difference ../full/0.036/"$field" 0.036/"$field")" "$(awk "BEGIN { print $most/5 }")" "$name, $ranks ranks: D after a recorded state that was settled"
             if [ "$ranks" -eq 1 ]; then
                 rm -rf ../one && mkdir ../one && mv 0.* ../one
             else
                 below "$(difference ../one/0.03/D 0.03/D)" 1e-4 "$name: D on two ranks and on one"
             fi
-            if [ "$ranks" -eq 1 ] && [ -f 0/D ]; then
+            if [ "$ranks" -eq 1 ] && [ -f 0/"$field" ]; then
                 # From inside the jump: as without the stop; solids4foam itself carries on from D only
                 cp -r ../one/0.025 . && sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
                 runs solids4Foam
                 sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
                 grep -q 'in a jump of which 1 steps are left' log.run || fail "the run does not go on inside the jump"
-                below "$(difference ../one/0.031/D 0.031/D)" 1e-9 "$name: D of a run that was carried on inside a jump"
+                # Where Newton's iterations go to follows from the matrix of the start too
+                case $name in *NonLinTotalLag*) same=1e-5 ;; *) same=1e-9 ;; esac
+                below "$(difference ../one/0.031/"$field" 0.031/"$field")" "$same" "$name: D of a run that was carried on inside a jump"
             fi
 
-            settle "$name, rough, as predicted" 'settling none;' 0.01
+            settle "$name, $scheme, rough, as predicted" 'settling none;' 0.01
             rough=$stress
-            settle "$name, rough, settled" 'settling { time 0.005; }' 0.01
+            settle "$name, $scheme, rough, settled" 'settling { time 0.005; }' 0.01
             below "$stress" "$(awk "BEGIN { print $rough/20 }")" "$name, $ranks ranks: sigma of a rough state that was settled"
         done
     done <<'EOD'
-linearGeometryTotalDisplacement linearElastic 200
-nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000
-linearGeometry linearElastic 200
-nonLinearGeometryTotalLagrangian neoHookeanElastic 2000
-nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000
+linearGeometryTotalDisplacement linearElastic 200 Euler cells D,ddt(D) 0.05
+nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
+linearGeometry linearElastic 200 Euler cells D,ddt(D) 0.05
+nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
+nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
+vertexCentredLinearGeometry linearElastic 200 Euler points pointD,pointU 0.05
+vertexCentredLinearGeometry linearElastic 200 NewmarkBeta_0.25_0.5 points pointD,pointU,pointA 0.15
+vertexCentredNonLinTotalLagGeometry neoHookeanElastic 2000 NewmarkBeta_0.25_0.5 points pointD,pointU,pointA 0.15
 EOD
     sed -i 's/^endTime .*/endTime 0.052;/' system/controlDict
     ranks=1
@@ -393,7 +402,7 @@ rm -rf ../full && mkdir ../full && mv 0.* ../full
 # handed_back WHAT DAMPED_STEPS ROUGH: the error of pointU ten steps after the jump, in $off
 handed_back() {
     clean_case
-    function_object m4gnSurrogate "location points; mode replace; model any; timeStart 0.02; solverSteps 10; surrogateSteps 2; dampedSteps $2;"
+    function_object m4gnSurrogate "location points; mode replace; model any; timeStart 0.02; solverSteps 10; surrogateSteps 2; dampedSteps $2; settling none;"
     ORACLE_ROUGH=$3 solve
     off=$(difference ../full/0.04/pointU 0.04/pointU)
     echo "$1: pointU is off by $off"

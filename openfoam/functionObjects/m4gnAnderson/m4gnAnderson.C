@@ -106,7 +106,7 @@ void Foam::functionObjects::m4gnAnderson::start()
     m4gn::checkSolver(*this);
 
     law_ = m4gnSolidLaw::New(mesh_);
-    if (!law_ || !law_->solves())
+    if (!law_ || !law_->steps())
     {
         const word model(m4gnSolidLaw::modelName(mesh_));
 
