@@ -247,8 +247,8 @@ int main(int argc, char** argv)
         }
         std::printf("rank %d of %d: largest displacement %.3e m, difference from serial %.1e of it, gap %.4f mean edges\n",
             rank, size, largest, difference/largest, gap);
-        // The obstacle is 3 mm deep where the beam was.
-        REQUIRE(largest > 1e-3 && largest < 0.05);
+        // A corner of the obstacle, between the beam's points, is 3 mm deep where the beam was.
+        REQUIRE(largest > 5e-4 && largest < 0.05);
         REQUIRE(difference < 1e-5*largest);
         REQUIRE(gap > -0.02 && std::abs(gap - gapSerial) < 1e-4);
     }
