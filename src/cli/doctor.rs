@@ -137,7 +137,7 @@ fn findings() -> Vec<Finding> {
             "FElupe",
             m4gn_workbench::generate::solids::find_python().ok(),
             false,
-            "only 'm4gn generate deforming-plate' and 'deforming-beam' need it: 'setup/solids.sh' makes its environment",
+            "only 'm4gn generate deforming-plate', 'deforming-beam' and 'stacked-beams' need it: 'setup/solids.sh' makes its environment",
         ),
     ];
     list.into_iter()

@@ -35,6 +35,7 @@ pub struct Args {
 enum Family {
     DeformingPlate(solids::PlateArgs),
     DeformingBeam(solids::BeamArgs),
+    StackedBeams(solids::StackedArgs),
     #[command(external_subcommand)]
     Folder(Vec<OsString>),
 }
@@ -84,6 +85,7 @@ pub fn run(args: Args) -> Result<()> {
     match args.family {
         Family::DeformingPlate(args) => solids::run_plate(args),
         Family::DeformingBeam(args) => solids::run_beam(args),
+        Family::StackedBeams(args) => solids::run_stacked(args),
         Family::Folder(arguments) => folder::run(&arguments),
     }
 }

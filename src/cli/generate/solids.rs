@@ -1,4 +1,4 @@
-//! `m4gn generate deforming-plate` and `deforming-beam`.
+//! `m4gn generate deforming-plate`, `deforming-beam` and `stacked-beams`.
 
 use super::{Common, positive};
 use m4gn_mesh::plugin::places;
@@ -40,6 +40,19 @@ pub(super) struct BeamArgs {
     large: bool,
 }
 
+/// Two beams in contact with each other, the first of which is pressed by a rigid obstacle
+///
+/// Straight tapered beams of 8 to 12 cm, held at one end or at both, the second behind the first at a distance of up to a few
+/// cells; a cylinder, sphere or rounded block presses the first against it, and both bend. About 1542 points of both together;
+/// material and the rest as for deforming-plate.
+#[derive(Debug, clap::Args)]
+pub(super) struct StackedArgs {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    solid: SolidArgs,
+}
+
 #[derive(Debug, clap::Args)]
 struct SolidArgs {
     /// About how many points a body has [default: as many as in the paper]
@@ -70,6 +83,14 @@ pub(super) fn run_plate(args: PlateArgs) -> Result<()> {
 /// As [`super::run`].
 pub(super) fn run_beam(args: BeamArgs) -> Result<()> {
     run(&args.common, &args.solid, Family::DeformingBeam, args.large)
+}
+
+/// Runs `stacked-beams`.
+///
+/// # Errors
+/// As [`super::run`].
+pub(super) fn run_stacked(args: StackedArgs) -> Result<()> {
+    run(&args.common, &args.solid, Family::StackedBeams, false)
 }
 
 fn poisson(text: &str) -> std::result::Result<f64, String> {
@@ -125,12 +146,14 @@ fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Resul
 fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
     let f = &made.figures;
     let line = format!(
-        "{:04}  {:<5}  {} points  {} redraws  worst gap {:+.4} cells  {:.1} MB  {:.1} s",
+        "{:04}  {:<5}  {} points  {} redraws  worst gap {:+.4} cells{}  {:.1} MB  {:.1} s",
         case.index,
         case.split.name(),
         f.points,
         f.redraws.len(),
         f.worst_gap,
+        f.parts_gap
+            .map_or(String::new(), |gap| format!(", between bodies {gap:+.4}")),
         made.bytes as f64 * 1e-6,
         made.seconds
     );
