@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 10
+#define M4GN_ABI_VERSION 11
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -259,12 +259,14 @@ int32_t m4gn_session_step(
     const m4gn_field_out* out,
     int32_t n_out);
 
-/* What the contact projection did in a step. Gaps are the smallest between body and obstacle, in mean edges at rest; below 0
- * they overlap. */
+/* What the contact projection did in a step. Gaps are the smallest between body and obstacle, and between parts of the body that
+ * share no point, in mean edges at rest; below 0 they overlap. */
 typedef struct m4gn_projection_report
 {
     double gap_before;          /* before the projection; HUGE_VAL without an obstacle */
     double gap_after;
+    double parts_before;        /* HUGE_VAL where no two parts are near each other (1.5 mean edges) */
+    double parts_after;
     double largest;             /* largest correction of a point, m */
     int32_t points_moved;
     int32_t sweeps;

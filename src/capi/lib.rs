@@ -30,7 +30,7 @@ pub use session::{FieldInfo, ProjectionData};
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 10;
+pub const ABI_VERSION: i32 = 11;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

@@ -18,6 +18,8 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 pub struct ProjectionData {
     pub gap_before: f64,
     pub gap_after: f64,
+    pub parts_before: f64,
+    pub parts_after: f64,
     pub largest: f64,
     pub points_moved: i32,
     pub sweeps: i32,
@@ -313,6 +315,8 @@ exports! {
         *to = ProjectionData {
             gap_before: found.before.map_or(f64::INFINITY, |g| g.cells),
             gap_after: found.after.map_or(f64::INFINITY, |g| g.cells),
+            parts_before: found.own_before.map_or(f64::INFINITY, |g| g.cells),
+            parts_after: found.own_after.map_or(f64::INFINITY, |g| g.cells),
             largest: found.largest,
             points_moved: found.points_moved as i32,
             sweeps: found.sweeps as i32,

@@ -4,8 +4,12 @@
 //! World edges lead from the obstacle's points to the points of the skin within the radius. None leads back: the
 //! obstacle's motion is prescribed, nothing acts on it. Its points are nodes of the first rank and ghosts of all others,
 //! so that the exchange stays the same while world edges come and go.
+//!
+//! Where a body is of several parts, which share no point, world edges lead from the skin of each part to the free points of the
+//! others' as well, and so both ways. The points of all skins are then ghosts of all ranks.
 
 use crate::part::BodyPart;
+use crate::skins::Skins;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::surface::Surface;
@@ -48,6 +52,10 @@ pub struct ContactGraph {
     triangles: Vec<[i32; 3]>,
     /// Local nodes of the obstacle's points.
     obstacle_nodes: Vec<i32>,
+    /// Skins of several parts, and the local nodes of their points.
+    skins: Option<(Skins, Vec<i32>)>,
+    /// The part of each own point; none of a body in one part.
+    part: Vec<u32>,
     displacement: Vec<f32>,
     graph: Graph,
 }
@@ -69,6 +77,11 @@ impl ContactGraph {
         if !comm.is_root() {
             ghosts.extend((0..q).map(|p| (0, number(p))));
         }
+        if let Some(skins) = &part.skins {
+            let all = skins.ranks.iter().zip(&skins.points);
+            let others = all.filter(|(rank, _)| **rank != comm.rank());
+            ghosts.extend(others.map(|(&rank, &p)| (rank, i64::from(p))));
+        }
         ghosts.sort_unstable();
         ghosts.dedup();
         let halo = Halo::new(comm, &global, &ghosts, n_owned)?;
@@ -86,6 +99,16 @@ impl ContactGraph {
             (0..q).map(node).collect()
         };
         let obstacle_nodes = comm.agree(obstacle_nodes())?;
+
+        let skins = part.skins.as_ref().map(|skins| {
+            let node = |(&rank, &p): (&i32, &u32)| match part.points.binary_search(&p) {
+                Ok(own) => Ok(own as i32),
+                Err(_) => ghost(rank, i64::from(p)),
+            };
+            let nodes: Result<Vec<i32>> = skins.ranks.iter().zip(&skins.points).map(node).collect();
+            nodes.map(|nodes| (skins.clone(), nodes))
+        });
+        let skins = comm.agree(skins.transpose())?;
 
         let x = &part.mesh.cell_centres;
         let mut edges = Vec::new();
@@ -134,6 +157,18 @@ impl ContactGraph {
             obstacle: part.obstacle.clone(),
             triangles: part.triangles.clone(),
             obstacle_nodes,
+            part: skins.as_ref().map_or_else(Vec::new, |(skins, nodes)| {
+                let mut of = vec![0; n];
+                for (&node, &part) in nodes
+                    .iter()
+                    .zip(&skins.parts)
+                    .filter(|(node, _)| (**node as usize) < n)
+                {
+                    of[node as usize] = part;
+                }
+                of
+            }),
+            skins,
             displacement: vec![0.0; 3 * n_local],
             graph: Graph {
                 n_cells: n,
@@ -195,6 +230,7 @@ impl ContactGraph {
             .map(|(x, &node)| at(*x, node as usize))
             .collect();
         let grid = Within::new(&positions, self.radius);
+        let parts = self.parts(displacement);
         let (mut near, mut edges) = (Vec::new(), Vec::new());
         for &p in &self.skin {
             let rest = self.rest[p as usize];
@@ -205,8 +241,73 @@ impl ContactGraph {
                 receiver: p as i32,
                 rest: sub(self.obstacle[q as usize], rest),
             }));
+            let Some((skins, nodes)) = &self.skins else {
+                continue;
+            };
+            let others = parts.iter().filter(|part| part.number != self.part[p as usize]);
+            for part in others {
+                near.clear();
+                part.grid.query(at(rest, p as usize), &mut near);
+                edges.extend(near.iter().map(|&q| {
+                    let q = part.points[q as usize];
+                    MeshEdge {
+                        sender: nodes[q],
+                        receiver: p as i32,
+                        rest: sub(skins.rest[q], rest),
+                    }
+                }));
+            }
         }
         edges
+    }
+
+    /// The skin of each part at a displacement of all local nodes; none of a body in one part.
+    fn parts(&self, displacement: &[f32]) -> Vec<PartGrid> {
+        let Some((skins, _)) = &self.skins else {
+            return Vec::new();
+        };
+        let places = self.skin_places(displacement);
+        let grid = |number: u32| {
+            let points: Vec<usize> = (0..places.len()).filter(|&q| skins.parts[q] == number).collect();
+            let own: Vec<Vector> = points.iter().map(|&q| places[q]).collect();
+            PartGrid {
+                number,
+                grid: Within::new(&own, self.radius),
+                points,
+            }
+        };
+        (0..skins.triangles.len() as u32).map(grid).collect()
+    }
+
+    /// Positions of the points of all skins at a displacement, m: of all local nodes, or of the own points alone, where those of other
+    /// ranks are as they were in the last update.
+    fn skin_places(&self, displacement: &[f32]) -> Vec<Vector> {
+        let Some((skins, nodes)) = &self.skins else {
+            return Vec::new();
+        };
+        let place = |(x, &node): (&Vector, &i32)| {
+            let at = 3 * node as usize;
+            let u = displacement
+                .get(at..at + 3)
+                .unwrap_or(&self.displacement[at..at + 3]);
+            std::array::from_fn(|i| x[i] + f64::from(u[i]))
+        };
+        skins.rest.iter().zip(nodes).map(place).collect()
+    }
+
+    /// The skins of all parts as surfaces, by part, at a displacement as [`ContactGraph::skin_places`] takes it.
+    pub(crate) fn skin_surfaces(&self, displacement: &[f32]) -> Vec<Surface> {
+        let Some((skins, _)) = &self.skins else {
+            return Vec::new();
+        };
+        let places = self.skin_places(displacement);
+        let surface = |triangles: &Vec<[i32; 3]>| Surface::open(&places, triangles);
+        skins.triangles.iter().map(surface).collect()
+    }
+
+    /// The part of an own point.
+    pub(crate) fn part_of(&self, point: usize) -> usize {
+        self.part.get(point).map_or(0, |&part| part as usize)
     }
 
     /// Rebuilds the world edges and the features for a displacement of the owned nodes from rest `[n_owned x 3]`, m:
@@ -258,6 +359,13 @@ impl ContactGraph {
         }
         Ok(&self.graph)
     }
+}
+
+/// Points of the skin of one part, as places in [`Skins`], sorted for search.
+struct PartGrid {
+    number: u32,
+    points: Vec<usize>,
+    grid: Within,
 }
 
 /// Features of an edge for the displacement of all local nodes.
@@ -321,6 +429,9 @@ impl ContactGraph {
         other.edges.iter_mut().for_each(|e| flip(&mut e.rest));
         // So that normals still leave the obstacle.
         other.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        if let Some((skins, _)) = &mut other.skins {
+            skins.reflect();
+        }
         other
     }
 }
@@ -389,6 +500,38 @@ mod tests {
                 .to_string()
                 .contains("node 0")
         );
+    }
+
+    /// Two cubes of one brick, 0.4 apart: each free corner of the one sees the corner of the other across the gap, both ways.
+    #[test]
+    fn parts_see_each_other() {
+        let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
+        let part = BodyPart::whole(&body, None).unwrap();
+        let mut contact = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
+        let world = |contact: &ContactGraph, u: &[f32]| -> Vec<(i32, i32)> {
+            let edges = contact.world_edges(u);
+            edges.iter().map(|e| (e.sender, e.receiver)).collect()
+        };
+        // Corners of the lower cube's top are 4 to 7, of the upper one's bottom 8 to 11; those at x = 0 are held, and send alone.
+        let mut u = vec![0.0; 3 * 16];
+        let both = [(9, 5), (11, 7), (5, 9), (7, 11)];
+        assert_eq!(world(&contact, &u), both);
+        let graph = contact.update(&Comm::serial(), &u).unwrap();
+        let e = graph.row[6] as usize - 1;
+        assert_eq!((graph.senders[e], graph.receivers[e]), (9, 5));
+        let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
+        let mut expected = [0.0; N_FEATURES];
+        expected[8..].copy_from_slice(&[0.0, 0.0, 0.4, 0.4, 1.0]);
+        assert!(
+            row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6),
+            "{row:?}"
+        );
+        assert_eq!(world(&contact.reflected(), &u), both);
+        // Farther apart than the radius none is left, nearer by 0.2 than the diagonal of a face none is new.
+        (8..16).for_each(|p| u[3 * p + 2] = 0.25);
+        assert_eq!(world(&contact, &u), []);
+        (8..16).for_each(|p| u[3 * p + 2] = -0.2);
+        assert_eq!(world(&contact, &u), both);
     }
 
     #[test]

@@ -13,9 +13,12 @@ impl ContactGraph {
     ///
     /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
     /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
-    /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Zeros of all other points.
+    /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Where another part of the body, which
+    /// shares no point with the point's own, is nearer than the obstacle, the same of that part, which is taken to stay. Zeros of all
+    /// other points.
     ///
-    /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
+    /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them. `displacement` may be that of all local
+    /// nodes; of the own points alone, other ranks' points are where the last [`ContactGraph::update`] found them.
     pub fn inputs(
         &self,
         displacement: &[f32],
@@ -39,15 +42,24 @@ impl ContactGraph {
         for (row, (now, after)) in rows[n..].iter_mut().zip(now.iter().zip(after)) {
             (0..3).for_each(|i| row[i] = after[i] - now[i]);
         }
-        let (Some(now), Some(after)) = (self.surface(now), self.surface(after)) else {
+        let surfaces = [self.surface(now), self.surface(after)];
+        let parts = self.skin_surfaces(displacement);
+        if surfaces[0].is_none() && parts.is_empty() {
             return;
-        };
+        }
         for &p in self.skin() {
             let u = &displacement[3 * p as usize..][..3];
             let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
             let row = &mut rows[p as usize];
-            row[3] = self.nearness(&now, x).map_or(0.0, |(near, _)| near as f32);
-            if let Some((near, normal)) = self.nearness(&after, x) {
+            let own = self.part_of(p as usize);
+            let others = parts.iter().enumerate().filter(|(part, _)| *part != own);
+            let other = nearest(others.map(|(_, skin)| self.nearness(skin, x)));
+            let [now, after] = surfaces.each_ref().map(|surface| {
+                let obstacle = surface.as_ref().and_then(|s| self.nearness(s, x));
+                nearest([obstacle, other].into_iter())
+            });
+            row[3] = now.map_or(0.0, |(near, _)| near as f32);
+            if let Some((near, normal)) = after {
                 row[4] = near as f32;
                 (0..3).for_each(|i| row[5 + i] = (near * normal[i]) as f32);
             }
@@ -63,6 +75,11 @@ impl ContactGraph {
         let near = self.radius() - foot.distance;
         (near > 0.0).then_some((near, foot.normal))
     }
+}
+
+/// The nearer of what is near.
+fn nearest(near: impl Iterator<Item = Option<(f64, Vector)>>) -> Option<(f64, Vector)> {
+    near.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 #[cfg(test)]
@@ -107,6 +124,30 @@ mod tests {
         rows[8..]
             .iter()
             .for_each(|row| close(row, &[0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, 0.0]));
+    }
+
+    /// Two cubes of one brick, 0.4 apart, an obstacle far above: points of the one see the other, both ways.
+    #[test]
+    fn parts_are_told_how_near_they_come() {
+        let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
+        let obstacle = sample::octahedron([1.0, 1.0, 5.0], 0.5);
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        let graph = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
+        // The upper one moves down by 0.1: the gap is 0.3, 0.3 nearer than the radius.
+        let mut u = vec![0.0; 3 * 16];
+        (8..16).for_each(|p| u[3 * p + 2] = -0.1);
+        let rows = inputs(&graph, &u, [[0.0; 3]; 2]);
+        for (p, row) in rows[..16].iter().enumerate() {
+            let x = body.positions[p];
+            let up = match x[2] {
+                1.0 => -1.0,
+                1.4 => 1.0,
+                _ => 0.0,
+            };
+            // Points at x = 0 are held.
+            let near = if x[0] == 0.0 || up == 0.0 { 0.0 } else { 0.3 };
+            close(row, &[0.0, 0.0, 0.0, near, near, 0.0, 0.0, near * up]);
+        }
     }
 
     #[test]

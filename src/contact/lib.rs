@@ -1,8 +1,8 @@
-//! Contact of deforming bodies with a rigid obstacle that moves as prescribed.
+//! Contact of deforming bodies with a rigid obstacle that moves as prescribed, and with one another.
 //!
-//! [`graph`] has the world edges between both, [`segments`] cuts a body into segments, [`gap`] is the distance between a
-//! body's skin and the obstacle, [`projection`] pushes a body out of it, and [`quality`] has the paper's mesh metrics
-//! (appendix C.2).
+//! [`graph`] has the world edges between them, [`skins`] what of several bodies can touch, [`segments`] cuts a body into segments,
+//! [`gap`] is the distance between a body's skin and the obstacle, [`projection`] pushes bodies out of it and of one another, and
+//! [`quality`] has the paper's mesh metrics (appendix C.2).
 
 pub mod gap;
 pub mod graph;
@@ -12,3 +12,4 @@ pub mod projection;
 pub mod quality;
 pub mod sample;
 pub mod segments;
+pub mod skins;

@@ -1,5 +1,6 @@
 //! A body at points, and the obstacle, as graph and segments want them: this rank's part of both.
 
+use crate::skins::Skins;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::vector::{Vector, dot, sub};
@@ -24,6 +25,8 @@ pub struct BodyPart {
     pub triangles: Vec<[i32; 3]>,
     /// Own points, as numbers of the whole body.
     pub points: Vec<u32>,
+    /// What can touch one another, of a body of several parts; on all ranks.
+    pub skins: Option<Skins>,
 }
 
 impl BodyPart {
@@ -95,6 +98,7 @@ impl BodyPart {
             obstacle: obstacle.map_or(Vec::new(), |o| o.positions.clone()),
             triangles: obstacle.map_or(Vec::new(), |o| o.triangles.clone()),
             obstacle_edges: obstacle.map_or(Vec::new(), |o| edges(&o.triangles)),
+            skins: Skins::new(body, ranks),
             mesh,
             points,
         })

@@ -261,6 +261,35 @@ impl Elements {
         edges.dedup();
         edges
     }
+
+    /// Number of the part that each of the points `0..n` belongs to: parts share no point with one another.
+    pub fn parts(&self, n: usize) -> Vec<u32> {
+        let mut parent: Vec<usize> = (0..n).collect();
+        fn root(parent: &mut [usize], mut p: usize) -> usize {
+            while parent[p] != p {
+                parent[p] = parent[parent[p]];
+                p = parent[p];
+            }
+            p
+        }
+        for e in 0..self.len() {
+            for pair in self.points_of(e).windows(2) {
+                let [a, b] = [pair[0], pair[1]].map(|p| root(&mut parent, p as usize));
+                parent[a.max(b)] = a.min(b);
+            }
+        }
+        let mut number = vec![u32::MAX; n];
+        let mut count = 0;
+        let mut of = |p: usize| {
+            let r = root(&mut parent, p);
+            if number[r] == u32::MAX {
+                number[r] = count;
+                count += 1;
+            }
+            number[r]
+        };
+        (0..n).map(&mut of).collect()
+    }
 }
 
 #[cfg(test)]

@@ -74,9 +74,7 @@ impl Moving {
         }
         let (body, ranks) = mesh.whole_body(comm)?;
         let obstacle = mesh.obstacle.as_ref();
-        if let Some(obstacle) = obstacle {
-            comm.agree(check_start(&body, obstacle))?;
-        }
+        comm.agree(check_start(&body, obstacle))?;
         let projection = match &options.projection {
             Some(settings) => {
                 let made = comm.agree(Projection::new(&body, obstacle, settings))?;
@@ -259,11 +257,12 @@ impl Moving {
         let motion = [narrow(&now), narrow(&after)];
         // Only the first rank has rows of the obstacle.
         here.copy_from_slice(&motion[0][..here.len()]);
-        let (own, motion) = (own.as_flattened(), [&motion[0][..], &motion[1]]);
+        // First, so that the inputs know where the points of other ranks are.
+        self.graph.update(comm, &self.displacement)?;
+        let (own, motion) = (&self.displacement[..3 * n], [&motion[0][..], &motion[1]]);
         self.graph
             .inputs(own, change.as_deref(), motion, &mut self.inputs);
-        let graph = self.graph.update(comm, &self.displacement)?;
-        let edges = self.engine.set_edges(graph);
+        let edges = self.engine.set_edges(self.graph.graph());
         comm.agree(edges)?;
         let done = self.engine.forward(comm, &self.inputs, &mut self.outputs);
         let carried = handed_over.as_ref().map(|(before, part)| {

@@ -40,11 +40,29 @@ fn graph_and_segments(model: &Model, body: &Body, obstacle: &Obstacle) -> (Conta
 #[test]
 fn steps_are_those_of_the_plain_network() {
     let (model, body, obstacle) = case();
+    let edges = steps_against_the_plain_network(&model, &body, &obstacle);
+    assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
+}
+
+/// The same of two bodies within reach of each other.
+#[test]
+fn steps_of_two_bodies_are_those_of_the_plain_network() {
+    let (model, ..) = case();
+    let body = sample::stack([6, 2, 2], [3.0, 1.0, 1.0], 0.3);
+    let obstacle = sample::octahedron([2.6, 0.5, 2.9], 0.5);
+    let edges = steps_against_the_plain_network(&model, &body, &obstacle);
+    let mesh = 2 * body.edges.len() + 2 * 12;
+    assert!(edges[0] > mesh + 20, "{edges:?} of {mesh}");
+}
+
+/// The number of edges in each step.
+fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstacle) -> Vec<usize> {
+    let n = body.positions.len();
     let comm = Comm::serial();
     let options = SessionOptions::default();
-    let mut session = Session::new(comm.clone(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
-    let (mut graph, cut) = graph_and_segments(&model, &body, &obstacle);
-    let mut displacement = vec![[0.0; 3]; 63];
+    let mut session = Session::new(comm.clone(), &body.mesh(Some(obstacle)), model, &options).unwrap();
+    let (mut graph, cut) = graph_and_segments(model, body, obstacle);
+    let mut displacement = vec![[0.0; 3]; n];
     let mut edges = Vec::new();
     for step in 0..4 {
         // Down until it touches, then away.
@@ -59,14 +77,14 @@ fn steps_are_those_of_the_plain_network() {
         let narrow = |rows: &[[f64; 3]]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
         let mut inputs = Vec::new();
         graph.inputs(
-            &owned[..3 * 63],
+            &owned[..3 * n],
             None,
             [&narrow(&now), &narrow(&next)],
             &mut inputs,
         );
         let graph = graph.update(&comm, &owned).unwrap();
         edges.push(graph.senders.len());
-        let plain = plain::forward(&model, graph, Some(&cut), &inputs);
+        let plain = plain::forward(model, graph, Some(&cut), &inputs);
         let before = displacement.clone();
         session.step_body(&mut displacement, [&now, &next]).unwrap();
         for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {
@@ -82,7 +100,7 @@ fn steps_are_those_of_the_plain_network() {
         // Random weights move points far: the next step starts from a small part of it.
         displacement.iter_mut().flatten().for_each(|v| *v *= 0.01);
     }
-    assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
+    edges
 }
 
 /// Of a change that the host says, the calibrated part goes on in the next step alone, as far as the obstacle goes on evenly.

@@ -31,7 +31,10 @@ fn displacement(x: [f64; 3], frame: usize) -> [f32; 3] {
 
 /// A bar that bends, with an obstacle that moves out of its reach, so that the gradient has no part that counts as given.
 fn bar(spec: &ModelSpec) -> (Workload, Body) {
-    let body = m4gn_contact::sample::block([4, 1, 1], [3.0, 1.0, 1.0]);
+    bending(m4gn_contact::sample::block([4, 1, 1], [3.0, 1.0, 1.0]), spec)
+}
+
+fn bending(body: Body, spec: &ModelSpec) -> (Workload, Body) {
     let obstacle = m4gn_contact::sample::octahedron([2.6, 0.5, 9.0], 0.5);
     let mut sample = Sample::of_body(&body, Some(&obstacle), spec, None).unwrap();
     sample.n_frames = 12;
@@ -213,6 +216,46 @@ fn the_gradient_through_an_unroll_is_that_of_differences() {
             );
         }
     }
+}
+
+/// Two bars that see each other by world edges, through three strides. How near they come counts as given, so that the network here does
+/// not read it.
+#[test]
+fn the_gradient_goes_from_body_to_body() {
+    let mut spec = spec(0);
+    spec.contact.as_mut().unwrap().radius = 0.5;
+    let (work, body) = bending(
+        m4gn_contact::sample::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
+        &spec,
+    );
+    let edges = work.train[0].graph.senders.len();
+    // Corners across the gap, both ways: eight of the free points of each.
+    assert_eq!(edges, 2 * body.edges.len() + 2 * 12 + 2 * 8);
+    let mut backend = NativeBackend::new(&config().training, &spec, &work, 1).unwrap();
+    let layout = Layout::new(&spec);
+    let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
+    let (start, shape) = layout.find("encoder.node.0.weight").unwrap();
+    let nearness: Vec<usize> = (0..shape[0])
+        .flat_map(|row| (3..8).map(move |column| start + row * shape[1] + column))
+        .collect();
+    nearness.iter().for_each(|&i| weights[i] = 0.0);
+    let (_, gradient, normaliser) = learn(&mut backend, None, &weights, 3);
+    let mut direction = gradient;
+    nearness.iter().for_each(|&i| direction[i] = 0.0);
+    let length = direction
+        .iter()
+        .map(|g| f64::from(*g).powi(2))
+        .sum::<f64>()
+        .sqrt();
+    let mut at = |size: f64| {
+        let pairs = weights.iter().zip(&direction);
+        let moved: Vec<f32> = pairs
+            .map(|(w, d)| w + (size * f64::from(*d) / length) as f32)
+            .collect();
+        learn(&mut backend, Some(&normaliser), &moved, 3).0
+    };
+    let found = (at(1e-2) - at(-1e-2)) / 2e-2;
+    assert!((found / length - 1.0).abs() < 1e-2, "{found} and {length}");
 }
 
 /// A model from before, given a history, says what it said.

@@ -1,5 +1,5 @@
 // The model of deforming beams as a host rides it: an obstacle goes down on a beam that several ranks share, with contact
-// projection, and the answer is the one of a single rank.
+// projection, and the answer is the one of a single rank. So it is of two beams, the upper of which is pressed on the lower.
 
 #include "mesh.hpp"
 
@@ -15,8 +15,8 @@ const std::string model = std::string(M4GN_TEST_DATA) + "/../../models/deforming
 
 using Point = std::array<double, 3>;
 
-// A beam of 24 x 4 x 4 hexahedra, 0.1 m x 0.016 m x 0.016 m, held at x = 0, under an octahedron; a rank has the points in
-// planes of its own and the elements whose first point it has.
+// A beam of 24 x 4 x 4 hexahedra, 0.1 m x 0.016 m x 0.016 m, held at x = 0, under an octahedron, or two of them, the second 0.5 mm
+// below the first; a rank has the points in planes of its own and the elements whose first point it has.
 class Beam
 {
 public:
@@ -27,28 +27,28 @@ public:
     std::vector<int32_t> types, kinds, triangles;
     m4gn_mesh_data data{};
 
-    Beam(int rank, int size)
+    Beam(int rank, int size, int beams = 1)
     {
-        for (int i = 0; i <= nx; ++i)
+        for (int plane = 0; plane < beams*(nx + 1); ++plane)
         {
             // In turns, so that a rank's points are no single stretch of the numbering.
-            if (i % size != rank)
+            if (plane % size != rank)
             {
                 continue;
             }
+            const int i = plane % (nx + 1);
             for (int k = 0; k <= nz; ++k)
             {
                 for (int j = 0; j <= ny; ++j)
                 {
-                    global.push_back(point(i, j, k));
-                    for (const double x : at(i, j, k))
-                    {
-                        positions.push_back(x);
-                    }
+                    global.push_back(point(plane, j, k));
+                    Point x = at(i, j, k);
+                    x[2] -= plane > nx ? 0.0165 : 0;
+                    positions.insert(positions.end(), x.begin(), x.end());
                     types.push_back(i == 0 ? M4GN_HANDLE : M4GN_BODY);
                     if (i < nx && j < ny && k < nz)
                     {
-                        element(i, j, k);
+                        element(plane, j, k);
                     }
                 }
             }
@@ -132,17 +132,18 @@ std::vector<double> motion(int step)
     return u;
 }
 
-// The displacement after ten steps, and the smallest gap that was left.
-std::vector<double> run(m4gn::Session& session, std::size_t n, double& gap)
+// The displacement after ten steps, and the smallest gap that was left: to the obstacle, and between two beams.
+std::vector<double> run(m4gn::Session& session, std::size_t n, double& gap, double& between)
 {
     std::vector<double> D(3*n + 1, 0);
-    gap = HUGE_VAL;
+    gap = between = HUGE_VAL;
     for (int step = 0; step < 10; ++step)
     {
         session.setObstacle(motion(step), motion(step + 1));
         session.step({m4gn_field{"D", 3, D.data(), nullptr}}, {m4gn_field_out{"D", 3, D.data()}});
         const auto report = session.projection();
         gap = std::min(gap, report.gap_after);
+        between = std::min(between, report.parts_after);
         REQUIRE(report.gap_after >= report.gap_before - 1e-9);
     }
     D.pop_back();
@@ -217,15 +218,16 @@ int main(int argc, char** argv)
     const int32_t comm = MPI_Comm_c2f(MPI_COMM_WORLD);
 
     const auto options = settings(model, R"("projection": {})");
-    double gapSerial = 0, gap = 0;
+    for (const int beams : {1, 2})
     {
-        Beam whole(0, 1), part(rank, size);
+        double gapSerial = 0, gap = 0, betweenSerial = 0, between = 0;
+        Beam whole(0, 1, beams), part(rank, size, beams);
         m4gn::Session serial(M4GN_NO_MPI, whole.data, options);
         m4gn::Session session(comm, part.data, options);
         REQUIRE(serial.nSegments() == 24 && session.nSegments() == 24);
         const auto all = serial.segments(whole.n()), mine = session.segments(part.n());
-        const auto expected = run(serial, whole.n(), gapSerial);
-        const auto found = run(session, part.n(), gap);
+        const auto expected = run(serial, whole.n(), gapSerial, betweenSerial);
+        const auto found = run(session, part.n(), gap, between);
         std::vector<std::size_t> place(whole.n());
         for (std::size_t i = 0; i < whole.n(); ++i)
         {
@@ -246,12 +248,26 @@ int main(int argc, char** argv)
                 REQUIRE(part.types[p] == M4GN_BODY || found[3*p + i] == 0);
             }
         }
-        std::printf("rank %d of %d: largest displacement %.3e m, difference from serial %.1e of it, gap %.4f mean edges\n",
+        std::printf("rank %d of %d: largest displacement %.3e m, difference from serial %.1e of it, gap %.4f mean edges",
             rank, size, largest, difference/largest, gap);
+        std::printf(", between the beams %.4f\n", between);
         // The obstacle's corner is 3 mm deep where the beam had a point: the nearest face is 1 mm away in each direction.
         REQUIRE(largest > 1e-3 && largest < 0.05);
         REQUIRE(difference < 1e-5*largest);
         REQUIRE(gap > -0.02 && std::abs(gap - gapSerial) < 1e-4);
+        if (beams == 1)
+        {
+            REQUIRE(between == HUGE_VAL);
+            continue;
+        }
+        // They touch, and the lower one, which no obstacle reaches, was moved.
+        REQUIRE(between > -0.02 && between < 0.05 && std::abs(between - betweenSerial) < 1e-4);
+        double lower = 0;
+        for (std::size_t i = 3*whole.n()/2; i < expected.size(); ++i)
+        {
+            lower = std::max(lower, std::abs(expected[i]));
+        }
+        REQUIRE(lower > 1e-4);
     }
 
     {

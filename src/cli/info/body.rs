@@ -64,7 +64,7 @@ pub(super) fn metrics(t: &Trajectory, text: &mut String) -> Result<Value> {
     if let Some(gap) = scores.worst_gap {
         let _ = writeln!(
             text,
-            "worst gap   {:+.4} cell sizes to the obstacle's surface",
+            "worst gap   {:+.4} cell sizes to the obstacle's surface, or between the body's parts",
             gap.cells
         );
     }

@@ -1,7 +1,6 @@
 //! How a push at one point of a body moves the others: a smooth kernel of their distance at rest.
 
 use m4gn_mesh::body::Body;
-use m4gn_mesh::elements::Elements;
 use m4gn_mesh::nearest::Nearest;
 use m4gn_mesh::vector::{Vector, dot, sub};
 
@@ -24,7 +23,7 @@ pub(super) struct Compliance {
 impl Compliance {
     /// `cell`: mean edge, m.
     pub(super) fn new(body: &Body, held: &[bool], cell: f64) -> Self {
-        let component = components(body.positions.len(), &body.elements);
+        let component = body.elements.parts(body.positions.len());
         let mut freedom = vec![1.0; held.len()];
         for c in 0..component.iter().copied().max().map_or(0, |c| c + 1) {
             let of = |p: &usize| component[*p] == c;
@@ -78,38 +77,4 @@ impl Compliance {
     pub(super) fn component(&self, p: usize) -> u32 {
         self.component[p]
     }
-}
-
-/// Numbers the parts of a body that share no point.
-fn components(n: usize, elements: &Elements) -> Vec<u32> {
-    let mut parent: Vec<usize> = (0..n).collect();
-    fn root(parent: &mut [usize], mut p: usize) -> usize {
-        while parent[p] != p {
-            parent[p] = parent[parent[p]];
-            p = parent[p];
-        }
-        p
-    }
-    for e in 0..elements.len() {
-        let points = elements.points_of(e);
-        for pair in points.windows(2) {
-            let (a, b) = (
-                root(&mut parent, pair[0] as usize),
-                root(&mut parent, pair[1] as usize),
-            );
-            parent[a.max(b)] = a.min(b);
-        }
-    }
-    let mut number = vec![u32::MAX; n];
-    let mut count = 0;
-    (0..n)
-        .map(|p| {
-            let r = root(&mut parent, p);
-            if number[r] == u32::MAX {
-                number[r] = count;
-                count += 1;
-            }
-            number[r]
-        })
-        .collect()
 }

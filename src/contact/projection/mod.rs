@@ -1,5 +1,5 @@
-//! Contact that does not interpenetrate: after a surrogate's step a body is pushed out of a rigid obstacle, and, if
-//! asked for, out of itself.
+//! Contact that does not interpenetrate: after a surrogate's step a body is pushed out of a rigid obstacle, its parts out of each
+//! other (two beams, one upon the other), and, if asked for, each part out of itself.
 //!
 //! What is kept out are the samples of the skin that [`super::gap`] measures with: points, middles of edges, centroids
 //! of faces. The correction c of the displacement is the smoothest one (see `kernel`) with
@@ -32,7 +32,7 @@ use near::{Near, REACH, out_of};
 pub use options::ProjectionOptions;
 use pushes::Constraints;
 use skin::Skin;
-use start::check_apart;
+use start::{check_apart, check_parts};
 use std::collections::HashMap;
 use validity::Corners;
 
@@ -48,7 +48,7 @@ pub struct ProjectionReport {
     pub before: Option<Gap>,
     /// And after.
     pub after: Option<Gap>,
-    /// Smallest gap of the body to itself before, where parts are near each other.
+    /// Smallest gap before between parts that are near each other, and of the body to itself where that is asked for.
     pub own_before: Option<Gap>,
     /// And after.
     pub own_after: Option<Gap>,
@@ -91,16 +91,52 @@ impl Measured {
     }
 }
 
-/// Refuses an obstacle that overlaps the body at rest, as [`Projection::new`] does.
+/// Refuses an obstacle that overlaps the body at rest, and parts of the body that do, as [`Projection::new`] does.
 ///
 /// # Errors
-/// [`Error::Mesh`] for an obstacle that is no closed surface, or overlaps the body at rest: how deep and where.
-pub fn check_start(body: &Body, obstacle: &Obstacle) -> Result<()> {
+/// [`Error::Mesh`] for an obstacle that is no closed surface, or overlaps the body at rest, or parts that do: how deep and where.
+pub fn check_start(body: &Body, obstacle: Option<&Obstacle>) -> Result<()> {
     let cell = cell_size(&body.positions, &body.edges);
-    let samples = Samples::new(&body.elements, |p| body.types[p as usize] != NodeType::Body);
+    let held: Vec<bool> = body.types.iter().map(|&t| t != NodeType::Body).collect();
+    let samples = Samples::new(&body.elements, |p| held[p as usize]);
     let skin = Skin::new(body, &samples, cell);
-    check_closed(&obstacle.triangles)?;
-    check_apart(body, obstacle, &samples, &skin, cell)
+    if let Some(obstacle) = obstacle {
+        check_closed(&obstacle.triangles)?;
+        check_apart(body, obstacle, &samples, &skin, cell)?;
+    }
+    let compliance = Compliance::new(body, &held, cell);
+    check_parts(body, &samples, &skin, &compliance, cell)
+}
+
+/// The smallest gap between the parts of a body, which share no point.
+#[derive(Clone, Debug)]
+pub struct BetweenParts {
+    samples: Samples,
+    compliance: Compliance,
+    skin: Skin,
+}
+
+impl BetweenParts {
+    /// For a body of several parts; none of a body in one.
+    pub fn new(body: &Body) -> Option<Self> {
+        let cell = cell_size(&body.positions, &body.edges);
+        let held: Vec<bool> = body.types.iter().map(|&t| t != NodeType::Body).collect();
+        let samples = Samples::new(&body.elements, |p| held[p as usize]);
+        let skin = Skin::new(body, &samples, cell);
+        skin.has_parts().then(|| BetweenParts {
+            compliance: Compliance::new(body, &held, cell),
+            samples,
+            skin,
+        })
+    }
+
+    /// The smallest gap at `positions`, m; none where no two parts are near each other (1.5 mean edges).
+    pub fn gap(&self, positions: &[Vector]) -> Option<Gap> {
+        let none = vec![[0.0; 3]; positions.len()];
+        let (state, constraints) = ((positions, &none[..]), &mut Constraints::default());
+        self.skin
+            .constrain(&self.samples, &self.compliance, state, (0.0, false), constraints)
+    }
 }
 
 impl Projection {
@@ -129,11 +165,13 @@ impl Projection {
             check_closed(&o.triangles)?;
             check_apart(body, o, &samples, &skin, cell)?;
         }
+        let compliance = Compliance::new(body, &held, cell);
+        check_parts(body, &samples, &skin, &compliance, cell)?;
         Ok(Projection {
             options: *options,
             cell,
             rest: body.positions.clone(),
-            compliance: Compliance::new(body, &held, cell),
+            compliance,
             corners: Corners::new(body),
             held,
             obstacle: obstacle.cloned(),
@@ -332,12 +370,12 @@ impl Projection {
                 constraints.add(s, points.iter().map(|&p| (p as usize, share)), foot.normal, least);
             }
         }
-        let own = match self.options.self_contact {
+        let own = match self.options.self_contact || self.skin.has_parts() {
             true => self.skin.constrain(
                 &self.samples,
                 &self.compliance,
                 (now, done),
-                clearance,
+                (clearance, self.options.self_contact),
                 &mut constraints,
             ),
             false => None,

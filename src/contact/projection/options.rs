@@ -12,7 +12,7 @@ pub struct ProjectionOptions {
     pub tolerance: f64,
     /// How far a push is felt in the body.
     pub radius: f64,
-    /// Whether the body is pushed out of itself as well.
+    /// Whether a part of the body is pushed out of itself as well. Parts that share no point are always kept out of each other.
     pub self_contact: bool,
     /// Times the gaps are measured again, at most.
     pub sweeps: usize,

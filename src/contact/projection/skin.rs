@@ -4,7 +4,7 @@ use super::kernel::Compliance;
 use super::pushes::Constraints;
 use crate::gap::{Gap, Samples};
 use m4gn_mesh::body::Body;
-use m4gn_mesh::surface::{Against, Surface};
+use m4gn_mesh::surface::{Against, Foot, Surface};
 use m4gn_mesh::vector::{Vector, cross, dot, norm, sub};
 
 /// How far one part may have sunk into another and still be found, mean edges.
@@ -29,6 +29,8 @@ pub(super) struct Skin {
     around: Vec<Vec<u32>>,
     /// Of each triangle.
     face: Vec<u32>,
+    /// Triangles of each part.
+    parts: Vec<Vec<u32>>,
     rest: Vec<Vector>,
     /// Normals at rest of the triangles, and outward at the samples.
     rest_normals: Vec<Vector>,
@@ -55,9 +57,16 @@ impl Skin {
             first.retain(|k| points.iter().all(|&p| of_point[p as usize].contains(k)));
             first
         };
+        let part = body.elements.parts(n);
+        let count = part.iter().max().map_or(0, |&last| last as usize + 1);
+        let mut parts = vec![Vec::new(); count];
+        for (t, corners) in triangles.iter().enumerate() {
+            parts[part[corners[0] as usize] as usize].push(t as u32);
+        }
         let mut skin = Skin {
             triangles,
             face,
+            parts,
             around: (0..samples.len()).map(|s| all_at(samples.points_of(s))).collect(),
             rest: with_middles(&faces, &body.positions),
             faces,
@@ -76,20 +85,47 @@ impl Skin {
         Surface::open(&self.rest, &self.triangles)
     }
 
-    /// Constraints that keep the skin out of itself at `now`, for a correction of which `done` is part of `now`.
-    /// Returns the smallest gap.
+    /// Whether the body is of several parts, which share no point.
+    pub(super) fn has_parts(&self) -> bool {
+        self.parts
+            .iter()
+            .filter(|triangles| !triangles.is_empty())
+            .count()
+            > 1
+    }
+
+    /// The skin at `place` as surfaces, each with its part and the numbers of its triangles: one of each part, or, where parts may
+    /// touch themselves, one of all.
+    fn surfaces(&self, place: &[Vector], itself: bool) -> Vec<(Option<u32>, Vec<u32>, Surface)> {
+        let surface = |part: Option<u32>, numbers: Vec<u32>| {
+            let corners: Vec<[i32; 3]> = numbers.iter().map(|&t| self.triangles[t as usize]).collect();
+            (part, numbers, Surface::open(place, &corners))
+        };
+        let all = || (None, (0..self.triangles.len() as u32).collect());
+        let parts = (0..)
+            .zip(&self.parts)
+            .map(|(part, numbers)| (Some(part), numbers.clone()));
+        let groups: Vec<(Option<u32>, Vec<u32>)> = match itself {
+            true => vec![all()],
+            false => parts.collect(),
+        };
+        let groups = groups.into_iter().filter(|(_, numbers)| !numbers.is_empty());
+        groups.map(|(part, numbers)| surface(part, numbers)).collect()
+    }
+
+    /// Constraints that keep the parts of the skin out of each other at `now`, and where `itself` each part out of itself, for a
+    /// correction of which `done` is part of `now`. Returns the smallest gap.
     pub(super) fn constrain(
         &self,
         samples: &Samples,
         compliance: &Compliance,
         (now, done): (&[Vector], &[Vector]),
-        clearance: f64,
+        (clearance, itself): (f64, bool),
         constraints: &mut Constraints,
     ) -> Option<Gap> {
         let place = with_middles(&self.faces, now);
         let shift = with_middles(&self.faces, done);
-        let surface = Surface::open(&place, &self.triangles);
-        let normal = |t: usize| surface.normal(t);
+        let surfaces = self.surfaces(&place, itself);
         let mut worst: Option<Gap> = None;
         for s in 0..samples.len() {
             let points = samples.points_of(s);
@@ -111,13 +147,21 @@ impl Skin {
                 norm(from) > APART * self.cell
                     || (dot(across, out_at_rest) < FACING && dot(from, across) > 0.0)
             };
-            let Some(foot) = surface.foot_against(x, LIMIT * self.cell, against, faces_me) else {
+            let limit = LIMIT * self.cell;
+            let others = surfaces
+                .iter()
+                .filter(|(of, _, surface)| of.is_none_or(|of| of != part) && surface.beyond_box(x) < limit);
+            let feet = others.filter_map(|(_, numbers, surface)| {
+                let number = |t: usize| numbers[t] as usize;
+                let foot = surface.foot_against(x, limit, against, |t| faces_me(number(t)))?;
+                // Beside the edge of the face that it seems to be behind: in front of another one
+                let beside = foot.distance < 0.0 && dot(foot.normal, surface.normal(foot.triangle)) < BEHIND;
+                let triangle = number(foot.triangle);
+                (!beside).then_some(Foot { triangle, ..foot })
+            });
+            let Some(foot) = feet.min_by(|a, b| a.distance.total_cmp(&b.distance)) else {
                 continue;
             };
-            // Beside the edge of the face that it seems to be behind: in front of another one
-            if foot.distance < 0.0 && dot(foot.normal, normal(foot.triangle)) < BEHIND {
-                continue;
-            }
             if worst.is_none_or(|w| foot.distance < w.cells * self.cell) {
                 worst = Some(Gap {
                     cells: foot.distance / self.cell,

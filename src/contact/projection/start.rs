@@ -1,5 +1,7 @@
 //! The state at rest, from which contact can be kept free of overlap.
 
+use super::kernel::Compliance;
+use super::pushes::Constraints;
 use super::skin::Skin;
 use crate::gap::Samples;
 use m4gn_mesh::body::{Body, Obstacle};
@@ -9,6 +11,40 @@ use m4gn_mesh::{Error, Result};
 
 /// Overlap at the start that is let pass, mean edges: what a generator may record.
 const OVERLAP: f64 = 0.05;
+
+/// Refuses parts of a body that overlap at rest.
+pub(super) fn check_parts(
+    body: &Body,
+    samples: &Samples,
+    skin: &Skin,
+    compliance: &Compliance,
+    cell: f64,
+) -> Result<()> {
+    if !skin.has_parts() {
+        return Ok(());
+    }
+    let none = vec![[0.0; 3]; body.positions.len()];
+    let state = (&body.positions[..], &none[..]);
+    let gap = skin.constrain(
+        samples,
+        compliance,
+        state,
+        (0.0, false),
+        &mut Constraints::default(),
+    );
+    match gap.filter(|gap| gap.cells < -OVERLAP) {
+        Some(gap) => Err(Error::Mesh(format!(
+            "two parts of the body overlap at the start, {:.3} mean edges ({:.3e} m) deep at ({:.6} {:.6} {:.6}) m: parts that share \
+             no point are taken for bodies of their own; move them apart, or join their points",
+            -gap.cells,
+            -gap.cells * cell,
+            gap.at[0],
+            gap.at[1],
+            gap.at[2]
+        ))),
+        None => Ok(()),
+    }
+}
 
 /// Refuses an obstacle that overlaps the body at rest.
 pub(super) fn check_apart(

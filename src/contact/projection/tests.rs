@@ -216,13 +216,15 @@ fn two_blocks_of_one_body() {
     let n = body.positions.len() / 2;
     let mut u = zeros(2 * n);
     u[n..].iter_mut().for_each(|u| *u = [0.13, 0.08, -0.6]);
-    let options = ProjectionOptions {
-        self_contact: true,
-        ..ProjectionOptions::default()
-    };
-    let mut projection = Projection::new(&body, None, &options).unwrap();
+    let mut projection = Projection::new(&body, None, &ProjectionOptions::default()).unwrap();
+    let start: Vec<Vector> = (0..2 * n)
+        .map(|p| std::array::from_fn(|i| body.positions[p][i] + u[p][i]))
+        .collect();
     let report = projection.apply(&mut u, &[]).unwrap();
     check(&body, &u);
+    let gap = BetweenParts::new(&body).unwrap().gap(&start);
+    assert_eq!(gap, report.own_before);
+    assert!(BetweenParts::new(&block([2, 2, 2], [0.0; 3], 0.5)).is_none());
     assert!(
         (report.own_before.unwrap().cells + 0.41).abs() < 0.02,
         "{report:?}"
@@ -238,9 +240,16 @@ fn two_blocks_of_one_body() {
         lower < -0.1 && upper > 0.1 && (upper - lower - 0.4).abs() < 0.05,
         "{lower} {upper}"
     );
-    // Switched off, nothing is seen
-    let mut off = Projection::new(&body, None, &ProjectionOptions::default()).unwrap();
-    assert_eq!(off.apply(&mut u, &[]).unwrap().own_before, None);
+    // Blocks that overlap at rest are refused.
+    let body = both(
+        block([5, 5, 4], [0.0; 3], 0.5),
+        block([5, 5, 4], [0.0, 0.0, 3.8], -1.0),
+    );
+    let error = check_start(&body, None).unwrap_err().to_string();
+    assert!(
+        error.contains("two parts of the body overlap at the start, 0.2"),
+        "{error}"
+    );
 }
 
 /// A clamp: two arms of one part with a slit of one cell between them; the upper one bends into the lower one.

@@ -82,7 +82,9 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
             &mut page,
             "gap [mean edges]",
             curves,
-            &format!("Smallest gap to the obstacle at each step, worst of the trajectories of split {name}."),
+            &format!(
+                "Smallest gap to the obstacle, and between bodies, at each step, worst of the trajectories of split {name}."
+            ),
         )?;
     }
 

@@ -94,7 +94,7 @@ pub struct Case {
     pub times: Vec<f64>,
     /// The model's rollouts, then the predictions that know nothing.
     pub predictions: Vec<Prediction>,
-    /// Smallest gap of the data at the steps' ends, mean edges; empty without obstacle.
+    /// Smallest gap of the data at the steps' ends, mean edges; empty where nothing may touch.
     pub data_gap: Vec<f64>,
     /// Processor time of the solver that made the data, s a frame, where it was recorded.
     pub solver: Option<f64>,

@@ -144,7 +144,7 @@ impl<'a> Scene<'a> {
         Ok(shape.gap(found, &self.motion[frame])?.map(|g| g.cells))
     }
 
-    /// Smallest gap of the data at the steps' ends, mean edges; empty without obstacle.
+    /// Smallest gap of the data at the steps' ends, mean edges; empty where nothing may touch.
     ///
     /// # Errors
     /// When the obstacle is no closed surface.

@@ -1,7 +1,8 @@
-//! What is measured of a domain with elements beside its fields: how its shape differs from the true one, and its gap to
-//! the obstacle.
+//! What is measured of a domain with elements beside its fields: how its shape differs from the true one, and the gap of what
+//! may touch: to the obstacle, and between the body's parts.
 
 use m4gn_contact::gap::{Gap, Samples, cell_size};
+use m4gn_contact::projection::BetweenParts;
 use m4gn_contact::quality::{Comparison, Quality};
 use m4gn_data::Trajectory;
 use m4gn_mesh::body::{Body, Obstacle};
@@ -13,6 +14,8 @@ pub struct Shape<'a> {
     body: &'a Body,
     obstacle: Option<&'a Obstacle>,
     samples: Samples,
+    /// Of several parts.
+    parts: Option<BetweenParts>,
     comparison: Comparison<'a>,
     /// Unit of gaps: mean length of the edges at rest, m.
     pub cell: f64,
@@ -28,6 +31,7 @@ impl<'a> Shape<'a> {
         Some(Shape {
             obstacle: trajectory.obstacle(),
             samples: Samples::new(&body.elements, |p| !is_free(&(p as usize))),
+            parts: BetweenParts::new(body),
             comparison: Comparison::new(&body.elements),
             cell: cell_size(&body.positions, &body.edges),
             free: (0..body.positions.len()).filter(is_free).collect(),
@@ -44,17 +48,23 @@ impl<'a> Shape<'a> {
         self.comparison.quality(&truth, &found)
     }
 
-    /// Smallest gap to the obstacle at a displacement `[N x 3]` and one of the obstacle's points, m; none without obstacle.
+    /// Smallest gap to the obstacle, or between parts that are near each other, at a displacement `[N x 3]` and one of the obstacle's
+    /// points, m; none without either.
     ///
     /// # Errors
     /// As [`Samples::worst`].
     pub fn gap(&self, found: &[f64], motion: &[Vector]) -> Result<Option<Gap>> {
-        let Some(obstacle) = self.obstacle else {
+        if self.obstacle.is_none() && self.parts.is_none() {
             return Ok(None);
-        };
+        }
         let places = moved(&self.body.positions, found.as_chunks().0);
-        let surface = moved(&obstacle.positions, motion);
-        self.samples
-            .worst(&places, &surface, &obstacle.triangles, self.cell)
+        let to_obstacle = self.obstacle.map(|obstacle| {
+            let surface = moved(&obstacle.positions, motion);
+            self.samples
+                .worst(&places, &surface, &obstacle.triangles, self.cell)
+        });
+        let between = self.parts.as_ref().and_then(|parts| parts.gap(&places));
+        let gaps = to_obstacle.transpose()?.flatten().into_iter().chain(between);
+        Ok(gaps.min_by(|a, b| a.cells.total_cmp(&b.cells)))
     }
 }
