@@ -163,6 +163,40 @@ Foam::m4gnSettling::m4gnSettling
 }
 
 
+// * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * * //
+
+Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const scalar stride,
+    const bool atPoints,
+    const autoPtr<m4gnSolidLaw>& law,
+    const bool dynamic
+)
+{
+    if (law && law->settles() && dynamic)
+    {
+        return autoPtr<m4gnSettling>
+        (
+            new m4gnSettling(mesh, dict, stride, atPoints)
+        );
+    }
+    if (law && dict.isDict(entryName))
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry settling is for dynamic cases of solids4foam's models, at"
+            << " cells without a pressure equation (solvePressureEqn), at points"
+            << " with solutionAlgorithm implicitCoupled; this one is "
+            << m4gnSolidLaw::modelName(mesh)
+            << (dynamic ? "" : ", quasi-static") << nl
+            << "    Remove the entry" << exit(FatalIOError);
+    }
+
+    return nullptr;
+}
+
+
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnSettling::checkDictionary(const dictionary& dict)
@@ -193,10 +227,10 @@ bool Foam::m4gnSettling::settle
 
     const vectorField predicted(D);
     vectorField free(predicted);
-    if (atPoints_ && smooth_.size())
+    if (atPoints_ && lastD_.size())
     {
         // Newton's iterations go astray from where the stress is rough
-        D = smooth_;
+        D = lastD_;
     }
     bool done = true;
     for (label i = 0; done && i < nSteps; ++i)
@@ -210,7 +244,10 @@ bool Foam::m4gnSettling::settle
     if (!done)
     {
         D = predicted;
-        lastD_.clear();
+        if (!atPoints_)
+        {
+            lastD_.clear();
+        }
         if (!said_)
         {
             said_ = true;
@@ -247,7 +284,6 @@ bool Foam::m4gnSettling::settle
           - 0.5*deltaT*settledAcceleration;
     }
 
-    smooth_ = D;
     lastD_ = D;
     lastAcceleration_ = settledAcceleration;
     lastTime_ = now;
@@ -263,19 +299,15 @@ bool Foam::m4gnSettling::restore
     vectorField* acceleration
 )
 {
-    if (!smooth_.size())
+    // Of a run that is carried on, and, to begin Newton's iterations with, of
+    // the solver
+    if (!lastD_.size() && (atPoints_ || settled()))
     {
-        smooth_ = D;
+        lastD_ = D;
     }
     if (!settled())
     {
         return false;
-    }
-
-    // Of a run that is carried on
-    if (!lastD_.size())
-    {
-        lastD_ = D;
     }
 
     D = predictedD_;
@@ -293,7 +325,6 @@ bool Foam::m4gnSettling::restore
 void Foam::m4gnSettling::end()
 {
     settledAt_ = -VGREAT;
-    smooth_.clear();
     lastD_.clear();
 }
 

@@ -212,22 +212,10 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 {
     refuseContact();
 
-    if (law_ && law_->settles() && dynamic_)
-    {
-        settling_.reset
-        (
-            new m4gnSettling(mesh, dict, session.stride(), atPoints)
-        );
-    }
-    else if (law_ && dict.isDict("settling"))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry settling is for dynamic cases of solids4foam's models,"
-            << " without a pressure equation (solvePressureEqn); this one"
-            << " is " << m4gnSolidLaw::modelName(mesh)
-            << (dynamic_ ? "" : ", quasi-static")
-            << nl << "    Remove the entry" << exit(FatalIOError);
-    }
+    settling_ = m4gnSettling::New
+    (
+        mesh, dict, session.stride(), atPoints, law_, dynamic_
+    );
 }
 
 

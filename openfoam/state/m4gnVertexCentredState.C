@@ -203,22 +203,10 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
         }
     }
 
-    if (law_ && law_->settles() && scheme_ != "steadyState")
-    {
-        settling_.reset
-        (
-            new m4gnSettling(mesh, dict, session.stride(), atPoints)
-        );
-    }
-    else if (law_ && dict.isDict("settling"))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry settling is for dynamic cases of solids4foam's models, those"
-            << " at points with solutionAlgorithm implicitCoupled; this one is "
-            << m4gnSolidLaw::modelName(mesh)
-            << (scheme_ == "steadyState" ? ", quasi-static" : "") << nl
-            << "    Remove the entry" << exit(FatalIOError);
-    }
+    settling_ = m4gnSettling::New
+    (
+        mesh, dict, session.stride(), atPoints, law_, scheme_ != "steadyState"
+    );
 }
 
 
