@@ -205,6 +205,11 @@ EOD
 if [ "$law" = yes ]; then
     sed -i 's/^endTime .*/endTime 0.036;/' system/controlDict
     settled=${replace/settling none;/}
+    # elastic FILE: the elastic energy of small strains that belongs to the stresses, but for a factor that is the same for all times (nu as above)
+    elastic() {
+        values "$1" | awk -v nu=0.3 '{ w += (1 + nu)*($1^2 + $4^2 + $6^2 + 2*($2^2 + $3^2 + $5^2)) - nu*($1 + $4 + $6)^2 }
+            END { print w }'
+    }
     # settle WHAT ENTRIES ROUGH
     settle() {
         clean_case
@@ -213,7 +218,8 @@ if [ "$law" = yes ]; then
         ORACLE_ROUGH=$3 solve
         if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field sigma)" -time '0.025:'; fi
         stress=$(difference ../full/0.03/sigma 0.03/sigma)
-        echo "$1, $ranks ranks: D off by $(difference ../full/0.03/"$field" 0.03/"$field"), a step later $(difference ../full/0.031/"$field" 0.031/"$field")," \
+        elastic=$(awk "BEGIN { print $(elastic 0.03/sigma)/$(elastic ../full/0.03/sigma) }")
+        echo "$1, $ranks ranks: elastic energy $elastic of its own; D off by $(difference ../full/0.03/"$field" 0.03/"$field"), a step later $(difference ../full/0.031/"$field" 0.031/"$field")," \
             "sigma $stress, $(difference ../full/0.031/sigma 0.031/sigma), correctors $(correctors 0.031)"
     }
     # solids4foam's own linear solver at points is for one rank. Newmark's scheme damps nothing:
@@ -231,6 +237,7 @@ if [ "$law" = yes ]; then
 
             settle "$name, $scheme, no error, settled" 'settling { time 0.005; }' 0
             below "$stress" "$most" "$name, $ranks ranks: sigma of a recorded state that was settled"
+            below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" "$most" "$name, $ranks ranks: elastic energy of a recorded state that was settled off by"
             below "$(difference ../full/0.036/"$field" 0.036/"$field")" "$(awk "BEGIN { print $most/5 }")" "$name, $ranks ranks: D after a recorded state that was settled"
             if [ "$ranks" -eq 1 ]; then
                 rm -rf ../one && mkdir ../one && mv 0.* ../one
@@ -252,6 +259,7 @@ if [ "$law" = yes ]; then
             rough=$stress
             settle "$name, $scheme, rough, settled" 'settling { time 0.005; }' 0.01
             below "$stress" "$(awk "BEGIN { print $rough/20 }")" "$name, $ranks ranks: sigma of a rough state that was settled"
+            below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" 0.1 "$name, $ranks ranks: elastic energy of a rough state that was settled off by"
         done
     done <<'EOD'
 linearGeometryTotalDisplacement linearElastic 200 Euler cells D,ddt(D) 0.05
