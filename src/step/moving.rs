@@ -74,13 +74,15 @@ impl Moving {
         }
         let (body, ranks) = mesh.whole_body(comm)?;
         let obstacle = mesh.obstacle.as_ref();
-        comm.agree(check_start(&body, obstacle))?;
         let projection = match &options.projection {
             Some(settings) => {
                 let made = comm.agree(Projection::new(&body, obstacle, settings))?;
                 Some((made, ProjectionReport::default()))
             }
-            None => None,
+            None => {
+                comm.agree(check_start(&body, obstacle))?;
+                None
+            }
         };
         let whole = spec.architecture.segment_transformer().is_some();
         // Every rank computes the same modes: bodies at points are small beside what ranks are for.

@@ -72,9 +72,4 @@ impl Compliance {
         }
         moved
     }
-
-    /// Which connected part of the body each point belongs to.
-    pub(super) fn component(&self, p: usize) -> u32 {
-        self.component[p]
-    }
 }

@@ -97,45 +97,42 @@ impl Measured {
 /// [`Error::Mesh`] for an obstacle that is no closed surface, or overlaps the body at rest, or parts that do: how deep and where.
 pub fn check_start(body: &Body, obstacle: Option<&Obstacle>) -> Result<()> {
     let cell = cell_size(&body.positions, &body.edges);
-    let held: Vec<bool> = body.types.iter().map(|&t| t != NodeType::Body).collect();
-    let samples = Samples::new(&body.elements, |p| held[p as usize]);
+    let (samples, skin) = sampled(body, cell);
+    check(body, obstacle, &samples, &skin, cell)
+}
+
+/// The samples of a body's skin, and the skin.
+fn sampled(body: &Body, cell: f64) -> (Samples, Skin) {
+    let samples = Samples::new(&body.elements, |p| body.types[p as usize] != NodeType::Body);
     let skin = Skin::new(body, &samples, cell);
+    (samples, skin)
+}
+
+fn check(body: &Body, obstacle: Option<&Obstacle>, samples: &Samples, skin: &Skin, cell: f64) -> Result<()> {
     if let Some(obstacle) = obstacle {
         check_closed(&obstacle.triangles)?;
-        check_apart(body, obstacle, &samples, &skin, cell)?;
+        check_apart(body, obstacle, samples, skin, cell)?;
     }
-    let compliance = Compliance::new(body, &held, cell);
-    check_parts(body, &samples, &skin, &compliance, cell)
+    check_parts(body, samples, skin, cell)
 }
 
 /// The smallest gap between the parts of a body, which share no point.
 #[derive(Clone, Debug)]
 pub struct BetweenParts {
     samples: Samples,
-    compliance: Compliance,
     skin: Skin,
 }
 
 impl BetweenParts {
     /// For a body of several parts; none of a body in one.
     pub fn new(body: &Body) -> Option<Self> {
-        let cell = cell_size(&body.positions, &body.edges);
-        let held: Vec<bool> = body.types.iter().map(|&t| t != NodeType::Body).collect();
-        let samples = Samples::new(&body.elements, |p| held[p as usize]);
-        let skin = Skin::new(body, &samples, cell);
-        skin.has_parts().then(|| BetweenParts {
-            compliance: Compliance::new(body, &held, cell),
-            samples,
-            skin,
-        })
+        let (samples, skin) = sampled(body, cell_size(&body.positions, &body.edges));
+        skin.has_parts().then_some(BetweenParts { samples, skin })
     }
 
     /// The smallest gap at `positions`, m; none where no two parts are near each other (1.5 mean edges).
     pub fn gap(&self, positions: &[Vector]) -> Option<Gap> {
-        let none = vec![[0.0; 3]; positions.len()];
-        let (state, constraints) = ((positions, &none[..]), &mut Constraints::default());
-        self.skin
-            .constrain(&self.samples, &self.compliance, state, (0.0, false), constraints)
+        self.skin.parts_gap(&self.samples, positions)
     }
 }
 
@@ -159,19 +156,13 @@ impl Projection {
             return Err(Error::Mesh("the body has no edges of any length".into()));
         }
         let held: Vec<bool> = body.types.iter().map(|&t| t != NodeType::Body).collect();
-        let samples = Samples::new(&body.elements, |p| held[p as usize]);
-        let skin = Skin::new(body, &samples, cell);
-        if let Some(o) = obstacle {
-            check_closed(&o.triangles)?;
-            check_apart(body, o, &samples, &skin, cell)?;
-        }
-        let compliance = Compliance::new(body, &held, cell);
-        check_parts(body, &samples, &skin, &compliance, cell)?;
+        let (samples, skin) = sampled(body, cell);
+        check(body, obstacle, &samples, &skin, cell)?;
         Ok(Projection {
             options: *options,
             cell,
             rest: body.positions.clone(),
-            compliance,
+            compliance: Compliance::new(body, &held, cell),
             corners: Corners::new(body),
             held,
             obstacle: obstacle.cloned(),
@@ -373,7 +364,6 @@ impl Projection {
         let own = match self.options.self_contact || self.skin.has_parts() {
             true => self.skin.constrain(
                 &self.samples,
-                &self.compliance,
                 (now, done),
                 (clearance, self.options.self_contact),
                 &mut constraints,

@@ -1,6 +1,5 @@
 //! A body's skin: which way its samples look, and the skin as an obstacle to itself.
 
-use super::kernel::Compliance;
 use super::pushes::Constraints;
 use crate::gap::{Gap, Samples};
 use m4gn_mesh::body::Body;
@@ -31,6 +30,8 @@ pub(super) struct Skin {
     face: Vec<u32>,
     /// Triangles of each part.
     parts: Vec<Vec<u32>>,
+    /// The part of each point.
+    part: Vec<u32>,
     rest: Vec<Vector>,
     /// Normals at rest of the triangles, and outward at the samples.
     rest_normals: Vec<Vector>,
@@ -67,6 +68,7 @@ impl Skin {
             triangles,
             face,
             parts,
+            part,
             around: (0..samples.len()).map(|s| all_at(samples.points_of(s))).collect(),
             rest: with_middles(&faces, &body.positions),
             faces,
@@ -118,7 +120,6 @@ impl Skin {
     pub(super) fn constrain(
         &self,
         samples: &Samples,
-        compliance: &Compliance,
         (now, done): (&[Vector], &[Vector]),
         (clearance, itself): (f64, bool),
         constraints: &mut Constraints,
@@ -132,13 +133,13 @@ impl Skin {
             let x = samples.position(s, now);
             let at_rest = samples.position(s, &self.rest);
             let (out, out_at_rest) = (self.outward(s, &place), self.rest_outward[s]);
-            let part = compliance.component(points[0] as usize);
+            let part = self.part[points[0] as usize];
             let against = Against {
                 direction: out,
                 cosine: FACING,
             };
             let faces_me = |t: usize| {
-                if compliance.component(self.triangles[t][0] as usize) != part {
+                if self.part[self.triangles[t][0] as usize] != part {
                     return true;
                 }
                 // Of the same part: far from here at rest, or across a slit and not through the material
@@ -191,6 +192,13 @@ impl Skin {
             constraints.add(samples.len() + s, terms, foot.normal, least);
         }
         worst
+    }
+
+    /// The smallest gap between parts at `positions`, m; none where no two are near each other.
+    pub(super) fn parts_gap(&self, samples: &Samples, positions: &[Vector]) -> Option<Gap> {
+        let none = vec![[0.0; 3]; positions.len()];
+        let constraints = &mut Constraints::default();
+        self.constrain(samples, (positions, &none), (0.0, false), constraints)
     }
 
     /// Unit outward normals of all samples of a body at `now`.

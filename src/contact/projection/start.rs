@@ -1,7 +1,5 @@
 //! The state at rest, from which contact can be kept free of overlap.
 
-use super::kernel::Compliance;
-use super::pushes::Constraints;
 use super::skin::Skin;
 use crate::gap::Samples;
 use m4gn_mesh::body::{Body, Obstacle};
@@ -13,25 +11,11 @@ use m4gn_mesh::{Error, Result};
 const OVERLAP: f64 = 0.05;
 
 /// Refuses parts of a body that overlap at rest.
-pub(super) fn check_parts(
-    body: &Body,
-    samples: &Samples,
-    skin: &Skin,
-    compliance: &Compliance,
-    cell: f64,
-) -> Result<()> {
-    if !skin.has_parts() {
-        return Ok(());
-    }
-    let none = vec![[0.0; 3]; body.positions.len()];
-    let state = (&body.positions[..], &none[..]);
-    let gap = skin.constrain(
-        samples,
-        compliance,
-        state,
-        (0.0, false),
-        &mut Constraints::default(),
-    );
+pub(super) fn check_parts(body: &Body, samples: &Samples, skin: &Skin, cell: f64) -> Result<()> {
+    let gap = match skin.has_parts() {
+        true => skin.parts_gap(samples, &body.positions),
+        false => None,
+    };
     match gap.filter(|gap| gap.cells < -OVERLAP) {
         Some(gap) => Err(Error::Mesh(format!(
             "two parts of the body overlap at the start, {:.3} mean edges ({:.3e} m) deep at ({:.6} {:.6} {:.6}) m: parts that share \
