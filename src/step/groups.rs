@@ -10,8 +10,8 @@ use m4gn_segments::coarse::Coarse;
 pub struct OnGroups {
     pub coarse: Coarse,
     width: usize,
-    /// Of each output that is a value of a field which is an input too: the input's column.
-    before: Vec<Option<usize>>,
+    /// Of each output whose field is an input too: the input's column, and whether the output is a value, not a change.
+    inputs: Vec<Option<(usize, bool)>>,
     outputs: Vec<f32>,
 }
 
@@ -26,12 +26,12 @@ impl OnGroups {
         let Some(coarse) = Coarse::new(mesh, length, comm)? else {
             return Ok(None);
         };
-        let (mut before, mut column) = (Vec::new(), 0);
+        let (mut inputs, mut column) = (Vec::new(), 0);
         for field in &spec.fields {
             let n = field.components(spec.dim);
             if field.output != Output::None {
-                let value = field.output == Output::Value && field.input;
-                before.extend((0..n).map(|i| value.then_some(column + i)));
+                let value = field.output == Output::Value;
+                inputs.extend((0..n).map(|i| field.input.then_some((column + i, value))));
             }
             column += if field.input { n } else { 0 };
         }
@@ -39,7 +39,7 @@ impl OnGroups {
             outputs: vec![0.0; coarse.mesh.n_cells() * spec.n_outputs()],
             width: spec.n_field_inputs(),
             coarse,
-            before,
+            inputs,
         }))
     }
 
@@ -73,23 +73,38 @@ impl OnGroups {
         inputs: &[f32],
         outputs: &mut [f32],
     ) -> Result<()> {
-        let m = self.before.len();
-        let restricted = self.coarse.transfer.restrict(inputs, self.width, comm);
-        network.forward(comm, &restricted, &mut self.outputs)?;
+        let m = self.inputs.len();
+        let transfer = &self.coarse.transfer;
+        let restricted = transfer.restrict(inputs, self.width, comm);
+        network.forward(comm, &restricted.values, &mut self.outputs)?;
+        let before: Vec<Option<usize>> = self
+            .inputs
+            .iter()
+            .map(|input| input.and_then(|(column, value)| value.then_some(column)))
+            .collect();
         let mut changes: Vec<f64> = self.outputs.iter().map(|&y| f64::from(y)).collect();
-        let rows = changes
+        for (change, row) in changes
             .chunks_exact_mut(m)
-            .zip(restricted.chunks_exact(self.width));
-        for (change, before) in rows {
-            for (y, column) in change.iter_mut().zip(&self.before) {
-                *y -= column.map_or(0.0, |c| f64::from(before[c]));
+            .zip(restricted.values.chunks_exact(self.width))
+        {
+            for (y, column) in change.iter_mut().zip(&before) {
+                *y -= column.map_or(0.0, |c| f64::from(row[c]));
             }
         }
-        let fine = self.coarse.transfer.prolong(&changes, m, comm);
+        let walls = transfer.at_walls(inputs, &restricted, comm);
+        let at_walls: Vec<f64> = walls
+            .chunks_exact(self.width)
+            .flat_map(|row| {
+                self.inputs
+                    .iter()
+                    .map(|input| input.map_or(0.0, |(column, _)| row[column]))
+            })
+            .collect();
+        let fine = transfer.prolong(&changes, &at_walls, comm);
         let rows = outputs.chunks_exact_mut(m).zip(fine.chunks_exact(m));
-        for ((to, change), before) in rows.zip(inputs.chunks_exact(self.width)) {
-            for ((to, change), column) in to.iter_mut().zip(change).zip(&self.before) {
-                *to = (change + column.map_or(0.0, |c| f64::from(before[c]))) as f32;
+        for ((to, change), row) in rows.zip(inputs.chunks_exact(self.width)) {
+            for ((to, change), column) in to.iter_mut().zip(change).zip(&before) {
+                *to = (change + column.map_or(0.0, |c| f64::from(row[c]))) as f32;
             }
         }
         Ok(())

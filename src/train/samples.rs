@@ -212,7 +212,12 @@ impl Sample {
     /// A frame of the cells at the nodes of the network, which may be groups of cells.
     pub(super) fn at_nodes(&self, frame: Vec<f32>) -> Vec<f32> {
         match &self.coarse {
-            Some(coarse) => coarse.transfer.restrict(&frame, self.width, &Comm::serial()),
+            Some(coarse) => {
+                coarse
+                    .transfer
+                    .restrict(&frame, self.width, &Comm::serial())
+                    .values
+            }
             None => frame,
         }
     }

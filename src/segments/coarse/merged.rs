@@ -27,7 +27,7 @@ pub(super) struct Boundary {
     pub centre: [f64; 3],
     /// Sum of the faces' areas, m^2.
     pub size: f64,
-    area: [f64; 3],
+    pub area: [f64; 3],
     coeff: f64,
 }
 

@@ -9,13 +9,14 @@
 //! network are made of it by what makes them of a solver's mesh. Groups do not depend on the number of ranks; a group may
 //! straddle ranks, and its node lives with the rank of its lowest cell.
 
+mod gradients;
 mod groups;
 mod merged;
 #[cfg(test)]
 mod tests;
 mod transfer;
 
-pub use transfer::Transfer;
+pub use transfer::{Restricted, Transfer};
 
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{ElasticModes, Error, Mesh, Result};
@@ -60,7 +61,7 @@ impl Coarse {
             return Ok(None);
         };
         let merged = merged::Merged::new(mesh, &links, &group, n_groups, comm);
-        let transfer = Transfer::new(mesh, &group, &merged, comm.rank());
+        let transfer = Transfer::new(mesh, &group, &merged, comm);
         let elastic = mesh.elastic.as_ref().map(|fine| ElasticModes {
             eigenvalues: fine.eigenvalues.clone(),
             vectors: fine

@@ -1,6 +1,6 @@
 use super::Coarse;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, sample};
+use m4gn_mesh::{Error, Mesh, NodeType, sample};
 use proptest::prelude::*;
 
 fn mesh() -> Mesh {
@@ -55,12 +55,12 @@ fn linear_changes_come_back_exactly_inside_and_means_everywhere() {
     let comm = Comm::serial();
     let coarse = coarse(&mesh, 0.4);
     let values = linear(&mesh);
-    let restricted = coarse.transfer.restrict(&values, 1, &comm);
+    let restricted = coarse.transfer.restrict(&values, 1, &comm).values;
     let own: Vec<f64> = restricted[..coarse.n_groups]
         .iter()
         .map(|&x| f64::from(x))
         .collect();
-    let back = coarse.transfer.prolong(&own, 1, &comm);
+    let back = coarse.transfer.prolong(&own, &vec![0.0; coarse.n_groups], &comm);
     for (x, y) in back.iter().zip(&values) {
         assert!((x - f64::from(*y)).abs() < 1e-4, "{x} for {y}");
     }
@@ -69,7 +69,60 @@ fn linear_changes_come_back_exactly_inside_and_means_everywhere() {
         .map(|&x| x as f32)
         .chain(vec![0.0; mesh.boundary.len()])
         .collect();
-    let again = coarse.transfer.restrict(&values, 1, &comm);
+    let again = coarse.transfer.restrict(&values, 1, &comm).values;
+    for (x, y) in again.iter().zip(&own) {
+        assert!((f64::from(*x) - y).abs() < 1e-5, "{x} for {y}");
+    }
+}
+
+#[test]
+fn a_change_beside_a_wall_is_zero_there_and_curved() {
+    let (mesh, comm) = (sample::triangles(32, 24, 2.0, 1.5), Comm::serial());
+    let coarse = coarse(&mesh, 0.25);
+    // Zero at y = 0, which is a wall, with a gradient and a curvature along its normal
+    let profile = |y: f64| 2.0 * y - 3.0 * y * y;
+    let mut values: Vec<f32> = mesh.cell_centres.iter().map(|c| profile(c[1]) as f32).collect();
+    values.extend(mesh.boundary.iter().map(|b| profile(b.centre[1]) as f32));
+    let restricted = coarse.transfer.restrict(&values, 1, &comm);
+    let own: Vec<f64> = restricted.values[..coarse.n_groups]
+        .iter()
+        .map(|&x| f64::from(x))
+        .collect();
+    let below = |b: &&m4gn_mesh::BoundaryFace| b.kind == NodeType::Wall && b.centre[1] < 1e-9;
+    let mut beside: Vec<i32> = mesh
+        .boundary
+        .iter()
+        .filter(below)
+        .map(|b| coarse.group[b.owner as usize])
+        .collect();
+    beside.retain(|&g| {
+        let faces = mesh
+            .boundary
+            .iter()
+            .filter(|b| coarse.group[b.owner as usize] == g);
+        faces
+            .filter(|b| b.kind == NodeType::Wall)
+            .all(|b| b.centre[1] < 1e-9)
+    });
+    let walls = coarse.transfer.at_walls(&values, &restricted, &comm);
+    assert!(beside.len() > 4 && beside.iter().all(|&g| walls[g as usize] > 0.999));
+    let error = |walls: &[f64]| {
+        let back = coarse.transfer.prolong(&own, walls, &comm);
+        let cells = (0..mesh.n_cells()).filter(|&c| beside.contains(&coarse.group[c]));
+        cells
+            .map(|c| (back[c] - profile(mesh.cell_centres[c][1])).abs())
+            .fold(0.0, f64::max)
+    };
+    let (held, free) = (error(&walls), error(&vec![0.0; coarse.n_groups]));
+    assert!(held < 1e-4 && free > 0.02, "{held} and {free}");
+    // Means are kept
+    let back = coarse.transfer.prolong(&own, &walls, &comm);
+    let values: Vec<f32> = back
+        .iter()
+        .map(|&x| x as f32)
+        .chain(vec![0.0; mesh.boundary.len()])
+        .collect();
+    let again = coarse.transfer.restrict(&values, 1, &comm).values;
     for (x, y) in again.iter().zip(&own) {
         assert!((f64::from(*x) - y).abs() < 1e-5, "{x} for {y}");
     }
@@ -84,7 +137,7 @@ fn a_zero_gradient_stays_one() {
         values[n + i] = values[face.owner as usize];
     }
     let coarse = coarse(&mesh, 0.4);
-    let restricted = coarse.transfer.restrict(&values, 1, &Comm::serial());
+    let restricted = coarse.transfer.restrict(&values, 1, &Comm::serial()).values;
     for (i, face) in coarse.mesh.boundary.iter().enumerate() {
         assert_eq!(restricted[coarse.n_groups + i], restricted[face.owner as usize]);
     }
@@ -139,7 +192,7 @@ proptest! {
         };
         coarse.mesh.check(&comm).unwrap();
         let values = linear(&mesh);
-        let restricted = coarse.transfer.restrict(&values, 1, &comm);
+        let restricted = coarse.transfer.restrict(&values, 1, &comm).values;
         let mean = |m: &Mesh, v: &[f32]| -> f64 {
             m.cell_volumes.iter().zip(v).map(|(w, &x)| w * f64::from(x)).sum()
         };
