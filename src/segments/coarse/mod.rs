@@ -1,8 +1,8 @@
 //! A graph of the network's own resolution: cells agglomerated into groups, and the way of fields to the groups and back.
 //!
 //! A network that lives on groups of a given edge length costs the same on a finer mesh and meets there the graph that
-//! it was trained on. Fields go to the groups as averages ([`Coarse::restrict`]); the change that the network predicts
-//! comes back linearly within each group, its mean kept exactly ([`Coarse::prolong`]), so that what is finer than the
+//! it was trained on. Fields go to the groups as averages ([`Transfer::restrict`]); the change that the network predicts
+//! comes back linearly within each group, its mean kept exactly ([`Transfer::prolong`]), so that what is finer than the
 //! groups stays in the solver's own fields.
 //!
 //! The groups are a [`Mesh`] like any other: centres, volumes, merged faces and boundary faces. Graph, modes, segments and
