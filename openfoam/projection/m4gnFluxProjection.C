@@ -63,7 +63,12 @@ Foam::m4gnFluxProjection::m4gnFluxProjection
 {
     const dictionary own(dict.subOrEmptyDict("projection"));
 
-    m4gn::checkKeys(own, {"nCorrectors", "tolerance", "every"}, false);
+    m4gn::checkKeys
+    (
+        own,
+        {"nCorrectors", "tolerance", "every", "pressure"},
+        false
+    );
 
     if (own.readIfPresent("nCorrectors", nCorrectors_))
     {

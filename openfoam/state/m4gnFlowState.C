@@ -91,6 +91,12 @@ Foam::m4gnFlowState::m4gnFlowState
     pName_(dict.getOrDefault<word>("p", "p")),
     phiName_(dict.getOrDefault<word>("phi", "phi")),
     projection_(mesh, dict),
+    pressure_
+    (
+        mesh.lookupObject<volScalarField>(pName_),
+        dict.subOrEmptyDict("projection"),
+        !session.outputs().found(pName_)
+    ),
     divInterpolated_(0),
     divProjected_(0),
     completed_(false)
@@ -149,17 +155,20 @@ void Foam::m4gnFlowState::advance
 }
 
 
-void Foam::m4gnFlowState::complete(const scalar, const bool handOver)
+void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
 {
+    volScalarField& p = mesh_.lookupObjectRef<volScalarField>(pName_);
+
     if (!completed_)
     {
         divInterpolated_ = m4gnFluxProjection::maxDiv(phi());
         completed_ = true;
     }
-    projection_.project
-    (
-        mesh_.lookupObject<volScalarField>(pName_), U(), phi(), handOver
-    );
+    projection_.project(p, U(), phi(), handOver);
+    if (pressure_.solved())
+    {
+        pressure_.solve(U(), phi(), deltaT, p);
+    }
     divProjected_ = m4gnFluxProjection::maxDiv(phi());
 }
 
@@ -169,6 +178,10 @@ Foam::wordList Foam::m4gnFlowState::advanced() const
     wordList names(m4gnSolverState::advanced());
     names.append(UName_);
     names.append(phiName_);
+    if (pressure_.solved())
+    {
+        names.append(pName_);
+    }
     return names;
 }
 
