@@ -339,6 +339,17 @@ Foam::m4gnSession::~m4gnSession()
 
 // * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
+Foam::scalar Foam::m4gnSession::cellsAGroup() const
+{
+    const label nGroups = m4gn_session_n_groups(session_);
+
+    return
+        nGroups > 0
+      ? scalar(returnReduce(mesh_.nCells(), sumOp<label>()))/nGroups
+      : 1;
+}
+
+
 std::string Foam::m4gnSession::options
 (
     const dictionary& dict,

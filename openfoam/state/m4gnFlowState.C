@@ -95,7 +95,9 @@ Foam::m4gnFlowState::m4gnFlowState
     (
         mesh.lookupObject<volScalarField>(pName_),
         dict.subOrEmptyDict("projection"),
-        !session.outputs().found(pName_)
+        // A pressure predicted on groups of many cells drifts; on a few cells
+        // the solved one shows the roughness of the predicted velocity
+        session.cellsAGroup() >= 8 || !session.outputs().found(pName_)
     ),
     divInterpolated_(0),
     divProjected_(0),
