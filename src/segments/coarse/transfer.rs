@@ -162,8 +162,8 @@ impl Transfer {
                     [None, Some(wall)].map(|wall| self.gradients.variation(groups, (width, i), g, wall));
             }
         }
-        // Of what the wall adds, the part that the field has, and its square.
-        let mut sums = vec![0.0; 2 * n * width];
+        // Of what the wall adds, the part that the field has, and its square; and the field's own.
+        let mut sums = vec![0.0; 3 * n * width];
         for ((&(g, share), offset), row) in self
             .cells
             .iter()
@@ -175,19 +175,23 @@ impl Transfer {
                 if held(at) {
                     let [free, wall] = both[at].map(|v| v.at(offset));
                     let rest = f64::from(x) - groups[at] - free;
-                    sums[2 * at] += share * rest * (wall - free);
-                    sums[2 * at + 1] += share * (wall - free).powi(2);
+                    sums[3 * at] += share * rest * (wall - free);
+                    sums[3 * at + 1] += share * (wall - free).powi(2);
+                    sums[3 * at + 2] += share * (f64::from(x) - groups[at]).powi(2);
                 }
             }
         }
         comm.sum_f64(&mut sums);
-        let shares = sums.as_chunks::<2>().0.iter();
-        shares
-            .map(|[part, square]| match *square > 0.0 {
-                true => (part / square).clamp(0.0, 1.0),
-                false => 0.0,
-            })
-            .collect()
+        let share = |(at, [part, square, own]): (usize, &[f64; 3])| {
+            if !held(at) {
+                return 0.0;
+            }
+            // Where both courses are the same for the field, rounding must not choose between them.
+            let wall = walls[at] / sizes[at];
+            let least = 1e-6 * own + 1e-6 * (groups[at] - wall).powi(2) + 1e-10 * wall * wall;
+            (part / (square + least.max(f64::MIN_POSITIVE))).clamp(0.0, 1.0)
+        };
+        sums.as_chunks::<3>().0.iter().enumerate().map(share).collect()
     }
 
     /// Volume averages of vectors of the cells at this rank's groups. Collective.
