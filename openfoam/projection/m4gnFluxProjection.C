@@ -8,15 +8,12 @@ License
 
 #include "m4gnFluxProjection.H"
 #include "m4gnDictionary.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnLaplacian.H"
 #include "adjustPhi.H"
 #include "fixedValueFvPatchFields.H"
 #include "fvcDiv.H"
 #include "fvcFlux.H"
 #include "fvcGrad.H"
-#include "fvMatrices.H"
-#include "laplacianScheme.H"
-#include "StringStream.H"
 #include "zeroGradientFvPatchFields.H"
 
 // * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
@@ -148,24 +145,14 @@ void Foam::m4gnFluxProjection::project
 
     const surfaceScalarField one
     (
-        IOobject
+        m4gnLaplacian::uniform
         (
-            "m4gnOne",
-            mesh_.time().timeName(),
             mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
-        mesh_,
-        dimensionedScalar("one", dimless, 1)
+            "m4gnOne",
+            dimensionedScalar("one", dimless, 1)
+        )
     );
-
-    IStringStream scheme(m4gnMeshAdapter::laplacianScheme(mesh_));
-    const tmp<fv::laplacianScheme<scalar, scalar>> laplacian
-    (
-        fv::laplacianScheme<scalar, scalar>::New(mesh_, scheme)
-    );
+    const auto laplacian(m4gnLaplacian::scheme<scalar>(mesh_));
 
     const dictionary controls(solverControls(p.name(), handOver));
 

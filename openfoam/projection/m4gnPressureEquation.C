@@ -7,7 +7,7 @@ License
 \*---------------------------------------------------------------------------*/
 
 #include "m4gnPressureEquation.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnLaplacian.H"
 #include "adjustPhi.H"
 #include "constrainHbyA.H"
 #include "constrainPressure.H"
@@ -15,9 +15,6 @@ License
 #include "fvcDiv.H"
 #include "fvcFlux.H"
 #include "fvmDiv.H"
-#include "fvMatrices.H"
-#include "laplacianScheme.H"
-#include "StringStream.H"
 #include "surfaceInterpolate.H"
 
 // * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * * //
@@ -143,28 +140,11 @@ void Foam::m4gnPressureEquation::solve
 {
     const dimensionedScalar nu("nu", dimViscosity, *constantViscosity(mesh_));
     const dimensionedScalar rDeltaT("rDeltaT", dimless/dimTime, 1/deltaT);
-    const string scheme(m4gnMeshAdapter::laplacianScheme(mesh_));
-
     const surfaceScalarField viscosity
     (
-        IOobject
-        (
-            "m4gnViscosity",
-            mesh_.time().timeName(),
-            mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
-        mesh_,
-        nu
+        m4gnLaplacian::uniform(mesh_, "m4gnViscosity", nu)
     );
-
-    IStringStream ofVectors(scheme);
-    const tmp<fv::laplacianScheme<vector, scalar>> diffusion
-    (
-        fv::laplacianScheme<vector, scalar>::New(mesh_, ofVectors)
-    );
+    const auto diffusion(m4gnLaplacian::scheme<vector>(mesh_));
     const fvVectorMatrix UEqn
     (
         fvm::div(phi, U)
@@ -194,11 +174,7 @@ void Foam::m4gnPressureEquation::solve
     }
     constrainPressure(p, U, phiHbyA, rAU);
 
-    IStringStream ofScalars(scheme);
-    const tmp<fv::laplacianScheme<scalar, scalar>> laplacian
-    (
-        fv::laplacianScheme<scalar, scalar>::New(mesh_, ofScalars)
-    );
+    const auto laplacian(m4gnLaplacian::scheme<scalar>(mesh_));
 
     dictionary linearSolver(mesh_.solverDict(p.select(true)));
     // What is predicted is near: a tolerance of its own residual would do
