@@ -14,8 +14,8 @@ use std::path::PathBuf;
 /// Rolls the model out from frames all along trajectories that no training has seen, and compares the errors after 1, 2, ... strides
 /// with that of the stride before. The quantiles of the ratios are written into the model (--out): with them, and with a stride that
 /// solver and surrogate both take, 'control { tolerance ...; }' of m4gnSurrogate chooses the length of its jumps. --check measures
-/// instead how often the estimates of a calibrated model hold on other trajectories. Of bodies it measures as well what part of the
-/// change over a stride before, where a host says it, is to go on in the next one.
+/// instead how often the estimates of a calibrated model hold on other trajectories. Of bodies it finds as well how much of what the
+/// network was off by over a stride before, where a host says what that changed, is best carried on from stride to stride.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors)
@@ -92,36 +92,43 @@ pub fn run(args: Args) -> Result<()> {
         ..SessionOptions::default()
     };
     let found = trajectories(&args.data, args.split, &model)?;
-    let singles = match known.is_none() && calibrate::carries(&model) {
-        true => found.iter().map(|(_, pace)| pace.steps.saturating_sub(1)).sum(),
-        false => 0,
-    };
-    let progress = Progress::new(singles + args.starts * found.len())?;
-    if singles > 0 {
-        // What is measured is the network alone; then rollouts with the part that goes on
-        model.spec.calibration = None;
-        let mut sums = Vec::new();
-        for (trajectory, _) in &found {
-            let of = calibrate::carried(&model, trajectory, &options, &mut || progress.advance());
-            sums.push(name_file(of, trajectory.path())?);
+    let candidates: Vec<Option<Calibration>> = match &known {
+        Some(known) => vec![Some(known.clone())],
+        None if calibrate::carried(&model).is_empty() => vec![None],
+        None => {
+            let carried = calibrate::carried(&model).iter();
+            carried.map(|&c| Some(Calibration::of_carried(c))).collect()
         }
-        model.spec.calibration = Calibration::best_carried(&sums).map(Calibration::of_carried);
+    };
+    let progress = Progress::new(candidates.len() * args.starts * found.len())?;
+    let mut measured: Vec<Vec<Vec<Rollout>>> = Vec::new();
+    for candidate in &candidates {
+        model.spec.calibration = candidate.clone();
+        let mut all = Vec::new();
+        for (i, (trajectory, _)) in found.iter().enumerate() {
+            let tick = &mut || progress.advance();
+            let rollouts = calibrate::rollouts(&model, trajectory, &options, (strides, args.starts), tick);
+            all.push(name_file(rollouts, trajectory.path())?);
+            let carried = candidate.as_ref().and_then(|c| c.carried);
+            progress.say(|| {
+                let of = carried.map_or(String::new(), |c| format!(", {c} carried on"));
+                format!("{}/{} {}{of}", i + 1, found.len(), trajectory.path().display())
+            });
+        }
+        measured.push(all);
     }
-    let mut all: Vec<Vec<Rollout>> = Vec::new();
-    for (i, (trajectory, _)) in found.iter().enumerate() {
-        let rollouts = calibrate::rollouts(&model, trajectory, &options, (strides, args.starts), &mut || {
-            progress.advance()
-        });
-        all.push(name_file(rollouts, trajectory.path())?);
-        progress.say(|| format!("{}/{} {}", i + 1, found.len(), trajectory.path().display()));
-    }
+    let best = calibrate::best(&measured);
+    let (all, carried) = (
+        measured.swap_remove(best),
+        candidates[best].as_ref().and_then(|c| c.carried),
+    );
     progress.finish();
 
     let asked = args.coverage.unwrap_or(0.95);
     let calibration = match &known {
         Some(known) => known.clone(),
         None => Calibration {
-            carried: model.spec.calibration.as_ref().and_then(|c| c.carried),
+            carried,
             ..calibrate::calibration(&model, asked, &all)?
         },
     };
@@ -179,7 +186,9 @@ fn print(
         ),
     }
     if let Some(part) = calibration.carried {
-        println!("of a change over a stride before that is known, {part:.3} goes on in the next one");
+        println!(
+            "of what the network was off by over a stride before that is known, {part} is carried on from stride to stride"
+        );
     }
     println!("error after n strides over that of the stride before:");
     println!("  field       n  median    factor  share within");

@@ -46,8 +46,8 @@ pub struct Calibration {
     pub rollouts: usize,
     /// Of each predicted field.
     pub growth: Vec<Growth>,
-    /// Of a model of bodies: the part of the change over the stride before that is taken to go on in a step from a state whose past
-    /// is known, the rest being the network's. 0: the network alone is best; 1: the line through both states.
+    /// Of a model of bodies: how much of what the network was off by over the stride before a hand-over, by which the first stride
+    /// after it is corrected, is carried on from each stride to the next one. 0: nothing is corrected; 1: all strides are alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub carried: Option<f64>,
 }
@@ -95,7 +95,7 @@ impl Calibration {
         })
     }
 
-    /// With the part that goes on alone: what a measurement of growth begins from.
+    /// With what is carried on alone: what a measurement of growth begins from.
     pub fn of_carried(part: f64) -> Self {
         Calibration {
             coverage: 0.0,
@@ -104,19 +104,6 @@ impl Calibration {
             growth: Vec::new(),
             carried: Some(part),
         }
-    }
-
-    /// The part of the last change that goes on ([`Calibration::carried`]) for which the squared errors of single strides, each
-    /// trajectory's over those of the line through the two states before, have the smallest sum. Of each trajectory: sums over its
-    /// strides and points of `e e`, `e d` and `d d`, where e is what the line lacks, and d the network's change less the last one. None
-    /// where the network says what the line says.
-    pub fn best_carried(sums: &[[f64; 3]]) -> Option<f64> {
-        let (mut over, mut under) = (0.0, 0.0);
-        for [ee, ed, dd] in sums.iter().filter(|s| s[0] > 0.0) {
-            over += ed / ee;
-            under += dd / ee;
-        }
-        (under > 0.0).then(|| 1.0 - (over / under).clamp(0.0, 1.0))
     }
 
     /// The largest coverage that so many trajectories can tell of.
@@ -205,19 +192,6 @@ mod tests {
         }
         let c = Calibration::new(0.5, cases).unwrap();
         assert_eq!(c.factors("U"), Some(&[f64::MAX, f64::MAX][..]));
-    }
-
-    #[test]
-    fn the_line_counts_as_much_as_makes_errors_small() {
-        // What the line lacks is d/4, d/2, -d: the network is right by as much, in the last case in the wrong direction
-        let of = |part: f64| [part * part, part, 1.0];
-        assert_eq!(Calibration::best_carried(&[of(0.25)]), Some(0.75));
-        assert_eq!(Calibration::best_carried(&[of(-1.0)]), Some(1.0));
-        assert_eq!(Calibration::best_carried(&[of(2.0)]), Some(0.0));
-        // Each over its own error: (4 + 2)/(16 + 4)
-        let both = Calibration::best_carried(&[of(0.25), of(0.5)]).unwrap();
-        assert!((both - 0.7).abs() < 1e-12, "{both}");
-        assert_eq!(Calibration::best_carried(&[[0.0; 3]]), None);
     }
 
     #[test]

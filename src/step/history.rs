@@ -1,5 +1,5 @@
-//! What a session of bodies knows of the stride before, where its model reads what the displacement changed by over it, or a part of that
-//! change goes on.
+//! What a session of bodies knows of the stride before, where its model reads what the displacement changed by over it, or is corrected by
+//! what it was off by in it.
 
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
@@ -14,6 +14,17 @@ const SLACK: f64 = 1e-4;
 pub(super) struct State {
     pub body: Vec<Vector>,
     pub obstacle: Vec<Vector>,
+}
+
+/// Where a state comes from.
+#[derive(Debug)]
+pub(super) enum Origin {
+    /// It is the result of the last step, which began here.
+    Step(State),
+    /// A solver handed it over; here it was one stride before.
+    Solver(State),
+    /// Nothing is known of the stride before.
+    Unknown,
 }
 
 /// The last step, and what the host says of the stride before the next one.
@@ -47,14 +58,17 @@ impl History {
         self.last = Some([start, end]);
     }
 
-    /// The state one stride before this one that the host gave with a state that is not the result of the last step: of a solver that
-    /// hands over. Collective.
-    pub fn handed_over(&mut self, comm: &Comm, now: &State) -> Option<State> {
+    /// Where a state comes from, and takes what the host gave with it. Collective; all ranks decide alike.
+    pub fn origin(&mut self, comm: &Comm, now: &State) -> Origin {
         let given = self.given.take();
         // A rank whose points do not move cannot tell a step's result from another state.
         let mut not = [given.is_none(), !self.follows(now)].map(i64::from);
         comm.max_i64(&mut not);
-        given.filter(|_| not == [0, 1])
+        match (not, given, &self.last) {
+            ([_, 0], _, Some([start, _])) => Origin::Step(start.clone()),
+            ([0, _], Some(before), _) => Origin::Solver(before),
+            _ => Origin::Unknown,
+        }
     }
 
     /// Whether this rank's part of a state is the result of the last step.
@@ -129,18 +143,23 @@ mod tests {
     #[test]
     fn what_the_host_says_of_a_steps_own_result_is_no_hand_over() {
         let mut history = History::new(1.0);
-        let mut handed_over = |now: f64, given: bool| {
+        let mut origin = |now: f64, given: bool| {
             if given {
                 history.give(state(0.2, 0.4));
             }
-            let found = history.handed_over(&Comm::serial(), &state(now, 0.5));
+            let found = match history.origin(&Comm::serial(), &state(now, 0.5)) {
+                Origin::Step(start) => start.body[1][0],
+                Origin::Solver(before) => 10.0 + before.body[1][0],
+                Origin::Unknown => -1.0,
+            };
             history.done(state(now, 0.5), state(0.3, 0.5));
-            found.is_some()
+            found
         };
-        assert!(handed_over(0.3, true));
-        assert!(!handed_over(0.3, true));
-        assert!(!handed_over(0.4, false));
-        assert!(handed_over(0.4, true));
+        assert_eq!(origin(0.3, true), 10.2);
+        assert_eq!(origin(0.3, true), 0.3);
+        assert_eq!(origin(0.4, false), -1.0);
+        assert_eq!(origin(0.4, true), 10.2);
+        assert_eq!(origin(0.3, false), 0.4);
     }
 
     #[test]

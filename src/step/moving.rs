@@ -1,8 +1,11 @@
 //! A body at points in a session: edges that change with every step, an obstacle with prescribed motion, and contact
 //! projection after the step.
 
+mod given;
+
 use super::SessionOptions;
-use super::history::{History, State};
+use super::correction::Correction;
+use super::history::{History, Origin, State};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
 use m4gn_contact::projection::{Projection, ProjectionReport, check_start};
@@ -42,10 +45,10 @@ pub(super) struct Moving {
     /// Change of the displacement of the own points `[n x 3]`.
     outputs: Vec<f32>,
     projection: Option<(Projection, ProjectionReport)>,
-    /// Where the model reads it, or a part of it goes on.
+    /// Where the model reads it, or is corrected by it.
     history: Option<History>,
-    /// What part of the change over the stride before goes on after a hand-over, where the model does not read that change.
-    carried: Option<f64>,
+    /// Of the network by what it was off by over the stride before a hand-over, where it does not read the change over that stride.
+    correction: Option<Correction>,
 }
 
 /// What a session says of its segments: their number, and that of each of the host's own points.
@@ -119,7 +122,7 @@ impl Moving {
         let n_owned = graph.graph().n_owned;
         let size = cell_size(&part.mesh, comm);
         let carried = spec.calibration.as_ref().and_then(|c| c.carried);
-        let carried = carried.filter(|_| !spec.has_history());
+        let carried = carried.filter(|&decay| decay > 0.0 && !spec.has_history());
         let moving = Moving {
             n_points: body.positions.len(),
             n_obstacle: part.obstacle.len(),
@@ -135,7 +138,7 @@ impl Moving {
             engine,
             projection,
             history: (spec.has_history() || carried.is_some()).then(|| History::new(size)),
-            carried,
+            correction: carried.map(Correction::new),
         };
         Ok((moving, cut, size))
     }
@@ -166,55 +169,11 @@ impl Moving {
         let settings = options.engine(options.precision.agreed(comm));
         let engine = Engine::new(model, self.graph.graph(), cut.as_ref(), &settings);
         self.engine = comm.agree(engine)?;
-        Ok(())
-    }
-
-    /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the
-    /// first rank counts. Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for other lengths; [`Error::Numerical`] for values that are not finite.
-    pub(super) fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
-        let checked = self.check_obstacle(motion[0], "now");
-        let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
-        comm.agree(checked)?;
-        self.motion = Some(motion.map(|values| of_root(comm, values)));
-        Ok(())
-    }
-
-    /// Takes the displacement one stride before the next step, m: of the host's own points, and of the obstacle's, of which that of
-    /// the first rank counts. Where neither the model reads it nor a part of it is carried on, it is checked and forgotten.
-    /// Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// As [`Moving::set_obstacle`].
-    pub(super) fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
-        let when = "one stride before";
-        let checked = self.check(body, when);
-        comm.agree(checked.and_then(|()| self.check_obstacle(obstacle, when)))?;
-        let obstacle = of_root(comm, obstacle);
-        if let Some(history) = &mut self.history {
-            let body = body.to_vec();
-            history.give(State { body, obstacle });
+        if let Some(correction) = &mut self.correction {
+            // The error is that of the weights from before.
+            correction.forget();
         }
         Ok(())
-    }
-
-    fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
-        if values.len() != self.n_obstacle {
-            return Err(Error::Input(format!(
-                "displacement of the obstacle {when}: expected {} points, found {}",
-                self.n_obstacle,
-                values.len()
-            )));
-        }
-        match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
-            Some(i) => Err(Error::Numerical(format!(
-                "displacement of the obstacle {when}: {:?} at point {i}",
-                values[i]
-            ))),
-            None => Ok(()),
-        }
     }
 
     /// One step of the displacement of the host's own points, m; held points stay. Collective; all ranks fail together,
@@ -239,39 +198,18 @@ impl Moving {
             body: displacement.to_vec(),
             obstacle: now.clone(),
         });
-        let (mut change, mut handed_over) = (None, None);
+        let (mut change, mut correction) = (None, None);
         if let (Some(history), Some(start)) = (&mut self.history, &start) {
-            match self.carried {
-                Some(part) => handed_over = history.handed_over(comm, start).zip(Some(part)),
-                None => {
-                    let before = history.before(comm, start)?;
-                    change = Some(self.change(&before, start));
-                }
+            if self.correction.is_some() {
+                let origin = history.origin(comm, start);
+                correction = self.correct(comm, origin, [start.body.as_slice(), &now, &after])?;
+            } else {
+                let before = history.before(comm, start)?;
+                change = Some(self.change(&before, start));
             }
         }
-        let n = self.points.len();
-        let (own, here) = self.displacement.split_at_mut(3 * n);
-        let own = own.as_chunks_mut::<3>().0;
-        for (&i, u) in self.place.iter().zip(&*displacement) {
-            own[i] = u.map(|v| v as f32);
-        }
-        let narrow = |rows: &[Vector]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
-        let motion = [narrow(&now), narrow(&after)];
-        // Only the first rank has rows of the obstacle.
-        here.copy_from_slice(&motion[0][..here.len()]);
-        // First, so that the inputs know where the points of other ranks are.
-        self.graph.update(comm, &self.displacement)?;
-        let (own, motion) = (&self.displacement[..3 * n], [&motion[0][..], &motion[1]]);
-        self.graph
-            .inputs(own, change.as_deref(), motion, &mut self.inputs);
-        let edges = self.engine.set_edges(self.graph.graph());
-        comm.agree(edges)?;
-        let done = self.engine.forward(comm, &self.inputs, &mut self.outputs);
-        let carried = handed_over.as_ref().map(|(before, part)| {
-            let part = part * evenness(&before.obstacle, &now, &after);
-            (part, &before.body[..])
-        });
-        let mut end = comm.agree(done.and_then(|()| self.moved(displacement, carried)))?;
+        self.predict(comm, displacement, change.as_deref(), [&now, &after])?;
+        let mut end = comm.agree(self.moved(displacement, correction.as_deref()))?;
         self.project(comm, &mut end, &after)?;
         displacement.copy_from_slice(&end);
         if let (Some(history), Some(start)) = (&mut self.history, start) {
@@ -280,6 +218,73 @@ impl Moving {
             history.done(start, State { body: end, obstacle });
         }
         Ok(())
+    }
+
+    /// Takes the change over a step from a displacement of the host's own points into the outputs, as the network says. Collective;
+    /// all ranks fail together.
+    fn predict(
+        &mut self,
+        comm: &Comm,
+        displacement: &[Vector],
+        change: Option<&[f32]>,
+        motion: [&[Vector]; 2],
+    ) -> Result<()> {
+        let n = self.points.len();
+        let (own, here) = self.displacement.split_at_mut(3 * n);
+        let own = own.as_chunks_mut::<3>().0;
+        for (&i, u) in self.place.iter().zip(displacement) {
+            own[i] = u.map(|v| v as f32);
+        }
+        let narrow = |rows: &[Vector]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
+        let motion = motion.map(narrow);
+        // Only the first rank has rows of the obstacle.
+        here.copy_from_slice(&motion[0][..here.len()]);
+        // First, so that the inputs know where the points of other ranks are.
+        self.graph.update(comm, &self.displacement)?;
+        let (own, motion) = (&self.displacement[..3 * n], [&motion[0][..], &motion[1]]);
+        self.graph.inputs(own, change, motion, &mut self.inputs);
+        let edges = self.engine.set_edges(self.graph.graph());
+        comm.agree(edges)?;
+        let done = self.engine.forward(comm, &self.inputs, &mut self.outputs);
+        comm.agree(done)
+    }
+
+    /// What the network's change in a step from a state is to be corrected by, at the host's own points, m; None: by nothing. At a
+    /// hand-over this takes a step of the network, from the state one stride before. Collective; all ranks fail together.
+    fn correct(
+        &mut self,
+        comm: &Comm,
+        origin: Origin,
+        [body, now, after]: [&[Vector]; 3],
+    ) -> Result<Option<Vec<Vector>>> {
+        let before = match origin {
+            Origin::Step(start) => start.obstacle,
+            Origin::Solver(before) => {
+                self.predict(comm, &before.body, None, [&before.obstacle, now])?;
+                let held = |p: usize| !self.free[self.place[p]];
+                let of_free = |p: usize, u: Vector| if held(p) { [0.0; 3] } else { u };
+                let changes = self.outputs.as_chunks::<3>().0;
+                let n = body.len();
+                let was = (0..n).map(|p| of_free(p, std::array::from_fn(|k| body[p][k] - before.body[p][k])));
+                let said = (0..n).map(|p| of_free(p, changes[self.place[p]].map(f64::from)));
+                let (was, said): (Vec<Vector>, Vec<Vector>) = (was.collect(), said.collect());
+                if let Some(correction) = &mut self.correction {
+                    correction.measure(comm, (&was, &said));
+                }
+                before.obstacle
+            }
+            Origin::Unknown => {
+                self.correction.iter_mut().for_each(Correction::forget);
+                return Ok(None);
+            }
+        };
+        let next = self
+            .correction
+            .as_mut()
+            .and_then(|c| c.next([&before, now, after]));
+        let scaled =
+            |(weight, error): (f64, &[Vector])| error.iter().map(|e| e.map(|v| weight * v)).collect();
+        Ok(next.map(scaled))
     }
 
     /// What the displacement of the owned nodes changed by from a state to another one `[n_owned x 3]`.
@@ -301,19 +306,14 @@ impl Moving {
         change
     }
 
-    /// The displacement of the host's own points after the change that the network says, of which a part is that from the displacement
-    /// one stride before, where that is given; held points stay.
-    fn moved(&self, displacement: &[Vector], before: Option<(f64, &[Vector])>) -> Result<Vec<Vector>> {
+    /// The displacement of the host's own points after the change that the network says, and a correction of it; held points stay.
+    fn moved(&self, displacement: &[Vector], correction: Option<&[Vector]>) -> Result<Vec<Vector>> {
         let changes = self.outputs.as_chunks::<3>().0;
         let mut end = displacement.to_vec();
         let own = self.place.iter().zip(&mut end).enumerate();
         for (p, (&i, u)) in own.filter(|(_, (i, _))| self.free[**i]) {
             for k in 0..3 {
-                let change = f64::from(changes[i][k]);
-                u[k] += match before {
-                    Some((part, before)) => (1.0 - part) * change + part * (u[k] - before[p][k]),
-                    None => change,
-                };
+                u[k] += f64::from(changes[i][k]) + correction.map_or(0.0, |c| c[p][k]);
             }
             if !u.iter().all(|v| v.abs() < FARTHEST) {
                 return Err(Error::Numerical(format!(
@@ -359,45 +359,6 @@ impl Moving {
     pub(super) fn projection(&self) -> Option<&ProjectionReport> {
         self.projection.as_ref().map(|(_, report)| report)
     }
-
-    fn check(&self, displacement: &[Vector], when: &str) -> Result<()> {
-        if displacement.len() != self.place.len() {
-            return Err(Error::Input(format!(
-                "displacement of the body {when}: expected {} points, found {}",
-                self.place.len(),
-                displacement.len()
-            )));
-        }
-        match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
-            Some(i) => Err(Error::Numerical(format!(
-                "displacement of the body {when}: {:?} at point {}",
-                displacement[i], self.points[self.place[i]]
-            ))),
-            None => Ok(()),
-        }
-    }
-}
-
-/// How evenly the obstacle goes on: 1 with the motion of the stride before, 0 where it begins, stops or turns back. 1 without obstacle.
-fn evenness(before: &[Vector], now: &[Vector], after: &[Vector]) -> f64 {
-    let size = |of: &dyn Fn(usize, usize) -> f64| {
-        let values = (0..now.len()).flat_map(|q| (0..3).map(move |k| of(q, k).powi(2)));
-        values.sum::<f64>().sqrt()
-    };
-    let behind = size(&|q, k| now[q][k] - before[q][k]);
-    let ahead = size(&|q, k| after[q][k] - now[q][k]);
-    let turn = size(&|q, k| after[q][k] - 2.0 * now[q][k] + before[q][k]);
-    match behind.max(ahead) {
-        0.0 => 1.0,
-        largest => (1.0 - turn / largest).max(0.0),
-    }
-}
-
-/// The first rank's values on all ranks. Collective.
-fn of_root(comm: &Comm, values: &[Vector]) -> Vec<Vector> {
-    let mut flat = values.as_flattened().to_vec();
-    comm.broadcast(&mut flat);
-    flat.as_chunks().0.to_vec()
 }
 
 #[cfg(test)]

@@ -64,47 +64,31 @@ pub fn rollouts(
     Ok(all)
 }
 
-/// Whether a part of the change over the stride before may go on: of bodies, unless their model reads it itself.
-pub fn carries(model: &Model) -> bool {
-    model.spec.contact.is_some() && !model.spec.has_history()
+/// What may be carried on of a correction ([`Calibration::carried`]): 0, nothing, first. Of bodies, unless their model reads itself what the
+/// stride before changed; else none.
+pub fn carried(model: &Model) -> &'static [f64] {
+    match model.spec.contact.is_some() && !model.spec.has_history() {
+        true => &[0.0, 0.5, 0.8, 0.9, 0.95],
+        false => &[],
+    }
 }
 
-/// Of a model of bodies whose calibration has no part that goes on yet, on one trajectory: what [`Calibration::best_carried`] takes.
-///
-/// # Errors
-/// [`Error::Input`] for a trajectory without a body; as [`fits`] and [`Session::new`].
-pub fn carried(
-    model: &Model,
-    trajectory: &Trajectory,
-    options: &SessionOptions,
-    progress: &mut dyn FnMut() -> Result<()>,
-) -> Result<[f64; 3]> {
-    let pace = fits(model, trajectory)?;
-    let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let shape = scene.shape().ok_or_else(|| {
-        Error::Input(format!(
-            "{}: a mesh without elements; expected a body",
-            trajectory.path().display()
-        ))
-    })?;
-    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
-    let mut step = stepper(&mut session, trajectory);
-    let mut sums = [0.0; 3];
-    for i in 1..pace.steps {
-        let [before, now, after] = [i - 1, i, i + 1].map(|frame| scene.truth(0, frame));
-        scene.roll((i, 1), &mut step, &mut (0.0, 0), &mut |_, state| {
-            for k in shape.free.iter().flat_map(|&p| 3 * p..3 * p + 3) {
-                let last = now[k] - before[k];
-                let lacks = after[k] - now[k] - last;
-                let differs = state[0].0[k] - now[k] - last;
-                sums[0] += lacks * lacks;
-                sums[1] += lacks * differs;
-                sums[2] += differs * differs;
-            }
-            progress()
-        })?;
-    }
-    Ok(sums)
+/// Which of several measurements of the same rollouts has the smallest errors of the headline field. Each rollout counts alike: what is
+/// compared is the mean logarithm of its squared error over all strides. Rollouts without an error, or with one that is not finite, in
+/// the first measurement do not count.
+pub fn best(measured: &[Vec<Vec<Rollout>>]) -> usize {
+    let square = |rollout: &Rollout| -> f64 { rollout[0].after.iter().map(|e| e * e).sum() };
+    let squares = |all: &Vec<Vec<Rollout>>| -> Vec<f64> { all.iter().flatten().map(square).collect() };
+    let Some(first) = measured.first().map(squares) else {
+        return 0;
+    };
+    let score = |all: &Vec<Vec<Rollout>>| -> f64 {
+        let counts = first.iter().zip(squares(all));
+        let counts = counts.filter(|(a, _)| **a > 0.0 && a.is_finite());
+        counts.map(|(a, b)| (b / a).ln()).sum()
+    };
+    let scores: Vec<f64> = measured.iter().map(score).collect();
+    (0..scores.len()).fold(0, |best, i| if scores[i] < scores[best] { i } else { best })
 }
 
 /// Of the rollouts on all trajectories.
@@ -131,4 +115,31 @@ pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[R
         rollouts.iter().filter(within).count() as f64 / rollouts.len().max(1) as f64
     };
     factors.map(share).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_rollout_counts_alike() {
+        let of = |errors: [f64; 2]| -> Vec<Vec<Rollout>> {
+            let rollout = |e: f64| {
+                vec![RolloutErrors {
+                    before: 1.0,
+                    after: vec![e],
+                }]
+            };
+            errors.map(|e| vec![rollout(e)]).into()
+        };
+        // Errors over those of the first: 2 and 0.6; 1/2 and 1.2; 2 and 1/4
+        let measured = [of([1.0, 100.0]), of([2.0, 60.0]), of([0.5, 120.0])];
+        assert_eq!(best(&measured), 2);
+        assert_eq!(best(&measured[..2]), 0);
+        assert_eq!(best(&[of([1.0, 100.0]), of([2.0, 25.0])]), 1);
+        // The second rollout does not count.
+        assert_eq!(best(&[of([1.0, f64::INFINITY]), of([0.9, f64::INFINITY])]), 1);
+        assert_eq!(best(&[of([0.0, 1.0]), of([0.0, 2.0])]), 0);
+        assert_eq!(best(&[]), 0);
+    }
 }
