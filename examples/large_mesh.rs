@@ -1,10 +1,11 @@
 //! What a session on a large 3-D mesh costs, with a node of the network for each cell or for groups of cells: time and
 //! memory of the set-up, time of a step. One line of JSON; on several ranks the largest of them.
 //!
-//!     mpirun -np 2 large_mesh --cells 1000000 --cells-a-group 8 --compare one.f64
+//!     large_mesh --cells 1000000 --cells-a-group 8 --precision fp32 --save one.f64
+//!     mpirun -np 2 large_mesh --cells 1000000 --cells-a-group 8 --precision fp32 --compare one.f64
 //!
 //! A cube of hexahedra in strips over the ranks, with a flow of the scale of the cube. `--save` writes the velocity after the
-//! steps in the order of the undecomposed mesh, `--compare` prints how far it is from such a file: the answer of other ranks.
+//! steps in the order of the undecomposed mesh, `--compare` prints how far it is from such a file: the answer of other ranks, to 1e-5 with `--precision fp32`.
 
 use clap::Parser;
 use m4gn_engine::PrecisionChoice;
@@ -26,6 +27,9 @@ struct Arguments {
     /// Cells of a group, about; 1: no groups.
     #[arg(long, default_value_t = 1.0)]
     cells_a_group: f64,
+    /// fp32, bf16 or auto.
+    #[arg(long, default_value = "auto", value_parser = PrecisionChoice::parse)]
+    precision: PrecisionChoice,
     #[arg(long, default_value_t = 64)]
     width: usize,
     #[arg(long, default_value_t = 8)]
@@ -144,7 +148,7 @@ fn measure(arguments: &Arguments, comm: &Comm) -> Result<()> {
     let (before, _) = memory();
     restart_peak();
     let options = SessionOptions {
-        precision: PrecisionChoice::Auto,
+        precision: arguments.precision,
         resolution: match arguments.cells_a_group > 1.0 {
             true => Resolution::Length((arguments.cells_a_group / n as f64).cbrt()),
             false => Resolution::Off,
