@@ -70,6 +70,9 @@ prepare() {
 }
 
 build() {
+    # Where another checkout of m4gn built it before, CMake refuses that checkout's cache.
+    grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$M4GN_HOME/cmake/solids4foam" "$into/build/CMakeCache.txt" ||
+        rm -rf "$into/build"
     cmake -S "$M4GN_HOME/cmake/solids4foam" -B "$into/build" -G Ninja -DCMAKE_BUILD_TYPE=Release \
         -DSOLIDS4FOAM_SOURCE="$into/source" -DCMAKE_INSTALL_PREFIX="$into" &&
         cmake --build "$into/build" && cmake --install "$into/build"
