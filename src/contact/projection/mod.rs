@@ -9,7 +9,8 @@
 //! g_s its signed distance, n_s the direction in which that grows; held points stay. Distances are taken again where
 //! the correction leads and the constraints rebuilt from there, until the worst gap is within the tolerance. Where cells
 //! would be turned inside out, loose points go along, the correction is spread wider, and at last taken back there. The
-//! answer is a function of the state alone, and a state without penetration is left as it is to the bit.
+//! answer is a function of the state alone, and a state without penetration and with valid cells is left as it is to the bit.
+//! Cells that come inside out are brought back first: what is pushed after that is a body.
 
 mod kernel;
 mod near;
@@ -26,7 +27,7 @@ use kernel::Compliance;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::surface::{Surface, check_closed};
-use m4gn_mesh::vector::{Vector, dot, norm};
+use m4gn_mesh::vector::{Vector, dot, norm, sub};
 use m4gn_mesh::{Error, Result};
 use near::{Near, REACH, out_of};
 pub use options::ProjectionOptions;
@@ -60,6 +61,8 @@ pub struct ProjectionReport {
     pub sweeps: usize,
     /// Cells at which the correction had to be taken back to keep them valid.
     pub cells_pulled_back: usize,
+    /// Cells that came inside out, and were brought back before.
+    pub cells_untangled: usize,
 }
 
 /// Restores contact of one body and its obstacle, step after step.
@@ -205,6 +208,8 @@ impl Projection {
                 )));
             }
         }
+        let came = displacement.to_vec();
+        let cells_untangled = self.corners.untangle(&self.rest, displacement, &self.held);
         let start = sum(&self.rest, displacement);
         let surface = self.obstacle.as_ref().map(|o| {
             let place = sum(&o.positions, obstacle);
@@ -219,9 +224,11 @@ impl Projection {
             own_before: first.own,
             own_after: first.own,
             sweeps: 1,
+            cells_untangled,
             ..ProjectionReport::default()
         };
         if self.is_met(first.worst()) {
+            self.count_moved(&came, displacement, &mut report);
             return Ok(report);
         }
 
@@ -243,20 +250,25 @@ impl Projection {
         report.cells_pulled_back = self.corners.pull_back(&start, &mut correction);
 
         for (u, (c, held)) in displacement.iter_mut().zip(correction.iter().zip(&self.held)) {
-            if *held || *c == [0.0; 3] {
-                continue;
+            if !*held {
+                (0..3).for_each(|i| u[i] += c[i]);
             }
-            let length = norm(*c);
-            report.points_moved += usize::from(length > self.options.tolerance * self.cell);
-            report.largest = report.largest.max(length);
-            (0..3).for_each(|i| u[i] += c[i]);
         }
+        self.count_moved(&came, displacement, &mut report);
         let end = sum(&self.rest, displacement);
         report.after = surface
             .as_ref()
             .and_then(|s| self.samples.worst_from(&end, s, self.cell));
         report.own_after = self.measure(None, &end, &none, &mut near).own;
         Ok(report)
+    }
+
+    fn count_moved(&self, came: &[Vector], left: &[Vector], report: &mut ProjectionReport) {
+        for (a, b) in came.iter().zip(left).filter(|(a, b)| a != b) {
+            let length = norm(sub(*b, *a));
+            report.points_moved += usize::from(length > self.options.tolerance * self.cell);
+            report.largest = report.largest.max(length);
+        }
     }
 
     fn is_met(&self, gap: f64) -> bool {

@@ -13,6 +13,12 @@ const BACK: f64 = 0.7;
 const EASING: usize = 30;
 /// Edges over which it comes back to its full size.
 const TAPER: u32 = 2;
+/// Times that the displacement around cells that came inside out is smoothed, before the region grows by an edge.
+const SMOOTHINGS: usize = 30;
+/// Times that the region grows.
+const GROWTHS: usize = 20;
+/// Of these, after how many points of cells that are still inside out go with the held ones.
+const PATIENT: usize = 4;
 /// Times at most; then it is taken back wholly.
 const ROUNDS: usize = 24;
 
@@ -46,6 +52,21 @@ impl Corner {
         let sign = self.rest.signum();
         let (was, is) = (sign * self.determinant(before), sign * self.determinant(after));
         was > 0.0 && is < (floor * self.rest.abs()).min(0.5 * was)
+    }
+}
+
+/// Moves the loose points of a corner by `part` of the way to the mean of `of` at the firm ones (of all, where none is).
+fn follow(corner: &Corner, firm: &[bool], of: &mut [Vector], part: f64) {
+    let (fixed, loose): (Vec<usize>, Vec<usize>) = corner.points.iter().partition(|&&p| firm[p]);
+    let leading = if fixed.is_empty() {
+        &corner.points[..]
+    } else {
+        &fixed
+    };
+    let mean: Vector =
+        std::array::from_fn(|i| leading.iter().map(|&p| of[p][i]).sum::<f64>() / leading.len() as f64);
+    for p in loose {
+        (0..3).for_each(|i| of[p][i] += part * (mean[i] - of[p][i]));
     }
 }
 
@@ -84,6 +105,66 @@ impl Corners {
         spoiled.count()
     }
 
+    /// Brings cells that came inside out back: the displacement of their points becomes that of their neighbours, smoother and
+    /// smoother, over a region that grows until each cell is valid; `held` points stay, and where that does not suffice, points
+    /// beside them go with them. Returns the number of cells that came inside out.
+    ///
+    /// A line of held points alone does not hold a body: what is smooth around it changes there from cell to cell as a logarithm does.
+    /// A displacement that hardly differs from neighbour to neighbour turns no cell inside out, whatever it is: this makes a state
+    /// that a solver, and the network itself, can go on from, and not one that is nearer to the truth.
+    pub(super) fn untangle(&self, rest: &[Vector], displacement: &mut [Vector], held: &[bool]) -> usize {
+        let tangled = |u: &[Vector], floor: f64| -> Vec<&Corner> {
+            let now = super::sum(rest, u);
+            let found = self
+                .corners
+                .iter()
+                .filter(|c| c.rest.signum() * c.determinant(&now) < floor * c.rest.abs());
+            found.collect()
+        };
+        let mut found = tangled(displacement, 0.0);
+        let mut cells: Vec<usize> = found.iter().map(|c| c.cell).collect();
+        cells.sort_unstable();
+        cells.dedup();
+        let mut region = vec![false; rest.len()];
+        let mut firm = held.to_vec();
+        for growth in 0..GROWTHS {
+            if found.is_empty() {
+                break;
+            }
+            if growth >= PATIENT {
+                let stiff: Vec<&Corner> = found
+                    .iter()
+                    .copied()
+                    .filter(|c| c.points.iter().any(|&p| firm[p]))
+                    .collect();
+                for corner in stiff {
+                    follow(corner, &firm, displacement, 1.0);
+                    corner.points.iter().for_each(|&p| firm[p] = true);
+                }
+            }
+            found.iter().flat_map(|c| c.points).for_each(|p| region[p] = true);
+            let inner = region.clone();
+            let reached = self.edges.iter().filter(|[a, b]| inner[*a] || inner[*b]);
+            reached.flatten().for_each(|&p| region[p] = true);
+            for _ in 0..SMOOTHINGS {
+                let mut mean = vec![([0.0; 3], 0.0); rest.len()];
+                for &[a, b] in self.edges.iter().filter(|[a, b]| region[*a] || region[*b]) {
+                    for (to, from) in [(a, b), (b, a)] {
+                        (0..3).for_each(|i| mean[to].0[i] += displacement[from][i]);
+                        mean[to].1 += 1.0;
+                    }
+                }
+                let free = (0..rest.len()).filter(|&p| region[p] && !firm[p]);
+                for p in free {
+                    let (total, count) = mean[p];
+                    (0..3).for_each(|i| displacement[p][i] += 0.5 * (total[i] / count - displacement[p][i]));
+                }
+            }
+            found = tangled(displacement, FLOOR);
+        }
+        cells.len()
+    }
+
     /// Lets points that need not be where they are go along with those that must (`firm`: pushed or held), until cells are
     /// valid or it does not help: a correction that is the same at all points of a cell does not change its shape.
     pub(super) fn ease(&self, before: &[Vector], correction: &mut [Vector], firm: &[bool]) {
@@ -98,18 +179,7 @@ impl Corners {
                 break;
             }
             for corner in spoiled {
-                let (fixed, loose): (Vec<usize>, Vec<usize>) = corner.points.iter().partition(|&&p| firm[p]);
-                let leading = if fixed.is_empty() {
-                    &corner.points[..]
-                } else {
-                    &fixed
-                };
-                let mean: Vector = std::array::from_fn(|i| {
-                    leading.iter().map(|&p| correction[p][i]).sum::<f64>() / leading.len() as f64
-                });
-                for p in loose {
-                    (0..3).for_each(|i| correction[p][i] += 0.5 * (mean[i] - correction[p][i]));
-                }
+                follow(corner, firm, correction, 0.5);
             }
         }
     }
@@ -147,5 +217,71 @@ impl Corners {
         touched.sort_unstable();
         touched.dedup();
         touched.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+    use m4gn_mesh::NodeType;
+
+    fn volumes(body: &Body, u: &[Vector]) -> Vec<f64> {
+        body.elements
+            .measures(&crate::projection::sum(&body.positions, u))
+    }
+
+    /// A block stretched by a tenth, of which one point inside was thrown over two cells, and one of the held ones stays: all cells
+    /// are valid after, what is farther than three cells off is as it was to the bit, and a block without such a point wholly.
+    #[test]
+    fn a_thrown_point_comes_back() {
+        let mut body = sample::block([8, 8, 8], [8.0; 3]);
+        for (x, kind) in body.positions.iter().zip(&mut body.types) {
+            *kind = if x[2] == 0.0 {
+                NodeType::Handle
+            } else {
+                NodeType::Body
+            };
+        }
+        let held: Vec<bool> = body.types.iter().map(|t| *t != NodeType::Body).collect();
+        let stretched: Vec<Vector> = body.positions.iter().map(|x| [0.0, 0.0, 0.1 * x[2]]).collect();
+        let corners = Corners::new(&body);
+
+        let mut same = stretched.clone();
+        assert_eq!(corners.untangle(&body.positions, &mut same, &held), 0);
+        assert_eq!(same, stretched);
+
+        for centre in [[4.0, 4.0, 4.0], [4.0, 4.0, 1.0], [0.0, 4.0, 8.0]] {
+            let thrown = body.positions.iter().position(|x| *x == centre).unwrap();
+            let mut u = stretched.clone();
+            u[thrown] = [2.2, -0.3, -2.0];
+            assert!(volumes(&body, &u).iter().any(|v| *v < 0.0), "{centre:?}");
+            assert!(corners.untangle(&body.positions, &mut u, &held) > 0);
+            assert!(volumes(&body, &u).iter().all(|v| *v > 0.2), "{centre:?}");
+            for (p, x) in body.positions.iter().enumerate() {
+                let far = (0..3).any(|i| (x[i] - centre[i]).abs() > 3.0);
+                assert!(!(far || held[p]) || u[p] == stretched[p], "{centre:?} {x:?}");
+            }
+        }
+    }
+
+    /// A block that is held along one edge and has gone two cells beyond it everywhere else.
+    #[test]
+    fn cells_beside_a_held_line_come_back() {
+        let body = sample::block([10, 10, 3], [10.0, 10.0, 3.0]);
+        let held: Vec<bool> = body
+            .positions
+            .iter()
+            .map(|x| x[0] == 0.0 && x[1] == 0.0)
+            .collect();
+        let mut u: Vec<Vector> = held
+            .iter()
+            .map(|h| if *h { [0.0; 3] } else { [-2.0, -2.0, 0.0] })
+            .collect();
+        assert!(volumes(&body, &u).iter().any(|v| *v < 0.0));
+        assert!(Corners::new(&body).untangle(&body.positions, &mut u, &held) > 0);
+        let least = volumes(&body, &u).into_iter().fold(f64::INFINITY, f64::min);
+        assert!(least > 0.0, "{least}");
+        assert!(u.iter().zip(&held).all(|(u, h)| !h || *u == [0.0; 3]));
     }
 }
