@@ -141,7 +141,7 @@ Foam::m4gnSettling::m4gnSettling
       ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>
         (
             // Newton's last iteration leaves far less than its change
-            "tolerance", atPoints ? 1e-3 : 1e-5
+            "tolerance", atPoints ? 1e-2 : 1e-5
         )
       : 0
     ),
