@@ -125,6 +125,9 @@ impl Corners {
         let mut cells: Vec<usize> = found.iter().map(|c| c.cell).collect();
         cells.sort_unstable();
         cells.dedup();
+        if cells.is_empty() {
+            return 0;
+        }
         let mut region = vec![false; rest.len()];
         let mut firm = held.to_vec();
         for growth in 0..GROWTHS {
@@ -146,23 +149,30 @@ impl Corners {
             let inner = region.clone();
             let reached = self.edges.iter().filter(|[a, b]| inner[*a] || inner[*b]);
             reached.flatten().for_each(|&p| region[p] = true);
-            for _ in 0..SMOOTHINGS {
-                let mut mean = vec![([0.0; 3], 0.0); rest.len()];
-                for &[a, b] in self.edges.iter().filter(|[a, b]| region[*a] || region[*b]) {
-                    for (to, from) in [(a, b), (b, a)] {
-                        (0..3).for_each(|i| mean[to].0[i] += displacement[from][i]);
-                        mean[to].1 += 1.0;
-                    }
-                }
-                let free = (0..rest.len()).filter(|&p| region[p] && !firm[p]);
-                for p in free {
-                    let (total, count) = mean[p];
-                    (0..3).for_each(|i| displacement[p][i] += 0.5 * (total[i] / count - displacement[p][i]));
-                }
-            }
+            let is_free: Vec<bool> = region.iter().zip(&firm).map(|(r, f)| *r && !f).collect();
+            self.smooth(displacement, &is_free);
             found = tangled(displacement, FLOOR);
         }
         cells.len()
+    }
+
+    /// Moves each free point half of the way to the mean of its neighbours, [`SMOOTHINGS`] times.
+    fn smooth(&self, of: &mut [Vector], is_free: &[bool]) {
+        let near = self.edges.iter().filter(|[a, b]| is_free[*a] || is_free[*b]);
+        let near: Vec<[usize; 2]> = near.copied().collect();
+        for _ in 0..SMOOTHINGS {
+            let mut around = vec![([0.0; 3], 0.0); of.len()];
+            for &[a, b] in &near {
+                for (to, from) in [(a, b), (b, a)] {
+                    (0..3).for_each(|i| around[to].0[i] += of[from][i]);
+                    around[to].1 += 1.0;
+                }
+            }
+            for p in (0..of.len()).filter(|&p| is_free[p]) {
+                let (total, count) = around[p];
+                (0..3).for_each(|i| of[p][i] += 0.5 * (total[i] / count - of[p][i]));
+            }
+        }
     }
 
     /// Lets points that need not be where they are go along with those that must (`firm`: pushed or held), until cells are
