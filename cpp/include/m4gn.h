@@ -390,7 +390,8 @@ typedef struct m4gn_stride_error
 int32_t m4gn_control_check(const char* settings);
 
 /* `settings` is a JSON object, {"tolerance": 0.05} suffices: the largest error of a jump, relative to the largest root mean square
- * that the field has had. Others: fields (predicted ones, ["U"]; the first one), onFailure ("solver", or "stop"), patience
+ * that the field has had. Others: fields (predicted ones, ["U"]; the first one), relTol
+ * (largest error of a stride over what the solver changed in it, 0.33), onFailure ("solver", or "stop"), patience
  * (strides in a row that allow no jump before it stops, 10). The fields whose errors' growth the model does not know stand in
  * note, ended by a zero byte: they are reckoned to add up. On failure *control is NULL. It does not keep the session. */
 int32_t m4gn_control_new(
@@ -406,8 +407,9 @@ void m4gn_control_free(m4gn_control* control);
  * bad and the settings say stop. */
 int32_t m4gn_control_measure(m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields);
 
-/* Strides of the next jump, `most` at most; 0 where it must not begin, as before the first m4gn_control_measure. `error` is
- * the relative error of the last stride measured, `estimate` that expected after the jump (of one stride where there is none). */
+/* Strides of the next jump, `most` at most; 0 where it must not begin, as before the first m4gn_control_measure, and after a stride in
+ * which a field that the tolerance holds for was off by more than relTol of what the solver changed. `error` is the relative error of
+ * the last stride measured, `estimate` that expected after the jump (of one stride where there is none). */
 int32_t m4gn_control_strides(
     const m4gn_control* control,
     int32_t most,

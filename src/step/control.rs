@@ -3,8 +3,8 @@
 //! While the solver works, the surrogate takes the same strides beside it, from the solver's own states. What such a stride is off
 //! by (Pearson correlation of 0.96 with the error of the following jump over cases inside and outside the range of training), times
 //! the growth that the model was calibrated with ([`m4gn_model::Calibration`]), is the estimate of a jump's error; a jump gets
-//! as many strides as keep it within the tolerance. Errors are root mean squares over nodes and solved components, relative to the
-//! largest root mean square that the field has had in the run.
+//! as many strides as keep it within the tolerance, and none where the stride was off by too much of what the solver changed in it. Errors are root mean squares over nodes and solved components, relative to the largest root mean square that the field has
+//! had in the run.
 
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{ModelSpec, Output, settings};
@@ -30,6 +30,10 @@ pub enum OnFailure {
 pub struct ControlSettings {
     /// Largest relative error of a jump.
     pub tolerance: f64,
+    /// Largest error of a stride over what the solver changed in it. Of a flow that rests, or nearly, the change is small, and errors
+    /// far within the tolerance are larger: jump by jump they would make a flow of their own, a wake that sheds where the solver's does not.
+    #[serde(default = "rel_tol")]
+    pub rel_tol: f64,
     /// Predicted fields that it holds for; none: the first one.
     #[serde(default)]
     pub fields: Option<Vec<String>>,
@@ -39,6 +43,10 @@ pub struct ControlSettings {
     /// Strides in a row that allow no jump after which it stays bad.
     #[serde(default = "patience")]
     pub patience: usize,
+}
+
+fn rel_tol() -> f64 {
+    0.33
 }
 
 fn patience() -> usize {
@@ -56,6 +64,12 @@ impl ControlSettings {
             return Err(Error::Input(format!(
                 "control: tolerance {}: expected a relative error above 0, such as 0.05",
                 read.tolerance
+            )));
+        }
+        if read.rel_tol.is_nan() || read.rel_tol <= 0.0 {
+            return Err(Error::Input(format!(
+                "control: relTol {}: expected an error over the solver's own change, above 0, such as 0.33",
+                read.rel_tol
             )));
         }
         if read.patience == 0 {
@@ -201,15 +215,19 @@ impl Control {
             track.size = track.size.max(stride.size);
         }
         self.measured = true;
-        self.bad = match self.strides(1) {
-            0 => self.bad + 1,
-            _ => 0,
+        let mut watched = self.tracks.iter().zip(strides).filter(|(track, _)| track.watched);
+        let loses = watched.any(|(_, stride)| stride.error > self.settings.rel_tol * stride.change);
+        self.bad = match loses || self.within_tolerance(1) == 0 {
+            true => self.bad + 1,
+            false => 0,
         };
         if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
             return Err(Error::Numerical(format!(
-                "the surrogate beside the solver was off by more than the tolerance {} allows in {} strides in a row, the last \
-                 one by {:.2e}: its model does not fit this case. Train or adapt it, raise the tolerance, or say onFailure solver",
+                "the surrogate beside the solver was off by more than the tolerance {} allows, or by more than {} (relTol) of what the \
+                 solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train or adapt it, \
+                 raise the tolerance, or say onFailure solver",
                 self.settings.tolerance,
+                self.settings.rel_tol,
                 self.bad,
                 self.error()
             )));
@@ -241,6 +259,13 @@ impl Control {
 
     /// Strides of the next jump, `most` at most; 0: the surrogate must not jump.
     pub fn strides(&self, most: usize) -> usize {
+        match self.bad {
+            0 => self.within_tolerance(most),
+            _ => 0,
+        }
+    }
+
+    fn within_tolerance(&self, most: usize) -> usize {
         let watched = self.tracks.iter().filter(|t| t.watched && self.measured);
         watched
             .map(|t| t.strides(self.settings.tolerance, most))

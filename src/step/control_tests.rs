@@ -19,7 +19,7 @@ fn control(json: &str, calibrated: bool) -> Control {
 fn stride(error: f64) -> [StrideError; 2] {
     let one = |error| StrideError {
         error,
-        change: 0.1,
+        change: 0.2,
         size: 2.0,
     };
     [one(error), one(1.0)]
@@ -44,6 +44,32 @@ fn strides_are_those_that_keep_the_estimate_within_the_tolerance() {
         assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
     }
     assert_eq!(c.not_calibrated(), [""; 0]);
+}
+
+#[test]
+fn a_stride_that_is_off_by_too_much_of_the_solvers_change_allows_nothing() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    c.measure(&stride(0.001)).unwrap();
+    assert_eq!(c.strides(10), 3);
+    // Within the tolerance: 0.0005 of the size
+    let mut rests = stride(0.001);
+    rests[0].change = 0.002;
+    c.measure(&rests).unwrap();
+    assert_eq!((c.strides(10), c.error()), (0, 0.0005));
+    let mut lenient = control(r#"{"tolerance": 0.05, "relTol": 0.6}"#, true);
+    lenient.measure(&rests).unwrap();
+    assert_eq!(lenient.strides(10), 3);
+    rests[0].change = 0.0031;
+    c.measure(&rests).unwrap();
+    assert_eq!(c.strides(10), 3);
+    // A surrogate that is not off at all holds a flow at rest
+    (rests[0].error, rests[0].change) = (0.0, 0.0);
+    c.measure(&rests).unwrap();
+    assert_eq!(c.strides(10), 10);
+    // p, which is not watched, may be off by more, as in all of these
+    let mut both = control(r#"{"tolerance": 5, "fields": ["U", "p"]}"#, true);
+    both.measure(&stride(0.001)).unwrap();
+    assert_eq!(both.strides(10), 0);
 }
 
 #[test]
@@ -85,8 +111,8 @@ fn the_size_and_the_change_are_the_largest_so_far() {
     calm.iter_mut().for_each(|s| (s.size, s.change) = (0.0, 0.0));
     c.measure(&calm).unwrap();
     assert_eq!(c.error(), 0.02);
-    assert!(c.accepts(&[0.29, 0.1]).unwrap());
-    assert!(!c.accepts(&[0.31, 0.1]).unwrap() && !c.accepts(&[0.1, f64::NAN]).unwrap());
+    assert!(c.accepts(&[0.59, 0.1]).unwrap());
+    assert!(!c.accepts(&[0.61, 0.1]).unwrap() && !c.accepts(&[0.1, f64::NAN]).unwrap());
     assert!(c.accepts(&[0.1]).is_err());
 }
 
@@ -116,6 +142,7 @@ fn bad_settings_are_named() {
         (r#"{"tolerance": 0.1, "fields": []}"#, "at least one"),
         (r#"{"tolerance": 0.1, "onFailure": "maybe"}"#, "onFailure"),
         (r#"{"tolerance": 0.1, "patience": 0}"#, "patience"),
+        (r#"{"tolerance": 0.1, "relTol": 0}"#, "relTol 0"),
     ] {
         let text = ControlSettings::parse(json).unwrap_err().to_string();
         assert!(text.contains(words), "{json}: {text}");

@@ -17,8 +17,8 @@ surrogate() {
 steps() { awk '!/^#/ { printf "%s ", $2 }' postProcessing/test/0/surrogate.dat 2>/dev/null; }
 entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/0/summary.json; }
 
-# A tolerance that nothing reaches: as without control, and the first jump begins at timeStart
-surrogate 'control { tolerance 1000; }'
+# Tolerances that nothing reaches: as without control, and the first jump begins at timeStart
+surrogate 'control { tolerance 1000; relTol 1000; }'
 runs icoFoam
 [ "$(steps)" = "5 5 " ] || fail "expected two whole jumps, found $(steps)"
 [ "$(entry jumps_refused)" = 0 ] || fail "a jump was refused"
@@ -36,7 +36,7 @@ done
 # A tolerance below what is expected of five steps: a shorter jump
 tolerance=$(awk "BEGIN { print 0.9*$estimate }")
 clean_case
-surrogate "control { tolerance $tolerance; fields (U); }"
+surrogate "control { tolerance $tolerance; relTol 1000; fields (U); }"
 runs icoFoam
 short=$(steps)
 [ -n "$short" ] && [ "${short%% *}" -lt 5 ] || fail "expected a first jump of less than 5 steps, found '$short' of tolerance $tolerance"
@@ -64,6 +64,13 @@ clean_case
 function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.5; solverSteps 5; surrogateSteps 5;
     control { tolerance 0.05; onFailure stop; patience 3; }"
 refused 'in 3 strides in a row' icoFoam
+
+# What the surrogate changes is not to be more its own than the solver's, however wide the tolerance
+clean_case
+surrogate 'control { tolerance 1000; relTol 1e-6; }'
+runs icoFoam
+[ "$(entry jumps)" = 0 ] || fail "a jump whose strides are off by more than relTol"
+grep -q 'no jump at time 0.5: .* more than relTol of what the solver changed' log.run || fail "the log does not tell of relTol"
 
 # What is wrong is said before the run begins
 clean_case

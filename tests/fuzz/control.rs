@@ -21,7 +21,8 @@ fn control_figures() {
     assert_eq!(made, 0, "{}", message());
     fuzz("control", |r| {
         let mut settings = json!({ "tolerance": *r.pick(&[1e-9, 0.05, 1.0, 1e300]) });
-        match r.below(8) {
+        match r.below(9) {
+            8 => settings["relTol"] = r.real().into(),
             0 => settings["tolerance"] = r.real().into(),
             1 => settings["patience"] = r.integer().into(),
             2 => settings["fields"] = json!([r.pick(&["U", "p", "T", ""])]),

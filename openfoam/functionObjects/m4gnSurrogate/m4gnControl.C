@@ -21,6 +21,7 @@ Foam::m4gnControl::m4gnControl
     time_(mesh.time()),
     shadow_(mesh, session),
     expected_(dict.subDict("control"), session),
+    tolerance_(dict.subDict("control").get<scalar>("tolerance")),
     error_(GREAT),
     estimate_(GREAT),
     nMeasured_(0),
@@ -78,8 +79,16 @@ Foam::label Foam::m4gnControl::steps(const label most)
         {
             Info<< "m4gn: no jump at time " << time_.timeName()
                 << ": the surrogate beside the solver was off by " << error_
-                << " in a stride, and " << estimate_ << " is expected of a"
-                << " step. The solver goes on" << nl << endl;
+                << " in a stride, ";
+            if (estimate_ > tolerance_)
+            {
+                Info<< "and " << estimate_ << " is expected of a step";
+            }
+            else
+            {
+                Info<< "more than relTol of what the solver changed";
+            }
+            Info<< ". The solver goes on" << nl << endl;
         }
         refused_ = true;
         ++nRefused_;
