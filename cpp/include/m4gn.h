@@ -391,7 +391,7 @@ int32_t m4gn_control_check(const char* settings);
 
 /* `settings` is a JSON object, {"tolerance": 0.05} suffices: the largest error of a jump, relative to the largest root mean square
  * that the field has had. Others: fields (predicted ones, ["U"]; the first one), relTol
- * (largest error of a stride over what the solver changed in it, 0.33), onFailure ("solver", or "stop"), patience
+ * (largest error of a stride over what the solver changed in it, 0.2), onFailure ("solver", or "stop"), patience
  * (strides in a row that allow no jump before it stops, 10). The fields whose errors' growth the model does not know stand in
  * note, ended by a zero byte: they are reckoned to add up. On failure *control is NULL. It does not keep the session. */
 int32_t m4gn_control_new(

@@ -46,7 +46,7 @@ pub struct ControlSettings {
 }
 
 fn rel_tol() -> f64 {
-    0.33
+    0.2
 }
 
 fn patience() -> usize {
@@ -68,7 +68,7 @@ impl ControlSettings {
         }
         if read.rel_tol.is_nan() || read.rel_tol <= 0.0 {
             return Err(Error::Input(format!(
-                "control: relTol {}: expected an error over the solver's own change, above 0, such as 0.33",
+                "control: relTol {}: expected an error over the solver's own change, above 0, such as 0.2",
                 read.rel_tol
             )));
         }

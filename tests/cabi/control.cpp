@@ -23,7 +23,7 @@ struct Control
     // A stride that was off by 2 % of U and by half of p
     void measure()
     {
-        const m4gn_stride_error rows[] = {{0.04, 0.2, 2.0}, {1.0, 0.2, 2.0}};
+        const m4gn_stride_error rows[] = {{0.04, 0.3, 2.0}, {1.0, 0.3, 2.0}};
         m4gn::check(m4gn_control_measure(get, rows, 2));
     }
 
@@ -60,7 +60,7 @@ void decides()
     m4gn::check(m4gn_control_relative(control.get, errors, 2, &error));
     REQUIRE(near(error, 0.05));
     int32_t accepted = -1;
-    const double changes[] = {0.59, 0.1}, more[] = {0.61, 0.1};
+    const double changes[] = {0.89, 0.1}, more[] = {0.91, 0.1};
     m4gn::check(m4gn_control_accepts(control.get, changes, 2, &accepted));
     REQUIRE(accepted == 1);
     m4gn::check(m4gn_control_accepts(control.get, more, 2, &accepted));

@@ -46,7 +46,7 @@ done
 
 # The state of a hybrid run, at a time within a jump (0.02 to 0.04) and one after it
 sed -i 's/^writeFormat .*/writeFormat binary;/' system/controlDict
-function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 8; surrogateSteps 2; control { tolerance 1000; }"
+function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 8; surrogateSteps 2; control { tolerance 1000; relTol 1000; }"
 for handler in masterUncollated collated; do
     clean_case
     rm -rf processor*
