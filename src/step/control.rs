@@ -3,8 +3,9 @@
 //! While the solver works, the surrogate takes the same strides beside it, from the solver's own states. What such a stride is off
 //! by (Pearson correlation of 0.96 with the error of the following jump over cases inside and outside the range of training), times
 //! the growth that the model was calibrated with ([`m4gn_model::Calibration`]), is the estimate of a jump's error; a jump gets
-//! as many strides as keep it within the tolerance, and none where the stride was off by too much of what the solver changed in it. Errors are root mean squares over nodes and solved components, relative to the largest root mean square that the field has
-//! had in the run.
+//! as many strides as keep it within the tolerance, and none where the stride was off by too much of what the solver changed in it.
+//! Errors are root mean squares over nodes and solved components, relative to the largest root mean square that the field has had in
+//! the run.
 
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{ModelSpec, Output, settings};

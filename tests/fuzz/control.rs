@@ -22,12 +22,12 @@ fn control_figures() {
     fuzz("control", |r| {
         let mut settings = json!({ "tolerance": *r.pick(&[1e-9, 0.05, 1.0, 1e300]) });
         match r.below(9) {
-            8 => settings["relTol"] = r.real().into(),
             0 => settings["tolerance"] = r.real().into(),
             1 => settings["patience"] = r.integer().into(),
             2 => settings["fields"] = json!([r.pick(&["U", "p", "T", ""])]),
             3 => settings["onFailure"] = (*r.pick(&["stop", "solver", "goOn"])).into(),
             4 => settings["unknown"] = r.integer().into(),
+            5 => settings["relTol"] = r.real().into(),
             _ => (),
         }
         let settings = options(&settings);
