@@ -106,6 +106,7 @@ fn flow() -> ModelSpec {
             modes: 3,
             ..SegmentSpec::default()
         },
+        precision: m4gn_model::Precision::Fp32,
         trained_on: None,
         calibration: None,
         training: serde_json::json!({ "note": "random weights" }),

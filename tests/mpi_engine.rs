@@ -238,6 +238,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
             overlap,
             ..SegmentSpec::default()
         },
+        precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
         training: serde_json::Value::Null,

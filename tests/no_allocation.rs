@@ -81,6 +81,7 @@ fn a_step_allocates_nothing() {
                 overlap,
                 ..SegmentSpec::default()
             },
+            precision: Precision::Fp32,
             trained_on: None,
             calibration: None,
             training: serde_json::Value::Null,

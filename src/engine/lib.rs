@@ -30,7 +30,8 @@ mod tiles;
 pub mod torch;
 mod transformer;
 
-pub use options::{EngineOptions, Isa, Precision, PrecisionChoice};
+pub use m4gn_model::Precision;
+pub use options::{EngineOptions, Isa, PrecisionChoice};
 pub use peak::{Peak, peak};
 pub use processor::KEEP_ENCODED;
 pub use profile::{Phase, Profile};

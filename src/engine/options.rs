@@ -4,79 +4,50 @@
 use super::kernels::has_tiles;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
+use m4gn_model::Precision;
 use serde::{Deserialize, Serialize};
 
-/// In what the network's products are computed. Sums, norms and softmax are in fp32 in either.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Precision {
-    /// Weights, activations and latents in fp32.
-    #[default]
-    Fp32,
-    /// Weights, activations and edge latents in bf16 (8 bits of mantissa), accumulation in fp32.
-    Bf16,
-}
-
-impl Precision {
-    /// From a dictionary's word: `fp32`, `bf16`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for any other word.
-    pub fn parse(word: &str) -> Result<Self> {
-        match word {
-            "fp32" => Ok(Precision::Fp32),
-            "bf16" => Ok(Precision::Bf16),
-            _ => Err(Error::Input(format!("precision '{word}': expected fp32 or bf16"))),
-        }
-    }
-
-    /// The word that [`Precision::parse`] takes.
-    pub fn name(self) -> &'static str {
-        match self {
-            Precision::Fp32 => "fp32",
-            Precision::Bf16 => "bf16",
-        }
-    }
-}
-
-/// What a case asks for: a precision, or the faster one.
+/// What a case asks for: a precision, the faster one, or what suits the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PrecisionChoice {
+    /// As `Auto` for a model that was trained in bf16, as `Fp32` for any other.
+    #[default]
+    Model,
     /// bf16 where the processors of all ranks are faster in it, else fp32.
     Auto,
     /// [`Precision::Fp32`].
-    #[default]
     Fp32,
     /// [`Precision::Bf16`].
     Bf16,
 }
 
 impl PrecisionChoice {
-    /// From a dictionary's word: `auto`, `fp32`, `bf16`.
+    /// From a dictionary's word: `model`, `auto`, `fp32`, `bf16`.
     ///
     /// # Errors
     /// [`Error::Input`] for any other word.
     pub fn parse(word: &str) -> Result<Self> {
         match word {
+            "model" => Ok(PrecisionChoice::Model),
             "auto" => Ok(PrecisionChoice::Auto),
             "fp32" => Ok(PrecisionChoice::Fp32),
             "bf16" => Ok(PrecisionChoice::Bf16),
             _ => Err(Error::Input(format!(
-                "precision '{word}': expected auto, fp32 or bf16"
+                "precision '{word}': expected model, auto, fp32 or bf16"
             ))),
         }
     }
 
-    /// The precision of all ranks. Collective.
-    pub fn agreed(self, comm: &Comm) -> Precision {
+    /// The precision of all ranks, for a model that was trained in `trained`. Collective.
+    pub fn agreed(self, trained: Precision, comm: &Comm) -> Precision {
         let mut lacking = [i64::from(!Isa::detect().bf16_pays())];
         comm.max_i64(&mut lacking);
-        match self {
-            PrecisionChoice::Fp32 => Precision::Fp32,
-            PrecisionChoice::Bf16 => Precision::Bf16,
-            PrecisionChoice::Auto if lacking[0] == 0 => Precision::Bf16,
-            PrecisionChoice::Auto => Precision::Fp32,
+        match (self, trained) {
+            (PrecisionChoice::Fp32, _) | (PrecisionChoice::Model, Precision::Fp32) => Precision::Fp32,
+            (PrecisionChoice::Bf16, _) => Precision::Bf16,
+            _ if lacking[0] == 0 => Precision::Bf16,
+            _ => Precision::Fp32,
         }
     }
 }
@@ -249,10 +220,19 @@ mod tests {
             assert_eq!(PrecisionChoice::parse(word).unwrap(), choice.into());
         }
         assert_eq!(PrecisionChoice::parse("auto").unwrap(), PrecisionChoice::Auto);
+        assert_eq!(
+            PrecisionChoice::parse("model").unwrap(),
+            PrecisionChoice::default()
+        );
         assert!(PrecisionChoice::parse("half").is_err());
-        assert_eq!(PrecisionChoice::Auto.agreed(&alone), auto);
-        assert_eq!(PrecisionChoice::Bf16.agreed(&alone), Precision::Bf16);
-        assert_eq!(PrecisionChoice::default().agreed(&alone), Precision::Fp32);
+        for trained in [Precision::Fp32, Precision::Bf16] {
+            assert_eq!(PrecisionChoice::Auto.agreed(trained, &alone), auto);
+            assert_eq!(PrecisionChoice::Fp32.agreed(trained, &alone), Precision::Fp32);
+            assert_eq!(PrecisionChoice::Bf16.agreed(trained, &alone), Precision::Bf16);
+        }
+        let model = PrecisionChoice::Model;
+        assert_eq!(model.agreed(Precision::Fp32, &alone), Precision::Fp32);
+        assert_eq!(model.agreed(Precision::Bf16, &alone), auto);
         let message = Precision::parse("fp16").unwrap_err().to_string();
         assert!(message.contains("expected fp32 or bf16"), "{message}");
         let all = Isa::available();

@@ -1,7 +1,7 @@
 //! What one core can do at most: what the engine's rates are measured against.
 
 use super::kernels::{Addend, Bf16, Buffer, Function, Isa, Number, Output, Packed, product, registers};
-use super::options::Precision;
+use m4gn_model::Precision;
 use std::time::{Duration, Instant};
 
 /// Rows, inputs and outputs of the product that is measured.

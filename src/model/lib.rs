@@ -5,6 +5,7 @@ mod calibration;
 mod check;
 mod file;
 pub mod modal;
+mod precision;
 mod resolution;
 pub mod sample;
 mod segmentation;
@@ -15,6 +16,7 @@ mod trained_on;
 
 pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec};
 pub use calibration::{Calibration, Growth, RolloutErrors};
+pub use precision::Precision;
 pub use resolution::Resolution;
 pub use segmentation::{ModalOperator, SegmentEntries, SegmentMethod, SegmentSpec};
 pub use solid::Solid;
@@ -149,6 +151,10 @@ pub struct ModelSpec {
     /// Segmentation the model was trained with.
     #[serde(deserialize_with = "segmentation::of_model_file")]
     pub segments: SegmentSpec,
+    /// In what the training computed the products. The phase of a long rollout holds for this precision alone; fp32 in models
+    /// from before there was this entry.
+    #[serde(default, skip_serializing_if = "Precision::is_fp32")]
+    pub precision: Precision,
     /// Ranges of the data that it was trained on; none in models from before there was this entry.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trained_on: Option<TrainedOn>,

@@ -1,7 +1,8 @@
 //! Small networks for tests and examples.
 
 use crate::{
-    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, SegmentSpec,
+    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, Precision,
+    SegmentSpec,
 };
 use m4gn_mesh::NodeType;
 
@@ -48,6 +49,7 @@ pub fn spec() -> ModelSpec {
             count: 4,
             ..SegmentSpec::default()
         },
+        precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
         training: serde_json::json!({ "seed": 1 }),

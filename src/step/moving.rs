@@ -109,7 +109,7 @@ impl Moving {
             )?),
             false => None,
         };
-        let engine_options = options.engine(options.precision.agreed(comm));
+        let engine_options = options.engine(options.precision.agreed(model.spec.precision, comm));
         let engine = Engine::new(model, graph.graph(), cut.as_ref(), &engine_options);
         let engine = comm.agree(engine)?;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
@@ -166,7 +166,7 @@ impl Moving {
             }
             None => None,
         };
-        let settings = options.engine(options.precision.agreed(comm));
+        let settings = options.engine(options.precision.agreed(model.spec.precision, comm));
         let engine = Engine::new(model, self.graph.graph(), cut.as_ref(), &settings);
         self.engine = comm.agree(engine)?;
         if let Some(correction) = &mut self.correction {

@@ -304,6 +304,50 @@ fn threads_and_given_segments_do_not_change_the_result() {
 }
 
 #[test]
+fn a_model_is_computed_in_the_precision_that_it_was_trained_in() {
+    use m4gn_engine::{Isa, Precision, PrecisionChoice};
+    let step = |trained: Precision, precision: PrecisionChoice| {
+        let mut model = spec();
+        model.precision = trained;
+        let options = SessionOptions {
+            precision,
+            ..SessionOptions::default()
+        };
+        let mesh = sample::triangles(8, 6, 1.6, 0.41);
+        let model = Model::random(model, 11).unwrap();
+        let mut s = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
+        let state = state(&s);
+        let (mut u, mut p) = (vec![0.0; state.u.len()], vec![0.0; state.p.len()]);
+        let mut out = [
+            FieldMut {
+                name: "U",
+                components: 3,
+                cells: &mut u,
+            },
+            FieldMut {
+                name: "p",
+                components: 1,
+                cells: &mut p,
+            },
+        ];
+        s.step(&state.fields(), &mut out).unwrap();
+        (u, p)
+    };
+    let default = SessionOptions::default().precision;
+    let (fp32, bf16) = (
+        step(Precision::Fp32, PrecisionChoice::Fp32),
+        step(Precision::Fp32, PrecisionChoice::Bf16),
+    );
+    assert_ne!(fp32, bf16);
+    assert_eq!(step(Precision::Fp32, default), fp32);
+    assert_eq!(step(Precision::Bf16, PrecisionChoice::Fp32), fp32);
+    match Isa::detect().bf16_pays() {
+        true => assert_eq!(step(Precision::Bf16, default), bf16),
+        false => assert_eq!(step(Precision::Bf16, default), fp32),
+    }
+}
+
+#[test]
 fn a_plain_network_has_no_segments() {
     let mut s = spec();
     s.architecture.kind = Kind::MeshGraphNet { layers: 2 };

@@ -360,6 +360,7 @@ impl Config {
             contact: self.contact,
             resolution: self.model.resolution,
             segments: self.segments.clone(),
+            precision: self.training.precision,
             trained_on: None,
             calibration: None,
             training: serde_json::Value::Null,

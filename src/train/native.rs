@@ -39,9 +39,8 @@ pub struct NativeBackend<'a> {
     pub(super) through_unroll: bool,
     /// Of each training trajectory, where the loss asks for the smooth part of errors.
     pub(super) smoothers: Vec<Smoother>,
-    precision: Precision,
-    /// Arithmetic of rollouts: fp32 in a training, whose figures are then those of any other.
-    pub(super) rollouts_in: Precision,
+    /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
+    pub(super) precision: Precision,
     /// Nanoseconds of all threads: weights taken, forward, backward, sums.
     clock: [AtomicU64; 4],
 }
@@ -96,7 +95,6 @@ impl<'a> NativeBackend<'a> {
             groups,
             through_unroll: t.unroll_gradient,
             precision: t.precision,
-            rollouts_in: Precision::Fp32,
             clock: Default::default(),
             spec: spec.clone(),
             work,

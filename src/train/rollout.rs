@@ -96,7 +96,7 @@ impl NativeBackend<'_> {
         let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
         let segments = stage.then_some(&sample.segments);
         let options = EngineOptions {
-            precision: self.rollouts_in,
+            precision: self.precision,
             ..EngineOptions::default()
         };
         let mut engine = Engine::new(model, graph, segments, &options)?;

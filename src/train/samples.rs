@@ -371,6 +371,7 @@ pub(super) fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec>
             operator,
             ..config.segments.clone()
         },
+        precision: config.training.precision,
         trained_on: None,
         calibration: None,
         training: serde_json::Value::Null,

@@ -102,7 +102,7 @@ void refusesOptions()
     REQUIRE(with(R"("nThreads": -1)") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "nThreads: expected"));
     REQUIRE(with(R"("precision": "fp16")") == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "precision: expected one of auto, fp32, bf16, found fp16"));
+    REQUIRE(contains(message, "precision: expected one of model, auto, fp32, bf16, found fp16"));
     REQUIRE(segments(R"("tau": -0.5)") == M4GN_ERROR_INPUT);
     REQUIRE(with(R"("backend": "abacus")") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "abacus"));

@@ -5,7 +5,7 @@ use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
     Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output,
-    SegmentMethod, SegmentSpec,
+    Precision, SegmentMethod, SegmentSpec,
 };
 use m4gn_step::{Session, SessionOptions};
 use m4gn_torch::contact;
@@ -60,6 +60,7 @@ fn spec() -> ModelSpec {
             modes: 1,
             ..Default::default()
         },
+        precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
         training: serde_json::Value::Null,

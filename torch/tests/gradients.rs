@@ -57,6 +57,7 @@ fn spec() -> ModelSpec {
             count: 4,
             ..Default::default()
         },
+        precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
         training: serde_json::Value::Null,

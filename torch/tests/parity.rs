@@ -5,7 +5,7 @@ use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType, sample};
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, M4gn, MacroSpec, Model, ModelSpec, Output, SegmentMethod,
+    Activation, Architecture, FieldSpec, M4gn, MacroSpec, Model, ModelSpec, Output, Precision, SegmentMethod,
     SegmentSpec,
 };
 use m4gn_segments as segments;
@@ -40,6 +40,7 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
             overlap,
             ..Default::default()
         },
+        precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
         training: serde_json::Value::Null,

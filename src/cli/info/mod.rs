@@ -294,6 +294,7 @@ fn model(path: &Path) -> Result<(String, Value)> {
         a.hidden_layers,
         a.activation
     );
+    let _ = writeln!(text, "precision   trained in {}", spec.precision.name());
     if let Some(contact) = &spec.contact {
         let _ = writeln!(
             text,

@@ -7,7 +7,7 @@ pub use args::Args;
 
 use input::Input;
 use input::Stored;
-use m4gn_engine::{EngineOptions, PrecisionChoice};
+use m4gn_engine::{EngineOptions, Precision, PrecisionChoice};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -324,7 +324,7 @@ fn network(args: &Args, dim: usize, model: Option<&ModelSpec>) -> plan::Network 
     };
     plan::Network {
         spec: own.cloned().unwrap_or_else(|| shape.spec()),
-        precision: PrecisionChoice::Auto.agreed(&Comm::serial()),
+        precision: PrecisionChoice::Auto.agreed(Precision::Fp32, &Comm::serial()),
     }
 }
 

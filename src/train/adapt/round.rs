@@ -136,8 +136,6 @@ impl Learner {
         };
         let backend = NativeBackend::new(&self.training, &self.spec, &work, self.threads);
         let mut backend = comm.agree(backend)?;
-        // A check in bf16 says the same, and takes less than half of the time.
-        backend.rollouts_in = self.training.precision;
         let learned = self.learn(comm, &mut backend, split, began)?;
         let used = learned.after < learned.before;
         if self.settings.clock() && (used || split.fresh || self.knowledge.clock.is_none()) {

@@ -18,7 +18,7 @@ pub use workload::{Case, Source, Workload};
 
 use m4gn_mesh::NodeType;
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, SegmentSpec,
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, Precision, SegmentSpec,
 };
 
 /// Shape of a network that is made for a measurement.
@@ -82,6 +82,7 @@ impl Shape {
                 count: self.segments.unwrap_or(36),
                 ..SegmentSpec::default()
             },
+            precision: Precision::Fp32,
             trained_on: None,
             calibration: None,
             training: serde_json::json!({ "note": "random weights" }),
