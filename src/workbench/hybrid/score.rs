@@ -51,6 +51,9 @@ pub struct Score {
     pub unsteadiness: Option<f64>,
     /// Replaced part of the time after the start-up; none of a plain solver.
     pub replaced: Option<f64>,
+    /// Seconds that the surrogate worked for a second of what it replaced, without what the hand-overs took; none of a plain solver.
+    #[serde(default)]
+    pub pace: Option<f64>,
     /// Number of cells.
     pub cells: usize,
 }
@@ -82,6 +85,7 @@ impl Errors<'_> {
         };
         let places = [at(stride), at(strides * stride), last];
         let ratio = |i: usize| (self.hold_last[i] > 0.0).then(|| self.rmse[i] / self.hold_last[i]);
+        let figure = |key: &str| self.surrogate?[key].as_f64().filter(|v| *v > 0.0);
         Score {
             first: ratio(places[0]),
             jump: ratio(places[1]),
@@ -89,6 +93,9 @@ impl Errors<'_> {
             horizons: places.map(|i| self.times[i] - self.takeover),
             errors: places.map(|i| self.rmse[i]),
             hold_last: places.map(|i| self.hold_last[i]),
+            pace: figure("surrogate_seconds")
+                .zip(figure("replaced_time"))
+                .map(|(worked, replaced)| worked / replaced),
             ..Score::default()
         }
     }

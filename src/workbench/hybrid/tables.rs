@@ -21,7 +21,7 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 17] = [
+const FIGURES: [Figure; 18] = [
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
@@ -48,12 +48,15 @@ const FIGURES: [Figure; 17] = [
     ("full's", "correctors_after_in_full", |_, r| {
         r.correctors.as_ref()?.after_in_full
     }),
+    ("times as fast", TIMES_AS_FAST, |d, r| times_as_fast(d, r)),
     ("time %", "time", |d, r| percent(relative_time(d, r))),
 ];
 
 /// The figure that the full run has as well.
 const AT_CAP: &str = "at_cap";
 const AT_CAP_ALONE: &str = "at_cap_alone";
+/// The figure of which more is better.
+const TIMES_AS_FAST: &str = "times_as_fast";
 /// Figures that a log may not tell, which is said with a dash.
 const OF_LOGS: [&str; 4] = [
     AT_CAP,
@@ -76,6 +79,13 @@ fn percent(value: Option<f64>) -> Option<f64> {
 pub(super) fn relative_time(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
     let full = draw.full.as_ref()?.cost.after_takeover;
     (full > 0.0).then(|| run.cost.after_takeover / full)
+}
+
+/// Processor time of the full run for what the surrogate replaced, over the time that the surrogate worked for it.
+fn times_as_fast(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
+    let (full, score) = (draw.full.as_ref()?, score(run)?);
+    let simulated = score.horizons[2];
+    (simulated > 0.0).then_some(full.cost.after_takeover / simulated / score.pace?)
 }
 
 fn text(value: Option<f64>) -> String {
@@ -206,8 +216,13 @@ fn values(band: &[&DrawResult], variant: &str, figure: &Figure) -> Vec<f64> {
         .collect()
 }
 
-fn worst(values: &[f64]) -> Option<f64> {
-    values.iter().copied().reduce(f64::max)
+/// The largest, or the smallest of what is the better the larger it is.
+fn worst(key: &str, values: &[f64]) -> Option<f64> {
+    let all = values.iter().copied();
+    match key == TIMES_AS_FAST {
+        true => all.reduce(f64::min),
+        false => all.reduce(f64::max),
+    }
 }
 
 fn range(band: &[&DrawResult]) -> [f64; 2] {
@@ -235,7 +250,7 @@ pub fn summary_tables(results: &[DrawResult], variants: &[String], order: &str) 
             let mut row = vec![name.clone()];
             row.extend(figures.iter().map(|figure| {
                 let all = values(band, name, figure);
-                match (median(all.iter().copied()), worst(&all)) {
+                match (median(all.iter().copied()), worst(figure.1, &all)) {
                     (Some(m), Some(w)) => format!("{} ({})", number(m, 3), number(w, 3)),
                     _ => "-".into(),
                 }
@@ -255,7 +270,7 @@ pub fn summary(results: &[DrawResult], variants: &[String]) -> Value {
             let figures = FIGURES.iter().map(|figure| {
                 let all = values(band, name, figure);
                 let entry = json!({
-                    "median": median(all.iter().copied()), "worst": worst(&all), "cases": all.len(),
+                    "median": median(all.iter().copied()), "worst": worst(figure.1, &all), "cases": all.len(),
                 });
                 (figure.1.to_string(), entry)
             });

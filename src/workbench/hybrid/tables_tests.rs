@@ -19,6 +19,7 @@ fn record(time: f64, end: Option<f64>) -> RunRecord {
         drag: Some(-0.02),
         unsteadiness: Some(0.5),
         replaced: Some(0.9),
+        pace: Some(0.1 * (1.0 + end)),
         cells: 10,
         ..Score::default()
     });
@@ -57,6 +58,9 @@ fn medians_and_worst_on_paper() {
     assert_eq!(whole["drag"]["worst"], 2.0);
     assert_eq!(whole["time"]["median"], 25.0);
     assert!(whole["jump"]["median"].is_null());
+    // The full run takes 4 s for 0.3 s; the surrogate of the last case 0.7 s a second.
+    let fast = &whole["times_as_fast"]["worst"];
+    assert!((fast.as_f64().unwrap() - 4.0 / 0.3 / 0.7).abs() < 1e-9, "{fast}");
     // Three bands in the order of 94 to 100, of two, two and three cases
     assert_eq!(found.as_array().unwrap().len(), 4);
     assert_eq!(found[1]["order"], json!([94.0, 95.0]));
