@@ -14,6 +14,9 @@ models=src/solids4FoamModels
         "Give the folder that a checkout of solids4foam, or its unpacked release, makes."
 from=$(cd "$1" && pwd)
 into=${2:-$M4GN_CACHE/solids4foam}
+if [ "$(realpath -m "$from")" = "$(realpath -m "$into/source")" ]; then
+    die "$from is the copy of the source in $into, which is made anew each time" "Give the folder that it was copied from."
+fi
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"
 
