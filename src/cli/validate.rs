@@ -44,7 +44,7 @@ pub struct Args {
     /// Threads
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
-    /// Of the native engine's products: model (bf16 for a model that was trained so, where that is faster), auto, fp32, bf16
+    /// Of the native engine's products: model (bf16 for a model of fields at cells that was trained so, where that is faster), auto, fp32, bf16
     #[arg(long, default_value = "model")]
     precision: String,
     /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m

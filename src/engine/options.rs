@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PrecisionChoice {
-    /// As `Auto` for a model that was trained in bf16, as `Fp32` for any other.
+    /// As `Auto` for a model of fields at cells that was trained in bf16, as `Fp32` for any other.
     #[default]
     Model,
     /// bf16 where the processors of all ranks are faster in it, else fp32.
