@@ -196,7 +196,7 @@ int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
  *   model                       path of the .safetensors file; must be given
  *   backend         "native"    "native", "torch", or "torch:DEVICE", e.g. "torch:cuda:0"
  *   n_threads       1           threads of this rank
- *   precision       "model"     of the native backend's products: "fp32", "bf16", "auto" (the faster), or "model" ("auto" for a model
+ *   precision       "fp32"      of the native backend's products: "fp32", "bf16", "auto" (the faster), or "model" ("auto" for a model
  *                               of fields at cells that was trained in bf16, else "fp32")
  *   resolution      "auto"      of fields at cells: mean distance of the network's nodes, "auto" for what the model was trained
  *                               on, "off" for a node a cell, or a length, m

@@ -12,11 +12,11 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum PrecisionChoice {
     /// As `Auto` for a model of fields at cells that was trained in bf16, as `Fp32` for any other.
-    #[default]
     Model,
     /// bf16 where the processors of all ranks are faster in it, else fp32.
     Auto,
     /// [`Precision::Fp32`].
+    #[default]
     Fp32,
     /// [`Precision::Bf16`].
     Bf16,
@@ -220,10 +220,8 @@ mod tests {
             assert_eq!(PrecisionChoice::parse(word).unwrap(), choice.into());
         }
         assert_eq!(PrecisionChoice::parse("auto").unwrap(), PrecisionChoice::Auto);
-        assert_eq!(
-            PrecisionChoice::parse("model").unwrap(),
-            PrecisionChoice::default()
-        );
+        assert_eq!(PrecisionChoice::parse("model").unwrap(), PrecisionChoice::Model);
+        assert_eq!(PrecisionChoice::default(), PrecisionChoice::Fp32);
         assert!(PrecisionChoice::parse("half").is_err());
         for trained in [Precision::Fp32, Precision::Bf16] {
             assert_eq!(PrecisionChoice::Auto.agreed(trained, &alone), auto);

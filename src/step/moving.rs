@@ -361,7 +361,7 @@ impl Moving {
     }
 }
 
-/// Of a body in fp32 where nothing else is asked for, whatever it was trained in: no phase hangs on it, and ranks agree to rounding.
+/// `precision model` is fp32 for a body, whatever it was trained in: no phase hangs on it, and ranks agree to rounding.
 /// Collective.
 fn precision(options: &SessionOptions, comm: &Comm) -> Precision {
     options.precision.agreed(Precision::Fp32, comm)
