@@ -166,6 +166,15 @@ pub struct ModelSpec {
 }
 
 impl ModelSpec {
+    /// What `precision model` computes in where the processor is fast in it: that of the training. Of bodies fp32, since no phase
+    /// hangs on it and ranks agree to rounding in it.
+    pub fn precision_of_runs(&self) -> Precision {
+        match self.contact {
+            Some(_) => Precision::Fp32,
+            None => self.precision,
+        }
+    }
+
     /// Features that change with time: of the fields that are inputs, then those of the obstacle where the model knows contact.
     pub fn n_field_inputs(&self) -> usize {
         let inputs = self.fields.iter().filter(|f| f.input);

@@ -10,7 +10,7 @@ use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
 use m4gn_contact::projection::{Projection, ProjectionReport, check_start};
 use m4gn_contact::segments;
-use m4gn_engine::{Engine, Forward, Precision};
+use m4gn_engine::{Engine, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
@@ -109,7 +109,7 @@ impl Moving {
             )?),
             false => None,
         };
-        let engine_options = options.engine(precision(options, comm));
+        let engine_options = options.engine(options.precision.agreed(model.spec.precision_of_runs(), comm));
         let engine = Engine::new(model, graph.graph(), cut.as_ref(), &engine_options);
         let engine = comm.agree(engine)?;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
@@ -166,7 +166,7 @@ impl Moving {
             }
             None => None,
         };
-        let settings = options.engine(precision(options, comm));
+        let settings = options.engine(options.precision.agreed(model.spec.precision_of_runs(), comm));
         let engine = Engine::new(model, self.graph.graph(), cut.as_ref(), &settings);
         self.engine = comm.agree(engine)?;
         if let Some(correction) = &mut self.correction {
@@ -359,12 +359,6 @@ impl Moving {
     pub(super) fn projection(&self) -> Option<&ProjectionReport> {
         self.projection.as_ref().map(|(_, report)| report)
     }
-}
-
-/// `precision model` is fp32 for a body, whatever it was trained in: no phase hangs on it, and ranks agree to rounding.
-/// Collective.
-fn precision(options: &SessionOptions, comm: &Comm) -> Precision {
-    options.precision.agreed(Precision::Fp32, comm)
 }
 
 #[cfg(test)]

@@ -224,7 +224,7 @@ fn fixed(
     options: &SessionOptions,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
-    let precision = options.precision.agreed(model.spec.precision, comm);
+    let precision = options.precision.agreed(model.spec.precision_of_runs(), comm);
     comm.agree(network(model, graph, segments, options, precision, comm))
 }
 

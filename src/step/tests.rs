@@ -3,7 +3,7 @@
 use super::*;
 use m4gn_mesh::{Mesh, NodeType, sample};
 use m4gn_model::sample::spec;
-use m4gn_model::{FieldSpec, Kind, Model, Output, SegmentEntries};
+use m4gn_model::{FieldSpec, Kind, Model, ModelSpec, Output, SegmentEntries};
 
 fn entries(name: &str, value: impl Into<serde_json::Value>) -> SegmentEntries {
     let mut entries = SegmentEntries::default();
@@ -12,14 +12,13 @@ fn entries(name: &str, value: impl Into<serde_json::Value>) -> SegmentEntries {
 }
 
 fn session(options: &SessionOptions) -> Session {
+    session_of(spec(), options)
+}
+
+fn session_of(spec: ModelSpec, options: &SessionOptions) -> Session {
     let mesh = sample::triangles(8, 6, 1.6, 0.41);
-    Session::new(
-        Comm::serial(),
-        &mesh,
-        &Model::random(spec(), 11).unwrap(),
-        options,
-    )
-    .unwrap()
+    let model = Model::random(spec, 11).unwrap();
+    Session::new(Comm::serial(), &mesh, &model, options).unwrap()
 }
 
 struct State {
@@ -58,24 +57,24 @@ impl State {
     }
 }
 
+/// A step from `state`: U and p, which are 7 where nothing was written.
+fn step(s: &mut Session, state: &State) -> (Result<()>, Vec<f64>, Vec<f64>) {
+    let (mut u, mut p) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
+    let mut out = [("U", 3, &mut u), ("p", 1, &mut p)].map(|(name, components, cells)| FieldMut {
+        name,
+        components,
+        cells,
+    });
+    let done = s.step(&state.fields(), &mut out);
+    (done, u, p)
+}
+
 #[test]
 fn changes_are_added_and_values_replace() {
     let mut s = session(&SessionOptions::default());
     let state = state(&s);
-    let (mut u, mut p) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
-    let mut out = [
-        FieldMut {
-            name: "U",
-            components: 3,
-            cells: &mut u,
-        },
-        FieldMut {
-            name: "p",
-            components: 1,
-            cells: &mut p,
-        },
-    ];
-    s.step(&state.fields(), &mut out).unwrap();
+    let (done, u, p) = step(&mut s, &state);
+    done.unwrap();
     for cell in 0..s.n_cells() {
         let y = &s.outputs[3 * cell..3 * cell + 3];
         assert_eq!(u[3 * cell], state.u[3 * cell] + y[0] as f64);
@@ -166,23 +165,8 @@ fn a_result_that_overflows_is_a_numerical_error() {
     let mut state = state(&s);
     // Finite as a double, infinite as the network sees it.
     state.u[0] = 1e300;
-    let (mut a, mut b) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
-    let mut out = [
-        FieldMut {
-            name: "U",
-            components: 3,
-            cells: &mut a,
-        },
-        FieldMut {
-            name: "p",
-            components: 1,
-            cells: &mut b,
-        },
-    ];
-    assert!(matches!(
-        s.step(&state.fields(), &mut out),
-        Err(Error::Numerical(_))
-    ));
+    let (done, a, b) = step(&mut s, &state);
+    assert!(matches!(done, Err(Error::Numerical(_))));
     assert!(a.iter().chain(&b).all(|v| *v == 7.0));
 }
 
@@ -274,20 +258,8 @@ fn threads_and_given_segments_do_not_change_the_result() {
     let run = |options: &SessionOptions| {
         let mut s = session(options);
         let state = state(&s);
-        let (mut u, mut p) = (state.u.clone(), state.p.clone());
-        let mut out = [
-            FieldMut {
-                name: "U",
-                components: 3,
-                cells: &mut u,
-            },
-            FieldMut {
-                name: "p",
-                components: 1,
-                cells: &mut p,
-            },
-        ];
-        s.step(&state.fields(), &mut out).unwrap();
+        let (done, u, p) = step(&mut s, &state);
+        done.unwrap();
         (u, p, s.cell_segment().to_vec())
     };
     let first = run(&SessionOptions::default());
@@ -306,44 +278,32 @@ fn threads_and_given_segments_do_not_change_the_result() {
 #[test]
 fn a_model_can_be_computed_in_the_precision_that_it_was_trained_in() {
     use m4gn_engine::{Isa, Precision, PrecisionChoice};
-    let step = |trained: Precision, precision: PrecisionChoice| {
-        let mut model = spec();
-        model.precision = trained;
+    let run = |trained: Precision, precision: PrecisionChoice| {
         let options = SessionOptions {
             precision,
             ..SessionOptions::default()
         };
-        let mesh = sample::triangles(8, 6, 1.6, 0.41);
-        let model = Model::random(model, 11).unwrap();
-        let mut s = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
+        let trained = ModelSpec {
+            precision: trained,
+            ..spec()
+        };
+        let mut s = session_of(trained, &options);
         let state = state(&s);
-        let (mut u, mut p) = (vec![0.0; state.u.len()], vec![0.0; state.p.len()]);
-        let mut out = [
-            FieldMut {
-                name: "U",
-                components: 3,
-                cells: &mut u,
-            },
-            FieldMut {
-                name: "p",
-                components: 1,
-                cells: &mut p,
-            },
-        ];
-        s.step(&state.fields(), &mut out).unwrap();
+        let (done, u, p) = step(&mut s, &state);
+        done.unwrap();
         (u, p)
     };
     let own = PrecisionChoice::Model;
     let (fp32, bf16) = (
-        step(Precision::Fp32, PrecisionChoice::Fp32),
-        step(Precision::Fp32, PrecisionChoice::Bf16),
+        run(Precision::Fp32, PrecisionChoice::Fp32),
+        run(Precision::Fp32, PrecisionChoice::Bf16),
     );
     assert_ne!(fp32, bf16);
-    assert_eq!(step(Precision::Fp32, own), fp32);
-    assert_eq!(step(Precision::Bf16, PrecisionChoice::Fp32), fp32);
+    assert_eq!(run(Precision::Fp32, own), fp32);
+    assert_eq!(run(Precision::Bf16, PrecisionChoice::Fp32), fp32);
     match Isa::detect().bf16_pays() {
-        true => assert_eq!(step(Precision::Bf16, own), bf16),
-        false => assert_eq!(step(Precision::Bf16, own), fp32),
+        true => assert_eq!(run(Precision::Bf16, own), bf16),
+        false => assert_eq!(run(Precision::Bf16, own), fp32),
     }
 }
 

@@ -70,7 +70,7 @@ impl Adaptation {
         let normaliser = comm.agree(Normaliser::of_model(model))?;
         let layout = Layout::new(&model.spec);
         let shipped = comm.agree(layout.flatten(model))?;
-        let precision = settings.precision.agreed(model.spec.precision, &comm);
+        let precision = settings.precision.agreed(model.spec.precision_of_runs(), &comm);
         let training = settings.training(&model.spec, &normaliser.scales().node.std, precision);
         let window = Window::new(&settings, model.spec.stride, sample.graph.n_owned * sample.width);
         let threads = settings.threads.unwrap_or_else(|| session.threads());
