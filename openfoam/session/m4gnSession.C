@@ -15,6 +15,7 @@ License
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
+#include "m4gnRun.H"
 #include "clockTime.H"
 #include "OSspecific.H"
 #include "Time.H"

@@ -9,7 +9,7 @@ License
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
-#include "m4gnCore.H"
+#include "m4gnRun.H"
 #include "m4gnMixing.H"
 #include "solidModel.H"
 #include "solidTractionFvPatchVectorField.H"

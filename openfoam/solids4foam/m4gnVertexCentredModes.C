@@ -12,6 +12,7 @@ License
 #include "lookupSolidModel.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnRun.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "sparseMatrix.H"
