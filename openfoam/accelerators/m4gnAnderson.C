@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnAnderson.H"
 #include "addToRunTimeSelectionTable.H"
@@ -15,8 +9,6 @@ License
 #include "surfaceFields.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace functionObjects
@@ -26,15 +18,10 @@ namespace functionObjects
 }
 }
 
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- Most time steps that are left to the solver after one without a solution
 const Foam::label maxPause = 63;
-
 
 //- The run's time is that of the next time step while this lives
 class nextStep
@@ -59,7 +46,6 @@ class nextStep
     }
 
 public:
-
     explicit nextStep(Foam::Time& time)
     :
         time_(time),
@@ -78,7 +64,6 @@ public:
     }
 };
 
-
 //- Fields of a type that have old levels store them, as the first access of a
 //  time step would
 template<class FieldType>
@@ -91,9 +76,6 @@ void storeOldTimes(const Foam::fvMesh& mesh)
 }
 
 } // End anonymous namespace
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::functionObjects::m4gnAnderson::start()
 {
@@ -124,7 +106,6 @@ void Foam::functionObjects::m4gnAnderson::start()
 
     m4gn::checkLast(*this, time_, "the next time step");
 }
-
 
 void Foam::functionObjects::m4gnAnderson::solveNext()
 {
@@ -179,9 +160,6 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::functionObjects::m4gnAnderson::m4gnAnderson
 (
     const word& name,
@@ -202,9 +180,6 @@ Foam::functionObjects::m4gnAnderson::m4gnAnderson
     read(dict);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::functionObjects::m4gnAnderson::read(const dictionary& dict)
 {
     // Errors here must be FatalIOError: OpenFOAM turns FatalError during
@@ -216,7 +191,6 @@ bool Foam::functionObjects::m4gnAnderson::read(const dictionary& dict)
 
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnAnderson::filesModified() const
 {
@@ -230,7 +204,6 @@ bool Foam::functionObjects::m4gnAnderson::filesModified() const
     return false;
 }
 
-
 bool Foam::functionObjects::m4gnAnderson::execute()
 {
     start();
@@ -239,12 +212,10 @@ bool Foam::functionObjects::m4gnAnderson::execute()
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnAnderson::write()
 {
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnAnderson::end()
 {
@@ -254,6 +225,3 @@ bool Foam::functionObjects::m4gnAnderson::end()
 
     return true;
 }
-
-
-// ************************************************************************* //

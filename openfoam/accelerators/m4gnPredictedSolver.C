@@ -1,16 +1,8 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPredictedSolver.H"
 #include "m4gnSolveHistory.H"
 #include "objectRegistry.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -22,8 +14,6 @@ namespace Foam
     lduMatrix::solver::addasymMatrixConstructorToTable<m4gnPredictedSolver>
         addm4gnPredictedSolverAsymMatrixConstructorToTable_;
 }
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::scalar Foam::m4gnPredictedSolver::residual
 (
@@ -38,9 +28,6 @@ Foam::scalar Foam::m4gnPredictedSolver::residual
 
     return gSumMag(source - Apsi)/norm;
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnPredictedSolver::m4gnPredictedSolver
 (
@@ -77,9 +64,6 @@ Foam::m4gnPredictedSolver::m4gnPredictedSolver
     // What remains of this dictionary is for that solver
     controlDict_.set("solver", linearSolver);
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::solverPerformance Foam::m4gnPredictedSolver::solve
 (
@@ -139,6 +123,3 @@ Foam::solverPerformance Foam::m4gnPredictedSolver::solve
 
     return done;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPredictor.H"
 #include "addToRunTimeSelectionTable.H"
@@ -13,8 +7,6 @@ License
 #include "m4gnReplacer.H"
 #include "m4gnRun.H"
 #include "SolverPerformance.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -31,9 +23,6 @@ namespace
     //  the stress, that is small beside the error of a guess
     const Foam::scalar converged = 1e-5;
 }
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::functionObjects::m4gnPredictor::checkRun() const
 {
@@ -75,7 +64,6 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
     m4gn::checkLast(*this, time_, "a guess");
 }
 
-
 void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
 {
     const label now = time_.timeIndex();
@@ -92,7 +80,6 @@ void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
     deltaTOld_ = deltaT_;
     deltaT_ = time_.deltaTValue();
 }
-
 
 Foam::tmp<Foam::vectorField>
 Foam::functionObjects::m4gnPredictor::guess() const
@@ -126,9 +113,6 @@ Foam::functionObjects::m4gnPredictor::guess() const
     );
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::functionObjects::m4gnPredictor::m4gnPredictor
 (
     const word& name,
@@ -146,9 +130,6 @@ Foam::functionObjects::m4gnPredictor::m4gnPredictor
     read(dict);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
 {
     // Errors here must be FatalIOError: OpenFOAM turns FatalError during
@@ -164,7 +145,6 @@ bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
 
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnPredictor::execute()
 {
@@ -203,12 +183,10 @@ bool Foam::functionObjects::m4gnPredictor::execute()
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnPredictor::write()
 {
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnPredictor::end()
 {
@@ -221,6 +199,3 @@ bool Foam::functionObjects::m4gnPredictor::end()
 
     return true;
 }
-
-
-// ************************************************************************* //

@@ -1,15 +1,7 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPredictorChoice.H"
 #include "m4gnDictionary.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 const Foam::Enum<Foam::m4gnPredictorChoice::predictorType>
 Foam::m4gnPredictorChoice::names
@@ -41,9 +33,6 @@ namespace
     const Foam::scalar worth = 0.95;
 }
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::m4gnPredictorChoice::predictorType
 Foam::m4gnPredictorChoice::cheapest() const
 {
@@ -63,9 +52,6 @@ Foam::m4gnPredictorChoice::cheapest() const
     return best;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnPredictorChoice::m4gnPredictorChoice(const dictionary& dict)
 :
     given_(NONE),
@@ -84,9 +70,6 @@ Foam::m4gnPredictorChoice::m4gnPredictorChoice(const dictionary& dict)
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnPredictorChoice::check(const dictionary& dict)
 {
     const word given(dict.getOrDefault<word>("predictor", automatic));
@@ -100,7 +83,6 @@ void Foam::m4gnPredictorChoice::check(const dictionary& dict)
             << m4gn::join(valid) << exit(FatalIOError);
     }
 }
-
 
 void Foam::m4gnPredictorChoice::next(const scalar work)
 {
@@ -155,7 +137,6 @@ void Foam::m4gnPredictorChoice::next(const scalar work)
     left_ = trial;
 }
 
-
 void Foam::m4gnPredictorChoice::report(Ostream& os, const word& unit) const
 {
     forAll(records_, i)
@@ -169,6 +150,3 @@ void Foam::m4gnPredictorChoice::report(Ostream& os, const word& unit) const
     }
     os  << nl;
 }
-
-
-// ************************************************************************* //

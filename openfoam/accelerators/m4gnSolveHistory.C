@@ -1,18 +1,10 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolveHistory.H"
 #include "m4gnExtrapolate.H"
 #include "objectRegistry.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -24,9 +16,6 @@ namespace
     //- Solves of a time step that are remembered: two fields each
     const Foam::label mostSolves = 8;
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnSolveHistory::m4gnSolveHistory
 (
@@ -53,9 +42,6 @@ Foam::m4gnSolveHistory::m4gnSolveHistory
     choice_(controls)
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::m4gnSolveHistory& Foam::m4gnSolveHistory::of
 (
     const word& unknown,
@@ -72,7 +58,6 @@ Foam::m4gnSolveHistory& Foam::m4gnSolveHistory::of
 
     return db.lookupObjectRef<m4gnSolveHistory>(name);
 }
-
 
 void Foam::m4gnSolveHistory::begin(const scalarField& psi)
 {
@@ -100,7 +85,6 @@ void Foam::m4gnSolveHistory::begin(const scalarField& psi)
     timeIndex_ = now;
     solve_ = 0;
 }
-
 
 Foam::tmp<Foam::scalarField> Foam::m4gnSolveHistory::guess() const
 {
@@ -144,12 +128,7 @@ Foam::tmp<Foam::scalarField> Foam::m4gnSolveHistory::guess() const
     );
 }
 
-
-void Foam::m4gnSolveHistory::end
-(
-    scalarField&& changed,
-    const label nIterations
-)
+void Foam::m4gnSolveHistory::end(scalarField&& changed, const label nIterations)
 {
     nIterations_ += nIterations;
 
@@ -169,6 +148,3 @@ void Foam::m4gnSolveHistory::end
 
     ++solve_;
 }
-
-
-// ************************************************************************* //

@@ -1,28 +1,18 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnCellSize.H"
 #include "m4gnOwnField.H"
 #include "surfaceFields.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace m4gnCellSize
 {
-
 static const word fieldName("cellSize");
 
 //- In the header's note: whose field it is
 static const char* const mark = "mean distance of neighbouring cells, by m4gn";
-
 
 static void add(scalarField& sum, labelList& n, label celli, scalar distance)
 {
@@ -33,17 +23,10 @@ static void add(scalarField& sum, labelList& n, label celli, scalar distance)
 } // End namespace m4gnCellSize
 } // End namespace Foam
 
-
-// * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnCellSize::provide(const fvMesh& mesh, const word& name)
 {
     // It stays while the mesh does
-    if
-    (
-        name != fieldName
-     || (mesh.foundObject<volScalarField>(fieldName) && !mesh.changing())
-    )
+    if (name != fieldName || (mesh.foundObject<volScalarField>(fieldName) && !mesh.changing()))
     {
         return;
     }
@@ -85,6 +68,3 @@ void Foam::m4gnCellSize::provide(const fvMesh& mesh, const word& name)
     }
     field->correctBoundaryConditions();
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnDictionary.H"
 #include "HashSet.H"
@@ -12,11 +6,8 @@ License
 #include "StringStream.H"
 #include "token.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 std::string plain(const token& t)
@@ -39,13 +30,11 @@ std::string plain(const token& t)
     return os.str();
 }
 
-
 //- One token as JSON
 std::string json(const token& t)
 {
     return t.isNumber() ? plain(t) : m4gn::quoted(plain(t));
 }
-
 
 //- List that begins behind the bracket at i, which is then behind its end
 std::string jsonList(const tokenList& tokens, label& i)
@@ -67,7 +56,6 @@ std::string jsonList(const tokenList& tokens, label& i)
     }
     return list + ']';
 }
-
 
 //- An entry's value: a number, a switch, a text, or a list
 std::string json(const tokenList& tokens)
@@ -122,9 +110,6 @@ std::string json(const tokenList& tokens)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
-
 const Foam::wordList& Foam::m4gn::commonKeys()
 {
     static const wordList keys
@@ -139,13 +124,7 @@ const Foam::wordList& Foam::m4gn::commonKeys()
     return keys;
 }
 
-
-void Foam::m4gn::checkKeys
-(
-    const dictionary& dict,
-    const wordList& valid,
-    const bool withCommon
-)
+void Foam::m4gn::checkKeys(const dictionary& dict, const wordList& valid, const bool withCommon)
 {
     wordHashSet known(valid);
 
@@ -176,12 +155,7 @@ void Foam::m4gn::checkKeys
     }
 }
 
-
-void Foam::m4gn::checkDictionaries
-(
-    const dictionary& dict,
-    const wordList& keys
-)
+void Foam::m4gn::checkDictionaries(const dictionary& dict, const wordList& keys)
 {
     for (const word& key : keys)
     {
@@ -197,13 +171,7 @@ void Foam::m4gn::checkDictionaries
     }
 }
 
-
-bool Foam::m4gn::isNone
-(
-    const dictionary& dict,
-    const word& key,
-    const std::string& example
-)
+bool Foam::m4gn::isNone(const dictionary& dict, const word& key, const std::string& example)
 {
     const entry* given = dict.findEntry(key);
     if (!given || given->isDict())
@@ -222,7 +190,6 @@ bool Foam::m4gn::isNone
     return true;
 }
 
-
 void Foam::m4gn::checkAtLeast
 (
     const dictionary& dict,
@@ -240,7 +207,6 @@ void Foam::m4gn::checkAtLeast
     }
 }
 
-
 Foam::word Foam::m4gn::join(const wordList& words)
 {
     std::string joined;
@@ -251,7 +217,6 @@ Foam::word Foam::m4gn::join(const wordList& words)
     return word(joined, false);
 }
 
-
 std::string Foam::m4gn::text(const scalar value)
 {
     OStringStream os;
@@ -259,7 +224,6 @@ std::string Foam::m4gn::text(const scalar value)
     os << value;
     return os.str();
 }
-
 
 std::string Foam::m4gn::quoted(const std::string& text)
 {
@@ -275,7 +239,6 @@ std::string Foam::m4gn::quoted(const std::string& text)
     return result + '"';
 }
 
-
 std::string Foam::m4gn::json(const dictionary& dict)
 {
     std::string object("{");
@@ -289,12 +252,7 @@ std::string Foam::m4gn::json(const dictionary& dict)
     return object + '}';
 }
 
-
-Foam::dictionary Foam::m4gn::without
-(
-    const dictionary& dict,
-    const wordList& keys
-)
+Foam::dictionary Foam::m4gn::without(const dictionary& dict, const wordList& keys)
 {
     dictionary rest(dict);
     for (const word& key : keys)
@@ -304,13 +262,7 @@ Foam::dictionary Foam::m4gn::without
     return rest;
 }
 
-
-Foam::word Foam::m4gn::scheme
-(
-    const dictionary& fvSchemes,
-    const word& group,
-    const word& key
-)
+Foam::word Foam::m4gn::scheme(const dictionary& fvSchemes, const word& group, const word& key)
 {
     const dictionary schemes(fvSchemes.subOrEmptyDict(group));
     const word used(schemes.found(key) ? key : word("default"));
@@ -333,6 +285,3 @@ Foam::word Foam::m4gn::scheme
 
     return word::null;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticBody.H"
 #include "m4gnMeshAdapter.H"
@@ -13,18 +7,13 @@ License
 #include "StringStream.H"
 #include "Time.H"
 
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 void Foam::m4gnElasticBody::setPoints()
 {
     labelList global(identity(mesh_.nPoints()));
 
     if (Pstream::parRun())
     {
-        global = m4gnNodes::procAddressing
-        (
-            mesh_, "pointProcAddressing", mesh_.nPoints()
-        );
+        global = m4gnNodes::procAddressing(mesh_, "pointProcAddressing", mesh_.nPoints());
 
         // Without decomposePar's, points that ranks share are found by their
         // places on the faces between them
@@ -41,7 +30,6 @@ void Foam::m4gnElasticBody::setPoints()
     data_.points = reinterpret_cast<const double*>(mesh_.points().cdata());
     data_.point_global = pointGlobal_.data();
 }
-
 
 void Foam::m4gnElasticBody::setFaces()
 {
@@ -60,7 +48,6 @@ void Foam::m4gnElasticBody::setFaces()
     data_.face_owner = mesh_.faceOwner().cdata();
     data_.face_neighbour = mesh_.faceNeighbour().cdata();
 }
-
 
 void Foam::m4gnElasticBody::setFixed(const labelList& nodeTypes)
 {
@@ -123,9 +110,6 @@ void Foam::m4gnElasticBody::setFixed(const labelList& nodeTypes)
     data_.fixed_components = fixedComponents_.data();
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnElasticBody::m4gnElasticBody
 (
     const fvMesh& mesh,
@@ -151,14 +135,7 @@ Foam::m4gnElasticBody::m4gnElasticBody
     data_.free_body = dict.getOrDefault<bool>("freeBody", false);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-Foam::string Foam::m4gnElasticBody::describe
-(
-    const fvMesh& mesh,
-    const word& name
-)
+Foam::string Foam::m4gnElasticBody::describe(const fvMesh& mesh, const word& name)
 {
     if (mesh.foundObject<regIOobject>(name))
     {
@@ -172,15 +149,7 @@ Foam::string Foam::m4gnElasticBody::describe
         return os.str();
     }
 
-    IOobject io
-    (
-        name,
-        mesh.time().timeName(),
-        mesh,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
+    IOobject io(name, mesh.time().timeName(), mesh, IOobject::MUST_READ, IOobject::NO_WRITE, false);
 
     if (!io.typeHeaderOk<volVectorField>(false))
     {
@@ -197,13 +166,9 @@ Foam::string Foam::m4gnElasticBody::describe
     return os.str();
 }
 
-
 Foam::string Foam::m4gnElasticBody::displacement()
 {
     OStringStream os;
     os  << volVectorField::typeName << ' ' << dimLength;
     return os.str();
 }
-
-
-// ************************************************************************* //

@@ -1,16 +1,8 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticBody.H"
 #include "m4gnDictionary.H"
 #include "m4gnMechanicalProperties.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnElasticBody::setUniform(const dictionary& material)
 {
@@ -31,11 +23,7 @@ void Foam::m4gnElasticBody::setUniform(const dictionary& material)
     rho_ = rho;
 }
 
-
-void Foam::m4gnElasticBody::setMaterials
-(
-    const m4gnMechanicalProperties& properties
-)
+void Foam::m4gnElasticBody::setMaterials(const m4gnMechanicalProperties& properties)
 {
     const PtrList<entry> materials(properties.materials());
 
@@ -100,7 +88,6 @@ void Foam::m4gnElasticBody::setMaterials
     }
 }
 
-
 void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
 {
     const label n = mesh_.nCells();
@@ -162,14 +149,7 @@ void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
     data_.plane_stress = planeStress;
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-Foam::string Foam::m4gnElasticBody::unknown
-(
-    const fvMesh& mesh,
-    const dictionary& dict
-)
+Foam::string Foam::m4gnElasticBody::unknown(const fvMesh& mesh, const dictionary& dict)
 {
     const m4gnMechanicalProperties properties(mesh);
 
@@ -197,11 +177,7 @@ Foam::string Foam::m4gnElasticBody::unknown
     for (const entry& material : materials)
     {
         scalar E, nu, rho;
-        if
-        (
-            !material.isDict()
-         || !m4gnMechanicalProperties::moduli(material.dict(), E, nu, rho)
-        )
+        if (!material.isDict() || !m4gnMechanicalProperties::moduli(material.dict(), E, nu, rho))
         {
             return
                 "material " + material.keyword() + " of "
@@ -219,6 +195,3 @@ Foam::string Foam::m4gnElasticBody::unknown
           + " is empty"
         );
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnFieldFiles.H"
 #include "OFstream.H"
@@ -12,8 +6,6 @@ License
 #include "Time.H"
 #include "uncollatedFileOperation.H"
 #include "volFields.H"
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 //- By the file handler
 static bool writeTogether(const Foam::regIOobject& field)
@@ -39,9 +31,6 @@ static bool writeTogether(const Foam::regIOobject& field)
     #endif
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnFieldFiles::~m4gnFieldFiles()
 {
     for (const file& f : files_)
@@ -52,9 +41,6 @@ Foam::m4gnFieldFiles::~m4gnFieldFiles()
         }
     }
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnFieldFiles::write(const regIOobject& field)
 {
@@ -75,10 +61,7 @@ void Foam::m4gnFieldFiles::write(const regIOobject& field)
     }
 
     // field.write() would put it into a folder of the current time
-    const fileName name
-    (
-        time.path()/field.instance()/field.db().dbDir()/field.name()
-    );
+    const fileName name(time.path()/field.instance()/field.db().dbDir()/field.name());
 
     write
     (
@@ -92,7 +75,6 @@ void Foam::m4gnFieldFiles::write(const regIOobject& field)
         }
     );
 }
-
 
 void Foam::m4gnFieldFiles::write
 (
@@ -140,7 +122,6 @@ void Foam::m4gnFieldFiles::write
     }
 }
 
-
 void Foam::m4gnFieldFiles::rename()
 {
     for (const file& f : files_)
@@ -157,6 +138,3 @@ void Foam::m4gnFieldFiles::rename()
     }
     files_.clear();
 }
-
-
-// ************************************************************************* //

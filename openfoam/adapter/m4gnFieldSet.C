@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnFieldSet.H"
 #include "m4gnCellSize.H"
@@ -12,8 +6,6 @@ License
 #include "m4gnRate.H"
 #include "m4gnTimeStep.H"
 #include "m4gnViscosity.H"
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 //- Bring fields that no solver registers up to date
 static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
@@ -25,9 +17,6 @@ static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
     Foam::m4gnViscosity::provide(mesh, name);
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnFieldSet::m4gnFieldSet(const fvMesh& mesh, const wordList& names)
 :
     mesh_(mesh),
@@ -36,9 +25,6 @@ Foam::m4gnFieldSet::m4gnFieldSet(const fvMesh& mesh, const wordList& names)
     values_(names.size()),
     view_(names.size())
 {}
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
 {
@@ -69,11 +55,7 @@ void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
     }
 }
 
-
-Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values
-(
-    const m4gnNodes& nodes
-)
+Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values(const m4gnNodes& nodes)
 {
     gather(nodes);
 
@@ -83,30 +65,18 @@ Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values
         const m4gn_field& field = view_[fieldi];
 
         copies[fieldi].resize(field.components*nodes.size());
-        std::copy
-        (
-            field.cells,
-            field.cells + copies[fieldi].size(),
-            copies[fieldi].begin()
-        );
+        std::copy(field.cells, field.cells + copies[fieldi].size(), copies[fieldi].begin());
     }
 
     return copies;
 }
 
-
-bool Foam::m4gnFieldSet::registered
-(
-    const fvMesh& mesh,
-    const m4gnNodes& nodes,
-    const word& name
-)
+bool Foam::m4gnFieldSet::registered(const fvMesh& mesh, const m4gnNodes& nodes, const word& name)
 {
     provide(mesh, name);
 
     return nodes.registered(name);
 }
-
 
 Foam::FixedList<int32_t, 7> Foam::m4gnFieldSet::exponents
 (
@@ -133,6 +103,3 @@ Foam::FixedList<int32_t, 7> Foam::m4gnFieldSet::exponents
 
     return integers;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnMechanicalProperties.H"
 #include "m4gnDictionary.H"
@@ -15,19 +9,10 @@ License
 #include "dictionaryEntry.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
-const Foam::word Foam::m4gnMechanicalProperties::fileName
-(
-    "mechanicalProperties"
-);
-
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
+const Foam::word Foam::m4gnMechanicalProperties::fileName("mechanicalProperties");
 
 namespace Foam
 {
-
 //- The last number of an entry: "2e11", "[1 -1 -2 0 0 0 0] 2e11" or
 //  "E [1 -1 -2 0 0 0 0] 2e11", or the value of a dictionary; false if there is
 //  none, as of the list that materials with several relaxation times have
@@ -52,7 +37,6 @@ static bool number(const dictionary& dict, const word& key, scalar& value)
     value = stream.last().number();
     return true;
 }
-
 
 //- Largest traction on the patches of a displacement, Pa: the entries traction
 //  and pressure of conditions that have them as fields. The classes themselves
@@ -102,15 +86,8 @@ static scalar largestTraction(const volVectorField& D)
     return returnReduce(largest, maxOp<scalar>());
 }
 
-
 //- Adds (low high); written as a list, two equal values would become 2{low}
-static void addRange
-(
-    dictionary& to,
-    const word& name,
-    const scalar low,
-    const scalar high
-)
+static void addRange(dictionary& to, const word& name, const scalar low, const scalar high)
 {
     tokenList tokens(4);
     tokens[0] = token::BEGIN_LIST;
@@ -121,9 +98,6 @@ static void addRange
 }
 
 } // End namespace Foam
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnMechanicalProperties::m4gnMechanicalProperties(const fvMesh& mesh)
 :
@@ -156,9 +130,6 @@ Foam::m4gnMechanicalProperties::m4gnMechanicalProperties(const fvMesh& mesh)
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::m4gnMechanicalProperties::registered() const
 {
     for (const word key : {"E", "nu", "rho"})
@@ -173,7 +144,6 @@ bool Foam::m4gnMechanicalProperties::registered() const
         mesh_.lookupObject<volScalarField>("E").dimensions() == dimPressure
      && mesh_.lookupObject<volScalarField>("rho").dimensions() == dimDensity;
 }
-
 
 bool Foam::m4gnMechanicalProperties::uniform() const
 {
@@ -196,12 +166,10 @@ bool Foam::m4gnMechanicalProperties::uniform() const
     return true;
 }
 
-
 Foam::PtrList<Foam::entry> Foam::m4gnMechanicalProperties::materials() const
 {
     return PtrList<entry>(dict().lookup("mechanical"));
 }
-
 
 Foam::wordList Foam::m4gnMechanicalProperties::laws() const
 {
@@ -221,7 +189,6 @@ Foam::wordList Foam::m4gnMechanicalProperties::laws() const
 
     return names.sortedToc();
 }
-
 
 Foam::wordList Foam::m4gnMechanicalProperties::lawsWithHistory() const
 {
@@ -243,7 +210,6 @@ Foam::wordList Foam::m4gnMechanicalProperties::lawsWithHistory() const
 
     return wordList(std::move(found));
 }
-
 
 bool Foam::m4gnMechanicalProperties::moduli
 (
@@ -273,11 +239,7 @@ bool Foam::m4gnMechanicalProperties::moduli
     return false;
 }
 
-
-Foam::dictionary Foam::m4gnMechanicalProperties::description
-(
-    const word& D
-) const
+Foam::dictionary Foam::m4gnMechanicalProperties::description(const word& D) const
 {
     dictionary solid;
 
@@ -345,13 +307,7 @@ Foam::dictionary Foam::m4gnMechanicalProperties::description
         const scalar largest = largestTraction(*displacement);
         addRange(solid, "traction", largest, largest);
 
-        const word scheme
-        (
-            m4gn::scheme
-            (
-                mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + D + ')'
-            )
-        );
+        const word scheme(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + D + ')'));
         if (scheme.size())
         {
             solid.add("schemes", wordList(1, scheme));
@@ -360,6 +316,3 @@ Foam::dictionary Foam::m4gnMechanicalProperties::description
 
     return solid;
 }
-
-
-// ************************************************************************* //

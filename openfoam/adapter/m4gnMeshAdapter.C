@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnMeshAdapter.H"
 #include "m4gnDictionary.H"
@@ -20,8 +14,6 @@ License
 #include "surfaceFields.H"
 #include "surfaceInterpolationScheme.H"
 #include "syncTools.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnMeshAdapter::checkPatches() const
 {
@@ -59,7 +51,6 @@ void Foam::m4gnMeshAdapter::checkPatches() const
     }
 }
 
-
 void Foam::m4gnMeshAdapter::checkCells() const
 {
     const scalarField& V = mesh_.cellVolumes();
@@ -95,7 +86,6 @@ void Foam::m4gnMeshAdapter::checkCells() const
     }
 }
 
-
 Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 {
     const string text(laplacianScheme(mesh_));
@@ -116,10 +106,7 @@ Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
     (
         surfaceInterpolationScheme<scalar>::New(mesh_, is)
     );
-    tmp<fv::snGradScheme<scalar>> snGrad
-    (
-        fv::snGradScheme<scalar>::New(mesh_, is)
-    );
+    tmp<fv::snGradScheme<scalar>> snGrad(fv::snGradScheme<scalar>::New(mesh_, is));
 
     // The schemes look at no value of the field
     const volScalarField scratch
@@ -139,7 +126,6 @@ Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 
     return snGrad().deltaCoeffs(scratch)*scalar(1);
 }
-
 
 void Foam::m4gnMeshAdapter::setCells()
 {
@@ -169,7 +155,6 @@ void Foam::m4gnMeshAdapter::setCells()
     data_.face_owner = mesh_.owner().cdata();
     data_.face_neighbour = mesh_.neighbour().cdata();
 }
-
 
 void Foam::m4gnMeshAdapter::setBoundary
 (
@@ -223,7 +208,6 @@ void Foam::m4gnMeshAdapter::setBoundary
     data_.face_coeff = faceCoeff_.cdata();
 }
 
-
 void Foam::m4gnMeshAdapter::setBoundaryGlobal()
 {
     const label nBoundary = boundaryOwner_.size();
@@ -262,7 +246,6 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     boundaryGlobal_ = places(mine);
 }
 
-
 void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
 {
     labelList global(mesh_.nCells());
@@ -289,10 +272,7 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
 
         const labelUList& owner = patch.faceCells();
         const vectorField delta(patch.delta());
-        const scalarField coeffs
-        (
-            patch.magSf()*deltaCoeffs.boundaryField()[patch.index()]
-        );
+        const scalarField coeffs(patch.magSf()*deltaCoeffs.boundaryField()[patch.index()]);
         const label start = patch.patch().start() - mesh_.nInternalFaces();
 
         forAll(patch, facei)
@@ -308,14 +288,7 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
     publishCoupled();
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnMeshAdapter::m4gnMeshAdapter
-(
-    const fvMesh& mesh,
-    const labelList& nodeTypes
-)
+Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes)
 :
     m4gnNodes(mesh)
 {
@@ -328,9 +301,6 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter
     setBoundary(nodeTypes, tdeltaCoeffs());
     setCoupled(tdeltaCoeffs());
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
 {
@@ -362,14 +332,12 @@ Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
     return "Gauss linear corrected";
 }
 
-
 bool Foam::m4gnMeshAdapter::registered(const word& name) const
 {
     return
         mesh_.foundObject<volScalarField>(name)
      || mesh_.foundObject<volVectorField>(name);
 }
-
 
 Foam::string Foam::m4gnMeshAdapter::registered() const
 {
@@ -385,7 +353,6 @@ Foam::string Foam::m4gnMeshAdapter::registered() const
       ? cells
       : cells + "; with location points: " + m4gn::join(others);
 }
-
 
 template<class Type>
 bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
@@ -425,25 +392,16 @@ bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
     return true;
 }
 
-
 bool Foam::m4gnMeshAdapter::gather(const word& name, values& to) const
 {
     return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
 }
 
-
 template<class Type>
-void Foam::m4gnMeshAdapter::imposeOf
-(
-    const word& name,
-    const scalarField& nodes
-) const
+void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
     auto& field =
-        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>
-        (
-            name
-        );
+        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>(name);
 
     // Stores the old time before it gives access
     Field<Type>& imposed = field.primitiveFieldRef();
@@ -451,7 +409,6 @@ void Foam::m4gnMeshAdapter::imposeOf
     const auto* of = reinterpret_cast<const Type*>(nodes.cdata());
     std::copy(of, of + imposed.size(), imposed.begin());
 }
-
 
 void Foam::m4gnMeshAdapter::impose
 (
@@ -469,6 +426,3 @@ void Foam::m4gnMeshAdapter::impose
         imposeOf<vector>(name, nodes);
     }
 }
-
-
-// ************************************************************************* //

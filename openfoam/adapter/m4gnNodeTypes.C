@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnNodeTypes.H"
 #include "m4gn.h"
@@ -22,8 +16,6 @@ License
 #include "symmetryPlaneFvPatch.H"
 #include "wallFvPatch.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 const Foam::Enum<int> Foam::m4gnNodeTypes::names
 ({
     { M4GN_WALL, "wall" },
@@ -35,12 +27,8 @@ const Foam::Enum<int> Foam::m4gnNodeTypes::names
     { M4GN_FREE, "free" },
 });
 
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
-
 static const fvMesh& of(const fvMesh& mesh, const fvMesh*)
 {
     return mesh;
@@ -51,31 +39,17 @@ static const pointMesh& of(const fvMesh& mesh, const pointMesh*)
     return pointMesh::New(mesh);
 }
 
-
 //- The field as registered, or as stored at this time (post-processing);
 //  nullptr if there is none
 template<class FieldType>
-static const FieldType* find
-(
-    const fvMesh& mesh,
-    const word& name,
-    autoPtr<FieldType>& stored
-)
+static const FieldType* find(const fvMesh& mesh, const word& name, autoPtr<FieldType>& stored)
 {
     if (mesh.foundObject<regIOobject>(name))
     {
         return mesh.findObject<FieldType>(name);
     }
 
-    IOobject io
-    (
-        name,
-        mesh.time().timeName(),
-        mesh,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
+    IOobject io(name, mesh.time().timeName(), mesh, IOobject::MUST_READ, IOobject::NO_WRITE, false);
 
     if (io.typeHeaderOk<FieldType>(true))
     {
@@ -85,7 +59,6 @@ static const FieldType* find
 
     return stored.get();
 }
-
 
 //- Does the displacement fix its value there? A condition whose library is not
 //  loaded, as in post-processing, does not know: its name does.
@@ -120,7 +93,6 @@ static bool fixes(const fvPatchVectorField& pD)
     return !free;
 }
 
-
 //- Has the field boundary conditions, and not computed values alone?
 static bool conditioned(const volVectorField& field)
 {
@@ -139,7 +111,6 @@ static bool conditioned(const volVectorField& field)
     return false;
 }
 
-
 //- Does it hold its value or let go of it, as the flow goes?
 static bool isMixed(const fvPatchVectorField& pU)
 {
@@ -148,14 +119,9 @@ static bool isMixed(const fvPatchVectorField& pU)
      || isA<directionMixedFvPatchVectorField>(pU);
 }
 
-
 //- Does the flow leave through the patch (1), enter (-1), or neither (0)?
 //  Collective.
-static label through
-(
-    const fvPatchVectorField& pU,
-    const surfaceScalarField* phi
-)
+static label through(const fvPatchVectorField& pU, const surfaceScalarField* phi)
 {
     const fvPatch& patch = pU.patch();
     const scalarField flux
@@ -171,9 +137,6 @@ static label through
 }
 
 } // End namespace Foam
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::label Foam::m4gnNodeTypes::guess
 (
@@ -260,6 +223,12 @@ Foam::label Foam::m4gnNodeTypes::guess
         }
         else if (pU.fixesValue())
         {
+            // Walls of meshes whose patches all have the type patch
+            if (pU.type() == "fixedValue" && gMax(mag(pU)()) == 0)
+            {
+                why += " of zero";
+                return M4GN_WALL;
+            }
             return M4GN_INLET;
         }
     }
@@ -272,9 +241,6 @@ Foam::label Foam::m4gnNodeTypes::guess
     }
     return -1;
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnNodeTypes::m4gnNodeTypes
 (
@@ -392,16 +358,12 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::m4gnNodeTypes::handles(const fvPatch& patch)
 {
     static const wordList types({"patch", "wall", "symmetry", "symmetryPlane"});
 
     return types.found(patch.type());
 }
-
 
 void Foam::m4gnNodeTypes::refuse(const fvPatch& patch)
 {
@@ -412,7 +374,6 @@ void Foam::m4gnNodeTypes::refuse(const fvPatch& patch)
         << " cyclic (translational), processor, processorCyclic."
         << exit(FatalError);
 }
-
 
 void Foam::m4gnNodeTypes::print(const fvMesh& mesh) const
 {
@@ -431,11 +392,7 @@ void Foam::m4gnNodeTypes::print(const fvMesh& mesh) const
     Info<< endl;
 }
 
-
 bool Foam::m4gnNodeTypes::carriesValues(const fvPatch& patch)
 {
     return !patch.coupled() && !isA<emptyFvPatch>(patch);
 }
-
-
-// ************************************************************************* //

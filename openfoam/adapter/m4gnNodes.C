@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnNodes.H"
 #include "m4gnMeshAdapter.H"
@@ -19,8 +13,6 @@ static_assert
  && sizeof(Foam::label) == sizeof(int32_t),
     "m4gn needs an OpenFOAM with double precision and 32-bit labels"
 );
-
-// * * * * * * * * * * * * * Static Member Functions * * * * * * * * * * * * //
 
 Foam::labelList Foam::m4gnNodes::procAddressing
 (
@@ -62,9 +54,6 @@ Foam::labelList Foam::m4gnNodes::procAddressing
     return labelList(addressing);
 }
 
-
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
-
 void Foam::m4gnNodes::publishBoundary()
 {
     data_.n_boundary = boundaryOwner_.size();
@@ -79,7 +68,6 @@ void Foam::m4gnNodes::publishBoundary()
     data_.boundary_patch = boundaryPatch_.data();
 }
 
-
 void Foam::m4gnNodes::publishCoupled()
 {
     data_.n_coupled = coupledOwner_.size();
@@ -90,7 +78,6 @@ void Foam::m4gnNodes::publishCoupled()
         reinterpret_cast<const double*>(coupledDelta_.data());
     data_.coupled_coeff = coupledCoeff_.data();
 }
-
 
 std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
 {
@@ -121,9 +108,6 @@ std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
 
     return place;
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)
 :
@@ -172,9 +156,6 @@ Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)
     data_.patch_names = patchNamePtrs_.data();
 }
 
-
-// * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * * //
-
 bool Foam::m4gnNodes::atPoints(const dictionary& dict)
 {
     const word location(dict.getOrDefault<word>("location", "cells"));
@@ -190,12 +171,7 @@ bool Foam::m4gnNodes::atPoints(const dictionary& dict)
     return location == "points";
 }
 
-
-Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New
-(
-    const fvMesh& mesh,
-    const dictionary& dict
-)
+Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New(const fvMesh& mesh, const dictionary& dict)
 {
     const bool points = atPoints(dict);
 
@@ -211,28 +187,15 @@ Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New
 
     if (points)
     {
-        return autoPtr<m4gnNodes>
-        (
-            new m4gnPointAdapter(mesh, nodeTypes.types())
-        );
+        return autoPtr<m4gnNodes>(new m4gnPointAdapter(mesh, nodeTypes.types()));
     }
 
     return autoPtr<m4gnNodes>(new m4gnMeshAdapter(mesh, nodeTypes.types()));
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-void Foam::m4gnNodes::setModes
-(
-    const scalarList& eigenvalues,
-    const vectorField& cells
-)
+void Foam::m4gnNodes::setModes(const scalarList& eigenvalues, const vectorField& cells)
 {
     data_.n_modes = eigenvalues.size();
     data_.mode_eigenvalues = eigenvalues.cdata();
     data_.mode_cells = reinterpret_cast<const double*>(cells.cdata());
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnObstacleFields.H"
 #include "calculatedFvPatchFields.H"
@@ -14,20 +8,16 @@ License
 #include "Time.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace m4gnObstacleFields
 {
-
 static const word nowName("obstacle");
 
 static const word aheadName("obstacleAhead");
 
 //- In the header's note: whose field it is
 static const char* const mark = "nearness of obstacles, by m4gn";
-
 
 //- The values at these places
 static tmp<vectorField> nearness
@@ -46,9 +36,6 @@ static tmp<vectorField> nearness
 
 } // End namespace m4gnObstacleFields
 } // End namespace Foam
-
-
-// * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnObstacleFields::provide(const fvMesh& mesh, const word& name)
 {
@@ -69,11 +56,7 @@ void Foam::m4gnObstacleFields::provide(const fvMesh& mesh, const word& name)
         calculatedFvPatchVectorField::typeName
     );
 
-    if
-    (
-        !field
-     || (!made && field->timeIndex() == mesh.time().timeIndex())
-    )
+    if (!field || (!made && field->timeIndex() == mesh.time().timeIndex()))
     {
         return;
     }
@@ -90,17 +73,11 @@ void Foam::m4gnObstacleFields::provide(const fvMesh& mesh, const word& name)
     {
         if (boundary[patchi].size() && !boundary[patchi].coupled())
         {
-            boundary[patchi] == nearness
-            (
-                obstacles,
-                mesh.boundary()[patchi].Cf(),
-                time
-            );
+            boundary[patchi] == nearness(obstacles, mesh.boundary()[patchi].Cf(), time);
         }
     }
     field->correctBoundaryConditions();
 }
-
 
 Foam::string Foam::m4gnObstacleFields::misfit
 (
@@ -154,6 +131,3 @@ Foam::string Foam::m4gnObstacleFields::misfit
 
     return os.str();
 }
-
-
-// ************************************************************************* //

@@ -1,20 +1,10 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnObstacles.H"
 #include "Time.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 const Foam::word Foam::m4gnObstacles::fileNameOf("obstacles");
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::IOobject Foam::m4gnObstacles::io(const fvMesh& mesh)
 {
@@ -27,7 +17,6 @@ Foam::IOobject Foam::m4gnObstacles::io(const fvMesh& mesh)
         IOobject::NO_WRITE
     );
 }
-
 
 Foam::m4gnObstacles::m4gnObstacles(const fvMesh& mesh)
 :
@@ -105,9 +94,6 @@ Foam::m4gnObstacles::m4gnObstacles(const fvMesh& mesh)
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * * //
-
 bool Foam::m4gnObstacles::present(const fvMesh& mesh)
 {
     IOobject header(io(mesh));
@@ -116,7 +102,6 @@ bool Foam::m4gnObstacles::present(const fvMesh& mesh)
         mesh.foundObject<m4gnObstacles>(fileNameOf)
      || header.typeHeaderOk<IOdictionary>(false);
 }
-
 
 const Foam::m4gnObstacles& Foam::m4gnObstacles::of(const fvMesh& mesh)
 {
@@ -140,9 +125,6 @@ const Foam::m4gnObstacles& Foam::m4gnObstacles::of(const fvMesh& mesh)
 
     return *found;
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnObstacles::gaps
 (
@@ -196,11 +178,7 @@ void Foam::m4gnObstacles::gaps
             {
                 // On the surface: the surface says where out is
                 vectorField normal;
-                surfaces_[i].getNormal
-                (
-                    List<pointIndexHit>(1, nearest[pointi]),
-                    normal
-                );
+                surfaces_[i].getNormal(List<pointIndexHit>(1, nearest[pointi]), normal);
                 out = normal[0];
             }
 
@@ -218,12 +196,7 @@ void Foam::m4gnObstacles::gaps
     }
 }
 
-
-Foam::scalar Foam::m4gnObstacles::smallestGap
-(
-    const volVectorField& D,
-    const bool withCells
-) const
+Foam::scalar Foam::m4gnObstacles::smallestGap(const volVectorField& D, const bool withCells) const
 {
     // All of the body is nearer than this
     const scalar limit = GREAT;
@@ -242,19 +215,9 @@ Foam::scalar Foam::m4gnObstacles::smallestGap
         vectorField moved(patch.patch().Cf());
         moved += withCells ? patch.patchInternalField()() : patch;
 
-        gaps
-        (
-            moved,
-            mesh_.time().value(),
-            limit,
-            gap,
-            direction
-        );
+        gaps(moved, mesh_.time().value(), limit, gap, direction);
         smallest = min(smallest, min(gap));
     }
 
     return returnReduce(smallest, minOp<scalar>());
 }
-
-
-// ************************************************************************* //

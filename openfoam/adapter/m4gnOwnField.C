@@ -1,15 +1,7 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnOwnField.H"
 #include "volFields.H"
-
-// * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
 
 template<class Type>
 Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>*
@@ -30,14 +22,7 @@ Foam::m4gnOwnField::get
     {
         field = new fieldType
         (
-            IOobject
-            (
-                name,
-                mesh.time().timeName(),
-                mesh,
-                IOobject::NO_READ,
-                IOobject::NO_WRITE
-            ),
+            IOobject(name, mesh.time().timeName(), mesh, IOobject::NO_READ, IOobject::NO_WRITE),
             mesh,
             dimensioned<Type>(name, dimensions, Zero),
             patchType
@@ -48,7 +33,6 @@ Foam::m4gnOwnField::get
 
     return field->note() == mark ? field : nullptr;
 }
-
 
 #define makeOwnField(Type)                                                     \
     template Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>*    \
@@ -65,6 +49,3 @@ makeOwnField(Foam::scalar)
 makeOwnField(Foam::vector)
 
 #undef makeOwnField
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPointAdapter.H"
 #include "m4gnDictionary.H"
@@ -16,11 +10,8 @@ License
 #include "volFields.H"
 #include <map>
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 //- An end of an edge
@@ -66,9 +57,6 @@ Istream& operator>>(Istream& is, edgeEnd& e)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 void Foam::m4gnPointAdapter::checkMesh() const
 {
     if (data_.n_directions != 3)
@@ -90,7 +78,6 @@ void Foam::m4gnPointAdapter::checkMesh() const
         }
     }
 }
-
 
 void Foam::m4gnPointAdapter::setPoints()
 {
@@ -136,10 +123,7 @@ void Foam::m4gnPointAdapter::setPoints()
             pointVolumes_[pointi] += mesh_.V()[celli]/cellPoints[celli].size();
         }
     }
-    syncTools::syncPointList
-    (
-        mesh_, pointVolumes_, plusEqOp<scalar>(), scalar(0)
-    );
+    syncTools::syncPointList(mesh_, pointVolumes_, plusEqOp<scalar>(), scalar(0));
 
     for (const label pointi : points_)
     {
@@ -153,7 +137,6 @@ void Foam::m4gnPointAdapter::setPoints()
     data_.cell_centres = reinterpret_cast<const double*>(centres_.cdata());
     data_.cell_volumes = volumes_.cdata();
 }
-
 
 void Foam::m4gnPointAdapter::setEdges()
 {
@@ -209,11 +192,7 @@ void Foam::m4gnPointAdapter::setEdges()
             }
         }
 
-        if
-        (
-            e.first.rank == Pstream::myProcNo()
-         || e.second.rank == Pstream::myProcNo()
-        )
+        if (e.first.rank == Pstream::myProcNo() || e.second.rank == Pstream::myProcNo())
         {
             add(known, e);
         }
@@ -289,7 +268,6 @@ void Foam::m4gnPointAdapter::setEdges()
     publishCoupled();
 }
 
-
 void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
 {
     const auto priority = [&](const label type)
@@ -324,10 +302,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     }
 
     syncTools::syncPointList(mesh_, best, minEqOp<label>(), labelMax);
-    syncTools::syncPointList
-    (
-        mesh_, area, plusEqOp<vector>(), vector(Zero)
-    );
+    syncTools::syncPointList(mesh_, area, plusEqOp<vector>(), vector(Zero));
 
     DynamicList<label> points;
     DynamicList<label> numbers;
@@ -355,14 +330,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     publishBoundary();
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnPointAdapter::m4gnPointAdapter
-(
-    const fvMesh& mesh,
-    const labelList& nodeTypes
-)
+Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& nodeTypes)
 :
     m4gnNodes(mesh)
 {
@@ -372,16 +340,12 @@ Foam::m4gnPointAdapter::m4gnPointAdapter
     setBoundary(nodeTypes);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::m4gnPointAdapter::registered(const word& name) const
 {
     return
         mesh_.foundObject<pointScalarField>(name)
      || mesh_.foundObject<pointVectorField>(name);
 }
-
 
 Foam::string Foam::m4gnPointAdapter::registered() const
 {
@@ -396,7 +360,6 @@ Foam::string Foam::m4gnPointAdapter::registered() const
         (points.empty() ? "no field of points" : points)
       + "; with location cells: " + m4gn::join(others);
 }
-
 
 template<class Type>
 bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
@@ -419,19 +382,13 @@ bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
     return true;
 }
 
-
 bool Foam::m4gnPointAdapter::gather(const word& name, values& to) const
 {
     return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
 }
 
-
 template<class Type>
-void Foam::m4gnPointAdapter::imposeOf
-(
-    const word& name,
-    const scalarField& nodes
-) const
+void Foam::m4gnPointAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
     Field<Type> all(mesh_.nPoints(), Zero);
 
@@ -442,22 +399,15 @@ void Foam::m4gnPointAdapter::imposeOf
     }
 
     // One rank has the value, the others zero
-    syncTools::syncPointList
-    (
-        mesh_, all, plusEqOp<Type>(), pTraits<Type>::zero
-    );
+    syncTools::syncPointList(mesh_, all, plusEqOp<Type>(), pTraits<Type>::zero);
 
     auto& field =
-        mesh_.lookupObjectRef<GeometricField<Type, pointPatchField, pointMesh>>
-        (
-            name
-        );
+        mesh_.lookupObjectRef<GeometricField<Type, pointPatchField, pointMesh>>(name);
 
     // Stores the old time before it gives access
     field.primitiveFieldRef() = all;
     field.correctBoundaryConditions();
 }
-
 
 void Foam::m4gnPointAdapter::impose
 (
@@ -475,6 +425,3 @@ void Foam::m4gnPointAdapter::impose
         imposeOf<vector>(name, nodes);
     }
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnRate.H"
 #include "calculatedFvPatchField.H"
@@ -12,24 +6,15 @@ License
 #include "volFields.H"
 #include "zeroGradientFvPatchField.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace m4gnRate
 {
-
 //- In the header's note: whose field it is
 static const char* const mark = "rate of change, by m4gn";
 
-
 template<class Type>
-static bool provide
-(
-    const fvMesh& mesh,
-    const word& name,
-    const word& rateName
-)
+static bool provide(const fvMesh& mesh, const word& name, const word& rateName)
 {
     typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
 
@@ -44,11 +29,7 @@ static bool provide
 
     if (!rate)
     {
-        wordList types
-        (
-            mesh.boundary().size(),
-            zeroGradientFvPatchField<Type>::typeName
-        );
+        wordList types(mesh.boundary().size(), zeroGradientFvPatchField<Type>::typeName);
 
         forAll(types, patchi)
         {
@@ -66,14 +47,7 @@ static bool provide
 
         rate = new fieldType
         (
-            IOobject
-            (
-                rateName,
-                mesh.time().timeName(),
-                mesh,
-                IOobject::NO_READ,
-                IOobject::NO_WRITE
-            ),
+            IOobject(rateName, mesh.time().timeName(), mesh, IOobject::NO_READ, IOobject::NO_WRITE),
             mesh,
             dimensioned<Type>(field->dimensions()/dimTime, Zero),
             types
@@ -81,11 +55,7 @@ static bool provide
         rate->note() = mark;
         mesh.objectRegistry::store(rate);
     }
-    else if
-    (
-        rate->note() != mark
-     || rate->timeIndex() == mesh.time().timeIndex()
-    )
+    else if(rate->note() != mark || rate->timeIndex() == mesh.time().timeIndex())
     {
         return true;
     }
@@ -113,14 +83,10 @@ static bool provide
 } // End namespace m4gnRate
 } // End namespace Foam
 
-
-// * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
-
 Foam::word Foam::m4gnRate::nameOf(const word& name)
 {
     return "ddt(" + name + ')';
 }
-
 
 void Foam::m4gnRate::provide(const fvMesh& mesh, const word& rateName)
 {
@@ -136,6 +102,3 @@ void Foam::m4gnRate::provide(const fvMesh& mesh, const word& rateName)
         provide<scalar>(mesh, name, rateName);
     }
 }
-
-
-// ************************************************************************* //

@@ -1,15 +1,8 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
-
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnReplacer.H"
 
 Foam::DynamicList<const Foam::m4gnReplacer*> Foam::m4gnReplacer::all_;
-
 
 Foam::m4gnReplacer::m4gnReplacer(const word& name)
 :
@@ -17,7 +10,6 @@ Foam::m4gnReplacer::m4gnReplacer(const word& name)
 {
     all_.append(this);
 }
-
 
 Foam::m4gnReplacer::~m4gnReplacer()
 {
@@ -32,12 +24,7 @@ Foam::m4gnReplacer::~m4gnReplacer()
     all_.transfer(left);
 }
 
-
-Foam::word Foam::m4gnReplacer::before
-(
-    const scalar time,
-    const m4gnReplacer* other
-)
+Foam::word Foam::m4gnReplacer::before(const scalar time, const m4gnReplacer* other)
 {
     for (const m4gnReplacer* one : all_)
     {
@@ -49,7 +36,6 @@ Foam::word Foam::m4gnReplacer::before
 
     return word::null;
 }
-
 
 Foam::m4gnReplacer::state Foam::m4gnReplacer::last(const fvMesh& mesh)
 {

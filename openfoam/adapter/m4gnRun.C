@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
-
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnRun.H"
 #include "functionObject.H"
@@ -15,7 +9,6 @@ License
 
 namespace
 {
-
 //- In v1912 the mesh has the dictionary itself ...
 template<class Mesh>
 auto performance(const Mesh& mesh, const int)
@@ -23,7 +16,6 @@ auto performance(const Mesh& mesh, const int)
 {
     return mesh.solverPerformanceDict();
 }
-
 
 //- ... and in v2506 its state
 template<class Mesh>
@@ -35,12 +27,7 @@ auto performance(const Mesh& mesh, const long)
 
 } // End anonymous namespace
 
-
-Foam::fileName Foam::m4gn::resolve
-(
-    const fileName& path,
-    const fileName& casePath
-)
+Foam::fileName Foam::m4gn::resolve(const fileName& path, const fileName& casePath)
 {
     fileName expanded(path);
     expanded.expand();
@@ -71,7 +58,6 @@ Foam::fileName Foam::m4gn::resolve
     return inCase;
 }
 
-
 void Foam::m4gn::checkStatic(const polyMesh& mesh, const dictionary& dict)
 {
     // dynamicMotionSolverFvMesh, dynamicRefineFvMesh, solidBodyMotionFvMesh,
@@ -93,7 +79,6 @@ void Foam::m4gn::checkStatic(const polyMesh& mesh, const dictionary& dict)
     }
 }
 
-
 void Foam::m4gn::refuseChange(const functionObject& object, const char* what)
 {
     FatalErrorInFunction
@@ -103,13 +88,7 @@ void Foam::m4gn::refuseChange(const functionObject& object, const char* what)
         << exit(FatalError);
 }
 
-
-void Foam::m4gn::refuseMotion
-(
-    const functionObject& object,
-    const fvMesh& mesh,
-    const char* what
-)
+void Foam::m4gn::refuseMotion(const functionObject& object, const fvMesh& mesh, const char* what)
 {
     if (!meshFollowsBody(mesh))
     {
@@ -122,7 +101,6 @@ void Foam::m4gn::refuseMotion
     }
 }
 
-
 Foam::word Foam::m4gn::solidModel(const fvMesh& mesh)
 {
     const auto* properties =
@@ -134,12 +112,10 @@ Foam::word Foam::m4gn::solidModel(const fvMesh& mesh)
       : word::null;
 }
 
-
 bool Foam::m4gn::meshFollowsBody(const fvMesh& mesh)
 {
     return solidModel(mesh) == "nonLinearGeometryUpdatedLagrangian";
 }
-
 
 void Foam::m4gn::checkSolver(const functionObject& object)
 {
@@ -153,13 +129,7 @@ void Foam::m4gn::checkSolver(const functionObject& object)
     }
 }
 
-
-void Foam::m4gn::checkLast
-(
-    const functionObject& object,
-    const Time& time,
-    const char* what
-)
+void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const char* what)
 {
     const functionObjectList& all = time.functionObjects();
     const label own = all.findObjectID(object.name());
@@ -175,12 +145,10 @@ void Foam::m4gn::checkLast
     }
 }
 
-
 const Foam::dictionary& Foam::m4gn::solverPerformance(const fvMesh& mesh)
 {
     return performance(mesh, 0);
 }
-
 
 Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)
 {

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentField.H"
 #include "m4gnFieldFiles.H"
@@ -17,24 +11,14 @@ License
 #include "processorPolyPatch.H"
 #include "zeroGradientFvPatchFields.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 const Foam::word Foam::m4gn::segmentName("m4gnSegment");
 
 const Foam::word Foam::m4gn::groupName("m4gnGroup");
 
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
-
 //- To the undecomposed case, from the ranks of a case that decomposePar made
-static void writeUndecomposed
-(
-    const volScalarField& field,
-    const labelList& global
-)
+static void writeUndecomposed(const volScalarField& field, const labelList& global)
 {
     const fvMesh& mesh = field.mesh();
     const Time& time = mesh.time();
@@ -110,9 +94,6 @@ static void writeUndecomposed
 
 } // End namespace Foam
 
-
-// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
-
 bool Foam::m4gn::cellAddressing(const fvMesh& mesh, labelList& global)
 {
     const labelIOList addressing
@@ -142,25 +123,11 @@ bool Foam::m4gn::cellAddressing(const fvMesh& mesh, labelList& global)
     );
 }
 
-
 template<class Type>
 Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>
-Foam::m4gn::cellField
-(
-    const fvMesh& mesh,
-    const word& name,
-    const word& instance
-)
+Foam::m4gn::cellField(const fvMesh& mesh, const word& name, const word& instance)
 {
-    IOobject io
-    (
-        name,
-        instance,
-        mesh,
-        IOobject::NO_READ,
-        IOobject::NO_WRITE,
-        false
-    );
+    IOobject io(name, instance, mesh, IOobject::NO_READ, IOobject::NO_WRITE, false);
     // Such a file may be replaced by us. OpenFOAM's own tools name the file
     // and the line at which another mesh has another number of cells.
     io.note() =
@@ -175,13 +142,11 @@ Foam::m4gn::cellField
     );
 }
 
-
 template Foam::tmp<Foam::volScalarField>
 Foam::m4gn::cellField<Foam::scalar>(const fvMesh&, const word&, const word&);
 
 template Foam::tmp<Foam::volVectorField>
 Foam::m4gn::cellField<Foam::vector>(const fvMesh&, const word&, const word&);
-
 
 void Foam::m4gn::writeToInstance(const regIOobject& field)
 {
@@ -190,12 +155,7 @@ void Foam::m4gn::writeToInstance(const regIOobject& field)
     files.rename();
 }
 
-
-Foam::fileNameList Foam::m4gn::segmentFolders
-(
-    const fvMesh& mesh,
-    const word& instance
-)
+Foam::fileNameList Foam::m4gn::segmentFolders(const fvMesh& mesh, const word& instance)
 {
     const Time& time = mesh.time();
 
@@ -206,7 +166,6 @@ Foam::fileNameList Foam::m4gn::segmentFolders
         time.globalPath()/time.constant()/mesh.dbDir()
     };
 }
-
 
 void Foam::m4gn::writeLabels
 (
@@ -234,7 +193,6 @@ void Foam::m4gn::writeLabels
     }
 }
 
-
 bool Foam::m4gn::writeSegments
 (
     const fvMesh& mesh,
@@ -244,10 +202,7 @@ bool Foam::m4gn::writeSegments
 )
 {
     const Time& time = mesh.time();
-    const word instance
-    (
-        given.empty() ? Time::timeName(time.startTime().value()) : given
-    );
+    const word instance(given.empty() ? Time::timeName(time.startTime().value()) : given);
     const fileNameList folders(segmentFolders(mesh, instance));
 
     // Somebody's own segments are not ours to replace
@@ -295,6 +250,3 @@ bool Foam::m4gn::writeSegments
 
     return true;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentRecord.H"
 #include "IFstream.H"
@@ -13,12 +7,7 @@ License
 #include "Time.H"
 #include "dictionary.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 static const char* const recordName = "m4gnSegmentDict";
-
-
-// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
 
 Foam::string Foam::m4gn::readSegmentRecord(const fileNameList& folders)
 {
@@ -40,7 +29,6 @@ Foam::string Foam::m4gn::readSegmentRecord(const fileNameList& folders)
 
     return string();
 }
-
 
 void Foam::m4gn::writeSegmentRecord
 (
@@ -69,7 +57,6 @@ void Foam::m4gn::writeSegmentRecord
     );
 }
 
-
 Foam::string Foam::m4gn::noteOf(const Time& time, const fileName& file)
 {
     // Compressed files too
@@ -84,6 +71,3 @@ Foam::string Foam::m4gn::noteOf(const Time& time, const fileName& file)
 
     return read && io.note().size() ? string(io.note()) : string("unknown");
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnTimeStep.H"
 #include "Time.H"
@@ -12,13 +6,10 @@ License
 #include "m4gnOwnField.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace m4gnTimeStep
 {
-
 const word fieldName("deltaT");
 
 //- In the header's note: whose field it is, and whether it keeps its value
@@ -27,9 +18,6 @@ static const char* const kept = "the solver's time step, by m4gn, held";
 
 } // End namespace m4gnTimeStep
 } // End namespace Foam
-
-
-// * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnTimeStep::provide(const fvMesh& mesh, const word& name)
 {
@@ -45,14 +33,7 @@ void Foam::m4gnTimeStep::provide(const fvMesh& mesh, const word& name)
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnTimeStep::held::held
-(
-    const fvMesh& mesh,
-    const m4gnFieldSet& fields
-)
+Foam::m4gnTimeStep::held::held(const fvMesh& mesh, const m4gnFieldSet& fields)
 :
     field_(nullptr)
 {
@@ -75,9 +56,6 @@ Foam::m4gnTimeStep::held::held
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnTimeStep::held::~held()
 {
     if (field_)
@@ -85,6 +63,3 @@ Foam::m4gnTimeStep::held::~held()
         field_->note() = mark;
     }
 }
-
-
-// ************************************************************************* //

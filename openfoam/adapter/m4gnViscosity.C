@@ -1,22 +1,13 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnViscosity.H"
 #include "m4gnOwnField.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace m4gnViscosity
 {
-
 static const word fieldName("nu");
 
 //- In the header's note: whose field it is
@@ -24,9 +15,6 @@ static const char* const mark = "viscosity of transportProperties, by m4gn";
 
 } // End namespace m4gnViscosity
 } // End namespace Foam
-
-
-// * * * * * * * * * * * * * * * Global Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnViscosity::provide(const fvMesh& mesh, const word& name)
 {
@@ -49,6 +37,3 @@ void Foam::m4gnViscosity::provide(const fvMesh& mesh, const word& name)
         *field == nu;
     }
 }
-
-
-// ************************************************************************* //

@@ -12,7 +12,6 @@
 
 namespace
 {
-
 std::string text(rust::Str s)
 {
     return std::string(s.data(), s.size());
@@ -53,7 +52,6 @@ Foam::label processor_folders(const Foam::fileName& path)
 }
 
 } // End anonymous namespace
-
 
 m4gn::FoamCase::Data::Data(const Foam::fileName& path)
 :
@@ -119,7 +117,6 @@ m4gn::FoamCase::Data::Data(const Foam::fileName& path)
     }
 }
 
-
 void m4gn::FoamCase::Data::set_time(std::size_t index)
 {
     if (index >= std::size_t(times.size()))
@@ -134,7 +131,6 @@ void m4gn::FoamCase::Data::set_time(std::size_t index)
     if (current != i) { forget(); current = i; }
 }
 
-
 void m4gn::FoamCase::Data::forget()
 {
     scalars.clear();
@@ -143,7 +139,6 @@ void m4gn::FoamCase::Data::forget()
     tensors.clear();
     current = -1;
 }
-
 
 const Foam::polyPatch& m4gn::FoamCase::Data::patch(rust::Str name) const
 {
@@ -157,7 +152,6 @@ const Foam::polyPatch& m4gn::FoamCase::Data::patch(rust::Str name) const
     }
     return patches[i];
 }
-
 
 m4gn::FoamCase::FoamCase(const std::string& path)
 {
@@ -180,16 +174,13 @@ m4gn::FoamCase::FoamCase(const std::string& path)
     data_.reset(new Data(folder));
 }
 
-
 m4gn::FoamCase::~FoamCase() = default;
-
 
 std::unique_ptr<m4gn::FoamCase> m4gn::open_case(rust::Str path)
 {
     be_a_library();
     return std::unique_ptr<FoamCase>(new FoamCase(text(path)));
 }
-
 
 rust::String m4gn::FoamCase::describe() const
 {
@@ -241,7 +232,6 @@ rust::String m4gn::FoamCase::describe() const
     );
 }
 
-
 rust::Vec<double> m4gn::FoamCase::cell_volumes() const
 {
     rust::Vec<double> result;
@@ -250,12 +240,10 @@ rust::Vec<double> m4gn::FoamCase::cell_volumes() const
     return result;
 }
 
-
 rust::Vec<double> m4gn::FoamCase::cell_centres() const
 {
     return flat(data_->mesh->cellCentres());
 }
-
 
 rust::Vec<double> m4gn::FoamCase::polygons() const
 {

@@ -7,7 +7,6 @@
 
 namespace
 {
-
 Foam::word field_name(rust::Str name)
 {
     return Foam::word(std::string(name.data(), name.size()));
@@ -23,7 +22,6 @@ Foam::IOobject header(const Foam::word& name, const Foam::Time& time, const Foam
 
 } // End anonymous namespace
 
-
 template<class Field>
 bool m4gn::FoamCase::Data::is(const Foam::word& name) const
 {
@@ -31,7 +29,6 @@ bool m4gn::FoamCase::Data::is(const Foam::word& name) const
     const Foam::objectRegistry& registry = distributed ? processors->meshes()[0].thisDb() : mesh->thisDb();
     return header(name, stored_time(), registry).typeHeaderOk<Field>(true);
 }
-
 
 template<class Field>
 const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& name)
@@ -61,20 +58,17 @@ const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& n
     return *(known[name] = std::move(field));
 }
 
-
 // FoamSolids.C asks for these too.
 template const Foam::volVectorField& m4gn::FoamCase::Data::read(Known<Foam::volVectorField>&, const Foam::word&);
 template const Foam::volSymmTensorField& m4gn::FoamCase::Data::read(Known<Foam::volSymmTensorField>&, const Foam::word&);
 template const Foam::volTensorField& m4gn::FoamCase::Data::read(Known<Foam::volTensorField>&, const Foam::word&);
 template bool m4gn::FoamCase::Data::is<Foam::volTensorField>(const Foam::word&) const;
 
-
 bool m4gn::FoamCase::has_field(rust::Str name, std::size_t time)
 {
     data_->set_time(time);
     return Foam::isFile(data_->stored_time().timePath()/field_name(name));
 }
-
 
 rust::Vec<double> m4gn::FoamCase::scalar_field(rust::Str name, std::size_t time)
 {
@@ -86,13 +80,11 @@ rust::Vec<double> m4gn::FoamCase::scalar_field(rust::Str name, std::size_t time)
     return result;
 }
 
-
 rust::Vec<double> m4gn::FoamCase::vector_field(rust::Str name, std::size_t time)
 {
     data_->set_time(time);
     return flat(data_->read(data_->vectors, field_name(name)).primitiveField());
 }
-
 
 rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
 {
@@ -140,7 +132,6 @@ rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
     }
     return result;
 }
-
 
 rust::Vec<double> m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
 {

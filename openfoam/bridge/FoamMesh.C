@@ -12,14 +12,12 @@
 
 namespace
 {
-
 Foam::word word_of(const rust::String& s)
 {
     return Foam::word(std::string(s), false);
 }
 
 } // End anonymous namespace
-
 
 Foam::dictionary m4gn::FoamCase::Data::function_object() const
 {
@@ -38,12 +36,10 @@ Foam::dictionary m4gn::FoamCase::Data::function_object() const
     return Foam::dictionary();
 }
 
-
 std::string m4gn::FoamCase::Data::start_name() const
 {
     return Foam::Time::timeName(time.startTime().value());
 }
-
 
 void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const rust::Vec<rust::String>& types)
 {
@@ -81,12 +77,10 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     }
 }
 
-
 const m4gn_mesh_data* m4gn::FoamCase::mesh() const
 {
     return &data_->adapter->data();
 }
-
 
 const m4gn_solid* m4gn::FoamCase::body() const
 {

@@ -10,7 +10,6 @@
 
 namespace
 {
-
 enum answer { given = 0, missing = 1, stale = 2, kinematic = 3, moved = 4 };
 
 bool contains(const std::string& text, const char* part)
@@ -19,7 +18,6 @@ bool contains(const std::string& text, const char* part)
 }
 
 } // End anonymous namespace
-
 
 Foam::dictionary m4gn::FoamCase::Data::solid_properties() const
 {
@@ -32,7 +30,6 @@ Foam::dictionary m4gn::FoamCase::Data::solid_properties() const
         )
     );
 }
-
 
 bool m4gn::FoamCase::Data::up_to_date(const Foam::word& name) const
 {
@@ -52,7 +49,6 @@ bool m4gn::FoamCase::Data::up_to_date(const Foam::word& name) const
      && !marked(time.timePath()/name)
      && !marked(path/"processor0"/time.timeName()/name);
 }
-
 
 rust::Vec<double> m4gn::FoamCase::reaction(rust::Str patch, std::size_t time)
 {
@@ -124,7 +120,6 @@ rust::Vec<double> m4gn::FoamCase::reaction(rust::Str patch, std::size_t time)
     for (Foam::direction d = 0; d < 3; ++d) { result.push_back(sum[d]); }
     return result;
 }
-
 
 rust::Vec<double> m4gn::FoamCase::corrector_limits() const
 {

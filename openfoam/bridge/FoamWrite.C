@@ -24,7 +24,6 @@ rust::String m4gn::FoamCase::start_note(rust::Str name) const
     return read && io.note().size() ? rust::String(std::string(io.note())) : rust::String("unknown");
 }
 
-
 void m4gn::FoamCase::remove_start_field(rust::Str name) const
 {
     const Foam::fileName file(data_->time.path()/data_->start_name()/Foam::word(std::string(name.data(), name.size())));
@@ -33,7 +32,6 @@ void m4gn::FoamCase::remove_start_field(rust::Str name) const
         if (Foam::isFile(f, false)) { Foam::rm(f); }
     }
 }
-
 
 void m4gn::FoamCase::write_start_fields
 (

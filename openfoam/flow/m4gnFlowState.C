@@ -1,17 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnFlowState.H"
 #include "m4gnDictionary.H"
 #include "m4gnSolverStateType.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 addM4gnSolverState(m4gnFlowState, flow)
 
@@ -19,20 +11,15 @@ const char* const Foam::m4gnFlowState::needs =
     "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
     " incompressible";
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::volVectorField& Foam::m4gnFlowState::U() const
 {
     return mesh_.lookupObjectRef<volVectorField>(UName_);
 }
 
-
 Foam::surfaceScalarField& Foam::m4gnFlowState::phi() const
 {
     return mesh_.lookupObjectRef<surfaceScalarField>(phiName_);
 }
-
 
 void Foam::m4gnFlowState::checkCase() const
 {
@@ -47,10 +34,7 @@ void Foam::m4gnFlowState::checkCase() const
 
     // The scheme's state must be in the old-time levels of the fields:
     // CrankNicolson keeps fields of its own, pseudo-time has no real time.
-    const word used
-    (
-        m4gn::scheme(mesh_.schemesDict(), "ddtSchemes", "ddt(" + UName_ + ')')
-    );
+    const word used(m4gn::scheme(mesh_.schemesDict(), "ddtSchemes", "ddt(" + UName_ + ')'));
 
     if (used != "Euler" && used != "backward")
     {
@@ -64,9 +48,6 @@ void Foam::m4gnFlowState::checkCase() const
     warnOfOthers({pName_});
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
 {
     return
@@ -77,7 +58,6 @@ bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
             dict.getOrDefault<word>("phi", "phi")
         );
 }
-
 
 Foam::m4gnFlowState::m4gnFlowState
 (
@@ -106,14 +86,7 @@ Foam::m4gnFlowState::m4gnFlowState
     checkCase();
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-void Foam::m4gnFlowState::advance
-(
-    const List<scalarField>& predicted,
-    const scalar duration
-)
+void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scalar duration)
 {
     step(duration);
     completed_ = false;
@@ -156,7 +129,6 @@ void Foam::m4gnFlowState::advance
     }
 }
 
-
 void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
 {
     volScalarField& p = mesh_.lookupObjectRef<volScalarField>(pName_);
@@ -174,7 +146,6 @@ void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
     divProjected_ = m4gnFluxProjection::maxDiv(phi());
 }
 
-
 Foam::wordList Foam::m4gnFlowState::advanced() const
 {
     wordList names(m4gnSolverState::advanced());
@@ -186,7 +157,6 @@ Foam::wordList Foam::m4gnFlowState::advanced() const
     }
     return names;
 }
-
 
 Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnFlowState::quantities() const
@@ -201,6 +171,3 @@ Foam::m4gnFlowState::quantities() const
         quantity("maxMag" + UName_, gMax(magU()))
     };
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnFluxProjection.H"
 #include "m4gnDictionary.H"
@@ -15,8 +9,6 @@ License
 #include "fvcFlux.H"
 #include "fvcGrad.H"
 #include "zeroGradientFvPatchFields.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::dictionary Foam::m4gnFluxProjection::solverControls
 (
@@ -30,10 +22,7 @@ Foam::dictionary Foam::m4gnFluxProjection::solverControls
        .subOrEmptyDict("solvers")
     );
 
-    dictionary controls
-    (
-        mesh_.solverDict(solvers.found("pcorr") ? "pcorr" : pressureName)
-    );
+    dictionary controls(mesh_.solverDict(solvers.found("pcorr") ? "pcorr" : pressureName));
 
     const scalar given = controls.getOrDefault<scalar>("tolerance", 1e-6);
 
@@ -44,14 +33,7 @@ Foam::dictionary Foam::m4gnFluxProjection::solverControls
     return controls;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnFluxProjection::m4gnFluxProjection
-(
-    const fvMesh& mesh,
-    const dictionary& dict
-)
+Foam::m4gnFluxProjection::m4gnFluxProjection(const fvMesh& mesh, const dictionary& dict)
 :
     mesh_(mesh),
     nCorrectors_(0),
@@ -80,9 +62,6 @@ Foam::m4gnFluxProjection::m4gnFluxProjection
     own.readIfPresent("every", every_);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::scalar Foam::m4gnFluxProjection::maxDiv(const surfaceScalarField& phi)
 {
     const tmp<volScalarField> div(fvc::div(phi));
@@ -90,16 +69,10 @@ Foam::scalar Foam::m4gnFluxProjection::maxDiv(const surfaceScalarField& phi)
     return gMax(mag(div().primitiveField())());
 }
 
-
-void Foam::m4gnFluxProjection::interpolate
-(
-    const volVectorField& U,
-    surfaceScalarField& phi
-)
+void Foam::m4gnFluxProjection::interpolate(const volVectorField& U, surfaceScalarField& phi)
 {
     phi = fvc::flux(U);
 }
-
 
 void Foam::m4gnFluxProjection::project
 (
@@ -145,12 +118,7 @@ void Foam::m4gnFluxProjection::project
 
     const surfaceScalarField one
     (
-        m4gnLaplacian::uniform
-        (
-            mesh_,
-            "m4gnOne",
-            dimensionedScalar("one", dimless, 1)
-        )
+        m4gnLaplacian::uniform(mesh_, "m4gnOne", dimensionedScalar("one", dimless, 1))
     );
     const auto laplacian(m4gnLaplacian::scheme<scalar>(mesh_));
 
@@ -166,10 +134,7 @@ void Foam::m4gnFluxProjection::project
 
     for (label corri = 0; corri <= nCorrectors_; ++corri)
     {
-        fvScalarMatrix pcorrEqn
-        (
-            laplacian.constCast().fvmLaplacian(one, pcorr) == fvc::div(phi)
-        );
+        fvScalarMatrix pcorrEqn(laplacian.constCast().fvmLaplacian(one, pcorr) == fvc::div(phi));
 
         pcorrEqn.setReference(referenceCell, Zero);
         pcorrEqn.solve(controls);
@@ -186,6 +151,3 @@ void Foam::m4gnFluxProjection::project
         }
     }
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPressureEquation.H"
 #include "m4gnLaplacian.H"
@@ -17,11 +11,8 @@ License
 #include "fvmDiv.H"
 #include "surfaceInterpolate.H"
 
-// * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- The controls of the solver's pressure equation: the dictionary of its
 //  algorithm in fvSolution
 const Foam::dictionary& algorithm(const Foam::fvMesh& mesh)
@@ -35,7 +26,6 @@ const Foam::dictionary& algorithm(const Foam::fvMesh& mesh)
     }
     return Foam::dictionary::null;
 }
-
 
 //- The viscosity's dictionary, if it has a constant one
 const Foam::dictionary* constantViscosity(const Foam::fvMesh& mesh)
@@ -53,13 +43,7 @@ const Foam::dictionary* constantViscosity(const Foam::fvMesh& mesh)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-Foam::string Foam::m4gnPressureEquation::obstacle
-(
-    const volScalarField& p
-) const
+Foam::string Foam::m4gnPressureEquation::obstacle(const volScalarField& p) const
 {
     if (p.dimensions() != dimPressure/dimDensity)
     {
@@ -84,9 +68,6 @@ Foam::string Foam::m4gnPressureEquation::obstacle
     return string();
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnPressureEquation::m4gnPressureEquation
 (
     const volScalarField& p,
@@ -100,11 +81,7 @@ Foam::m4gnPressureEquation::m4gnPressureEquation
     const string found(obstacle(p));
     const word wanted
     (
-        dict.getOrDefault<word>
-        (
-            "pressure",
-            preferred && found.empty() ? "solved" : "predicted"
-        )
+        dict.getOrDefault<word>("pressure", preferred && found.empty() ? "solved" : "predicted")
     );
 
     if (wanted != "solved" && wanted != "predicted")
@@ -127,9 +104,6 @@ Foam::m4gnPressureEquation::m4gnPressureEquation
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnPressureEquation::solve
 (
     const volVectorField& U,
@@ -140,28 +114,14 @@ void Foam::m4gnPressureEquation::solve
 {
     const dimensionedScalar nu("nu", dimViscosity, *constantViscosity(mesh_));
     const dimensionedScalar rDeltaT("rDeltaT", dimless/dimTime, 1/deltaT);
-    const surfaceScalarField viscosity
-    (
-        m4gnLaplacian::uniform(mesh_, "m4gnViscosity", nu)
-    );
+    const surfaceScalarField viscosity(m4gnLaplacian::uniform(mesh_, "m4gnViscosity", nu));
     const auto diffusion(m4gnLaplacian::scheme<vector>(mesh_));
-    const fvVectorMatrix UEqn
-    (
-        fvm::div(phi, U)
-      - diffusion.constCast().fvmLaplacian(viscosity, U)
-    );
+    const fvVectorMatrix UEqn(fvm::div(phi, U) - diffusion.constCast().fvmLaplacian(viscosity, U));
 
     const volScalarField rAU("m4gnRAU", 1/(UEqn.A() + rDeltaT));
-    const volVectorField HbyA
-    (
-        constrainHbyA(rAU*(UEqn.H() + rDeltaT*U), U, p)
-    );
+    const volVectorField HbyA(constrainHbyA(rAU*(UEqn.H() + rDeltaT*U), U, p));
     const surfaceScalarField rAUf(fvc::interpolate(rAU, "interpolate(1|A)"));
-    surfaceScalarField phiHbyA
-    (
-        "phiHbyA",
-        fvc::flux(HbyA) + rAUf*rDeltaT*(phi - fvc::flux(U))
-    );
+    surfaceScalarField phiHbyA("phiHbyA", fvc::flux(HbyA) + rAUf*rDeltaT*(phi - fvc::flux(U)));
 
     const dictionary& controls = algorithm(mesh_);
     label referenceCell = -1;
@@ -186,15 +146,9 @@ void Foam::m4gnPressureEquation::solve
 
     for (label corri = 0; corri <= nCorrectors; ++corri)
     {
-        fvScalarMatrix pEqn
-        (
-            laplacian.constCast().fvmLaplacian(rAUf, p) == fvc::div(phiHbyA)
-        );
+        fvScalarMatrix pEqn(laplacian.constCast().fvmLaplacian(rAUf, p) == fvc::div(phiHbyA));
 
         pEqn.setReference(referenceCell, reference);
         pEqn.solve(linearSolver);
     }
 }
-
-
-// ************************************************************************* //

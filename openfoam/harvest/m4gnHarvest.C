@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnHarvest.H"
 #include "addToRunTimeSelectionTable.H"
@@ -16,8 +10,6 @@ License
 #include "m4gnReplacer.H"
 #include "m4gnRun.H"
 #include "OSspecific.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -32,9 +24,6 @@ namespace functionObjects
 //  by default
 static const Foam::label defaultModes = 12;
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 void Foam::functionObjects::m4gnHarvest::start()
 {
     m4gn::checkAbi();
@@ -43,18 +32,12 @@ void Foam::functionObjects::m4gnHarvest::start()
     nodes_ = m4gnNodes::New(mesh_, dict_);
 
     const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
-    if
-    (
-        nModes > 0
-     && !nodes_->atPoints()
-     && m4gnElasticModes::wanted(mesh_, dict_)
-    )
+    if (nModes > 0 && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, dict_))
     {
         modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
     }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
 }
-
 
 void Foam::functionObjects::m4gnHarvest::open()
 {
@@ -122,7 +105,6 @@ void Foam::functionObjects::m4gnHarvest::open()
         << " to " << path_ << endl;
 }
 
-
 void Foam::functionObjects::m4gnHarvest::checkSource()
 {
     const scalar last = Foam::min
@@ -150,7 +132,6 @@ void Foam::functionObjects::m4gnHarvest::checkSource()
     }
 }
 
-
 void Foam::functionObjects::m4gnHarvest::close()
 {
     if (!recorder_)
@@ -163,10 +144,7 @@ void Foam::functionObjects::m4gnHarvest::close()
     // A stretch of one frame says nothing of the time between
     if (!stretches_ || nFrames > 1)
     {
-        m4gn::check
-        (
-            m4gn_recorder_finish(recorder_), "m4gnHarvest cannot finish"
-        );
+        m4gn::check(m4gn_recorder_finish(recorder_), "m4gnHarvest cannot finish");
         Log << type() << ' ' << name() << ": " << nFrames << " frames in "
             << path_ << nl << endl;
     }
@@ -175,13 +153,11 @@ void Foam::functionObjects::m4gnHarvest::close()
     recorder_ = nullptr;
 }
 
-
 void Foam::functionObjects::m4gnHarvest::finish()
 {
     close();
     finished_ = true;
 }
-
 
 Foam::wordList Foam::functionObjects::m4gnHarvest::ownKeys()
 {
@@ -193,7 +169,6 @@ Foam::wordList Foam::functionObjects::m4gnHarvest::ownKeys()
     keys.append(m4gnElasticModes::keys());
     return keys;
 }
-
 
 std::string Foam::functionObjects::m4gnHarvest::options
 (
@@ -208,11 +183,7 @@ std::string Foam::functionObjects::m4gnHarvest::options
     return m4gn::json(settings);
 }
 
-
-Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance
-(
-    const dictionary& dict
-) const
+Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance(const dictionary& dict) const
 {
     const auto replaced = m4gnReplacer::last(mesh_);
 
@@ -244,10 +215,7 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance
     }
     const dictionary solid
     (
-        m4gnMechanicalProperties(mesh_).description
-        (
-            dict.getOrDefault<word>("D", "D")
-        )
+        m4gnMechanicalProperties(mesh_).description(dict.getOrDefault<word>("D", "D"))
     );
     if (solid.size())
     {
@@ -258,7 +226,6 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance
     return about;
 }
 
-
 bool Foam::functionObjects::m4gnHarvest::runComplete() const
 {
     // In post-processing, end() is called after the last time, or an error
@@ -267,9 +234,6 @@ bool Foam::functionObjects::m4gnHarvest::runComplete() const
         !postProcess
      && time_.value() >= time_.endTime().value() - 0.5*time_.deltaTValue();
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::functionObjects::m4gnHarvest::m4gnHarvest
 (
@@ -288,9 +252,6 @@ Foam::functionObjects::m4gnHarvest::m4gnHarvest
     read(dict);
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
 {
     if (runComplete())
@@ -299,9 +260,6 @@ Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
     }
     m4gn_recorder_free(recorder_);
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
 {
@@ -320,10 +278,7 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     m4gn::checkDictionaries(dict, {"nodeTypes", "provenance"});
     m4gnElasticModes::checkDictionary(dict);
     m4gn::checkOptions(dict, "recorder", options(dict, "file"), ownKeys());
-    m4gn::checkAtLeast
-    (
-        dict, "modes", dict.getOrDefault<label>("modes", defaultModes), 0
-    );
+    m4gn::checkAtLeast(dict, "modes", dict.getOrDefault<label>("modes", defaultModes), 0);
 
     dict_ = dict;
     fieldNames_ = dict.getOrDefault<wordList>("fields", wordList({"U", "p"}));
@@ -346,12 +301,10 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnHarvest::execute()
 {
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnHarvest::write()
 {
@@ -389,13 +342,7 @@ bool Foam::functionObjects::m4gnHarvest::write()
 
     m4gn::check
     (
-        m4gn_recorder_append
-        (
-            recorder_,
-            time_.value(),
-            fields_->view().data(),
-            fields_->size()
-        ),
+        m4gn_recorder_append(recorder_, time_.value(), fields_->view().data(), fields_->size()),
         "m4gnHarvest cannot record a frame"
     );
 
@@ -404,7 +351,6 @@ bool Foam::functionObjects::m4gnHarvest::write()
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnHarvest::end()
 {
     finish();
@@ -412,17 +358,12 @@ bool Foam::functionObjects::m4gnHarvest::end()
     return true;
 }
 
-
 void Foam::functionObjects::m4gnHarvest::updateMesh(const mapPolyMesh&)
 {
     m4gn::refuseChange(*this, "a trajectory");
 }
 
-
 void Foam::functionObjects::m4gnHarvest::movePoints(const polyMesh&)
 {
     m4gn::refuseMotion(*this, mesh_, "a trajectory");
 }
-
-
-// ************************************************************************* //

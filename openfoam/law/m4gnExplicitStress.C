@@ -1,26 +1,15 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnExplicitStress.H"
 #include "fvcDiv.H"
 #include "fvcGrad.H"
 #include "fvcLaplacian.H"
 
-// * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
-
 namespace
 {
     //- Most sweeps
     const Foam::label maxSweeps = 50;
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
 :
@@ -44,14 +33,8 @@ Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
 
     // Not to be found in the registry in place of the solver's
     mu_.reset(new volScalarField("m4gnMu", shearModulus(E, nu)));
-    lambda_.reset
-    (
-        new volScalarField("m4gnLambda", lambda(E, nu, planeStress))
-    );
+    lambda_.reset(new volScalarField("m4gnLambda", lambda(E, nu, planeStress)));
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
 {
@@ -64,14 +47,12 @@ bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
      && mesh.foundObject<IOdictionary>("mechanicalProperties");
 }
 
-
 bool Foam::m4gnExplicitStress::thermal() const
 {
     return
         mesh_.lookupObject<IOdictionary>("thermalProperties")
        .get<bool>("thermalStress");
 }
-
 
 Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress
 (
@@ -81,7 +62,6 @@ Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress
     return *mu_*twoSymm(gradD) + (*lambda_*I)*tr(gradD);
 }
 
-
 Foam::tmp<Foam::volVectorField> Foam::m4gnExplicitStress::explicitPart
 (
     const volSymmTensorField& stress,
@@ -90,7 +70,6 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnExplicitStress::explicitPart
 {
     return fvc::div(stress - stiffness()*gradD, "div(sigmaD)");
 }
-
 
 Foam::scalar Foam::m4gnExplicitStress::change
 (
@@ -103,23 +82,14 @@ Foam::scalar Foam::m4gnExplicitStress::change
     {
         if (before[patchi].size())
         {
-            largest = max
-            (
-                largest,
-                max(mag(D.boundaryField()[patchi] - before[patchi]))
-            );
+            largest = max(largest, max(mag(D.boundaryField()[patchi] - before[patchi])));
         }
     }
 
     return returnReduce(largest, maxOp<scalar>());
 }
 
-
-void Foam::m4gnExplicitStress::update
-(
-    volVectorField& D,
-    const scalar tolerance
-) const
+void Foam::m4gnExplicitStress::update(volVectorField& D, const scalar tolerance) const
 {
     volSymmTensorField& sigmaD =
         mesh_.lookupObjectRef<volSymmTensorField>("sigmaD");
@@ -155,7 +125,6 @@ void Foam::m4gnExplicitStress::update
     }
 }
 
-
 void Foam::m4gnExplicitStress::write() const
 {
     const auto object = [&](const word& name)
@@ -173,11 +142,7 @@ void Foam::m4gnExplicitStress::write() const
     };
     const volScalarField& rho = mesh_.lookupObject<volScalarField>("rho");
 
-    volSymmTensorField sigma
-    (
-        object("sigma"),
-        rho*mesh_.lookupObject<volSymmTensorField>("sigmaD")
-    );
+    volSymmTensorField sigma(object("sigma"), rho*mesh_.lookupObject<volSymmTensorField>("sigmaD"));
     if (thermal())
     {
         sigma =
@@ -192,6 +157,3 @@ void Foam::m4gnExplicitStress::write() const
 
     volScalarField(object("sigmaEq"), sqrt(1.5*magSqr(dev(sigma)))).write();
 }
-
-
-// ************************************************************************* //

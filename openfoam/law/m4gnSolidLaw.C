@@ -1,17 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolidLaw.H"
 #include "OSspecific.H"
 #include "Time.H"
 #include <dlfcn.h>
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -19,16 +11,11 @@ namespace Foam
     defineRunTimeSelectionTable(m4gnSolidLaw, mesh);
 }
 
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- The name in the table, and what adds it
 const char* const kind = "solids4foam";
 const char* const library = "libm4gnSolids4Foam.so";
-
 
 //- Load the library, from beside this one. Why it could not be; empty: it is
 Foam::string load()
@@ -51,9 +38,6 @@ Foam::string load()
 }
 
 } // End anonymous namespace
-
-
-// * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * * //
 
 Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
 {
@@ -98,6 +82,3 @@ Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
 
     return autoPtr<m4gnSolidLaw>();
 }
-
-
-// ************************************************************************* //

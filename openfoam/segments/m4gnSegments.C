@@ -1,18 +1,10 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegments.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
 #include "m4gnSegmentField.H"
 #include "mathematicalConstants.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -22,8 +14,6 @@ namespace functionObjects
     addToRunTimeSelectionTable(functionObject, m4gnSegments, dictionary);
 }
 }
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::word Foam::functionObjects::m4gnSegments::instance() const
 {
@@ -35,7 +25,6 @@ Foam::word Foam::functionObjects::m4gnSegments::instance() const
       : Time::timeName(time_.startTime().value());
 }
 
-
 template<class Type>
 void Foam::functionObjects::m4gnSegments::writeMode
 (
@@ -43,19 +32,11 @@ void Foam::functionObjects::m4gnSegments::writeMode
     const tmp<Field<Type>>& cells
 ) const
 {
-    auto tfield = m4gn::cellField<Type>
-    (
-        mesh_,
-        "m4gnMode" + Foam::name(modei + 1),
-        instance()
-    );
+    auto tfield = m4gn::cellField<Type>(mesh_, "m4gnMode" + Foam::name(modei + 1), instance());
     tfield.ref().primitiveFieldRef() = cells;
     tfield.ref().correctBoundaryConditions();
     m4gn::writeToInstance(tfield());
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::functionObjects::m4gnSegments::m4gnSegments
 (
@@ -72,9 +53,6 @@ Foam::functionObjects::m4gnSegments::m4gnSegments
     read(dict);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
 {
     fvMeshFunctionObject::read(dict);
@@ -90,7 +68,6 @@ bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
 
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnSegments::execute()
 {
@@ -146,7 +123,6 @@ bool Foam::functionObjects::m4gnSegments::execute()
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnSegments::write()
 {
     if (!segmentation_ || written_)
@@ -175,6 +151,3 @@ bool Foam::functionObjects::m4gnSegments::write()
 
     return true;
 }
-
-
-// ************************************************************************* //

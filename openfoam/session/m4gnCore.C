@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 // Only C of MPI is wanted
 #define OMPI_SKIP_MPICXX
@@ -17,11 +11,8 @@ License
 #include "objectRegistry.H"
 #include "regIOobject.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- Ends MPI when the registry of Time lets go of it
 struct lifetime
 :
@@ -45,9 +36,6 @@ struct lifetime
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
-
 int32_t Foam::m4gn::communicator()
 {
     if (!UPstream::parRun())
@@ -57,7 +45,6 @@ int32_t Foam::m4gn::communicator()
 
     return int32_t(MPI_Comm_c2f(MPI_COMM_WORLD));
 }
-
 
 void Foam::m4gn::endWith(const Time& time)
 {
@@ -69,19 +56,11 @@ void Foam::m4gn::endWith(const Time& time)
         (
             new lifetime
             (
-                IOobject
-                (
-                    name,
-                    time.constant(),
-                    time,
-                    IOobject::NO_READ,
-                    IOobject::NO_WRITE
-                )
+                IOobject(name, time.constant(), time, IOobject::NO_READ, IOobject::NO_WRITE)
             )
         );
     }
 }
-
 
 void Foam::m4gn::checkAbi()
 {
@@ -97,7 +76,6 @@ void Foam::m4gn::checkAbi()
     }
 }
 
-
 void Foam::m4gn::check(const int32_t status, const char* what)
 {
     if (status != M4GN_OK)
@@ -107,7 +85,6 @@ void Foam::m4gn::check(const int32_t status, const char* what)
             << exit(FatalError);
     }
 }
-
 
 void Foam::m4gn::checkOptions
 (

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticModes.H"
 #include "m4gnCore.H"
@@ -15,16 +9,12 @@ License
 #include "clockTime.H"
 #include <memory>
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace Foam
 {
-
 static word displacementOf(const dictionary& dict)
 {
     return dict.getOrDefault<word>("D", "D");
 }
-
 
 //- The entries that the library takes
 static dictionary solverEntries(const dictionary& dict)
@@ -41,9 +31,6 @@ static dictionary solverEntries(const dictionary& dict)
 }
 
 } // End namespace Foam
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnElasticModes::m4gnElasticModes
 (
@@ -76,11 +63,7 @@ Foam::m4gnElasticModes::m4gnElasticModes
     const m4gnNodeTypes nodeTypes(mesh, dict, "U", "p", DName);
     const m4gnElasticBody body(mesh, dict, nodeTypes.types());
 
-    if
-    (
-        !returnReduce(body.data().n_fixed > 0, orOp<bool>())
-     && !body.data().free_body
-    )
+    if (!returnReduce(body.data().n_fixed > 0, orOp<bool>()) && !body.data().free_body)
     {
         FatalErrorInFunction
             << "Nothing holds the elastic body: expected a patch where "
@@ -112,17 +95,11 @@ Foam::m4gnElasticModes::m4gnElasticModes
     m4gn_modes* raw = nullptr;
     m4gn::check
     (
-        m4gn_solid_modes_new
-        (
-            m4gn::communicator(), &body.data(), options.c_str(), &raw
-        ),
+        m4gn_solid_modes_new(m4gn::communicator(), &body.data(), options.c_str(), &raw),
         "Modes of the elastic body cannot be had"
         " (operator laplacian does without)"
     );
-    const std::unique_ptr<m4gn_modes, void (*)(m4gn_modes*)> modes
-    (
-        raw, m4gn_modes_free
-    );
+    const std::unique_ptr<m4gn_modes, void (*)(m4gn_modes*)> modes(raw, m4gn_modes_free);
 
     const label n = m4gn_modes_count(raw);
     eigenvalues_.resize(n);
@@ -137,10 +114,7 @@ Foam::m4gnElasticModes::m4gnElasticModes
     {
         m4gn::check
         (
-            m4gn_modes_vector
-            (
-                raw, modei, reinterpret_cast<double*>(points.data())
-            ),
+            m4gn_modes_vector(raw, modei, reinterpret_cast<double*>(points.data())),
             "m4gn"
         );
         forAll(cellPoints, celli)
@@ -158,14 +132,10 @@ Foam::m4gnElasticModes::m4gnElasticModes
         << timer.elapsedTime() << " s" << endl;
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::wordList Foam::m4gnElasticModes::keys()
 {
     return {"operator", "material", "freeBody", "modalSolver", "petscOptions"};
 }
-
 
 void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)
 {
@@ -188,13 +158,7 @@ void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)
     );
 }
 
-
-bool Foam::m4gnElasticModes::wanted
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const label needed
-)
+bool Foam::m4gnElasticModes::wanted(const fvMesh& mesh, const dictionary& dict, const label needed)
 {
     if (dict.found("operator"))
     {
@@ -230,7 +194,6 @@ bool Foam::m4gnElasticModes::wanted
     return false;
 }
 
-
 Foam::label Foam::m4gnElasticModes::needed(const fileName& model)
 {
     const int32_t count =
@@ -243,6 +206,3 @@ Foam::label Foam::m4gnElasticModes::needed(const fileName& model)
 
     return count;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentation.H"
 #include "m4gnCore.H"
@@ -17,8 +11,6 @@ License
 #include "PstreamReduceOps.H"
 #include "Time.H"
 #include "wallFvPatch.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 std::string Foam::m4gnSegmentation::options
 (
@@ -38,7 +30,6 @@ std::string Foam::m4gnSegmentation::options
     }
     return m4gn::json(settings);
 }
-
 
 void Foam::m4gnSegmentation::compute
 (
@@ -72,10 +63,7 @@ void Foam::m4gnSegmentation::compute
     const bool modal = withModes || dict.getOrDefault<word>("method", "") != "metis";
     if (modal && m4gnElasticModes::wanted(mesh_, dict, needed))
     {
-        const label nModes
-        (
-            dict.getOrDefault<label>("modes", needed > 0 ? needed : -1)
-        );
+        const label nModes(dict.getOrDefault<label>("modes", needed > 0 ? needed : -1));
         elastic_.reset(new m4gnElasticModes(mesh_, dict, nModes));
         adapter.setModes(elastic_->eigenvalues(), elastic_->cells());
     }
@@ -101,13 +89,8 @@ void Foam::m4gnSegmentation::compute
 
     count_ = m4gn_segments_count(segments_);
     cells_.resize(mesh_.nCells());
-    m4gn::check
-    (
-        m4gn_segments_cells(segments_, cells_.data()),
-        "The segments cannot be computed"
-    );
+    m4gn::check(m4gn_segments_cells(segments_, cells_.data()), "The segments cannot be computed");
 }
-
 
 void Foam::m4gnSegmentation::count(const dictionary& dict)
 {
@@ -167,9 +150,6 @@ void Foam::m4gnSegmentation::count(const dictionary& dict)
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnSegmentation::m4gnSegmentation
 (
     const fvMesh& mesh,
@@ -202,10 +182,7 @@ Foam::m4gnSegmentation::m4gnSegmentation
         const bool taken = found.use
         (
             options(dict, model, false),
-            dict.getOrDefault<word>
-            (
-                "stored", m4gnStoredSegments::choices().first()
-            )
+            dict.getOrDefault<word>("stored", m4gnStoredSegments::choices().first())
         );
 
         if (taken)
@@ -225,9 +202,6 @@ Foam::m4gnSegmentation::m4gnSegmentation
         << (computed() ? " computed" : "") << endl;
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnSegmentation::~m4gnSegmentation()
 {
     if (segments_)
@@ -236,14 +210,10 @@ Foam::m4gnSegmentation::~m4gnSegmentation()
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::wordList Foam::m4gnSegmentation::ownKeys()
 {
     return {"stored", "material", "freeBody"};
 }
-
 
 void Foam::m4gnSegmentation::checkDictionary(const dictionary& dict)
 {
@@ -269,33 +239,20 @@ void Foam::m4gnSegmentation::checkDictionary(const dictionary& dict)
     );
 }
 
-
 void Foam::m4gnSegmentation::store(const word& instance) const
 {
     if (computed())
     {
-        m4gn::writeSegments
-        (
-            mesh_,
-            cells_,
-            m4gn_segments_record(segments_),
-            instance
-        );
+        m4gn::writeSegments(mesh_, cells_, m4gn_segments_record(segments_), instance);
     }
 }
-
 
 Foam::label Foam::m4gnSegmentation::nModes() const
 {
     return segments_ ? m4gn_segments_n_modes(segments_) : 0;
 }
 
-
-Foam::scalar Foam::m4gnSegmentation::mode
-(
-    const label modei,
-    scalarField& cells
-) const
+Foam::scalar Foam::m4gnSegmentation::mode(const label modei, scalarField& cells) const
 {
     cells.resize(mesh_.nCells());
 
@@ -308,6 +265,3 @@ Foam::scalar Foam::m4gnSegmentation::mode
 
     return eigenvalue;
 }
-
-
-// ************************************************************************* //

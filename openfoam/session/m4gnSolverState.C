@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolverState.H"
 #include "m4gnDictionary.H"
@@ -14,13 +8,7 @@ License
 #include "surfaceFields.H"
 #include "Time.H"
 
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
-
-void Foam::m4gnSolverState::impose
-(
-    const label outputi,
-    const scalarField& values
-) const
+void Foam::m4gnSolverState::impose(const label outputi, const scalarField& values) const
 {
     session_.nodes().impose
     (
@@ -30,13 +18,9 @@ void Foam::m4gnSolverState::impose
     );
 }
 
-
 void Foam::m4gnSolverState::refuseHistory() const
 {
-    const wordList laws
-    (
-        m4gnMechanicalProperties(mesh_).lawsWithHistory()
-    );
+    const wordList laws(m4gnMechanicalProperties(mesh_).lawsWithHistory());
 
     if (laws.size())
     {
@@ -47,7 +31,6 @@ void Foam::m4gnSolverState::refuseHistory() const
             << "    Use an elastic law, or mode observe" << exit(FatalError);
     }
 }
-
 
 void Foam::m4gnSolverState::warnOfOthers(const wordList& advanced) const
 {
@@ -75,21 +58,13 @@ void Foam::m4gnSolverState::warnOfOthers(const wordList& advanced) const
     }
 }
 
-
 void Foam::m4gnSolverState::step(const scalar deltaT) const
 {
     time_.setDeltaT(deltaT, false);
     ++time_;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnSolverState::m4gnSolverState
-(
-    const fvMesh& mesh,
-    const m4gnSession& session
-)
+Foam::m4gnSolverState::m4gnSolverState(const fvMesh& mesh, const m4gnSession& session)
 :
     mesh_(mesh),
     time_(const_cast<Time&>(mesh.time())),
@@ -113,22 +88,15 @@ Foam::m4gnSolverState::m4gnSolverState
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::wordList Foam::m4gnSolverState::advanced() const
 {
     return session_.outputs();
 }
 
-
 void Foam::m4gnSolverState::write() const
 {
     time_.write();
 }
-
-
-// * * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * //
 
 Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
 {
@@ -155,7 +123,6 @@ Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
 
     return all.sortedToc();
 }
-
 
 Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
 (
@@ -217,6 +184,3 @@ Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
 
     return kind->make(mesh, dict, session);
 }
-
-
-// ************************************************************************* //

@@ -1,14 +1,6 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolverStateType.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 namespace Foam
 {
@@ -16,13 +8,7 @@ namespace Foam
     defineRunTimeSelectionTable(m4gnSolverStateType, kind);
 }
 
-
-// * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * * //
-
-Foam::autoPtr<Foam::m4gnSolverStateType> Foam::m4gnSolverStateType::New
-(
-    const word& name
-)
+Foam::autoPtr<Foam::m4gnSolverStateType> Foam::m4gnSolverStateType::New(const word& name)
 {
     const auto found = kindConstructorTablePtr_->cfind(name);
 
@@ -36,11 +22,7 @@ Foam::autoPtr<Foam::m4gnSolverStateType> Foam::m4gnSolverStateType::New
     return found.val()();
 }
 
-
 Foam::wordList Foam::m4gnSolverStateType::names()
 {
     return kindConstructorTablePtr_->sortedToc();
 }
-
-
-// ************************************************************************* //

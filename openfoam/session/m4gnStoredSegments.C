@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnStoredSegments.H"
 #include "m4gnCore.H"
@@ -21,11 +15,8 @@ License
 #include <cmath>
 #include <vector>
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 //- The values of a field's file, as many as there are; a uniform one nCells
@@ -45,16 +36,12 @@ scalarField internalField(const dictionary& dict, const label nCells)
     return values;
 }
 
-
 //- The last file of the undecomposed case that is not later than now. Collective:
 //  with a file handler like collated, the ranks look for times together.
 fileName findUndecomposed(const fvMesh& mesh)
 {
     const Time& time = mesh.time();
-    const instantList times
-    (
-        Time::findTimes(time.globalPath(), time.constant())
-    );
+    const instantList times(Time::findTimes(time.globalPath(), time.constant()));
 
     forAllReverse(times, i)
     {
@@ -62,10 +49,7 @@ fileName findUndecomposed(const fvMesh& mesh)
             times[i].name() != time.constant()
          && times[i].value() > time.value() + 0.5*time.deltaTValue();
 
-        const fileName file
-        (
-            time.globalPath()/times[i].name()/mesh.dbDir()/m4gn::segmentName
-        );
+        const fileName file(time.globalPath()/times[i].name()/mesh.dbDir()/m4gn::segmentName);
 
         if (!late && isFile(file))
         {
@@ -78,31 +62,15 @@ fileName findUndecomposed(const fvMesh& mesh)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 bool Foam::m4gnStoredSegments::readOwn()
 {
     word instance
     (
-        mesh_.time().findInstance
-        (
-            mesh_.dbDir(),
-            m4gn::segmentName,
-            IOobject::READ_IF_PRESENT
-        )
+        mesh_.time().findInstance(mesh_.dbDir(), m4gn::segmentName, IOobject::READ_IF_PRESENT)
     );
     Pstream::scatter(instance);
 
-    IOobject io
-    (
-        m4gn::segmentName,
-        instance,
-        mesh_,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
+    IOobject io(m4gn::segmentName, instance, mesh_, IOobject::MUST_READ, IOobject::NO_WRITE, false);
 
     // A rank without cells, as redistributePar has them, may be without the
     // file
@@ -131,7 +99,6 @@ bool Foam::m4gnStoredSegments::readOwn()
 
     return true;
 }
-
 
 bool Foam::m4gnStoredSegments::readUndecomposed()
 {
@@ -180,12 +147,7 @@ bool Foam::m4gnStoredSegments::readUndecomposed()
     return true;
 }
 
-
-void Foam::m4gnStoredSegments::set
-(
-    const UList<scalar>& values,
-    const label nStored
-)
+void Foam::m4gnStoredSegments::set(const UList<scalar>& values, const label nStored)
 {
     const label nCells = returnReduce(mesh_.nCells(), sumOp<label>());
 
@@ -230,13 +192,9 @@ void Foam::m4gnStoredSegments::set
     }
 }
 
-
 void Foam::m4gnStoredSegments::removeModes() const
 {
-    const fileName folder
-    (
-        from_.isAbsolute() ? from_.path() : mesh_.time().path()/from_.path()
-    );
+    const fileName folder(from_.isAbsolute() ? from_.path() : mesh_.time().path()/from_.path());
 
     for (label i = 1; ; ++i)
     {
@@ -256,9 +214,6 @@ void Foam::m4gnStoredSegments::removeModes() const
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnStoredSegments::m4gnStoredSegments(const fvMesh& mesh)
 :
     mesh_(mesh),
@@ -270,9 +225,6 @@ Foam::m4gnStoredSegments::m4gnStoredSegments(const fvMesh& mesh)
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 const Foam::wordList& Foam::m4gnStoredSegments::choices()
 {
     static const wordList words({"recompute", "refuse", "keep"});
@@ -280,12 +232,7 @@ const Foam::wordList& Foam::m4gnStoredSegments::choices()
     return words;
 }
 
-
-bool Foam::m4gnStoredSegments::use
-(
-    const std::string& options,
-    const word& choice
-)
+bool Foam::m4gnStoredSegments::use(const std::string& options, const word& choice)
 {
     if (from_.empty())
     {
@@ -376,6 +323,3 @@ bool Foam::m4gnStoredSegments::use
 
     return false;
 }
-
-
-// ************************************************************************* //

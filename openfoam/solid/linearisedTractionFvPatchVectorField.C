@@ -1,26 +1,15 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "linearisedTractionFvPatchVectorField.H"
 #include "addToRunTimeSelectionTable.H"
 #include "fvPatchFieldMapper.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::tmp<Foam::vectorField>
 Foam::linearisedTractionFvPatchVectorField::gradientNow() const
 {
     return explicit_ - cmptMultiply(implicit_, patchInternalField());
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
 (
@@ -35,7 +24,6 @@ Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
     fvPatchVectorField::operator=(patchInternalField());
     gradient() = Zero;
 }
-
 
 Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
 (
@@ -58,7 +46,6 @@ Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
     explicit_ = gradient();
 }
 
-
 Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
 (
     const linearisedTractionFvPatchVectorField& other,
@@ -72,7 +59,6 @@ Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
     implicit_(other.implicit_, mapper)
 {}
 
-
 Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
 (
     const linearisedTractionFvPatchVectorField& other,
@@ -84,7 +70,6 @@ Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
     implicit_(other.implicit_)
 {}
 
-
 Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
 (
     const linearisedTractionFvPatchVectorField& other
@@ -93,15 +78,11 @@ Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
     linearisedTractionFvPatchVectorField(other, other.internalField())
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::tmp<Foam::vectorField>
 Foam::linearisedTractionFvPatchVectorField::displacement() const
 {
     return patchInternalField() + gradient()/patch().deltaCoeffs();
 }
-
 
 void Foam::linearisedTractionFvPatchVectorField::linearise
 (
@@ -131,17 +112,12 @@ void Foam::linearisedTractionFvPatchVectorField::linearise
     gradient() = gradientNow();
 }
 
-
-void Foam::linearisedTractionFvPatchVectorField::autoMap
-(
-    const fvPatchFieldMapper& mapper
-)
+void Foam::linearisedTractionFvPatchVectorField::autoMap(const fvPatchFieldMapper& mapper)
 {
     fixedGradientFvPatchVectorField::autoMap(mapper);
     explicit_.autoMap(mapper);
     implicit_.autoMap(mapper);
 }
-
 
 void Foam::linearisedTractionFvPatchVectorField::rmap
 (
@@ -157,11 +133,7 @@ void Foam::linearisedTractionFvPatchVectorField::rmap
     implicit_.rmap(own.implicit_, addressing);
 }
 
-
-void Foam::linearisedTractionFvPatchVectorField::evaluate
-(
-    const Pstream::commsTypes commsType
-)
+void Foam::linearisedTractionFvPatchVectorField::evaluate(const Pstream::commsTypes commsType)
 {
     if (!updated())
     {
@@ -172,13 +144,11 @@ void Foam::linearisedTractionFvPatchVectorField::evaluate
     fixedGradientFvPatchVectorField::evaluate(commsType);
 }
 
-
 Foam::tmp<Foam::vectorField>
 Foam::linearisedTractionFvPatchVectorField::gradientInternalCoeffs() const
 {
     return -implicit_;
 }
-
 
 Foam::tmp<Foam::vectorField>
 Foam::linearisedTractionFvPatchVectorField::gradientBoundaryCoeffs() const
@@ -186,23 +156,13 @@ Foam::linearisedTractionFvPatchVectorField::gradientBoundaryCoeffs() const
     return tmp<vectorField>::New(explicit_);
 }
 
-
 void Foam::linearisedTractionFvPatchVectorField::write(Ostream& os) const
 {
     fvPatchVectorField::write(os);
     writeEntry("value", os);
 }
 
-
-// * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * //
-
 namespace Foam
 {
-    makePatchTypeField
-    (
-        fvPatchVectorField,
-        linearisedTractionFvPatchVectorField
-    );
+    makePatchTypeField(fvPatchVectorField, linearisedTractionFvPatchVectorField);
 }
-
-// ************************************************************************* //

@@ -1,16 +1,8 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnContactProjection.H"
 #include "m4gnObstacles.H"
 #include "volFields.H"
-
-// * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
 
 namespace
 {
@@ -24,9 +16,6 @@ namespace
     const Foam::scalar tolerance = 1e-3;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnContactProjection::m4gnContactProjection
 (
     const fvMesh& mesh,
@@ -34,20 +23,11 @@ Foam::m4gnContactProjection::m4gnContactProjection
     const m4gnExplicitStress& law
 )
 :
-    obstacles_
-    (
-        m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr
-    ),
+    obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
     response_(mesh, law, "contact", lengthOf(dict))
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-Foam::scalar Foam::m4gnContactProjection::project
-(
-    volVectorField& D
-) const
+Foam::scalar Foam::m4gnContactProjection::project(volVectorField& D) const
 {
     const scalar before = obstacles_->smallestGap(D, true);
 
@@ -59,10 +39,7 @@ Foam::scalar Foam::m4gnContactProjection::project
     // Distances of neighbours are the reciprocal of deltaCoeffs
     const scalar allowed =
         -tolerance/gAverage(D.mesh().deltaCoeffs().primitiveField());
-    const volVectorField::Internal force
-    (
-        response_.inertia()*dimensionedVector(dimLength, Zero)
-    );
+    const volVectorField::Internal force(response_.inertia()*dimensionedVector(dimLength, Zero));
 
     scalar gap = before;
     for (label i = 0; i < maxPushes && gap < allowed; ++i)
@@ -81,6 +58,3 @@ Foam::scalar Foam::m4gnContactProjection::project
 
     return before;
 }
-
-
-// ************************************************************************* //

@@ -1,21 +1,12 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnDisplacementState.H"
 #include "m4gnDictionary.H"
 #include "m4gnRate.H"
 #include "Time.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- Time's deltaT0 of the next time step is the deltaT of this one. A stride is
 //  no step of the solver: give it the solver's own.
 struct previousStep
@@ -31,37 +22,25 @@ struct previousStep
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
-
 Foam::volVectorField& Foam::m4gnDisplacementState::D() const
 {
     return mesh_.lookupObjectRef<volVectorField>(DName_);
 }
-
 
 Foam::volVectorField& Foam::m4gnDisplacementState::rate() const
 {
     return mesh_.lookupObjectRef<volVectorField>(m4gnRate::nameOf(DName_));
 }
 
-
-Foam::word Foam::m4gnDisplacementState::displacementName
-(
-    const dictionary& dict
-)
+Foam::word Foam::m4gnDisplacementState::displacementName(const dictionary& dict)
 {
     return dict.getOrDefault<word>("D", "D");
 }
-
 
 void Foam::m4gnDisplacementState::update()
 {
     D().correctBoundaryConditions();
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnDisplacementState::m4gnDisplacementState
 (
@@ -76,13 +55,7 @@ Foam::m4gnDisplacementState::m4gnDisplacementState
 {
     refuseHistory();
 
-    const word used
-    (
-        m4gn::scheme
-        (
-            mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'
-        )
-    );
+    const word used(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'));
 
     if (used != "Euler" && used != "steadyState")
     {
@@ -117,14 +90,7 @@ Foam::m4gnDisplacementState::m4gnDisplacementState
     warnOfOthers(wordList());
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-void Foam::m4gnDisplacementState::advance
-(
-    const List<scalarField>& predicted,
-    const scalar duration
-)
+void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted, const scalar duration)
 {
     step(duration);
 
@@ -154,12 +120,7 @@ void Foam::m4gnDisplacementState::advance
     }
 }
 
-
-void Foam::m4gnDisplacementState::complete
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnDisplacementState::complete(const scalar deltaT, const bool handOver)
 {
     if (handOver)
     {
@@ -173,7 +134,6 @@ void Foam::m4gnDisplacementState::complete
         previousStep::set(time_, deltaT);
     }
 }
-
 
 Foam::wordList Foam::m4gnDisplacementState::advanced() const
 {
@@ -189,7 +149,6 @@ Foam::wordList Foam::m4gnDisplacementState::advanced() const
     return names;
 }
 
-
 Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnDisplacementState::quantities() const
 {
@@ -201,6 +160,3 @@ Foam::m4gnDisplacementState::quantities() const
         quantity("maxMag" + DName_, gMax(magD()))
     };
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticResponse.H"
 #include "m4gnDictionary.H"
@@ -16,8 +10,6 @@ License
 #include "fvmSup.H"
 #include "obstacleTractionFvPatchVectorField.H"
 #include "surfaceFields.H"
-
-// * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
 
 namespace
 {
@@ -46,9 +38,6 @@ namespace
     };
 }
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::scalarField Foam::m4gnElasticResponse::cellSizes() const
 {
     const surfaceScalarField& coeffs = mesh_.deltaCoeffs();
@@ -70,11 +59,7 @@ Foam::scalarField Foam::m4gnElasticResponse::cellSizes() const
         {
             forAll(patch, i)
             {
-                take
-                (
-                    patch.faceCells()[i],
-                    coeffs.boundaryField()[patch.index()][i]
-                );
+                take(patch.faceCells()[i], coeffs.boundaryField()[patch.index()][i]);
             }
         }
     }
@@ -91,7 +76,6 @@ Foam::scalarField Foam::m4gnElasticResponse::cellSizes() const
     return sizes;
 }
 
-
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::heldAs
 (
     const volVectorField& D,
@@ -99,11 +83,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::heldAs
     const dimensionSet& dimensions
 ) const
 {
-    wordList types
-    (
-        mesh_.boundary().size(),
-        fixedGradientFvPatchVectorField::typeName
-    );
+    wordList types(mesh_.boundary().size(), fixedGradientFvPatchVectorField::typeName);
 
     forAll(types, patchi)
     {
@@ -144,9 +124,6 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::heldAs
     );
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnElasticResponse::m4gnElasticResponse
 (
     const fvMesh& mesh,
@@ -181,9 +158,6 @@ Foam::m4gnElasticResponse::m4gnElasticResponse
             stiffness_.primitiveField()/sqr(length_*cellSizes());
     }
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::scalar Foam::m4gnElasticResponse::lengthOf
 (
@@ -222,13 +196,8 @@ Foam::scalar Foam::m4gnElasticResponse::lengthOf
     return length;
 }
 
-
 Foam::List<Foam::m4gnElasticResponse::support>
-Foam::m4gnElasticResponse::touching
-(
-    const volVectorField& D,
-    const scalar push
-)
+Foam::m4gnElasticResponse::touching(const volVectorField& D, const scalar push)
 {
     List<support> supports(D.boundaryField().size());
 
@@ -268,7 +237,6 @@ Foam::m4gnElasticResponse::touching
 
     return supports;
 }
-
 
 void Foam::m4gnElasticResponse::release
 (
@@ -315,17 +283,11 @@ void Foam::m4gnElasticResponse::release
 
         const support& held = supports[patchi];
         const vectorField moved(linear.displacement());
-        linear.linearise
-        (
-            held.traction - cmptMultiply(held.slope, moved),
-            held.slope,
-            traction
-        );
+        linear.linearise(held.traction - cmptMultiply(held.slope, moved), held.slope, traction);
     }
 
     field.correctBoundaryConditions();
 }
-
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::respond
 (
@@ -337,12 +299,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::respond
 {
     const word gradScheme("grad(" + D.name() + ')');
 
-    auto tresponse = heldAs
-    (
-        D,
-        "m4gnResponse",
-        force.dimensions()/inertia_.dimensions()
-    );
+    auto tresponse = heldAs(D, "m4gnResponse", force.dimensions()/inertia_.dimensions());
     volVectorField& response = tresponse.ref();
 
     // The next sweep goes on from where the linear solver stops
@@ -390,6 +347,3 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::respond
 
     return tresponse;
 }
-
-
-// ************************************************************************* //

@@ -1,25 +1,14 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticSmoothing.H"
 #include "fvcGrad.H"
 #include "fvcLaplacian.H"
-
-// * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
 
 namespace
 {
     //- Most sweeps for the boundary values of the rate
     const Foam::label maxSweeps = 200;
 }
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::elasticForce
 (
@@ -34,7 +23,6 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::elasticForce
       + law_.explicitPart(law_.stress(gradient)(), gradient);
 }
 
-
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::correction
 (
     const volVectorField& D,
@@ -45,17 +33,11 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::correction
     const auto supports = m4gnElasticResponse::touching(D);
 
     auto r = response_.respond(D, force, size, supports);
-    const volVectorField::Internal inertial
-    (
-        response_.inertia()*r().internalField()
-    );
+    const volVectorField::Internal inertial(response_.inertia()*r().internalField());
     r.ref() -= response_.respond(D, inertial, size, supports);
 
     return r;
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnElasticSmoothing::m4gnElasticSmoothing
 (
@@ -69,13 +51,7 @@ Foam::m4gnElasticSmoothing::m4gnElasticSmoothing
     response_(mesh, law, "smoothing", lengthOf(dict))
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-Foam::scalar Foam::m4gnElasticSmoothing::smoothDisplacement
-(
-    volVectorField& D
-) const
+Foam::scalar Foam::m4gnElasticSmoothing::smoothDisplacement(volVectorField& D) const
 {
     volVectorField force(elasticForce(D, "grad(" + D.name() + ')'));
 
@@ -88,24 +64,14 @@ Foam::scalar Foam::m4gnElasticSmoothing::smoothDisplacement
         );
     }
 
-    const auto change = correction
-    (
-        D,
-        force.internalField(),
-        gMax(mag(D.primitiveField())())
-    );
+    const auto change = correction(D, force.internalField(), gMax(mag(D.primitiveField())()));
 
     D.primitiveFieldRef() += change().primitiveField();
 
     return gMax(mag(change().primitiveField())());
 }
 
-
-void Foam::m4gnElasticSmoothing::smoothRate
-(
-    const volVectorField& D,
-    volVectorField& rate
-) const
+void Foam::m4gnElasticSmoothing::smoothRate(const volVectorField& D, volVectorField& rate) const
 {
     const word gradScheme("grad(" + D.name() + ')');
     const scalar size = gMax(mag(rate.primitiveField())());
@@ -139,6 +105,3 @@ void Foam::m4gnElasticSmoothing::smoothRate
         correction(D, force.internalField(), size)().primitiveField();
     rate.correctBoundaryConditions();
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnIncrementalDisplacementState.H"
 #include "m4gnSolverStateType.H"
@@ -12,23 +6,17 @@ License
 #include "fvcGrad.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 addM4gnSolverState(m4gnIncrementalDisplacementState, incrementalDisplacement)
 
 const char* const Foam::m4gnIncrementalDisplacementState::needs =
     "displacements D and DD and solidProperties with solidModel linearGeometry"
     " or nonLinearGeometryTotalLagrangian (solids4foam)";
 
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
 //- Strains that solids4foam's laws add up
 const char* const smallStrain = "epsilon_";
 const char* const deformation = "F_";
-
 
 //- Set a field and its boundary values; its old level has those of before
 template<class Type>
@@ -46,22 +34,15 @@ void set
 }
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::volVectorField& Foam::m4gnIncrementalDisplacementState::DD() const
 {
     return mesh_.lookupObjectRef<volVectorField>("DD");
 }
 
-
 bool Foam::m4gnIncrementalDisplacementState::linear() const
 {
     return m4gn::solidModel(mesh_) == "linearGeometry";
 }
-
-
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnIncrementalDisplacementState::update()
 {
@@ -84,7 +65,6 @@ void Foam::m4gnIncrementalDisplacementState::update()
     extrapolate(DD());
 }
 
-
 void Foam::m4gnIncrementalDisplacementState::setLevels(const scalar deltaT)
 {
     volVectorField& increment = DD();
@@ -105,21 +85,10 @@ void Foam::m4gnIncrementalDisplacementState::setLevels(const scalar deltaT)
         }
     }
 
-    set
-    (
-        mesh_.lookupObjectRef<volTensorField>("grad(DD)"),
-        fvc::grad(increment)
-    );
+    set(mesh_.lookupObjectRef<volTensorField>("grad(DD)"), fvc::grad(increment));
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-bool Foam::m4gnIncrementalDisplacementState::applies
-(
-    const fvMesh& mesh,
-    const dictionary&
-)
+bool Foam::m4gnIncrementalDisplacementState::applies(const fvMesh& mesh, const dictionary&)
 {
     const word model(m4gn::solidModel(mesh));
 
@@ -131,7 +100,6 @@ bool Foam::m4gnIncrementalDisplacementState::applies
          || model == "nonLinearGeometryTotalLagrangian"
         );
 }
-
 
 Foam::m4gnIncrementalDisplacementState::m4gnIncrementalDisplacementState
 (
@@ -158,14 +126,7 @@ Foam::m4gnIncrementalDisplacementState::m4gnIncrementalDisplacementState
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-void Foam::m4gnIncrementalDisplacementState::complete
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnIncrementalDisplacementState::complete(const scalar deltaT, const bool handOver)
 {
     m4gnTotalDisplacementState::complete(deltaT, handOver);
 
@@ -180,11 +141,7 @@ void Foam::m4gnIncrementalDisplacementState::complete
     set(gradD, fvc::grad(D()));
     if (linear())
     {
-        set
-        (
-            mesh_.lookupObjectRef<volSymmTensorField>(smallStrain),
-            symm(gradD)
-        );
+        set(mesh_.lookupObjectRef<volSymmTensorField>(smallStrain), symm(gradD));
         return;
     }
 
@@ -194,7 +151,6 @@ void Foam::m4gnIncrementalDisplacementState::complete
         set(mesh_.lookupObjectRef<volTensorField>(name), one + gradD.T());
     }
 }
-
 
 Foam::wordList Foam::m4gnIncrementalDisplacementState::advanced() const
 {
@@ -207,6 +163,3 @@ Foam::wordList Foam::m4gnIncrementalDisplacementState::advanced() const
     );
     return names;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSettling.H"
 #include "m4gnDictionary.H"
@@ -13,16 +7,12 @@ License
 #include "Time.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 const Foam::word entryName("settling");
 
 //- Implicit steps: the order in (omega h)^2 to which slow modes stay
 const Foam::label nSteps = 3;
-
 
 //- The time that the dictionary asks for, 0 for none, else as given (s).
 //  FatalIOError if the entry is not valid.
@@ -63,9 +53,6 @@ Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::vectorField Foam::m4gnSettling::read(const word& name) const
 {
     IOobject file
@@ -89,7 +76,6 @@ Foam::vectorField Foam::m4gnSettling::read(const word& name) const
       ? volVectorField(file, mesh_).primitiveField()
       : vectorField();
 }
-
 
 void Foam::m4gnSettling::write
 (
@@ -121,9 +107,6 @@ void Foam::m4gnSettling::write
         field.write();
     }
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnSettling::m4gnSettling
 (
@@ -163,9 +146,6 @@ Foam::m4gnSettling::m4gnSettling
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Selectors * * * * * * * * * * * * * * * * //
-
 Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New
 (
     const fvMesh& mesh,
@@ -178,10 +158,7 @@ Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New
 {
     if (law && law->settles() && dynamic)
     {
-        return autoPtr<m4gnSettling>
-        (
-            new m4gnSettling(mesh, dict, stride, atPoints)
-        );
+        return autoPtr<m4gnSettling>(new m4gnSettling(mesh, dict, stride, atPoints));
     }
     if (law && dict.isDict(entryName))
     {
@@ -197,20 +174,15 @@ Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New
     return nullptr;
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnSettling::checkDictionary(const dictionary& dict)
 {
     timeOf(dict, 1);
 }
 
-
 bool Foam::m4gnSettling::settled() const
 {
     return settledAt_ == mesh_.time().value();
 }
-
 
 bool Foam::m4gnSettling::settle
 (
@@ -292,13 +264,7 @@ bool Foam::m4gnSettling::settle
     return true;
 }
 
-
-bool Foam::m4gnSettling::restore
-(
-    vectorField& D,
-    vectorField& rate,
-    vectorField* acceleration
-)
+bool Foam::m4gnSettling::restore(vectorField& D, vectorField& rate, vectorField* acceleration)
 {
     // Of a run that is carried on, and, to begin Newton's iterations with, of
     // the solver
@@ -322,13 +288,11 @@ bool Foam::m4gnSettling::restore
     return true;
 }
 
-
 void Foam::m4gnSettling::end()
 {
     settledAt_ = -VGREAT;
     lastD_.clear();
 }
-
 
 void Foam::m4gnSettling::write() const
 {
@@ -345,6 +309,3 @@ void Foam::m4gnSettling::write() const
     }
     write("settledAcceleration", dimAcceleration, lastAcceleration_);
 }
-
-
-// ************************************************************************* //

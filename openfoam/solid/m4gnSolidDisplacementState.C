@@ -1,17 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolidDisplacementState.H"
 #include "m4gnObstacles.H"
 #include "m4gnSolverStateType.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 addM4gnSolverState(m4gnSolidDisplacementState, solidDisplacement)
 
@@ -20,13 +12,10 @@ const char* const Foam::m4gnSolidDisplacementState::needs =
     " (solidDisplacementFoam; the times of solidEquilibriumDisplacementFoam are"
     " iterations to one equilibrium, not time steps)";
 
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
-
 void Foam::m4gnSolidDisplacementState::update()
 {
     stress_.update(D(), 1e-10);
 }
-
 
 void Foam::m4gnSolidDisplacementState::smooth()
 {
@@ -51,20 +40,12 @@ void Foam::m4gnSolidDisplacementState::smooth()
     update();
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-bool Foam::m4gnSolidDisplacementState::applies
-(
-    const fvMesh& mesh,
-    const dictionary& dict
-)
+bool Foam::m4gnSolidDisplacementState::applies(const fvMesh& mesh, const dictionary& dict)
 {
     return
         mesh.foundObject<volVectorField>(displacementName(dict))
      && m4gnExplicitStress::registered(mesh);
 }
-
 
 Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState
 (
@@ -81,14 +62,7 @@ Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState
     smoothed_(0)
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-void Foam::m4gnSolidDisplacementState::complete
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnSolidDisplacementState::complete(const scalar deltaT, const bool handOver)
 {
     m4gnDisplacementState::complete(deltaT, handOver);
 
@@ -97,7 +71,6 @@ void Foam::m4gnSolidDisplacementState::complete
         stress_.write();
     }
 }
-
 
 Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnSolidDisplacementState::quantities() const
@@ -114,6 +87,3 @@ Foam::m4gnSolidDisplacementState::quantities() const
     }
     return all;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnTotalDisplacementState.H"
 #include "m4gnObstacles.H"
@@ -15,8 +9,6 @@ License
 #include "pointFields.H"
 #include "volPointInterpolation.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 addM4gnSolverState(m4gnTotalDisplacementState, totalDisplacement)
 
 const char* const Foam::m4gnTotalDisplacementState::needs =
@@ -26,16 +18,12 @@ const char* const Foam::m4gnTotalDisplacementState::needs =
 
 namespace
 {
-
 //- Most sweeps over the gradient and the boundary, and the relative change of
 //  the boundary values at which they end
 const Foam::label maxSweeps = 50;
 const Foam::scalar sweepTolerance = 1e-10;
 
 } // End anonymous namespace
-
-
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnTotalDisplacementState::update()
 {
@@ -44,11 +32,7 @@ void Foam::m4gnTotalDisplacementState::update()
     extrapolate(D());
 }
 
-
-void Foam::m4gnTotalDisplacementState::extrapolate
-(
-    const volVectorField& conditions
-)
+void Foam::m4gnTotalDisplacementState::extrapolate(const volVectorField& conditions)
 {
     const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
     auto& boundary = D().boundaryFieldRef();
@@ -65,10 +49,7 @@ void Foam::m4gnTotalDisplacementState::extrapolate
             // Of traction, and what derives from it
             if
             (
-                isA<fixedGradientFvPatchVectorField>
-                (
-                    conditions.boundaryField()[patchi]
-                )
+                isA<fixedGradientFvPatchVectorField>(conditions.boundaryField()[patchi])
              && patch.size()
             )
             {
@@ -93,7 +74,6 @@ void Foam::m4gnTotalDisplacementState::extrapolate
     }
 }
 
-
 void Foam::m4gnTotalDisplacementState::setVelocity()
 {
     auto* U = mesh_.getObjectPtr<volVectorField>("U");
@@ -108,12 +88,7 @@ void Foam::m4gnTotalDisplacementState::setVelocity()
     }
 }
 
-
-void Foam::m4gnTotalDisplacementState::settle
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnTotalDisplacementState::settle(const scalar deltaT, const bool handOver)
 {
     if (!completeLastTwo())
     {
@@ -138,7 +113,6 @@ void Foam::m4gnTotalDisplacementState::settle
     }
 }
 
-
 void Foam::m4gnTotalDisplacementState::follow()
 {
     followed_ = law_ && law_->follow();
@@ -149,7 +123,6 @@ void Foam::m4gnTotalDisplacementState::follow()
         volPointInterpolation::New(mesh_).interpolate(D(), *points);
     }
 }
-
 
 void Foam::m4gnTotalDisplacementState::refuseContact() const
 {
@@ -176,14 +149,7 @@ void Foam::m4gnTotalDisplacementState::refuseContact() const
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-bool Foam::m4gnTotalDisplacementState::applies
-(
-    const fvMesh& mesh,
-    const dictionary& dict
-)
+bool Foam::m4gnTotalDisplacementState::applies(const fvMesh& mesh, const dictionary& dict)
 {
     const word model(m4gn::solidModel(mesh));
 
@@ -195,7 +161,6 @@ bool Foam::m4gnTotalDisplacementState::applies
         );
 }
 
-
 Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 (
     const fvMesh& mesh,
@@ -204,23 +169,14 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 )
 :
     m4gnDisplacementState(mesh, dict, session),
-    obstacles_
-    (
-        m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr
-    ),
+    obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
     law_(m4gnSolidLaw::New(mesh)),
     followed_(false)
 {
     refuseContact();
 
-    settling_ = m4gnSettling::New
-    (
-        mesh, dict, session.stride(), atPoints, law_, dynamic_
-    );
+    settling_ = m4gnSettling::New(mesh, dict, session.stride(), atPoints, law_, dynamic_);
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnTotalDisplacementState::beforeStride()
 {
@@ -237,12 +193,7 @@ void Foam::m4gnTotalDisplacementState::beforeStride()
     }
 }
 
-
-void Foam::m4gnTotalDisplacementState::complete
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnTotalDisplacementState::complete(const scalar deltaT, const bool handOver)
 {
     settle(deltaT, handOver);
 
@@ -261,7 +212,6 @@ void Foam::m4gnTotalDisplacementState::complete
     }
 }
 
-
 Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
 {
     wordList names(m4gnDisplacementState::advanced());
@@ -277,7 +227,6 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
     return names;
 }
 
-
 void Foam::m4gnTotalDisplacementState::write() const
 {
     if (settling_)
@@ -292,7 +241,6 @@ void Foam::m4gnTotalDisplacementState::write() const
     m4gnSolverState::write();
 }
 
-
 Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnTotalDisplacementState::quantities() const
 {
@@ -305,6 +253,3 @@ Foam::m4gnTotalDisplacementState::quantities() const
 
     return all;
 }
-
-
-// ************************************************************************* //

@@ -1,26 +1,15 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnUpdatedLagrangianState.H"
 #include "m4gnSolverStateType.H"
 #include "m4gnRun.H"
 #include "volFields.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 addM4gnSolverState(m4gnUpdatedLagrangianState, updatedLagrangian)
 
 const char* const Foam::m4gnUpdatedLagrangianState::needs =
     "displacements D and DD and solidProperties with solidModel"
     " nonLinearGeometryUpdatedLagrangian (solids4foam)";
-
-
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnUpdatedLagrangianState::update()
 {
@@ -45,21 +34,13 @@ void Foam::m4gnUpdatedLagrangianState::update()
     pending_ = true;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-bool Foam::m4gnUpdatedLagrangianState::applies
-(
-    const fvMesh& mesh,
-    const dictionary&
-)
+bool Foam::m4gnUpdatedLagrangianState::applies(const fvMesh& mesh, const dictionary&)
 {
     return
         mesh.foundObject<volVectorField>("D")
      && mesh.foundObject<volVectorField>("DD")
      && m4gn::meshFollowsBody(mesh);
 }
-
 
 Foam::m4gnUpdatedLagrangianState::m4gnUpdatedLagrangianState
 (
@@ -83,9 +64,6 @@ Foam::m4gnUpdatedLagrangianState::m4gnUpdatedLagrangianState
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnUpdatedLagrangianState::beforeStride()
 {
     autoPtr<volVectorField> moved(new volVectorField("moved", D()));
@@ -102,12 +80,7 @@ void Foam::m4gnUpdatedLagrangianState::beforeStride()
     movedRate_ = std::move(movedRate);
 }
 
-
-void Foam::m4gnUpdatedLagrangianState::complete
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnUpdatedLagrangianState::complete(const scalar deltaT, const bool handOver)
 {
     const bool moves = pending_;
     pending_ = false;
@@ -154,13 +127,9 @@ void Foam::m4gnUpdatedLagrangianState::complete
     }
 }
 
-
 Foam::wordList Foam::m4gnUpdatedLagrangianState::advanced() const
 {
     wordList names(m4gnIncrementalDisplacementState::advanced());
     names.append("rho");
     return names;
 }
-
-
-// ************************************************************************* //

@@ -1,18 +1,10 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnVertexCentredState.H"
 #include "m4gnSolverStateType.H"
 #include "m4gnDictionary.H"
 #include "m4gnRun.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
 
 addM4gnSolverState(m4gnVertexCentredState, vertexCentred)
 
@@ -21,32 +13,20 @@ const char* const Foam::m4gnVertexCentredState::needs =
     " solidProperties with solidModel vertexCentredLinearGeometry or"
     " vertexCentredNonLinTotalLagGeometry (solids4foam)";
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-Foam::pointVectorField& Foam::m4gnVertexCentredState::field
-(
-    const word& name
-) const
+Foam::pointVectorField& Foam::m4gnVertexCentredState::field(const word& name) const
 {
     return mesh_.lookupObjectRef<pointVectorField>(name);
 }
 
-
-Foam::word Foam::m4gnVertexCentredState::displacementName
-(
-    const dictionary& dict
-)
+Foam::word Foam::m4gnVertexCentredState::displacementName(const dictionary& dict)
 {
     return dict.getOrDefault<word>("D", "pointD");
 }
-
 
 Foam::ITstream& Foam::m4gnVertexCentredState::newmark() const
 {
     return mesh_.d2dt2Scheme("d2dt2(" + DName_ + ')');
 }
-
 
 void Foam::m4gnVertexCentredState::holdFixed()
 {
@@ -74,7 +54,6 @@ void Foam::m4gnVertexCentredState::holdFixed()
     }
 }
 
-
 Foam::vectorField* Foam::m4gnVertexCentredState::acceleration()
 {
     return
@@ -83,12 +62,7 @@ Foam::vectorField* Foam::m4gnVertexCentredState::acceleration()
       : nullptr;
 }
 
-
-void Foam::m4gnVertexCentredState::settle
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnVertexCentredState::settle(const scalar deltaT, const bool handOver)
 {
     if (!completeLastTwo())
     {
@@ -116,14 +90,7 @@ void Foam::m4gnVertexCentredState::settle
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-bool Foam::m4gnVertexCentredState::applies
-(
-    const fvMesh& mesh,
-    const dictionary& dict
-)
+bool Foam::m4gnVertexCentredState::applies(const fvMesh& mesh, const dictionary& dict)
 {
     const word model(m4gn::solidModel(mesh));
 
@@ -136,7 +103,6 @@ bool Foam::m4gnVertexCentredState::applies
         );
 }
 
-
 Foam::m4gnVertexCentredState::m4gnVertexCentredState
 (
     const fvMesh& mesh,
@@ -146,13 +112,7 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
 :
     m4gnSolverState(mesh, session),
     DName_(displacementName(dict)),
-    scheme_
-    (
-        m4gn::scheme
-        (
-            mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'
-        )
-    ),
+    scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
     law_(m4gnSolidLaw::New(mesh)),
     followed_(false),
     settled_(false),
@@ -210,9 +170,6 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
     );
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnVertexCentredState::beforeStride()
 {
     if (settling_)
@@ -225,7 +182,6 @@ void Foam::m4gnVertexCentredState::beforeStride()
         );
     }
 }
-
 
 void Foam::m4gnVertexCentredState::advance
 (
@@ -259,12 +215,7 @@ void Foam::m4gnVertexCentredState::advance
     followed_ = false;
 }
 
-
-void Foam::m4gnVertexCentredState::complete
-(
-    const scalar deltaT,
-    const bool handOver
-)
+void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool handOver)
 {
     settle(deltaT, handOver);
     holdFixed();
@@ -280,7 +231,6 @@ void Foam::m4gnVertexCentredState::complete
     followed_ = law_ && law_->follow();
 }
 
-
 void Foam::m4gnVertexCentredState::write() const
 {
     if (settling_)
@@ -294,7 +244,6 @@ void Foam::m4gnVertexCentredState::write() const
     }
     m4gnSolverState::write();
 }
-
 
 void Foam::m4gnVertexCentredState::beforeStep(const label n)
 {
@@ -314,7 +263,6 @@ void Foam::m4gnVertexCentredState::beforeStep(const label n)
     }
 }
 
-
 Foam::wordList Foam::m4gnVertexCentredState::advanced() const
 {
     wordList names(m4gnSolverState::advanced());
@@ -325,7 +273,6 @@ Foam::wordList Foam::m4gnVertexCentredState::advanced() const
     }
     return names;
 }
-
 
 Foam::List<Foam::m4gnSolverState::quantity>
 Foam::m4gnVertexCentredState::quantities() const
@@ -338,6 +285,3 @@ Foam::m4gnVertexCentredState::quantities() const
         quantity("maxMag" + DName_, gMax(magD()))
     };
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "obstacleTractionFvPatchVectorField.H"
 #include "addToRunTimeSelectionTable.H"
@@ -12,8 +6,6 @@ License
 #include "m4gnObstacles.H"
 #include "Time.H"
 #include "volFields.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::obstacleTractionFvPatchVectorField::checkAtRest()
 {
@@ -50,7 +42,6 @@ void Foam::obstacleTractionFvPatchVectorField::checkAtRest()
     }
 }
 
-
 void Foam::obstacleTractionFvPatchVectorField::gaps
 (
     const vectorField& displacement,
@@ -72,9 +63,6 @@ void Foam::obstacleTractionFvPatchVectorField::gaps
     );
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 (
     const fvPatch& p,
@@ -85,7 +73,6 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
     penaltyFactor_(1),
     checked_(false)
 {}
-
 
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 (
@@ -106,7 +93,6 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
     }
 }
 
-
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 (
     const obstacleTractionFvPatchVectorField& other,
@@ -120,7 +106,6 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
     checked_(other.checked_)
 {}
 
-
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 (
     const obstacleTractionFvPatchVectorField& other,
@@ -132,7 +117,6 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
     checked_(other.checked_)
 {}
 
-
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 (
     const obstacleTractionFvPatchVectorField& other
@@ -140,9 +124,6 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField
 :
     obstacleTractionFvPatchVectorField(other, other.internalField())
 {}
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::obstacleTractionFvPatchVectorField::contact
 (
@@ -155,7 +136,6 @@ void Foam::obstacleTractionFvPatchVectorField::contact
     gaps(displacement, db().time().value(), gap, normal);
     stiffness = neg(gap)*penaltyFactor_*patch().deltaCoeffs();
 }
-
 
 void Foam::obstacleTractionFvPatchVectorField::updateCoeffs()
 {
@@ -172,10 +152,7 @@ void Foam::obstacleTractionFvPatchVectorField::updateCoeffs()
 
     // As solidDisplacementFoam's tractionDisplacement
     const auto& rho = patch().lookupPatchField<volScalarField, scalar>("rho");
-    const scalarField E
-    (
-        patch().lookupPatchField<volScalarField, scalar>("E")/rho
-    );
+    const scalarField E(patch().lookupPatchField<volScalarField, scalar>("E")/rho);
     const scalarField& nu =
         patch().lookupPatchField<volScalarField, scalar>("nu");
     const auto& sigmaD =
@@ -200,7 +177,6 @@ void Foam::obstacleTractionFvPatchVectorField::updateCoeffs()
     linearisedTractionFvPatchVectorField::updateCoeffs();
 }
 
-
 void Foam::obstacleTractionFvPatchVectorField::write(Ostream& os) const
 {
     fvPatchVectorField::write(os);
@@ -208,16 +184,7 @@ void Foam::obstacleTractionFvPatchVectorField::write(Ostream& os) const
     writeEntry("value", os);
 }
 
-
-// * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * * //
-
 namespace Foam
 {
-    makePatchTypeField
-    (
-        fvPatchVectorField,
-        obstacleTractionFvPatchVectorField
-    );
+    makePatchTypeField(fvPatchVectorField, obstacleTractionFvPatchVectorField);
 }
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnAdapt.H"
 #include "m4gnCore.H"
@@ -15,11 +9,8 @@ License
 #include "OSspecific.H"
 #include "Time.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- The settings as libm4gn.so takes them: all but what is read here
 std::string settings(const Foam::dictionary& dict)
 {
@@ -34,7 +25,6 @@ std::string settings(const Foam::dictionary& dict)
     return Foam::m4gn::json(own);
 }
 
-
 //- Names of all fields of the model
 Foam::wordList fields(const Foam::m4gnSession& session)
 {
@@ -45,21 +35,10 @@ Foam::wordList fields(const Foam::m4gnSession& session)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-Foam::fileName Foam::m4gnAdapt::file
-(
-    const word& name,
-    const Time& time,
-    const word& at
-)
+Foam::fileName Foam::m4gnAdapt::file(const word& name, const Time& time, const word& at)
 {
     return time.path()/at/"uniform"/(name + ".adapt");
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnAdapt::m4gnAdapt
 (
@@ -97,10 +76,7 @@ Foam::m4gnAdapt::m4gnAdapt
 
     if (stored(name, time))
     {
-        const fileName state
-        (
-            file(name, time, Time::timeName(time.startTime().value()))
-        );
+        const fileName state(file(name, time, Time::timeName(time.startTime().value())));
         m4gn::check
         (
             m4gn_adapt_load(adapt_, session_.handle(), state.c_str()),
@@ -111,16 +87,10 @@ Foam::m4gnAdapt::m4gnAdapt
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnAdapt::~m4gnAdapt()
 {
     m4gn_adapt_free(adapt_);
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 bool Foam::m4gnAdapt::wanted(const dictionary& dict)
 {
@@ -128,7 +98,6 @@ bool Foam::m4gnAdapt::wanted(const dictionary& dict)
         dict.isDict("adapt")
      && dict.subDict("adapt").getOrDefault<word>("mode", "before") != "off";
 }
-
 
 void Foam::m4gnAdapt::checkDictionary(const dictionary& dict)
 {
@@ -181,7 +150,6 @@ void Foam::m4gnAdapt::checkDictionary(const dictionary& dict)
     }
 }
 
-
 Foam::scalar Foam::m4gnAdapt::start
 (
     const dictionary& dict,
@@ -198,7 +166,6 @@ Foam::scalar Foam::m4gnAdapt::start
     );
 }
 
-
 bool Foam::m4gnAdapt::stored(const word& name, const Time& time)
 {
     bool found = false;
@@ -212,12 +179,10 @@ bool Foam::m4gnAdapt::stored(const word& name, const Time& time)
     return found;
 }
 
-
 bool Foam::m4gnAdapt::active() const
 {
     return m4gn_adapt_active(adapt_);
 }
-
 
 void Foam::m4gnAdapt::frame(const bool begins)
 {
@@ -242,7 +207,6 @@ void Foam::m4gnAdapt::frame(const bool begins)
     );
 }
 
-
 void Foam::m4gnAdapt::run(const label strides)
 {
     if (!active())
@@ -254,15 +218,7 @@ void Foam::m4gnAdapt::run(const label strides)
     char note[1024] = "";
     m4gn::check
     (
-        m4gn_adapt_run
-        (
-            adapt_,
-            session_.handle(),
-            strides,
-            &report,
-            note,
-            sizeof(note)
-        ),
+        m4gn_adapt_run(adapt_, session_.handle(), strides, &report, note, sizeof(note)),
         "m4gnSurrogate cannot adapt its model"
     );
 
@@ -295,17 +251,12 @@ void Foam::m4gnAdapt::run(const label strides)
             }
             m4gn::check
             (
-                m4gn_adapt_write_model
-                (
-                    adapt_,
-                    (dir/"adapted.safetensors").c_str()
-                ),
+                m4gn_adapt_write_model(adapt_, (dir/"adapted.safetensors").c_str()),
                 "m4gnSurrogate cannot write its adapted model"
             );
         }
     }
 }
-
 
 void Foam::m4gnAdapt::write() const
 {
@@ -323,7 +274,6 @@ void Foam::m4gnAdapt::write() const
     );
 }
 
-
 void Foam::m4gnAdapt::writeSummary(Ostream& os) const
 {
     os  << "  \"adapt_ahead\": " << ahead(true) << ",\n"
@@ -338,6 +288,3 @@ void Foam::m4gnAdapt::writeSummary(Ostream& os) const
             << "  \"adapt_error_after\": " << report_.after << ",\n";
     }
 }
-
-
-// ************************************************************************* //

@@ -1,22 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnControl.H"
 #include "Time.H"
 
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnControl::m4gnControl
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    m4gnSession& session
-)
+Foam::m4gnControl::m4gnControl(const fvMesh& mesh, const dictionary& dict, m4gnSession& session)
 :
     time_(mesh.time()),
     shadow_(mesh, session),
@@ -30,9 +17,6 @@ Foam::m4gnControl::m4gnControl
     fresh_(false)
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnControl::measure()
 {
     if (!shadow_.arrived())
@@ -45,7 +29,6 @@ void Foam::m4gnControl::measure()
     fresh_ = true;
 }
 
-
 void Foam::m4gnControl::begin(const bool handedBack)
 {
     if (handedBack || !shadow_.waiting())
@@ -53,7 +36,6 @@ void Foam::m4gnControl::begin(const bool handedBack)
         shadow_.begin();
     }
 }
-
 
 Foam::label Foam::m4gnControl::steps(const label most)
 {
@@ -97,12 +79,7 @@ Foam::label Foam::m4gnControl::steps(const label most)
     return steps;
 }
 
-
-bool Foam::m4gnControl::accepts
-(
-    const List<scalarField>& old,
-    const List<scalarField>& now
-) const
+bool Foam::m4gnControl::accepts(const List<scalarField>& old, const List<scalarField>& now) const
 {
     List<scalar> changes(old.size());
     forAll(changes, i)
@@ -112,7 +89,6 @@ bool Foam::m4gnControl::accepts
 
     return expected_.accepts(changes);
 }
-
 
 void Foam::m4gnControl::writeState(Ostream& os) const
 {
@@ -130,30 +106,21 @@ void Foam::m4gnControl::writeState(Ostream& os) const
     os.endBlock();
 }
 
-
 void Foam::m4gnControl::restore(const dictionary& state, const bool sameRanks)
 {
     nMeasured_ = state.get<label>("measured");
     nRefused_ = state.get<label>("refusals");
     refused_ = state.get<bool>("refused");
     fresh_ = state.get<bool>("fresh");
-    expected_.restore
-    (
-        state.get<List<scalar>>("figures"),
-        state.get<label>("bad")
-    );
+    expected_.restore(state.get<List<scalar>>("figures"), state.get<label>("bad"));
     if (sameRanks)
     {
         shadow_.restore(state);
     }
 }
 
-
 void Foam::m4gnControl::writeSummary(Ostream& os) const
 {
     os  << "  \"strides_measured\": " << nMeasured_ << ",\n"
         << "  \"jumps_refused\": " << nRefused_ << ",\n";
 }
-
-
-// ************************************************************************* //

@@ -1,16 +1,8 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnEstimate.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 //- FatalError unless libm4gn.so has done it
 static void check(const int32_t status)
@@ -18,14 +10,7 @@ static void check(const int32_t status)
     Foam::m4gn::check(status, "m4gnSurrogate cannot control its jumps");
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnEstimate::m4gnEstimate
-(
-    const dictionary& control,
-    const m4gnSession& session
-)
+Foam::m4gnEstimate::m4gnEstimate(const dictionary& control, const m4gnSession& session)
 :
     control_(nullptr),
     nFields_(session.outputs().size())
@@ -51,22 +36,15 @@ Foam::m4gnEstimate::m4gnEstimate
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnEstimate::~m4gnEstimate()
 {
     m4gn_control_free(control_);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 bool Foam::m4gnEstimate::wanted(const dictionary& dict)
 {
     return dict.found("control");
 }
-
 
 void Foam::m4gnEstimate::checkDictionary(const dictionary& dict)
 {
@@ -84,7 +62,6 @@ void Foam::m4gnEstimate::checkDictionary(const dictionary& dict)
     }
 }
 
-
 void Foam::m4gnEstimate::measure(const std::vector<m4gn_stride_error>& errors)
 {
     m4gn::check
@@ -94,19 +71,12 @@ void Foam::m4gnEstimate::measure(const std::vector<m4gn_stride_error>& errors)
     );
 }
 
-
-Foam::label Foam::m4gnEstimate::steps
-(
-    const label most,
-    scalar& error,
-    scalar& estimate
-) const
+Foam::label Foam::m4gnEstimate::steps(const label most, scalar& error, scalar& estimate) const
 {
     int32_t steps = 0;
     check(m4gn_control_strides(control_, most, &steps, &error, &estimate));
     return steps;
 }
-
 
 Foam::scalar Foam::m4gnEstimate::after(const label nSteps) const
 {
@@ -115,34 +85,19 @@ Foam::scalar Foam::m4gnEstimate::after(const label nSteps) const
     return estimate;
 }
 
-
 Foam::scalar Foam::m4gnEstimate::relative(const List<scalar>& errors) const
 {
     scalar relative = 0;
-    check
-    (
-        m4gn_control_relative
-        (
-            control_, errors.cdata(), errors.size(), &relative
-        )
-    );
+    check(m4gn_control_relative(control_, errors.cdata(), errors.size(), &relative));
     return relative;
 }
-
 
 bool Foam::m4gnEstimate::accepts(const List<scalar>& changes) const
 {
     int32_t accepted = 0;
-    check
-    (
-        m4gn_control_accepts
-        (
-            control_, changes.cdata(), changes.size(), &accepted
-        )
-    );
+    check(m4gn_control_accepts(control_, changes.cdata(), changes.size(), &accepted));
     return accepted;
 }
-
 
 Foam::List<Foam::scalar> Foam::m4gnEstimate::state(label& bad) const
 {
@@ -164,7 +119,6 @@ Foam::List<Foam::scalar> Foam::m4gnEstimate::state(label& bad) const
     return values;
 }
 
-
 void Foam::m4gnEstimate::restore(const List<scalar>& state, const label bad)
 {
     if (bad < 0)
@@ -179,6 +133,3 @@ void Foam::m4gnEstimate::restore(const List<scalar>& state, const label bad)
     }
     check(m4gn_control_restore(control_, rows.data(), rows.size(), bad));
 }
-
-
-// ************************************************************************* //

@@ -1,18 +1,10 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnHandBack.H"
 #include "m4gnRun.H"
 #include "m4gnExplicitStress.H"
 #include "SolverPerformance.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * * Local Constants * * * * * * * * * * * * * * //
 
 namespace
 {
@@ -22,9 +14,6 @@ namespace
     //- Steps of the solver before a jump whose median is taken
     const Foam::label nBefore = 50;
 }
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::label Foam::m4gnHandBack::correctors() const
 {
@@ -39,14 +28,12 @@ Foam::label Foam::m4gnHandBack::correctors() const
     return solves.size() ? solves.size() : -1;
 }
 
-
 Foam::label Foam::m4gnHandBack::cap() const
 {
     return
         mesh_.solutionDict().subOrEmptyDict("stressAnalysis")
        .getOrDefault<label>("nCorrectors", 1);
 }
-
 
 Foam::label Foam::m4gnHandBack::median() const
 {
@@ -60,7 +47,6 @@ Foam::label Foam::m4gnHandBack::median() const
 
     return sorted[(sorted.size() - 1)/2];
 }
-
 
 void Foam::m4gnHandBack::judge()
 {
@@ -119,9 +105,6 @@ void Foam::m4gnHandBack::judge()
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnHandBack::m4gnHandBack(const fvMesh& mesh, const word& DName)
 :
     mesh_(mesh),
@@ -135,9 +118,6 @@ Foam::m4gnHandBack::m4gnHandBack(const fvMesh& mesh, const word& DName)
     sumBefore_(0),
     sumAfter_(0)
 {}
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 void Foam::m4gnHandBack::stepped()
 {
@@ -172,7 +152,6 @@ void Foam::m4gnHandBack::stepped()
     }
 }
 
-
 void Foam::m4gnHandBack::handedBack(const label stepsDone)
 {
     jumpSteps_ = stepsDone - stepsDone_;
@@ -180,7 +159,6 @@ void Foam::m4gnHandBack::handedBack(const label stepsDone)
     after_.clear();
     watching_ = true;
 }
-
 
 Foam::label Foam::m4gnHandBack::most(const label wanted)
 {
@@ -192,7 +170,6 @@ Foam::label Foam::m4gnHandBack::most(const label wanted)
 
     return min(wanted, most_);
 }
-
 
 void Foam::m4gnHandBack::writeState(Ostream& os) const
 {
@@ -211,7 +188,6 @@ void Foam::m4gnHandBack::writeState(Ostream& os) const
     os.endBlock();
 }
 
-
 void Foam::m4gnHandBack::restore(const dictionary& state)
 {
     before_ = state.get<List<label>>("before");
@@ -227,7 +203,6 @@ void Foam::m4gnHandBack::restore(const dictionary& state)
     sumAfter_ = sums[1];
 }
 
-
 void Foam::m4gnHandBack::writeSummary(Ostream& os) const
 {
     if (nWatched_)
@@ -238,6 +213,3 @@ void Foam::m4gnHandBack::writeSummary(Ostream& os) const
             << "  \"jumps_to_the_cap\": " << nCapped_ << ",\n";
     }
 }
-
-
-// ************************************************************************* //

@@ -1,17 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnObserve.H"
 #include "directionMixedFvPatchFields.H"
 #include "mixedFvPatchFields.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 template<class Type>
 void Foam::m4gnObserve::imposeBoundary
@@ -53,7 +45,6 @@ void Foam::m4gnObserve::imposeBoundary
         }
     }
 }
-
 
 void Foam::m4gnObserve::predict()
 {
@@ -97,17 +88,11 @@ void Foam::m4gnObserve::predict()
         boundary.resize(n*session_.nodes().nBoundary());
         if (n == 1)
         {
-            imposeBoundary
-            (
-                mesh_.lookupObject<volScalarField>(name), cells, boundary
-            );
+            imposeBoundary(mesh_.lookupObject<volScalarField>(name), cells, boundary);
         }
         else
         {
-            imposeBoundary
-            (
-                mesh_.lookupObject<volVectorField>(name), cells, boundary
-            );
+            imposeBoundary(mesh_.lookupObject<volVectorField>(name), cells, boundary);
         }
 
         view[inputi].boundary = boundary.cdata();
@@ -126,7 +111,6 @@ void Foam::m4gnObserve::predict()
     ++steps_;
 }
 
-
 void Foam::m4gnObserve::expect()
 {
     forAll(estimates_, i)
@@ -142,7 +126,6 @@ void Foam::m4gnObserve::expect()
         ++nRefused_;
     }
 }
-
 
 void Foam::m4gnObserve::judge(const List<scalar>& errors)
 {
@@ -164,7 +147,6 @@ void Foam::m4gnObserve::judge(const List<scalar>& errors)
         }
     }
 }
-
 
 void Foam::m4gnObserve::compare()
 {
@@ -241,9 +223,6 @@ void Foam::m4gnObserve::compare()
     ++nTimes_;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnObserve::m4gnObserve
 (
     const word& name,
@@ -274,10 +253,7 @@ Foam::m4gnObserve::m4gnObserve
 {
     if (m4gnObservedErrors::wanted(dict))
     {
-        errors_.reset
-        (
-            new m4gnObservedErrors(name, mesh, dict, session, shadow_.outputs())
-        );
+        errors_.reset(new m4gnObservedErrors(name, mesh, dict, session, shadow_.outputs()));
     }
     if (m4gnEstimate::wanted(dict))
     {
@@ -323,9 +299,6 @@ Foam::m4gnObserve::m4gnObserve
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnObserve::execute()
 {
     const bool arrived = shadow_.arrived();
@@ -350,7 +323,6 @@ void Foam::m4gnObserve::execute()
         predict();
     }
 }
-
 
 void Foam::m4gnObserve::end() const
 {
@@ -382,6 +354,3 @@ void Foam::m4gnObserve::end() const
     }
     Info<< endl;
 }
-
-
-// ************************************************************************* //

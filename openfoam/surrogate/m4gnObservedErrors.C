@@ -1,16 +1,8 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnObservedErrors.H"
 #include "m4gnSegmentField.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 template<class Type>
 void Foam::m4gnObservedErrors::writeField(const label outputi) const
@@ -35,18 +27,12 @@ void Foam::m4gnObservedErrors::writeField(const label outputi) const
     );
     field.correctBoundaryConditions();
     const FixedList<int32_t, 7>& e = outputs_.dimensions(outputi);
-    field.dimensions().reset
-    (
-        dimensionSet(e[0], e[1], e[2], e[3], e[4], e[5], e[6])
-    );
+    field.dimensions().reset(dimensionSet(e[0], e[1], e[2], e[3], e[4], e[5], e[6]));
     field.note() =
         "m4gn: the surrogate's " + outputs_.name(outputi) + " at time " + timeName_
       + " minus the solver's";
     field.write();
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnObservedErrors::m4gnObservedErrors
 (
@@ -91,13 +77,7 @@ Foam::m4gnObservedErrors::m4gnObservedErrors
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-void Foam::m4gnObservedErrors::set
-(
-    List<scalarField>&& errors
-)
+void Foam::m4gnObservedErrors::set(List<scalarField>&& errors)
 {
     errors_ = std::move(errors);
     timeName_ = mesh_.time().timeName();
@@ -137,7 +117,6 @@ void Foam::m4gnObservedErrors::set
     }
 }
 
-
 void Foam::m4gnObservedErrors::write() const
 {
     if (!mesh_.time().writeTime())
@@ -157,6 +136,3 @@ void Foam::m4gnObservedErrors::write() const
         }
     }
 }
-
-
-// ************************************************************************* //

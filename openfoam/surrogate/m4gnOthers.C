@@ -1,21 +1,12 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnOthers.H"
 #include "m4gnDictionary.H"
 #include "Time.H"
 #include "functionObjectList.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 static const char* const entryName = "executeOthers";
@@ -33,7 +24,6 @@ bool isList(const dictionary& dict)
     return first.isPunctuation() || first.isLabel() || first.isCompound();
 }
 
-
 //- Type of a function object. In the list it may be wrapped in the control of
 //  its times, which says nothing of it.
 word typeOf(const functionObject& object, const Time& time)
@@ -49,9 +39,6 @@ word typeOf(const functionObject& object, const Time& time)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
-
 const Foam::wordList& Foam::m4gnOthers::acting()
 {
     static const wordList types
@@ -65,7 +52,6 @@ const Foam::wordList& Foam::m4gnOthers::acting()
     return types;
 }
 
-
 void Foam::m4gnOthers::checkDictionary(const dictionary& dict)
 {
     if (isList(dict))
@@ -77,7 +63,6 @@ void Foam::m4gnOthers::checkDictionary(const dictionary& dict)
         dict.getOrDefault<bool>(entryName, true);
     }
 }
-
 
 Foam::wordHashSet Foam::m4gnOthers::chosen
 (
@@ -143,6 +128,3 @@ Foam::wordHashSet Foam::m4gnOthers::chosen
 
     return watching;
 }
-
-
-// ************************************************************************* //

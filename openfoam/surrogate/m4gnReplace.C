@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnReplace.H"
 #include "m4gnAdapt.H"
@@ -21,18 +15,14 @@ License
 #include "timeControlFunctionObject.H"
 #include <cmath>
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- Which times are written, by the steps of the solver
 class writing
 :
     public Foam::Time
 {
 public:
-
     //- The next step of the surrogate counts as the solver's steps that it
     //  stands for: writeControl timeStep, of the run and of function objects,
     //  goes on at the times at which it would without jumps
@@ -69,22 +59,14 @@ public:
     {
         const auto control = time.*(&writing::writeControl_);
 
-        if
-        (
-            control == Foam::Time::wcRunTime
-         || control == Foam::Time::wcAdjustableRunTime
-        )
+        if (control == Foam::Time::wcRunTime || control == Foam::Time::wcAdjustableRunTime)
         {
             Foam::label& index = time.*(&writing::writeTimeIndex_);
             const Foam::scalar passed =
                 time.value() - time.startTime().value()
               + 0.5*time.deltaTValue();
 
-            index = Foam::min
-            (
-                index,
-                Foam::label(passed/(time.*(&writing::writeInterval_)))
-            );
+            index = Foam::min(index, Foam::label(passed/(time.*(&writing::writeInterval_))));
         }
     }
 };
@@ -98,15 +80,9 @@ bool atTimes(const Foam::timeControl& control)
      || control.control() == Foam::timeControl::ocAdjustableRunTime;
 }
 
-
 //- Execute and write the function object; with deltaT where its control counts
 //  times by it, so that times up to half a stride ahead are not taken for done
-void runAt
-(
-    Foam::functionObject& object,
-    Foam::Time& time,
-    const Foam::scalar deltaT
-)
+void runAt(Foam::functionObject& object, Foam::Time& time, const Foam::scalar deltaT)
 {
     const Foam::scalar own = time.deltaTValue();
     const auto* controls =
@@ -136,9 +112,6 @@ void runAt
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 bool Foam::m4gnReplace::predict()
 {
     state_->beforeStride();
@@ -148,7 +121,6 @@ bool Foam::m4gnReplace::predict()
 
     return session_.step(inputs_.view(), predicted_);
 }
-
 
 void Foam::m4gnReplace::executeOthers
 (
@@ -177,7 +149,6 @@ void Foam::m4gnReplace::executeOthers
         }
     }
 }
-
 
 void Foam::m4gnReplace::writeLine
 (
@@ -246,9 +217,6 @@ void Foam::m4gnReplace::writeLine
     os  << endl;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnReplace::m4gnReplace
 (
     const word& name,
@@ -281,27 +249,17 @@ Foam::m4gnReplace::m4gnReplace
     nRefused_(0)
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-bool Foam::m4gnReplace::fits
-(
-    const scalar endTime,
-    const scalar deltaT,
-    const scalar nStrides
-) const
+bool Foam::m4gnReplace::fits(const scalar endTime, const scalar deltaT, const scalar nStrides) const
 {
     return
         time_.value() + nStrides*session_.stride()
       < min(endTime + deltaT, time_.endTime().value()) - 0.5*deltaT;
 }
 
-
 void Foam::m4gnReplace::solved(const label nSteps)
 {
     state_->beforeStep(nSteps);
 }
-
 
 Foam::label Foam::m4gnReplace::extraSteps(const scalar deltaT) const
 {
@@ -310,12 +268,10 @@ Foam::label Foam::m4gnReplace::extraSteps(const scalar deltaT) const
     return min(max(label(std::lround(ahead_/deltaT)), -most), most);
 }
 
-
 Foam::label Foam::m4gnReplace::solverSteps(const label nSteps) const
 {
     return max(nSteps - extraSteps(time_.deltaTValue()), (nSteps + 1)/2);
 }
-
 
 bool Foam::m4gnReplace::jump
 (
@@ -455,7 +411,6 @@ bool Foam::m4gnReplace::jump
     return true;
 }
 
-
 void Foam::m4gnReplace::writeState(Ostream& os) const
 {
     const List<scalar> times
@@ -473,7 +428,6 @@ void Foam::m4gnReplace::writeState(Ostream& os) const
     os.endBlock();
 }
 
-
 void Foam::m4gnReplace::restore(const dictionary& state)
 {
     const FixedList<scalar, 5> times(state.get<List<scalar>>("times"));
@@ -488,7 +442,6 @@ void Foam::m4gnReplace::restore(const dictionary& state)
     nRefused_ = state.get<label>("endedEarly");
     nStepsDone_ = state.get<label>("steps");
 }
-
 
 void Foam::m4gnReplace::end
 (
@@ -545,6 +498,3 @@ void Foam::m4gnReplace::end
             << "Cannot write " << os.name() << exit(FatalError);
     }
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnRestart.H"
 #include "localIOdictionary.H"
@@ -15,11 +9,8 @@ License
 #include "Time.H"
 #include <fstream>
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 Foam::IOobject object
 (
     const Foam::word& name,
@@ -38,7 +29,6 @@ Foam::IOobject object
     );
 }
 
-
 //- A dictionary that is written as it comes: entries of Foam::dictionary
 //  would lose the last digits of their numbers
 class file
@@ -50,12 +40,7 @@ class file
     const std::function<void(Foam::Ostream&)>& entries_;
 
 public:
-
-    file
-    (
-        const Foam::IOobject& io,
-        const std::function<void(Foam::Ostream&)>& entries
-    )
+    file(const Foam::IOobject& io, const std::function<void(Foam::Ostream&)>& entries)
     :
         Foam::regIOobject(io),
         type_(Foam::localIOdictionary::typeName),
@@ -79,9 +64,6 @@ public:
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * * * * Functions * * * * * * * * * * * * * * * * //
-
 void Foam::m4gnRestart::write
 (
     const word& name,
@@ -102,7 +84,6 @@ void Foam::m4gnRestart::write
     files.rename();
     together();
 }
-
 
 Foam::dictionary Foam::m4gnRestart::read(const word& name, const Time& time)
 {
@@ -125,17 +106,12 @@ Foam::dictionary Foam::m4gnRestart::read(const word& name, const Time& time)
     return found ? dictionary(localIOdictionary(io)) : dictionary();
 }
 
-
 Foam::word Foam::m4gnRestart::last(const word& name, const Time& time)
 {
     word found;
     for (const instant& at : time.times())
     {
-        if
-        (
-            at.value() < time.value()
-         && isFile(time.path()/at.name()/"uniform"/(name + ".state"))
-        )
+        if (at.value() < time.value() && isFile(time.path()/at.name()/"uniform"/(name + ".state")))
         {
             found = at.name();
         }
@@ -144,7 +120,6 @@ Foam::word Foam::m4gnRestart::last(const word& name, const Time& time)
 
     return found;
 }
-
 
 Foam::word Foam::m4gnRestart::digest(const fileName& file)
 {
@@ -162,6 +137,3 @@ Foam::word Foam::m4gnRestart::digest(const fileName& file)
     Pstream::scatter(text);
     return word(text, false);
 }
-
-
-// ************************************************************************* //

@@ -1,15 +1,7 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnShadow.H"
 #include "Time.H"
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnShadow::m4gnShadow(const fvMesh& mesh, m4gnSession& session)
 :
@@ -31,9 +23,6 @@ Foam::m4gnShadow::m4gnShadow(const fvMesh& mesh, m4gnSession& session)
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 void Foam::m4gnShadow::begin()
 {
     inputs_.gather(session_.nodes());
@@ -44,14 +33,12 @@ void Foam::m4gnShadow::begin()
     waiting_ = true;
 }
 
-
 bool Foam::m4gnShadow::arrived() const
 {
     return
         waiting_
      && fraction() > 1 - 0.5*mesh_.time().deltaTValue()/session_.stride();
 }
-
 
 Foam::scalar Foam::m4gnShadow::fraction() const
 {
@@ -61,26 +48,18 @@ Foam::scalar Foam::m4gnShadow::fraction() const
     return mag(fraction - 1) < 1e-6 ? scalar(1) : fraction;
 }
 
-
 Foam::List<Foam::scalarField> Foam::m4gnShadow::now()
 {
     return outputs_.values(session_.nodes());
 }
 
-
-std::vector<m4gn_stride_error> Foam::m4gnShadow::compare
-(
-    const List<scalarField>& solver
-)
+std::vector<m4gn_stride_error> Foam::m4gnShadow::compare(const List<scalarField>& solver)
 {
     std::vector<m4gn_stride_error> errors(solver.size());
 
     forAll(solver, i)
     {
-        const scalarField error
-        (
-            between(start_[i], predicted_[i], fraction()) - solver[i]
-        );
+        const scalarField error(between(start_[i], predicted_[i], fraction()) - solver[i]);
         errors[i].error = finite_ ? rms(error, i) : GREAT;
         errors[i].change = rms(solver[i] - start_[i], i);
         errors[i].size = rms(solver[i], i);
@@ -89,7 +68,6 @@ std::vector<m4gn_stride_error> Foam::m4gnShadow::compare
 
     return errors;
 }
-
 
 void Foam::m4gnShadow::writeState(Ostream& os) const
 {
@@ -109,7 +87,6 @@ void Foam::m4gnShadow::writeState(Ostream& os) const
     }
     os.endBlock();
 }
-
 
 void Foam::m4gnShadow::restore(const dictionary& state)
 {
@@ -136,7 +113,6 @@ void Foam::m4gnShadow::restore(const dictionary& state)
     waiting_ = true;
 }
 
-
 Foam::tmp<Foam::scalarField> Foam::m4gnShadow::between
 (
     const scalarField& old,
@@ -147,12 +123,7 @@ Foam::tmp<Foam::scalarField> Foam::m4gnShadow::between
     return old + fraction*(now - old);
 }
 
-
-Foam::scalar Foam::m4gnShadow::rms
-(
-    const scalarField& values,
-    const label outputi
-) const
+Foam::scalar Foam::m4gnShadow::rms(const scalarField& values, const label outputi) const
 {
     const label nSolved =
         session_.outputComponents(outputi) == 1 ? 1 : mesh_.nSolutionD();
@@ -161,6 +132,3 @@ Foam::scalar Foam::m4gnShadow::rms
 
     return std::sqrt(gSumSqr(values)/n);
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnStaleFields.H"
 #include "m4gnDictionary.H"
@@ -13,8 +7,6 @@ License
 #include "Time.H"
 #include "IOdictionary.H"
 #include "volFields.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnStaleFields::derive()
 {
@@ -29,12 +21,7 @@ void Foam::m4gnStaleFields::derive()
      && transport->found("beta") && transport->found("TRef")
     )
     {
-        const dimensionedScalar beta
-        (
-            "beta",
-            dimless/dimTemperature,
-            *transport
-        );
+        const dimensionedScalar beta("beta", dimless/dimTemperature, *transport);
         const dimensionedScalar TRef("TRef", dimTemperature, *transport);
         *rhok = 1.0 - beta*(*T - TRef);
         derived_.insert("rhok");
@@ -58,7 +45,6 @@ void Foam::m4gnStaleFields::derive()
         derived_.insert("p");
     }
 }
-
 
 bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
 {
@@ -84,20 +70,11 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
      && !derived_.found(word(name, false));
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnStaleFields::m4gnStaleFields
-(
-    const fvMesh& mesh
-)
+Foam::m4gnStaleFields::m4gnStaleFields(const fvMesh& mesh)
 :
     mesh_(mesh),
     said_(false)
 {}
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::wordList Foam::m4gnStaleFields::names() const
 {
@@ -113,12 +90,7 @@ Foam::wordList Foam::m4gnStaleFields::names() const
     return wordList(std::move(found));
 }
 
-
-void Foam::m4gnStaleFields::write
-(
-    const m4gnSolverState& state,
-    const word& since
-)
+void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& since)
 {
     advanced_ = wordHashSet(state.advanced());
     derive();
@@ -154,6 +126,3 @@ void Foam::m4gnStaleFields::write
         mesh_.lookupObjectRef<regIOobject>(marked[i]).note() = notes[i];
     }
 }
-
-
-// ************************************************************************* //

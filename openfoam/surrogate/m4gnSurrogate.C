@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
@@ -25,8 +19,6 @@ License
 #include "m4gnSolverState.H"
 #include "m4gnFluxProjection.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace functionObjects
@@ -44,9 +36,6 @@ Foam::functionObjects::m4gnSurrogate::modeNames_
 });
 
 bool Foam::functionObjects::m4gnSurrogate::jumping_ = false;
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
@@ -75,7 +64,6 @@ void Foam::functionObjects::m4gnSurrogate::checkOthers() const
     }
 }
 
-
 void Foam::functionObjects::m4gnSurrogate::load()
 {
     if (!session_)
@@ -89,7 +77,6 @@ void Foam::functionObjects::m4gnSurrogate::load()
     }
 }
 
-
 bool Foam::functionObjects::m4gnSurrogate::adapts()
 {
     const scalar half = 0.5*time_.deltaTValue();
@@ -102,11 +89,7 @@ bool Foam::functionObjects::m4gnSurrogate::adapts()
     if (!adapt_)
     {
         // A run that is carried on goes on with its frames
-        if
-        (
-            time_.value() < adaptStart_ - half
-         && !m4gnAdapt::stored(name(), time_)
-        )
+        if (time_.value() < adaptStart_ - half && !m4gnAdapt::stored(name(), time_))
         {
             return false;
         }
@@ -117,7 +100,6 @@ bool Foam::functionObjects::m4gnSurrogate::adapts()
 
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnSurrogate::controls()
 {
@@ -141,12 +123,7 @@ bool Foam::functionObjects::m4gnSurrogate::controls()
      && time_.value() < timeEnd_ + half;
 }
 
-
-bool Foam::functionObjects::m4gnSurrogate::jump
-(
-    const label nSteps,
-    const bool carriedOn
-)
+bool Foam::functionObjects::m4gnSurrogate::jump(const label nSteps, const bool carriedOn)
 {
     if (!nSteps && !carriedOn)
     {
@@ -176,7 +153,6 @@ bool Foam::functionObjects::m4gnSurrogate::jump
 
     return done;
 }
-
 
 bool Foam::functionObjects::m4gnSurrogate::jumped()
 {
@@ -210,13 +186,7 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
 
     if (!replace_)
     {
-        replace_.reset
-        (
-            new m4gnReplace
-            (
-                name(), mesh_, dict_, *session_, std::move(state_)
-            )
-        );
+        replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_, std::move(state_)));
     }
 
     if
@@ -242,7 +212,6 @@ bool Foam::functionObjects::m4gnSurrogate::jumped()
 
     return jump(control_ ? control_->steps(most) : most, false);
 }
-
 
 void Foam::functionObjects::m4gnSurrogate::advance(const label left)
 {
@@ -273,9 +242,6 @@ void Foam::functionObjects::m4gnSurrogate::advance(const label left)
     }
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
 (
     const word& name,
@@ -303,19 +269,12 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
     const_cast<dictionary&>(dict).remove("timeStart");
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::functionObjects::m4gnSurrogate::~m4gnSurrogate() = default;
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::scalar Foam::functionObjects::m4gnSurrogate::replacesFrom() const
 {
     return mode_ == modeType::REPLACE ? timeStart_ : VGREAT;
 }
-
 
 Foam::m4gnReplacer::state
 Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
@@ -327,7 +286,6 @@ Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
 
     return {replace_->lastIndex(), replace_->handedOver(), solverDeltaT_};
 }
-
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
@@ -372,10 +330,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     {
         solverSteps_ = dict.get<label>("solverSteps");
         m4gn::checkAtLeast(dict, "solverSteps", solverSteps_, 1);
-        m4gn::checkAtLeast
-        (
-            dict, "surrogateSteps", dict.get<label>("surrogateSteps"), 1
-        );
+        m4gn::checkAtLeast(dict, "surrogateSteps", dict.get<label>("surrogateSteps"), 1);
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
         m4gnSettling::checkDictionary(dict);
@@ -390,13 +345,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
                 << mode << " works with fields of cells"
                 << exit(FatalIOError);
         }
-        m4gn::checkAtLeast
-        (
-            dict,
-            "rolloutSteps",
-            dict.getOrDefault<label>("rolloutSteps", 50),
-            1
-        );
+        m4gn::checkAtLeast(dict, "rolloutSteps", dict.getOrDefault<label>("rolloutSteps", 50), 1);
     }
 
     timeStart_ = dict.getOrDefault<scalar>("timeStart", -VGREAT);
@@ -411,15 +360,11 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     if (mode_ == modeType::REPLACE)
     {
-        handBack_.reset
-        (
-            new m4gnHandBack(mesh_, dict.getOrDefault<word>("D", "D"))
-        );
+        handBack_.reset(new m4gnHandBack(mesh_, dict.getOrDefault<word>("D", "D")));
     }
 
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnSurrogate::execute()
 {
@@ -457,12 +402,10 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnSurrogate::write()
 {
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {
@@ -478,17 +421,12 @@ bool Foam::functionObjects::m4gnSurrogate::end()
     return true;
 }
 
-
 void Foam::functionObjects::m4gnSurrogate::updateMesh(const mapPolyMesh&)
 {
     m4gn::refuseChange(*this, "a surrogate");
 }
 
-
 void Foam::functionObjects::m4gnSurrogate::movePoints(const polyMesh&)
 {
     m4gn::refuseMotion(*this, mesh_, "a surrogate");
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSurrogate.H"
 #include "m4gnAdapt.H"
@@ -13,8 +7,6 @@ License
 #include "m4gnReplace.H"
 #include "m4gnRestart.H"
 #include "m4gnSession.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::functionObjects::m4gnSurrogate::save(const label left) const
 {
@@ -62,7 +54,6 @@ void Foam::functionObjects::m4gnSurrogate::save(const label left) const
     );
 }
 
-
 void Foam::functionObjects::m4gnSurrogate::resume()
 {
     if (mode_ != modeType::REPLACE)
@@ -106,13 +97,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 
     if (state.found("totals"))
     {
-        replace_.reset
-        (
-            new m4gnReplace
-            (
-                name(), mesh_, dict_, *session_, std::move(state_)
-            )
-        );
+        replace_.reset(new m4gnReplace(name(), mesh_, dict_, *session_, std::move(state_)));
         replace_->restore(state.subDict("totals"));
     }
 
@@ -133,11 +118,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         replace_->solved(time_.timeIndex() - handedBack_);
     }
 
-    if
-    (
-        state.found("adaptStart")
-     && !dict_.subOrEmptyDict("adapt").found("start")
-    )
+    if (state.found("adaptStart") && !dict_.subOrEmptyDict("adapt").found("start"))
     {
         // Of the whole run, not of this part
         adaptStart_ = state.get<List<scalar>>("adaptStart").first();
@@ -160,18 +141,11 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     if (left >= 0 && time_.isAdjustTimeStep())
     {
         // Time was written with the surrogate's
-        const_cast<Time&>(time_).setDeltaT
-        (
-            state.get<List<scalar>>("deltaT").first(),
-            false
-        );
+        const_cast<Time&>(time_).setDeltaT(state.get<List<scalar>>("deltaT").first(), false);
     }
 
     advance(left);
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 bool Foam::functionObjects::m4gnSurrogate::filesModified() const
 {
@@ -187,6 +161,3 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
 
     return false;
 }
-
-
-// ************************************************************************* //
