@@ -103,7 +103,7 @@ TEST(aFieldOfCellsIsGatheredAndImposed)
 TEST(aFoldedCellIsRefused)
 {
     caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {2, 1, 1}, allPatches));
+    autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {2, 1, 1}, allPatches));
     pointField points(mesh->points());
     for (point& p : points)
     {
@@ -153,7 +153,7 @@ TEST(walls)
 {
     caseFolder run;
     const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
-    const auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "slip"});
+    auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "slip"});
     U->boundaryFieldRef()[0] == vector(1, 0, 0);
     const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
     const m4gnNodeTypes types(*mesh, dictionary());
@@ -172,7 +172,7 @@ TEST(patchesByTheirConditions)
     (
         run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "symmetryPlane", "empty", "empty"})
     );
-    const auto U = field<vector>(*mesh, "U", {"noSlip", "slip", "inletOutlet", "symmetryPlane"});
+    auto U = field<vector>(*mesh, "U", {"noSlip", "slip", "inletOutlet", "symmetryPlane"});
     const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "zeroGradient", "zeroGradient", "symmetryPlane"});
 
     // Nothing flows yet
@@ -193,7 +193,7 @@ TEST(aFixedVelocityOfZeroIsAWall)
 {
     caseFolder run;
     const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "patch", "empty", "empty"}));
-    const auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "uniformFixedValue"});
+    auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "uniformFixedValue"});
     const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
     U->boundaryFieldRef()[0][1] = vector(1, 0, 0);
     const m4gnNodeTypes types(*mesh, dictionary());
