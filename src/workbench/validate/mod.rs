@@ -9,16 +9,16 @@
 //!   or a time given; it is printed with its time.
 //! - RMSE-all: the same over the whole trajectory.
 //!
-//! Beside the model stand predictions that know nothing ([`Scene::baselines`]). Of a domain with elements there are mesh
+//! Beside the model stand predictions that know nothing (`baselines`). Of a domain with elements there are mesh
 //! metrics as well ([`m4gn_contact::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
 //! (the smallest of all steps, in mean edges): see [`Shape`]. A rollout with contact projection is one whose session
 //! projects after each step.
 
+mod baselines;
 mod html;
 pub mod pace;
 mod pictures;
 mod prediction;
-pub mod rmse;
 mod scene;
 mod series;
 mod shape;
@@ -109,14 +109,15 @@ impl Case {
         horizon: Option<f64>,
         mut predictions: Vec<Prediction>,
     ) -> Result<Self> {
-        predictions.extend(scene.baselines()?);
+        predictions.extend(baselines::all(scene)?);
         let pace = scene.pace();
         let names = predicted(fields).into_iter();
         Ok(Case {
             path: trajectory.path().to_path_buf(),
             split: trajectory.split(),
             pace,
-            horizon: horizon.unwrap_or(pace.rmse_50()),
+            // Of what was rolled out, and no more
+            horizon: horizon.unwrap_or(pace.rmse_50()).min(pace.duration()),
             fields: names.map(|f| (f.name.clone(), f.unit())).collect(),
             times: times(trajectory.times(), pace),
             predictions,
@@ -152,6 +153,7 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
         }
         _ => {}
     }
+    let dimensions = |d: [i32; 7]| format!("[{}]", d.map(|d| d.to_string()).join(" "));
     let kind = |vector: bool| if vector { "vector" } else { "scalar" };
     for spec in &model.spec.fields {
         let Ok(found) = trajectory.field(&spec.name) else {
@@ -164,12 +166,12 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
         };
         if (found.vector, found.dimensions) != (spec.vector, spec.dimensions) {
             return misfit(format!(
-                "field {}: the model knows a {} with dimensions {:?}, the data hold a {} with {:?}",
+                "field {}: the model knows a {} with dimensions {}, the data hold a {} with {}",
                 spec.name,
                 kind(spec.vector),
-                spec.dimensions,
+                dimensions(spec.dimensions),
                 kind(found.vector),
-                found.dimensions
+                dimensions(found.dimensions)
             ));
         }
     }
