@@ -108,8 +108,11 @@ pub fn run(args: Args) -> Result<()> {
         let mut all = Vec::new();
         for (i, (trajectory, _)) in found.iter().enumerate() {
             let tick = &mut || progress.advance();
-            let rollouts = calibrate::rollouts(&model, trajectory, &options, (strides, args.starts), tick);
+            let mut outside = Vec::new();
+            let lengths = (strides, args.starts);
+            let rollouts = calibrate::rollouts(&model, trajectory, &options, lengths, &mut outside, tick);
             all.push(name_file(rollouts, trajectory.path())?);
+            progress.note(trajectory.path(), &outside);
             let carried = candidate.as_ref().and_then(|c| c.carried);
             progress.say(|| {
                 let of = carried.map_or(String::new(), |c| format!(", {c} carried on"));

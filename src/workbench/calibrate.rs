@@ -11,7 +11,7 @@ use m4gn_step::{Session, SessionOptions};
 pub type Rollout = Vec<RolloutErrors>;
 
 /// Rolls the model out over `strides` strides from frames all along the trajectory, at most `starts` of them, evenly apart. The first
-/// stride of the trajectory is left out: what comes before a rollout is a stride of its own. `progress` is called after each rollout,
+/// stride of the trajectory is left out: what comes before a rollout is a stride of its own. `outside` as [`stepper`] has it; `progress` is called after each rollout,
 /// and ends the run with an error of its own.
 ///
 /// # Errors
@@ -21,6 +21,7 @@ pub fn rollouts(
     trajectory: &Trajectory,
     options: &SessionOptions,
     (strides, starts): (usize, usize),
+    outside: &mut Vec<String>,
     progress: &mut dyn FnMut() -> Result<()>,
 ) -> Result<Vec<Rollout>> {
     let pace = fits(model, trajectory)?;
@@ -33,7 +34,7 @@ pub fn rollouts(
     };
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
     let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
-    let mut step = stepper(&mut session, trajectory);
+    let mut step = stepper(&mut session, trajectory, outside);
     let fields = predicted(&model.spec.fields).len();
     let count = starts.min(last);
     let mut all = Vec::with_capacity(count);

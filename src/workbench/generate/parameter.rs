@@ -163,7 +163,7 @@ impl Parameter {
         }
         match (&self.range, &self.value) {
             (Some([low, high]), None) => {
-                if !(low <= high) {
+                if low > high {
                     return fault("range: expected two finite numbers, the lower one first");
                 }
                 self.check_setting(&Setting::Range([*low, *high]))

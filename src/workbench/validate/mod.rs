@@ -98,6 +98,8 @@ pub struct Case {
     pub data_gap: Vec<f64>,
     /// Processor time of the solver that made the data, s a frame, where it was recorded.
     pub solver: Option<f64>,
+    /// In which respects mesh and recorded states lie outside of what the model was trained on, for people.
+    pub outside: Vec<String>,
 }
 
 impl Case {
@@ -123,6 +125,7 @@ impl Case {
             predictions,
             data_gap: scene.data_gap()?,
             solver: seconds_a_frame(trajectory),
+            outside: Vec::new(),
         })
     }
 
@@ -196,23 +199,26 @@ pub fn run(
 ) -> Result<Case> {
     let pace = fits(model, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let mut predictions = Vec::new();
+    let (mut predictions, mut outside) = (Vec::new(), Vec::new());
     for way in ways {
         let options = SessionOptions {
             projection: way.projection,
             ..options.clone()
         };
         let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
-        let mut step = stepper(&mut session, trajectory);
+        let mut step = stepper(&mut session, trajectory, &mut outside);
         predictions.push(scene.predict((way.key, way.name), keep, &mut step, progress)?);
     }
-    Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)
+    let case = Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)?;
+    Ok(Case { outside, ..case })
 }
 
-/// Steps of a session on a trajectory.
+/// Steps of a session on a trajectory; `outside`: in which respects the states that they start from lie outside of what the model was
+/// trained on, those of the state with the most of them.
 pub fn stepper<'a>(
     session: &'a mut Session,
     trajectory: &Trajectory,
+    outside: &'a mut Vec<String>,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
     let is_body = session.spec().contact.is_some();
@@ -223,7 +229,14 @@ pub fn stepper<'a>(
         if let (true, Some((before, obstacle))) = (is_body, given.before) {
             session.set_before(before.as_chunks().0, obstacle)?;
         }
-        session.step(fields, out)
+        let done = session.step(fields, out);
+        if given.before.is_some() {
+            let found = session.outside();
+            if found.len() > outside.len() {
+                *outside = found;
+            }
+        }
+        done
     }
 }
 

@@ -353,6 +353,7 @@ pub fn json(cases: &[Case]) -> Value {
             "split": c.split.name(),
             "horizon": c.horizon,
             "diverged": c.diverged(),
+            "outside": c.outside,
         });
         add_rows(&mut case, &c.rows(), &c.fields);
         case

@@ -48,6 +48,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
         ],
         data_gap: Vec::new(),
         solver: None,
+        outside: Vec::new(),
     }
 }
 
@@ -344,6 +345,22 @@ fn a_flow_whose_field_has_another_name() {
         .for_each(|w| total.add(SquaredError::between(&w[0].cells, &w[1].cells)));
     assert!((figures(&case, 1)[2] / total.rmse() - 1.0).abs() < 1e-12);
     assert!(case.rows().iter().all(|r| r.quality.is_none() && r.gap.is_none()));
+
+    // What the model was trained on is compared with what it is shown.
+    assert!(case.outside.is_empty());
+    let mut slow = Model::random(model.spec.clone(), 3).unwrap();
+    slow.spec.trained_on = Some(m4gn_model::TrainedOn {
+        cell_size: [1e-9, 2e-9],
+        speed: None,
+        courant: None,
+        inputs: Vec::new(),
+        solid: None,
+    });
+    let outside = go(&slow).unwrap().outside;
+    assert!(
+        outside.len() == 1 && outside[0].contains("distance of neighbouring cells"),
+        "{outside:?}"
+    );
 
     let mut scalar = model.spec.clone();
     scalar.fields.retain(|f| f.name == "p");
