@@ -87,7 +87,7 @@ impl Sample {
     /// # Errors
     /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
     pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
-        let size = self.graph.n_owned * self.width;
+        let size = self.structure.graph.n_owned * self.width;
         match &self.recorded {
             // Opened for each frame: of thousands of trajectories there are fewer descriptors than files.
             Some(recorded) => {
@@ -105,7 +105,7 @@ impl Sample {
 
     /// Bytes of all its frames in memory.
     pub fn frame_bytes(&self) -> u64 {
-        (self.n_frames * self.graph.n_owned * self.width * size_of::<f32>()) as u64
+        (self.n_frames * self.structure.graph.n_owned * self.width * size_of::<f32>()) as u64
     }
 }
 
