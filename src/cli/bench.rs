@@ -6,9 +6,10 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_step::Backend;
+use m4gn_structure::Structure;
 use m4gn_workbench::bench;
 use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Case, Runs, Shape, Source, Trial, Workload, machine, memory, work};
+use m4gn_workbench::bench::{Runs, Shape, Source, Trial, Workload, machine, memory, work};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -370,7 +371,7 @@ fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Resu
 }
 
 /// A step of a network for another program.
-fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> Result<()> {
+fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Structure) -> Result<N>) -> Result<()> {
     let structure = workload.structure()?;
     let (inputs, mut outputs) = workload.values(&structure.graph)?;
     let mut network = make(&structure)?;
