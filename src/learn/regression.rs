@@ -24,7 +24,7 @@ const FLOOR: f64 = 1e-9;
 
 /// Sums of a linear regression.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Regression {
+pub struct Regression {
     /// Numbers of x, with the 1, and of y.
     inputs: usize,
     outputs: usize,
@@ -101,7 +101,7 @@ impl Regression {
 
 /// Where the decoder's last layer is in the flat vector of weights.
 #[derive(Clone, Debug)]
-pub(super) struct Layer {
+pub struct Layer {
     /// `[outputs x inputs]`
     weight: Range<usize>,
     bias: Range<usize>,
@@ -131,7 +131,7 @@ impl NativeBackend<'_> {
     ///
     /// # Errors
     /// What the engine may fail with.
-    pub(super) fn regress(
+    pub fn regress(
         &mut self,
         comm: &Comm,
         weights: &[f32],

@@ -56,7 +56,7 @@ impl Moments {
     }
 
     /// What displacements change by, `[n x 3]`: of the nodes that move, and with one deviation around 0.
-    pub(super) fn of_changes(rows: &[f32]) -> Self {
+    pub(crate) fn of_changes(rows: &[f32]) -> Self {
         Self::of_present(rows, 3, |row, i| row[i] != 0.0).alike_from(0)
     }
 

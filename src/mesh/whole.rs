@@ -1,8 +1,7 @@
 //! The undecomposed mesh of a solver that runs on several ranks.
 
-use m4gn_mesh::parallel::{Comm, Element, everywhere};
-use m4gn_mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
-use m4gn_mesh::{Error, Result};
+use crate::parallel::{Comm, Element, everywhere};
+use crate::{BoundaryFace, CoupledFace, ElasticModes, Error, Mesh, NodeType, Result};
 
 /// Where something of all ranks is put together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use m4gn_model::ModelSpec;
 use m4gn_step::CopiedFaces;
 
 /// The frames that were seen so far.
-pub(super) struct Copies<'a> {
+pub struct Copies<'a> {
     nodes: &'a Mesh,
     width: usize,
     /// First component, components and faces of each field.

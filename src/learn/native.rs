@@ -19,27 +19,27 @@ use std::time::Instant;
 /// Network, graphs and threads.
 #[derive(Debug)]
 pub struct NativeBackend<'a> {
-    pub(super) spec: ModelSpec,
-    pub(super) work: &'a Workload,
-    pub(super) stepper: Stepper,
-    pub(super) network: Trainable,
+    pub(crate) spec: ModelSpec,
+    pub(crate) work: &'a Workload,
+    pub(crate) stepper: Stepper,
+    pub(crate) network: Trainable,
     workers: Vec<Worker>,
     /// The graph of each training trajectory, and its reflection.
-    pub(super) graphs: Vec<[TrainGraph; 2]>,
+    pub(crate) graphs: Vec<[TrainGraph; 2]>,
     /// Noise of each component, physical units.
-    pub(super) noise: Vec<f64>,
+    pub(crate) noise: Vec<f64>,
     /// How many times smaller it may be in an example.
-    pub(super) noise_spread: f64,
+    pub(crate) noise_spread: f64,
     /// Of a history: the part of examples that came at another pace, and the share of another stride's change that is added.
-    pub(super) history_pace: f64,
-    pub(super) history_noise: f64,
+    pub(crate) history_pace: f64,
+    pub(crate) history_noise: f64,
     /// First output, number of outputs, and weight of the loss of each predicted field.
-    pub(super) groups: Vec<(usize, usize, f64)>,
-    pub(super) through_unroll: bool,
+    pub(crate) groups: Vec<(usize, usize, f64)>,
+    pub(crate) through_unroll: bool,
     /// Of each training trajectory, where the loss asks for the smooth part of errors.
-    pub(super) smoothers: Vec<Smoother>,
+    pub(crate) smoothers: Vec<Smoother>,
     /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
-    pub(super) precision: Precision,
+    pub(crate) precision: Precision,
     /// Nanoseconds of all threads: weights taken, forward, backward, sums.
     clock: [AtomicU64; 4],
 }
@@ -116,7 +116,7 @@ impl<'a> NativeBackend<'a> {
     }
 
     /// Does `task` for each of n on the threads; results in order.
-    pub(super) fn each<R: Send>(
+    pub(crate) fn each<R: Send>(
         &mut self,
         n: usize,
         task: impl Fn(&Self, &mut Worker, usize) -> Result<R> + Sync,
@@ -128,17 +128,13 @@ impl<'a> NativeBackend<'a> {
     }
 
     /// Does `task`, which needs nothing of a thread, for each of n on the threads; results in order.
-    pub(super) fn on_threads<R: Send>(
-        &self,
-        n: usize,
-        task: impl Fn(usize) -> Result<R> + Sync,
-    ) -> Result<Vec<R>> {
+    pub fn on_threads<R: Send>(&self, n: usize, task: impl Fn(usize) -> Result<R> + Sync) -> Result<Vec<R>> {
         let mut threads = vec![(); self.workers.len()];
         share_out(&mut threads, n, |_, i| task(i))
     }
 
     /// The model with these weights.
-    pub(super) fn model(&self, weights: &[f32], normaliser: &Normaliser) -> Model {
+    pub fn model(&self, weights: &[f32], normaliser: &Normaliser) -> Model {
         let mut tensors = self.network.layout().unflatten(weights);
         tensors.extend(normaliser.tensors());
         Model {
@@ -147,7 +143,7 @@ impl<'a> NativeBackend<'a> {
         }
     }
 
-    pub(super) fn lap(&self, phase: usize, since: Instant) -> Instant {
+    pub(crate) fn lap(&self, phase: usize, since: Instant) -> Instant {
         let now = Instant::now();
         self.clock[phase].fetch_add((now - since).as_nanos() as u64, Ordering::Relaxed);
         now

@@ -20,14 +20,14 @@ pub use clock::{Ahead, Clock};
 pub use round::Outcome;
 pub use settings::{Layers, Method, Mode, Settings};
 
-use super::normaliser::Normaliser;
-use super::samples::Sample;
 use beside::Beside;
 use learner::{Knowledge, Learner};
 use m4gn_contact::part::BodyPart;
-use m4gn_data::{Place, whole_mesh};
 use m4gn_engine::backward::{Layout, Optimiser};
+use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::samples::Sample;
 use m4gn_mesh::parallel::{Comm, everywhere};
+use m4gn_mesh::whole::{Place, whole_mesh};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, ModelSpec, SegmentSpec};
 use m4gn_step::{Field, Session};

@@ -8,12 +8,12 @@ use m4gn_mesh::Result;
 use m4gn_model::{ContactSpec, FieldSpec, Model, ModelSpec};
 
 /// Whether `new` has the fields of `old`, and after them none but inputs that are not predicted.
-pub(super) fn follow(old: &[FieldSpec], new: &[FieldSpec]) -> bool {
+pub fn follow(old: &[FieldSpec], new: &[FieldSpec]) -> bool {
     new.starts_with(old) && new[old.len()..].iter().all(FieldSpec::is_given)
 }
 
 /// Whether `new` is the contact of `old`, or that with a history.
-pub(super) fn follow_contact(old: Option<ContactSpec>, new: Option<ContactSpec>) -> bool {
+pub fn follow_contact(old: Option<ContactSpec>, new: Option<ContactSpec>) -> bool {
     match (old, new) {
         (Some(old), Some(new)) => old.radius == new.radius && old.history <= new.history,
         (old, new) => old == new,
@@ -25,7 +25,7 @@ pub(super) fn follow_contact(old: Option<ContactSpec>, new: Option<ContactSpec>)
 ///
 /// # Errors
 /// As reading a frame.
-pub(super) fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Model> {
+pub fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Model> {
     let (old, new) = (model.spec.n_field_inputs(), spec.n_field_inputs());
     if old == new {
         return Ok(model);

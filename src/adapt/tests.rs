@@ -1,8 +1,7 @@
 //! Adaptations of a random model to a vortex that is carried along, in serial.
 
 use super::*;
-use crate::sample::vortex;
-use m4gn_mesh::sample;
+use m4gn_mesh::sample::{self, vortex};
 use m4gn_model::SegmentMethod;
 use m4gn_step::SessionOptions;
 

@@ -12,7 +12,7 @@ use std::borrow::Cow;
 
 /// How a rollout's state lags behind the recorded one, in the first predicted field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Lag {
+pub struct Lag {
     /// Time by which the rollout is ahead, s.
     pub ahead: f64,
     /// Sum over cells and components of the square of the rate of change there: how much it tells.
@@ -24,7 +24,7 @@ type Visit<'a> = dyn FnMut(usize, &[f32], &[f32]) -> Result<()> + 'a;
 
 impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
-    pub(super) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<(f64, f64)>> {
+    pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<(f64, f64)>> {
         let sample = &self.work.valid[rollout.sample];
         let c = self.stepper.components();
         let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
@@ -42,7 +42,7 @@ impl NativeBackend<'_> {
     /// By how much a rollout is ahead after some of its steps, of frames that are `interval` apart (s): the recorded state that is
     /// nearest to the rollout's, less than a stride before or after its time, and the rest of the error there along the rate
     /// of change.
-    pub(super) fn lags<const N: usize>(
+    pub fn lags<const N: usize>(
         &self,
         model: &Model,
         rollout: &Rollout,

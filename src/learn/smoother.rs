@@ -10,7 +10,7 @@ use m4gn_structure::graph::Graph;
 
 /// Averages over neighbouring nodes of one graph, boundary nodes left out.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Smoother {
+pub(crate) struct Smoother {
     /// Neighbours of node i: `row[i]..row[i + 1]`.
     row: Vec<u32>,
     neighbours: Vec<u32>,

@@ -16,7 +16,7 @@ use std::time::Instant;
 const KEEP: usize = 1 << 30;
 
 /// The graph of a body at a state, with its senders and receivers.
-pub(super) type Moved = (TrainGraph, Vec<i32>, Vec<i32>);
+pub(crate) type Moved = (TrainGraph, Vec<i32>, Vec<i32>);
 
 /// An application of the network: the state before it, and, of bodies, the graph there with its senders and receivers.
 struct Applied {
@@ -36,7 +36,7 @@ pub struct Piece {
 
 impl NativeBackend<'_> {
     /// Loss and gradient of an example, whose part of the batch is `share`.
-    pub(super) fn learn_one(
+    pub(crate) fn learn_one(
         &self,
         worker: &mut Worker,
         scales: &Scales,
@@ -240,7 +240,7 @@ impl NativeBackend<'_> {
 
     /// The state that an example starts from: its frame with noise. With a history, what is said of the stride before is not always that
     /// of the trajectory.
-    pub(super) fn start(&self, sample: &Sample, example: &Example) -> Result<Vec<f32>> {
+    pub(crate) fn start(&self, sample: &Sample, example: &Example) -> Result<Vec<f32>> {
         // Numbers of its own, so that those of the noise are the same with a history and without.
         let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
         rng.set_stream(1);
@@ -275,7 +275,7 @@ impl NativeBackend<'_> {
     }
 
     /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.
-    pub(super) fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
+    pub(crate) fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
         if self.noise.iter().all(|&n| n == 0.0) {
             return;
         }
@@ -304,7 +304,7 @@ impl NativeBackend<'_> {
 }
 
 /// The graph of a body at a state, with its senders and receivers; none for cells, whose graph stays.
-pub(super) fn at_state(
+pub(crate) fn at_state(
     base: &TrainGraph,
     contact: &mut Option<ContactGraph>,
     state: &[f32],
@@ -325,6 +325,68 @@ fn edges_backward(features: &[f32], d: &[f32], (senders, receivers): (&[i32], &[
         for (i, by) in features_backward(x, d).into_iter().enumerate() {
             d_state[3 * s as usize + i] += by;
             d_state[3 * r as usize + i] -= by;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::TrainingConfig;
+    use super::super::workload::Workload;
+    use super::*;
+    use m4gn_mesh::sample::{flow, triangles};
+
+    /// Two decades: the logarithms lie evenly between those of 0.0004 and 0.04.
+    #[test]
+    fn noise_has_a_size_in_each_example() {
+        let (spec, mesh) = (m4gn_model::sample::spec(), triangles(6, 4, 1.5, 1.0));
+        let mut sample = Sample::of_mesh(&mesh, &spec, &spec.segments, None, None).unwrap();
+        let nodes = mesh
+            .cell_centres
+            .iter()
+            .chain(mesh.boundary.iter().map(|face| &face.centre));
+        let frame = nodes.flat_map(|&x| {
+            let ([u, v], p) = flow(x, [0.3, 0.5]);
+            [u, v, p]
+        });
+        sample.push(&mesh, &spec, frame.collect());
+        let work = Workload {
+            train: vec![sample.clone().into()],
+            valid: vec![],
+            frames_a_step: 2,
+            names: vec![],
+        };
+        let before = sample.frame(0).unwrap().into_owned();
+        let logarithms = |noise_spread: f64| -> Vec<f64> {
+            let training = TrainingConfig {
+                noise: [("U".to_string(), 0.04)].into(),
+                noise_spread,
+                ..TrainingConfig::default()
+            };
+            let backend = NativeBackend::new(&training, &spec, &work, 1).unwrap();
+            let size = |seed| {
+                let mut state = before.clone();
+                backend.add_noise(&sample, seed, &mut state);
+                let cells = sample.n_cells() * sample.width;
+                let square = state[..cells]
+                    .iter()
+                    .zip(&before)
+                    .map(|(a, b)| f64::from(a - b).powi(2));
+                // Two components of three
+                (square.sum::<f64>() / (2 * sample.n_cells()) as f64).sqrt().ln()
+            };
+            (0..200).map(size).collect()
+        };
+        let (least, most) = (0.0004f64.ln(), 0.04f64.ln());
+        assert!(logarithms(1.0).iter().all(|l| (l - most).abs() < 0.5));
+        let sizes = logarithms(100.0);
+        assert!(sizes.iter().all(|l| (least - 0.5..most + 0.5).contains(l)));
+        for third in 0..3 {
+            let from = least + f64::from(third) / 3.0 * (most - least);
+            let here = sizes
+                .iter()
+                .filter(|l| (from..from + (most - least) / 3.0).contains(l));
+            assert!((45..=90).contains(&here.count()), "{sizes:?}");
         }
     }
 }

@@ -7,10 +7,10 @@
 
 use super::learner::Learner;
 use super::round::Split;
-use crate::backend::Rollout;
-use crate::native::NativeBackend;
-use crate::rollout::Lag;
-use crate::together::{gather_shares, own_share};
+use m4gn_learn::NativeBackend;
+use m4gn_learn::Rollout;
+use m4gn_learn::rollout::Lag;
+use m4gn_learn::together::{gather_shares, own_share};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,7 @@
 use super::learner::{Knowledge, Learner};
 use super::round::{Outcome, Split};
 use super::window::Window;
-use crate::samples::Sample;
+use m4gn_learn::samples::Sample;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use std::sync::Arc;

@@ -3,9 +3,9 @@
 use super::clock;
 use super::learner::Learner;
 use super::{Adaptation, Mode};
-use crate::backend::Rollout;
-use crate::native::NativeBackend;
-use crate::workload::Workload;
+use m4gn_learn::NativeBackend;
+use m4gn_learn::Rollout;
+use m4gn_learn::Workload;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use serde::Serialize;

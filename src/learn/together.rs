@@ -11,7 +11,7 @@ use m4gn_mesh::parallel::Comm;
 ///
 /// # Errors
 /// What the backend may fail with.
-pub(super) fn learn_together(
+pub fn learn_together(
     comm: &Comm,
     backend: &mut dyn Backend,
     weights: &[f32],
@@ -44,7 +44,7 @@ pub(super) fn learn_together(
 ///
 /// # Errors
 /// What the backend may fail with.
-pub(super) fn roll_out_together(
+pub fn roll_out_together(
     comm: &Comm,
     backend: &mut dyn Backend,
     weights: &[f32],
@@ -66,14 +66,14 @@ pub(super) fn roll_out_together(
 }
 
 /// This rank's share of a plan: every so many-th of its parts as there are ranks.
-pub(super) fn own_share<T: Copy>(comm: &Comm, plan: &[T]) -> Vec<T> {
+pub fn own_share<T: Copy>(comm: &Comm, plan: &[T]) -> Vec<T> {
     let (rank, size) = (comm.rank() as usize, comm.size() as usize);
     plan.iter().skip(rank).step_by(size).copied().collect()
 }
 
 /// The numbers of all parts of a plan, one part after the other, of which each rank has those of its [`own_share`]; `lengths` are
 /// how many numbers each part has. The same on all ranks. Collective.
-pub(super) fn gather_shares(
+pub fn gather_shares(
     comm: &Comm,
     lengths: impl Iterator<Item = usize>,
     mut own: impl Iterator<Item = Vec<f64>>,

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::backend::{Backend, Batch, Example};
-use crate::config::Config;
+use crate::config::TrainingConfig;
 use crate::inputs;
 use crate::native::NativeBackend;
 use crate::normaliser::Normaliser;
@@ -130,10 +130,11 @@ fn a_step_leaves_its_change_behind() {
     }
 }
 
-fn config() -> Config {
-    let mut config = Config::parse(&crate::sample::config("")).unwrap();
-    config.training.noise = [("D".to_string(), 0.01)].into();
-    config
+fn training() -> TrainingConfig {
+    TrainingConfig {
+        noise: [("D".to_string(), 0.01)].into(),
+        ..TrainingConfig::default()
+    }
 }
 
 /// Loss and gradient of two examples, one of them reflected, from which normalisers are made as well.
@@ -179,7 +180,7 @@ fn learn(
 fn the_gradient_through_an_unroll_is_that_of_differences() {
     let spec = spec(1);
     let (work, _) = bar(&spec);
-    let mut backend = NativeBackend::new(&config().training, &spec, &work, 1).unwrap();
+    let mut backend = NativeBackend::new(&training(), &spec, &work, 1).unwrap();
     let layout = Layout::new(&spec);
     let weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     for unroll in [2, 3] {
@@ -231,7 +232,7 @@ fn the_gradient_goes_from_body_to_body() {
     let edges = work.train[0].structure.graph.senders.len();
     // Corners across the gap, both ways: eight of the free points of each.
     assert_eq!(edges, 2 * body.edges.len() + 2 * 12 + 2 * 8);
-    let mut backend = NativeBackend::new(&config().training, &spec, &work, 1).unwrap();
+    let mut backend = NativeBackend::new(&training(), &spec, &work, 1).unwrap();
     let layout = Layout::new(&spec);
     let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     let (start, shape) = layout.find("encoder.node.0.weight").unwrap();
@@ -275,7 +276,7 @@ fn a_history_that_is_added_changes_nothing_at_first() {
     assert_eq!((mean.len(), &mean[8..]), (11, &[0.0; 3][..]));
     assert!(std[8] > 0.0 && std[8] != 1.0 && std[8..].iter().all(|s| *s == std[8]));
     let losses = |spec: &ModelSpec, work: &Workload, model: &Model| {
-        let mut backend = NativeBackend::new(&config().training, spec, work, 1).unwrap();
+        let mut backend = NativeBackend::new(&training(), spec, work, 1).unwrap();
         let weights = Layout::new(spec).flatten(model).unwrap();
         let normaliser = Normaliser::of_model(model).unwrap();
         learn(&mut backend, Some(&normaliser), &weights, 2).0
@@ -294,7 +295,7 @@ fn an_example_came_at_another_pace_and_its_change_is_off() {
     let (work, body) = bar(&spec);
     let sample = &work.train[0];
     let start = |pace: f64, noise: f64, seed: u64| {
-        let mut t = config().training;
+        let mut t = training();
         t.noise.clear();
         (t.history_pace, t.history_noise) = (pace, noise);
         let backend = NativeBackend::new(&t, &spec, &work, 1).unwrap();

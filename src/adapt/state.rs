@@ -4,9 +4,9 @@
 use super::learner::{Knowledge, Learner};
 use super::window::Window;
 use super::{Adaptation, Clock};
-use crate::regression::Regression;
-use crate::tensor_file::{Arrays, TensorFile};
+use m4gn_learn::regression::Regression;
 use m4gn_mesh::{Error, Result};
+use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;

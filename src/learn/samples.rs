@@ -1,24 +1,32 @@
 //! Trajectories to learn from: fields, graphs and segments, made by the functions that the session uses.
 
-use super::config::Config;
 use super::copies::Copies;
-use super::ranges::{Ranges, solid};
-use super::recorded::{Recorded, see_as_cells};
 use m4gn_contact::graph::ContactGraph;
 use m4gn_contact::part::BodyPart;
-use m4gn_data::Trajectory;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_mesh::{Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
-use m4gn_model::{Extent, FieldSpec, ModalOperator, ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_model::{Extent, FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
 use m4gn_step::faces_seen_as_their_cells;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
-use std::path::Path;
+use std::borrow::Cow;
+use std::fmt::Debug;
+use std::sync::Arc;
 
-/// One recorded trajectory.
+/// Where frames are read from when they are needed: data sets may be larger than the memory.
+pub trait FrameSource: Debug + Send + Sync {
+    /// All fields of a frame of the mesh that the sample was made of: cells, boundary faces, points of the obstacle
+    /// `[nodes x components]`.
+    ///
+    /// # Errors
+    /// [`Error::File`](m4gn_mesh::Error::File) for a frame that cannot be read.
+    fn frame(&self, frame: usize) -> Result<Vec<f32>>;
+}
+
+/// One trajectory.
 #[derive(Clone, Debug)]
 pub struct Sample {
     /// What the network lives on; of a body at points at rest.
@@ -33,8 +41,8 @@ pub struct Sample {
     pub held: Option<Vec<bool>>,
     /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`; empty where they stay on disk.
     pub frames: Vec<f32>,
-    /// The file that frames are read from; none where they are in memory.
-    pub recorded: Option<Recorded>,
+    /// What frames are read from; none where they are in memory.
+    pub source: Option<Arc<dyn FrameSource>>,
     /// What the frames span; none where they were not read from a file.
     pub extent: Option<Extent>,
     /// Number of frames.
@@ -110,57 +118,6 @@ impl Components {
 }
 
 impl Sample {
-    /// Reads a trajectory into memory and makes its graph and segments. Of a body, the obstacle's points are the boundary.
-    ///
-    /// # Errors
-    /// [`Error::File`] for a trajectory that cannot be read, or that no graph or segments can be made of.
-    pub fn read(trajectory: &Trajectory, spec: &ModelSpec) -> Result<Self> {
-        Self::read_within(trajectory, spec, u64::MAX)
-    }
-
-    /// As [`Sample::read`]; frames that take more than `room` bytes stay on disk, and are read when they are needed. All of them
-    /// are read here once, so that a damaged file is noticed before anything is learned.
-    ///
-    /// # Errors
-    /// As [`Sample::read`].
-    pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Result<Self> {
-        let mesh = trajectory.mesh();
-        let made = match trajectory.body() {
-            Some(body) => Self::of_body(body, trajectory.obstacle(), spec, None),
-            None => Self::of_mesh(mesh, spec, &spec.segments, spec.resolution, None),
-        };
-        let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
-        sample.n_frames = trajectory.times().len();
-        let recorded = Recorded::new(trajectory, spec);
-        let keep = sample.frame_bytes() <= room;
-        let mut frames = Vec::new();
-        if keep {
-            frames.reserve_exact(sample.n_frames * sample.structure.graph.n_owned * sample.width);
-        }
-        let nodes = sample.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
-        let (mut copies, mut ranges) = (Copies::new(nodes, spec), Ranges::new(spec));
-        let states = recorded.open()?;
-        for number in 0..sample.n_frames {
-            let frame = sample.at_nodes(recorded.frame(&states, number)?);
-            copies.see(&frame);
-            ranges.see(match &sample.contact {
-                Some(_) => &frame[..sample.n_cells() * sample.width],
-                None => &frame,
-            });
-            if keep {
-                frames.extend(frame);
-            }
-        }
-        drop(states);
-        let mut found = vec![false; sample.copies.len()];
-        copies.mark(&mut found);
-        sample.copies = found;
-        sample.extent = Some(ranges.extent(sample.cell_size, solid(trajectory)?));
-        sample.frames = frames;
-        sample.recorded = (!keep).then_some(recorded);
-        Ok(sample)
-    }
-
     /// Graph and segments of an undecomposed mesh, without frames, at a resolution (m) or a node a cell. `labels [C]` are
     /// segments of the cells computed before.
     ///
@@ -204,7 +161,7 @@ impl Sample {
     }
 
     /// A frame of the cells at the nodes of the network, which may be groups of cells.
-    pub(super) fn at_nodes(&self, frame: Vec<f32>) -> Vec<f32> {
+    pub fn at_nodes(&self, frame: Vec<f32>) -> Vec<f32> {
         match &self.coarse {
             Some(coarse) => {
                 coarse
@@ -284,13 +241,35 @@ impl Sample {
             owners,
             held: None,
             frames: Vec::new(),
-            recorded: None,
+            source: None,
             extent: None,
             n_frames: 0,
             cell_size: 0.0,
             coarse: None,
             width,
         }
+    }
+
+    /// All fields of a frame: cells, then boundary nodes.
+    ///
+    /// # Errors
+    /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
+    pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
+        let size = self.structure.graph.n_owned * self.width;
+        match &self.source {
+            Some(source) => Ok(Cow::Owned(self.at_nodes(source.frame(frame)?))),
+            None => Ok(Cow::Borrowed(&self.frames[frame * size..(frame + 1) * size])),
+        }
+    }
+
+    /// Whether its frames are read from the file when they are needed.
+    pub fn is_streamed(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// Bytes of all its frames in memory.
+    pub fn frame_bytes(&self) -> u64 {
+        (self.n_frames * self.structure.graph.n_owned * self.width * size_of::<f32>()) as u64
     }
 
     /// Cells, or points of a body.
@@ -315,66 +294,22 @@ impl Sample {
     }
 }
 
-/// What the data say about a model: dimensions, fields, and whose modes its segments are made of.
-pub(super) fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
-    let mesh = first.mesh();
-    let fields = config.model.fields.iter().map(|wanted| {
-        let found = first.field(&wanted.name)?;
-        Ok(FieldSpec {
-            name: found.name.clone(),
-            vector: found.vector,
-            dimensions: found.dimensions,
-            input: wanted.input,
-            output: wanted.output,
-        })
-    });
-    let operator = match first.body() {
-        Some(_) => config.segments.operator,
-        None if config.segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
-        None => Some(ModalOperator::Laplacian),
-    };
-    Ok(ModelSpec {
-        format: 1,
-        dim: mesh.dim(),
-        stride: config.model.stride,
-        fields: fields.collect::<Result<_>>()?,
-        node_types: Vec::new(),
-        architecture: config.architecture()?,
-        contact: config.contact,
-        resolution: config.model.resolution,
-        segments: SegmentSpec {
-            operator,
-            ..config.segments.clone()
-        },
-        precision: config.training.precision,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::Value::Null,
-    })
-}
-
-/// Frames in one model step: the stride over the frame interval, which must be a whole number.
-pub fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
-    let count = times.len();
-    if count < 2 {
-        return Err(Error::file(
-            path,
-            format!("{count} frames: at least two are needed to learn from"),
-        ));
+/// Gives faces that a network sees as their cells the cells' vectors.
+pub fn see_as_cells(
+    as_cells: &[(usize, usize)],
+    fields: &[FieldSpec],
+    dim: usize,
+    cells: usize,
+    frame: &mut [f32],
+) {
+    let width: usize = fields.iter().map(|f| f.components(dim)).sum();
+    let mut first = 0;
+    for field in fields {
+        let n = field.components(dim);
+        for &(face, cell) in as_cells.iter().filter(|_| field.vector) {
+            let at = |node: usize| node * width + first;
+            frame.copy_within(at(cell)..at(cell) + n, at(cells + face));
+        }
+        first += n;
     }
-    let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
-    let uneven = times
-        .windows(2)
-        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
-    let steps = stride / interval;
-    if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
-        return Err(Error::file(
-            path,
-            format!(
-                "frames every {interval:.6} s{}: model.stride = {stride} s must be a multiple of an even interval",
-                if uneven { " on average, not evenly" } else { "" }
-            ),
-        ));
-    }
-    Ok(steps.round() as usize)
 }

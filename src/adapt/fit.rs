@@ -2,9 +2,9 @@
 
 use super::learner::{Learned, Learner};
 use super::round::Split;
-use crate::backend::Example;
-use crate::native::NativeBackend;
-use crate::regression::{Layer, Regression};
+use m4gn_learn::Example;
+use m4gn_learn::NativeBackend;
+use m4gn_learn::regression::{Layer, Regression};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 

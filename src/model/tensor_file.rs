@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Arrays to be written.
 #[derive(Debug, Default)]
-pub(super) struct Arrays(Vec<(String, Dtype, Vec<u8>)>);
+pub struct Arrays(Vec<(String, Dtype, Vec<u8>)>);
 
 impl Arrays {
     /// Adds single precision.
@@ -50,7 +50,7 @@ impl Arrays {
 }
 
 /// A file that was read.
-pub(super) struct TensorFile<'a>(SafeTensors<'a>);
+pub struct TensorFile<'a>(SafeTensors<'a>);
 
 impl<'a> TensorFile<'a> {
     /// The description under `entry`, and the arrays.
