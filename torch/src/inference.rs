@@ -7,7 +7,6 @@ use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
-use std::path::Path;
 use tch::{Device, Tensor};
 
 /// A loaded model, its graph and its normalisers.
@@ -24,15 +23,10 @@ pub struct Inference {
 }
 
 impl Inference {
-    /// Reads a model and takes a copy of a serial graph and its segments.
+    /// Takes a copy of a model, of a serial graph and of its segments.
     ///
-    /// Errors: those of [`Model::read`]; [`Error::Model`] where the graph does not fit the model.
-    pub fn new(path: &Path, graph: &Graph, segments: Option<&Segmentation>, device: Device) -> Result<Self> {
-        Self::with_model(&Model::read(path)?, graph, segments, device)
-    }
-
-    /// The same with a model in memory.
-    pub fn with_model(
+    /// Errors: [`Error::Model`] where the graph does not fit the model.
+    pub fn new(
         model: &Model,
         graph: &Graph,
         segments: Option<&Segmentation>,

@@ -11,7 +11,6 @@ use m4gn_segments::Segmentation;
 use m4gn_segments::graph::Graph;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// Where the graph comes from.
 #[derive(Debug)]
@@ -36,8 +35,6 @@ impl Source {
 pub struct Workload {
     /// The network.
     pub model: Model,
-    /// File of the model, where it has one.
-    pub path: Option<PathBuf>,
     /// What it is run on.
     pub source: Source,
     /// This process alone.
@@ -93,17 +90,8 @@ impl Workload {
             )));
         }
         let lengths = self.lengths(&case.graph);
-        let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
-        let path = match &self.path {
-            Some(path) => path.clone(),
-            None => {
-                let path = folder.path().join("model.safetensors");
-                self.model.write(&path)?;
-                path
-            }
-        };
         TorchBackend::new(
-            &path,
+            &self.model,
             &case.graph,
             case.segments.as_ref(),
             lengths,
