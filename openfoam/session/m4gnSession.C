@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSession.H"
 #include "m4gnCore.H"
@@ -15,31 +9,21 @@ License
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
+#include "m4gnRun.H"
 #include "clockTime.H"
 #include "OSspecific.H"
 #include "Time.H"
 #include <sstream>
 
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-void Foam::m4gnSession::open
-(
-    const dictionary& dict,
-    const List<int32_t>& segments
-)
+void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segments)
 {
     const dictionary own(dict.subOrEmptyDict("segments"));
 
     const bool stored = returnReduce(segments.size() > 0, orOp<bool>());
 
     autoPtr<m4gnElasticModes> modes;
-    const label needed = m4gnElasticModes::needed(model_);
-    if
-    (
-        !stored
-     && !nodes_->atPoints()
-     && m4gnElasticModes::wanted(mesh_, own, needed)
-    )
+    const label needed = model_.elasticModes();
+    if (!stored && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, own, needed))
     {
         dictionary body(own);
         for (const word key : {"nodeTypes", "D"})
@@ -49,10 +33,7 @@ void Foam::m4gnSession::open
                 body.add(*e);
             }
         }
-        const label nModes
-        (
-            own.getOrDefault<label>("modes", needed > 0 ? needed : -1)
-        );
+        const label nModes(own.getOrDefault<label>("modes", needed > 0 ? needed : -1));
         modes.reset(new m4gnElasticModes(mesh_, body, nModes));
         nodes_->setModes(modes->eigenvalues(), modes->cells());
     }
@@ -60,13 +41,7 @@ void Foam::m4gnSession::open
     const m4gnMechanicalProperties properties(mesh_);
     const std::string settings
     (
-        options
-        (
-            dict,
-            model_,
-            others_,
-            properties.description(dict.getOrDefault<word>("D", "D"))
-        )
+        options(dict, others_, properties.description(dict.getOrDefault<word>("D", "D")))
     );
 
     // A rank may be without cells, and yet have segments
@@ -86,6 +61,7 @@ void Foam::m4gnSession::open
         (
             m4gn::communicator(),
             &nodes_->data(),
+            model_.handle(),
             settings.c_str(),
             !stored ? nullptr : segments.size() ? segments.cdata() : &none,
             &session_
@@ -97,7 +73,6 @@ void Foam::m4gnSession::open
     stride_ = m4gn_session_stride(session_);
 }
 
-
 void Foam::m4gnSession::checkFields()
 {
     List<m4gn_field_info> infos(m4gn_session_n_fields(session_));
@@ -105,11 +80,7 @@ void Foam::m4gnSession::checkFields()
 
     forAll(infos, i)
     {
-        m4gn::check
-        (
-            m4gn_session_field(session_, i, &infos[i]),
-            "m4gnSurrogate"
-        );
+        m4gn::check(m4gn_session_field(session_, i, &infos[i]), "m4gnSurrogate");
         if (infos[i].is_input)
         {
             inputs.append(word(infos[i].name, false));
@@ -117,14 +88,11 @@ void Foam::m4gnSession::checkFields()
     }
     inputNames_.transfer(inputs);
 
-    const string misfit
-    (
-        m4gnObstacleFields::misfit(mesh_, inputNames_, stride_)
-    );
+    const string misfit(m4gnObstacleFields::misfit(mesh_, inputNames_, stride_));
     if (misfit.size() && outOfRange_ != "ignore")
     {
         FatalErrorInFunction
-            << misfit.c_str() << nl << "    The model is " << model_
+            << misfit.c_str() << nl << "    The model is " << model_.file()
             << exit(FatalError);
     }
 
@@ -138,7 +106,7 @@ void Foam::m4gnSession::checkFields()
         if (!m4gnFieldSet::registered(mesh_, *nodes_, name))
         {
             FatalErrorInFunction
-                << "The model " << model_ << " is for the field " << name
+                << "The model " << model_.file() << " is for the field " << name
                 << ", which this solver has not registered." << nl
                 << "    Registered: "
                 << nodes_->registered().c_str()
@@ -154,7 +122,7 @@ void Foam::m4gnSession::checkFields()
         if (info.components != found)
         {
             FatalErrorInFunction
-                << "The model " << model_ << " is for " << name << " with "
+                << "The model " << model_.file() << " is for " << name << " with "
                 << label(info.components) << " components; this solver's has "
                 << found << exit(FatalError);
         }
@@ -165,7 +133,7 @@ void Foam::m4gnSession::checkFields()
             std::copy(info.dimensions, info.dimensions + 7, expected.begin());
 
             FatalErrorInFunction
-                << "The model " << model_ << " is for " << name
+                << "The model " << model_.file() << " is for " << name
                 << " with the dimensions " << flatOutput(expected)
                 << "; this solver's has " << flatOutput(exponents) << nl
                 << "    (an incompressible p is p/rho, 0 2 -2)"
@@ -183,7 +151,6 @@ void Foam::m4gnSession::checkFields()
     outputComponents_.transfer(components);
 }
 
-
 Foam::List<int32_t> Foam::m4gnSession::labels(const labelFunction get) const
 {
     List<int32_t> labels(mesh_.nCells());
@@ -191,16 +158,11 @@ Foam::List<int32_t> Foam::m4gnSession::labels(const labelFunction get) const
     return labels;
 }
 
-
 void Foam::m4gnSession::compare()
 {
     int32_t count = 0;
     char why[1024] = "";
-    m4gn::check
-    (
-        m4gn_session_outside(session_, &count, why, sizeof(why)),
-        "m4gnSurrogate"
-    );
+    m4gn::check(m4gn_session_outside(session_, &count, why, sizeof(why)), "m4gnSurrogate");
 
     std::istringstream lines(count ? why : "");
     std::string line;
@@ -222,35 +184,24 @@ void Foam::m4gnSession::compare()
     if (outOfRange_ == "refuse")
     {
         FatalErrorInFunction
-            << "This case is not what the model " << model_
+            << "This case is not what the model " << model_.file()
             << " was trained on:" << nl << "        " << text.c_str() << nl
             << "    Use a model for such cases, or see with mode observe how"
             << " wrong it is; outOfRange warn goes on" << exit(FatalError);
     }
 
     WarningInFunction
-        << "This case is not what the model " << model_ << " was trained on:"
+        << "This case is not what the model " << model_.file() << " was trained on:"
         << nl << "        " << text.c_str() << nl
         << "    See with mode observe how wrong it is; outOfRange refuse ends"
         << " such a run, outOfRange ignore says nothing" << endl;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnSession::m4gnSession
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const wordList& others
-)
+Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const wordList& others)
 :
     mesh_(mesh),
     others_(others),
-    model_
-    (
-        m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())
-    ),
+    model_(m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())),
     session_(nullptr),
     stride_(0),
     setupSeconds_(0),
@@ -273,11 +224,9 @@ Foam::m4gnSession::m4gnSession
 
         taken = found.use
         (
-            m4gnSegmentation::options(own, model_, false),
-            own.getOrDefault<word>
-            (
-                "stored", m4gnStoredSegments::choices().first()
-            )
+            &model_,
+            m4gnSegmentation::options(own, false),
+            own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first())
         );
         stored = found.cells();
     }
@@ -292,23 +241,12 @@ Foam::m4gnSession::m4gnSession
     if (write && nGroups > 0)
     {
         const word start(Time::timeName(mesh.time().startTime().value()));
-        m4gn::writeLabels
-        (
-            mesh,
-            m4gn::groupName,
-            start,
-            labels(m4gn_session_groups)
-        );
+        m4gn::writeLabels(mesh, m4gn::groupName, start, labels(m4gn_session_groups));
     }
 
     if (write && !taken && m4gn_session_n_segments(session_) > 0)
     {
-        m4gn::writeSegments
-        (
-            mesh,
-            segments(),
-            m4gn_session_segment_record(session_)
-        );
+        m4gn::writeSegments(mesh, segments(), m4gn_session_segment_record(session_));
     }
 
     setupSeconds_ = timer.elapsedTime();
@@ -316,7 +254,7 @@ Foam::m4gnSession::m4gnSession
     // Mesh and solid before the run waits for timeStart
     compare();
 
-    Info<< "m4gn: model " << model_ << ", stride " << stride_ << " s, "
+    Info<< "m4gn: model " << model_.file() << ", stride " << stride_ << " s, "
         << label(m4gn_session_n_segments(session_)) << " segments, ";
     if (nGroups > 0)
     {
@@ -325,9 +263,6 @@ Foam::m4gnSession::m4gnSession
     Info<< "ready in " << setupSeconds_ << " s" << nl << endl;
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnSession::~m4gnSession()
 {
     if (session_)
@@ -335,9 +270,6 @@ Foam::m4gnSession::~m4gnSession()
         m4gn_session_free(session_);
     }
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::scalar Foam::m4gnSession::cellsAGroup() const
 {
@@ -349,11 +281,9 @@ Foam::scalar Foam::m4gnSession::cellsAGroup() const
       : 1;
 }
 
-
 std::string Foam::m4gnSession::options
 (
     const dictionary& dict,
-    const fileName& model,
     const wordList& others,
     const dictionary& solid
 )
@@ -361,7 +291,6 @@ std::string Foam::m4gnSession::options
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, ownKeys());
     settings = m4gn::without(settings, others);
-    settings.set("model", string(model));
     if (solid.size() && !settings.found("solid"))
     {
         settings.add("solid", solid);
@@ -369,24 +298,18 @@ std::string Foam::m4gnSession::options
     settings.set
     (
         "segments",
-        m4gn::without
-        (
-            dict.subOrEmptyDict("segments"),
-            m4gnSegmentation::ownKeys()
-        )
+        m4gn::without(dict.subOrEmptyDict("segments"), m4gnSegmentation::ownKeys())
     );
     return m4gn::json(settings);
 }
-
 
 Foam::wordList Foam::m4gnSession::ownKeys()
 {
     return
     {
-        "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
+        "model", "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
     };
 }
-
 
 void Foam::m4gnSession::checkDictionary
 (
@@ -422,15 +345,10 @@ void Foam::m4gnSession::checkDictionary
 
     wordList valid(others);
     valid.append(ownKeys());
-    m4gn::checkOptions(dict, "session", options(dict, model, others), valid);
+    m4gn::checkOptions(dict, "session", options(dict, others), valid);
 }
 
-
-bool Foam::m4gnSession::step
-(
-    const std::vector<m4gn_field>& inputs,
-    List<scalarField>& cells
-)
+bool Foam::m4gnSession::step(const std::vector<m4gn_field>& inputs, List<scalarField>& cells)
 {
     std::vector<m4gn_field_out> outputs(outputNames_.size());
     forAll(outputNames_, i)
@@ -468,6 +386,3 @@ bool Foam::m4gnSession::step
 
     return true;
 }
-
-
-// ************************************************************************* //

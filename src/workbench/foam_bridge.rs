@@ -1,8 +1,8 @@
-//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`cpp/src/abi.rs`, version 5).
+//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`openfoam/bridge/abi.rs`, version 5).
 #![allow(unsafe_code)]
 
 use m4gn_mesh::ffi::host::{self, MeshData, SolidData};
-use m4gn_mesh::plugin::{Description, Plugin, c_string};
+use m4gn_mesh::plugin::{Description, Plugin, c_string, folder_variable};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_modes::fem::HostBody;
 use std::{
@@ -62,8 +62,8 @@ pub fn load() -> Result<&'static FoamBridge> {
 impl FoamBridge {
     fn load() -> Result<Self> {
         let file = LIBRARY.find()?;
-        let project = std::env::var_os("WM_PROJECT_DIR").unwrap_or_else(|| PROJECT_DIR.into());
-        let control = Path::new(&project).join("etc/controlDict");
+        let project = folder_variable("WM_PROJECT_DIR").unwrap_or_else(|| PROJECT_DIR.into());
+        let control = project.join("etc/controlDict");
         if !control.is_file() {
             return Err(Error::file(
                 control,
@@ -75,7 +75,7 @@ impl FoamBridge {
         // SAFETY: a command calls this on the main thread before it starts threads that could read the environment.
         unsafe { std::env::set_var("WM_PROJECT_DIR", &project) };
         let library = LIBRARY.load_from(file)?;
-        // SAFETY: the types are those of cpp/src/abi.rs at this version.
+        // SAFETY: the types are those of openfoam/bridge/abi.rs at this version.
         unsafe {
             Ok(FoamBridge {
                 open: library.function("m4gn_foam_open")?,

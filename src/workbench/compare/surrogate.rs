@@ -1,0 +1,158 @@
+//! What the surrogate of a run left behind beside its fields: its own summary and table.
+
+use m4gn_mesh::{Error, Result};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// What the surrogate of a run says about itself.
+#[derive(Clone, Debug)]
+pub struct Surrogate {
+    /// Time from which it first replaced steps, s: the last time that the solver had computed.
+    pub takeover: f64,
+    /// Replaced part of the simulated time after start-up, 0 to 1.
+    pub replaced_fraction: Option<f64>,
+    /// Its jumps: the ends of their first and last steps, s. What is stored in between is the surrogate's.
+    pub jumps: Vec<[f64; 2]>,
+    /// Its `summary.json`.
+    pub summary: Value,
+}
+
+/// Reads `postProcessing/NAME/TIME/summary.json` of the function object m4gnSurrogate; none if there was none.
+///
+/// Of several runs into the same case, the earliest takeover counts, and the figures of the latest.
+pub fn read(case: &Path) -> Result<Option<Surrogate>> {
+    let mut found: Vec<(f64, Surrogate)> = Vec::new();
+    let root = case.join("postProcessing");
+    for name in folders(&root) {
+        for time in folders(&name) {
+            let path = time.join("summary.json");
+            let Ok(text) = std::fs::read_to_string(&path) else {
+                continue;
+            };
+            let summary: Value = serde_json::from_str(&text).map_err(|e| {
+                Error::file(&path, format!("expected the JSON summary of m4gnSurrogate: {e}"))
+            })?;
+            if summary.get("replaced_time").is_none() {
+                continue;
+            }
+            if let Some(one) = one_summary(&time, summary)? {
+                found.push((started(&time), one));
+            }
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some(takeover) = found.iter().map(|(_, s)| s.takeover).reduce(f64::min) else {
+        return Ok(None);
+    };
+    let jumps = found.iter().flat_map(|(_, s)| s.jumps.clone()).collect();
+    Ok(found.pop().map(|(_, last)| Surrogate {
+        takeover,
+        jumps,
+        ..last
+    }))
+}
+
+fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
+    let number = |key: &str| summary.get(key).and_then(Value::as_f64);
+    if number("replaced_time").is_none_or(|t| t <= 0.0) {
+        return Ok(None);
+    }
+    // The table says where the first jump began; the summary, from when on jumps were allowed.
+    let jumps = jumps(folder, number("stride"));
+    let begin = |jump: &[f64; 2]| jump[0] - number("stride").unwrap_or(0.0);
+    let first_jump = jumps.iter().map(begin).reduce(f64::min);
+    let takeover = match (first_jump, number("takeover_time")) {
+        (Some(first), allowed) => first.max(allowed.unwrap_or(f64::NEG_INFINITY)),
+        (None, Some(allowed)) => allowed,
+        (None, None) => {
+            return Err(Error::file(
+                folder,
+                "expected the table of m4gnSurrogate (*.dat) beside its summary.json, found none",
+            ));
+        }
+    };
+    Ok(Some(Surrogate {
+        takeover,
+        replaced_fraction: number("replaced_fraction"),
+        jumps,
+        summary,
+    }))
+}
+
+/// The ends of the first and the last step of each jump: a row of the table beside the summary holds the time at a jump's
+/// end and the number of its steps.
+fn jumps(folder: &Path, stride: Option<f64>) -> Vec<[f64; 2]> {
+    let tables = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let tables = tables
+        .map(|e| e.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "dat"));
+    let of_row = |row: &str| {
+        let mut numbers = row.split_whitespace().map(|w| w.parse::<f64>().ok());
+        let (end, steps) = (numbers.next()??, numbers.next()??);
+        let first = end - (steps - 1.0) * stride?;
+        first.is_finite().then_some([first, end])
+    };
+    let of_table = |path| {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        text.lines().filter_map(of_row).collect::<Vec<_>>()
+    };
+    tables.flat_map(of_table).collect()
+}
+
+fn started(folder: &Path) -> f64 {
+    folder
+        .file_name()
+        .and_then(|n| n.to_str())
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(f64::NEG_INFINITY)
+}
+
+fn folders(of: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(of).into_iter().flatten().flatten();
+    let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| p.is_dir()).collect();
+    found.sort();
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn surrogate_summaries() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(read(dir.path()).unwrap().is_none());
+        let folder = |time: &str| {
+            let folder = dir.path().join("postProcessing/surrogate").join(time);
+            fs::create_dir_all(&folder).unwrap();
+            folder
+        };
+        // Another function object's file is none of ours.
+        fs::write(folder("0").join("summary.json"), "{\"other\": 1}").unwrap();
+        assert!(read(dir.path()).unwrap().is_none());
+        let one = r#"{"replaced_time": 2.0, "replaced_fraction": 0.8, "stride": 0.05}"#;
+        fs::write(folder("1").join("summary.json"), one).unwrap();
+        let missing = read(dir.path()).unwrap_err().to_string();
+        assert!(missing.contains("table of m4gnSurrogate"), "{missing}");
+        // Three steps that ended at 1.2: the first jump began at 1.05.
+        let table = "# Jumps\n# Time\tsteps\tsurrogate(s)\n1.2\t3\t0.1\n1.45\t4\t0.1\n";
+        fs::write(folder("1").join("surrogate.dat"), table).unwrap();
+        let two = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
+        fs::write(folder("3.5").join("summary.json"), two).unwrap();
+        let found = read(dir.path()).unwrap().unwrap();
+        assert!(
+            (found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9),
+            "{found:?}"
+        );
+        // Of three steps and of four
+        let expected = [[1.1, 1.2], [1.3, 1.45]];
+        let near = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs() < 1e-12 && a[1] == b[1];
+        assert!(
+            found.jumps.len() == 2 && found.jumps.iter().zip(&expected).all(near),
+            "{found:?}"
+        );
+        fs::write(folder("3.5").join("summary.json"), "{").unwrap();
+        assert!(read(dir.path()).is_err());
+    }
+}
