@@ -66,7 +66,7 @@ fn bodies_at_points() {
         size(&h)
     });
     // SAFETY: freed once.
-    models.map(|model| unsafe { m4gn_model_free(model) });
+    models.into_iter().for_each(|model| unsafe { m4gn_model_free(model) });
 }
 
 /// A step with all that is said before it.
