@@ -1,150 +1,209 @@
-//! The table of rooms in ARCHITECTURE.md against each room's Cargo.toml: no room imports more than the table says, and none is
-//! missing in it.
+//! What ARCHITECTURE.md says of the rooms is what the build lets them import.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
 
-/// Of each room those that it imports.
 type Rooms = BTreeMap<String, BTreeSet<String>>;
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+fn read(path: impl AsRef<Path>) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
+    fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// Names under `[dependencies]` of a Cargo.toml.
-fn dependencies(manifest: &str) -> impl Iterator<Item = &str> {
-    let lines = manifest
-        .lines()
-        .skip_while(|line| *line != "[dependencies]")
-        .skip(1);
-    lines
-        .take_while(|line| !line.starts_with('['))
-        .filter_map(|line| line.split(['.', ' ', '=']).next().filter(|name| !name.is_empty()))
+fn names(text: &str, separators: &[char]) -> BTreeSet<String> {
+    let words = text.split(separators).map(str::trim).filter(|w| !w.is_empty());
+    words.map(str::to_owned).collect()
 }
 
-fn manifest(room: &str) -> String {
-    std::fs::read_to_string(root().join("src").join(room).join("Cargo.toml")).unwrap()
-}
-
-/// What the rooms' Cargo.toml say, tests apart.
-fn imported() -> Rooms {
-    let folders = std::fs::read_dir(root().join("src")).unwrap();
-    let names = folders.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    let rooms = names.map(|room| {
-        let text = manifest(&room);
-        let ours = dependencies(&text).filter_map(|name| name.strip_prefix("m4gn-"));
-        let ours = ours.map(String::from).collect();
-        (room, ours)
-    });
-    rooms.collect()
-}
-
-/// What the table says: rooms, or `ROOM and what it imports`, separated by commas. A room stands below those that it imports.
-fn described(text: &str) -> Result<Rooms, String> {
+/// The table below a heading of ARCHITECTURE.md: its first column against its last, in which `ROOM and what it imports` is short for
+/// a room above and its own list.
+fn table(text: &str, heading: &str) -> Rooms {
+    let (_, rest) = text.split_once(&format!("\n{heading}\n")).expect(heading);
+    let section = rest.split("\n## ").next().unwrap();
     let mut rooms = Rooms::new();
-    let section = text.split("\n## ").find(|part| part.starts_with("Rooms\n"));
-    let section = section.ok_or("no section Rooms")?;
     for row in section.lines().filter(|line| line.starts_with("| `")) {
-        let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
-        let (name, words) = (cells[0].trim_matches('`'), cells[cells.len() - 1]);
-        let mut imports = BTreeSet::new();
-        for word in words.split(", ").filter(|word| *word != "nothing of ours") {
-            let room = word.strip_suffix(" and what it imports");
-            let above = rooms.get(room.unwrap_or(word));
-            let above = above.ok_or(format!("{name}: `{word}` is no room above it"))?;
-            if room.is_some() {
-                imports.extend(above.iter().cloned());
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").collect();
+        let mut imports = names(cells[cells.len() - 1].trim(), &[',']);
+        imports.remove("nothing of ours");
+        for word in imports.clone() {
+            if let Some(room) = word.strip_suffix(" and what it imports") {
+                imports.remove(&word);
+                imports.insert(room.into());
+                imports.extend(rooms[room].iter().cloned());
             }
-            imports.insert(room.unwrap_or(word).to_string());
         }
-        rooms.insert(name.to_string(), imports);
+        rooms.insert(cells[0].trim().trim_matches('`').into(), imports);
     }
-    Ok(rooms)
+    rooms
 }
 
-/// Where the two differ.
-fn faults(described: &Rooms, imported: &Rooms) -> Vec<String> {
+/// What stands between two pieces of a text; nothing where the first does not occur.
+fn between<'a>(text: &'a str, start: &str, end: &str) -> &'a str {
+    let Some((_, rest)) = text.split_once(start) else {
+        return "";
+    };
+    rest.split_once(end).expect(end).0
+}
+
+/// Names under `[dependencies]` of the Cargo.toml of a room in src/.
+fn dependencies(room: &str) -> BTreeSet<String> {
+    let text = read(format!("src/{room}/Cargo.toml"));
+    let (_, rest) = text.split_once("\n[dependencies]\n").unwrap_or_default();
+    let lines = rest.lines().take_while(|line| !line.starts_with('['));
+    let first = lines.filter_map(|line| line.split(['.', ' ', '=']).next());
+    first.filter(|name| !name.is_empty()).map(str::to_owned).collect()
+}
+
+/// What the Cargo.toml of each room in src/ lets it import.
+fn crates() -> Rooms {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../src");
+    let folders = fs::read_dir(root).unwrap();
+    let rooms = folders.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let imports = |room: String| {
+        let all = dependencies(&room);
+        let ours = all.iter().filter_map(|name| name.strip_prefix("m4gn-"));
+        (room, ours.map(str::to_owned).collect())
+    };
+    rooms.map(imports).collect()
+}
+
+/// Rooms that are missing in the table or have no folder, and imports that the table does not have.
+fn faults(table: &Rooms, crates: &Rooms) -> Vec<String> {
     let mut faults = Vec::new();
-    for (room, imports) in imported {
-        match described.get(room) {
+    for (room, imports) in crates {
+        match table.get(room) {
             None => faults.push(format!("{room} is not in the table")),
             Some(may) => {
                 let more = imports.difference(may);
-                faults.extend(more.map(|other| format!("{room} imports {other}, the table does not say so")));
+                faults.extend(more.map(|other| format!("{room} imports {other}")));
             }
         }
     }
-    let gone = described.keys().filter(|room| !imported.contains_key(*room));
-    faults.extend(gone.map(|room| format!("{room} is in the table and has no folder")));
+    let gone = table.keys().filter(|room| !crates.contains_key(*room));
+    faults.extend(gone.map(|room| format!("{room} has no folder")));
     faults
 }
 
 #[test]
-fn rooms_import_what_the_table_says() {
-    let text = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
-    let found = faults(&described(&text).unwrap(), &imported());
+fn rooms_of_src_import_no_more_than_the_table_says() {
+    let found = faults(&table(&read("ARCHITECTURE.md"), "## Rooms"), &crates());
     assert!(found.is_empty(), "ARCHITECTURE.md, Rooms: {found:#?}");
+}
+
+#[test]
+fn what_differs_from_the_table_of_src_is_named() {
+    let of = |imports: &str| {
+        let rows =
+            format!("| `mesh` | - | nothing of ours |\n| `model` | - | mesh |\n| `step` | - | {imports} |\n");
+        table(&format!("# A\n\n## Rooms\n\n{rows}\n## Next\n"), "## Rooms")
+    };
+    let found = |imports: &str, rooms: [(&str, &str); 3]| {
+        let rooms = rooms.map(|(room, imports)| (room.to_owned(), names(imports, &[' '])));
+        faults(&of(imports), &Rooms::from(rooms))
+    };
+    let real = [("mesh", ""), ("model", "mesh"), ("step", "mesh model")];
+    assert!(found("model and what it imports", real).is_empty());
+    assert_eq!(found("model", real), ["step imports mesh"]);
+    let renamed = [("mesh", ""), ("models", ""), ("step", "mesh")];
+    assert_eq!(
+        found("mesh", renamed),
+        ["models is not in the table", "model has no folder"]
+    );
 }
 
 /// `libm4gn.so` is loaded by solvers: it has no charts, pages, progress bars or configuration files.
 #[test]
 fn what_the_solver_loads_draws_nothing() {
-    let imported = imported();
-    let mut inside = BTreeSet::from(["capi".to_string()]);
-    let mut todo: Vec<String> = inside.iter().cloned().collect();
-    while let Some(room) = todo.pop() {
-        for other in &imported[&room] {
-            if inside.insert(other.clone()) {
-                todo.push(other.clone());
-            }
-        }
+    let rooms = crates();
+    let mut inside = BTreeSet::from(["capi".to_owned()]);
+    while let Some(next) = inside
+        .iter()
+        .flat_map(|room| &rooms[room])
+        .find(|room| !inside.contains(*room))
+    {
+        inside.insert(next.clone());
     }
     for room in &inside {
-        let text = manifest(room);
-        let found =
-            dependencies(&text).find(|name| ["indicatif", "plotters", "png", "toml", "clap"].contains(name));
         assert!(
-            found.is_none(),
-            "{room} has {found:?} and is a part of libm4gn.so"
+            !["report", "train", "workbench", "cli"].contains(&&room[..]),
+            "{room} is a part of libm4gn.so"
         );
-    }
-    for room in ["report", "train", "workbench", "cli"] {
-        assert!(!inside.contains(room), "{room} is a part of libm4gn.so");
+        for name in ["indicatif", "plotters", "png", "toml", "clap"] {
+            let found = dependencies(room).contains(name);
+            assert!(!found, "{room} has {name} and is a part of libm4gn.so");
+        }
     }
 }
 
+/// What the CMakeLists.txt and the build script below openfoam/ let each room include.
+fn openfoam_rooms() -> Rooms {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam");
+    let mut rooms = Rooms::new();
+    for entry in fs::read_dir(root).unwrap() {
+        let folder = entry.unwrap().path();
+        let room = folder.file_name().unwrap().to_str().unwrap().to_owned();
+        if folder.join("CMakeLists.txt").exists() {
+            let text = read(folder.join("CMakeLists.txt"));
+            let own_project = between(&text, "set(imports ", ")");
+            let imports = format!("{own_project} {}", between(&text, "IMPORTS ", ")"));
+            rooms.insert(room, names(&imports, &[' ', '\n']));
+        } else if folder.join("build.rs").exists() {
+            let text = read(folder.join("build.rs"));
+            let includes = names(between(&text, ".includes([", "])"), &[',']);
+            let ours = includes
+                .iter()
+                .filter_map(|i| i.trim_matches('"').strip_prefix("../"));
+            let imports = ours.filter(|i| !i.contains('/')).map(str::to_owned).collect();
+            rooms.insert(room, imports);
+        }
+    }
+    rooms
+}
+
 #[test]
-fn what_differs_is_named() {
-    let table = |imports: &str| {
-        let rows = ["| `mesh` | - | nothing of ours |", "| `model` | - | mesh |"];
-        format!(
-            "# A\n\n## Rooms\n\n{}\n| `step` | - | {imports} |\n\n## Next\n",
-            rows.join("\n")
-        )
-    };
-    let set = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<BTreeSet<_>>();
-    let real = |step: &[&str]| {
-        Rooms::from([
-            ("mesh".into(), set(&[])),
-            ("model".into(), set(&["mesh"])),
-            ("step".into(), set(step)),
-        ])
-    };
-    let whole = described(&table("model and what it imports")).unwrap();
-    assert_eq!(whole["step"], set(&["mesh", "model"]));
-    assert!(faults(&whole, &real(&["mesh", "model"])).is_empty());
-    let part = described(&table("model")).unwrap();
-    let found = faults(&part, &real(&["mesh", "model"]));
-    assert_eq!(found, ["step imports mesh, the table does not say so"]);
-    let mut more = real(&["model"]);
-    more.insert("new".into(), set(&[]));
-    assert_eq!(faults(&part, &more), ["new is not in the table"]);
-    more.remove("new");
-    more.remove("mesh");
-    assert_eq!(faults(&part, &more), ["mesh is in the table and has no folder"]);
-    assert!(
-        described(&table("nowhere"))
-            .unwrap_err()
-            .contains("`nowhere` is no room")
+fn rooms_of_openfoam_import_what_the_table_says() {
+    assert_eq!(
+        table(&read("ARCHITECTURE.md"), "## Rooms of openfoam/"),
+        openfoam_rooms()
     );
+}
+
+#[test]
+fn no_room_of_openfoam_imports_itself_through_others() {
+    let rooms = openfoam_rooms();
+    for room in rooms.keys() {
+        let mut reached = rooms[room].clone();
+        while let Some(next) = reached
+            .iter()
+            .flat_map(|r| &rooms[r])
+            .find(|r| !reached.contains(*r))
+        {
+            reached.insert(next.clone());
+        }
+        assert!(
+            !reached.contains(room),
+            "{room} imports itself through {reached:?}"
+        );
+    }
+}
+
+/// A header is found by the name of its file alone, so a second one of this name would hide it.
+#[test]
+fn headers_of_openfoam_have_one_room() {
+    let mut seen = BTreeMap::new();
+    for room in openfoam_rooms().into_keys() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../openfoam")
+            .join(&room);
+        for entry in fs::read_dir(folder).unwrap() {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            if name.ends_with(".H") {
+                let other = seen.insert(name.clone(), room.clone());
+                assert_eq!(other, None, "{name} is in {room} as well");
+            }
+        }
+    }
 }

@@ -7,7 +7,7 @@ use super::segments::Request;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_segments as segments;
+use m4gn_structure as segments;
 use std::ffi::c_char;
 
 /// Why the labels are not the segments that the model and the entries of `options` describe, with the host's `places` for the
@@ -65,7 +65,7 @@ fn compare(
     comm.broadcast(&mut text);
     let record = String::from_utf8_lossy(&text);
     let only = match model.map(|handle| &handle.model.spec.architecture) {
-        Some(architecture) if architecture.segment_transformer().is_none() => return Ok(None),
+        Some(architecture) if !architecture.needs().segments => return Ok(None),
         Some(_) => None,
         None => Some(request.segments.names()),
     };

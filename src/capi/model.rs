@@ -47,9 +47,9 @@ fn open(comm: i32, place: Result<()>, path: Result<PathBuf>) -> Result<ModelHand
 fn elastic_modes(model: &Model) -> Result<i32> {
     let segments = &model.spec.segments;
     let elastic = segments.operator == Some(ModalOperator::Elastic) && segments.method.uses_modes();
-    let count = match model.spec.architecture.segment_transformer() {
-        Some(_) if elastic => segments.modes,
-        _ => 0,
+    let count = match elastic && model.spec.architecture.needs().segments {
+        true => segments.modes,
+        false => 0,
     };
     i32::try_from(count).map_err(|_| Error::Model(format!("segments.modes: {count} is too large")))
 }

@@ -66,7 +66,9 @@ fn bodies_at_points() {
         size(&h)
     });
     // SAFETY: freed once.
-    models.into_iter().for_each(|model| unsafe { m4gn_model_free(model) });
+    models
+        .into_iter()
+        .for_each(|model| unsafe { m4gn_model_free(model) });
 }
 
 /// A step with all that is said before it.
