@@ -28,6 +28,7 @@ const SOURCES: &[&str] = &[
     "FoamSolids.C",
     "FoamMesh.C",
     "FoamWrite.C",
+    "../adapter/m4gnAddressing.C",
     "../adapter/m4gnMeshAdapter.C",
     "../adapter/m4gnNodes.C",
     "../adapter/m4gnNodeTypes.C",

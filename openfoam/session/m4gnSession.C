@@ -3,6 +3,7 @@
 #include "m4gnSession.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnHandOver.H"
 #include "m4gnElasticModes.H"
 #include "m4gnMechanicalProperties.H"
 #include "m4gnObstacleFields.H"
@@ -251,6 +252,17 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
 
     // Mesh and solid before the run waits for timeStart
     compare();
+
+    const string acting(m4gn::sources(mesh));
+    if (acting.size() && outOfRange_ != "ignore")
+    {
+        WarningInFunction
+            << "The case has " << acting.c_str() << ", and the model " << model_
+            << " has no input for it: it knows of it only where the data that it"
+            << " was trained on had the same" << nl
+            << "    See with mode observe how wrong it is; outOfRange ignore"
+            << " says nothing" << endl;
+    }
 
     Info<< "m4gn: model " << model_ << ", stride " << stride_ << " s, "
         << label(m4gn_session_n_segments(session_)) << " segments, ";

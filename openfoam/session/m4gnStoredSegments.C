@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnStoredSegments.H"
+#include "m4gnAddressing.H"
 #include "m4gnCore.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentRecord.H"
@@ -107,7 +108,7 @@ bool Foam::m4gnStoredSegments::readUndecomposed()
     Pstream::scatter(file);
 
     labelList global;
-    if (file.empty() || !m4gn::cellAddressing(mesh_, global))
+    if (file.empty() || !m4gn::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global))
     {
         return false;
     }
