@@ -259,8 +259,8 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
     if (acting.size() && outOfRange_ != "ignore")
     {
         WarningInFunction
-            << "The case has " << acting.c_str() << ", and the model " << model_
-            << " has no input for it: it knows of it only where the data that it"
+            << "The case has " << acting.c_str() << ", and the model "
+            << model_.file() << " has no input for it: it knows of it only where the data that it"
             << " was trained on had the same" << nl
             << "    See with mode observe how wrong it is; outOfRange ignore"
             << " says nothing" << endl;
