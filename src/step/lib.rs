@@ -28,7 +28,6 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Extent, InputRange, ModelSpec, SegmentSpec};
 use moving::Moving;
-use std::path::Path;
 
 /// The network, on edges that stay or on edges that move with a body.
 enum Network {
@@ -115,11 +114,6 @@ impl Session {
     /// Mean distance of neighbouring nodes that the network's graph was to have, m; none: a node a cell.
     pub fn resolution(&self) -> Option<f64> {
         self.options.resolution.of(self.spec.resolution)
-    }
-
-    /// Path of the model's file; none for a model that was handed in.
-    pub fn model_path(&self) -> Option<&Path> {
-        self.options.model.as_deref()
     }
 
     /// Threads of this rank.
