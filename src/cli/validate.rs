@@ -104,7 +104,6 @@ pub fn run(args: Args) -> Result<()> {
         n_threads: args.threads,
         precision: PrecisionChoice::parse(&args.precision)?,
         resolution: args.resolution,
-        model: Some(args.model.clone()),
         ..SessionOptions::default()
     };
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {

@@ -19,7 +19,6 @@ use m4gn_domain::{Components, Host};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{Extent, InputRange, ModelSpec, SegmentSpec};
-use std::path::Path;
 
 /// One model on one mesh: fields at the cells of a mesh that does not move, or the displacement of a body at points.
 pub struct Session {
@@ -93,11 +92,6 @@ impl Session {
     /// Mean distance of neighbouring nodes that the network's graph was to have, m; none: a node a cell.
     pub fn resolution(&self) -> Option<f64> {
         self.options.resolution.of(self.spec.resolution)
-    }
-
-    /// Path of the model's file; none for a model that was handed in.
-    pub fn model_path(&self) -> Option<&Path> {
-        self.options.model.as_deref()
     }
 
     /// Threads of this rank.

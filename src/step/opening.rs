@@ -26,21 +26,6 @@ pub fn read_model(comm: &Comm, path: &Path) -> Result<Model> {
 }
 
 impl Session {
-    /// Reads the model on the root, hands it to all ranks, and builds the session. Collective; all ranks fail
-    /// together.
-    ///
-    /// # Errors
-    /// [`Error::File`] for a model that cannot be used; otherwise as [`Session::new`].
-    pub fn open(comm: Comm, mesh: &Mesh, options: &SessionOptions) -> Result<Self> {
-        let path = options
-            .model
-            .as_deref()
-            .ok_or_else(|| Error::Input("model: expected the path of the model's file, found none".into()));
-        let path = comm.agree(path)?;
-        let model = read_model(&comm, path)?;
-        Self::new(comm, mesh, &model, options)
-    }
-
     /// Builds graph, modes and segments for a model. Collective; all ranks fail together.
     ///
     /// # Errors
@@ -106,7 +91,7 @@ impl Session {
         let (own, new) = (&self.spec, &model.spec);
         if self.options.backend != Backend::Native {
             return Err(Error::Input(
-                "weights that change need backend native: libtorch reads them from the model's file".into(),
+                "weights that change need backend native: libtorch keeps those that it began with".into(),
             ));
         }
         let same = (&own.fields, &own.architecture, &own.node_types)
@@ -156,13 +141,11 @@ fn on_torch(
             "precision bf16: backend torch computes in fp32; use backend native".into(),
         ));
     }
-    let path = options.model.as_deref();
-    let path = path.ok_or_else(|| Error::Input("backend torch needs the model's file".into()))?;
     let (graph, spec) = (&structure.graph, &model.spec);
     let lengths = (
         graph.n_owned * spec.n_field_inputs(),
         graph.n_cells * spec.n_outputs(),
     );
-    let backend = TorchBackend::new(path, structure, lengths, device, comm)?;
+    let backend = TorchBackend::new(model, structure, lengths, device, comm)?;
     Ok(Box::new(backend))
 }

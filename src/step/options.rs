@@ -6,7 +6,6 @@ use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
 
 /// Most threads a rank may be given: a larger number is a slip of the pen.
 const MAX_THREADS: usize = 1024;
@@ -61,8 +60,6 @@ impl From<Backend> for String {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SessionOptions {
-    /// File of the model. [`crate::Session::open`] and the torch backend read it.
-    pub model: Option<PathBuf>,
     /// What runs the network.
     pub backend: Backend,
     /// Threads of this rank.
@@ -89,7 +86,6 @@ pub struct SessionOptions {
 impl Default for SessionOptions {
     fn default() -> Self {
         SessionOptions {
-            model: None,
             backend: Backend::default(),
             n_threads: 1,
             precision: PrecisionChoice::default(),
@@ -132,8 +128,7 @@ impl SessionOptions {
         self.projection.map_or(Ok(()), |p| p.check())
     }
 
-    /// What all ranks must be given alike, a line for each entry: not the threads of a rank, its device, or the folder
-    /// in which it finds the model.
+    /// What all ranks must be given alike, a line for each entry: not the threads of a rank or its device.
     ///
     /// # Errors
     /// [`Error::Internal`] if they cannot be written as JSON.
@@ -143,11 +138,6 @@ impl SessionOptions {
         if let Backend::Torch(device) = &mut alike.backend {
             *device = None;
         }
-        alike.model = self
-            .model
-            .as_ref()
-            .and_then(|path| path.file_name())
-            .map(PathBuf::from);
         settings::lines(&alike)
     }
 

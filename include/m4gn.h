@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 11
+#define M4GN_ABI_VERSION 12
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -184,16 +184,26 @@ typedef struct m4gn_field_out
 
 /* ---- surrogate ---------------------------------------------------------------------------------- */
 
+/* A model as it was when its file was read: segments and sessions that are made of it are of one model, whatever happens to the
+ * file meanwhile. Free it when nothing more is to be made of it; a session keeps what it needs. */
+typedef struct m4gn_model m4gn_model;
+
+/* Collective. The first rank reads the file and hands it to all. On failure *model is NULL; M4GN_ERROR_FILE for what is no model:
+ * a folder, a pipe, a header that does not fit the file. */
+int32_t m4gn_model_open(int32_t comm, const char* path, m4gn_model** model);
+
+/* NULL is none. */
+void m4gn_model_free(m4gn_model* model);
+
+/* How many modes of the elastic body the mesh must have for this model's segments; 0: none, they are of the Laplacian's or of no
+ * modes. Negative after an error. */
+int32_t m4gn_model_elastic_modes(const m4gn_model* model);
+
 typedef struct m4gn_session m4gn_session;
 
-/* Collective. How many modes of the elastic body the mesh must have for this model's segments; 0: none, they are of the
- * Laplacian's or of no modes. Negative after an error. */
-int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
-
-/* Collective. Builds graph, modes and segments and loads the model. On failure *session is NULL. The settings are
+/* Collective. Builds graph, modes and segments for a model, the same on all ranks. On failure *session is NULL. The settings are
  *
  *   name            default     meaning
- *   model                       path of the .safetensors file; must be given
  *   backend         "native"    "native", "torch", or "torch:DEVICE", e.g. "torch:cuda:0"
  *   n_threads       1           threads of this rank
  *   precision       "fp32"      of the native backend's products: "fp32", "bf16", "auto" (the faster), or "model" ("auto" for a model
@@ -211,6 +221,7 @@ int32_t m4gn_model_elastic_modes(int32_t comm, const char* model);
 int32_t m4gn_session_new(
     int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
     const m4gn_mesh_data* mesh,
+    const m4gn_model* model,
     const char* options,
     const int32_t* cell_segment,/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     m4gn_session** session);
@@ -447,14 +458,14 @@ typedef struct m4gn_segments m4gn_segments;
 /* Collective. Cuts the mesh; on failure *segments is NULL. The settings are
  *
  *   name            default     meaning
- *   model           null        model file whose segmentation is meant; null: the defaults
- *   segments        {}          what differs from it, see above
+ *   segments        {}          what differs from the model's segmentation, or from the default, see above
  *   with_modes      false       compute and keep the modes; if false, m4gn_segments_n_modes is 0, and with cell_segment
  *                               nothing is solved
  */
 int32_t m4gn_segments_new(
     int32_t comm,
     const m4gn_mesh_data* mesh,
+    const m4gn_model* model,    /* whose segmentation is meant; NULL: the default one */
     const char* options,
     const int32_t* cell_segment,/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     m4gn_segments** segments);
@@ -470,7 +481,8 @@ const char* m4gn_segments_record(const m4gn_segments* segments);
 int32_t m4gn_segments_fit(
     int32_t comm,
     const m4gn_mesh_data* mesh,
-    const char* options,        /* as of m4gn_segments_new */
+    const m4gn_model* model,    /* as of m4gn_segments_new, and so the options */
+    const char* options,
     const int32_t* cell_segment,/* [n_cells]; not NULL */
     const char* record,         /* from m4gn_segments_record; NULL or "": none was stored. Rank 0's counts */
     int32_t* fit,

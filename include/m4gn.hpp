@@ -76,22 +76,57 @@ inline std::string quoted(const std::string& text)
     return result + '"';
 }
 
+// A model file, read once. Made by all ranks together.
+class Model
+{
+public:
+    Model(int32_t comm, const std::string& path)
+    {
+        checkVersion();
+        m4gn_model* model = nullptr;
+        check(m4gn_model_open(comm, path.c_str(), &model));
+        model_.reset(model);
+    }
+
+    // Modes of the elastic body that the mesh must have for the model's segments.
+    int32_t elasticModes() const
+    {
+        const int32_t count = m4gn_model_elastic_modes(model_.get());
+        if (count < 0)
+        {
+            throw Error(M4GN_ERROR_MODEL, m4gn_last_error());
+        }
+        return count;
+    }
+
+    const m4gn_model* get() const noexcept { return model_.get(); }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_model* model) const noexcept { m4gn_model_free(model); }
+    };
+
+    std::unique_ptr<m4gn_model, Free> model_;
+};
+
 // A model on a mesh. Made and destroyed by all ranks together.
 class Session
 {
 public:
-    // options: a JSON object, {"model": "cylinder.safetensors", ...}. cellSegment may be null: computed.
+    // options: a JSON object, {"n_threads": 2, ...}. cellSegment may be null: computed.
     Session
     (
         int32_t comm,
         const m4gn_mesh_data& mesh,
-        const std::string& options,
+        const Model& model,
+        const std::string& options = "{}",
         const int32_t* cellSegment = nullptr
     )
     {
         checkVersion();
         m4gn_session* session = nullptr;
-        check(m4gn_session_new(comm, &mesh, options.c_str(), cellSegment, &session));
+        check(m4gn_session_new(comm, &mesh, model.get(), options.c_str(), cellSegment, &session));
         session_.reset(session);
     }
 
@@ -185,22 +220,23 @@ private:
     std::unique_ptr<m4gn_session, Free> session_;
 };
 
-// Segments of a mesh without a model. Made by all ranks together.
+// Segments of a mesh, of a model's segmentation or of the default one. Made by all ranks together.
 class Segments
 {
 public:
-    // options: a JSON object, {"segments": {"count": 36}, ...}. cellSegment may be null: computed.
+    // options: a JSON object, {"segments": {"count": 36}, ...}. cellSegment may be null: computed; so may model: the default.
     Segments
     (
         int32_t comm,
         const m4gn_mesh_data& mesh,
         const std::string& options = "{}",
-        const int32_t* cellSegment = nullptr
+        const int32_t* cellSegment = nullptr,
+        const Model* model = nullptr
     )
     {
         checkVersion();
         m4gn_segments* segments = nullptr;
-        check(m4gn_segments_new(comm, &mesh, options.c_str(), cellSegment, &segments));
+        check(m4gn_segments_new(comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, &segments));
         segments_.reset(segments);
     }
 
