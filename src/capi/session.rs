@@ -226,8 +226,7 @@ exports! {
             name: handle.names[at].as_ptr(),
             components: if field.vector { 3 } else { 1 },
             dimensions: field.dimensions,
-            // A body's displacement goes in through its edges.
-            is_input: i32::from(field.input || handle.session.spec().contact.is_some()),
+            is_input: i32::from(handle.session.spec().reads(field)),
             is_output: i32::from(field.output != Output::None),
         };
         Ok(0)

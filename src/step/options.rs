@@ -1,6 +1,7 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
-use m4gn_contact::projection::ProjectionOptions;
+use m4gn_domain::Domain;
+use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
@@ -141,11 +142,12 @@ impl SessionOptions {
     }
 
     /// What the native engine is made with.
-    pub(super) fn engine(&self, precision: Precision) -> EngineOptions {
+    pub(super) fn engine(&self, precision: Precision, domain: &dyn Domain) -> EngineOptions {
         EngineOptions {
             n_threads: self.n_threads,
             precision,
             isa: self.isa,
+            edges_move: domain.moves(),
             ..EngineOptions::default()
         }
     }

@@ -3,7 +3,7 @@
 use crate::calls::{Bench, Ended, Oddity, field, output, unless};
 use crate::host::*;
 use crate::timed;
-use m4gn_contact::sample;
+use m4gn_domain::body::sample;
 use m4gn_mesh::NodeType;
 use serde_json::json;
 use std::path::PathBuf;

@@ -11,6 +11,7 @@ use m4gn_mesh::plugin::{Plugin, c_string};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use std::ffi::{c_char, c_void};
 
 /// The graph and its segments as they cross to the library; all pointers are borrowed for the call.
@@ -141,6 +142,10 @@ impl Forward for TorchBackend {
         // SAFETY: the handle lives until drop, the slices have the lengths that the library expects.
         let status = unsafe { (self.step)(self.handle, inputs.as_ptr(), outputs.as_mut_ptr()) };
         self.library.check(status)
+    }
+
+    fn set_edges(&mut self, _: &Graph) -> Result<()> {
+        Err(Error::Internal("libtorch's graph has edges that stay".into()))
     }
 }
 

@@ -60,7 +60,7 @@ impl Skins {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample;
+    use crate::body::sample;
     use m4gn_mesh::surface::Surface;
 
     #[test]

@@ -233,12 +233,12 @@ impl Corners {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample;
+    use crate::body::sample;
     use m4gn_mesh::NodeType;
 
     fn volumes(body: &Body, u: &[Vector]) -> Vec<f64> {
         body.elements
-            .measures(&crate::projection::sum(&body.positions, u))
+            .measures(&crate::body::projection::sum(&body.positions, u))
     }
 
     /// A block stretched by a tenth, of which one point inside was thrown over two cells, and one of the held ones stays: all cells

@@ -41,7 +41,7 @@ pub struct OutputShape<'a> {
 ///
 /// # Errors
 /// [`Error::Input`] naming the field, what was expected and what was found.
-pub(super) fn expect_shape(
+pub fn expect_shape(
     name: &str,
     what: &str,
     vector: bool,

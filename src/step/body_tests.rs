@@ -1,11 +1,15 @@
+//! Sessions of bodies, in serial.
+
 use super::*;
-use crate::Session;
-use m4gn_contact::sample;
+use m4gn_domain::Place;
+use m4gn_domain::body::sample;
 use m4gn_engine::plain;
 use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{Error, NodeType};
+use m4gn_model::Model;
 use m4gn_model::sample::bodies;
-use m4gn_structure::Segmentation;
-use m4gn_structure::graph::Graph;
+use m4gn_modes::Modal;
 
 fn case() -> (Model, Body, Obstacle) {
     let mut spec = bodies();
@@ -24,24 +28,28 @@ fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
     Session::new(Comm::serial(), &mesh, model, &SessionOptions::default()).unwrap()
 }
 
-/// The graph of the whole body, and its segments, as a session on one rank makes them.
-fn graph_and_segments(model: &Model, body: &Body, obstacle: &Obstacle) -> (ContactGraph, Segmentation) {
-    let comm = Comm::serial();
-    let part = BodyPart::whole(body, Some(obstacle)).unwrap();
-    let graph = ContactGraph::new(&part, 0.5, &comm).unwrap();
-    let settings = &model.spec.segments;
-    let modes = Modal(settings.modal())
-        .of_body(body, settings.mode_count())
-        .unwrap();
-    let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
-    (graph, cut)
+/// The whole body and what its network lives on, as a session on one rank makes them.
+fn place(model: &Model, body: &Body, obstacle: &Obstacle) -> Place {
+    let (spec, mesh) = (&model.spec, body.mesh(Some(obstacle)));
+    let modal = Modal(spec.segments.modal());
+    Place::whole(&mesh, spec, &spec.segments, None, None, &modal).unwrap()
 }
 
-fn structure(graph: &Graph, segments: &Segmentation) -> Structure {
-    Structure {
-        graph: graph.clone(),
-        segments: Some(segments.clone()),
-    }
+fn narrow(rows: &[&[Vector]]) -> Vec<f32> {
+    rows.concat().iter().flatten().map(|v| *v as f32).collect()
+}
+
+/// Edges of a state, and what the plain network says there.
+fn plainly(model: &Model, place: &mut Place, mut state: Vec<f32>, next: &[f32]) -> (usize, Vec<f64>) {
+    let mut inputs = Vec::new();
+    place.domain.inputs(&state, next, &mut inputs);
+    let graph = &mut place.structure.graph;
+    place
+        .domain
+        .set_edges(&Comm::serial(), &mut state, graph)
+        .unwrap();
+    let edges = graph.senders.len();
+    (edges, plain::forward(model, &place.structure, &inputs))
 }
 
 /// The engine that takes new edges in each step against the plain loops on a graph made for that step.
@@ -69,30 +77,16 @@ fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstac
     let comm = Comm::serial();
     let options = SessionOptions::default();
     let mut session = Session::new(comm.clone(), &body.mesh(Some(obstacle)), model, &options).unwrap();
-    let (mut graph, cut) = graph_and_segments(model, body, obstacle);
+    let mut place = place(model, body, obstacle);
     let mut displacement = vec![[0.0; 3]; n];
     let mut edges = Vec::new();
     for step in 0..4 {
         // Down until it touches, then away.
         let at = |s: i32| [0.0, 0.0, -0.15 * f64::from(if s > 2 { 9 - 3 * s } else { s })];
         let (now, next) = (vec![at(step); 6], vec![at(step + 1); 6]);
-        let mut owned: Vec<f32> = displacement
-            .iter()
-            .chain(&now)
-            .flatten()
-            .map(|v: &f64| *v as f32)
-            .collect();
-        let narrow = |rows: &[[f64; 3]]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
-        let mut inputs = Vec::new();
-        graph.inputs(
-            &owned[..3 * n],
-            None,
-            [&narrow(&now), &narrow(&next)],
-            &mut inputs,
-        );
-        let graph = graph.update(&comm, &owned).unwrap();
-        edges.push(graph.senders.len());
-        let plain = plain::forward(model, &structure(graph, &cut), &inputs);
+        let state = narrow(&[&displacement, &now]);
+        let (count, plain) = plainly(model, &mut place, state, &narrow(&[&displacement, &next]));
+        edges.push(count);
         let before = displacement.clone();
         session.step_body(&mut displacement, [&now, &next]).unwrap();
         for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {
@@ -104,7 +98,6 @@ fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstac
                 assert!((u[i] - expected).abs() < 1e-4, "{step} {p}: {} {expected}", u[i]);
             }
         }
-        owned.clear();
         // Random weights move points far: the next step starts from a small part of it.
         displacement.iter_mut().flatten().for_each(|v| *v *= 0.01);
     }
@@ -206,7 +199,7 @@ fn displacements_out_of_all_bounds_are_refused() {
     let (mut model, body, obstacle) = case();
     model.tensors.get_mut("norm.output.std").unwrap().data.fill(1e12);
     let options = SessionOptions {
-        projection: Some(m4gn_contact::projection::ProjectionOptions::default()),
+        projection: Some(m4gn_domain::body::projection::ProjectionOptions::default()),
         ..SessionOptions::default()
     };
     let mesh = body.mesh(Some(&obstacle));
@@ -280,13 +273,12 @@ fn a_session_remembers_the_change_of_its_last_step() {
     let (model, body, obstacle) = with_history();
     let comm = Comm::serial();
     let projected = SessionOptions {
-        projection: Some(m4gn_contact::projection::ProjectionOptions::default()),
+        projection: Some(m4gn_domain::body::projection::ProjectionOptions::default()),
         ..SessionOptions::default()
     };
     for options in [SessionOptions::default(), projected] {
         let mut session = Session::new(comm.clone(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
-        let (mut graph, cut) = graph_and_segments(&model, &body, &obstacle);
-        let narrow = |rows: &[Vector]| -> Vec<f32> { rows.iter().flatten().map(|v| *v as f32).collect() };
+        let mut place = place(&model, &body, &obstacle);
         let (mut u, mut before) = (vec![[0.0; 3]; 63], vec![[0.0; 3]; 63]);
         let mut corrected = false;
         for step in 0..4 {
@@ -299,17 +291,8 @@ fn a_session_remembers_the_change_of_its_last_step() {
             };
             let mut change = minus(&u, &before);
             change.extend(minus(&now, &at(step.saturating_sub(1))));
-            let mut owned = narrow(&u);
-            owned.extend(narrow(&now));
-            let mut inputs = Vec::new();
-            graph.inputs(
-                &owned[..3 * 63],
-                Some(&change),
-                [&narrow(&now), &narrow(&next)],
-                &mut inputs,
-            );
-            let graph = graph.update(&comm, &owned).unwrap();
-            let plain = plain::forward(&model, &structure(graph, &cut), &inputs);
+            let state = [narrow(&[&u, &now]), change].concat();
+            let (_, plain) = plainly(&model, &mut place, state, &narrow(&[&u, &next]));
             before.clone_from(&u);
             session.step_body(&mut u, [&now, &next]).unwrap();
             let moved = session.projection().is_some_and(|report| report.points_moved > 0);

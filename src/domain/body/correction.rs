@@ -15,7 +15,7 @@ const LEAST: f64 = 1e-3;
 /// In contact that goes on evenly, the network is off by nearly the same in each stride. So the change of the first stride after a
 /// hand-over is corrected by what the network was off by over the solver's last stride, and those that follow by less and less of it.
 #[derive(Debug)]
-pub(super) struct Correction {
+pub struct Correction {
     /// What part of the correction of a stride goes into the next one, 0 to 1 ([`m4gn_model::Calibration::carried`]).
     decay: f64,
     /// What the network was off by at the host's own points, m.

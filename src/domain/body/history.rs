@@ -11,14 +11,14 @@ const SLACK: f64 = 1e-4;
 
 /// Displacement of the host's own points, and of all points of the obstacle, m.
 #[derive(Clone, Debug)]
-pub(super) struct State {
+pub struct State {
     pub body: Vec<Vector>,
     pub obstacle: Vec<Vector>,
 }
 
 /// Where a state comes from.
 #[derive(Debug)]
-pub(super) enum Origin {
+pub enum Origin {
     /// It is the result of the last step, which began here.
     Step(State),
     /// A solver handed it over; here it was one stride before.
@@ -29,7 +29,7 @@ pub(super) enum Origin {
 
 /// The last step, and what the host says of the stride before the next one.
 #[derive(Debug)]
-pub(super) struct History {
+pub struct History {
     /// m
     slack: f64,
     /// Start and end of the last step that came to one.

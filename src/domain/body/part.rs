@@ -1,6 +1,6 @@
 //! A body at points, and the obstacle, as graph and segments want them: this rank's part of both.
 
-use crate::skins::Skins;
+use crate::body::skins::Skins;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::vector::{Vector, dot, sub};

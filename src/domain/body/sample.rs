@@ -4,6 +4,7 @@ use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material, Obstacle};
 use m4gn_mesh::elements::{ElementKind, Elements};
 use m4gn_mesh::vector::Vector;
+use m4gn_model::{ContactSpec, ModelSpec};
 
 /// A block `[0, l0] x [0, l1] x [0, l2]` of `n` hexahedra in each direction, E 1 MPa, nu 0.4, rho 1000 kg/m^3, held at
 /// x = 0.
@@ -87,4 +88,12 @@ pub fn octahedron(centre: Vector, radius: f64) -> Obstacle {
         [0, 3, 5],
     ];
     Obstacle { positions, triangles }
+}
+
+/// A small network for bodies whose points see the obstacle's within this radius, m.
+pub fn spec(radius: f64) -> ModelSpec {
+    ModelSpec {
+        contact: Some(ContactSpec { radius, history: 0 }),
+        ..m4gn_model::sample::bodies()
+    }
 }

@@ -1,8 +1,8 @@
 //! Segments of a body at points (Algorithms 1 and 2 on eq. 5): by its elastic modes with the handle held, the
 //! distance to the obstacle, and positions. The obstacle is a segment of its own, the last one.
 
-use crate::graph::ContactGraph;
-use crate::part::BodyPart;
+use super::graph::Body;
+use super::part::BodyPart;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};
 use m4gn_model::modal::{Modes, NoModes};
@@ -19,7 +19,7 @@ use m4gn_structure::{self as segments, Segmentation};
 /// As [`segments::segment`].
 pub fn segment(
     part: &BodyPart,
-    contact: &ContactGraph,
+    nodes: &Body,
     spec: &ModelSpec,
     settings: &SegmentSpec,
     modes: Option<&Modes>,
@@ -54,7 +54,7 @@ pub fn segment(
         }
         None => segments::segment(&bare, &mut graph, &settings, &NoModes, comm, None)?,
     };
-    Ok(finished(body, &bare, part, contact, spec, comm))
+    Ok(finished(body, &bare, part, nodes, spec, comm))
 }
 
 /// As [`segment`], with the segments of this rank's own points, which were found before.
@@ -63,7 +63,7 @@ pub fn segment(
 /// As [`segments::segment`], for labels that are no segments.
 pub fn of_labels(
     part: &BodyPart,
-    contact: &ContactGraph,
+    nodes: &Body,
     spec: &ModelSpec,
     settings: &SegmentSpec,
     labels: &[i32],
@@ -72,7 +72,7 @@ pub fn of_labels(
     let bare = without_obstacle(part);
     let mut graph = Graph::new(&bare, comm)?;
     let body = segments::segment(&bare, &mut graph, settings, &NoModes, comm, Some(labels))?;
-    Ok(finished(body, &bare, part, contact, spec, comm))
+    Ok(finished(body, &bare, part, nodes, spec, comm))
 }
 
 fn without_obstacle(part: &BodyPart) -> Mesh {
@@ -87,26 +87,21 @@ fn finished(
     mut body: Segmentation,
     bare: &Mesh,
     part: &BodyPart,
-    contact: &ContactGraph,
+    nodes: &Body,
     spec: &ModelSpec,
     comm: &Comm,
 ) -> Segmentation {
     body.encode(spec, bare, comm);
     match part.obstacle.is_empty() {
         true => body,
-        false => with_obstacle(body, part, contact, spec),
+        false => with_obstacle(body, part, nodes, spec),
     }
 }
 
 /// Adds the obstacle as the last segment.
-fn with_obstacle(
-    body: Segmentation,
-    part: &BodyPart,
-    contact: &ContactGraph,
-    spec: &ModelSpec,
-) -> Segmentation {
+fn with_obstacle(body: Segmentation, part: &BodyPart, nodes: &Body, spec: &ModelSpec) -> Segmentation {
     let (k, q) = (body.count, part.obstacle.len());
-    let here = contact.graph().n_owned - contact.graph().n_cells;
+    let here = nodes.n_owned() - nodes.n_points();
     let mut s = body;
     s.node_segment.extend(vec![k as i32; here]);
     for _ in 0..here {
@@ -132,8 +127,7 @@ fn with_obstacle(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::graph::ContactGraph;
-    use crate::sample;
+    use crate::body::sample;
     use m4gn_model::modal::ModalSource;
     use m4gn_model::sample::bodies;
     use m4gn_modes::Modal;
@@ -155,8 +149,8 @@ mod tests {
         // A square section bends alike in both directions: the cluster counts as one mode.
         assert_eq!((modes.vectors.len(), modes.vectors[0].len()), (6, 63));
         let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
-        let contact = ContactGraph::new(&part, 0.5, &comm).unwrap();
-        let cut = segment(&part, &contact, &spec, &settings, Some(&modes), &comm).unwrap();
+        let (nodes, _) = Body::new(&part, &spec, &comm).unwrap();
+        let cut = segment(&part, &nodes, &spec, &settings, Some(&modes), &comm).unwrap();
         assert_eq!((cut.count, cut.node_segment.len()), (5, 69));
         assert!(cut.node_segment[63..].iter().all(|&s| s == 4));
         assert!(cut.node_segment[..63].iter().all(|&s| s < 4));

@@ -1,17 +1,18 @@
 //! What a host says before a step of a body.
 
-use super::{Moving, Vector};
-use crate::history::State;
+use super::BodyHost;
+use crate::body::history::State;
 use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Result};
 
-impl Moving {
+impl BodyHost {
     /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the
     /// first rank counts. Collective; all ranks fail together.
     ///
     /// # Errors
     /// [`Error::Input`] for other lengths; [`Error::Numerical`] for values that are not finite.
-    pub(crate) fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
+    pub(super) fn take_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
         let checked = self.check_obstacle(motion[0], "now");
         let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
         comm.agree(checked)?;
@@ -24,8 +25,8 @@ impl Moving {
     /// Collective; all ranks fail together.
     ///
     /// # Errors
-    /// As [`Moving::set_obstacle`].
-    pub(crate) fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
+    /// As [`BodyHost::take_obstacle`].
+    pub(super) fn take_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
         let when = "one stride before";
         let checked = self.check(body, when);
         comm.agree(checked.and_then(|()| self.check_obstacle(obstacle, when)))?;

@@ -1,14 +1,14 @@
 //! What a network of bodies is told at its nodes: how the obstacle moves until the next state, how near it comes to the skin, and how
 //! body and obstacle came here.
 
-use crate::graph::ContactGraph;
+use super::graph::Body;
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::Vector;
 use m4gn_model::N_CONTACT_INPUTS;
 
-impl ContactGraph {
-    /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of the owned points `[n x 3]`, and that of all of the
-    /// obstacle's points now and after the step `[Q x 3]`. Of a model with a history the rows end with what the displacement of the
+impl Body {
+    /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of all local nodes `[n_local x 3]`, and that of the
+    /// obstacle's points after the step, in rows of the same order. Of a model with a history the rows end with what the displacement of the
     /// owned nodes changed by over the stride before, `change [n_owned x 3]`; none of one without.
     ///
     /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
@@ -17,16 +17,15 @@ impl ContactGraph {
     /// shares no point with the point's own, is nearer than the obstacle, the same of that part, which is taken to stay. Zeros of all
     /// other points.
     ///
-    /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them. `displacement` may be that of all local
-    /// nodes; of the own points alone, other ranks' points are where the last [`ContactGraph::update`] found them.
-    pub fn inputs(
+    /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
+    pub(super) fn inputs_at(
         &self,
         displacement: &[f32],
         change: Option<&[f32]>,
-        motion: [&[f32]; 2],
+        next: &[f32],
         inputs: &mut Vec<f32>,
     ) {
-        let n_owned = self.graph().n_owned;
+        let n_owned = self.n_owned();
         let width = N_CONTACT_INPUTS + change.map_or(0, |_| 3);
         inputs.clear();
         inputs.resize(n_owned * width, 0.0);
@@ -36,9 +35,16 @@ impl ContactGraph {
                 row[N_CONTACT_INPUTS..].copy_from_slice(change);
             }
         }
-        let n = self.graph().n_cells;
+        let n = self.n_points();
+        let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
+            let rows = rows.as_chunks::<3>().0;
+            self.obstacle_nodes()
+                .iter()
+                .map(|&node| rows[node as usize])
+                .collect()
+        };
+        let (now, after) = (&of_obstacle(displacement)[..], &of_obstacle(next)[..]);
         // Only the first rank has rows of the obstacle.
-        let [now, after] = motion.map(|displacement| displacement.as_chunks::<3>().0);
         for (row, (now, after)) in rows[n..].iter_mut().zip(now.iter().zip(after)) {
             (0..3).for_each(|i| row[i] = after[i] - now[i]);
         }
@@ -85,26 +91,34 @@ fn nearest(near: impl Iterator<Item = Option<(f64, Vector)>>) -> Option<(f64, Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::part::BodyPart;
-    use crate::sample;
+    use crate::Domain;
+    use crate::body::part::BodyPart;
+    use crate::body::sample;
     use m4gn_mesh::parallel::Comm;
 
     /// A cube of one brick; the lowest corner of an octahedron is 0.5 above the cube's corner (1, 1, 1), point 7.
-    fn cube() -> ContactGraph {
+    fn cube(history: usize) -> Body {
         let body = sample::block([1, 1, 1], [1.0; 3]);
-        let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
-        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
-        ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap()
+        touched(&body, [1.0, 1.0, 2.0], history)
     }
 
-    fn inputs(
-        body: &ContactGraph,
-        displacement: &[f32],
-        motion: [[f32; 3]; 2],
-    ) -> Vec<[f32; N_CONTACT_INPUTS]> {
-        let motion = motion.map(|u| u.repeat(6));
+    fn touched(body: &m4gn_mesh::body::Body, obstacle: Vector, history: usize) -> Body {
+        let obstacle = sample::octahedron(obstacle, 0.5);
+        let part = BodyPart::whole(body, Some(&obstacle)).unwrap();
+        let mut spec = sample::spec(0.6);
+        spec.contact.as_mut().unwrap().history = history;
+        Body::new(&part, &spec, &Comm::serial()).unwrap().0
+    }
+
+    /// The points' displacement and the obstacle's.
+    fn state(displacement: &[f32], obstacle: [f32; 3]) -> Vec<f32> {
+        displacement.iter().copied().chain(obstacle.repeat(6)).collect()
+    }
+
+    fn inputs(body: &Body, displacement: &[f32], motion: [[f32; 3]; 2]) -> Vec<[f32; N_CONTACT_INPUTS]> {
+        let [now, next] = motion.map(|u| state(displacement, u));
         let mut rows = Vec::new();
-        body.inputs(displacement, None, [&motion[0], &motion[1]], &mut rows);
+        body.inputs(&now, &next, &mut rows);
         rows.as_chunks().0.to_vec()
     }
 
@@ -115,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_point_is_told_how_near_the_obstacle_comes() {
-        let body = cube();
+        let body = cube(0);
         let rows = inputs(&body, &[0.0; 24], [[0.0; 3], [0.0, 0.0, -0.2]]);
         close(&rows[7], &[0.0, 0.0, 0.0, 0.1, 0.3, 0.0, 0.0, -0.3]);
         rows[..7]
@@ -130,13 +144,11 @@ mod tests {
     #[test]
     fn parts_are_told_how_near_they_come() {
         let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
-        let obstacle = sample::octahedron([1.0, 1.0, 5.0], 0.5);
-        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
-        let graph = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
+        let touched = touched(&body, [1.0, 1.0, 5.0], 0);
         // The upper one moves down by 0.1: the gap is 0.3, 0.3 nearer than the radius.
         let mut u = vec![0.0; 3 * 16];
         (8..16).for_each(|p| u[3 * p + 2] = -0.1);
-        let rows = inputs(&graph, &u, [[0.0; 3]; 2]);
+        let rows = inputs(&touched, &u, [[0.0; 3]; 2]);
         for (p, row) in rows[..16].iter().enumerate() {
             let x = body.positions[p];
             let up = match x[2] {
@@ -153,19 +165,18 @@ mod tests {
     #[test]
     fn a_point_inside_is_nearer_than_the_radius() {
         // The corner is 0.3 below the octahedron's centre, on its axis.
-        let rows = inputs(&cube(), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
+        let rows = inputs(&cube(0), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
         let depth = 0.2 / 3f32.sqrt();
         close(&rows[7], &[0.0, 0.0, 0.0, 0.6 + depth, 0.0, 0.0, 0.0, 0.0]);
     }
 
     #[test]
     fn a_history_follows_what_the_obstacle_says() {
-        let body = cube();
         let change: Vec<f32> = (0..3 * 14).map(|i| i as f32).collect();
-        let motion = [[0.0; 3], [0.0, 0.0, -0.2]].map(|u| u.repeat(6));
+        let [now, next] = [[0.0; 3], [0.0, 0.0, -0.2]].map(|u| state(&[0.0; 24], u));
         let (mut without, mut with) = (Vec::new(), Vec::new());
-        body.inputs(&[0.0; 24], None, [&motion[0], &motion[1]], &mut without);
-        body.inputs(&[0.0; 24], Some(&change), [&motion[0], &motion[1]], &mut with);
+        cube(0).inputs(&now, &next, &mut without);
+        cube(1).inputs(&[&now[..], &change].concat(), &next, &mut with);
         assert_eq!((without.len(), with.len()), (14 * 8, 14 * 11));
         for (node, (row, old)) in with.chunks_exact(11).zip(without.chunks_exact(8)).enumerate() {
             assert_eq!(row[..8], *old, "{node}");
@@ -175,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_reflection_is_told_the_same() {
-        let body = cube();
+        let body = cube(0);
         let displacement: Vec<f32> = (0..24).map(|i| 0.03 * (1.7 * i as f32).sin()).collect();
         let motion = [[0.05, 0.02, -0.3], [0.1, -0.05, -0.45]];
         let flip = |u: [f32; 3]| [u[0], -u[1], u[2]];
@@ -186,7 +197,7 @@ mod tests {
             .flat_map(|u| flip(*u))
             .collect();
         let rows = inputs(&body, &displacement, motion);
-        let mirror = inputs(&body.reflected(), &flipped, motion.map(flip));
+        let mirror = inputs(&body.mirrored(), &flipped, motion.map(flip));
         assert!(rows[7][3] > 0.1 && rows[7][6].abs() > 1e-3, "{:?}", rows[7]);
         for (a, b) in rows.iter().zip(&mirror) {
             let mut a = *a;

@@ -1,7 +1,7 @@
 //! A body's skin: which way its samples look, and the skin as an obstacle to itself.
 
 use super::pushes::Constraints;
-use crate::gap::{Gap, Samples};
+use crate::body::gap::{Gap, Samples};
 use m4gn_mesh::body::Body;
 use m4gn_mesh::surface::{Against, Foot, Surface};
 use m4gn_mesh::vector::{Vector, cross, dot, norm, sub};

@@ -8,14 +8,16 @@
 //! Where a body is of several parts, which share no point, world edges lead from the skin of each part to the free points of the
 //! others' as well, and so both ways. The points of all skins are then ghosts of all ranks.
 
-use crate::part::BodyPart;
-use crate::skins::Skins;
+use super::part::BodyPart;
+use super::skins::Skins;
+use crate::{Boundary, Components, Domain, Edges};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, sub};
 use m4gn_mesh::within::Within;
 use m4gn_mesh::{Error, Result};
+use m4gn_model::{ModelSpec, N_CONTACT_INPUTS};
 use m4gn_structure::graph::Graph;
 
 /// Features of an edge in three directions, each with its length: of an edge of the mesh its vector at rest and what the
@@ -36,10 +38,18 @@ pub struct MeshEdge {
     pub rest: Vector,
 }
 
-/// Bodies at points with an obstacle, and the graph at the last displacement.
+/// Bodies at points with an obstacle. Its nodes are its own points, on the first rank the obstacle's, and ghosts.
 #[derive(Clone, Debug)]
-pub struct ContactGraph {
+pub struct Body {
+    components: Components,
+    boundary: Boundary,
+    /// Whether what the displacement changed by over the stride before is an input.
+    history: bool,
     radius: f64,
+    n_owned: usize,
+    n_local: usize,
+    /// Own points whose displacement is prescribed.
+    held: Vec<bool>,
     /// Sorted by receiver.
     edges: Vec<MeshEdge>,
     /// Own points that can be touched.
@@ -56,16 +66,15 @@ pub struct ContactGraph {
     skins: Option<(Skins, Vec<i32>)>,
     /// The part of each own point; none of a body in one part.
     part: Vec<u32>,
-    displacement: Vec<f32>,
-    graph: Graph,
 }
 
-impl ContactGraph {
-    /// For this rank's part of a body. Collective; all ranks fail together.
+impl Body {
+    /// This rank's part of a body for the model that `spec` describes, and its graph at rest. Collective; all ranks fail together.
     ///
     /// # Errors
     /// As [`Graph::new`].
-    pub fn new(part: &BodyPart, radius: f64, comm: &Comm) -> Result<Self> {
+    pub fn new(part: &BodyPart, spec: &ModelSpec, comm: &Comm) -> Result<(Self, Graph)> {
+        let contact = spec.contact.unwrap_or_default();
         let sizes = part.mesh.check(comm)?;
         let (n, q) = (part.mesh.n_cells(), part.obstacle.len());
         let here = if comm.is_root() { q } else { 0 };
@@ -149,8 +158,14 @@ impl ContactGraph {
         for &node in &obstacle_nodes {
             node_types[node as usize] = NodeType::Obstacle as i32;
         }
-        let mut graph = ContactGraph {
-            radius,
+        let body = Body {
+            components: Components::new(spec),
+            boundary: Boundary::new(&part.mesh, &spec.fields, spec.dim),
+            history: spec.has_history(),
+            radius: contact.radius,
+            n_owned,
+            n_local,
+            held: part.types.iter().map(|t| *t == NodeType::Handle).collect(),
             edges,
             skin: (0..n as u32).filter(|&p| part.skin[p as usize]).collect(),
             rest: x.clone(),
@@ -169,26 +184,45 @@ impl ContactGraph {
                 of
             }),
             skins,
-            displacement: vec![0.0; 3 * n_local],
-            graph: Graph {
-                n_cells: n,
-                n_owned,
-                n_local,
-                node_types,
-                row: Vec::new(),
-                senders: Vec::new(),
-                receivers: Vec::new(),
-                edge_features: Vec::new(),
-                halo,
-            },
         };
-        graph.update(comm, &vec![0.0; 3 * n_owned])?;
-        Ok(graph)
+        let mut graph = Graph {
+            n_cells: n,
+            n_owned,
+            n_local,
+            node_types,
+            row: Vec::new(),
+            senders: Vec::new(),
+            receivers: Vec::new(),
+            edge_features: Vec::new(),
+            halo,
+        };
+        body.set_edges(comm, &mut vec![0.0; 3 * n_local], &mut graph)?;
+        Ok((body, graph))
     }
 
-    /// The graph at the last displacement.
-    pub fn graph(&self) -> &Graph {
-        &self.graph
+    /// Own nodes: points, then, on the first rank, the obstacle's.
+    pub fn n_owned(&self) -> usize {
+        self.n_owned
+    }
+
+    /// Own nodes and ghosts.
+    pub fn n_local(&self) -> usize {
+        self.n_local
+    }
+
+    /// Local nodes of the obstacle's points.
+    pub fn obstacle_nodes(&self) -> &[i32] {
+        &self.obstacle_nodes
+    }
+
+    /// Own points whose displacement is prescribed.
+    pub fn held(&self) -> &[bool] {
+        &self.held
+    }
+
+    /// Own points.
+    pub fn n_points(&self) -> usize {
+        self.rest.len()
     }
 
     /// Own points that can be touched.
@@ -230,7 +264,7 @@ impl ContactGraph {
             .map(|(x, &node)| at(*x, node as usize))
             .collect();
         let grid = Within::new(&positions, self.radius);
-        let parts = self.parts(displacement);
+        let parts = self.skins_at(displacement);
         let (mut near, mut edges) = (Vec::new(), Vec::new());
         for &p in &self.skin {
             let rest = self.rest[p as usize];
@@ -262,7 +296,7 @@ impl ContactGraph {
     }
 
     /// The skin of each part at a displacement of all local nodes; none of a body in one part.
-    fn parts(&self, displacement: &[f32]) -> Vec<PartGrid> {
+    fn skins_at(&self, displacement: &[f32]) -> Vec<PartGrid> {
         let Some((skins, _)) = &self.skins else {
             return Vec::new();
         };
@@ -279,23 +313,19 @@ impl ContactGraph {
         (0..skins.triangles.len() as u32).map(grid).collect()
     }
 
-    /// Positions of the points of all skins at a displacement, m: of all local nodes, or of the own points alone, where those of other
-    /// ranks are as they were in the last update.
+    /// Positions of the points of all skins at a displacement of all local nodes, m.
     fn skin_places(&self, displacement: &[f32]) -> Vec<Vector> {
         let Some((skins, nodes)) = &self.skins else {
             return Vec::new();
         };
         let place = |(x, &node): (&Vector, &i32)| {
-            let at = 3 * node as usize;
-            let u = displacement
-                .get(at..at + 3)
-                .unwrap_or(&self.displacement[at..at + 3]);
+            let u = &displacement[3 * node as usize..][..3];
             std::array::from_fn(|i| x[i] + f64::from(u[i]))
         };
         skins.rest.iter().zip(nodes).map(place).collect()
     }
 
-    /// The skins of all parts as surfaces, by part, at a displacement as [`ContactGraph::skin_places`] takes it.
+    /// The skins of all parts as surfaces, by part, at a displacement of all local nodes, m.
     pub(crate) fn skin_surfaces(&self, displacement: &[f32]) -> Vec<Surface> {
         let Some((skins, _)) = &self.skins else {
             return Vec::new();
@@ -310,29 +340,9 @@ impl ContactGraph {
         self.part.get(point).map_or(0, |&part| part as usize)
     }
 
-    /// Rebuilds the world edges and the features for a displacement of the owned nodes from rest `[n_owned x 3]`, m:
-    /// points, then, on the first rank, the obstacle's. Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Numerical`] for a displacement that is not finite.
-    pub fn update(&mut self, comm: &Comm, displacement: &[f32]) -> Result<&Graph> {
-        let owned = 3 * self.graph.n_owned;
-        let checked = match displacement.iter().position(|v| !v.is_finite()) {
-            _ if displacement.len() != owned => Err(Error::Input(format!(
-                "{} displacement components, expected {owned}",
-                displacement.len()
-            ))),
-            Some(i) => Err(Error::Numerical(format!(
-                "the displacement of node {} is {}",
-                i / 3,
-                displacement[i]
-            ))),
-            None => Ok(()),
-        };
-        comm.agree(checked)?;
-        self.displacement[..owned].copy_from_slice(displacement);
-        self.graph.halo.exchange_f32(comm, &mut self.displacement, 3);
-        let world = self.world_edges(&self.displacement);
+    /// The edges of a displacement of all local nodes, m.
+    pub(super) fn edges_at(&self, displacement: &[f32], graph: &mut Graph) {
+        let world = self.world_edges(displacement);
         let Graph {
             row,
             senders,
@@ -340,7 +350,7 @@ impl ContactGraph {
             edge_features,
             n_owned,
             ..
-        } = &mut self.graph;
+        } = graph;
         row.clear();
         senders.clear();
         receivers.clear();
@@ -353,11 +363,10 @@ impl ContactGraph {
             for (edge, is_world) in of_mesh.chain(of_world) {
                 senders.push(edge.sender);
                 receivers.push(node);
-                edge_features.extend(features(edge, is_world, &self.displacement));
+                edge_features.extend(features(edge, is_world, displacement));
             }
             row.push(senders.len() as u32);
         }
-        Ok(&self.graph)
     }
 }
 
@@ -419,9 +428,9 @@ fn length(v: Vector32) -> f32 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
-impl ContactGraph {
-    /// The same body and obstacle reflected in y, at rest.
-    pub fn reflected(&self) -> Self {
+impl Body {
+    /// The same body and obstacle reflected in y.
+    pub fn mirrored(&self) -> Self {
         let flip = |x: &mut Vector| x[1] = -x[1];
         let mut other = self.clone();
         other.rest.iter_mut().for_each(flip);
@@ -436,28 +445,126 @@ impl ContactGraph {
     }
 }
 
+impl Domain for Body {
+    fn components(&self) -> &Components {
+        &self.components
+    }
+
+    fn boundary(&self) -> &Boundary {
+        &self.boundary
+    }
+
+    fn boundary_mut(&mut self) -> &mut Boundary {
+        &mut self.boundary
+    }
+
+    fn is_held(&self, point: usize) -> bool {
+        self.held[point]
+    }
+
+    fn has_history(&self) -> bool {
+        self.history
+    }
+
+    fn moves(&self) -> bool {
+        true
+    }
+
+    fn set_edges(&self, comm: &Comm, state: &mut [f32], graph: &mut Graph) -> Result<()> {
+        let (local, owned) = (3 * self.n_local, 3 * self.n_owned);
+        let checked = match state[..owned.min(state.len())]
+            .iter()
+            .position(|v| !v.is_finite())
+        {
+            _ if state.len() < local => Err(Error::Input(format!(
+                "{} displacement components, expected {local}",
+                state.len()
+            ))),
+            Some(i) => Err(Error::Numerical(format!(
+                "the displacement of node {} is {}",
+                i / 3,
+                state[i]
+            ))),
+            None => Ok(()),
+        };
+        comm.agree(checked)?;
+        graph.halo.exchange_f32(comm, &mut state[..local], 3);
+        self.edges_at(&state[..local], graph);
+        Ok(())
+    }
+
+    fn edges_backward(&self, edges: &Edges, d: &[f32], d_state: &mut [f32]) {
+        let rows = edges
+            .features
+            .chunks_exact(N_FEATURES)
+            .zip(d.chunks_exact(N_FEATURES));
+        for ((x, d), (&s, &r)) in rows.zip(edges.senders.iter().zip(&edges.receivers)) {
+            for (i, by) in features_backward(x, d).into_iter().enumerate() {
+                d_state[3 * s as usize + i] += by;
+                d_state[3 * r as usize + i] -= by;
+            }
+        }
+    }
+
+    fn inputs(&self, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
+        let (displacement, change) = self.parts(state);
+        self.inputs_at(displacement, change, next, inputs);
+    }
+
+    fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]) {
+        // The motion of an obstacle is prescribed, and how near it is counts as given.
+        if !self.history {
+            return;
+        }
+        let (_, change) = d_state.split_at_mut(d_state.len() / 2);
+        let rows = d_inputs.chunks_exact(N_CONTACT_INPUTS + 3);
+        for (d, row) in change.as_chunks_mut::<3>().0.iter_mut().zip(rows) {
+            let by = d.iter_mut().zip(&row[N_CONTACT_INPUTS..]);
+            by.for_each(|(d, x)| *d += x);
+        }
+    }
+
+    fn reflected(&self) -> Box<dyn Domain> {
+        Box::new(self.mirrored())
+    }
+
+    fn boxed(&self) -> Box<dyn Domain> {
+        Box::new(self.clone())
+    }
+
+    fn ranging<'a>(&self, frame: &'a [f32]) -> &'a [f32] {
+        &frame[..self.n_points() * self.components.count]
+    }
+
+    fn body(&self) -> Option<&Body> {
+        Some(self)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample;
+    use crate::body::sample;
 
     /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
-    fn cube() -> (ContactGraph, usize) {
+    fn cube() -> (Body, Graph, usize) {
         let body = sample::block([1, 1, 1], [1.0; 3]);
         let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
-        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
-        let graph = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
-        let mesh = graph.mesh_edges().len();
-        (graph, mesh)
+        let (body, graph) = seen_within(0.6, &BodyPart::whole(&body, Some(&obstacle)).unwrap());
+        let mesh = body.mesh_edges().len();
+        (body, graph, mesh)
+    }
+
+    fn seen_within(radius: f64, part: &BodyPart) -> (Body, Graph) {
+        Body::new(part, &sample::spec(radius), &Comm::serial()).unwrap()
     }
 
     #[test]
     fn world_edges_come_and_go() {
-        let (mut contact, mesh) = cube();
+        let (contact, mut graph, mesh) = cube();
         // 12 edges of the cube and 12 of the octahedron, both ways.
         assert_eq!(mesh, 48);
         let comm = Comm::serial();
-        let graph = contact.graph();
         assert_eq!((graph.n_cells, graph.n_owned, graph.n_local), (8, 14, 14));
         // Point 7 is the corner (1, 1, 1); obstacle point 5, node 13, is 0.5 above it.
         assert_eq!(graph.senders.len(), mesh + 1);
@@ -477,7 +584,7 @@ mod tests {
         let mut u = vec![0.0; 3 * 14];
         (8..14).for_each(|node| u[3 * node + 2] = 0.2);
         u[3] = 0.1;
-        let graph = contact.update(&comm, &u).unwrap();
+        contact.set_edges(&comm, &mut u, &mut graph).unwrap();
         assert_eq!(graph.senders.len(), mesh);
         let from = |s: i32, r: i32| {
             let e = (0..mesh).find(|&e| (graph.senders[e], graph.receivers[e]) == (s, r));
@@ -491,11 +598,11 @@ mod tests {
                 .zip(expected)
                 .all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6)
         );
-        assert!(contact.update(&comm, &u[3..]).is_err());
+        assert!(contact.set_edges(&comm, &mut u[3..], &mut graph).is_err());
         u[0] = f32::NAN;
         assert!(
             contact
-                .update(&comm, &u)
+                .set_edges(&comm, &mut u, &mut graph)
                 .unwrap_err()
                 .to_string()
                 .contains("node 0")
@@ -506,9 +613,8 @@ mod tests {
     #[test]
     fn parts_see_each_other() {
         let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
-        let part = BodyPart::whole(&body, None).unwrap();
-        let mut contact = ContactGraph::new(&part, 0.6, &Comm::serial()).unwrap();
-        let world = |contact: &ContactGraph, u: &[f32]| -> Vec<(i32, i32)> {
+        let (contact, graph) = seen_within(0.6, &BodyPart::whole(&body, None).unwrap());
+        let world = |contact: &Body, u: &[f32]| -> Vec<(i32, i32)> {
             let edges = contact.world_edges(u);
             edges.iter().map(|e| (e.sender, e.receiver)).collect()
         };
@@ -516,7 +622,6 @@ mod tests {
         let mut u = vec![0.0; 3 * 16];
         let both = [(9, 5), (11, 7), (5, 9), (7, 11)];
         assert_eq!(world(&contact, &u), both);
-        let graph = contact.update(&Comm::serial(), &u).unwrap();
         let e = graph.row[6] as usize - 1;
         assert_eq!((graph.senders[e], graph.receivers[e]), (9, 5));
         let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
@@ -526,7 +631,7 @@ mod tests {
             row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6),
             "{row:?}"
         );
-        assert_eq!(world(&contact.reflected(), &u), both);
+        assert_eq!(world(&contact.mirrored(), &u), both);
         // Farther apart than the radius none is left, nearer by 0.2 than the diagonal of a face none is new.
         (8..16).for_each(|p| u[3 * p + 2] = 0.25);
         assert_eq!(world(&contact, &u), []);
@@ -536,18 +641,18 @@ mod tests {
 
     #[test]
     fn held_points_are_not_touched() {
-        let (mut contact, mesh) = cube();
+        let (contact, mut graph, mesh) = cube();
         // The obstacle above the held corner (0, 1, 1).
         let mut u = vec![0.0; 3 * 14];
         (8..14).for_each(|node| u[3 * node] = -1.0);
-        let graph = contact.update(&Comm::serial(), &u).unwrap();
+        contact.set_edges(&Comm::serial(), &mut u, &mut graph).unwrap();
         assert_eq!(graph.senders.len(), mesh);
     }
 
     #[test]
     fn a_reflection_is_reflected() {
-        let (contact, _) = cube();
-        let mirror = contact.reflected();
+        let (contact, ..) = cube();
+        let mirror = contact.mirrored();
         for (a, b) in contact.mesh_edges().iter().zip(mirror.mesh_edges()) {
             assert_eq!(a.rest, [b.rest[0], -b.rest[1], b.rest[2]]);
         }

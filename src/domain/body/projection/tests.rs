@@ -1,7 +1,7 @@
 //! Blocks of bricks against planes, spheres, edges and themselves.
 
 use super::*;
-use crate::sample;
+use crate::body::sample;
 use m4gn_mesh::elements::{ElementKind, Elements};
 use m4gn_mesh::sample::brick;
 use proptest::prelude::*;

@@ -1,7 +1,7 @@
 //! The state at rest, from which contact can be kept free of overlap.
 
 use super::skin::Skin;
-use crate::gap::Samples;
+use crate::body::gap::Samples;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::Vector;

@@ -1,18 +1,20 @@
 //! A step of a network that lives on groups of cells: fields go there as averages, their change comes back.
 
-use m4gn_engine::Forward;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{ModelSpec, Output};
 use m4gn_structure::coarse::Coarse;
 
+use super::Cells;
+use crate::Predict;
+
 /// The groups, and what the network reads and writes there.
 pub struct OnGroups {
     pub coarse: Coarse,
+    /// Components of a state.
     width: usize,
-    /// Of each output whose field is an input too: the input's column, and whether the output is a value, not a change.
+    /// Of each output whose field is an input too: the component, and whether the output is a value, not a change.
     inputs: Vec<Option<(usize, bool)>>,
-    outputs: Vec<f32>,
 }
 
 impl OnGroups {
@@ -33,11 +35,10 @@ impl OnGroups {
                 let value = field.output == Output::Value;
                 inputs.extend((0..n).map(|i| field.input.then_some((column + i, value))));
             }
-            column += if field.input { n } else { 0 };
+            column += n;
         }
         Ok(Some(OnGroups {
-            outputs: vec![0.0; coarse.mesh.n_cells() * spec.n_outputs()],
-            width: spec.n_field_inputs(),
+            width: column,
             coarse,
             inputs,
         }))
@@ -61,39 +62,39 @@ impl OnGroups {
         Ok(self.coarse.labels_of_groups(mesh, cells, comm))
     }
 
-    /// As [`Forward::forward`] on cells: `inputs` of cells and boundary faces, `outputs` of cells. What the network
-    /// changes is carried back; what is finer than the groups stays. Collective.
+    /// The network's outputs at the cells, for a state of cells and boundary faces: what it changes at the groups is carried back, and what
+    /// is finer than these stays. Collective.
     ///
     /// # Errors
-    /// As [`Forward::forward`].
-    pub fn forward(
-        &mut self,
+    /// As [`Predict::predict`].
+    pub fn predict(
+        &self,
         comm: &Comm,
-        network: &mut dyn Forward,
-        inputs: &[f32],
-        outputs: &mut [f32],
-    ) -> Result<()> {
-        let m = self.inputs.len();
+        network: &mut dyn Predict,
+        domain: &Cells,
+        state: &[f32],
+    ) -> Result<Vec<f32>> {
+        let (m, width) = (self.inputs.len(), self.width);
         let transfer = &self.coarse.transfer;
-        let restricted = transfer.restrict(inputs, self.width, comm);
-        network.forward(comm, &restricted.values, &mut self.outputs)?;
+        let mut restricted = transfer.restrict(state, width, comm);
+        let outputs = network.predict(comm, domain, &mut restricted.values, &[])?;
         let before: Vec<Option<usize>> = self
             .inputs
             .iter()
             .map(|input| input.and_then(|(column, value)| value.then_some(column)))
             .collect();
-        let mut changes: Vec<f64> = self.outputs.iter().map(|&y| f64::from(y)).collect();
+        let mut changes: Vec<f64> = outputs.iter().map(|&y| f64::from(y)).collect();
         for (change, row) in changes
             .chunks_exact_mut(m)
-            .zip(restricted.values.chunks_exact(self.width))
+            .zip(restricted.values.chunks_exact(width))
         {
             for (y, column) in change.iter_mut().zip(&before) {
                 *y -= column.map_or(0.0, |c| f64::from(row[c]));
             }
         }
-        let walls = transfer.at_walls(inputs, &restricted, comm);
+        let walls = transfer.at_walls(state, &restricted, comm);
         let at_walls: Vec<f64> = walls
-            .chunks_exact(self.width)
+            .chunks_exact(width)
             .flat_map(|row| {
                 self.inputs
                     .iter()
@@ -101,12 +102,11 @@ impl OnGroups {
             })
             .collect();
         let fine = transfer.prolong(&changes, &at_walls, comm);
-        let rows = outputs.chunks_exact_mut(m).zip(fine.chunks_exact(m));
-        for ((to, change), row) in rows.zip(inputs.chunks_exact(self.width)) {
-            for ((to, change), column) in to.iter_mut().zip(change).zip(&before) {
-                *to = (change + column.map_or(0.0, |c| f64::from(row[c]))) as f32;
-            }
-        }
-        Ok(())
+        let rows = fine.chunks_exact(m).zip(state.chunks_exact(width));
+        let outputs = rows.flat_map(|(change, row)| {
+            let pairs = change.iter().zip(&before);
+            pairs.map(|(change, column)| (change + column.map_or(0.0, |c| f64::from(row[c]))) as f32)
+        });
+        Ok(outputs.collect())
     }
 }
