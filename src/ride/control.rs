@@ -8,7 +8,7 @@
 //! the run.
 
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{ModelSpec, Output, settings};
+use m4gn_model::settings;
 use serde::{Deserialize, Serialize};
 
 /// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.
@@ -61,29 +61,38 @@ impl ControlSettings {
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
         let read: Self = settings::parse("control", text, &[])?;
-        if !(read.tolerance.is_finite() && read.tolerance > 0.0) {
+        read.check()?;
+        Ok(read)
+    }
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the entry, what was found and what is expected.
+    pub fn check(&self) -> Result<()> {
+        if !(self.tolerance.is_finite() && self.tolerance > 0.0) {
             return Err(Error::Input(format!(
                 "control: tolerance {}: expected a relative error above 0, such as 0.05",
-                read.tolerance
+                self.tolerance
             )));
         }
-        if read.rel_tol.is_nan() || read.rel_tol <= 0.0 {
+        if self.rel_tol.is_nan() || self.rel_tol <= 0.0 {
             return Err(Error::Input(format!(
                 "control: relTol {}: expected an error over the solver's own change, above 0, such as 0.2",
-                read.rel_tol
+                self.rel_tol
             )));
         }
-        if read.patience == 0 {
+        if self.patience == 0 {
             return Err(Error::Input(
                 "control: patience 0: expected at least 1 stride".into(),
             ));
         }
-        if read.fields.as_ref().is_some_and(Vec::is_empty) {
+        if self.fields.as_ref().is_some_and(Vec::is_empty) {
             return Err(Error::Input(
                 "control: fields: expected at least one field".into(),
             ));
         }
-        Ok(read)
+        Ok(())
     }
 }
 
@@ -163,13 +172,12 @@ pub struct Control {
 }
 
 impl Control {
-    /// For the fields that the model predicts, in its order.
+    /// For the fields that a surrogate advances, in its order, each with the growth of its errors where that is known.
     ///
     /// # Errors
-    /// [`Error::Input`] for a field that the model does not predict.
-    pub fn new(spec: &ModelSpec, settings: ControlSettings) -> Result<Self> {
-        let outputs = spec.fields.iter().filter(|f| f.output != Output::None);
-        let names: Vec<&str> = outputs.map(|f| f.name.as_str()).collect();
+    /// [`Error::Input`] for a field that it does not advance.
+    pub fn new(fields: Vec<(String, Option<Vec<f64>>)>, settings: ControlSettings) -> Result<Self> {
+        let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
         let watched: Vec<&str> = match &settings.fields {
             Some(fields) => fields.iter().map(String::as_str).collect(),
             None => names.first().copied().into_iter().collect(),
@@ -180,21 +188,26 @@ impl Control {
                 names.join(", ")
             )));
         }
-        let factors = |name: &str| spec.calibration.as_ref().and_then(|c| c.factors(name));
-        let track = |name: &&str| Track {
-            name: (*name).to_string(),
-            watched: watched.contains(name),
-            factors: factors(name).map(<[f64]>::to_vec),
+        let marks: Vec<bool> = names.iter().map(|name| watched.contains(name)).collect();
+        let track = |((name, factors), watched)| Track {
+            name,
+            watched,
+            factors,
             error: f64::INFINITY,
             change: 0.0,
             size: 0.0,
         };
         Ok(Control {
-            tracks: names.iter().map(track).collect(),
+            tracks: fields.into_iter().zip(marks).map(track).collect(),
             settings,
             measured: false,
             bad: 0,
         })
+    }
+
+    /// What was set.
+    pub fn settings(&self) -> &ControlSettings {
+        &self.settings
     }
 
     /// Names of the watched fields whose growth the model does not know; their errors are reckoned to add up.

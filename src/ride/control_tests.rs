@@ -1,19 +1,9 @@
 use super::*;
-use m4gn_model::{Calibration, Growth};
 
 fn control(json: &str, calibrated: bool) -> Control {
-    let mut spec = m4gn_model::sample::spec();
-    spec.calibration = calibrated.then(|| Calibration {
-        coverage: 0.95,
-        trajectories: 1,
-        rollouts: 20,
-        growth: vec![Growth {
-            field: "U".into(),
-            factors: vec![1.5, 2.0, 4.0],
-        }],
-        carried: None,
-    });
-    Control::new(&spec, ControlSettings::parse(json).unwrap()).unwrap()
+    let factors = calibrated.then(|| vec![1.5, 2.0, 4.0]);
+    let fields = vec![("U".to_string(), factors), ("p".to_string(), None)];
+    Control::new(fields, ControlSettings::parse(json).unwrap()).unwrap()
 }
 
 fn stride(error: f64) -> [StrideError; 2] {
@@ -153,9 +143,8 @@ fn bad_settings_are_named() {
         assert!(text.contains(words), "{json}: {text}");
     }
     let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
-    let text = Control::new(&m4gn_model::sample::spec(), settings)
-        .unwrap_err()
-        .to_string();
+    let fields = ["U", "p"].map(|name| (name.to_string(), None));
+    let text = Control::new(fields.into(), settings).unwrap_err().to_string();
     assert!(
         text.contains("q is not predicted") && text.contains("U, p"),
         "{text}"
