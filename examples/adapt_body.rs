@@ -3,12 +3,12 @@
 //!
 //!     cargo run --release --example adapt_body -- MODEL.safetensors 0.4 '{"mode": "before"}' data/beam/0009.h5 ...
 
+use m4gn_adapt::{Adaptation, Settings};
 use m4gn_data::Trajectory;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_step::{Field, Session, SessionOptions};
-use m4gn_train::adapt::{Adaptation, Settings};
 use std::path::Path;
 
 type Points = Vec<[f64; 3]>;

@@ -5,7 +5,7 @@
 use m4gn_data::Trajectory;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_train::samples::Sample;
+use m4gn_train::recorded::read_within;
 use std::time::Instant;
 
 fn main() {
@@ -22,7 +22,7 @@ fn run() -> Result<()> {
         arguments.next().ok_or_else(usage)?,
         arguments.next().ok_or_else(usage)?,
     );
-    let sample = Sample::read_within(&Trajectory::open(&path)?, &Model::read(&model)?.spec, 0)?;
+    let sample = read_within(&Trajectory::open(&path)?, &Model::read(&model)?.spec, 0)?;
     // Frames in an order in which none follows the one before.
     let mut times = Vec::new();
     for i in 0..sample.n_frames {

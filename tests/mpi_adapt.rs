@@ -6,12 +6,12 @@ mod bodies;
 #[path = "ranks/mod.rs"]
 mod ranks;
 
+use m4gn_adapt::{Adaptation, Outcome, Settings};
 use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::sample::vortex;
 use m4gn_mesh::{Error, Mesh, Result, sample};
 use m4gn_model::{Model, SegmentMethod};
 use m4gn_step::{Field, Session, SessionOptions};
-use m4gn_train::adapt::{Adaptation, Outcome, Settings};
-use m4gn_train::sample::vortex;
 use std::process::ExitCode;
 
 /// Sums of the batch come in another order, and Adam divides by what is small.

@@ -4,10 +4,10 @@
 #[path = "ranks/mod.rs"]
 mod ranks;
 
+use m4gn_learn::BestOf;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_train::checkpoint::Checkpoint;
-use m4gn_train::config::BestOf;
 use m4gn_train::{Request, sample, train_native};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

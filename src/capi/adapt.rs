@@ -4,9 +4,9 @@ use super::door;
 use super::fields::read_fields;
 use super::raw::{self, FieldData, MeshData};
 use super::session::SessionHandle;
+use m4gn_adapt::{Adaptation, Outcome, Settings};
 use m4gn_mesh::{Error, Result};
 use m4gn_step::read_model;
-use m4gn_train::adapt::{Adaptation, Outcome, Settings};
 use std::ffi::c_char;
 use std::path::Path;
 

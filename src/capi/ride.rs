@@ -8,7 +8,7 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_ride::{Action, Answer, Given, Network, Ride, RideSettings, Step, Surrogate, Text};
 use m4gn_step::{Field, FieldMut, Session, read_model};
-use m4gn_train::adapt;
+use m4gn_adapt as adapt;
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
 use std::path::Path;

@@ -3,8 +3,8 @@
 use super::bench::answer;
 use m4gn_engine::torch::{self, TorchTrial};
 use m4gn_engine::{EngineOptions, Isa};
+use m4gn_learn::NativeBackend;
 use m4gn_mesh::{Error, Result};
-use m4gn_train::NativeBackend;
 use m4gn_workbench::bench::memory::Memory;
 use m4gn_workbench::bench::{Timing, Trial, machine, processor_time, work};
 use serde_json::{Value, json};

@@ -50,7 +50,6 @@ mod space;
 mod states;
 mod trajectory;
 mod version2;
-mod whole;
 mod writer;
 
 #[cfg(test)]
@@ -64,7 +63,6 @@ pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use states::States;
 pub use trajectory::{Trajectory, list};
-pub use whole::{Place, whole_mesh};
 pub use writer::{WriteOptions, Writer};
 
 /// Version of the HDF5 library.

@@ -1,8 +1,8 @@
 //! Recording from all ranks of a solver: gathered to the root in the undecomposed mesh's order, written there.
 
-use super::whole::{Place, whole_mesh};
 use super::{FieldMeta, Frame, WriteOptions, Writer};
 use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::whole::{Place, whole_mesh};
 use m4gn_mesh::{Error, Mesh, Result};
 use std::path::Path;
 

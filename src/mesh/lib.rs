@@ -20,6 +20,7 @@ pub mod plugin;
 pub mod sample;
 pub mod surface;
 pub mod vector;
+pub mod whole;
 pub mod within;
 
 use body::{BodyShare, Obstacle};

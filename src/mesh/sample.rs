@@ -355,3 +355,32 @@ fn boundary(mesh: &mut Mesh, owner: usize, centre: [f64; 3], area: [f64; 3], coe
         patch,
     });
 }
+
+/// Velocity and pressure of a vortex in a uniform flow.
+pub fn flow(x: [f64; 3], centre: [f64; 2]) -> ([f32; 2], f32) {
+    let r = [x[0] - centre[0], x[1] - centre[1]];
+    let swirl = (-8.0 * (r[0] * r[0] + r[1] * r[1])).exp();
+    (
+        [(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32],
+        -swirl as f32,
+    )
+}
+
+/// The vortex as a solver has it on its part of a mesh: U and p, each at cells and boundary faces.
+pub fn vortex(mesh: &Mesh, time: f64) -> [(Vec<f64>, Vec<f64>); 2] {
+    let mut fields = [(Vec::new(), Vec::new()), (Vec::new(), Vec::new())];
+    let at = |x| flow(x, [0.3 + time, 0.5]);
+    let wide = |u: [f32; 2]| [f64::from(u[0]), f64::from(u[1]), 0.0];
+    for &x in &mesh.cell_centres {
+        let (u, p) = at(x);
+        fields[0].0.extend(wide(u));
+        fields[1].0.push(f64::from(p));
+    }
+    for face in &mesh.boundary {
+        let outlet = face.kind == NodeType::Outlet;
+        let (u, p) = at(mesh.cell_centres[face.owner as usize]);
+        fields[0].1.extend(if outlet { wide(u) } else { [0.5, 0.0, 0.0] });
+        fields[1].1.push(if outlet { 0.0 } else { f64::from(p) });
+    }
+    fields
+}

@@ -11,6 +11,7 @@ pub mod sample;
 mod segmentation;
 pub mod settings;
 mod solid;
+pub mod tensor_file;
 mod tensors;
 mod trained_on;
 

@@ -1,7 +1,7 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
 use m4gn_contact::projection::ProjectionOptions;
-use m4gn_engine::{EngineOptions, Precision, PrecisionChoice};
+use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
 use serde::{Deserialize, Serialize};
@@ -80,6 +80,9 @@ pub struct SessionOptions {
     /// Segment of each cell, computed before; none: segments are computed.
     #[serde(skip)]
     pub cell_segment: Option<Vec<i32>>,
+    /// Instruction set of the native engine; none: the widest that the processor has.
+    #[serde(skip)]
+    pub isa: Option<Isa>,
 }
 
 impl Default for SessionOptions {
@@ -94,6 +97,7 @@ impl Default for SessionOptions {
             projection: None,
             solid: None,
             cell_segment: None,
+            isa: None,
         }
     }
 }
@@ -151,6 +155,7 @@ impl SessionOptions {
         EngineOptions {
             n_threads: self.n_threads,
             precision,
+            isa: self.isa,
             ..EngineOptions::default()
         }
     }

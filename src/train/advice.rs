@@ -1,8 +1,8 @@
 //! What to change where a training goes wrong, told once: a loss that grows, gradients far beyond their limit, validations
 //! that become worse.
 
-use super::config::{BestOf, TrainingConfig};
 use super::journal::Row;
+use m4gn_learn::{BestOf, TrainingConfig};
 use m4gn_report::number;
 
 /// Rows of the log whose mean is compared: single ones vary with the examples that were drawn.

@@ -1,10 +1,10 @@
 //! Checkpoints: everything a training needs to go on exactly, in one safetensors file, replaced atomically.
 
 use super::journal::Validation;
-use super::normaliser::{Moments, Normaliser};
-use super::tensor_file::{Arrays, TensorFile};
+use m4gn_learn::normaliser::{Moments, Normaliser};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
+use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -1,6 +1,7 @@
 //! Configurations, right and wrong.
 
 use super::*;
+use m4gn_learn::Restart;
 
 const SMALL: &str = r#"
     [model]

@@ -1,8 +1,9 @@
 //! The page of `m4gn train --html`: where the training stands, its curves from the first step on, and its configuration.
 
-use super::config::{BestOf, Config};
+use super::config::Config;
 use super::journal::{Row, Validation};
 use super::report::Report;
+use m4gn_learn::BestOf;
 use m4gn_mesh::{Error, Result};
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::{Chart, Page, Series, Table, number, write_file};

@@ -1,11 +1,14 @@
-//! A trajectory on disk, whose frames are read when they are needed: data sets may be larger than the memory.
+//! Recorded trajectories as samples, and those whose frames stay on disk and are read when they are needed: data sets may be
+//! larger than the memory.
 
-use super::samples::Sample;
+use super::ranges::{Ranges, solid};
 use m4gn_data::{States, Trajectory};
-use m4gn_mesh::Result;
+use m4gn_learn::Copies;
+use m4gn_learn::samples::{FrameSource, Sample, see_as_cells};
+use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, ModelSpec};
 use m4gn_step::faces_seen_as_their_cells;
-use std::borrow::Cow;
+use std::sync::Arc;
 
 /// A trajectory and the fields of it that a model has.
 #[derive(Clone, Debug)]
@@ -18,7 +21,7 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    pub(super) fn new(trajectory: &Trajectory, spec: &ModelSpec) -> Self {
+    fn new(trajectory: &Trajectory, spec: &ModelSpec) -> Self {
         Recorded {
             as_cells: faces_seen_as_their_cells(trajectory.mesh()),
             trajectory: trajectory.clone(),
@@ -31,7 +34,7 @@ impl Recorded {
     ///
     /// # Errors
     /// As [`Trajectory::states`].
-    pub(super) fn open(&self) -> Result<States<'_>> {
+    fn open(&self) -> Result<States<'_>> {
         let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
         self.trajectory.states(&names)
     }
@@ -40,7 +43,7 @@ impl Recorded {
     ///
     /// # Errors
     /// As [`States::read`].
-    pub(super) fn frame(&self, states: &States, frame: usize) -> Result<Vec<f32>> {
+    fn read(&self, states: &States, frame: usize) -> Result<Vec<f32>> {
         let (values, motion) = states.read(frame)?;
         let widths: Vec<usize> = self.fields.iter().map(|f| f.components(self.dim)).collect();
         let width: usize = widths.iter().sum();
@@ -61,52 +64,65 @@ impl Recorded {
     }
 }
 
-/// Gives faces that a network sees as their cells the cells' vectors.
-pub(super) fn see_as_cells(
-    as_cells: &[(usize, usize)],
-    fields: &[FieldSpec],
-    dim: usize,
-    cells: usize,
-    frame: &mut [f32],
-) {
-    let width: usize = fields.iter().map(|f| f.components(dim)).sum();
-    let mut first = 0;
-    for field in fields {
-        let n = field.components(dim);
-        for &(face, cell) in as_cells.iter().filter(|_| field.vector) {
-            let at = |node: usize| node * width + first;
-            frame.copy_within(at(cell)..at(cell) + n, at(cells + face));
-        }
-        first += n;
+impl FrameSource for Recorded {
+    // Opened for each frame: of thousands of trajectories there are fewer descriptors than files.
+    fn frame(&self, frame: usize) -> Result<Vec<f32>> {
+        self.read(&self.open()?, frame)
     }
 }
 
-impl Sample {
-    /// All fields of a frame: cells, then boundary nodes.
-    ///
-    /// # Errors
-    /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
-    pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
-        let size = self.graph.n_owned * self.width;
-        match &self.recorded {
-            // Opened for each frame: of thousands of trajectories there are fewer descriptors than files.
-            Some(recorded) => {
-                let read = recorded.frame(&recorded.open()?, frame)?;
-                Ok(Cow::Owned(self.at_nodes(read)))
-            }
-            None => Ok(Cow::Borrowed(&self.frames[frame * size..(frame + 1) * size])),
+/// Reads a trajectory into memory and makes its graph and segments. Of a body, the obstacle's points are the boundary.
+///
+/// # Errors
+/// [`Error::File`] for a trajectory that cannot be read, or that no graph or segments can be made of.
+pub fn read(trajectory: &Trajectory, spec: &ModelSpec) -> Result<Sample> {
+    read_within(trajectory, spec, u64::MAX)
+}
+
+/// As [`read`]; frames that take more than `room` bytes stay on disk, and are read when they are needed. All of them
+/// are read here once, so that a damaged file is noticed before anything is learned.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Result<Sample> {
+    let mesh = trajectory.mesh();
+    let made = match trajectory.body() {
+        Some(body) => Sample::of_body(body, trajectory.obstacle(), spec, None),
+        None => Sample::of_mesh(mesh, spec, &spec.segments, spec.resolution, None),
+    };
+    let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
+    sample.n_frames = trajectory.times().len();
+    let recorded = Recorded::new(trajectory, spec);
+    let keep = sample.frame_bytes() <= room;
+    let mut frames = Vec::new();
+    if keep {
+        frames.reserve_exact(sample.n_frames * sample.graph.n_owned * sample.width);
+    }
+    let nodes = sample.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
+    let (mut copies, mut ranges) = (Copies::new(nodes, spec), Ranges::new(spec));
+    let states = recorded.open()?;
+    for number in 0..sample.n_frames {
+        let frame = sample.at_nodes(recorded.read(&states, number)?);
+        copies.see(&frame);
+        ranges.see(match &sample.contact {
+            Some(_) => &frame[..sample.n_cells() * sample.width],
+            None => &frame,
+        });
+        if keep {
+            frames.extend(frame);
         }
     }
-
-    /// Whether its frames are read from the file when they are needed.
-    pub fn is_streamed(&self) -> bool {
-        self.recorded.is_some()
-    }
-
-    /// Bytes of all its frames in memory.
-    pub fn frame_bytes(&self) -> u64 {
-        (self.n_frames * self.graph.n_owned * self.width * size_of::<f32>()) as u64
-    }
+    drop(states);
+    let mut found = vec![false; sample.copies.len()];
+    copies.mark(&mut found);
+    sample.copies = found;
+    sample.extent = Some(ranges.extent(sample.cell_size, solid(trajectory)?));
+    sample.frames = frames;
+    sample.source = match keep {
+        true => None,
+        false => Some(Arc::new(recorded)),
+    };
+    Ok(sample)
 }
 
 #[cfg(test)]

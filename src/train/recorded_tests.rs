@@ -1,7 +1,8 @@
-use crate::normaliser::Normaliser;
+use crate::config;
 use crate::sample::{self, request};
 use crate::tests::{data, edit, run, state};
-use crate::{Backend, Batch, Example, NativeBackend, Rollout, Workload, config, samples};
+use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::{Backend, Batch, Example, NativeBackend, Rollout, Workload};
 
 /// In memory, on disk, and the first trajectory (30 frames of 68 nodes and 3 components in 4 bytes) in memory.
 #[test]
@@ -43,8 +44,7 @@ fn a_file_that_vanishes_is_named_by_the_step_that_needs_it() {
     let folder = data();
     let spec = m4gn_model::sample::spec();
     let path = folder.path().join("data/000.h5");
-    let sample =
-        samples::Sample::read_within(&m4gn_data::Trajectory::open(&path).unwrap(), &spec, 0).unwrap();
+    let sample = super::read_within(&m4gn_data::Trajectory::open(&path).unwrap(), &spec, 0).unwrap();
     let sample = std::sync::Arc::new(sample);
     let work = Workload {
         train: vec![sample.clone()],

@@ -2,8 +2,9 @@
 
 use super::Request;
 use m4gn_data::{FieldMeta, Frame, Split, WriteOptions, Writer};
+use m4gn_mesh::NodeType;
 use m4gn_mesh::Result;
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::sample::{self, flow};
 use std::path::Path;
 
 /// Writes `count` trajectories of a vortex that is carried along a channel, frames every 0.01 s.
@@ -65,35 +66,6 @@ pub fn write_trajectory(path: &Path, number: usize, split: Split, frames: usize)
     }
     writer.finish()?;
     Ok(())
-}
-
-/// Velocity and pressure of a vortex in a uniform flow.
-fn flow(x: [f64; 3], centre: [f64; 2]) -> ([f32; 2], f32) {
-    let r = [x[0] - centre[0], x[1] - centre[1]];
-    let swirl = (-8.0 * (r[0] * r[0] + r[1] * r[1])).exp();
-    (
-        [(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32],
-        -swirl as f32,
-    )
-}
-
-/// The vortex as a solver has it on its part of a mesh: U and p, each at cells and boundary faces.
-pub fn vortex(mesh: &Mesh, time: f64) -> [(Vec<f64>, Vec<f64>); 2] {
-    let mut fields = [(Vec::new(), Vec::new()), (Vec::new(), Vec::new())];
-    let at = |x| flow(x, [0.3 + time, 0.5]);
-    let wide = |u: [f32; 2]| [f64::from(u[0]), f64::from(u[1]), 0.0];
-    for &x in &mesh.cell_centres {
-        let (u, p) = at(x);
-        fields[0].0.extend(wide(u));
-        fields[1].0.push(f64::from(p));
-    }
-    for face in &mesh.boundary {
-        let outlet = face.kind == NodeType::Outlet;
-        let (u, p) = at(mesh.cell_centres[face.owner as usize]);
-        fields[0].1.extend(if outlet { wide(u) } else { [0.5, 0.0, 0.0] });
-        fields[1].1.push(if outlet { 0.0 } else { f64::from(p) });
-    }
-    fields
 }
 
 /// A small network; `training` is appended to the `[training]` table.

@@ -2,13 +2,14 @@
 
 use super::checkpoint::{Checkpoint, Progress};
 use super::config::Config;
-use super::inputs;
+use super::data_set;
 use super::memory;
 use super::report::Report;
 use super::request::Request;
 use super::trainer::Trainer;
 use super::widen;
-use super::workload::Workload;
+use m4gn_learn::Workload;
+use m4gn_learn::inputs;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, SegmentSpec};
@@ -56,7 +57,7 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
         (None, None) => None,
     };
     let room = memory::for_frames(request.memory, comm)?;
-    let (work, spec) = Workload::load(&request.data, &config, from.as_ref(), room, report, stop)?;
+    let (work, spec) = data_set::load(&request.data, &config, from.as_ref(), room, report, stop)?;
     let from = from
         .map(|model| {
             let model = inputs::extend(model, &spec, &work)?;

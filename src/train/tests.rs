@@ -2,8 +2,9 @@
 //! does not fit.
 
 use super::checkpoint::Checkpoint;
-use super::normaliser::Normaliser;
 use super::*;
+use m4gn_learn::Workload;
+use m4gn_learn::normaliser::Normaliser;
 use m4gn_mesh::Error;
 use m4gn_model::Model;
 use sample::request;
@@ -407,7 +408,7 @@ fn a_body_is_read_as_a_flow_is() {
     let mut spec = m4gn_model::sample::bodies();
     spec.segments.count = 2;
     spec.segments.modes = 1;
-    let sample = samples::Sample::read(&trajectory, &spec).unwrap();
+    let sample = recorded::read(&trajectory, &spec).unwrap();
     assert_eq!((sample.n_cells(), sample.n_boundary()), (12, 26));
     assert_eq!((sample.n_frames, sample.width), (4, 3));
     let displacement = trajectory.read_frame("D", 3).unwrap().cells;
@@ -422,7 +423,7 @@ fn a_body_is_read_as_a_flow_is() {
         "points of the handle"
     );
     assert!(sample.contact.is_some() && !sample.copies.contains(&true));
-    let streamed = samples::Sample::read_within(&trajectory, &spec, 4 * 38 * 3 * 4 - 1).unwrap();
+    let streamed = recorded::read_within(&trajectory, &spec, 4 * 38 * 3 * 4 - 1).unwrap();
     assert!(streamed.is_streamed() && streamed.frames.is_empty() && !sample.is_streamed());
     for frame in 0..4 {
         assert_eq!(streamed.frame(frame).unwrap(), sample.frame(frame).unwrap());
@@ -465,7 +466,7 @@ fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
     let folder = data();
     let spec = m4gn_model::sample::spec();
     let path = folder.path().join("data/000.h5");
-    let read = || samples::Sample::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
+    let read = || recorded::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
     let mut fast = read();
     fast.frames.iter_mut().for_each(|x| *x *= 2.0);
     let work = Workload {
@@ -481,52 +482,5 @@ fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
         for (found, expected) in work.weights(&spec, balance).unwrap().iter().zip(expected) {
             assert!((found - expected).abs() < 1e-6, "{found}, expected {expected}");
         }
-    }
-}
-
-/// Two decades: the logarithms lie evenly between those of 0.0004 and 0.04.
-#[test]
-fn noise_has_a_size_in_each_example() {
-    let folder = data();
-    let spec = m4gn_model::sample::spec();
-    let path = folder.path().join("data/000.h5");
-    let sample = samples::Sample::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
-    let work = Workload {
-        train: vec![sample.clone().into()],
-        valid: vec![],
-        frames_a_step: 2,
-        names: vec![],
-    };
-    let before = sample.frame(0).unwrap().into_owned();
-    let logarithms = |noise_spread: f64| -> Vec<f64> {
-        let training = config::TrainingConfig {
-            noise: [("U".to_string(), 0.04)].into(),
-            noise_spread,
-            ..config::TrainingConfig::default()
-        };
-        let backend = native::NativeBackend::new(&training, &spec, &work, 1).unwrap();
-        let size = |seed| {
-            let mut state = before.clone();
-            backend.add_noise(&sample, seed, &mut state);
-            let cells = sample.n_cells() * sample.width;
-            let square = state[..cells]
-                .iter()
-                .zip(&before)
-                .map(|(a, b)| f64::from(a - b).powi(2));
-            // Two components of three
-            (square.sum::<f64>() / (2 * sample.n_cells()) as f64).sqrt().ln()
-        };
-        (0..200).map(size).collect()
-    };
-    let (least, most) = (0.0004f64.ln(), 0.04f64.ln());
-    assert!(logarithms(1.0).iter().all(|l| (l - most).abs() < 0.5));
-    let sizes = logarithms(100.0);
-    assert!(sizes.iter().all(|l| (least - 0.5..most + 0.5).contains(l)));
-    for third in 0..3 {
-        let from = least + f64::from(third) / 3.0 * (most - least);
-        let here = sizes
-            .iter()
-            .filter(|l| (from..from + (most - least) / 3.0).contains(l));
-        assert!((45..=90).contains(&here.count()), "{sizes:?}");
     }
 }

@@ -1,19 +1,19 @@
 //! The training loop: batches, updates, validation, checkpoints, log, interruption; the same for every backend.
 
 use super::advice::Advice;
-use super::backend::{Backend, Batch, Example, Learned};
 use super::checkpoint::{self, Progress};
 use super::config::Config;
 use super::journal::{Journal, Row, Validation};
-use super::normaliser::Normaliser;
 use super::page::{State, TrainingPage};
 use super::report::Report;
 use super::request::Request;
 use super::start::load;
-use super::together::learn_together;
 use super::validation::HORIZON;
-use super::workload::Workload;
 use m4gn_engine::backward::{Layout, Optimiser, norm};
+use m4gn_learn::Workload;
+use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::together::learn_together;
+use m4gn_learn::{Backend, Batch, Example, Learned};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Output};

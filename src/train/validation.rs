@@ -1,10 +1,10 @@
 //! A validation: rollouts of the validation trajectories, by which the best weights are chosen.
 
-use super::backend::Rollout;
 use super::journal::Validation;
 use super::report::Report;
-use super::together::roll_out_together;
 use super::trainer::Trainer;
+use m4gn_learn::Rollout;
+use m4gn_learn::together::roll_out_together;
 use m4gn_mesh::Result;
 
 /// Recorded frames that RMSE-50 is over, in training as in `m4gn validate`.

@@ -4,9 +4,9 @@
 mod fuzzing;
 
 use fuzzing::fuzz;
+use m4gn_learn::normaliser::{Moments, Normaliser};
 use m4gn_train::checkpoint::{Checkpoint, Progress, VERSION};
 use m4gn_train::config::Config;
-use m4gn_train::normaliser::{Moments, Normaliser};
 use std::path::Path;
 
 #[test]

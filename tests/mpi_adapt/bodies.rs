@@ -1,13 +1,13 @@
 //! A model of bodies at points that learns on several ranks, against the same on one.
 
 use super::distance;
+use m4gn_adapt::{Adaptation, Outcome, Settings};
 use m4gn_contact::sample;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::Model;
 use m4gn_step::{Field, Session, SessionOptions};
-use m4gn_train::adapt::{Adaptation, Outcome, Settings};
 
 /// Half the model's stride, s.
 const STEP: f64 = 0.005;

@@ -4,10 +4,11 @@ use crate::device::to_host;
 use crate::learner::{Job, Learner, Outcome};
 use crate::pool::Pool;
 use crate::samples::Sample;
+use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::{Backend, Batch, Learned, Rollout};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
-use m4gn_train::normaliser::Normaliser;
-use m4gn_train::{Backend, Batch, Learned, Rollout, Task};
+use m4gn_train::Task;
 use std::sync::Arc;
 use tch::{Device, Tensor};
 
@@ -45,7 +46,7 @@ impl TorchBackend {
         // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
         tch::set_num_threads(1);
         let spec = Arc::new(task.spec.clone());
-        let tensors = |samples: &[Arc<m4gn_train::samples::Sample>]| -> Result<Vec<Sample>> {
+        let tensors = |samples: &[Arc<m4gn_learn::samples::Sample>]| -> Result<Vec<Sample>> {
             samples.iter().map(|s| Sample::new(s, &spec, device)).collect()
         };
         let (train, valid) = (tensors(&task.work.train)?, tensors(&task.work.valid)?);
@@ -75,7 +76,7 @@ impl Backend for TorchBackend {
 
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned> {
         let weights = Tensor::from_slice(weights).to_device(self.device);
-        let job = |piece: &[m4gn_train::Example]| Job::Learn {
+        let job = |piece: &[m4gn_learn::Example]| Job::Learn {
             weights: weights.shallow_clone(),
             normaliser: normaliser.clone(),
             examples: piece.to_vec(),

@@ -1,9 +1,9 @@
 //! Normalisers as tensors.
 
 use crate::contact::host;
+use m4gn_learn::normaliser::{Moments, Normaliser};
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
-use m4gn_train::normaliser::{Moments, Normaliser};
 use tch::{Device, Tensor};
 
 /// Means and deviations on the device.

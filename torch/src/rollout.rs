@@ -4,9 +4,9 @@ use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
 use m4gn_contact::graph::ContactGraph;
+use m4gn_learn::samples::Components;
 use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
-use m4gn_train::samples::Components;
 use tch::{Device, Tensor};
 
 /// Physical values of all fields at one time.

@@ -47,7 +47,7 @@ pub struct Sample {
     /// 1 for points that are held, 0 for those that move, `[C x 1]`; none for cells.
     pub held: Option<Tensor>,
     /// What it is the tensors of; its frames are in memory or on disk.
-    recorded: Arc<m4gn_train::samples::Sample>,
+    recorded: Arc<m4gn_learn::samples::Sample>,
     /// A body at points, and its reflection.
     pub contact: Option<[Arc<ContactGraph>; 2]>,
 }
@@ -227,7 +227,7 @@ impl Sample {
     /// The tensors of a trajectory.
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know.
-    pub fn new(sample: &Arc<m4gn_train::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
+    pub fn new(sample: &Arc<m4gn_learn::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
         let mut host = HostGraph::new(&sample.graph, Some(&sample.segments), spec)?;
         // World edges come with each state.
         if let Some(contact) = &sample.contact {

@@ -1,6 +1,7 @@
 //! A body's step in libtorch against the same step of a session. A test program of its own: the segments need PETSc, which is
 //! not made for several threads, and other tests would run beside it.
 
+use m4gn_learn::samples::Components;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
@@ -14,7 +15,6 @@ use m4gn_torch::normaliser::Scales;
 use m4gn_torch::rollout::{State, Stepper};
 use m4gn_torch::samples::Sample;
 use m4gn_torch::weights::Layout;
-use m4gn_train::samples::Components;
 use tch::{Device, Tensor};
 
 fn spec() -> ModelSpec {
@@ -82,7 +82,7 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
     let options = SessionOptions::default();
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
-    let sample = m4gn_train::samples::Sample::of_body(&body, Some(&obstacle), &spec, None).unwrap();
+    let sample = m4gn_learn::samples::Sample::of_body(&body, Some(&obstacle), &spec, None).unwrap();
     let sample = Sample::new(&std::sync::Arc::new(sample), &spec, Device::Cpu).unwrap();
     let layout = Layout::new(&spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);

@@ -4,6 +4,9 @@
 use m4gn_data::Trajectory;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::Layout;
+use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::samples::Sample;
+use m4gn_learn::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Workload};
 use m4gn_mesh::NodeType;
 use m4gn_model::{
     Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output,
@@ -11,9 +14,7 @@ use m4gn_model::{
 };
 use m4gn_torch::backend::TorchBackend;
 use m4gn_train::config::Config;
-use m4gn_train::normaliser::Normaliser;
-use m4gn_train::samples::Sample;
-use m4gn_train::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Task, Workload, sample};
+use m4gn_train::{Task, sample};
 use tch::Device;
 
 fn spec() -> ModelSpec {
@@ -108,7 +109,7 @@ fn flows(spec: &ModelSpec) -> Workload {
     sample::write_data(folder.path(), 2).unwrap();
     let read = |number: usize| {
         let path = folder.path().join(format!("{number:03}.h5"));
-        Sample::read(&Trajectory::open(&path).unwrap(), spec).unwrap()
+        m4gn_train::recorded::read(&Trajectory::open(&path).unwrap(), spec).unwrap()
     };
     Workload {
         train: vec![read(0).into(), read(1).into()],

@@ -3,14 +3,14 @@
 use super::{Shape, consecutive_segments, hexahedra, o_mesh, segments_of_mesh};
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{Layout, Optimiser, norm};
+use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::samples::{Components, Sample};
+use m4gn_learn::{Backend, Batch, Example, TrainingConfig, Workload};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{ArchitectureKeys, Model, ModelSpec};
 use m4gn_segments::graph::Graph;
-use m4gn_train::config::{Config, FieldConfig, ModelConfig, TrainingConfig};
-use m4gn_train::normaliser::Normaliser;
-use m4gn_train::samples::{Components, Sample};
-use m4gn_train::{Backend, Batch, Example, Workload};
+use m4gn_train::config::{Config, FieldConfig, ModelConfig};
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
@@ -96,7 +96,7 @@ impl Trial {
         let boundary = graph.n_owned - graph.n_cells;
         let sample = Sample {
             frames: frames.collect(),
-            recorded: None,
+            source: None,
             extent: None,
             n_frames,
             cell_size: 0.0,

@@ -1,0 +1,71 @@
+//! Inputs that the model to start from does not have yet.
+
+use super::normaliser::Moments;
+use super::samples::Components;
+use super::state::Stepper;
+use super::workload::Workload;
+use m4gn_mesh::Result;
+use m4gn_model::{ContactSpec, FieldSpec, Model, ModelSpec};
+
+/// Whether `new` has the fields of `old`, and after them none but inputs that are not predicted.
+pub fn follow(old: &[FieldSpec], new: &[FieldSpec]) -> bool {
+    new.starts_with(old) && new[old.len()..].iter().all(FieldSpec::is_given)
+}
+
+/// Whether `new` is the contact of `old`, or that with a history.
+pub fn follow_contact(old: Option<ContactSpec>, new: Option<ContactSpec>) -> bool {
+    match (old, new) {
+        (Some(old), Some(new)) => old.radius == new.radius && old.history <= new.history,
+        (old, new) => old == new,
+    }
+}
+
+/// The model with the inputs that `spec` has after those of the model. Their weights are zero, so that the network says
+/// what it said; their normalisers are those of the training trajectories.
+///
+/// # Errors
+/// As reading a frame.
+pub fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Model> {
+    let (old, new) = (model.spec.n_field_inputs(), spec.n_field_inputs());
+    if old == new {
+        return Ok(model);
+    }
+    let components = Components::new(spec);
+    // A body's fields are no inputs, and what is added is its history.
+    let added = components.inputs.get(old..).unwrap_or(&[]);
+    let stepper = Stepper::new(spec, work.frames_a_step);
+    let mut moments = Moments::new(new - old);
+    for sample in &work.train {
+        for frame in [0, sample.n_frames / 2, sample.n_frames - 1] {
+            let frame = stepper.frame(sample, frame, false)?;
+            moments.add(&match stepper.parts(&frame) {
+                (_, Some(changes)) => Moments::of_changes(changes),
+                (frame, None) => {
+                    let rows = frame.chunks_exact(components.count);
+                    let values: Vec<f32> = rows.flat_map(|row| added.iter().map(|&c| row[c])).collect();
+                    Moments::of(&values, added.len())
+                }
+            });
+        }
+    }
+    let (mean, std) = moments.mean_std();
+    for (name, values) in [("norm.node.mean", mean), ("norm.node.std", std)] {
+        let tensor = model.tensors.get_mut(name).expect("a model has its normalisers");
+        tensor.data.extend(values);
+        tensor.shape = vec![new];
+    }
+    // A row of the first layer: the inputs that are fields, then the features that do not change with time.
+    let first = "encoder.node.0.weight";
+    let tensor = model.tensors.get_mut(first).expect("a model encodes its nodes");
+    let columns = tensor.shape[1];
+    let widened = tensor.data.chunks_exact(columns).flat_map(|row| {
+        let (fields, others) = row.split_at(old);
+        let zeros = std::iter::repeat_n(0.0, new - old);
+        fields.iter().copied().chain(zeros).chain(others.iter().copied())
+    });
+    tensor.data = widened.collect();
+    tensor.shape[1] += new - old;
+    model.spec.fields = spec.fields.clone();
+    model.spec.contact = spec.contact;
+    Model::new(model.spec, model.tensors)
+}

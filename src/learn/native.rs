@@ -1,0 +1,266 @@
+//! The native engine as a backend of the training: an example is one thread's work.
+
+use super::backend::{Backend, Batch, Example, Learned, Rollout};
+use super::config::TrainingConfig;
+use super::normaliser::Normaliser;
+use super::smoother::Smoother;
+use super::state::Stepper;
+use super::workload::Workload;
+use m4gn_engine as engine;
+use m4gn_engine::Precision;
+use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, ModelSpec};
+use m4gn_segments::graph::Graph;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// Network, graphs and threads.
+#[derive(Debug)]
+pub struct NativeBackend<'a> {
+    pub(crate) spec: ModelSpec,
+    pub(crate) work: &'a Workload,
+    pub(crate) stepper: Stepper,
+    pub(crate) network: Trainable,
+    workers: Vec<Worker>,
+    /// The graph of each training trajectory, and its reflection.
+    pub(crate) graphs: Vec<[TrainGraph; 2]>,
+    /// Noise of each component, physical units.
+    pub(crate) noise: Vec<f64>,
+    /// How many times smaller it may be in an example.
+    pub(crate) noise_spread: f64,
+    /// Of a history: the part of examples that came at another pace, and the share of another stride's change that is added.
+    pub(crate) history_pace: f64,
+    pub(crate) history_noise: f64,
+    /// First output, number of outputs, and weight of the loss of each predicted field.
+    pub(crate) groups: Vec<(usize, usize, f64)>,
+    pub(crate) through_unroll: bool,
+    /// Of each training trajectory, where the loss asks for the smooth part of errors.
+    pub(crate) smoothers: Vec<Smoother>,
+    /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
+    pub(crate) precision: Precision,
+    /// Nanoseconds of all threads: weights taken, forward, backward, sums.
+    clock: [AtomicU64; 4],
+}
+
+impl<'a> NativeBackend<'a> {
+    /// For a data set in memory, on this many threads.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a model that cannot be trained, or a graph that it does not know.
+    pub fn new(t: &TrainingConfig, spec: &ModelSpec, work: &'a Workload, threads: usize) -> Result<Self> {
+        let stepper = Stepper::new(spec, work.frames_a_step);
+        let c = stepper.components();
+        let name = |c: &usize| spec.fields[stepper.components().field[*c]].name.as_str();
+        let noise = (0..c.count).map(|i| match c.inputs.contains(&i) || spec.contact.is_some() {
+            true => t.noise.get(name(&i)).copied().unwrap_or(0.0),
+            false => 0.0,
+        });
+        let mut groups: Vec<(usize, usize, f64)> = Vec::new();
+        let mut last = usize::MAX;
+        for (row, i) in c.outputs.iter().enumerate() {
+            match groups.last_mut().filter(|_| c.field[*i] == last) {
+                Some(group) => group.1 += 1,
+                None => groups.push((row, 1, t.loss_weights.get(name(i)).copied().unwrap_or(1.0))),
+            }
+            last = c.field[*i];
+        }
+        let network = Trainable::new(spec, t.precision, None)?;
+        let stage = spec.architecture.segment_transformer().is_some();
+        let graphs = work.train.iter().map(|sample| {
+            let graph = |graph: &Graph, segments| TrainGraph::new(spec, graph, stage.then_some(segments));
+            Ok([
+                graph(&sample.graph, &sample.segments)?,
+                graph(&sample.reflected_graph(spec), &sample.reflected_segments(spec))?,
+            ])
+        });
+        Ok(NativeBackend {
+            graphs: graphs.collect::<Result<_>>()?,
+            workers: (0..threads.max(1)).map(|_| network.worker()).collect(),
+            network,
+            noise: noise.collect(),
+            noise_spread: t.noise_spread,
+            history_pace: if spec.has_history() { t.history_pace } else { 0.0 },
+            history_noise: t.history_noise,
+            smoothers: match t.smooth_loss > 0.0 {
+                true => work
+                    .train
+                    .iter()
+                    .map(|s| Smoother::new(&s.graph, t.smooth_hops, t.smooth_loss))
+                    .collect(),
+                false => Vec::new(),
+            },
+            groups,
+            through_unroll: t.unroll_gradient,
+            precision: t.precision,
+            clock: Default::default(),
+            spec: spec.clone(),
+            work,
+            stepper,
+        })
+    }
+
+    /// Bytes of the packed weights, of a thread without its tapes, and of each tape.
+    pub fn memory(&self) -> (usize, usize, usize) {
+        let each = self.workers.iter().map(|w| self.network.memory(w));
+        each.fold((0, 0, 0), |a, b| (a.0.max(b.0), a.1.max(b.1), a.2.max(b.2)))
+    }
+
+    /// Seconds of all threads since the clock was started: weights taken, forward, backward, sums.
+    pub fn clock(&self) -> [f64; 4] {
+        std::array::from_fn(|i| self.clock[i].load(Ordering::Relaxed) as f64 * 1e-9)
+    }
+
+    /// Starts the clock anew.
+    pub fn restart_clock(&self) {
+        self.clock.iter().for_each(|c| c.store(0, Ordering::Relaxed));
+    }
+
+    /// Does `task` for each of n on the threads; results in order.
+    pub(crate) fn each<R: Send>(
+        &mut self,
+        n: usize,
+        task: impl Fn(&Self, &mut Worker, usize) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        let mut workers = std::mem::take(&mut self.workers);
+        let done = share_out(&mut workers, n, |worker, i| task(self, worker, i));
+        self.workers = workers;
+        done
+    }
+
+    /// Does `task`, which needs nothing of a thread, for each of n on the threads; results in order.
+    pub fn on_threads<R: Send>(&self, n: usize, task: impl Fn(usize) -> Result<R> + Sync) -> Result<Vec<R>> {
+        let mut threads = vec![(); self.workers.len()];
+        share_out(&mut threads, n, |_, i| task(i))
+    }
+
+    /// The model with these weights.
+    pub fn model(&self, weights: &[f32], normaliser: &Normaliser) -> Model {
+        let mut tensors = self.network.layout().unflatten(weights);
+        tensors.extend(normaliser.tensors());
+        Model {
+            spec: self.spec.clone(),
+            tensors,
+        }
+    }
+
+    pub(crate) fn lap(&self, phase: usize, since: Instant) -> Instant {
+        let now = Instant::now();
+        self.clock[phase].fetch_add((now - since).as_nanos() as u64, Ordering::Relaxed);
+        now
+    }
+}
+
+/// Does `task` for each of n, whoever is free the next one; results in order. A panic becomes an error.
+fn share_out<S: Send, R: Send>(
+    workers: &mut [S],
+    n: usize,
+    task: impl Fn(&mut S, usize) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<Option<Result<R>>>> = Mutex::new((0..n).map(|_| None).collect());
+    let work = |worker: &mut S| {
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            if i >= n {
+                break;
+            }
+            let result = catch_unwind(AssertUnwindSafe(|| task(worker, i))).unwrap_or_else(|panic| {
+                let text = panic.downcast_ref::<String>().map(String::as_str);
+                let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
+                Err(Error::Internal(
+                    text.unwrap_or("a panic without a message").into(),
+                ))
+            });
+            if let Ok(mut done) = done.lock() {
+                done[i] = Some(result);
+            }
+        }
+    };
+    let most = workers.len().min(n.max(1));
+    match &mut workers[..most] {
+        [own] => work(own),
+        [own, others @ ..] => std::thread::scope(|scope| {
+            for worker in others {
+                scope.spawn(|| work(worker));
+            }
+            work(own);
+        }),
+        [] => {}
+    }
+    let done = done.into_inner().unwrap_or_default();
+    done.into_iter()
+        .map(|r| r.unwrap_or_else(|| Err(Error::Internal("a training thread ended early".into()))))
+        .collect()
+}
+
+impl Backend for NativeBackend<'_> {
+    fn name(&self) -> String {
+        let precision = self.precision.name();
+        let isa = engine::Isa::detect();
+        let advice = match self.precision == Precision::Bf16 && !isa.bf16_pays() {
+            true => "; fp32 is faster on this processor",
+            false => "",
+        };
+        format!(
+            "{} threads of the native engine ({precision}, {}{advice})",
+            self.workers.len(),
+            isa.name()
+        )
+    }
+
+    fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned> {
+        let began = Instant::now();
+        if batch.learn {
+            self.network.load(weights);
+        }
+        self.lap(0, began);
+        let scales = normaliser.scales();
+        // An example's share of the batch: its piece's, by cells.
+        let shares: Vec<f64> = batch
+            .examples
+            .chunks(batch.micro)
+            .flat_map(|piece| {
+                let cells = |e: &Example| self.work.train[e.sample].n_cells() as f64;
+                let all: f64 = piece.iter().map(cells).sum();
+                let part = piece.len() as f64 / batch.total as f64;
+                piece.iter().map(move |e| e.weight * part * cells(e) / all)
+            })
+            .collect();
+        let pieces = self.each(batch.examples.len(), |backend, worker, i| {
+            backend.learn_one(worker, &scales, &batch.examples[i], batch, shares[i])
+        });
+        let began = Instant::now();
+        let mut sum = Learned {
+            gradient: batch.learn.then(|| vec![0.0; weights.len()]),
+            losses: vec![0.0; self.groups.len()],
+            moments: batch.accumulate.then(|| Normaliser::new(&self.spec)),
+        };
+        for piece in pieces? {
+            if let (Some(sum), Some(gradient)) = (&mut sum.gradient, piece.gradient) {
+                sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += g);
+            }
+            sum.losses
+                .iter_mut()
+                .zip(piece.losses)
+                .for_each(|(sum, l)| *sum += l);
+            if let (Some(sum), Some(moments)) = (&mut sum.moments, piece.moments) {
+                sum.add(&moments);
+            }
+        }
+        self.lap(3, began);
+        Ok(sum)
+    }
+
+    fn roll_out(
+        &mut self,
+        weights: &[f32],
+        normaliser: &Normaliser,
+        plan: &[Rollout],
+    ) -> Result<Vec<Vec<(f64, f64)>>> {
+        let model = self.model(weights, normaliser);
+        self.on_threads(plan.len(), |i| self.roll_one(&model, &plan[i]))
+    }
+}

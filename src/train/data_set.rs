@@ -1,0 +1,339 @@
+//! The data set, in memory as far as there is room, and the model description that follows from it.
+
+use super::config::Config;
+use super::memory;
+use super::recorded::read_within;
+use super::report::Report;
+use super::widen;
+use m4gn_data as dataset;
+use m4gn_data::{Split, Trajectory};
+use m4gn_learn::Workload;
+use m4gn_learn::inputs;
+use m4gn_learn::samples::Sample;
+use m4gn_mesh::NodeType;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Extent, FieldSpec, ModalOperator, Model, ModelSpec, SegmentSpec, TrainedOn};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Reads all trajectories, their frames into memory as far as `room` bytes hold them.
+pub(super) fn load(
+    folder: &Path,
+    config: &Config,
+    from: Option<&Model>,
+    room: u64,
+    report: &Report,
+    stop: &AtomicU8,
+) -> Result<(Workload, ModelSpec)> {
+    let paths = dataset::list(folder)?;
+    let mut train: Vec<Trajectory> = Vec::new();
+    let mut valid = Vec::new();
+    let mut types = Vec::new();
+    for path in paths {
+        let trajectory = Trajectory::open(&path)?;
+        check_kind(&trajectory, config)?;
+        types.extend(trajectory.node_types());
+        match trajectory.split() {
+            Split::Train => train.push(trajectory),
+            Split::Valid if valid.len() < config.training.validation_rollouts => valid.push(trajectory),
+            _ => {}
+        }
+    }
+    let Some(first) = train.first() else {
+        return Err(Error::file(
+            folder,
+            "no complete trajectory of split `train`: make some with `m4gn generate`",
+        ));
+    };
+    let mut spec = describe(config, first)?;
+    spec.node_types = NodeType::ALL.into_iter().filter(|t| types.contains(t)).collect();
+    if let Some(model) = from {
+        carry_on(&mut spec, model)?;
+        // No weight depends on how the mesh is agglomerated and cut.
+        let resolution = |spec: &ModelSpec| spec.resolution.map_or("off".into(), |m| format!("{m} m"));
+        let segments = |spec: &ModelSpec| serde_json::json!(spec.segments).to_string();
+        for (what, old, new) in [
+            ("resolution", resolution(&model.spec), resolution(&spec)),
+            ("segments", segments(&model.spec), segments(&spec)),
+        ] {
+            if old != new {
+                report.line(&format!(
+                    "note: {what}: {old} in the model to start from, {new} in the configuration, which counts"
+                ));
+            }
+        }
+    }
+    let unreached = config.training.unreached();
+    if config.training.steps > 0 && !unreached.is_empty() {
+        report.line(&format!(
+            "note: the training ends at step {}, and {}: shorten them as well, if that is not meant",
+            config.training.steps,
+            unreached.join("; ")
+        ));
+    }
+    // Now, not when a model is exported, hours later.
+    spec.check()?;
+    check_memory(&spec)?;
+    let frames = frames_a_step(first.times(), spec.stride, first.path())?;
+    let needed = 1 + frames * config.training.longest_unroll();
+    for trajectory in train.iter().chain(&valid) {
+        check(trajectory, &spec, frames)?;
+    }
+    let described = |trajectory: &Trajectory| {
+        let name = trajectory.path().file_name();
+        let name = name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        format!("{name} {}", trajectory.times().len())
+    };
+    // As the last stretch of a hybrid run may be.
+    let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
+    let left_out: Vec<String> = train
+        .iter()
+        .chain(&valid)
+        .filter(|t| short(t))
+        .map(described)
+        .collect();
+    train.retain(|t| !short(t));
+    valid.retain(|t| !short(t));
+    if let Some(first) = left_out.first() {
+        let many = left_out.len();
+        let note = format!(
+            "{many} with fewer frames than the {needed} that training.unroll and model.stride need, the first of them \
+             (name, frames) {first}"
+        );
+        if train.is_empty() {
+            return Err(Error::file(
+                folder,
+                format!("no trajectory to learn from but {note}"),
+            ));
+        }
+        report.line(&format!("note: trajectories left out: {note}"));
+    }
+    let names: Vec<String> = train.iter().chain(&valid).map(described).collect();
+    let total = train.len() + valid.len();
+    report.begin_loading(total as u64);
+    let mut left = room;
+    let mut read = |list: &[Trajectory]| -> Result<Vec<Arc<Sample>>> {
+        list.iter()
+            .map(|trajectory| {
+                if stop.load(Ordering::Relaxed) != 0 {
+                    return Err(Error::Interrupted(
+                        "interrupted while the data were read; nothing was written".into(),
+                    ));
+                }
+                let sample = read_within(trajectory, &spec, left)?;
+                if !sample.is_streamed() {
+                    left -= sample.frame_bytes();
+                }
+                report.loaded();
+                Ok(Arc::new(sample))
+            })
+            .collect()
+    };
+    // Those that are trained on first: their frames are needed at each step.
+    let (train, mut valid) = (read(&train)?, read(&valid)?);
+    report.end();
+    if valid.is_empty() {
+        report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
+        let count = config.training.validation_rollouts.max(1);
+        valid = train.iter().take(count).cloned().collect();
+    }
+    let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
+    spec.trained_on = TrainedOn::over(&extents, spec.stride);
+    let work = Workload {
+        train,
+        valid,
+        frames_a_step: frames,
+        names,
+    };
+    let (all, kept, streamed) = work.sizes();
+    report.line(&match streamed {
+        0 => format!("frames: {} in memory", memory::size(all)),
+        n => format!(
+            "frames: {} in all, {} of {} trajectories in memory; {n} are read frame by frame when a sample needs them \
+             (--memory GB sets what frames may take, here {})",
+            memory::size(all),
+            memory::size(kept),
+            total - n,
+            memory::size(room)
+        ),
+    });
+    Ok((work, spec))
+}
+
+/// Takes over the description of a model that is to be trained further.
+fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
+    let old = &model.spec;
+    let misfit = |what: &str, found: String, expected: String| {
+        Error::Input(format!(
+            "the model to start from has {what} {found}; configuration and data say {expected}: they must be the same"
+        ))
+    };
+    if let Some(kind) = spec.node_types.iter().find(|t| !old.node_types.contains(t)) {
+        let known: Vec<&str> = old.node_types.iter().map(|t| t.name()).collect();
+        return Err(misfit(
+            "the node types",
+            known.join(", "),
+            format!("{} as well", kind.name()),
+        ));
+    }
+    spec.node_types = old.node_types.clone();
+    if !inputs::follow(&old.fields, &spec.fields) {
+        let fields = |spec: &ModelSpec| format!("{:?}", spec.fields);
+        return Err(Error::Input(format!(
+            "the model to start from has model.fields {}; configuration and data say {}: they must be the same; only inputs that are \
+             not predicted may follow",
+            fields(old),
+            fields(spec)
+        )));
+    }
+    if widen::factor(&old.architecture, &spec.architecture).is_none() {
+        return Err(Error::Input(format!(
+            "the model to start from has [model] and [macro] {:?}; configuration and data say {:?}: they must be the same; only width \
+             and ffn_width may both be larger, the same whole number of times",
+            old.architecture, spec.architecture
+        )));
+    }
+    let pairs = [
+        ("model.stride", old.stride.to_string(), spec.stride.to_string()),
+        ("directions", old.dim.to_string(), spec.dim.to_string()),
+    ];
+    if let Some((what, found, expected)) = pairs.into_iter().find(|(_, found, expected)| found != expected) {
+        return Err(misfit(what, found, expected));
+    }
+    match inputs::follow_contact(old.contact, spec.contact) {
+        true => Ok(()),
+        false => {
+            let text = |contact| format!("{contact:?}");
+            Err(misfit("[contact]", text(old.contact), text(spec.contact)))
+        }
+    }
+}
+
+/// Whether weights, gradient, moments and their packed copies fit into this machine.
+fn check_memory(spec: &ModelSpec) -> Result<()> {
+    let sizes = Model::tensor_sizes(spec);
+    // Weights, two moments, average, best, gradient, and two packed copies.
+    let needed = sizes
+        .iter()
+        .map(|n| n.saturating_mul(32))
+        .fold(0usize, usize::saturating_add);
+    let have = memory::whole().map_or(usize::MAX, |bytes| bytes as usize);
+    if needed > have {
+        return Err(Error::Input(format!(
+            "the network of [model] and [macro] has {} million weights, which take {} GB to train; this machine has {} GB: \
+             a smaller width, or fewer layers",
+            needed / 32_000_000,
+            needed / 1_000_000_000,
+            have / 1_000_000_000
+        )));
+    }
+    Ok(())
+}
+
+/// Whether the trajectory is of the kind, at cells or at points, that the configuration is for.
+fn check_kind(trajectory: &Trajectory, config: &Config) -> Result<()> {
+    let message = match (trajectory.body(), &config.contact) {
+        (Some(_), None) => {
+            "is a trajectory at points (a deforming body): give the configuration a table [contact] with a radius"
+        }
+        (None, Some(_)) => {
+            "is a trajectory at cells: [contact] is for deforming bodies at points; leave the table out, or give a folder \
+             with trajectories at points only"
+        }
+        _ => return Ok(()),
+    };
+    Err(Error::file(trajectory.path(), message))
+}
+
+/// Whether a trajectory has the fields, the directions and the frame interval that the first one promised.
+fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()> {
+    let (path, times) = (trajectory.path(), trajectory.times());
+    let dim = trajectory.mesh().dim();
+    if dim != spec.dim {
+        return Err(Error::file(
+            path,
+            format!("{dim} solved directions, the first trajectory has {}", spec.dim),
+        ));
+    }
+    for field in &spec.fields {
+        let found = trajectory.field(&field.name)?;
+        if (found.vector, found.dimensions) != (field.vector, field.dimensions) {
+            return Err(Error::file(
+                path,
+                format!("no field `{}` of the kind in the first trajectory", field.name),
+            ));
+        }
+    }
+    if frames_a_step(times, spec.stride, path)? != frames {
+        return Err(Error::file(
+            path,
+            "its frame interval differs from the first trajectory's",
+        ));
+    }
+    Ok(())
+}
+
+/// What the data say about a model: dimensions, fields, and whose modes its segments are made of.
+fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
+    let mesh = first.mesh();
+    let fields = config.model.fields.iter().map(|wanted| {
+        let found = first.field(&wanted.name)?;
+        Ok(FieldSpec {
+            name: found.name.clone(),
+            vector: found.vector,
+            dimensions: found.dimensions,
+            input: wanted.input,
+            output: wanted.output,
+        })
+    });
+    let operator = match first.body() {
+        Some(_) => config.segments.operator,
+        None if config.segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
+        None => Some(ModalOperator::Laplacian),
+    };
+    Ok(ModelSpec {
+        format: 1,
+        dim: mesh.dim(),
+        stride: config.model.stride,
+        fields: fields.collect::<Result<_>>()?,
+        node_types: Vec::new(),
+        architecture: config.architecture()?,
+        contact: config.contact,
+        resolution: config.model.resolution,
+        segments: SegmentSpec {
+            operator,
+            ..config.segments.clone()
+        },
+        precision: config.training.precision,
+        trained_on: None,
+        calibration: None,
+        training: serde_json::Value::Null,
+    })
+}
+
+/// Frames in one model step: the stride over the frame interval, which must be a whole number.
+fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
+    let count = times.len();
+    if count < 2 {
+        return Err(Error::file(
+            path,
+            format!("{count} frames: at least two are needed to learn from"),
+        ));
+    }
+    let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
+    let uneven = times
+        .windows(2)
+        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
+    let steps = stride / interval;
+    if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
+        return Err(Error::file(
+            path,
+            format!(
+                "frames every {interval:.6} s{}: model.stride = {stride} s must be a multiple of an even interval",
+                if uneven { " on average, not evenly" } else { "" }
+            ),
+        ));
+    }
+    Ok(steps.round() as usize)
+}
