@@ -35,6 +35,7 @@ pub struct RideStep {
 #[allow(missing_docs)]
 pub struct RideAnswer {
     pub duration: f64,
+    pub delta_t: f64,
     pub solver_steps: i64,
     pub since: i64,
     pub action: i32,
@@ -42,6 +43,7 @@ pub struct RideAnswer {
     pub strides: i32,
     pub last_but_one: i32,
     pub fields: i32,
+    pub stepped: i32,
 }
 
 /// `m4gn_ride_quantity`
@@ -127,6 +129,7 @@ fn put(found: Answer, answer: *mut RideAnswer) -> Result<i32> {
     // SAFETY: the host's struct, or null.
     *unsafe { raw::reference_mut("answer", answer)? } = RideAnswer {
         duration: found.duration,
+        delta_t: found.delta_t,
         solver_steps: found.solver_steps,
         since: found.since,
         action,
@@ -134,6 +137,7 @@ fn put(found: Answer, answer: *mut RideAnswer) -> Result<i32> {
         strides: i32::try_from(found.strides).unwrap_or(i32::MAX),
         last_but_one: i32::from(found.last_but_one),
         fields: i32::from(found.fields),
+        stepped: i32::from(found.stepped),
     };
     Ok(0)
 }

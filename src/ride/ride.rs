@@ -38,7 +38,7 @@ pub struct Answer {
     pub action: Action,
     /// Which surrogate jumps.
     pub surrogate: usize,
-    /// Strides of the jump that are left.
+    /// Strides of the jump that are left; of [`Action::HandBack`] those that a run which is carried on from here takes: it was stopped.
     pub strides: usize,
     /// Of [`Action::Advance`]: time by which the stride advances, s.
     pub duration: f64,
@@ -50,6 +50,10 @@ pub struct Answer {
     pub fields: bool,
     /// Steps of the solver since the last jump; -1: there was none.
     pub since: i64,
+    /// Within a jump the solver's time step, s; else 0.
+    pub delta_t: f64,
+    /// Whether a surrogate has taken a stride, beside the solver or in its place.
+    pub stepped: bool,
 }
 
 /// A jump that is going on.
@@ -108,6 +112,8 @@ pub struct Ride<'a> {
     pub(crate) phase: Phase,
     /// As the host told last.
     pub(crate) step: Step,
+    /// Whether a surrogate has taken a stride.
+    pub(crate) stepped: bool,
     pub(crate) log: Log,
 }
 
@@ -174,6 +180,7 @@ impl<'a> Ride<'a> {
             handed_back: start.index,
             phase: Phase::Solving,
             step: start,
+            stepped: false,
             log,
             adapt,
             settings,
@@ -252,7 +259,9 @@ impl<'a> Ride<'a> {
         Answer {
             action,
             surrogate: jump.map_or(0, |jump| jump.surrogate),
-            strides: jump.map_or(0, |jump| jump.strides - jump.done),
+            strides: jump.map_or(0, |_| self.left().max(0) as usize),
+            delta_t: jump.map_or(0.0, |jump| jump.delta_t),
+            stepped: self.stepped,
             duration: 0.0,
             solver_steps: 0,
             last_but_one: false,
@@ -370,6 +379,7 @@ impl<'a> Ride<'a> {
         for rider in &mut self.riders {
             if anew || !rider.shadow.waiting {
                 let bad = rider.shadow.begin(rider.surrogate.as_mut(), &self.step, given)?;
+                self.stepped = true;
                 self.log.not_finite(&self.step.name, bad);
             }
         }
@@ -403,6 +413,7 @@ impl<'a> Ride<'a> {
                 given,
                 digits,
             )?;
+            self.stepped = true;
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
             found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
@@ -516,6 +527,7 @@ impl<'a> Ride<'a> {
         let mut predicted = old.clone();
         let bad = predict(rider.surrogate.as_mut(), given, &mut predicted)?;
         let mut used = bad.is_none();
+        self.stepped |= used;
         self.log.not_finite(&self.step.name, bad);
         if let Some(control) = rider.control.as_ref().filter(|_| used) {
             let pairs = predicted.iter().zip(&old);
