@@ -7,8 +7,6 @@
 
 #[macro_use]
 mod door;
-mod adapt;
-mod control;
 mod fields;
 mod fit;
 mod modes;
@@ -20,8 +18,6 @@ mod segments;
 mod session;
 mod solids;
 
-pub use adapt::AdaptReport;
-pub use m4gn_ride::control::StrideError;
 pub use modes::CsrData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;
