@@ -1,0 +1,444 @@
+//! States at uniform times and their inner products, which all ranks have.
+//!
+//! A state is kept as its difference from the first one. What never changes is therefore kept to the bit by every combination
+//! of states, and single precision is relative to what a field varies by, not to its level.
+
+use crate::layout::{Field, Weight, check};
+use m4gn_mesh::parallel::{Comm, everywhere, same_on_all_ranks};
+use m4gn_mesh::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Numbers that are worked on at a time, so that they stay in the first cache.
+const BLOCK: usize = 2048;
+
+/// How the numbers of snapshots are kept. Sums are in double precision with both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Storage {
+    /// 8 bytes a number.
+    #[default]
+    Double,
+    /// 4 bytes a number.
+    Single,
+}
+
+/// The differences of a field from its reference.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Values {
+    Double(Vec<f64>),
+    Single(Vec<f32>),
+}
+
+impl Values {
+    fn zeros(storage: Storage, n: usize) -> Self {
+        match storage {
+            Storage::Double => Values::Double(vec![0.0; n]),
+            Storage::Single => Values::Single(vec![0.0; n]),
+        }
+    }
+
+    fn set(&mut self, values: &[f64], reference: &[f64]) {
+        let pairs = values.iter().zip(reference);
+        match self {
+            Values::Double(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = x - r),
+            Values::Single(to) => to
+                .iter_mut()
+                .zip(pairs)
+                .for_each(|(d, (x, r))| *d = (x - r) as f32),
+        }
+    }
+
+    /// `out[i] += c * self[from + i]`.
+    fn add(&self, c: f64, from: usize, out: &mut [f64]) {
+        let to = from + out.len();
+        match self {
+            Values::Double(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * d),
+            Values::Single(v) => out
+                .iter_mut()
+                .zip(&v[from..to])
+                .for_each(|(o, d)| *o += c * f64::from(*d)),
+        }
+    }
+
+    /// Adds the products `other[i] * self[from + i]`.
+    fn dot(&self, sum: &mut Sum, other: &[f64], from: usize) {
+        let to = from + other.len();
+        match self {
+            Values::Double(v) => dot(sum, other, &v[from..to], |d| d),
+            Values::Single(v) => dot(sum, other, &v[from..to], f64::from),
+        }
+    }
+}
+
+/// A sum and what its rounding has left out: twice the digits, so that the order of the terms, and with it the number of ranks, does not
+/// show in the rounded sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sum(pub f64, pub f64);
+
+impl Sum {
+    fn add(&mut self, x: f64) {
+        let sum = self.0 + x;
+        let part = sum - self.0;
+        self.1 += (self.0 - (sum - part)) + (x - part);
+        self.0 = sum;
+    }
+
+    fn join(&mut self, other: Sum) {
+        self.add(other.0);
+        self.1 += other.1;
+    }
+}
+
+/// Adds the products of two arrays, eight sums side by side.
+fn dot<T: Copy>(sum: &mut Sum, a: &[f64], b: &[T], wide: impl Fn(T) -> f64) {
+    let (mut high, mut low) = ([0.0; 8], [0.0; 8]);
+    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
+    for (x, y) in a8.remainder().iter().zip(b8.remainder()) {
+        sum.add(x * wide(*y));
+    }
+    for (x, y) in a8.zip(b8) {
+        for i in 0..8 {
+            let term = x[i] * wide(y[i]);
+            let next = high[i] + term;
+            let part = next - high[i];
+            low[i] += (high[i] - (next - part)) + (term - part);
+            high[i] = next;
+        }
+    }
+    high.iter().zip(&low).for_each(|(h, l)| sum.join(Sum(*h, *l)));
+}
+
+/// Sums of the parts of all ranks. Collective.
+fn sum_all(comm: &Comm, parts: &[Sum]) -> Vec<f64> {
+    let local: Vec<f64> = parts.iter().flat_map(|s| [s.0, s.1]).collect();
+    let mut sums = vec![Sum::default(); parts.len()];
+    for of_rank in everywhere(comm, &local).chunks_exact(local.len().max(1)) {
+        for (sum, part) in sums.iter_mut().zip(of_rank.chunks_exact(2)) {
+            sum.join(Sum(part[0], part[1]));
+        }
+    }
+    sums.iter().map(|s| s.0 + s.1).collect()
+}
+
+/// One kept state.
+pub(crate) struct Entry {
+    /// Its time is this many intervals after the first sample's.
+    pub number: i64,
+    /// Its row in the tables of inner products.
+    pub slot: usize,
+    /// Of each field.
+    pub values: Vec<Values>,
+    /// Least value of each field over all ranks, where it is positive; infinite elsewhere.
+    pub least: Vec<f64>,
+}
+
+/// A combination of kept states: the weight of each, by its slot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Combination(pub(crate) Vec<f64>);
+
+/// The kept states, oldest first, `capacity` at most, with the inner products of each field.
+pub struct Snapshots {
+    comm: Comm,
+    fields: Vec<Field>,
+    storage: Storage,
+    capacity: usize,
+    pub(crate) reference: Vec<Vec<f64>>,
+    /// Square of the reference, of each field.
+    pub(crate) level: Vec<f64>,
+    pub(crate) entries: Vec<Entry>,
+    /// Of each field that is measured `capacity` times `capacity` inner products of differences from the reference, by slots.
+    pub(crate) products: Vec<Vec<f64>>,
+}
+
+impl Snapshots {
+    /// None yet. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for fields that are no state, or that differ between the ranks in more than their length.
+    pub fn new(comm: &Comm, fields: Vec<Field>, storage: Storage, capacity: usize) -> Result<Self> {
+        comm.agree(check(&fields))?;
+        let single = i64::from(storage == Storage::Single);
+        let options = [
+            ("number of fields of the linear surrogate", fields.len() as i64),
+            ("snapshots of the linear surrogate", capacity as i64),
+            ("storage of the linear surrogate", single),
+        ];
+        same_on_all_ranks(comm, &options)?;
+        let names: String = fields
+            .iter()
+            .map(|f| format!("{} {} {} {}\n", f.name, f.components, f.measured(), f.positive))
+            .collect();
+        comm.agree_with(Ok(()), &names)?;
+        Ok(Snapshots {
+            comm: comm.clone(),
+            reference: Vec::new(),
+            level: Vec::new(),
+            entries: Vec::new(),
+            products: fields
+                .iter()
+                .map(|f| vec![0.0; if f.measured() { capacity * capacity } else { 0 }])
+                .collect(),
+            fields,
+            storage,
+            capacity,
+        })
+    }
+
+    /// Bytes on this rank when all snapshots are there, one more to interpolate from included.
+    pub fn memory(&self) -> usize {
+        let numbers: usize = self.fields.iter().map(|f| f.len).sum();
+        let each = match self.storage {
+            Storage::Double => 8,
+            Storage::Single => 4,
+        };
+        let products: usize = self.products.iter().map(Vec::len).sum();
+        numbers * (self.capacity * each + 2 * 8) + products * 8
+    }
+
+    /// The fields of a state.
+    pub fn fields(&self) -> &[Field] {
+        &self.fields
+    }
+
+    /// The ranks that have the states.
+    pub fn comm(&self) -> &Comm {
+        &self.comm
+    }
+
+    pub(crate) fn storage(&self) -> Storage {
+        self.storage
+    }
+
+    /// Numbers of the kept states, ascending.
+    pub fn numbers(&self) -> impl Iterator<Item = i64> + '_ {
+        self.entries.iter().map(|e| e.number)
+    }
+
+    pub(crate) fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    pub(crate) fn slot(&self, number: i64) -> Option<usize> {
+        let found = self.entries.binary_search_by_key(&number, |e| e.number);
+        found.ok().map(|i| self.entries[i].slot)
+    }
+
+    /// Keeps a state; where there is no room, `spare` names the kept one (its place, oldest first) that goes. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of values than the fields have, a value that is not finite, or a number that is not above
+    /// all kept ones.
+    pub fn push(&mut self, number: i64, state: &[&[f64]], spare: impl Fn(&Self) -> usize) -> Result<()> {
+        let checked = self.check(number, state);
+        self.comm.agree(checked)?;
+        if self.reference.is_empty() {
+            self.set_reference(state.iter().map(|v| v.to_vec()).collect());
+        }
+        let mut entry = match self.entries.len() < self.capacity {
+            true => {
+                let used = |slot: &usize| self.entries.iter().any(|e| e.slot == *slot);
+                let slot = (0..self.capacity).find(|s| !used(s)).unwrap_or(0);
+                let values = self
+                    .fields
+                    .iter()
+                    .map(|f| Values::zeros(self.storage, f.len))
+                    .collect();
+                Entry {
+                    number,
+                    slot,
+                    values,
+                    least: Vec::new(),
+                }
+            }
+            false => self.entries.remove(spare(self).min(self.entries.len() - 1)),
+        };
+        entry.number = number;
+        for ((to, x), r) in entry.values.iter_mut().zip(state).zip(&self.reference) {
+            to.set(x, r);
+        }
+        let least = |(f, x): (&Field, &&[f64])| match f.positive {
+            true => -x.iter().copied().fold(f64::INFINITY, f64::min),
+            false => f64::NEG_INFINITY,
+        };
+        let mut negative: Vec<f64> = self.fields.iter().zip(state).map(least).collect();
+        self.comm.max_f64(&mut negative);
+        entry.least = negative.iter().map(|v| -v).collect();
+        self.add(entry);
+        Ok(())
+    }
+
+    /// Takes up a state that is later than all others, with its inner products. Collective.
+    pub(crate) fn add(&mut self, entry: Entry) {
+        self.entries.push(entry);
+        self.set_row(&sum_all(&self.comm, &self.local_row()));
+    }
+
+    fn check(&self, number: i64, state: &[&[f64]]) -> Result<()> {
+        if state.len() != self.fields.len() {
+            return Err(Error::Input(format!(
+                "linear: a state of {} fields: expected {}",
+                state.len(),
+                self.fields.len()
+            )));
+        }
+        for (f, x) in self.fields.iter().zip(state) {
+            if x.len() != f.len {
+                return Err(Error::Input(format!(
+                    "linear: field {}: {} values: expected {}",
+                    f.name,
+                    x.len(),
+                    f.len
+                )));
+            }
+            if let Some(i) = x.iter().position(|v| !v.is_finite()) {
+                return Err(Error::Input(format!(
+                    "linear: field {}: value {i} is {}: expected finite numbers",
+                    f.name, x[i]
+                )));
+            }
+        }
+        match self.entries.last() {
+            Some(last) if last.number >= number => Err(Error::Input(format!(
+                "linear: state number {number} after {}: expected a later one",
+                last.number
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Collective.
+    pub(crate) fn set_reference(&mut self, reference: Vec<Vec<f64>>) {
+        let square = |(f, x): (&Field, &Vec<f64>)| {
+            let mut sum = Sum::default();
+            let mut weighted = [0.0; BLOCK];
+            for from in (0..x.len()).step_by(BLOCK) {
+                let part = &x[from..x.len().min(from + BLOCK)];
+                let weighted = &mut weighted[..part.len()];
+                weighted.copy_from_slice(part);
+                weigh(f, from, weighted);
+                dot(&mut sum, weighted, part, |v| v);
+            }
+            sum
+        };
+        let squares: Vec<Sum> = self.fields.iter().zip(&reference).map(square).collect();
+        self.level = sum_all(&self.comm, &squares);
+        self.reference = reference;
+    }
+
+    /// This rank's part of the inner products of the last state with all, field by field.
+    fn local_row(&self) -> Vec<Sum> {
+        let n = self.entries.len();
+        let mut row = vec![Sum::default(); n * self.fields.len()];
+        let mut weighted = [0.0; BLOCK];
+        for (f, (field, sums)) in self.fields.iter().zip(row.chunks_exact_mut(n.max(1))).enumerate() {
+            if !field.measured() {
+                continue;
+            }
+            for from in (0..field.len).step_by(BLOCK) {
+                let weighted = &mut weighted[..(field.len - from).min(BLOCK)];
+                weighted.fill(0.0);
+                self.entries[n - 1].values[f].add(1.0, from, weighted);
+                weigh(field, from, weighted);
+                for (sum, e) in sums.iter_mut().zip(&self.entries) {
+                    e.values[f].dot(sum, weighted, from);
+                }
+            }
+        }
+        row
+    }
+
+    fn set_row(&mut self, row: &[f64]) {
+        let (n, c) = (self.entries.len(), self.capacity);
+        let slots: Vec<usize> = self.entries.iter().map(|e| e.slot).collect();
+        let last = slots[n - 1];
+        for (table, sums) in self.products.iter_mut().zip(row.chunks_exact(n)) {
+            if table.is_empty() {
+                continue;
+            }
+            for (&slot, sum) in slots.iter().zip(sums) {
+                table[last * c + slot] = *sum;
+                table[slot * c + last] = *sum;
+            }
+        }
+    }
+
+    /// Mean square of what field `f` varies by about its mean over these slots; 0 where that is rounding.
+    pub(crate) fn variation(&self, f: usize, slots: &[usize]) -> f64 {
+        let (t, c, m) = (&self.products[f], self.capacity, slots.len() as f64);
+        if t.is_empty() || slots.is_empty() {
+            return 0.0;
+        }
+        let squares: f64 = slots.iter().map(|s| t[s * c + s]).sum::<f64>() / m;
+        let mean: f64 = slots
+            .iter()
+            .map(|a| slots.iter().map(|b| t[a * c + b]).sum::<f64>())
+            .sum::<f64>()
+            / (m * m);
+        let rounding = f64::EPSILON * f64::EPSILON * 1e4 * self.level[f] + 16.0 * f64::EPSILON * squares;
+        match squares - mean {
+            v if v > rounding => v,
+            _ => 0.0,
+        }
+    }
+
+    /// Square of the difference of two combinations of states in field `f`.
+    pub(crate) fn distance(&self, f: usize, a: &Combination, b: &Combination) -> f64 {
+        let (t, c) = (&self.products[f], self.capacity);
+        if t.is_empty() {
+            return 0.0;
+        }
+        let d: Vec<(usize, f64)> = (0..c)
+            .map(|s| (s, a.0[s] - b.0[s]))
+            .filter(|(_, d)| *d != 0.0)
+            .collect();
+        let sum: f64 = d
+            .iter()
+            .map(|(i, x)| x * d.iter().map(|(j, y)| y * t[i * c + j]).sum::<f64>())
+            .sum();
+        sum.max(0.0)
+    }
+
+    /// The kept state of this number as a combination.
+    pub(crate) fn single(&self, number: i64) -> Option<Combination> {
+        let slot = self.slot(number)?;
+        let mut c = vec![0.0; self.capacity];
+        c[slot] = 1.0;
+        Some(Combination(c))
+    }
+
+    /// Field `f` of a combination of kept states. Values of a positive field are not below the least of these states.
+    pub(crate) fn combine(&self, f: usize, combination: &Combination, out: &mut [f64]) {
+        let used: Vec<(&Entry, f64)> = self
+            .entries
+            .iter()
+            .map(|e| (e, combination.0[e.slot]))
+            .filter(|(_, c)| *c != 0.0)
+            .collect();
+        for (b, block) in out.chunks_mut(BLOCK).enumerate() {
+            block.fill(0.0);
+            for (e, c) in &used {
+                e.values[f].add(*c, b * BLOCK, block);
+            }
+            for (o, r) in block.iter_mut().zip(&self.reference[f][b * BLOCK..]) {
+                *o += r;
+            }
+        }
+        if self.fields[f].positive {
+            let least = used.iter().map(|(e, _)| e.least[f]).fold(f64::INFINITY, f64::min);
+            out.iter_mut().for_each(|o| *o = o.max(least));
+        }
+    }
+}
+
+/// Values of a field from number `from` on times their weights.
+fn weigh(field: &Field, from: usize, values: &mut [f64]) {
+    if let Weight::Items(w) = &field.weight {
+        match field.components {
+            1 => values.iter_mut().zip(&w[from..]).for_each(|(v, w)| *v *= w),
+            n => values
+                .iter_mut()
+                .enumerate()
+                .for_each(|(i, v)| *v *= w[(from + i) / n]),
+        }
+    }
+}
