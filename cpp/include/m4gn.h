@@ -400,6 +400,29 @@ int32_t m4gn_ride_new(
     const m4gn_ride_step* start,
     m4gn_ride** ride);
 
+/* A surrogate of the host's own: a table, a fit, another library. */
+typedef struct m4gn_surrogate
+{
+    const char* name;           /* in messages and tables */
+    double stride;              /* time that a step advances, s */
+    int32_t n_fields;           /* fields that it advances */
+    const char* const* field_names;  /* [n_fields] */
+    const int32_t* field_components; /* [n_fields] 1 or 3 */
+    /* One step from the fields `in`, those of the call of the ride: `out` holds the advanced fields at the start, and is to hold
+     * them at its end. A status; M4GN_ERROR_NUMERICAL where there is no result. All ranks are called. */
+    int32_t (*step)(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out);
+    void* data;                 /* kept until the ride is freed, and handed to step */
+} m4gn_surrogate;
+
+/* Collective. As m4gn_ride_new, of such a surrogate, on the host's mesh; without adapt. */
+int32_t m4gn_ride_new_own(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
+    const m4gn_surrogate* surrogate,
+    const m4gn_mesh_data* mesh,
+    const char* options,
+    const m4gn_ride_step* start,
+    m4gn_ride** ride);
+
 /* Collective. */
 void m4gn_ride_free(m4gn_ride* ride);
 

@@ -11,6 +11,7 @@ mod fields;
 mod fit;
 mod modes;
 mod options;
+mod own;
 mod raw;
 mod recorder;
 mod ride;
@@ -19,6 +20,7 @@ mod session;
 mod solids;
 
 pub use modes::CsrData;
+pub use own::SurrogateData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;
 pub use ride::{RideAnswer, RideQuantity, RideStep};

@@ -183,6 +183,61 @@ void carriesOn()
     std::remove(path.c_str());
 }
 
+// A surrogate of the host's own: p grows by 1 in a stride
+int32_t grow(void* data, const m4gn_field* in, int32_t n, const m4gn_field_out* out, int32_t nOut)
+{
+    const int nCells = *static_cast<const int*>(data);
+    REQUIRE(n == 2 && nOut == 1 && std::string(in[1].name) == "p" && std::string(out[0].name) == "p");
+    for (int c = 0; c < nCells; ++c)
+    {
+        REQUIRE(out[0].cells[c] == in[1].cells[c]);
+        out[0].cells[c] += 1;
+    }
+    return in[1].cells[0] > 100 ? M4GN_ERROR_NUMERICAL : M4GN_OK;
+}
+
+void ridesOnItsOwn()
+{
+    Host host(R"({"mode": "observe"})");
+    int nCells = host.mesh.nCells();
+    const char* names[] = {"p"};
+    const int32_t components[] = {1};
+    m4gn_surrogate own{"growth", 0.01, 1, names, components, grow, &nCells};
+    const m4gn_ride_step start = host.now();
+    const char* options = R"({"mode": "replace", "solver_steps": 1, "surrogate_steps": 3})";
+    m4gn_ride* ride = nullptr;
+    m4gn::check(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride));
+    m4gn_ride_answer answer{};
+    host.time = dt*static_cast<double>(++host.index);
+    m4gn_ride_step now = host.now();
+    m4gn::check(m4gn_ride_solved(ride, &now, &answer));
+    m4gn::check(m4gn_ride_decide(ride, nullptr, nullptr, 0, &answer));
+    const auto fields = host.fields();
+    const m4gn_field_out out{"p", 1, host.p.data()};
+    const double before = host.p[0];
+    m4gn::check(m4gn_ride_stride(ride, fields.data(), 2, &out, 1, &answer));
+    REQUIRE(answer.action == M4GN_RIDE_ADVANCE && answer.strides == 2 && host.p[0] == before + 1);
+    now.time += answer.duration;
+    now.index += answer.solver_steps;
+    m4gn::check(m4gn_ride_advanced(ride, &now, &answer));
+    // Where it has no result, the jump ends, and the fields are as they were.
+    host.p[0] = 200;
+    m4gn::check(m4gn_ride_stride(ride, fields.data(), 2, &out, 1, &answer));
+    REQUIRE(answer.action == M4GN_RIDE_HAND_BACK && host.p[0] == 200);
+    REQUIRE(contains(m4gn_ride_text(ride, M4GN_RIDE_WARNING), "growth has no finite result"));
+    m4gn_ride_free(ride);
+
+    own.step = nullptr;
+    REQUIRE(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT && !ride);
+    own.step = grow;
+    own.n_fields = 0;
+    REQUIRE(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
+    own.n_fields = 1;
+    options = R"({"mode": "observe", "adapt": {"mode": "before"}})";
+    REQUIRE(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(m4gn_last_error(), "does not learn"));
+}
+
 void refuses()
 {
     Host host(R"({"mode": "replace", "solver_steps": 5, "surrogate_steps": 2})");
@@ -228,6 +283,7 @@ int main()
     observes();
     controls();
     carriesOn();
+    ridesOnItsOwn();
     refuses();
     return 0;
 }

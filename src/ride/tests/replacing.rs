@@ -53,8 +53,9 @@ fn the_schedule_ends_at_its_time_and_has_a_summary() {
     host.run().unwrap();
     assert_eq!(host.events, [Solved(5), Jumped(0, 3), Solved(20)]);
     let summary = host.ride.end();
-    assert!(summary.contains("\"replaced_fraction\": 1,"), "{summary}");
-    assert!(host.ride.take(crate::Text::Log).contains("replacedFraction = 1 (1.5 s of 1.5 s in 1 jumps"));
+    // Of the 1.9 s from its first step on.
+    assert!(summary.contains("\"replaced_fraction\": 0.789474,"), "{summary}");
+    assert!(host.ride.take(crate::Text::Log).contains("replacedFraction = 0.789474 (1.5 s of 1.9 s in 1 jumps"));
 }
 
 #[test]
