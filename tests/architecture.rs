@@ -58,7 +58,9 @@ fn openfoam_rooms() -> Rooms {
         } else if folder.join("build.rs").exists() {
             let text = read(folder.join("build.rs"));
             let includes = names(between(&text, ".includes([", "])"), &[',']);
-            let ours = includes.iter().filter_map(|i| i.trim_matches('"').strip_prefix("../"));
+            let ours = includes
+                .iter()
+                .filter_map(|i| i.trim_matches('"').strip_prefix("../"));
             let imports = ours.filter(|i| !i.contains('/')).map(str::to_owned).collect();
             rooms.insert(room, imports);
         }
@@ -76,10 +78,17 @@ fn no_room_of_openfoam_imports_itself_through_others() {
     let rooms = openfoam_rooms();
     for room in rooms.keys() {
         let mut reached = rooms[room].clone();
-        while let Some(next) = reached.iter().flat_map(|r| &rooms[r]).find(|r| !reached.contains(*r)) {
+        while let Some(next) = reached
+            .iter()
+            .flat_map(|r| &rooms[r])
+            .find(|r| !reached.contains(*r))
+        {
             reached.insert(next.clone());
         }
-        assert!(!reached.contains(room), "{room} imports itself through {reached:?}");
+        assert!(
+            !reached.contains(room),
+            "{room} imports itself through {reached:?}"
+        );
     }
 }
 
@@ -88,7 +97,9 @@ fn no_room_of_openfoam_imports_itself_through_others() {
 fn headers_of_openfoam_have_one_room() {
     let mut seen = BTreeMap::new();
     for room in openfoam_rooms().into_keys() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam").join(&room);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../openfoam")
+            .join(&room);
         for entry in fs::read_dir(folder).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
             if name.ends_with(".H") {

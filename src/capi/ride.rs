@@ -5,11 +5,11 @@ use super::fields::{read_fields, read_outputs};
 use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
+use m4gn_adapt as adapt;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_ride::{Action, Answer, Given, Network, Ride, RideSettings, Step, Surrogate, Text};
 use m4gn_step::{Field, FieldMut, Session, read_model};
-use m4gn_adapt as adapt;
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
@@ -166,7 +166,10 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         // Each rank has a clock of its own.
         wall: given.wall,
     };
-    let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);
+    let same = format!(
+        "time {:?} {:?} {:?} {}",
+        step.time, step.delta_t, step.end_time, step.index
+    );
     Ok((step, same))
 }
 
@@ -210,9 +213,12 @@ fn digest(comm: &Comm, path: &Path) -> Result<String> {
         true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
         false => Ok(Vec::new()),
     };
-    let hash = comm.agree(read)?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-    });
+    let hash = comm
+        .agree(read)?
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+        });
     let mut shared = vec![hash as i64];
     comm.broadcast(&mut shared);
     Ok(format!("{:016x}", shared[0] as u64))
@@ -240,7 +246,10 @@ unsafe fn new(
     start: *const RideStep,
 ) -> Result<RideHandle> {
     // SAFETY: passed on to the caller.
-    let comm = unsafe { raw::reference("session", session)? }.session.comm().clone();
+    let comm = unsafe { raw::reference("session", session)? }
+        .session
+        .comm()
+        .clone();
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
@@ -264,15 +273,20 @@ unsafe fn new(
         let same = format!("{same}\n{alike:?}\n{shared:?}");
         Ok(((mesh, settings, learning, start), same))
     };
-    door::together("m4gn_ride_new", &comm, read, |(mesh, settings, learning, start)| {
-        let borrowed = Borrowed(session);
-        let path = borrowed.model_path();
-        let path = path.ok_or_else(|| Error::Internal("a session without its model's path".into()))?;
-        let (digest, model) = (digest(&comm, path)?, read_model(&comm, path)?);
-        let learning = learning.map(|learning| (mesh.clone(), learning));
-        let network = Network::new(borrowed, model, digest, learning);
-        handle(&comm, Box::new(network), settings, &mesh, start)
-    })
+    door::together(
+        "m4gn_ride_new",
+        &comm,
+        read,
+        |(mesh, settings, learning, start)| {
+            let borrowed = Borrowed(session);
+            let path = borrowed.model_path();
+            let path = path.ok_or_else(|| Error::Internal("a session without its model's path".into()))?;
+            let (digest, model) = (digest(&comm, path)?, read_model(&comm, path)?);
+            let learning = learning.map(|learning| (mesh.clone(), learning));
+            let network = Network::new(borrowed, model, digest, learning);
+            handle(&comm, Box::new(network), settings, &mesh, start)
+        },
+    )
 }
 
 /// Of a surrogate of the host's own.
@@ -301,7 +315,10 @@ unsafe fn new_own(
         // SAFETY: passed on to the caller.
         let own = unsafe { Own::new(surrogate, comm.clone(), mesh.dim())? };
         if learning.is_some() {
-            return Err(Error::Input(format!("adapt: the surrogate {} does not learn", own.name())));
+            return Err(Error::Input(format!(
+                "adapt: the surrogate {} does not learn",
+                own.name()
+            )));
         }
         let alike = RideSettings {
             setup_seconds: 0.0,
@@ -310,9 +327,12 @@ unsafe fn new_own(
         let same = format!("{same}\n{alike:?}\n{}", own.shared());
         Ok(((mesh, settings, own, start), same))
     };
-    door::together("m4gn_ride_new_own", &comm, read, |(mesh, settings, own, start)| {
-        handle(&comm, Box::new(own), settings, &mesh, start)
-    })
+    door::together(
+        "m4gn_ride_new_own",
+        &comm,
+        read,
+        |(mesh, settings, own, start)| handle(&comm, Box::new(own), settings, &mesh, start),
+    )
 }
 
 fn handle(

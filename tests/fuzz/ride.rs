@@ -107,7 +107,13 @@ fn ride_states() {
     let mut session = none();
     // SAFETY: arrays of the lengths that the counts say.
     unsafe {
-        let made = m4gn_session_new(NO_MPI, &host.data, options(&json!({ "model": model })).as_ptr(), null(), &mut session);
+        let made = m4gn_session_new(
+            NO_MPI,
+            &host.data,
+            options(&json!({ "model": model })).as_ptr(),
+            null(),
+            &mut session,
+        );
         assert_eq!(made, 0, "{}", message());
     }
     let usual = |method: Option<&str>| {
@@ -148,13 +154,26 @@ fn ride_states() {
         let mut settings = usual(*method);
         match r.below(6) {
             0 if method.is_some() => {
-                let keys = ["window", "maxFrames", "steps", "batch", "learningRate", "noise", "heldBack", "budget", "start"];
+                let keys = [
+                    "window",
+                    "maxFrames",
+                    "steps",
+                    "batch",
+                    "learningRate",
+                    "noise",
+                    "heldBack",
+                    "budget",
+                    "start",
+                ];
                 settings["adapt"][*r.pick(&keys)] = match r.below(2) {
                     0 => Value::from(r.below(5)),
                     _ => r.real().into(),
                 };
             }
-            1 => settings[*r.pick(&["solverSteps", "surrogateSteps", "writePrecision", "unknown"])] = r.integer().into(),
+            1 => {
+                settings[*r.pick(&["solverSteps", "surrogateSteps", "writePrecision", "unknown"])] =
+                    r.integer().into()
+            }
             2 => settings[*r.pick(&["timeStart", "timeEnd", "setupSeconds"])] = r.real().into(),
             _ => {}
         }
@@ -218,7 +237,8 @@ fn control_figures() {
             .map(|_| StrideError {
                 error: figure(),
                 change: figure(),
-                size: figure(),
+                size: 0.0,
+                variation: figure(),
             })
             .collect();
         let factors = [figure(), figure()];

@@ -2,7 +2,9 @@
 // Each test program uses a part of it.
 #![allow(dead_code, unsafe_code)]
 
-use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep, SolidData};
+use m4gn::{
+    CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep, SolidData,
+};
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_model::Model;
