@@ -8,8 +8,8 @@ use m4gn_model::SegmentSpec;
 use m4gn_model::modal::{ModalOptions, ModalSolver};
 use m4gn_modes::Modal;
 use m4gn_modes::{Mass, laplacian, laplacian_modes};
-use m4gn_segments::graph::Graph;
-use m4gn_segments::segment;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::segment;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -18,8 +18,8 @@ use m4gn_model::modal::{ModalOptions, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
 use m4gn_modes::{laplacian_modes, laplacian_reference};
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{Segmentation, segment};
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, segment};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

@@ -72,7 +72,11 @@ impl Adaptation {
         let shipped = comm.agree(layout.flatten(model))?;
         let precision = settings.precision.agreed(model.spec.precision_of_runs(), &comm);
         let training = settings.training(&model.spec, &normaliser.scales().node.std, precision);
-        let window = Window::new(&settings, model.spec.stride, sample.graph.n_owned * sample.width);
+        let window = Window::new(
+            &settings,
+            model.spec.stride,
+            sample.structure.graph.n_owned * sample.width,
+        );
         let threads = settings.threads.unwrap_or_else(|| session.threads());
         let optimiser = Optimiser::new(shipped.clone(), training.betas, false).with_rule(
             training.optimiser,
@@ -138,7 +142,7 @@ impl Adaptation {
             frame[place * width..][..width].copy_from_slice(row);
         }
         sample.push(&self.learner.whole, &self.learner.spec, frame);
-        let size = sample.graph.n_owned * width;
+        let size = sample.structure.graph.n_owned * width;
         if let Some(stays) = window.thin() {
             let kept = stays.iter().enumerate().filter(|(_, stays)| **stays);
             let mut n = 0;

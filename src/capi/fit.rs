@@ -7,7 +7,7 @@ use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{ModalOperator, Model};
-use m4gn_segments as segments;
+use m4gn_structure as segments;
 use std::ffi::c_char;
 use std::path::{Path, PathBuf};
 
@@ -76,7 +76,7 @@ fn has_segments(path: &Path, comm: &Comm) -> Result<bool> {
     let mut has = [0i64];
     let read = match comm.is_root() {
         true => Model::read(path).map(|model| {
-            has[0] = i64::from(model.spec.architecture.segment_transformer().is_some());
+            has[0] = i64::from(model.spec.architecture.needs().segments);
         }),
         false => Ok(()),
     };
@@ -101,7 +101,7 @@ fn count_elastic(comm: &Comm, path: &Path) -> Result<i32> {
         true => Model::read(path).map(|model| {
             let spec = &model.spec.segments;
             let elastic = spec.operator == Some(ModalOperator::Elastic) && spec.method.uses_modes();
-            if elastic && model.spec.architecture.segment_transformer().is_some() {
+            if elastic && model.spec.architecture.needs().segments {
                 count[0] = spec.modes as i64;
             }
         }),

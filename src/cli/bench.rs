@@ -6,9 +6,10 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_step::Backend;
+use m4gn_structure::Structure;
 use m4gn_workbench::bench;
 use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Case, Runs, Shape, Source, Trial, Workload, machine, memory, work};
+use m4gn_workbench::bench::{Runs, Shape, Source, Trial, Workload, machine, memory, work};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -126,8 +127,10 @@ pub fn run(args: Args) -> Result<()> {
         Backend::Torch(device) => Some(device.as_deref()),
     };
     match (args.worker, backend) {
-        (true, None) => serve(&workload, |case| workload.engine(case, &options)),
-        (true, Some(device)) => serve(&workload, |case| workload.torch(case, device, args.threads)),
+        (true, None) => serve(&workload, |structure| workload.engine(structure, &options)),
+        (true, Some(device)) => serve(&workload, |structure| {
+            workload.torch(structure, device, args.threads)
+        }),
         (false, None) => measure(&workload, &args, &options),
         (false, Some(device)) => measure_torch(&workload, &args, device),
     }
@@ -185,18 +188,18 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     };
     let before = Memory::read();
     memory::restart_peak();
-    let case = workload.case()?;
+    let structure = workload.structure()?;
     let sizes = work::Sizes {
-        nodes: case.graph.n_owned,
-        cells: case.graph.n_cells,
-        edges: case.graph.senders.len(),
-        segments: case.segments.as_ref().map_or(0, |s| s.count),
+        nodes: structure.graph.n_owned,
+        cells: structure.graph.n_cells,
+        edges: structure.graph.senders.len(),
+        segments: structure.n_segments(),
     };
-    let description = workload.describe(&case.graph);
-    let (inputs, mut outputs) = workload.values(&case.graph)?;
-    let mut network = workload.engine(&case, &options)?;
+    let description = workload.describe(&structure.graph);
+    let (inputs, mut outputs) = workload.values(&structure.graph)?;
+    let mut network = workload.engine(&structure, &options)?;
     // A session keeps no graph beside its network.
-    drop(case);
+    drop(structure);
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
     let mut peak = machine::peak(&options);
     let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
@@ -345,9 +348,9 @@ fn print(f: &Value) {
 
 /// Time and memory of the model on libtorch.
 fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Result<()> {
-    let case = workload.case()?;
-    let (inputs, mut outputs) = workload.values(&case.graph)?;
-    let mut network = workload.torch(&case, device, args.threads)?;
+    let structure = workload.structure()?;
+    let (inputs, mut outputs) = workload.values(&structure.graph)?;
+    let mut network = workload.torch(&structure, device, args.threads)?;
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
     let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
     let peak = Memory::read().map(|m| m.peak as f64 / (1 << 20) as f64);
@@ -360,7 +363,7 @@ fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Resu
         step.count()
     );
     let figures = json!({
-        "network": workload.describe(&case.graph), "threads": args.threads, "steps": step.count(),
+        "network": workload.describe(&structure.graph), "threads": args.threads, "steps": step.count(),
         "ms_per_step": step.median(), "ms_least": step.least(),
         "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)], "peak_memory_mib": peak,
     });
@@ -368,12 +371,12 @@ fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Resu
 }
 
 /// A step of a network for another program.
-fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> Result<()> {
-    let case = workload.case()?;
-    let (inputs, mut outputs) = workload.values(&case.graph)?;
-    let mut network = make(&case)?;
+fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Structure) -> Result<N>) -> Result<()> {
+    let structure = workload.structure()?;
+    let (inputs, mut outputs) = workload.values(&structure.graph)?;
+    let mut network = make(&structure)?;
     network.forward(&workload.comm, &inputs, &mut outputs)?;
-    answer(workload.describe(&case.graph), || {
+    answer(workload.describe(&structure.graph), || {
         network.forward(&workload.comm, &inputs, &mut outputs)
     })
 }

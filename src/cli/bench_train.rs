@@ -61,7 +61,7 @@ fn device(backend: &str) -> Result<&str> {
 pub fn serve(trial: &Trial, backend: &str) -> Result<()> {
     let device = device(backend)?;
     let prepared = trial.prepare()?;
-    let graph = &prepared.work.train[0].graph;
+    let graph = &prepared.work.train[0].structure.graph;
     let mut optimiser = prepared.optimiser();
     let description = json!({
         "parameters": optimiser.weights.len(), "nodes": graph.n_owned, "edges": graph.senders.len(),
@@ -92,7 +92,7 @@ pub fn run(trial: &Trial, steps: Option<usize>, backend: &str, json: Option<&Pat
         ..EngineOptions::default()
     };
     let prepared = trial.prepare()?;
-    let graph = &prepared.work.train[0].graph;
+    let graph = &prepared.work.train[0].structure.graph;
     let described = serde_json::to_value(trial).map_err(|e| Error::Internal(e.to_string()))?;
     let mut torch = match (torch::library(), backend) {
         (Ok(_), _) => Some(TorchTrial::new(&described, device)?),

@@ -16,7 +16,7 @@ use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, sub};
 use m4gn_mesh::within::Within;
 use m4gn_mesh::{Error, Result};
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 
 /// Features of an edge in three directions, each with its length: of an edge of the mesh its vector at rest and what the
 /// deformation has added to that; of a world edge its vector at present; then whether it is a world edge.

@@ -7,8 +7,8 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};
 use m4gn_model::modal::{Modes, NoModes};
 use m4gn_model::{ModelSpec, SegmentMethod, SegmentSpec};
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{self as segments, Segmentation};
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{self as segments, Segmentation};
 
 /// Segments of this rank's part, and what a network reads of them. `modes` are those of the whole body; none where
 /// `spec` needs none. Collective; all ranks fail together.

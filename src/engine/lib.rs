@@ -40,8 +40,8 @@ use kernels::Bf16;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use network::Network;
 
 /// What advances the graph by one step: the native engine or another backend.
@@ -75,23 +75,18 @@ macro_rules! either {
 }
 
 impl Engine {
-    /// Prepares a model for this graph. `segments` may be none only for a model without a macro stage.
+    /// Prepares a model for this structure.
     ///
     /// # Errors
-    /// [`Error::Model`] when the model does not fit the graph (dimension, node types, segments);
+    /// [`Error::Model`] when the model does not fit the structure (dimension, node types, what it needs);
     /// [`Error::Input`] for a segmentation of another graph.
-    pub fn new(
-        model: &Model,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
-        options: &EngineOptions,
-    ) -> Result<Self> {
+    pub fn new(model: &Model, structure: &Structure, options: &EngineOptions) -> Result<Self> {
         let keep = if model.spec.contact.is_some() {
             0
         } else {
             processor::KEEP_ENCODED
         };
-        Self::with_limit(model, graph, segments, options, keep)
+        Self::with_limit(model, structure, options, keep)
     }
 
     /// Takes other edges between the same nodes, for graphs that change with time. The next step uses them.
@@ -106,27 +101,14 @@ impl Engine {
     /// As [`Engine::new`]; encoded edges are kept up to `keep_encoded` bytes.
     fn with_limit(
         model: &Model,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
+        structure: &Structure,
         options: &EngineOptions,
         keep_encoded: usize,
     ) -> Result<Self> {
-        check(model, graph)?;
+        check(model, &structure.graph)?;
         Ok(Engine(match options.precision {
-            Precision::Fp32 => Inner::Fp32(Box::new(Network::new(
-                model,
-                graph,
-                segments,
-                options,
-                keep_encoded,
-            )?)),
-            Precision::Bf16 => Inner::Bf16(Box::new(Network::new(
-                model,
-                graph,
-                segments,
-                options,
-                keep_encoded,
-            )?)),
+            Precision::Fp32 => Inner::Fp32(Box::new(Network::new(model, structure, options, keep_encoded)?)),
+            Precision::Bf16 => Inner::Bf16(Box::new(Network::new(model, structure, options, keep_encoded)?)),
         }))
     }
 

@@ -1,7 +1,7 @@
 //! The order of nodes within the engine: neighbours close to each other, so that what they gather is in cache, and
 //! nodes that wait for other ranks last.
 
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 
 /// A numbering of the owned nodes of a graph, and its edges in that numbering.
 #[derive(Clone, Debug)]

@@ -11,7 +11,6 @@ use m4gn_engine::Precision;
 use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_segments::graph::Graph;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -68,12 +67,10 @@ impl<'a> NativeBackend<'a> {
             last = c.field[*i];
         }
         let network = Trainable::new(spec, t.precision, None)?;
-        let stage = spec.architecture.segment_transformer().is_some();
         let graphs = work.train.iter().map(|sample| {
-            let graph = |graph: &Graph, segments| TrainGraph::new(spec, graph, stage.then_some(segments));
             Ok([
-                graph(&sample.graph, &sample.segments)?,
-                graph(&sample.reflected_graph(spec), &sample.reflected_segments(spec))?,
+                TrainGraph::new(spec, &sample.structure)?,
+                TrainGraph::new(spec, &sample.reflected(spec))?,
             ])
         });
         Ok(NativeBackend {
@@ -88,7 +85,7 @@ impl<'a> NativeBackend<'a> {
                 true => work
                     .train
                     .iter()
-                    .map(|s| Smoother::new(&s.graph, t.smooth_hops, t.smooth_loss))
+                    .map(|s| Smoother::new(&s.structure.graph, t.smooth_hops, t.smooth_loss))
                     .collect(),
                 false => Vec::new(),
             },

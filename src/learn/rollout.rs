@@ -7,6 +7,8 @@ use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::Model;
+use m4gn_structure::Structure;
+use std::borrow::Cow;
 
 /// How a rollout's state lags behind the recorded one, in the first predicted field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -83,23 +85,24 @@ impl NativeBackend<'_> {
     fn roll(&self, model: &Model, rollout: &Rollout, visit: &mut Visit) -> Result<()> {
         let sample = &self.work.valid[rollout.sample];
         let comm = Comm::serial();
-        let stage = self.spec.architecture.segment_transformer().is_some();
         let mut contact = sample.contact.clone();
         let frame = |step: usize| {
             let frame = rollout.frame + step * self.work.frames_a_step;
             self.stepper.frame(sample, frame, false)
         };
         let mut state = frame(0)?;
-        if let Some(contact) = &mut contact {
-            contact.update(&comm, self.stepper.parts(&state).0)?;
-        }
-        let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
-        let segments = stage.then_some(&sample.segments);
+        let structure = match &mut contact {
+            Some(contact) => Cow::Owned(Structure {
+                graph: contact.update(&comm, self.stepper.parts(&state).0)?.clone(),
+                segments: sample.structure.segments.clone(),
+            }),
+            None => Cow::Borrowed(&sample.structure),
+        };
         let options = EngineOptions {
             precision: self.precision,
             ..EngineOptions::default()
         };
-        let mut engine = Engine::new(model, graph, segments, &options)?;
+        let mut engine = Engine::new(model, &structure, &options)?;
         let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
         for step in 1..=rollout.steps {
             let next = frame(step)?;

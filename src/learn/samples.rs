@@ -9,11 +9,9 @@ use m4gn_mesh::{Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{Extent, FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::Segmentation;
-use m4gn_segments::coarse::Coarse;
-use m4gn_segments::graph::Graph;
 use m4gn_step::faces_seen_as_their_cells;
+use m4gn_structure::Structure;
+use m4gn_structure::coarse::Coarse;
 use std::borrow::Cow;
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -31,10 +29,8 @@ pub trait FrameSource: Debug + Send + Sync {
 /// One trajectory.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// Its graph; of a body at points at rest.
-    pub graph: Graph,
-    /// Its segments.
-    pub segments: Segmentation,
+    /// What the network lives on; of a body at points at rest.
+    pub structure: Structure,
     /// A body at points.
     pub contact: Option<ContactGraph>,
     /// Owner cell of each boundary node.
@@ -144,15 +140,13 @@ impl Sample {
             (Some(coarse), Some(labels)) => Some(coarse.labels_of_groups(mesh, labels, &comm)),
             (_, labels) => labels.map(<[i32]>::to_vec),
         };
-        let mut graph = Graph::new(nodes, &comm)?;
         let modal = Modal(segments.modal());
-        let mut cut = segments::segment(nodes, &mut graph, segments, &modal, &comm, labels.as_deref())?;
-        cut.encode(spec, nodes, &comm);
+        let structure = Structure::new(nodes, spec, segments, &modal, labels.as_deref(), &comm)?;
         let owners = nodes.boundary.iter().map(|b| b.owner as u32).collect();
         Ok(Sample {
             cell_size: cell_size(nodes, &comm),
             coarse,
-            ..Self::without_frames(graph, cut, owners, spec)
+            ..Self::without_frames(structure, owners, spec)
         })
     }
 
@@ -187,7 +181,7 @@ impl Sample {
         }
         let nodes = self.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
         let mut copies = Copies::new(nodes, spec);
-        let size = self.graph.n_owned * self.width;
+        let size = self.structure.graph.n_owned * self.width;
         self.frames.chunks_exact(size).for_each(|frame| copies.see(frame));
         let mut found = vec![false; self.copies.len()];
         copies.mark(&mut found);
@@ -210,32 +204,38 @@ impl Sample {
         let contact = ContactGraph::new(&part, radius, &comm)?;
         let settings = &spec.segments;
         let cut = match labels {
-            Some(labels) => {
-                m4gn_contact::segments::of_labels(&part, &contact, spec, settings, labels, &comm)?
-            }
+            _ if !spec.architecture.needs().segments => None,
+            Some(labels) => Some(m4gn_contact::segments::of_labels(
+                &part, &contact, spec, settings, labels, &comm,
+            )?),
             None => {
                 let modes = match settings.method.uses_modes() && settings.count > 1 {
                     true => Some(Modal::default().of_body(body, settings.mode_count())?),
                     false => None,
                 };
-                m4gn_contact::segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm)?
+                let modes = modes.as_ref();
+                Some(m4gn_contact::segments::segment(
+                    &part, &contact, spec, settings, modes, &comm,
+                )?)
             }
         };
-        let graph = contact.graph().clone();
-        let owners = vec![0; graph.n_owned - graph.n_cells];
+        let structure = Structure {
+            graph: contact.graph().clone(),
+            segments: cut,
+        };
+        let owners = vec![0; structure.graph.n_owned - structure.graph.n_cells];
         Ok(Sample {
             cell_size: cell_size(&part.mesh, &comm),
             contact: Some(contact),
             held: Some(body.types.iter().map(|t| *t == NodeType::Handle).collect()),
-            ..Self::without_frames(graph, cut, owners, spec)
+            ..Self::without_frames(structure, owners, spec)
         })
     }
 
-    fn without_frames(graph: Graph, segments: Segmentation, owners: Vec<u32>, spec: &ModelSpec) -> Self {
+    fn without_frames(structure: Structure, owners: Vec<u32>, spec: &ModelSpec) -> Self {
         let width = Components::new(spec).count;
         Sample {
-            graph,
-            segments,
+            structure,
             contact: None,
             copies: vec![false; owners.len() * width],
             owners,
@@ -255,7 +255,7 @@ impl Sample {
     /// # Errors
     /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
     pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
-        let size = self.graph.n_owned * self.width;
+        let size = self.structure.graph.n_owned * self.width;
         match &self.source {
             Some(source) => Ok(Cow::Owned(self.at_nodes(source.frame(frame)?))),
             None => Ok(Cow::Borrowed(&self.frames[frame * size..(frame + 1) * size])),
@@ -269,53 +269,28 @@ impl Sample {
 
     /// Bytes of all its frames in memory.
     pub fn frame_bytes(&self) -> u64 {
-        (self.n_frames * self.graph.n_owned * self.width * size_of::<f32>()) as u64
+        (self.n_frames * self.structure.graph.n_owned * self.width * size_of::<f32>()) as u64
     }
 
     /// Cells, or points of a body.
     pub fn n_cells(&self) -> usize {
-        self.graph.n_cells
+        self.structure.graph.n_cells
     }
 
     /// Nodes of the boundary, or points of the obstacle.
     pub fn n_boundary(&self) -> usize {
-        self.graph.n_owned - self.graph.n_cells
+        self.structure.graph.n_owned - self.structure.graph.n_cells
     }
 
-    /// Its segments, reflected in the second direction.
-    pub fn reflected_segments(&self, spec: &ModelSpec) -> Segmentation {
-        let mut segments = self.segments.clone();
-        let negate = |values: &mut [f32], width: usize, column: usize| {
-            let column = values.iter_mut().skip(column).step_by(width.max(1));
-            column.for_each(|v| *v = -*v);
+    /// Its structure reflected in the second direction; of a body at points at rest.
+    pub fn reflected(&self, spec: &ModelSpec) -> Structure {
+        let Some(contact) = &self.contact else {
+            return self.structure.reflected(spec);
         };
-        if spec.n_offset_features() > 0 {
-            negate(&mut segments.offsets, spec.n_offset_features(), 1);
-        }
-        let stage = spec.architecture.segment_transformer();
-        if let Some(stage) = stage.filter(|m| m.centroids) {
-            negate(
-                &mut segments.position,
-                spec.n_position_features(),
-                stage.rwse_steps + 1,
-            );
-        }
-        segments
-    }
-
-    /// The graph reflected in the second direction; of a body at points at rest.
-    pub fn reflected_graph(&self, spec: &ModelSpec) -> Graph {
-        if let Some(contact) = &self.contact {
-            return contact.reflected().graph().clone();
-        }
-        let mut graph = self.graph.clone();
-        let column = graph
-            .edge_features
-            .iter_mut()
-            .skip(1)
-            .step_by(spec.n_edge_features());
-        column.for_each(|v| *v = -*v);
-        graph
+        let mut reflected = self.structure.clone();
+        reflected.graph = contact.reflected().graph().clone();
+        reflected.reflect_segments(spec);
+        reflected
     }
 }
 

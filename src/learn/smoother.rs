@@ -6,7 +6,7 @@
 //! numbers and d the largest of these, the loss of an error e is `|e|^2 + weight |S^hops e|^2`. S is symmetric, so that the derivative is
 //! twice `e + weight S^hops S^hops e`.
 
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 
 /// Averages over neighbouring nodes of one graph, boundary nodes left out.
 #[derive(Clone, Debug, PartialEq)]

@@ -229,7 +229,7 @@ fn the_gradient_goes_from_body_to_body() {
         m4gn_contact::sample::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
         &spec,
     );
-    let edges = work.train[0].graph.senders.len();
+    let edges = work.train[0].structure.graph.senders.len();
     // Corners across the gap, both ways: eight of the free points of each.
     assert_eq!(edges, 2 * body.edges.len() + 2 * 12 + 2 * 8);
     let mut backend = NativeBackend::new(&training(), &spec, &work, 1).unwrap();

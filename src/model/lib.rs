@@ -15,7 +15,7 @@ pub mod tensor_file;
 mod tensors;
 mod trained_on;
 
-pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec};
+pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec, Needs};
 pub use calibration::{Calibration, Growth, RolloutErrors};
 pub use precision::Precision;
 pub use resolution::Resolution;

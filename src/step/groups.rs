@@ -4,7 +4,7 @@ use m4gn_engine::Forward;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{ModelSpec, Output};
-use m4gn_segments::coarse::Coarse;
+use m4gn_structure::coarse::Coarse;
 
 /// The groups, and what the network reads and writes there.
 pub struct OnGroups {

@@ -16,6 +16,7 @@ use m4gn_mesh::{Error, Mesh, NodeType, Result};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{Model, SegmentSpec, Solid, cell_size};
 use m4gn_modes::Modal;
+use m4gn_structure::Structure;
 
 type Vector = [f64; 3];
 
@@ -87,7 +88,7 @@ impl Moving {
                 None
             }
         };
-        let whole = spec.architecture.segment_transformer().is_some();
+        let whole = spec.architecture.needs().segments;
         // Every rank computes the same modes: bodies at points are small beside what ranks are for.
         let modes = match whole && settings.method.uses_modes() && settings.count > 1 {
             true => {
@@ -98,7 +99,7 @@ impl Moving {
         };
         let part = comm.agree(BodyPart::of_rank(&body, obstacle, &ranks, comm.rank()))?;
         let graph = ContactGraph::new(&part, radius, comm)?;
-        let cut = match whole {
+        let segments = match whole {
             true => Some(segments::segment(
                 &part,
                 &graph,
@@ -110,11 +111,14 @@ impl Moving {
             false => None,
         };
         let engine_options = options.engine(options.precision.agreed(model.spec.precision_of_runs(), comm));
-        let engine = Engine::new(model, graph.graph(), cut.as_ref(), &engine_options);
-        let engine = comm.agree(engine)?;
+        let structure = Structure {
+            graph: graph.graph().clone(),
+            segments,
+        };
+        let engine = comm.agree(Engine::new(model, &structure, &engine_options))?;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
         let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();
-        let cut = cut.map_or((0, Vec::new()), |s| {
+        let cut = structure.segments.map_or((0, Vec::new()), |s| {
             // The obstacle is the last one, and none of the body's.
             let count = s.count - usize::from(obstacle.is_some());
             (count, place.iter().map(|&i| s.node_segment[i]).collect())
@@ -154,8 +158,8 @@ impl Moving {
         options: &SessionOptions,
     ) -> Result<()> {
         let spec = &model.spec;
-        let cut = match spec.architecture.segment_transformer() {
-            Some(_) => {
+        let segments = match spec.architecture.needs().segments {
+            true => {
                 let (body, ranks) = mesh.whole_body(comm)?;
                 let part = BodyPart::of_rank(&body, mesh.obstacle.as_ref(), &ranks, comm.rank());
                 let part = comm.agree(part)?;
@@ -164,11 +168,14 @@ impl Moving {
                 let of_labels = segments::of_labels(&part, &self.graph, spec, settings, &own, comm)?;
                 Some(of_labels)
             }
-            None => None,
+            false => None,
+        };
+        let structure = Structure {
+            graph: self.graph.graph().clone(),
+            segments,
         };
         let settings = options.engine(options.precision.agreed(model.spec.precision_of_runs(), comm));
-        let engine = Engine::new(model, self.graph.graph(), cut.as_ref(), &settings);
-        self.engine = comm.agree(engine)?;
+        self.engine = comm.agree(Engine::new(model, &structure, &settings))?;
         if let Some(correction) = &mut self.correction {
             // The error is that of the weights from before.
             correction.forget();

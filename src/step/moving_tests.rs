@@ -4,7 +4,8 @@ use m4gn_contact::sample;
 use m4gn_engine::plain;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_model::sample::bodies;
-use m4gn_segments::Segmentation;
+use m4gn_structure::Segmentation;
+use m4gn_structure::graph::Graph;
 
 fn case() -> (Model, Body, Obstacle) {
     let mut spec = bodies();
@@ -34,6 +35,13 @@ fn graph_and_segments(model: &Model, body: &Body, obstacle: &Obstacle) -> (Conta
         .unwrap();
     let cut = segments::segment(&part, &graph, &model.spec, settings, Some(&modes), &comm).unwrap();
     (graph, cut)
+}
+
+fn structure(graph: &Graph, segments: &Segmentation) -> Structure {
+    Structure {
+        graph: graph.clone(),
+        segments: Some(segments.clone()),
+    }
 }
 
 /// The engine that takes new edges in each step against the plain loops on a graph made for that step.
@@ -84,7 +92,7 @@ fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstac
         );
         let graph = graph.update(&comm, &owned).unwrap();
         edges.push(graph.senders.len());
-        let plain = plain::forward(model, graph, Some(&cut), &inputs);
+        let plain = plain::forward(model, &structure(graph, &cut), &inputs);
         let before = displacement.clone();
         session.step_body(&mut displacement, [&now, &next]).unwrap();
         for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {
@@ -301,7 +309,7 @@ fn a_session_remembers_the_change_of_its_last_step() {
                 &mut inputs,
             );
             let graph = graph.update(&comm, &owned).unwrap();
-            let plain = plain::forward(&model, graph, Some(&cut), &inputs);
+            let plain = plain::forward(&model, &structure(graph, &cut), &inputs);
             before.clone_from(&u);
             session.step_body(&mut u, [&now, &next]).unwrap();
             let moved = session.projection().is_some_and(|report| report.points_moved > 0);

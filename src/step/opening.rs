@@ -9,9 +9,7 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, ModelSpec, SegmentSpec, cell_size};
 use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::{Record, Structure};
 use std::path::Path;
 
 /// Reads a model on the root and hands it to all ranks. Collective; all ranks fail together.
@@ -81,15 +79,15 @@ impl Session {
         }
         let groups = OnGroups::new(mesh, options.resolution.of(spec.resolution), spec, &comm)?;
         let nodes = network_nodes(mesh, groups.as_ref());
-        let preset = match spec.architecture.segment_transformer() {
-            Some(_) => preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm),
-            None => None,
+        let preset = match spec.architecture.needs().segments {
+            true => preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm),
+            false => None,
         };
-        if groups.is_some() && spec.architecture.segment_transformer().is_some() && preset.is_none() {
+        if groups.is_some() && spec.architecture.needs().segments && preset.is_none() {
             enough(mesh, nodes, &segment_spec, &comm)?;
         }
-        let (graph, segmentation) = cut(mesh, groups.as_ref(), spec, &segment_spec, preset, &comm)?;
-        let cell_segment = segmentation.as_ref().map_or(Vec::new(), |found| {
+        let structure = structure(mesh, groups.as_ref(), spec, &segment_spec, preset, &comm)?;
+        let cell_segment = structure.segments.as_ref().map_or(Vec::new(), |found| {
             let labels = &found.node_segment[..nodes.n_cells()];
             match &groups {
                 Some(groups) => groups.coarse.labels_of_cells(labels, &comm),
@@ -98,21 +96,19 @@ impl Session {
         });
         let mut handed_in = [i64::from(options.cell_segment.is_some())];
         comm.max_i64(&mut handed_in);
-        let segment_record = match &segmentation {
-            Some(_) if handed_in[0] == 0 => {
-                segments::Record::new(mesh, &segment_spec, &cell_segment, &comm)?.text()?
-            }
+        let segment_record = match &structure.segments {
+            Some(_) if handed_in[0] == 0 => Record::new(mesh, &segment_spec, &cell_segment, &comm)?.text()?,
             _ => String::new(),
         };
         let cell_size = cell_size(nodes, &comm);
-        let network = fixed(model, &graph, segmentation.as_ref(), options, &comm)?;
+        let network = fixed(model, &structure, options, &comm)?;
         let n_cells = mesh.n_cells();
         Ok(Session {
             comm,
             directions: mesh.directions.clone(),
             n_cells,
             n_boundary: mesh.boundary.len(),
-            n_segments: segmentation.as_ref().map_or(0, |s| s.count),
+            n_segments: structure.n_segments(),
             segment_record,
             cell_size,
             cell_segment,
@@ -145,8 +141,8 @@ impl Session {
             return moving.set_weights(&comm, mesh, model, (&self.segment_spec, labels), &self.options);
         }
         let (groups, labels) = (self.groups.as_ref(), Some(labels));
-        let (graph, segmentation) = cut(mesh, groups, &self.spec, &self.segment_spec, labels, &comm)?;
-        let network = fixed(model, &graph, segmentation.as_ref(), &self.options, &comm)?;
+        let structure = structure(mesh, groups, &self.spec, &self.segment_spec, labels, &comm)?;
+        let network = fixed(model, &structure, &self.options, &comm)?;
         self.network = Network::Fixed(network);
         Ok(())
     }
@@ -190,48 +186,42 @@ fn network_nodes<'a>(mesh: &'a Mesh, groups: Option<&'a OnGroups>) -> &'a Mesh {
     groups.map_or(mesh, |groups| &groups.coarse.mesh)
 }
 
-/// The graph of the network's nodes and, where the model that `spec` describes has them, their segments, by the labels of
-/// the cells if there are any. Collective; all ranks fail together.
-fn cut(
+/// What the network that `spec` describes lives on, cut by the labels of the cells if there are any. Collective; all ranks fail
+/// together.
+fn structure(
     mesh: &Mesh,
     groups: Option<&OnGroups>,
     spec: &ModelSpec,
     segment_spec: &SegmentSpec,
     labels: Option<&[i32]>,
     comm: &Comm,
-) -> Result<(Graph, Option<Segmentation>)> {
+) -> Result<Structure> {
     let nodes = network_nodes(mesh, groups);
-    let mut graph = Graph::new(nodes, comm)?;
-    if spec.architecture.segment_transformer().is_none() {
-        return Ok((graph, None));
-    }
     let of_groups = match (groups, labels) {
-        (Some(groups), Some(labels)) => Some(groups.labels(mesh, labels, comm)?),
+        (Some(groups), Some(labels)) if spec.architecture.needs().segments => {
+            Some(groups.labels(mesh, labels, comm)?)
+        }
         _ => None,
     };
     let labels = of_groups.as_deref().or(labels);
     let modes = Modal(segment_spec.modal());
-    let mut segmentation = segments::segment(nodes, &mut graph, segment_spec, &modes, comm, labels)?;
-    segmentation.encode(spec, nodes, comm);
-    Ok((graph, Some(segmentation)))
+    Structure::new(nodes, spec, segment_spec, &modes, labels, comm)
 }
 
 /// The network on edges that stay. Collective.
 fn fixed(
     model: &Model,
-    graph: &Graph,
-    segments: Option<&Segmentation>,
+    structure: &Structure,
     options: &SessionOptions,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
     let precision = options.precision.agreed(model.spec.precision_of_runs(), comm);
-    comm.agree(network(model, graph, segments, options, precision, comm))
+    comm.agree(network(model, structure, options, precision, comm))
 }
 
 fn network(
     model: &Model,
-    graph: &Graph,
-    segments: Option<&Segmentation>,
+    structure: &Structure,
     options: &SessionOptions,
     precision: Precision,
     comm: &Comm,
@@ -239,7 +229,7 @@ fn network(
     match &options.backend {
         Backend::Native => {
             let options = options.engine(precision);
-            Ok(Box::new(Engine::new(model, graph, segments, &options)?))
+            Ok(Box::new(Engine::new(model, structure, &options)?))
         }
         Backend::Torch(device) => {
             if options.precision == PrecisionChoice::Bf16 {
@@ -249,14 +239,14 @@ fn network(
             }
             let path = options.model.as_deref();
             let path = path.ok_or_else(|| Error::Input("backend torch needs the model's file".into()))?;
+            let graph = &structure.graph;
             let lengths = (
                 graph.n_owned * model.spec.n_field_inputs(),
                 graph.n_cells * model.spec.n_outputs(),
             );
             Ok(Box::new(TorchBackend::new(
                 path,
-                graph,
-                segments,
+                structure,
                 lengths,
                 device.as_deref(),
                 comm,

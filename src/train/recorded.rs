@@ -96,7 +96,7 @@ pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Resu
     let keep = sample.frame_bytes() <= room;
     let mut frames = Vec::new();
     if keep {
-        frames.reserve_exact(sample.n_frames * sample.graph.n_owned * sample.width);
+        frames.reserve_exact(sample.n_frames * sample.structure.graph.n_owned * sample.width);
     }
     let nodes = sample.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
     let (mut copies, mut ranges) = (Copies::new(nodes, spec), Ranges::new(spec));

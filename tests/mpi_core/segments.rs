@@ -7,8 +7,8 @@ use m4gn_mesh::{Mesh, NodeType, sample};
 use m4gn_model::modal::Modes;
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
 
 pub fn check(checks: &mut Checks) {
     let mut draw = Draw(1);

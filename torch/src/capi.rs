@@ -12,8 +12,8 @@ use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::{LIBRARY, TorchGraph};
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, Structure};
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
@@ -199,8 +199,9 @@ pub unsafe extern "C" fn m4gn_torch_load(
         let g = unsafe { &*graph };
         // SAFETY: the arrays have these lengths by this function's contract.
         let (graph, segments) = unsafe { (graph_of(g)?, segments_of(g)?) };
+        let structure = Structure { graph, segments };
         let device = parse_device(&device)?;
-        let loaded = Inference::new(path.as_ref(), &graph, segments.as_ref(), device)?;
+        let loaded = Inference::new(path.as_ref(), &structure, device)?;
         // SAFETY: not null, and writable by this function's contract.
         unsafe { *handle = Box::into_raw(Box::new(loaded)).cast() };
         Ok(())

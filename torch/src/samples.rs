@@ -6,8 +6,7 @@ use m4gn_contact::graph::{ContactGraph, MeshEdge};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::{Segmentation, Structure};
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
 
@@ -61,10 +60,14 @@ pub fn edge_width(spec: &ModelSpec) -> usize {
 }
 
 impl HostGraph {
-    /// Turns a serial graph and, for a model with a macro stage, its segments into index lists.
+    /// Turns a serial structure into index lists.
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know, or segments without what it reads of them.
-    pub fn new(graph: &Graph, segments: Option<&Segmentation>, spec: &ModelSpec) -> Result<Self> {
+    pub fn new(structure: &Structure, spec: &ModelSpec) -> Result<Self> {
+        let (graph, segments) = (
+            &structure.graph,
+            structure.segments_for(spec.architecture.needs())?,
+        );
         let none = Segmentation::default();
         let segments = segments.unwrap_or(&none);
         let nodes = graph.n_owned;
@@ -228,7 +231,7 @@ impl Sample {
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know.
     pub fn new(sample: &Arc<m4gn_learn::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
-        let mut host = HostGraph::new(&sample.graph, Some(&sample.segments), spec)?;
+        let mut host = HostGraph::new(&sample.structure, spec)?;
         // World edges come with each state.
         if let Some(contact) = &sample.contact {
             host.set_edges(contact.mesh_edges());

@@ -138,7 +138,7 @@ fn mesh(mesh: &Mesh, text: &mut String, figures: &mut Value) {
         mesh.boundary.len(),
         mesh.coupled.len()
     );
-    let parts = m4gn_segments::parts(mesh);
+    let parts = m4gn_structure::parts(mesh);
     if parts > 1 {
         let _ = writeln!(text, "parts       {parts}, which no face joins");
     }

@@ -9,8 +9,7 @@ use super::Forward;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::plugin::{Plugin, c_string};
 use m4gn_mesh::{Error, Result};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
 use std::ffi::{c_char, c_void};
 use std::path::Path;
 
@@ -77,8 +76,7 @@ impl TorchBackend {
     /// is of another version; what the library itself reports.
     pub fn new(
         model: &Path,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
+        structure: &Structure,
         lengths: (usize, usize),
         device: Option<&str>,
         comm: &Comm,
@@ -100,7 +98,7 @@ impl TorchBackend {
                 library.function::<Free>("m4gn_torch_free")?,
             )
         };
-        let described = describe(graph, segments);
+        let described = describe(structure);
         let mut handle = std::ptr::null_mut();
         let device = device.as_ref().map_or(std::ptr::null(), |d| d.as_ptr());
         // SAFETY: all pointers are valid for the call and the arrays have the lengths that the struct says.
@@ -145,9 +143,10 @@ impl Drop for TorchBackend {
     }
 }
 
-fn describe(graph: &Graph, segments: Option<&Segmentation>) -> TorchGraph {
+fn describe(structure: &Structure) -> TorchGraph {
+    let graph = &structure.graph;
     let n_edges = graph.senders.len();
-    let view = segments.filter(|v| v.count > 0);
+    let view = structure.segments.as_ref().filter(|v| v.count > 0);
     TorchGraph {
         n_cells: graph.n_cells as i64,
         n_owned: graph.n_owned as i64,

@@ -1,4 +1,5 @@
-//! Segments: METIS refined by SLIC on modes and positions (Algorithm 2), overlap, and their adjacency (eq. 10).
+//! The structure that networks live on: a graph, and its segments: METIS refined by SLIC on modes and positions (Algorithm 2),
+//! overlap, and their adjacency (eq. 10).
 //!
 //! Nothing here depends on the number of ranks: METIS sees the canonical numbering on the root, and SLIC's sums
 //! are integers.
@@ -16,12 +17,14 @@ mod quality;
 pub mod ranks;
 mod record;
 mod slic;
+mod structure;
 mod walk;
 
 pub use obstacle::obstacle_distance;
 pub use parts::parts;
 pub use quality::{Dissimilarity, Quality, quality};
 pub use record::{Record, misfit};
+pub use structure::Structure;
 
 use cell_graph::Root;
 use graph::Graph;
