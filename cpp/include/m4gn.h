@@ -391,6 +391,7 @@ typedef struct m4gn_ride_quantity
  *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
  *                               (a third of the time before time_start); writeModel: path of the adapted model, false
  *   write_precision 6           significant digits of tables and messages
+ *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)
  *   setup_seconds   0           wall time that making the session took, s: for the summary
  */
 int32_t m4gn_ride_new(
@@ -472,6 +473,9 @@ int32_t m4gn_ride_handed_back(
  * M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */
 int32_t m4gn_ride_save(m4gn_ride* ride, const char* path);
 int32_t m4gn_ride_load(m4gn_ride* ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer);
+
+/* Not collective. As much as fits of the text that the host keeps in a state, ended by a zero byte: to be read before a ride is made. */
+int32_t m4gn_ride_host(const char* path, char* text, int32_t size);
 
 enum
 {

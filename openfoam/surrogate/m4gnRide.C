@@ -8,10 +8,12 @@
 #include "m4gnSegmentField.H"
 #include "directionMixedFvPatchFields.H"
 #include "HashSet.H"
+#include "m4gnNodeTypes.H"
 #include "mixedFvPatchFields.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "SolverPerformance.H"
+#include "StringStream.H"
 #include "Time.H"
 #include "writeFile.H"
 
@@ -51,7 +53,7 @@ wordList names(const m4gnSession& session)
 std::string settings(const dictionary& dict)
 {
     wordHashSet own(m4gnRide::keys());
-    own.insert(wordList({"timeStart", "timeEnd", "name", "setupSeconds"}));
+    own.insert(wordList({"timeStart", "timeEnd", "name", "host", "setupSeconds"}));
     return m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc()));
 }
 
@@ -76,6 +78,29 @@ void mark(const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNo
               : patch.fixesValue();
         }
     }
+}
+
+//- What each patch was told to be, as a dictionary. Collective.
+std::string typesOf(const fvMesh& mesh, const m4gn_mesh_data& data)
+{
+    labelList types(mesh.boundaryMesh().nNonProcessor(), -1);
+    for (label facei = 0; facei < data.n_boundary; ++facei)
+    {
+        const word name(data.patch_names[data.boundary_patch[facei]]);
+        types[mesh.boundaryMesh().findPatchID(name)] = data.boundary_type[facei];
+    }
+    Pstream::listCombineGather(types, maxEqOp<label>());
+
+    std::string text;
+    forAll(types, patchi)
+    {
+        if (types[patchi] >= 0)
+        {
+            text += m4gn::quoted(mesh.boundaryMesh()[patchi].name()) + ' '
+              + m4gnNodeTypes::names.get(types[patchi]) + "; ";
+        }
+    }
+    return text;
 }
 
 fileName stateFile(const word& name, const Time& time)
@@ -279,6 +304,10 @@ Foam::m4gnRide::m4gnRide
     dictionary own(dict);
     own.set("name", name);
     own.set("setupSeconds", session.setupSeconds());
+    if (!session.nodes().atPoints())
+    {
+        own.set("host", string(typesOf(mesh, session.nodes().data())));
+    }
     own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
     if (own.subOrEmptyDict("adapt").getOrDefault<bool>("writeModel", false))
     {
@@ -287,7 +316,10 @@ Foam::m4gnRide::m4gnRide
         own.subDict("adapt").set("writeModel", string(dir/"adapted.safetensors"));
     }
 
-    const m4gn_ride_step start(now());
+    // It is made after the first step
+    m4gn_ride_step start(now());
+    start.time = mesh.time().startTime().value();
+    start.index = mesh.time().startTimeIndex();
     m4gn::check
     (
         m4gn_ride_new(session.handle(), &session.nodes().data(), settings(own).c_str(), &start, &ride_),
@@ -437,6 +469,25 @@ bool Foam::m4gnRide::stored(const word& name, const Time& time)
     bool found = Pstream::master() && isFile(stateFile(name, time), false);
     reduce(found, orOp<bool>());
     return found;
+}
+
+Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
+{
+    string text;
+    if (Pstream::master())
+    {
+        char found[8192] = "";
+        const fileName path(stateFile(name, time));
+        // What is damaged is refused when it is taken up
+        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK)
+        {
+            text = found;
+        }
+    }
+    Pstream::scatter(text);
+
+    IStringStream stream(text);
+    return dictionary(stream);
 }
 
 void Foam::m4gnRide::save()

@@ -8,7 +8,7 @@ use super::session::SessionHandle;
 use m4gn_adapt as adapt;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_ride::{Action, Answer, Given, Network, Ride, RideSettings, Step, Surrogate, Text};
+use m4gn_ride::{Action, Answer, Given, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
 use m4gn_step::{Field, FieldMut, Session, read_model};
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
@@ -263,6 +263,7 @@ unsafe fn new(
         // Each rank has threads and a clock of its own.
         let alike = RideSettings {
             adapt: None,
+            host: String::new(),
             setup_seconds: 0.0,
             ..settings.clone()
         };
@@ -321,6 +322,7 @@ unsafe fn new_own(
             )));
         }
         let alike = RideSettings {
+            host: String::new(),
             setup_seconds: 0.0,
             ..settings.clone()
         };
@@ -540,6 +542,16 @@ exports! {
             door::together("m4gn_ride_save", &comm, read, |path| handle.ride.save(path))?;
             Ok(0)
         })
+    }
+
+    /// What the host keeps in a state for itself.
+    fn m4gn_ride_host(path: *const c_char, text: *mut c_char, size: i32) -> i32, or |s| s; {
+        // SAFETY: the host's text and place, as the header says.
+        let (path, place) = unsafe {
+            (raw::text("path", path)?, raw::slice_mut("text", text, raw::count("size", size)?)?)
+        };
+        raw::put_text(&host_of(Path::new(path))?, place);
+        Ok(0)
     }
 
     /// Takes up a state.

@@ -62,6 +62,9 @@ pub struct RideSettings {
     /// Significant digits of tables and messages.
     #[serde(default = "precision")]
     pub write_precision: usize,
+    /// What the host keeps in the state for itself, any text ([`crate::host_of`]).
+    #[serde(default)]
+    pub host: String,
     /// Wall time that making the surrogates took, s: for the summary.
     #[serde(default)]
     pub setup_seconds: f64,

@@ -34,6 +34,8 @@ struct Description {
     totals: Totals,
     refused: bool,
     riders: Vec<Ridden>,
+    /// What the host keeps there.
+    host: String,
 }
 
 /// One surrogate in it.
@@ -67,6 +69,16 @@ struct Begun {
     finite: bool,
     /// Number of the part with the first field at the start; the others follow, then those at the end of the stride.
     part: usize,
+}
+
+/// What the host kept in a state (`host` of the settings). Not collective.
+///
+/// # Errors
+/// [`Error::File`] for what is no state of a ride, or is damaged.
+pub fn host_of(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e.to_string()))?;
+    let (found, _) = restart::read::<Description>(path, &bytes)?;
+    Ok(found.host)
 }
 
 impl Ride<'_> {
@@ -131,6 +143,7 @@ impl Ride<'_> {
             totals: self.totals.clone(),
             refused: self.log.refused,
             riders,
+            host: self.settings.host.clone(),
         };
         let written = match self.comm.is_root() {
             true => restart::write(path, &description, &parts),

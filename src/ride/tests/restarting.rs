@@ -1,6 +1,6 @@
 use super::hosting::{Event::*, Host, from};
 use crate::toy::{Toy, at};
-use crate::{Action, Given};
+use crate::{Action, Given, host_of};
 use m4gn_mesh::Error;
 
 fn schedules() -> Vec<(String, fn() -> Vec<Toy>)> {
@@ -100,7 +100,8 @@ fn a_run_that_was_stopped_in_a_jump_goes_on_with_the_rest_of_it() {
 
 #[test]
 fn states_that_do_not_fit_are_refused_by_name_and_change_nothing() {
-    let settings = r#"{"mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 3, "control": {"tolerance": 0.5}}"#;
+    let settings = r#"{"mode": "replace", "name": "test", "host": "a b", "solverSteps": 5, "surrogateSteps": 3,
+        "control": {"tolerance": 0.5}}"#;
     let folder = tempfile::tempdir().unwrap();
     let mut whole = Host::of(settings, vec![Toy::new(0.5)], 3.0);
     whole.folder = Some(folder.path().into());
@@ -123,11 +124,13 @@ fn states_that_do_not_fit_are_refused_by_name_and_change_nothing() {
         late.contains("the state at 2.1 s, and this run begins at 3 s"),
         "{late}"
     );
+    assert_eq!(host_of(&file).unwrap(), "a b");
     let bytes = std::fs::read(&file).unwrap();
     for (i, bit) in (0..bytes.len()).map(|i| (i, i % 8)) {
         let mut damaged = bytes.clone();
         damaged[i] ^= 1 << bit;
         std::fs::write(&file, &damaged).unwrap();
+        assert!(i % 50 > 0 || host_of(&file).is_err());
         let error = ride.load(&file, at(2.1, 0.1, 9.0, 21)).unwrap_err();
         assert!(matches!(error, Error::File { .. }), "{error}");
     }
