@@ -53,7 +53,7 @@ wordList names(const m4gnSession& session)
 std::string settings(const dictionary& dict)
 {
     wordHashSet own(m4gnRide::keys());
-    own.insert(wordList({"timeStart", "timeEnd", "name", "host", "setupSeconds"}));
+    own.insert(wordList({"timeStart", "timeEnd", "name", "model", "host", "setupSeconds"}));
     return m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc()));
 }
 
@@ -303,6 +303,7 @@ Foam::m4gnRide::m4gnRide
 {
     dictionary own(dict);
     own.set("name", name);
+    own.set("model", string(session.model()));
     own.set("setupSeconds", session.setupSeconds());
     if (!session.nodes().atPoints())
     {

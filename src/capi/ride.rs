@@ -9,7 +9,7 @@ use m4gn_adapt as adapt;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_ride::{Action, Answer, Given, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
-use m4gn_step::{Field, FieldMut, Session, read_model};
+use m4gn_step::{Field, FieldMut, Session};
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
@@ -207,23 +207,6 @@ impl RideHandle {
     }
 }
 
-/// FNV-1a of a model's file, as the first rank reads it. Collective; all ranks fail together.
-fn digest(comm: &Comm, path: &Path) -> Result<String> {
-    let read = match comm.is_root() {
-        true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
-        false => Ok(Vec::new()),
-    };
-    let hash = comm
-        .agree(read)?
-        .iter()
-        .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-        });
-    let mut shared = vec![hash as i64];
-    comm.broadcast(&mut shared);
-    Ok(format!("{:016x}", shared[0] as u64))
-}
-
 /// Settings of the ride, and of what its network learns.
 pub(super) fn settings(text: &str) -> Result<(RideSettings, Option<adapt::Settings>)> {
     let settings = RideSettings::parse(text)?;
@@ -263,6 +246,7 @@ unsafe fn new(
         // Each rank has threads and a clock of its own.
         let alike = RideSettings {
             adapt: None,
+            model: String::new(),
             host: String::new(),
             setup_seconds: 0.0,
             ..settings.clone()
@@ -279,12 +263,11 @@ unsafe fn new(
         &comm,
         read,
         |(mesh, settings, learning, start)| {
-            let borrowed = Borrowed(session);
-            let path = borrowed.model_path();
-            let path = path.ok_or_else(|| Error::Internal("a session without its model's path".into()))?;
-            let (digest, model) = (digest(&comm, path)?, read_model(&comm, path)?);
-            let learning = learning.map(|learning| (mesh.clone(), learning));
-            let network = Network::new(borrowed, model, digest, learning);
+            // SAFETY: passed on to the caller.
+        let model = unsafe { raw::reference("session", session)? }.model.clone();
+        let learning = learning.map(|learning| (mesh.clone(), learning));
+            let network = Network::new(Borrowed(session), model, settings.model.clone(), learning);
+        let network = comm.agree(network)?;
             handle(&comm, Box::new(network), settings, &mesh, start)
         },
     )

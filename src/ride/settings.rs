@@ -62,6 +62,9 @@ pub struct RideSettings {
     /// Significant digits of tables and messages.
     #[serde(default = "precision")]
     pub write_precision: usize,
+    /// Where the model is from, in messages and tables.
+    #[serde(default)]
+    pub model: String,
     /// What the host keeps in the state for itself, any text ([`crate::host_of`]).
     #[serde(default)]
     pub host: String,

@@ -101,19 +101,14 @@ fn seal(bytes: &mut [u8]) {
 #[test]
 fn ride_states() {
     let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
-    let model = root().join("tests/cabi/small.safetensors");
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
     let (_folder, path) = place("a.state");
     let name = CString::new(path.to_str().unwrap()).unwrap();
     let mut session = none();
     // SAFETY: arrays of the lengths that the counts say.
     unsafe {
-        let made = m4gn_session_new(
-            NO_MPI,
-            &host.data,
-            options(&json!({ "model": model })).as_ptr(),
-            null(),
-            &mut session,
-        );
+        let made = m4gn_session_new(NO_MPI, &host.data, model, null(), null(), &mut session);
+        m4gn_model_free(model);
         assert_eq!(made, 0, "{}", message());
     }
     let usual = |method: Option<&str>| {
