@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What other function objects see of time in a run with jumps, and what Time is told: averages weigh times as they are, wherever in the list
-# they stand; what they keep for a restart is at each written time; an edited deltaT is heeded; a run that is stopped in a jump goes on with
-# the rest of it; with timeEnd there are totals.
+# they stand; what they keep for a restart is at each written time; deltaT and stopAt that are edited in a jump are heeded behind it; with
+# timeEnd there are totals.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
@@ -75,14 +75,13 @@ begin
 { echo "$surrogate"; edit 0.59 's/^stopAt .*/stopAt nextWrite;/'; } > functions
 mv functions system
 runs icoFoam
-[ ! -d 0.7 ] || fail "the run was not stopped"
+[ ! -d 0.85 ] || fail "the run was not stopped"
 cp system/controlDict.before system/controlDict
 last=$(find . -maxdepth 1 -name '0.*' | sed 's,./,,' | sort -g | tail -n 1)
 sed -i "s/^startTime .*/startTime $last;/" system/controlDict
 echo "$surrogate" > system/functions
 runs icoFoam
-grep -q 'in a jump of which [1-4] steps are left' log.run || fail "carried on at $last, no strides were left"
-cmp 1.1/U ../behind/1.1/U || fail "a run that was stopped in a jump at $last is another one"
+cmp 1.1/U ../behind/1.1/U || fail "a run that was stopped at $last is another one"
 
 # Totals where the surrogate ends before the run
 sed -i 's/^runTimeModifiable .*/runTimeModifiable no;/' system/controlDict
