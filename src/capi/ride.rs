@@ -264,10 +264,10 @@ unsafe fn new(
         read,
         |(mesh, settings, learning, start)| {
             // SAFETY: passed on to the caller.
-        let model = unsafe { raw::reference("session", session)? }.model.clone();
-        let learning = learning.map(|learning| (mesh.clone(), learning));
+            let model = unsafe { raw::reference("session", session)? }.model.clone();
+            let learning = learning.map(|learning| (mesh.clone(), learning));
             let network = Network::new(Borrowed(session), model, settings.model.clone(), learning);
-        let network = comm.agree(network)?;
+            let network = comm.agree(network)?;
             handle(&comm, Box::new(network), settings, &mesh, start)
         },
     )

@@ -241,11 +241,11 @@ pub fn see_as_cells(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     /// U (vector) and p (scalar).
     fn fields() -> Vec<FieldSpec> {
-        m4gn_model::sample::spec().fields
+        m4gn_samples::model::spec().fields
     }
 
     #[test]
