@@ -152,16 +152,6 @@ impl Boundary {
         }
     }
 
-    /// Boundary faces, or points of an obstacle.
-    pub fn len(&self) -> usize {
-        self.faces.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.faces.is_empty()
-    }
-
     /// Owner cell of each face.
     pub fn owners(&self) -> impl Iterator<Item = usize> {
         self.faces.iter().map(|face| face.owner as usize)
