@@ -3,7 +3,7 @@
 //!
 //! A change of these bits is a change of every user's results: it needs a reason that is written down with the new digests.
 
-use m4gn_contact::sample as bodies;
+use m4gn_domain::body::sample as bodies;
 use m4gn_engine::Isa;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;

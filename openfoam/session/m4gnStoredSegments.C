@@ -233,7 +233,12 @@ const Foam::wordList& Foam::m4gnStoredSegments::choices()
     return words;
 }
 
-bool Foam::m4gnStoredSegments::use(const std::string& options, const word& choice)
+bool Foam::m4gnStoredSegments::use
+(
+    const m4gnModel* model,
+    const std::string& options,
+    const word& choice
+)
 {
     if (from_.empty())
     {
@@ -278,6 +283,7 @@ bool Foam::m4gnStoredSegments::use(const std::string& options, const word& choic
             (
                 m4gn::communicator(),
                 &data,
+                model ? model->handle() : nullptr,
                 options.c_str(),
                 cells_.size() ? cells_.cdata() : &none,
                 record.c_str(),

@@ -222,12 +222,15 @@ impl Settings {
             column += n;
         }
         let own = |key: &str| spec.training.pointer(&format!("/config/training/{key}"));
-        if let (Some(_), Some(trained)) = (spec.contact, own("noise").and_then(|n| n.as_object())) {
-            // What moves is not an input by itself: as much noise as the model was trained with.
+        if let Some(trained) = own("noise").and_then(|n| n.as_object()) {
+            // What is read and no input by itself: as much noise as the model was trained with.
             let usable = |v: &serde_json::Value| v.as_f64().filter(|v| v.is_finite() && *v >= 0.0);
-            let known = trained
-                .iter()
-                .filter(|(name, _)| spec.fields.iter().any(|f| f.name == **name));
+            let moved = |name: &str| {
+                spec.fields
+                    .iter()
+                    .any(|f| f.name == name && spec.reads(f) && !f.input)
+            };
+            let known = trained.iter().filter(|(name, _)| moved(name));
             noise.extend(known.filter_map(|(name, v)| Some((name.clone(), usable(v)?))));
         }
         let of_losses = own("loss_weights");

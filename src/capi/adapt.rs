@@ -6,7 +6,6 @@ use super::raw::{self, FieldData, MeshData};
 use super::session::SessionHandle;
 use m4gn_adapt::{Adaptation, Outcome, Settings};
 use m4gn_mesh::{Error, Result};
-use m4gn_step::read_model;
 use std::ffi::c_char;
 use std::path::Path;
 
@@ -95,11 +94,8 @@ unsafe fn new(
         Ok(((mesh, settings), format!("{shared:?}")))
     };
     door::together("m4gn_adapt_new", &comm, read, |(mesh, settings)| {
-        let path = session.session.model_path();
-        let path = path.ok_or_else(|| Error::Internal("a session without its model's path".into()))?;
-        let model = read_model(&comm, path)?;
         Ok(AdaptHandle {
-            adaptation: Adaptation::new(&session.session, &mesh, &model, settings)?,
+            adaptation: Adaptation::new(&session.session, &mesh, &session.model, settings)?,
             broken: false,
         })
     })

@@ -1,4 +1,4 @@
-//! The C ABI, `cpp/include/m4gn.h`: the only exported symbols of `libm4gn.so`.
+//! The C ABI, `include/m4gn.h`: the only exported symbols of `libm4gn.so`.
 //!
 //! Every export goes through one guarded door ([`door`]): floating-point traps are off inside, panics stop, and an
 //! error becomes a status with its message kept for `m4gn_last_error`. What a pointer must be is said in the header;
@@ -11,6 +11,7 @@ mod adapt;
 mod control;
 mod fields;
 mod fit;
+mod model;
 mod modes;
 mod options;
 mod raw;
@@ -30,7 +31,7 @@ pub use session::{FieldInfo, ProjectionData};
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 11;
+pub const ABI_VERSION: i32 = 12;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

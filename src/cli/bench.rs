@@ -176,7 +176,6 @@ fn workload(args: &Args) -> Result<Workload> {
     };
     Ok(Workload {
         model,
-        path: args.model.clone(),
         source,
         comm: Comm::serial(),
     })

@@ -362,7 +362,10 @@ fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
         1 => path.with_file_name(format!("{stem}-killed.h5")),
         _ => path.with_file_name(format!("{stem}-killed-{i}.h5")),
     });
-    let free = kept.into_iter().find(|k| !k.exists()).unwrap_or_else(|| path.into());
+    let free = kept
+        .into_iter()
+        .find(|k| !k.exists())
+        .unwrap_or_else(|| path.into());
     std::fs::rename(partial, free).map_err(failed)
 }
 

@@ -224,6 +224,11 @@ impl ModelSpec {
         self.contact.is_some_and(|contact| contact.history > 0)
     }
 
+    /// Whether the network sees a field: as an input, or, of bodies, through the edges, which the displacement moves.
+    pub fn reads(&self, field: &FieldSpec) -> bool {
+        field.input || self.contact.is_some()
+    }
+
     /// Outputs a node, in the order of the fields that are predicted.
     pub fn n_outputs(&self) -> usize {
         self.fields

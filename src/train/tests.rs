@@ -418,17 +418,20 @@ fn a_body_is_read_as_a_flow_is() {
         [&displacement[..], motion.as_flattened()].concat()
     );
     assert_eq!(
-        sample.held.as_ref().unwrap().iter().filter(|h| **h).count(),
+        (0..12).filter(|&p| sample.domain.is_held(p)).count(),
         4,
         "points of the handle"
     );
-    assert!(sample.contact.is_some() && !sample.copies.contains(&true));
+    assert!(sample.domain.moves() && !sample.domain.boundary().follows().contains(&true));
     let streamed = recorded::read_within(&trajectory, &spec, 4 * 38 * 3 * 4 - 1).unwrap();
     assert!(streamed.is_streamed() && streamed.frames.is_empty() && !sample.is_streamed());
     for frame in 0..4 {
         assert_eq!(streamed.frame(frame).unwrap(), sample.frame(frame).unwrap());
     }
-    assert_eq!(streamed.copies, sample.copies);
+    assert_eq!(
+        streamed.domain.boundary().follows(),
+        sample.domain.boundary().follows()
+    );
 }
 
 #[test]

@@ -40,7 +40,7 @@ bool near(double a, double b) { return std::abs(a - b) < 1e-12; }
 void decides()
 {
     Channel mesh(6, 4);
-    m4gn::Session session(M4GN_NO_MPI, mesh.data, settings(model));
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
     Control control(session, R"({"tolerance": 0.05})");
     REQUIRE(std::string(control.note) == "U");
 
@@ -86,7 +86,7 @@ void decides()
 void refuses()
 {
     Channel mesh(6, 4);
-    m4gn::Session session(M4GN_NO_MPI, mesh.data, settings(model));
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
     Control control(session, R"({"tolerance": 0.05})");
     double figure = 0;
     int32_t count = 0;

@@ -40,15 +40,15 @@ unsafe fn frames(adapt: Handle, host: &Host, first: usize, r: &mut Random) {
 #[test]
 fn adaptation_states() {
     let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
-    let model = root().join("tests/cabi/small.safetensors");
-    let options_of = options(&json!({ "model": model }));
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
     let usual = |method: &str, overlap: bool| json!({ "mode": "during", "method": method, "steps": 1, "stepsEach": 1, "heldBack": 0.4, "overlap": overlap });
     let (_folder, path) = place("state.adapt");
     let name = CString::new(path.to_str().unwrap()).unwrap();
     let mut session = none();
     // SAFETY: handles of these calls, arrays of the lengths that the counts say.
     unsafe {
-        let made = m4gn_session_new(NO_MPI, &host.data, options_of.as_ptr(), null(), &mut session);
+        let made = m4gn_session_new(NO_MPI, &host.data, model, null(), null(), &mut session);
+        m4gn_model_free(model);
         assert_eq!(made, 0, "{}", message());
     }
     // SAFETY: as above.

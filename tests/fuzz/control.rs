@@ -13,11 +13,12 @@ use std::ptr::null;
 #[test]
 fn control_figures() {
     let host = Host::new(sample::triangles(5, 4, 1.0, 0.7));
-    let model = root().join("tests/cabi/small.safetensors");
-    let settings = options(&json!({ "model": model }));
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
     let mut session = none();
     // SAFETY: arrays of the lengths that the counts say.
-    let made = unsafe { m4gn_session_new(NO_MPI, &host.data, settings.as_ptr(), null(), &mut session) };
+    let made = unsafe { m4gn_session_new(NO_MPI, &host.data, model, null(), null(), &mut session) };
+    // SAFETY: freed once.
+    unsafe { m4gn_model_free(model) };
     assert_eq!(made, 0, "{}", message());
     fuzz("control", |r| {
         let mut settings = json!({ "tolerance": *r.pick(&[1e-9, 0.05, 1.0, 1e300]) });

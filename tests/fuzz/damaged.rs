@@ -2,7 +2,7 @@
 
 use crate::fuzzing::Random;
 use crate::host::{Host, message};
-use m4gn_contact::sample as contact;
+use m4gn_domain::body::sample as contact;
 use m4gn_mesh::elements::ElementKind;
 use m4gn_mesh::{CoupledFace, ElasticModes, Mesh, NodeType, sample};
 use serde_json::Value;

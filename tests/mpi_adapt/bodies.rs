@@ -2,7 +2,7 @@
 
 use super::distance;
 use m4gn_adapt::{Adaptation, Outcome, Settings};
-use m4gn_contact::sample;
+use m4gn_domain::body::sample;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};

@@ -1,6 +1,6 @@
 //! Bodies at points: an obstacle goes down on a beam that several ranks share, and away again.
 
-use m4gn_contact::sample;
+use m4gn_domain::body::sample;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};

@@ -6,7 +6,6 @@ use crate::weights::{Layout, Weights};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
-use std::path::Path;
 use tch::{Device, Tensor};
 
 /// A loaded model, its graph and its normalisers.
@@ -23,15 +22,10 @@ pub struct Inference {
 }
 
 impl Inference {
-    /// Reads a model and takes a copy of a serial structure.
+    /// Takes a copy of a model and of a serial structure.
     ///
-    /// Errors: those of [`Model::read`]; [`Error::Model`] where the structure does not fit the model.
-    pub fn new(path: &Path, structure: &Structure, device: Device) -> Result<Self> {
-        Self::with_model(&Model::read(path)?, structure, device)
-    }
-
-    /// The same with a model in memory.
-    pub fn with_model(model: &Model, structure: &Structure, device: Device) -> Result<Self> {
+    /// Errors: [`Error::Model`] where the structure does not fit the model.
+    pub fn new(model: &Model, structure: &Structure, device: Device) -> Result<Self> {
         let (spec, graph) = (model.spec.clone(), &structure.graph);
         let expected = graph.senders.len() * spec.n_edge_features();
         if graph.edge_features.len() != expected {

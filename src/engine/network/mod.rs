@@ -93,7 +93,7 @@ impl<T: Number + Element> Network<T> {
         };
         network.place_nodes(graph);
         network.place_edges(graph);
-        if spec.contact.is_none() {
+        if !options.edges_move {
             network.grid.order.search = Vec::new();
         }
         if options.profile {

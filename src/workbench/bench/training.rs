@@ -1,10 +1,12 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
 use super::{Shape, consecutive_segments, hexahedra, o_mesh};
+use m4gn_domain::Components;
+use m4gn_domain::cells::Cells;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::samples::{Components, Sample};
+use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, TrainingConfig, Workload};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -100,7 +102,7 @@ impl Trial {
         let n_frames = self.unroll + 1;
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let frames = (0..n_frames * graph.n_owned * width).map(|_| rng.random_range(-1.7f32..1.7));
-        let boundary = graph.n_owned - graph.n_cells;
+        let (cells, boundary) = (graph.n_cells, graph.n_owned - graph.n_cells);
         let sample = Sample {
             frames: frames.collect(),
             source: None,
@@ -109,10 +111,7 @@ impl Trial {
             cell_size: 0.0,
             coarse: None,
             width,
-            contact: None,
-            owners: vec![0; boundary],
-            copies: vec![false; boundary * width],
-            held: None,
+            domain: Box::new(Cells::prescribed(cells, boundary, &spec)),
             structure,
         };
         let normaliser = Normaliser::of_model(&Model::random(spec.clone(), 1)?)?;

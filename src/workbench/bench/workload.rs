@@ -12,7 +12,6 @@ use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// Where the graph comes from.
 #[derive(Debug)]
@@ -37,8 +36,6 @@ impl Source {
 pub struct Workload {
     /// The network.
     pub model: Model,
-    /// File of the model, where it has one.
-    pub path: Option<PathBuf>,
     /// What it is run on.
     pub source: Source,
     /// This process alone.
@@ -84,16 +81,7 @@ impl Workload {
             )));
         }
         let lengths = self.lengths(&structure.graph);
-        let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
-        let path = match &self.path {
-            Some(path) => path.clone(),
-            None => {
-                let path = folder.path().join("model.safetensors");
-                self.model.write(&path)?;
-                path
-            }
-        };
-        TorchBackend::new(&path, structure, lengths, device, &self.comm)
+        TorchBackend::new(&self.model, structure, lengths, device, &self.comm)
     }
 
     /// Lengths of the inputs and the outputs of a step.

@@ -7,6 +7,7 @@
 //! three quarters of the square go, so that the part that is left out is a lower bound.
 
 use faer::Mat;
+use m4gn_domain::Kind;
 use m4gn_mesh::Mesh;
 
 /// Faces between a cell and those that its value is fitted to.
@@ -22,7 +23,7 @@ pub(super) struct Smoothing {
 impl Smoothing {
     /// For a mesh of cells; none for a body at points.
     pub fn new(mesh: &Mesh) -> Option<Self> {
-        if mesh.body.is_some() {
+        if Kind::of_mesh(mesh).moves() {
             return None;
         }
         let mut neighbours = vec![Vec::new(); mesh.n_cells()];

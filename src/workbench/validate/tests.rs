@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::errors::SquaredError;
-use m4gn_contact::quality::Quality;
+use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::NodeType;
 use serde_json::Value;
 
