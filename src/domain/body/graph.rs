@@ -544,7 +544,7 @@ impl Domain for Body {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::sample;
+    use m4gn_samples::bodies as sample;
 
     /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
     fn cube() -> (Body, Graph, usize) {

@@ -14,7 +14,6 @@ mod inputs;
 mod part;
 pub mod projection;
 pub mod quality;
-pub mod sample;
 mod segments;
 mod skins;
 
