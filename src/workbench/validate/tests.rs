@@ -274,9 +274,9 @@ fn a_fit_needs_a_history() {
 #[test]
 fn a_fit_knows_what_is_carried_along() {
     let folder = tempfile::tempdir().unwrap();
-    m4gn_train::sample::write_data(folder.path(), 1).unwrap();
+    m4gn_samples::training::write_data(folder.path(), 1).unwrap();
     let t = Trajectory::open(folder.path().join("000.h5")).unwrap();
-    let spec = m4gn_model::sample::spec();
+    let spec = m4gn_samples::model::spec();
     let pace = Pace::new(t.times(), 0.01).unwrap();
     let scene = Scene::read(&t, &spec.fields, pace).unwrap();
     let case = Case::of(&t, &scene, &spec.fields, None, Vec::new()).unwrap();
