@@ -6,6 +6,7 @@
 //! corrects the strides after a hand-over.
 
 mod correction;
+mod domain;
 pub mod gap;
 mod graph;
 mod history;
