@@ -54,6 +54,11 @@ impl<'a> Source<'a> {
         Error::file(self.path, format!("{what}. The file is damaged, record it again"))
     }
 
+    /// What a whole file holds is not what its schema says.
+    pub(super) fn wrong(&self, place: &str, error: &Error) -> Error {
+        Error::file(self.path, format!("{place}: {error}"))
+    }
+
     /// The schema version of a whole recording.
     pub(super) fn version(&self, root: &hdf5::Group) -> Result<u32> {
         let format = self.text::<NAME>(root, "format").map_err(|_| {
