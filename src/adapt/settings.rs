@@ -310,7 +310,7 @@ mod tests {
 
     #[test]
     fn noise_is_a_share_of_the_fields_deviation_and_the_rest_is_the_models() {
-        let mut spec = m4gn_model::sample::spec();
+        let mut spec = m4gn_samples::model::spec();
         spec.training =
             serde_json::json!({ "config": { "training": { "mirror": true, "loss_weights": { "p": 0.3 } } } });
         let t = Settings::default().training(&spec, &[2.0, 0.5, 4.0], Precision::Fp32);
@@ -321,7 +321,7 @@ mod tests {
 
     #[test]
     fn bodies_get_the_noise_of_their_training() {
-        let mut spec = m4gn_model::sample::bodies();
+        let mut spec = m4gn_samples::model::bodies();
         let noise = serde_json::json!({"D": 2e-5, "of no field": 1.0});
         spec.training = serde_json::json!({"config": {"training": {"noise": noise}}});
         let t = Settings::default().training(&spec, &[], Precision::Fp32);

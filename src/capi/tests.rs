@@ -1,7 +1,8 @@
 //! The structs against the header's layout, and the exports without a host. `tests/cabi` has the view from C++.
 
 use super::*;
-use m4gn_mesh::{Mesh, sample};
+use m4gn_mesh::Mesh;
+use m4gn_samples::mesh as sample;
 use std::ffi::CStr;
 use std::mem::{offset_of, size_of};
 

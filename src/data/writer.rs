@@ -358,15 +358,13 @@ fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
         return std::fs::remove_file(partial).map_err(failed);
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let kept = (1..).map(|i| match i {
-        1 => path.with_file_name(format!("{stem}-killed.h5")),
-        _ => path.with_file_name(format!("{stem}-killed-{i}.h5")),
-    });
-    let free = kept
-        .into_iter()
-        .find(|k| !k.exists())
-        .unwrap_or_else(|| path.into());
-    std::fs::rename(partial, free).map_err(failed)
+    let mut kept = path.with_file_name(format!("{stem}-killed.h5"));
+    let mut number = 2;
+    while kept.exists() {
+        kept = path.with_file_name(format!("{stem}-killed-{number}.h5"));
+        number += 1;
+    }
+    std::fs::rename(partial, kept).map_err(failed)
 }
 
 /// Makes a recording of the whole frames of a file that was not finished.

@@ -152,16 +152,6 @@ impl Boundary {
         }
     }
 
-    /// Boundary faces, or points of an obstacle.
-    pub fn len(&self) -> usize {
-        self.faces.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.faces.is_empty()
-    }
-
     /// Owner cell of each face.
     pub fn owners(&self) -> impl Iterator<Item = usize> {
         self.faces.iter().map(|face| face.owner as usize)
@@ -241,11 +231,11 @@ pub fn see_as_cells(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     /// U (vector) and p (scalar).
     fn fields() -> Vec<FieldSpec> {
-        m4gn_model::sample::spec().fields
+        m4gn_samples::model::spec().fields
     }
 
     #[test]

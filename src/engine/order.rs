@@ -111,7 +111,7 @@ fn cuthill_mckee(graph: &Graph) -> Vec<u32> {
 mod tests {
     use super::*;
     use m4gn_mesh::parallel::Comm;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     #[test]
     fn every_node_and_edge_once_and_neighbours_close() {

@@ -1,9 +1,9 @@
 //! The engine against the plain network, in every instruction set that this processor has.
 
 use super::*;
-use m4gn_mesh::sample;
-use m4gn_model::sample::spec;
 use m4gn_model::{Activation, Kind, MacroSpec, ModelSpec};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::model::spec;
 use m4gn_structure::Segmentation;
 
 const K: usize = 5;

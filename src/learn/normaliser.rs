@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn an_edge_of_a_body_shows_the_features_of_its_kind() {
-        let spec = m4gn_model::sample::bodies();
+        let spec = m4gn_samples::model::bodies();
         let n = spec.n_edge_features();
         let mut edges = vec![0.0; 3 * n];
         // Two edges of the mesh, lengths 3 and 5, and a world edge of length 7.
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn the_changes_of_a_history_have_one_deviation() {
-        let mut spec = m4gn_model::sample::bodies();
+        let mut spec = m4gn_samples::model::bodies();
         spec.contact.as_mut().unwrap().history = 1;
         // Two nodes: a motion of 2 and then 4 of the obstacle, changes (3 4 0) and (0 0 5); what is 0 is not there.
         let mut inputs = [0.0; 22];

@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn a_graph_gives_its_cells_neighbours() {
-        let mesh = m4gn_mesh::sample::triangles(2, 1, 1.0, 1.0);
+        let mesh = m4gn_samples::mesh::triangles(2, 1, 1.0, 1.0);
         let graph = Graph::new(&mesh, &m4gn_mesh::parallel::Comm::serial()).unwrap();
         let s = Smoother::new(&graph, 3, 2.0);
         assert_eq!((s.row.len(), s.share), (5, 1.0 / 3.0), "{s:?}");

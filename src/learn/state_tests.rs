@@ -14,7 +14,7 @@ use m4gn_model::{Activation, Model, ModelSpec};
 const STRIDE: usize = 2;
 
 fn spec(history: usize) -> ModelSpec {
-    let mut spec = m4gn_model::sample::bodies();
+    let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 3;
     spec.segments.modes = 1;
     // Without kinks, which differences would step over.
@@ -31,11 +31,11 @@ fn displacement(x: [f64; 3], frame: usize) -> [f32; 3] {
 
 /// A bar that bends, with an obstacle that moves out of its reach, so that the gradient has no part that counts as given.
 fn bar(spec: &ModelSpec) -> (Workload, Body) {
-    bending(m4gn_domain::body::sample::block([4, 1, 1], [3.0, 1.0, 1.0]), spec)
+    bending(m4gn_samples::bodies::block([4, 1, 1], [3.0, 1.0, 1.0]), spec)
 }
 
 fn bending(body: Body, spec: &ModelSpec) -> (Workload, Body) {
-    let obstacle = m4gn_domain::body::sample::octahedron([2.6, 0.5, 9.0], 0.5);
+    let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 9.0], 0.5);
     let mesh = body.mesh(Some(&obstacle));
     let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
     sample.n_frames = 12;
@@ -226,7 +226,7 @@ fn the_gradient_goes_from_body_to_body() {
     let mut spec = spec(0);
     spec.contact.as_mut().unwrap().radius = 0.5;
     let (work, body) = bending(
-        m4gn_domain::body::sample::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
+        m4gn_samples::bodies::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
         &spec,
     );
     let edges = work.train[0].structure.graph.senders.len();

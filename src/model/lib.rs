@@ -7,13 +7,18 @@ mod file;
 pub mod modal;
 mod precision;
 mod resolution;
-pub mod sample;
 mod segmentation;
 pub mod settings;
 mod solid;
 pub mod tensor_file;
 mod tensors;
 mod trained_on;
+
+#[cfg(test)]
+extern crate self as m4gn_model;
+#[cfg(test)]
+#[path = "../../tests/samples/model.rs"]
+pub mod sample;
 
 pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec, Needs};
 pub use calibration::{Calibration, Growth, RolloutErrors};

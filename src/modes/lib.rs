@@ -8,6 +8,9 @@
 //! by a rule that looks at positions alone (`canonical.rs`), so that they depend neither on the ranks nor on the
 //! solver's start vector.
 
+#[cfg(test)]
+extern crate self as m4gn_modes;
+
 mod assemble;
 mod canonical;
 mod dense;

@@ -2,14 +2,14 @@
 
 use super::*;
 use m4gn_domain::Place;
-use m4gn_domain::body::sample;
 use m4gn_engine::plain;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, NodeType};
 use m4gn_model::Model;
-use m4gn_model::sample::bodies;
 use m4gn_modes::Modal;
+use m4gn_samples::bodies as sample;
+use m4gn_samples::model::bodies;
 
 fn case() -> (Model, Body, Obstacle) {
     let mut spec = bodies();
@@ -163,7 +163,7 @@ fn what_does_not_fit_is_refused() {
     let new = |model: &Model, options: &SessionOptions| {
         Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), model, options).map(|_| ())
     };
-    let cells = Model::random(m4gn_model::sample::spec(), 1).unwrap();
+    let cells = Model::random(m4gn_samples::model::spec(), 1).unwrap();
     let says = |result: Result<()>, word: &str| {
         let message = result.unwrap_err().to_string();
         assert!(message.contains(word), "{message}");

@@ -2,7 +2,7 @@ use super::*;
 use m4gn_model::{Calibration, Growth};
 
 fn control(json: &str, calibrated: bool) -> Control {
-    let mut spec = m4gn_model::sample::spec();
+    let mut spec = m4gn_samples::model::spec();
     spec.calibration = calibrated.then(|| Calibration {
         coverage: 0.95,
         trajectories: 1,
@@ -153,7 +153,7 @@ fn bad_settings_are_named() {
         assert!(text.contains(words), "{json}: {text}");
     }
     let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
-    let text = Control::new(&m4gn_model::sample::spec(), settings)
+    let text = Control::new(&m4gn_samples::model::spec(), settings)
         .unwrap_err()
         .to_string();
     assert!(

@@ -2,9 +2,10 @@
 
 use super::*;
 use m4gn_mesh::Error;
-use m4gn_mesh::{Mesh, NodeType, sample};
-use m4gn_model::sample::spec;
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{FieldSpec, Kind, Model, ModelSpec, Output, SegmentEntries};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::model::spec;
 
 fn entries(name: &str, value: impl Into<serde_json::Value>) -> SegmentEntries {
     let mut entries = SegmentEntries::default();

@@ -89,9 +89,9 @@ mod tests {
     use super::*;
     use crate::graph::Graph;
     use crate::segment;
-    use m4gn_mesh::sample;
-    use m4gn_model::sample::spec;
     use m4gn_modes::Modal;
+    use m4gn_samples::mesh as sample;
+    use m4gn_samples::model::spec;
 
     /// Four cells in a row of unit squares, two segments: centroids at 1 and 3, centre 2, cells half a unit from
     /// their centroid.

@@ -125,7 +125,7 @@ fn names<'a>(comm: &Comm, words: impl Iterator<Item = &'a str>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     fn distances(mesh: &Mesh, obstacles: &[&str]) -> Result<Vec<f64>> {
         let names: Vec<String> = obstacles.iter().map(|n| n.to_string()).collect();

@@ -212,8 +212,8 @@ mod tests {
     use super::*;
     use crate::graph::Graph;
     use crate::segment;
-    use m4gn_mesh::sample;
     use m4gn_model::SegmentMethod;
+    use m4gn_samples::mesh as sample;
 
     fn spec(method: SegmentMethod, count: usize) -> SegmentSpec {
         SegmentSpec {

@@ -1,7 +1,7 @@
 use super::*;
-use m4gn_mesh::sample;
 use m4gn_model::SegmentMethod;
 use m4gn_modes::Modal;
+use m4gn_samples::mesh as sample;
 use proptest::prelude::*;
 
 fn cut(mesh: &Mesh, spec: &SegmentSpec, preset: Option<&[i32]>) -> Result<Segmentation> {

@@ -405,7 +405,7 @@ const BODY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.
 #[test]
 fn a_body_is_read_as_a_flow_is() {
     let trajectory = m4gn_data::Trajectory::open(BODY).unwrap();
-    let mut spec = m4gn_model::sample::bodies();
+    let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 2;
     spec.segments.modes = 1;
     let sample = recorded::read(&trajectory, &spec).unwrap();
@@ -467,7 +467,7 @@ fn contact_on_flows_is_refused_with_what_to_leave_out() {
 #[test]
 fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
     let folder = data();
-    let spec = m4gn_model::sample::spec();
+    let spec = m4gn_samples::model::spec();
     let path = folder.path().join("data/000.h5");
     let read = || recorded::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
     let mut fast = read();

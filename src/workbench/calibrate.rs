@@ -127,7 +127,7 @@ mod tests {
     /// The calibration says three strides of U and of a field that the model does not predict; the rollouts have two.
     #[test]
     fn lengths_that_no_rollout_has_are_not_covered_or_not() {
-        let spec = m4gn_model::sample::spec();
+        let spec = m4gn_samples::model::spec();
         let name = predicted(&spec.fields)[0].name.clone();
         let model = Model::random(spec, 1).unwrap();
         let growth = |field: String| m4gn_model::Growth {

@@ -5,7 +5,7 @@ use crate::host::*;
 use crate::{damage_header, place, root};
 use m4gn::{AdaptReport, FieldData};
 use m4gn_mesh::parallel::NO_MPI;
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use serde_json::{Value, json};
 use std::ffi::CString;
 use std::ptr::null;

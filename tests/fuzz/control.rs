@@ -5,7 +5,7 @@ use crate::host::*;
 use crate::root;
 use m4gn::StrideError;
 use m4gn_mesh::parallel::NO_MPI;
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use serde_json::json;
 use std::ptr::null;
 

@@ -6,8 +6,8 @@ use m4gn::{AdaptReport, CsrData, FieldData, FieldOut, MeshData, RecorderField, S
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_model::Model;
-use m4gn_model::sample::bodies;
 use m4gn_modes::fem::PointMesh;
+use m4gn_samples::model::bodies;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::ptr::{null, null_mut};
 

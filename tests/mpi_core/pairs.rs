@@ -2,10 +2,10 @@
 
 use crate::checks::Checks;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::sample;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, ModalSolver, ModeCount, Modes};
 use m4gn_modes::{Mass, Problem, Rows, laplacian_modes, solve};
+use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 
 /// Rank `rank` of `size`'s rows of a matrix of constant bands, the same for each of `block` unknowns of a point.

@@ -3,8 +3,8 @@
 use crate::calls::{Bench, Ended, Oddity, field, output, unless};
 use crate::host::*;
 use crate::timed;
-use m4gn_domain::body::sample;
 use m4gn_mesh::NodeType;
+use m4gn_samples::bodies as sample;
 use serde_json::json;
 use std::path::PathBuf;
 use std::ptr::null;

@@ -4,7 +4,7 @@ use crate::host::*;
 use crate::{FAULT, SCENARIO, timed};
 use m4gn::{FieldData, FieldOut};
 use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use std::ffi::CString;
 use std::ptr::null;
 

@@ -76,8 +76,8 @@ fn relative(a: &Tensor, b: &Tensor) -> f64 {
 #[test]
 fn bodies_take_the_same_step_in_training_and_in_a_session() {
     let spec = spec();
-    let body = m4gn_domain::body::sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
-    let obstacle = m4gn_domain::body::sample::octahedron([2.6, 0.5, 1.6], 0.5);
+    let body = m4gn_samples::bodies::block([6, 2, 2], [3.0, 1.0, 1.0]);
+    let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 1.6], 0.5);
     let model = Model::random(spec.clone(), 7).unwrap();
     let options = SessionOptions::default();
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();

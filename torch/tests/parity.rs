@@ -3,11 +3,12 @@
 
 use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
     Activation, Architecture, FieldSpec, M4gn, MacroSpec, Model, ModelSpec, Output, Precision, SegmentMethod,
     SegmentSpec,
 };
+use m4gn_samples::mesh as sample;
 use m4gn_structure::Structure;
 use m4gn_torch::inference::Inference;
 use m4gn_torch::network::{Network, Topology};

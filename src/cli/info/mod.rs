@@ -377,7 +377,7 @@ mod tests {
             mesh(of, &mut text, &mut figures);
             (text, figures["parts"].clone())
         };
-        let mut duct = m4gn_mesh::sample::triangles(2, 1, 1.0, 1.0);
+        let mut duct = m4gn_samples::mesh::triangles(2, 1, 1.0, 1.0);
         let (text, parts) = shown(&duct);
         assert!(!text.contains("parts") && parts == 1, "{text}");
         duct.face_owner.clear();

@@ -118,7 +118,7 @@ pub fn cell_size(positions: &[Vector], edges: &[[i32; 2]]) -> f64 {
 mod tests {
     use super::*;
     use m4gn_mesh::elements::ElementKind;
-    use m4gn_mesh::sample::brick;
+    use m4gn_samples::mesh::brick;
 
     /// A unit brick and a box beside its side x = 1; all fixed at x = 0.
     fn worst(shift: f64) -> Gap {

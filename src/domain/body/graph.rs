@@ -10,14 +10,14 @@
 
 use super::part::BodyPart;
 use super::skins::Skins;
-use crate::{Boundary, Components, Domain, Edges};
+use crate::{Boundary, Components, Domain};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, sub};
 use m4gn_mesh::within::Within;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{ModelSpec, N_CONTACT_INPUTS};
+use m4gn_model::ModelSpec;
 use m4gn_structure::graph::Graph;
 
 /// Features of an edge in three directions, each with its length: of an edge of the mesh its vector at rest and what the
@@ -41,29 +41,29 @@ pub struct MeshEdge {
 /// Bodies at points with an obstacle. Its nodes are its own points, on the first rank the obstacle's, and ghosts.
 #[derive(Clone, Debug)]
 pub struct Body {
-    components: Components,
-    boundary: Boundary,
+    pub(super) components: Components,
+    pub(super) boundary: Boundary,
     /// Whether what the displacement changed by over the stride before is an input.
-    history: bool,
+    pub(super) history: bool,
     radius: f64,
     n_owned: usize,
     n_local: usize,
     /// Own points whose displacement is prescribed.
-    held: Vec<bool>,
+    pub(super) held: Vec<bool>,
     /// Sorted by receiver.
-    edges: Vec<MeshEdge>,
+    pub(super) edges: Vec<MeshEdge>,
     /// Own points that can be touched.
     skin: Vec<u32>,
     /// Positions at rest of the own points, m.
-    rest: Vec<Vector>,
+    pub(super) rest: Vec<Vector>,
     /// Positions of the obstacle where its displacement is 0, m.
-    obstacle: Vec<Vector>,
+    pub(super) obstacle: Vec<Vector>,
     /// Triangles of its surface.
-    triangles: Vec<[i32; 3]>,
+    pub(super) triangles: Vec<[i32; 3]>,
     /// Local nodes of the obstacle's points.
     obstacle_nodes: Vec<i32>,
     /// Skins of several parts, and the local nodes of their points.
-    skins: Option<(Skins, Vec<i32>)>,
+    pub(super) skins: Option<(Skins, Vec<i32>)>,
     /// The part of each own point; none of a body in one part.
     part: Vec<u32>,
 }
@@ -428,123 +428,10 @@ fn length(v: Vector32) -> f32 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
-impl Body {
-    /// The same body and obstacle reflected in y.
-    pub fn mirrored(&self) -> Self {
-        let flip = |x: &mut Vector| x[1] = -x[1];
-        let mut other = self.clone();
-        other.rest.iter_mut().for_each(flip);
-        other.obstacle.iter_mut().for_each(flip);
-        other.edges.iter_mut().for_each(|e| flip(&mut e.rest));
-        // So that normals still leave the obstacle.
-        other.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        if let Some((skins, _)) = &mut other.skins {
-            skins.reflect();
-        }
-        other
-    }
-}
-
-impl Domain for Body {
-    fn components(&self) -> &Components {
-        &self.components
-    }
-
-    fn boundary(&self) -> &Boundary {
-        &self.boundary
-    }
-
-    fn boundary_mut(&mut self) -> &mut Boundary {
-        &mut self.boundary
-    }
-
-    fn is_held(&self, point: usize) -> bool {
-        self.held[point]
-    }
-
-    fn has_history(&self) -> bool {
-        self.history
-    }
-
-    fn moves(&self) -> bool {
-        true
-    }
-
-    fn set_edges(&self, comm: &Comm, state: &mut [f32], graph: &mut Graph) -> Result<()> {
-        let (local, owned) = (3 * self.n_local, 3 * self.n_owned);
-        let checked = match state[..owned.min(state.len())]
-            .iter()
-            .position(|v| !v.is_finite())
-        {
-            _ if state.len() < local => Err(Error::Input(format!(
-                "{} displacement components, expected {local}",
-                state.len()
-            ))),
-            Some(i) => Err(Error::Numerical(format!(
-                "the displacement of node {} is {}",
-                i / 3,
-                state[i]
-            ))),
-            None => Ok(()),
-        };
-        comm.agree(checked)?;
-        graph.halo.exchange_f32(comm, &mut state[..local], 3);
-        self.edges_at(&state[..local], graph);
-        Ok(())
-    }
-
-    fn edges_backward(&self, edges: &Edges, d: &[f32], d_state: &mut [f32]) {
-        let rows = edges
-            .features
-            .chunks_exact(N_FEATURES)
-            .zip(d.chunks_exact(N_FEATURES));
-        for ((x, d), (&s, &r)) in rows.zip(edges.senders.iter().zip(&edges.receivers)) {
-            for (i, by) in features_backward(x, d).into_iter().enumerate() {
-                d_state[3 * s as usize + i] += by;
-                d_state[3 * r as usize + i] -= by;
-            }
-        }
-    }
-
-    fn inputs(&self, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
-        let (displacement, change) = self.parts(state);
-        self.inputs_at(displacement, change, next, inputs);
-    }
-
-    fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]) {
-        // The motion of an obstacle is prescribed, and how near it is counts as given.
-        if !self.history {
-            return;
-        }
-        let (_, change) = d_state.split_at_mut(d_state.len() / 2);
-        let rows = d_inputs.chunks_exact(N_CONTACT_INPUTS + 3);
-        for (d, row) in change.as_chunks_mut::<3>().0.iter_mut().zip(rows) {
-            let by = d.iter_mut().zip(&row[N_CONTACT_INPUTS..]);
-            by.for_each(|(d, x)| *d += x);
-        }
-    }
-
-    fn reflected(&self) -> Box<dyn Domain> {
-        Box::new(self.mirrored())
-    }
-
-    fn boxed(&self) -> Box<dyn Domain> {
-        Box::new(self.clone())
-    }
-
-    fn ranging<'a>(&self, frame: &'a [f32]) -> &'a [f32] {
-        &frame[..self.n_points() * self.components.count]
-    }
-
-    fn body(&self) -> Option<&Body> {
-        Some(self)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::sample;
+    use m4gn_samples::bodies as sample;
 
     /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
     fn cube() -> (Body, Graph, usize) {

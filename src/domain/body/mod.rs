@@ -6,6 +6,7 @@
 //! corrects the strides after a hand-over.
 
 mod correction;
+mod domain;
 pub mod gap;
 mod graph;
 mod history;
@@ -14,7 +15,6 @@ mod inputs;
 mod part;
 pub mod projection;
 pub mod quality;
-pub mod sample;
 mod segments;
 mod skins;
 

@@ -127,10 +127,10 @@ fn with_obstacle(body: Segmentation, part: &BodyPart, nodes: &Body, spec: &Model
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::sample;
     use m4gn_model::modal::ModalSource;
-    use m4gn_model::sample::bodies;
     use m4gn_modes::Modal;
+    use m4gn_samples::bodies as sample;
+    use m4gn_samples::model::bodies;
 
     #[test]
     fn the_obstacle_is_a_segment_of_its_own() {

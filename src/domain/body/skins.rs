@@ -60,8 +60,8 @@ impl Skins {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::sample;
     use m4gn_mesh::surface::Surface;
+    use m4gn_samples::bodies as sample;
 
     #[test]
     fn a_body_in_one_part_has_none() {

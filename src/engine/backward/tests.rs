@@ -4,9 +4,9 @@ use super::*;
 use crate::plain;
 use crate::tests::{instruction_sets, segments};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::sample;
-use m4gn_model::sample::spec;
 use m4gn_model::{Activation, Kind, M4gn, Model, Output};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::model::spec;
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 

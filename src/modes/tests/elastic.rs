@@ -1,9 +1,10 @@
 use crate::Modal;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{ElasticModes, Mesh, sample};
+use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::modal::ModeCount;
 use m4gn_model::{ModalOperator, SegmentSpec};
+use m4gn_samples::mesh as sample;
 use m4gn_structure as segments;
 use m4gn_structure::graph::Graph;
 

@@ -2,8 +2,8 @@
 
 use super::super::*;
 use m4gn_mesh::Error;
-use m4gn_mesh::sample;
 use m4gn_model::modal::ModalSolver;
+use m4gn_samples::mesh as sample;
 
 fn with(mesh: &Mesh, solver: ModalSolver, petsc: &str) -> Result<Modes> {
     let comm = Comm::serial();

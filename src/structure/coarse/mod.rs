@@ -41,18 +41,14 @@ impl Coarse {
     /// Groups have about equal numbers of cells, so that they are finer where the mesh is finer.
     ///
     /// # Errors
-    /// [`Error::Input`] for an edge length that is not positive; [`Error::Mesh`] for a body at points, whose mesh moves;
+    /// [`Error::Input`] for an edge length that is not positive; [`Error::Mesh`] for a mesh without cells, such as a body at points;
     /// what METIS may fail with.
     pub fn new(mesh: &Mesh, edge_length: f64, comm: &Comm) -> Result<Option<Self>> {
-        let possible = match (edge_length > 0.0 && edge_length.is_finite(), &mesh.body) {
-            (false, _) => Err(Error::Input(format!(
+        let possible = match edge_length > 0.0 && edge_length.is_finite() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
                 "resolution: expected a positive length in m, found {edge_length}"
             ))),
-            (true, Some(_)) => Err(Error::Mesh(
-                "a body at points moves with its displacement: its points cannot be agglomerated; switch resolution off"
-                    .into(),
-            )),
-            (true, None) => Ok(()),
         };
         comm.agree(possible)?;
         mesh.check(comm)?;

@@ -116,7 +116,7 @@ fn edges(mesh: &Mesh, ghosts: &Ghosts) -> Vec<Edge> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     #[test]
     fn edges_of_a_small_rectangle() {

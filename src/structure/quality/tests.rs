@@ -1,6 +1,6 @@
 use super::*;
 use m4gn_mesh::Error;
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 
 fn of(mesh: &Mesh, labels: &[i32], count: usize) -> Result<Quality> {
     let comm = Comm::serial();

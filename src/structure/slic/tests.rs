@@ -1,8 +1,8 @@
 use super::*;
-use m4gn_mesh::sample;
 use m4gn_model::SegmentMethod;
 use m4gn_model::modal::ModalOptions;
 use m4gn_modes::laplacian_modes;
+use m4gn_samples::mesh as sample;
 
 fn spec(count: usize, modes: usize) -> SegmentSpec {
     SegmentSpec {

@@ -2,7 +2,7 @@
 
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType, block};
 use m4gn_model::ModelSpec;
 use m4gn_structure::Segmentation;
 use m4gn_structure::graph::Graph;
@@ -80,7 +80,7 @@ pub fn hexahedra(cells: usize) -> Result<Mesh> {
         return Err(Error::Input(format!("{cells} cells: expected 1 to {}", 1 << 27)));
     }
     let n = (cells as f64).cbrt().round().max(1.0) as usize;
-    Ok(sample::block([n; 3], [1.0; 3]))
+    Ok(block::block([n; 3], [1.0; 3]))
 }
 
 /// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that

@@ -322,7 +322,7 @@ pub fn json(plans: &[Plan]) -> Value {
 mod tests {
     use super::*;
     use crate::bench::Shape;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     fn network(dim: usize) -> Network {
         let shape = Shape {

@@ -355,7 +355,7 @@ mod tests {
 
     #[test]
     fn the_headline_is_the_velocity_or_the_first_vector() {
-        let mut fields = m4gn_model::sample::spec().fields;
+        let mut fields = m4gn_samples::model::spec().fields;
         let names = |fields: &[FieldSpec]| -> Vec<String> {
             predicted(fields).iter().map(|f| f.name.clone()).collect()
         };

@@ -101,7 +101,7 @@ fn weights(mesh: &Mesh, cell: usize, stencil: &[usize]) -> Vec<(usize, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     #[test]
     fn what_the_mesh_resolves_stays_and_what_changes_from_cell_to_cell_goes() {

@@ -1,9 +1,9 @@
 //! Blocks of bricks against planes, spheres, edges and themselves.
 
 use super::*;
-use crate::body::sample;
 use m4gn_mesh::elements::{ElementKind, Elements};
-use m4gn_mesh::sample::brick;
+use m4gn_samples::bodies as sample;
+use m4gn_samples::mesh::brick;
 use proptest::prelude::*;
 
 /// `n` unit bricks from `corner` on; points below `held` (z) are held.

@@ -233,8 +233,8 @@ impl Corners {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::sample;
     use m4gn_mesh::NodeType;
+    use m4gn_samples::bodies as sample;
 
     fn volumes(body: &Body, u: &[Vector]) -> Vec<f64> {
         body.elements

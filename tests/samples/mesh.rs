@@ -1,15 +1,14 @@
 //! Sample meshes with answers known on paper: rectangles of quads or triangles, blocks, chains, rings, and
-//! their decompositions. They serve the tests of this crate and of its users.
+//! their decompositions.
 //!
 //! Coefficients are those of the finite-volume Laplacian, face area over distance of the centres.
 
-use crate::body::{Body, Material};
-use crate::elements::{ElementKind, Elements};
-use crate::vector::Vector;
-use crate::{BoundaryFace, CoupledFace, Mesh, NodeType};
-
-/// Patches of the rectangles and blocks.
-const PATCHES: [&str; 3] = ["inlet", "outlet", "walls"];
+pub use m4gn_mesh::block::block;
+use m4gn_mesh::block::{boundary, empty, face};
+use m4gn_mesh::body::{Body, Material};
+use m4gn_mesh::elements::{ElementKind, Elements};
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
 
 /// `nx x ny` quads on `[0, lx] x [0, ly]`, 1 m thick; cell (i, j) is `i + nx * j`. Inlet at x = 0, outlet at
 /// x = lx, walls at y = 0 and y = ly.
@@ -24,43 +23,6 @@ pub fn rectangle(nx: usize, ny: usize, lx: f64, ly: f64) -> Mesh {
     }
     for c in &mut mesh.cell_centres {
         c[2] = 0.0;
-    }
-    mesh
-}
-
-/// `n[0] x n[1] x n[2]` hexahedra on a block of size `l`; cell (i, j, k) is `i + n[0] * (j + n[1] * k)`. Inlet
-/// at x = 0, outlet at the other end, walls elsewhere.
-pub fn block(n: [usize; 3], l: [f64; 3]) -> Mesh {
-    let h: Vec<f64> = (0..3).map(|d| l[d] / n[d] as f64).collect();
-    let area = [h[1] * h[2], h[0] * h[2], h[0] * h[1]];
-    let stride = [1, n[0], n[0] * n[1]];
-    let count = n[0] * n[1] * n[2];
-    let mut mesh = empty(vec![0, 1, 2]);
-    for c in 0..count {
-        let at = [c % n[0], c / n[0] % n[1], c / stride[2]];
-        let centre = [0, 1, 2].map(|d| (at[d] as f64 + 0.5) * h[d]);
-        mesh.cell_global.push(c as i64);
-        mesh.cell_centres.push(centre);
-        mesh.cell_volumes.push(h[0] * h[1] * h[2]);
-        for d in 0..3 {
-            if at[d] + 1 < n[d] {
-                face(&mut mesh, c, c + stride[d], area[d] / h[d]);
-            }
-            for (end, sign) in [(0, -1.0), (n[d] - 1, 1.0)] {
-                if at[d] == end {
-                    let mut face_centre = centre;
-                    face_centre[d] += sign * h[d] / 2.0;
-                    let mut vector = [0.0; 3];
-                    vector[d] = sign * area[d];
-                    let patch = match (d, sign < 0.0) {
-                        (0, true) => 0,
-                        (0, false) => 1,
-                        _ => 2,
-                    };
-                    boundary(&mut mesh, c, face_centre, vector, 2.0 * area[d] / h[d], patch);
-                }
-            }
-        }
     }
     mesh
 }
@@ -326,34 +288,6 @@ pub fn brick(size: Vector) -> (Vec<Vector>, Vec<[i32; 3]>) {
         .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
         .collect();
     (points, triangles)
-}
-
-fn empty(directions: Vec<usize>) -> Mesh {
-    Mesh {
-        directions,
-        patches: PATCHES.map(String::from).to_vec(),
-        ..Default::default()
-    }
-}
-
-fn face(mesh: &mut Mesh, owner: usize, neighbour: usize, coeff: f64) {
-    mesh.face_owner.push(owner as i32);
-    mesh.face_neighbour.push(neighbour as i32);
-    mesh.face_coeff.push(coeff);
-}
-
-fn boundary(mesh: &mut Mesh, owner: usize, centre: [f64; 3], area: [f64; 3], coeff: f64, patch: i32) {
-    let kind = [NodeType::Inlet, NodeType::Outlet, NodeType::Wall][patch as usize];
-    let global = mesh.boundary.len() as i64;
-    mesh.boundary.push(BoundaryFace {
-        owner: owner as i32,
-        global,
-        centre,
-        area,
-        coeff,
-        kind,
-        patch,
-    });
 }
 
 /// Velocity and pressure of a vortex in a uniform flow.

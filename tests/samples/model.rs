@@ -1,10 +1,10 @@
 //! Small networks for tests and examples.
 
-use crate::{
+use m4gn_mesh::NodeType;
+use m4gn_model::{
     Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, Precision,
     SegmentSpec,
 };
-use m4gn_mesh::NodeType;
 
 /// A small network with every part in it: U (delta) and p (value), two layers before and one after the macro
 /// stage, positional encoding.

@@ -1,10 +1,10 @@
 //! Small synthetic trajectories and configurations, for tests.
 
-use super::Request;
 use m4gn_data::{FieldMeta, Frame, Split, WriteOptions, Writer};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::Result;
-use m4gn_mesh::sample::{self, flow};
+use m4gn_samples::mesh::{flow, triangles};
+use m4gn_train::Request;
 use std::path::Path;
 
 /// Writes `count` trajectories of a vortex that is carried along a channel, frames every 0.01 s.
@@ -28,7 +28,7 @@ pub fn write_data(folder: &Path, count: usize) -> Result<()> {
 /// # Errors
 /// As [`Writer`].
 pub fn write_trajectory(path: &Path, number: usize, split: Split, frames: usize) -> Result<()> {
-    let mesh = sample::triangles(6, 4, 1.5, 1.0);
+    let mesh = triangles(6, 4, 1.5, 1.0);
     let options = WriteOptions {
         fields: vec![
             FieldMeta {

@@ -94,6 +94,6 @@ pub fn octahedron(centre: Vector, radius: f64) -> Obstacle {
 pub fn spec(radius: f64) -> ModelSpec {
     ModelSpec {
         contact: Some(ContactSpec { radius, history: 0 }),
-        ..m4gn_model::sample::bodies()
+        ..m4gn_samples::model::bodies()
     }
 }

@@ -1,6 +1,6 @@
 //! Sample meshes by points with answers known on paper: blocks of any cells, 2-D rectangles, and decompositions.
 
-use super::mesh::PointMesh;
+use m4gn_modes::fem::PointMesh;
 use std::collections::HashMap;
 
 /// Cells of a sample block.
