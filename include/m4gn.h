@@ -100,8 +100,8 @@ void m4gn_finalize(void);
  */
 
 /* Whether settings are valid, as far as can be said without a mesh, a model and other ranks: those of m4gn_session_new
- * (kind "session"), m4gn_segments_new ("segments"), m4gn_modes_new ("modes"), m4gn_solid_modes_new ("solid_modes") or
- * m4gn_recorder_new ("recorder"). */
+ * (kind "session"), m4gn_segments_new ("segments"), m4gn_modes_new ("modes"), m4gn_solid_modes_new ("solid_modes"),
+ * m4gn_recorder_new ("recorder") or m4gn_ride_new ("ride"). */
 int32_t m4gn_options_check(const char* kind, const char* options);
 
 /* ---- mesh and fields ---------------------------------------------------------------------------- */
@@ -170,7 +170,7 @@ typedef struct m4gn_field
     const char* name;           /* OpenFOAM's name, "U" */
     int32_t components;         /* 1 scalar, 3 vector */
     const double* cells;        /* [components*n_cells] */
-    const double* boundary;     /* [components*n_boundary] face values; of a body, and read by m4gn_adapt_frame alone, the
+    const double* boundary;     /* [components*n_boundary] face values; of a body, and read by the frames of a ride alone, the
                                    displacement of the obstacle's points [3*n_obstacle], of which the first rank's counts */
 } m4gn_field;
 
@@ -321,134 +321,192 @@ int32_t m4gn_session_outside(
     char* why,                  /* [why_size] */
     int32_t why_size);
 
-/* ---- adaptation --------------------------------------------------------------------------------- */
+/* ---- ride --------------------------------------------------------------------------------------- */
 
-/* The model of a session learns the case from the solver's own steps (docs/adaptation.md). */
-typedef struct m4gn_adapt m4gn_adapt;
+/* A hybrid run: the host's solver works, the model of a session is measured beside it, takes its place for a jump of some strides,
+ * and hands back. The ride knows no solver: it is told what happened and answers what to do next.
+ *
+ *     answer of:            action                     the host
+ *     m4gn_ride_handed_back M4GN_RIDE_SOLVE            lets its solver make a step, and calls m4gn_ride_solved
+ *     m4gn_ride_solved      M4GN_RIDE_DECIDE           saves the state where it writes its own, and calls m4gn_ride_decide
+ *     m4gn_ride_decide      SOLVE or STRIDE            on M4GN_RIDE_STRIDE calls m4gn_ride_stride
+ *     m4gn_ride_stride      ADVANCE, HAND_BACK, SOLVE  on M4GN_RIDE_ADVANCE advances its time by `duration` and its fields to the
+ *                                                      prediction, and calls m4gn_ride_advanced
+ *     m4gn_ride_advanced    STRIDE or HAND_BACK        saves the state where it writes its own; on M4GN_RIDE_HAND_BACK leaves the
+ *                                                      fields as its solver needs them, and calls m4gn_ride_handed_back
+ *
+ * A call that is not due is M4GN_ERROR_INPUT. Figures of the host are the same on all ranks but for `wall`. examples/hybrid_host is
+ * such a host. */
+typedef struct m4gn_ride m4gn_ride;
 
-typedef struct m4gn_adapt_report
+enum
 {
-    int32_t used;               /* 1: the session has other weights now */
-    int32_t strides;            /* model steps of the rollouts that decided */
-    int64_t frames;             /* frames in memory */
-    int64_t steps;              /* optimisation steps, or regressions */
-    double seconds;             /* wall time; of a round beside the run, that of waiting for it */
-    double before;              /* root mean square error of the rollouts over that of holding their first frame */
-    double after;               /* the same with the weights that are used now */
-} m4gn_adapt_report;
+    M4GN_RIDE_SOLVE = 0,
+    M4GN_RIDE_DECIDE = 1,
+    M4GN_RIDE_STRIDE = 2,
+    M4GN_RIDE_ADVANCE = 3,
+    M4GN_RIDE_HAND_BACK = 4
+};
 
-/* M4GN_ERROR_INPUT for settings that m4gn_adapt_new would refuse whatever the session. Not collective. */
-int32_t m4gn_adapt_check(const char* settings);
+/* Where the host is. */
+typedef struct m4gn_ride_step
+{
+    double time;                /* s */
+    double delta_t;             /* of the solver, s; not read within a jump */
+    double end_time;            /* of the run, s; HUGE_VAL: none */
+    double shown;               /* the time as tables have it */
+    double wall;                /* wall time of the run so far, s; 0: not known */
+    int64_t index;              /* number of the solver's time step, in which a stride counts as the steps that it stands for */
+    const char* name;           /* of the time, in messages; NULL: its value */
+    int32_t correctors;         /* that the solver took in this step; -1: it has none */
+    int32_t most_correctors;    /* its cap of them; -1: it has none */
+} m4gn_ride_step;
 
-/* Collective, over the session's ranks. `mesh` is the session's; `settings` is a JSON object, {"mode": "before"} suffices. On
- * failure *adapt is NULL. The adaptation does not keep the session. */
-int32_t m4gn_adapt_new(
-    const m4gn_session* session,
+typedef struct m4gn_ride_answer
+{
+    double duration;            /* of ADVANCE: time by which the stride advances, s */
+    double delta_t;             /* within a jump the solver's time step, s; else 0 */
+    int64_t solver_steps;       /* of ADVANCE: time steps of the solver that it stands for */
+    int64_t since;              /* time steps since the last jump; -1: there was none */
+    int32_t action;             /* M4GN_RIDE_SOLVE ... */
+    int32_t surrogate;          /* which one jumps; 0 */
+    int32_t strides;            /* of the jump that are left; of HAND_BACK those that a run takes which is carried on: this one
+                                   was stopped in the jump */
+    int32_t last_but_one;       /* 1: one stride is left, whose state is handed back */
+    int32_t fields;             /* 1: the next call needs the fields; 0: it may be given none */
+    int32_t stepped;            /* 1: the model has taken a stride, beside the solver or in its place */
+} m4gn_ride_answer;
+
+/* What a host tells of a jump, for the log and the table. */
+typedef struct m4gn_ride_quantity
+{
+    const char* name;
+    double value;
+} m4gn_ride_quantity;
+
+/* Collective. Begins a ride at the present time, `start`. The session must live as long as the ride, and the host may go on using
+ * it between calls. Fields of calls below are all fields of the model by name, inputs and outputs; of a body with an obstacle,
+ * m4gn_session_set_obstacle comes before each call that is given fields. On failure *ride is NULL. The settings are
+ *
+ *   name            default     meaning
+ *   mode                        "replace", or "observe": the model is compared with the solver, which runs as without it; must be given
+ *   name            ""          of the ride, in messages
+ *   solver_steps                steps of the solver before each jump; must be given in mode replace
+ *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace
+ *   rollout_steps   50          mode observe: strides after which a rollout begins anew
+ *   write_errors    false       mode observe: errors in each segment and at each cell
+ *   time_start      null        the solver is alone before, s; null: from the start
+ *   time_end        null        and after, s; null: to the end
+ *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices; others: rel_tol (0.2), fields
+ *                               (["U"]; the first predicted one), on_failure ("solver", or "stop"), patience (10)
+ *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
+ *                               (a third of the time before time_start); writeModel: path of the adapted model, false
+ *   write_precision 6           significant digits of tables and messages
+ *   model           ""          where the model is from, in messages and tables
+ *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)
+ *   setup_seconds   0           wall time that making the session took, s: for the summary
+ */
+int32_t m4gn_ride_new(
+    m4gn_session* session,
+    const m4gn_mesh_data* mesh, /* of the session */
+    const char* options,
+    const m4gn_ride_step* start,
+    m4gn_ride** ride);
+
+/* A surrogate of the host's own: a table, a fit, another library. */
+typedef struct m4gn_surrogate
+{
+    const char* name;           /* in messages and tables */
+    double stride;              /* time that a step advances, s */
+    int32_t n_fields;           /* fields that it advances */
+    const char* const* field_names;  /* [n_fields] */
+    const int32_t* field_components; /* [n_fields] 1 or 3 */
+    /* One step from the fields `in`, those of the call of the ride: `out` holds the advanced fields at the start, and is to hold
+     * them at its end. A status; M4GN_ERROR_NUMERICAL where there is no result. All ranks are called. */
+    int32_t (*step)(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out);
+    void* data;                 /* kept until the ride is freed, and handed to step */
+} m4gn_surrogate;
+
+/* Collective. As m4gn_ride_new, of such a surrogate, on the host's mesh; without adapt. */
+int32_t m4gn_ride_new_own(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
+    const m4gn_surrogate* surrogate,
     const m4gn_mesh_data* mesh,
-    const char* settings,
-    m4gn_adapt** adapt);
+    const char* options,
+    const m4gn_ride_step* start,
+    m4gn_ride** ride);
 
 /* Collective. */
-void m4gn_adapt_free(m4gn_adapt* adapt);
+void m4gn_ride_free(m4gn_ride* ride);
 
-/* 1 as long as frames and runs are of use; 0 after the one run of mode before. */
-int32_t m4gn_adapt_active(const m4gn_adapt* adapt);
+/* The solver has made a step. M4GN_ERROR_INPUT too where strides would be compared at times at which none ends, since the ride is
+ * not told of each step. */
+int32_t m4gn_ride_solved(m4gn_ride* ride, const m4gn_ride_step* now, m4gn_ride_answer* answer);
 
-/* Time (s) by which a step of the session brings the surrogate further than the model's stride, by the last run; negative: less
- * far. A state after n steps is that of n * (stride + ahead) later. later 0: in a jump from a state of the solver's own; 1: in
- * a jump after others, with a few steps of the solver between. 0 where it was not measured. */
-double m4gn_adapt_ahead(const m4gn_adapt* adapt, int32_t later);
+/* Collective. What follows that step. M4GN_ERROR_NUMERICAL where the model stays bad and control says stop. */
+int32_t m4gn_ride_decide(
+    m4gn_ride* ride,
+    const m4gn_field* fields,   /* after the step; may be NULL where the last answer does not ask for them */
+    const int32_t* const* held, /* mode observe: [n_fields], of each field [n_boundary] not 0 where a boundary face holds its value and
+                                   0 where it follows its cell; NULL, or NULL of a field: all hold */
+    int32_t n_fields,
+    m4gn_ride_answer* answer);
 
-/* Collective. All fields of the model after a step of the solver; begins 1: the state does not follow from the last one by
- * a step of the solver. Frames that there is no room for are forgotten. */
-int32_t m4gn_adapt_frame(
-    m4gn_adapt* adapt, double time, int32_t begins, const m4gn_field* fields, int32_t n_fields);
+/* Collective. A stride from the present fields. `out` has the predicted fields in the session's order, and is written where the
+ * action is M4GN_RIDE_ADVANCE. It may name the same arrays. */
+int32_t m4gn_ride_stride(
+    m4gn_ride* ride,
+    const m4gn_field* fields,
+    int32_t n_fields,
+    const m4gn_field_out* out,
+    int32_t n_out,
+    m4gn_ride_answer* answer);
 
-/* Collective. Learns, and hands the weights to the session if they are better than those before on frames that no gradient
- * has seen. With overlap: hands over what the round that the last call began has learned, and begins another one, on threads
- * that end with the handle. `strides`: model steps of the next jump. What was done, or why nothing, stands in note, ended by a zero byte. */
-int32_t m4gn_adapt_run(
-    m4gn_adapt* adapt,
-    m4gn_session* session,
-    int32_t strides,
-    m4gn_adapt_report* report,
-    char* note,                 /* [note_size] */
-    int32_t note_size);
+/* Time and fields are those of the prediction. */
+int32_t m4gn_ride_advanced(m4gn_ride* ride, const m4gn_ride_step* now, m4gn_ride_answer* answer);
 
-/* Collective; the first rank writes and reads. Weights, moments, frames and counts: a run that takes them up goes on as the
- * uninterrupted one. load hands the weights to the session. */
-int32_t m4gn_adapt_save(m4gn_adapt* adapt, const char* path);
-int32_t m4gn_adapt_load(m4gn_adapt* adapt, m4gn_session* session, const char* path);
+/* Wall time since the last such call that went into strides and into handing over, s. */
+int32_t m4gn_ride_spent(m4gn_ride* ride, double surrogate, double hand_over);
 
-/* Collective; the first rank writes. The model with the weights that are used, as a model file. */
-int32_t m4gn_adapt_write_model(m4gn_adapt* adapt, const char* path);
+/* Collective. The solver goes on from this state. Fields as for m4gn_ride_decide. */
+int32_t m4gn_ride_handed_back(
+    m4gn_ride* ride,
+    const m4gn_ride_step* now,
+    const m4gn_ride_quantity* quantities,
+    int32_t n_quantities,
+    const m4gn_field* fields,
+    int32_t n_fields,
+    m4gn_ride_answer* answer);
 
-/* ---- control ------------------------------------------------------------------------------------ */
+/* Collective. One file, which the first rank writes and reads: a ride that takes it up, on a host that has the fields of that time, goes
+ * on as the uninterrupted one. To be saved where the table above says so. The action of load is M4GN_RIDE_DECIDE, M4GN_RIDE_STRIDE
+ * where strides of a jump are left, or M4GN_RIDE_HAND_BACK where the state is one that was handed back already. On another number of
+ * ranks it works as well. M4GN_ERROR_FILE for a file that is damaged (it has a checksum) or of another mesh or time,
+ * M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */
+int32_t m4gn_ride_save(m4gn_ride* ride, const char* path);
+int32_t m4gn_ride_load(m4gn_ride* ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer);
 
-/* How far a jump of the surrogate may go (docs/control.md). None of these is collective: all ranks call them alike, with
- * figures of all ranks together. */
-typedef struct m4gn_control m4gn_control;
+/* Not collective. As much as fits of the text that the host keeps in a state, ended by a zero byte: to be read before a ride is made. */
+int32_t m4gn_ride_host(const char* path, char* text, int32_t size);
 
-/* A predicted field over a stride that solver and surrogate both took from the same state: root mean squares over the nodes of
- * all ranks and the solved components. */
-typedef struct m4gn_stride_error
+enum
 {
-    double error;               /* of prediction minus solver; not finite where the prediction was not */
-    double change;              /* of what the solver changed */
-    double size;                /* of the solver's field */
-} m4gn_stride_error;
+    M4GN_RIDE_LOG = 0,          /* lines of the log */
+    M4GN_RIDE_WARNING = 1,      /* one warning */
+    M4GN_RIDE_JUMPS = 2,        /* rows of the table of jumps */
+    M4GN_RIDE_STRIDES = 3,      /* rows of the table of strides beside the solver */
+    M4GN_RIDE_ERRORS = 4,       /* mode observe: rows of the table of errors */
+    M4GN_RIDE_SEGMENT_ERRORS = 5, /* and of that of errors in segments */
+    M4GN_RIDE_SUMMARY = 6,      /* ends the ride: totals go into the log, and in mode replace into this JSON object */
+    M4GN_RIDE_DIFFERENCE_TIME = 7 /* name of the time of m4gn_ride_difference */
+};
 
-/* M4GN_ERROR_INPUT for settings that m4gn_control_new would refuse whatever the model. */
-int32_t m4gn_control_check(const char* settings);
+/* Takes what there is to be said, "" if there is nothing. A table's first rows come with its head. Valid until the next call. */
+const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind);
 
-/* `settings` is a JSON object, {"tolerance": 0.05} suffices: the largest error of a jump, relative to the largest root mean square
- * that the field has had. Others: fields (predicted ones, ["U"]; the first one), relTol
- * (largest error of a stride over what the solver changed in it, 0.2), onFailure ("solver", or "stop"), patience
- * (strides in a row that allow no jump before it stops, 10). The fields whose errors' growth the model does not know stand in
- * note, ended by a zero byte: they are reckoned to add up. On failure *control is NULL. It does not keep the session. */
-int32_t m4gn_control_new(
-    const m4gn_session* session,
-    const char* settings,
-    char* note,                 /* [note_size] */
-    int32_t note_size,
-    m4gn_control** control);
-
-void m4gn_control_free(m4gn_control* control);
-
-/* Takes up such a stride, a row for each predicted field in the session's order. M4GN_ERROR_NUMERICAL where the surrogate stays
- * bad and the settings say stop. */
-int32_t m4gn_control_measure(m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields);
-
-/* Strides of the next jump, `most` at most; 0 where it must not begin, as before the first m4gn_control_measure, and after a stride in
- * which a field that the tolerance holds for was off by more than relTol of what the solver changed. `error` is the relative error of
- * the last stride measured, `estimate` that expected after the jump (of one stride where there is none). */
-int32_t m4gn_control_strides(
-    const m4gn_control* control,
-    int32_t most,
-    int32_t* strides,
-    double* error,
-    double* estimate);
-
-/* accepted 1: a stride of a jump that changes the predicted fields by so much (root mean squares) may be true; 0: it must not be
- * used, since the change is more than three times the largest that a stride of the solver has made. */
-int32_t m4gn_control_accepts(
-    const m4gn_control* control, const double* changes, int32_t n_fields, int32_t* accepted);
-
-/* Relative error that is expected after a jump of so many strides; infinite before the first m4gn_control_measure, and for
- * more strides than the model was calibrated for. */
-int32_t m4gn_control_estimate(const m4gn_control* control, int32_t strides, double* estimate);
-
-/* Relative error, as the tolerance has it, where the errors of the predicted fields are these root mean squares. */
-int32_t m4gn_control_relative(
-    const m4gn_control* control, const double* errors, int32_t n_fields, double* relative);
-
-/* What a controller decides by, so that a run can be carried on: of each predicted field the error of the last stride and the largest
- * change and size so far, and in `bad` how many strides in a row allowed no jump. bad -1: no stride was measured, and strides is not
- * written. A controller with the same settings and model goes on from them with m4gn_control_restore. */
-int32_t m4gn_control_state(
-    const m4gn_control* control, m4gn_stride_error* strides, int32_t n_fields, int32_t* bad);
-int32_t m4gn_control_restore(
-    m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields, int32_t bad);
+/* Mode observe with write_errors: rollout minus solver at the cells of a predicted field, [components*n_cells], where they were compared
+ * last. M4GN_ERROR_INPUT before. */
+int32_t m4gn_ride_difference(const m4gn_ride* ride, int32_t index, double* cells);
 
 /* ---- segments ----------------------------------------------------------------------------------- */
 

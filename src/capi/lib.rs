@@ -7,24 +7,24 @@
 
 #[macro_use]
 mod door;
-mod adapt;
-mod control;
 mod fields;
 mod fit;
 mod model;
 mod modes;
 mod options;
+mod own;
 mod raw;
 mod recorder;
+mod ride;
 mod segments;
 mod session;
 mod solids;
 
-pub use adapt::AdaptReport;
-pub use m4gn_step::control::StrideError;
 pub use modes::CsrData;
+pub use own::SurrogateData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;
+pub use ride::{RideAnswer, RideQuantity, RideStep};
 pub use segments::RankReport;
 pub use session::{FieldInfo, ProjectionData};
 

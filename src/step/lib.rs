@@ -3,7 +3,6 @@
 //! This is what the C ABI and `m4gn validate` drive. Building one makes graph, modes and segments once; a step
 //! turns fields into node features, runs the network, and turns its outputs into fields again.
 
-pub mod control;
 mod opening;
 mod options;
 mod outputs;

@@ -81,10 +81,14 @@ void readsTheModelOnce()
     REQUIRE(step() == before);
     REQUIRE(opened.elasticModes() == 0);
 
-    m4gn_adapt* adapt = nullptr;
-    m4gn::check(m4gn_adapt_new(session.get(), &mesh.data, R"({"mode": "before"})", &adapt));
-    REQUIRE(m4gn_adapt_active(adapt));
-    m4gn_adapt_free(adapt);
+    m4gn_ride_step start{};
+    start.delta_t = 0.002;
+    m4gn::Ride ride(session, mesh.data, R"({"mode": "observe", "adapt": {"mode": "before"}})", start);
+    Fields fields(mesh);
+    start.time = start.delta_t;
+    start.index = 1;
+    ride.solved(start);
+    REQUIRE(ride.decide(fields.in()).action == M4GN_RIDE_SOLVE);
 }
 
 void refusesModels()

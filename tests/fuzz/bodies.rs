@@ -7,7 +7,7 @@ use crate::place;
 use m4gn::{FieldData, FieldOut};
 use m4gn_mesh::body::Obstacle;
 use m4gn_mesh::parallel::NO_MPI;
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use serde_json::json;
 use std::ptr::null;
 

@@ -2,14 +2,13 @@
 #![allow(unsafe_code)]
 
 mod abi;
-mod adapt;
 mod bodies;
-mod control;
 mod damaged;
 #[path = "../fuzzing/mod.rs"]
 mod fuzzing;
 #[path = "../host/mod.rs"]
 mod host;
+mod ride;
 
 use fuzzing::{Random, fuzz};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
@@ -131,10 +130,4 @@ fn data_set_of_a_body() {
         "data-body",
         std::fs::read(root().join("tests/data/solid.h5")).unwrap(),
     );
-}
-
-#[test]
-fn data_set_of_a_body_in_version_2() {
-    let good = std::fs::read(root().join("tests/data/solid-version2.h5")).unwrap();
-    damaged("data-body-2", good);
 }
