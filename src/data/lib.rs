@@ -47,6 +47,7 @@ mod self_contained;
 mod source;
 mod space;
 mod states;
+mod superblock;
 mod trajectory;
 mod writer;
 

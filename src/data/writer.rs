@@ -3,6 +3,7 @@
 use super::layout::{frames_dataset, mesh_bytes, number, text, write_mesh};
 use super::schema::{FORMAT, FieldMeta, Frame, LONG, NAME, Split, VERSION, h5_error, quiet};
 use super::space::reserve;
+use super::superblock::clear_open_mark;
 use hdf5::Dataset;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::{Error, Result};
@@ -109,7 +110,7 @@ impl Writer {
     fn start(&mut self, space: std::fs::File, mesh: &Mesh, options: &WriteOptions) -> Result<()> {
         let path = self.path.as_path();
         let file = hdf5::FileBuilder::new()
-            .with_fapl(|p| p.file_locking(false).libver_v18())
+            .with_fapl(|p| p.file_locking(false).libver_v110())
             .create(&self.partial)
             .map_err(h5_error(path, "cannot be made"))?;
         text::<NAME>(path, &file, "format", FORMAT)?;
@@ -369,6 +370,7 @@ fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
 
 /// Makes a recording of the whole frames of a file that was not finished.
 fn complete(partial: &Path) -> hdf5::Result<()> {
+    clear_open_mark(partial).map_err(|e| hdf5::Error::Internal(e.to_string()))?;
     let file = hdf5::FileBuilder::new()
         .with_fapl(|p| p.file_locking(false))
         .open_rw(partial)?;
