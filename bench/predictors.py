@@ -3,13 +3,11 @@
 
     bench/predictors.py run/beam/full --end 0.3
     bench/predictors.py run/cylinder/full --start 5 --end 6 --linear-solver "PCG; preconditioner DIC"
-    bench/predictors.py run/cylinder/full --start 5 --end 6 --model models/cylinder-flow.safetensors
 
 CASE is a case that has been run or can be; it is copied, not touched. With solidDisplacementFoam the guess is of the
 displacement (function object m4gnPredictor), and the work is counted in correctors; with other solvers it is of the pressure
-(linear solver m4gnPredicted), and the work is counted in iterations of the linear solver. --model adds the predictor model, with
-a m4gnSurrogate of mode accelerate beside it. Differences are those of the last fields from the run without a guess,
-the largest one over the largest value. Needs env.sh sourced and the solver of the case.
+(linear solver m4gnPredicted), and the work is counted in iterations of the linear solver. Differences are those of the last
+fields from the run without a guess, the largest one over the largest value. Needs env.sh sourced and the solver of the case.
 """
 
 import argparse
@@ -28,16 +26,14 @@ def prepare(arguments: argparse.Namespace, folder: pathlib.Path, predictor: str)
     """A copy of the case with this predictor ('plain': as it is); the name of its solver."""
     interval = float(arguments.end) - float(arguments.start)
     entries = (
-        f"libs (m4gnFoam);\nendTime {arguments.end};\nwriteControl runTime;\nwriteInterval {interval};\n"
+        f"libs (m4gnAccelerators);\nendTime {arguments.end};\nwriteControl runTime;\nwriteInterval {interval};\n"
         "writeFormat ascii;\nwritePrecision 12;\n"
     )
     solver = foam_case.copy(arguments.case, folder, arguments.start, entries)
     objects = ""
-    if predictor == "model":
-        objects += f'surrogate {{ type m4gnSurrogate; libs (m4gnFoam); mode accelerate; model "{arguments.model}"; }}\n'
     if solver == "solidDisplacementFoam":
         if predictor != "plain":
-            objects += f"predictor {{ type m4gnPredictor; libs (m4gnFoam); predictor {predictor}; }}\n"
+            objects += f"predictor {{ type m4gnPredictor; libs (m4gnAccelerators); predictor {predictor}; }}\n"
     else:
         solution = folder / "system/fvSolution"
         linear = arguments.linear_solver
@@ -65,13 +61,10 @@ def main() -> None:
     parser.add_argument("--start", default="0", help="time to start from (default 0)")
     parser.add_argument("--end", required=True, help="time to end at")
     parser.add_argument("--linear-solver", default="GAMG", help="for the pressure, with its further entries (default GAMG)")
-    parser.add_argument("--model", type=pathlib.Path, help="the surrogate for predictor model")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each kind; times are medians (default 3)")
     parser.add_argument("--json", type=pathlib.Path, help="write the figures to this file")
     arguments = parser.parse_args()
-    kinds = ["plain", "none", "linear", "quadratic", *(["model"] if arguments.model else []), "auto"]
-    if arguments.model:
-        arguments.model = arguments.model.resolve()
+    kinds = ["plain", "none", "linear", "quadratic", "auto"]
     times: dict[str, list[float]] = {kind: [] for kind in kinds}
     figures: dict[str, dict] = {}
     with tempfile.TemporaryDirectory() as scratch:

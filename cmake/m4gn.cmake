@@ -1,4 +1,5 @@
-# The core library as a CMake target: m4gn::core, which is lib/libm4gn.so with cpp/include/m4gn.h and m4gn.hpp.
+# The core library as CMake targets: m4gn::core, which is lib/libm4gn.so with cpp/include/m4gn.h and m4gn.hpp, and
+# m4gn::header, which is these without the library.
 
 get_filename_component(M4GN_HOME "${CMAKE_CURRENT_LIST_DIR}/.." ABSOLUTE)
 set(M4GN_LIB_DIR "${M4GN_HOME}/lib")
@@ -11,7 +12,9 @@ add_library(m4gn::core SHARED IMPORTED)
 set_target_properties(m4gn::core PROPERTIES
     IMPORTED_LOCATION "${M4GN_LIB_DIR}/libm4gn.so"
     IMPORTED_SONAME libm4gn.so)
-target_include_directories(m4gn::core INTERFACE "${M4GN_HOME}/cpp/include")
+add_library(m4gn::header INTERFACE IMPORTED)
+target_include_directories(m4gn::header INTERFACE "${M4GN_HOME}/cpp/include")
+target_link_libraries(m4gn::core INTERFACE m4gn::header)
 
 # Our own code is held to these; the headers of others are SYSTEM and stay quiet. (m4gn.h is ours: see the targets'
 # NO_SYSTEM_FROM_IMPORTED.)

@@ -37,7 +37,7 @@ build_crates() {
 # Another OpenFOAM than last time: nothing of the old build fits.
 build_function_objects() {
     if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
-        rm -rf target/openfoam lib/libm4gnFoam.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
+        rm -rf target/openfoam lib/libm4gnFoam.so lib/libm4gnAccelerators.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
             return
     fi
     cmake -S openfoam -B target/openfoam -G Ninja -DCMAKE_BUILD_TYPE=Release && cmake --build target/openfoam

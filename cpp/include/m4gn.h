@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 11
+#define M4GN_ABI_VERSION 12
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -100,14 +100,14 @@ void m4gn_finalize(void);
  */
 
 /* Whether settings are valid, as far as can be said without a mesh, a model and other ranks: those of m4gn_session_new
- * (kind "session"), m4gn_segments_new ("segments"), m4gn_modes_new ("modes"), m4gn_solid_modes_new ("solid_modes") or
- * m4gn_recorder_new ("recorder"). */
+ * (kind "session"), m4gn_segments_new ("segments"), m4gn_modes_new ("modes"), m4gn_solid_modes_new ("solid_modes"),
+ * m4gn_recorder_new ("recorder") or m4gn_ride_new ("ride"). */
 int32_t m4gn_options_check(const char* kind, const char* options);
 
 /* ---- mesh and fields ---------------------------------------------------------------------------- */
 
 /* This rank's part of the mesh. Local labels; `empty` patches contribute nothing. A solver with its unknowns at points hands
- * in points for cells, edges for faces, and a boundary face at each point of a patch (openfoam/mesh/m4gnPointAdapter.H). */
+ * in points for cells, edges for faces, and a boundary face at each point of a patch (openfoam/adapter/m4gnPointAdapter.H). */
 typedef struct m4gn_mesh_data
 {
     int32_t n_directions;       /* 2 or 3 solved directions */
@@ -438,6 +438,165 @@ int32_t m4gn_control_state(
     const m4gn_control* control, m4gn_stride_error* strides, int32_t n_fields, int32_t* bad);
 int32_t m4gn_control_restore(
     m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields, int32_t bad);
+
+/* ---- ride --------------------------------------------------------------------------------------- */
+
+/* A hybrid run: the host's solver works, the model of a session is measured beside it, takes its place for a jump of some strides,
+ * and hands back. The ride knows no solver: it is told what happened and answers what to do next.
+ *
+ *     answer of:            action                     the host
+ *     m4gn_ride_handed_back M4GN_RIDE_SOLVE            lets its solver make a step, and calls m4gn_ride_solved
+ *     m4gn_ride_solved      M4GN_RIDE_DECIDE           saves the state where it writes its own, and calls m4gn_ride_decide
+ *     m4gn_ride_decide      SOLVE or STRIDE            on M4GN_RIDE_STRIDE calls m4gn_ride_stride
+ *     m4gn_ride_stride      ADVANCE, HAND_BACK, SOLVE  on M4GN_RIDE_ADVANCE advances its time by `duration` and its fields to the
+ *                                                      prediction, and calls m4gn_ride_advanced
+ *     m4gn_ride_advanced    STRIDE or HAND_BACK        saves the state where it writes its own; on M4GN_RIDE_HAND_BACK leaves the
+ *                                                      fields as its solver needs them, and calls m4gn_ride_handed_back
+ *
+ * A call that is not due is M4GN_ERROR_INPUT. Figures of the host are the same on all ranks but for `wall`. examples/hybrid_host is
+ * such a host. */
+typedef struct m4gn_ride m4gn_ride;
+
+enum
+{
+    M4GN_RIDE_SOLVE = 0,
+    M4GN_RIDE_DECIDE = 1,
+    M4GN_RIDE_STRIDE = 2,
+    M4GN_RIDE_ADVANCE = 3,
+    M4GN_RIDE_HAND_BACK = 4
+};
+
+/* Where the host is. */
+typedef struct m4gn_ride_step
+{
+    double time;                /* s */
+    double delta_t;             /* of the solver, s; not read within a jump */
+    double end_time;            /* of the run, s; HUGE_VAL: none */
+    double shown;               /* the time as tables have it */
+    double wall;                /* wall time of the run so far, s; 0: not known */
+    int64_t index;              /* number of the solver's time step, in which a stride counts as the steps that it stands for */
+    const char* name;           /* of the time, in messages; NULL: its value */
+    int32_t correctors;         /* that the solver took in this step; -1: it has none */
+    int32_t most_correctors;    /* its cap of them; -1: it has none */
+} m4gn_ride_step;
+
+typedef struct m4gn_ride_answer
+{
+    double duration;            /* of ADVANCE: time by which the stride advances, s */
+    double delta_t;             /* within a jump the solver's time step, s; else 0 */
+    int64_t solver_steps;       /* of ADVANCE: time steps of the solver that it stands for */
+    int64_t since;              /* time steps since the last jump; -1: there was none */
+    int32_t action;             /* M4GN_RIDE_SOLVE ... */
+    int32_t surrogate;          /* which one jumps; 0 */
+    int32_t strides;            /* of the jump that are left; of HAND_BACK those that a run takes which is carried on: this one
+                                   was stopped in the jump */
+    int32_t last_but_one;       /* 1: one stride is left, whose state is handed back */
+    int32_t fields;             /* 1: the next call needs the fields; 0: it may be given none */
+    int32_t stepped;            /* 1: the model has taken a stride, beside the solver or in its place */
+} m4gn_ride_answer;
+
+/* What a host tells of a jump, for the log and the table. */
+typedef struct m4gn_ride_quantity
+{
+    const char* name;
+    double value;
+} m4gn_ride_quantity;
+
+/* Collective. Begins a ride at the present time, `start`. The session must live as long as the ride, and the host may go on using
+ * it between calls. Fields of calls below are all fields of the model by name, inputs and outputs; of a body with an obstacle,
+ * m4gn_session_set_obstacle comes before each call that is given fields. On failure *ride is NULL. The settings are
+ *
+ *   name            default     meaning
+ *   mode                        "replace", or "observe": the model is compared with the solver, which runs as without it; must be given
+ *   name            ""          of the ride, in messages
+ *   solver_steps                steps of the solver before each jump; must be given in mode replace
+ *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace
+ *   rollout_steps   50          mode observe: strides after which a rollout begins anew
+ *   write_errors    false       mode observe: errors in each segment and at each cell
+ *   time_start      null        the solver is alone before, s; null: from the start
+ *   time_end        null        and after, s; null: to the end
+ *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices; others: rel_tol (0.2), fields
+ *                               (["U"]; the first predicted one), on_failure ("solver", or "stop"), patience (10)
+ *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
+ *                               (a third of the time before time_start); writeModel: path of the adapted model, false
+ *   write_precision 6           significant digits of tables and messages
+ *   setup_seconds   0           wall time that making the session took, s: for the summary
+ */
+int32_t m4gn_ride_new(
+    m4gn_session* session,
+    const m4gn_mesh_data* mesh, /* of the session */
+    const char* options,
+    const m4gn_ride_step* start,
+    m4gn_ride** ride);
+
+/* Collective. */
+void m4gn_ride_free(m4gn_ride* ride);
+
+/* The solver has made a step. M4GN_ERROR_INPUT too where strides would be compared at times at which none ends, since the ride is
+ * not told of each step. */
+int32_t m4gn_ride_solved(m4gn_ride* ride, const m4gn_ride_step* now, m4gn_ride_answer* answer);
+
+/* Collective. What follows that step. M4GN_ERROR_NUMERICAL where the model stays bad and control says stop. */
+int32_t m4gn_ride_decide(
+    m4gn_ride* ride,
+    const m4gn_field* fields,   /* after the step; may be NULL where the last answer does not ask for them */
+    const int32_t* const* held, /* mode observe: [n_fields], of each field [n_boundary] not 0 where a boundary face holds its value and
+                                   0 where it follows its cell; NULL, or NULL of a field: all hold */
+    int32_t n_fields,
+    m4gn_ride_answer* answer);
+
+/* Collective. A stride from the present fields. `out` has the predicted fields in the session's order, and is written where the
+ * action is M4GN_RIDE_ADVANCE. It may name the same arrays. */
+int32_t m4gn_ride_stride(
+    m4gn_ride* ride,
+    const m4gn_field* fields,
+    int32_t n_fields,
+    const m4gn_field_out* out,
+    int32_t n_out,
+    m4gn_ride_answer* answer);
+
+/* Time and fields are those of the prediction. */
+int32_t m4gn_ride_advanced(m4gn_ride* ride, const m4gn_ride_step* now, m4gn_ride_answer* answer);
+
+/* Wall time since the last such call that went into strides and into handing over, s. */
+int32_t m4gn_ride_spent(m4gn_ride* ride, double surrogate, double hand_over);
+
+/* Collective. The solver goes on from this state. Fields as for m4gn_ride_decide. */
+int32_t m4gn_ride_handed_back(
+    m4gn_ride* ride,
+    const m4gn_ride_step* now,
+    const m4gn_ride_quantity* quantities,
+    int32_t n_quantities,
+    const m4gn_field* fields,
+    int32_t n_fields,
+    m4gn_ride_answer* answer);
+
+/* Collective. One file, which the first rank writes and reads: a ride that takes it up, on a host that has the fields of that time, goes
+ * on as the uninterrupted one. To be saved where the table above says so. The action of load is M4GN_RIDE_DECIDE, M4GN_RIDE_STRIDE
+ * where strides of a jump are left, or M4GN_RIDE_HAND_BACK where the state is one that was handed back already. On another number of
+ * ranks it works as well. M4GN_ERROR_FILE for a file that is damaged (it has a checksum) or of another mesh or time,
+ * M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */
+int32_t m4gn_ride_save(m4gn_ride* ride, const char* path);
+int32_t m4gn_ride_load(m4gn_ride* ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer);
+
+enum
+{
+    M4GN_RIDE_LOG = 0,          /* lines of the log */
+    M4GN_RIDE_WARNING = 1,      /* one warning */
+    M4GN_RIDE_JUMPS = 2,        /* rows of the table of jumps */
+    M4GN_RIDE_STRIDES = 3,      /* rows of the table of strides beside the solver */
+    M4GN_RIDE_ERRORS = 4,       /* mode observe: rows of the table of errors */
+    M4GN_RIDE_SEGMENT_ERRORS = 5, /* and of that of errors in segments */
+    M4GN_RIDE_SUMMARY = 6,      /* ends the ride: totals go into the log, and in mode replace into this JSON object */
+    M4GN_RIDE_DIFFERENCE_TIME = 7 /* name of the time of m4gn_ride_difference */
+};
+
+/* Takes what there is to be said, "" if there is nothing. A table's first rows come with its head. Valid until the next call. */
+const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind);
+
+/* Mode observe with write_errors: rollout minus solver at the cells of a predicted field, [components*n_cells], where they were compared
+ * last. M4GN_ERROR_INPUT before. */
+int32_t m4gn_ride_difference(const m4gn_ride* ride, int32_t index, double* cells);
 
 /* ---- segments ----------------------------------------------------------------------------------- */
 

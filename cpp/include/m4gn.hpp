@@ -384,6 +384,99 @@ private:
     std::unique_ptr<m4gn_recorder, Free> recorder_;
 };
 
+// A hybrid run of a session, which outlives it (m4gn.h says who calls what when). Made and destroyed by all ranks together.
+class Ride
+{
+public:
+    using Fields = std::vector<m4gn_field>;
+
+    // options: a JSON object, {"mode": "replace", "solver_steps": 5, "surrogate_steps": 10}.
+    Ride(Session& session, const m4gn_mesh_data& mesh, const std::string& options, const m4gn_ride_step& start)
+    {
+        m4gn_ride* ride = nullptr;
+        check(m4gn_ride_new(session.get(), &mesh, options.c_str(), &start, &ride));
+        ride_.reset(ride);
+    }
+
+    m4gn_ride_answer solved(const m4gn_ride_step& now)
+    {
+        return answer([&](m4gn_ride_answer* a) { return m4gn_ride_solved(ride_.get(), &now, a); });
+    }
+
+    m4gn_ride_answer decide(const Fields& fields, const int32_t* const* held = nullptr)
+    {
+        return answer([&](m4gn_ride_answer* a)
+            { return m4gn_ride_decide(ride_.get(), fields.data(), held, size(fields), a); });
+    }
+
+    m4gn_ride_answer stride(const Fields& fields, const std::vector<m4gn_field_out>& out)
+    {
+        return answer([&](m4gn_ride_answer* a)
+            { return m4gn_ride_stride(ride_.get(), fields.data(), size(fields), out.data(), size(out), a); });
+    }
+
+    m4gn_ride_answer advanced(const m4gn_ride_step& now)
+    {
+        return answer([&](m4gn_ride_answer* a) { return m4gn_ride_advanced(ride_.get(), &now, a); });
+    }
+
+    void spent(double surrogate, double handOver) { check(m4gn_ride_spent(ride_.get(), surrogate, handOver)); }
+
+    m4gn_ride_answer handedBack
+    (
+        const m4gn_ride_step& now,
+        const Fields& fields,
+        const std::vector<m4gn_ride_quantity>& quantities = {}
+    )
+    {
+        return answer([&](m4gn_ride_answer* a)
+        {
+            return m4gn_ride_handed_back
+            (
+                ride_.get(), &now, quantities.data(), size(quantities), fields.data(), size(fields), a
+            );
+        });
+    }
+
+    void save(const std::string& path) { check(m4gn_ride_save(ride_.get(), path.c_str())); }
+
+    m4gn_ride_answer load(const std::string& path, const m4gn_ride_step& now)
+    {
+        return answer([&](m4gn_ride_answer* a) { return m4gn_ride_load(ride_.get(), path.c_str(), &now, a); });
+    }
+
+    // M4GN_RIDE_LOG, ...
+    std::string text(int32_t kind)
+    {
+        const char* taken = m4gn_ride_text(ride_.get(), kind);
+        return taken ? taken : "";
+    }
+
+    m4gn_ride* get() const noexcept { return ride_.get(); }
+
+private:
+    struct Free
+    {
+        void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
+    };
+
+    template<class List>
+    static int32_t size(const List& list)
+    {
+        return static_cast<int32_t>(list.size());
+    }
+
+    template<class Call>
+    static m4gn_ride_answer answer(const Call& call)
+    {
+        m4gn_ride_answer found{};
+        check(call(&found));
+        return found;
+    }
+
+    std::unique_ptr<m4gn_ride, Free> ride_;
+};
+
 } // namespace m4gn
 
 #endif

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnDecomp.H"
 #include "addToRunTimeSelectionTable.H"
@@ -15,32 +9,20 @@ License
 #include "m4gnSegmentGraph.H"
 #include "m4gnSegmentation.H"
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 namespace Foam
 {
     defineTypeNameAndDebug(m4gnDecomp, 0);
     addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionary);
     #ifdef M4GN_DECOMPOSITION_REGION_TABLE
-    addToRunTimeSelectionTable
-    (
-        decompositionMethod,
-        m4gnDecomp,
-        dictionaryRegion
-    );
+    addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionaryRegion);
     #endif
 }
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 void Foam::m4gnDecomp::read()
 {
     m4gnSegmentation::checkDictionary(segmentEntries());
 
-    const scalarList weights
-    (
-        coeffs_.getOrDefault<scalarList>("processorWeights", scalarList())
-    );
+    const scalarList weights(coeffs_.getOrDefault<scalarList>("processorWeights", scalarList()));
 
     if (weights.size() && weights.size() != nDomains_)
     {
@@ -64,7 +46,6 @@ void Foam::m4gnDecomp::read()
     weights_.assign(weights.begin(), weights.end());
 }
 
-
 Foam::dictionary Foam::m4gnDecomp::segmentEntries() const
 {
     // A dictionary "coeffs" may have entries of other methods
@@ -77,7 +58,6 @@ Foam::dictionary Foam::m4gnDecomp::segmentEntries() const
         }
     );
 }
-
 
 const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
 {
@@ -94,7 +74,6 @@ const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
     return *fv;
 }
 
-
 Foam::word Foam::m4gnDecomp::constraintNames() const
 {
     wordList names;
@@ -104,7 +83,6 @@ Foam::word Foam::m4gnDecomp::constraintNames() const
     }
     return m4gn::join(names);
 }
-
 
 void Foam::m4gnDecomp::checkConstraints
 (
@@ -140,7 +118,6 @@ void Foam::m4gnDecomp::checkConstraints
         }
     }
 }
-
 
 Foam::labelList Foam::m4gnDecomp::distribute
 (
@@ -225,9 +202,6 @@ Foam::labelList Foam::m4gnDecomp::distribute
     return decomposition;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 #ifdef M4GN_DECOMPOSITION_REGION_TABLE
 Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict)
 :
@@ -238,21 +212,13 @@ Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict)
 }
 #endif
 
-
-Foam::m4gnDecomp::m4gnDecomp
-(
-    const dictionary& decompDict,
-    const word& regionName
-)
+Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict, const word& regionName)
 :
     decompositionMethod(decompDict, regionName),
     coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
 {
     read();
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::labelList Foam::m4gnDecomp::decompose
 (
@@ -278,10 +244,7 @@ Foam::labelList Foam::m4gnDecomp::decompose
             << exit(FatalError);
     }
 
-    const m4gnSegmentation segmentation
-    (
-        volumeMesh(mesh), segmentEntries(), false
-    );
+    const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
     const labelList segments(segmentation.cells());
 
     const labelList decomposition
@@ -294,7 +257,6 @@ Foam::labelList Foam::m4gnDecomp::decompose
     return decomposition;
 }
 
-
 Foam::labelList Foam::m4gnDecomp::withoutMesh() const
 {
     FatalErrorInFunction
@@ -304,7 +266,6 @@ Foam::labelList Foam::m4gnDecomp::withoutMesh() const
 
     return labelList();
 }
-
 
 Foam::labelList Foam::m4gnDecomp::decompose
 (
@@ -316,10 +277,7 @@ Foam::labelList Foam::m4gnDecomp::decompose
     const List<labelPair>& explicitConnections
 ) const
 {
-    const m4gnSegmentation segmentation
-    (
-        volumeMesh(mesh), segmentEntries(), false
-    );
+    const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
     const labelList segments(segmentation.cells());
 
     const labelList decomposition
@@ -354,6 +312,3 @@ Foam::labelList Foam::m4gnDecomp::decompose
 
     return decomposition;
 }
-
-
-// ************************************************************************* //

@@ -1,17 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentGraph.H"
 #include "PstreamReduceOps.H"
 #include "emptyPolyPatch.H"
 #include "syncTools.H"
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::label Foam::m4gnSegmentGraph::root(label segment) const
 {
@@ -23,7 +15,6 @@ Foam::label Foam::m4gnSegmentGraph::root(label segment) const
     return segment;
 }
 
-
 void Foam::m4gnSegmentGraph::join(const label a, const label b)
 {
     const label first = root(a);
@@ -32,7 +23,6 @@ void Foam::m4gnSegmentGraph::join(const label a, const label b)
     // The lowest stands for the group, in whatever order they are joined
     parent_[max(first, second)] = min(first, second);
 }
-
 
 void Foam::m4gnSegmentGraph::combine()
 {
@@ -49,7 +39,6 @@ void Foam::m4gnSegmentGraph::combine()
         }
     }
 }
-
 
 void Foam::m4gnSegmentGraph::joinSet(const labelList& faces)
 {
@@ -85,7 +74,6 @@ void Foam::m4gnSegmentGraph::joinSet(const labelList& faces)
     }
 }
 
-
 void Foam::m4gnSegmentGraph::number()
 {
     group_.resize(count_);
@@ -98,7 +86,6 @@ void Foam::m4gnSegmentGraph::number()
             (first == segmenti) ? nGroups_++ : group_[first];
     }
 }
-
 
 void Foam::m4gnSegmentGraph::sum(const scalarField& cellWeights)
 {
@@ -156,9 +143,6 @@ void Foam::m4gnSegmentGraph::sum(const scalarField& cellWeights)
     adjacency_.assign(adjacency.begin(), adjacency.end());
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnSegmentGraph::m4gnSegmentGraph
 (
     const polyMesh& mesh,
@@ -178,7 +162,6 @@ Foam::m4gnSegmentGraph::m4gnSegmentGraph
     )
 {}
 
-
 Foam::m4gnSegmentGraph::m4gnSegmentGraph
 (
     const polyMesh& mesh,
@@ -193,11 +176,7 @@ Foam::m4gnSegmentGraph::m4gnSegmentGraph
     mesh_(mesh),
     segments_(segments),
     across_(),
-    count_
-    (
-        returnReduce(segments.empty() ? label(-1) : max(segments), maxOp<label>())
-      + 1
-    ),
+    count_(returnReduce(segments.empty() ? label(-1) : max(segments), maxOp<label>()) + 1),
     parent_(identity(count_)),
     fixed_(count_, -1),
     group_(),
@@ -289,9 +268,6 @@ Foam::m4gnSegmentGraph::m4gnSegmentGraph
     sum(cellWeights);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 std::vector<int32_t> Foam::m4gnSegmentGraph::fixed() const
 {
     std::vector<int32_t> ranks(nGroups_, -1);
@@ -304,6 +280,3 @@ std::vector<int32_t> Foam::m4gnSegmentGraph::fixed() const
     }
     return ranks;
 }
-
-
-// ************************************************************************* //

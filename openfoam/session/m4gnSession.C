@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSession.H"
 #include "m4gnCore.H"
@@ -15,18 +9,13 @@ License
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
+#include "m4gnRun.H"
 #include "clockTime.H"
 #include "OSspecific.H"
 #include "Time.H"
 #include <sstream>
 
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-void Foam::m4gnSession::open
-(
-    const dictionary& dict,
-    const List<int32_t>& segments
-)
+void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segments)
 {
     const dictionary own(dict.subOrEmptyDict("segments"));
 
@@ -34,12 +23,7 @@ void Foam::m4gnSession::open
 
     autoPtr<m4gnElasticModes> modes;
     const label needed = m4gnElasticModes::needed(model_);
-    if
-    (
-        !stored
-     && !nodes_->atPoints()
-     && m4gnElasticModes::wanted(mesh_, own, needed)
-    )
+    if (!stored && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, own, needed))
     {
         dictionary body(own);
         for (const word key : {"nodeTypes", "D"})
@@ -49,10 +33,7 @@ void Foam::m4gnSession::open
                 body.add(*e);
             }
         }
-        const label nModes
-        (
-            own.getOrDefault<label>("modes", needed > 0 ? needed : -1)
-        );
+        const label nModes(own.getOrDefault<label>("modes", needed > 0 ? needed : -1));
         modes.reset(new m4gnElasticModes(mesh_, body, nModes));
         nodes_->setModes(modes->eigenvalues(), modes->cells());
     }
@@ -60,13 +41,7 @@ void Foam::m4gnSession::open
     const m4gnMechanicalProperties properties(mesh_);
     const std::string settings
     (
-        options
-        (
-            dict,
-            model_,
-            others_,
-            properties.description(dict.getOrDefault<word>("D", "D"))
-        )
+        options(dict, model_, others_, properties.description(dict.getOrDefault<word>("D", "D")))
     );
 
     // A rank may be without cells, and yet have segments
@@ -97,7 +72,6 @@ void Foam::m4gnSession::open
     stride_ = m4gn_session_stride(session_);
 }
 
-
 void Foam::m4gnSession::checkFields()
 {
     List<m4gn_field_info> infos(m4gn_session_n_fields(session_));
@@ -105,11 +79,7 @@ void Foam::m4gnSession::checkFields()
 
     forAll(infos, i)
     {
-        m4gn::check
-        (
-            m4gn_session_field(session_, i, &infos[i]),
-            "m4gnSurrogate"
-        );
+        m4gn::check(m4gn_session_field(session_, i, &infos[i]), "m4gnSurrogate");
         if (infos[i].is_input)
         {
             inputs.append(word(infos[i].name, false));
@@ -117,10 +87,7 @@ void Foam::m4gnSession::checkFields()
     }
     inputNames_.transfer(inputs);
 
-    const string misfit
-    (
-        m4gnObstacleFields::misfit(mesh_, inputNames_, stride_)
-    );
+    const string misfit(m4gnObstacleFields::misfit(mesh_, inputNames_, stride_));
     if (misfit.size() && outOfRange_ != "ignore")
     {
         FatalErrorInFunction
@@ -183,7 +150,6 @@ void Foam::m4gnSession::checkFields()
     outputComponents_.transfer(components);
 }
 
-
 Foam::List<int32_t> Foam::m4gnSession::labels(const labelFunction get) const
 {
     List<int32_t> labels(mesh_.nCells());
@@ -191,16 +157,11 @@ Foam::List<int32_t> Foam::m4gnSession::labels(const labelFunction get) const
     return labels;
 }
 
-
 void Foam::m4gnSession::compare()
 {
     int32_t count = 0;
     char why[1024] = "";
-    m4gn::check
-    (
-        m4gn_session_outside(session_, &count, why, sizeof(why)),
-        "m4gnSurrogate"
-    );
+    m4gn::check(m4gn_session_outside(session_, &count, why, sizeof(why)), "m4gnSurrogate");
 
     std::istringstream lines(count ? why : "");
     std::string line;
@@ -235,22 +196,11 @@ void Foam::m4gnSession::compare()
         << " such a run, outOfRange ignore says nothing" << endl;
 }
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
-Foam::m4gnSession::m4gnSession
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const wordList& others
-)
+Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const wordList& others)
 :
     mesh_(mesh),
     others_(others),
-    model_
-    (
-        m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())
-    ),
+    model_(m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())),
     session_(nullptr),
     stride_(0),
     setupSeconds_(0),
@@ -274,10 +224,7 @@ Foam::m4gnSession::m4gnSession
         taken = found.use
         (
             m4gnSegmentation::options(own, model_, false),
-            own.getOrDefault<word>
-            (
-                "stored", m4gnStoredSegments::choices().first()
-            )
+            own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first())
         );
         stored = found.cells();
     }
@@ -292,23 +239,12 @@ Foam::m4gnSession::m4gnSession
     if (write && nGroups > 0)
     {
         const word start(Time::timeName(mesh.time().startTime().value()));
-        m4gn::writeLabels
-        (
-            mesh,
-            m4gn::groupName,
-            start,
-            labels(m4gn_session_groups)
-        );
+        m4gn::writeLabels(mesh, m4gn::groupName, start, labels(m4gn_session_groups));
     }
 
     if (write && !taken && m4gn_session_n_segments(session_) > 0)
     {
-        m4gn::writeSegments
-        (
-            mesh,
-            segments(),
-            m4gn_session_segment_record(session_)
-        );
+        m4gn::writeSegments(mesh, segments(), m4gn_session_segment_record(session_));
     }
 
     setupSeconds_ = timer.elapsedTime();
@@ -325,9 +261,6 @@ Foam::m4gnSession::m4gnSession
     Info<< "ready in " << setupSeconds_ << " s" << nl << endl;
 }
 
-
-// * * * * * * * * * * * * * * * * Destructor  * * * * * * * * * * * * * * * //
-
 Foam::m4gnSession::~m4gnSession()
 {
     if (session_)
@@ -335,9 +268,6 @@ Foam::m4gnSession::~m4gnSession()
         m4gn_session_free(session_);
     }
 }
-
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 Foam::scalar Foam::m4gnSession::cellsAGroup() const
 {
@@ -348,7 +278,6 @@ Foam::scalar Foam::m4gnSession::cellsAGroup() const
       ? scalar(returnReduce(mesh_.nCells(), sumOp<label>()))/nGroups
       : 1;
 }
-
 
 std::string Foam::m4gnSession::options
 (
@@ -369,15 +298,10 @@ std::string Foam::m4gnSession::options
     settings.set
     (
         "segments",
-        m4gn::without
-        (
-            dict.subOrEmptyDict("segments"),
-            m4gnSegmentation::ownKeys()
-        )
+        m4gn::without(dict.subOrEmptyDict("segments"), m4gnSegmentation::ownKeys())
     );
     return m4gn::json(settings);
 }
-
 
 Foam::wordList Foam::m4gnSession::ownKeys()
 {
@@ -386,7 +310,6 @@ Foam::wordList Foam::m4gnSession::ownKeys()
         "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
     };
 }
-
 
 void Foam::m4gnSession::checkDictionary
 (
@@ -425,12 +348,7 @@ void Foam::m4gnSession::checkDictionary
     m4gn::checkOptions(dict, "session", options(dict, model, others), valid);
 }
 
-
-bool Foam::m4gnSession::step
-(
-    const std::vector<m4gn_field>& inputs,
-    List<scalarField>& cells
-)
+bool Foam::m4gnSession::step(const std::vector<m4gn_field>& inputs, List<scalarField>& cells)
 {
     std::vector<m4gn_field_out> outputs(outputNames_.size());
     forAll(outputNames_, i)
@@ -468,6 +386,3 @@ bool Foam::m4gnSession::step
 
     return true;
 }
-
-
-// ************************************************************************* //

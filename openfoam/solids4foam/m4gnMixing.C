@@ -1,23 +1,13 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnMixing.H"
 #include "PstreamReduceOps.H"
 #include "simpleMatrix.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 //- Changes that differ by less than about the root of this count as the same
 const Foam::scalar alike = 1e-12;
-
 
 Foam::scalar product(const Foam::vectorField& a, const Foam::vectorField& b)
 {
@@ -31,9 +21,6 @@ Foam::scalar product(const Foam::vectorField& a, const Foam::vectorField& b)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
-
 Foam::m4gnMixing::m4gnMixing(const label depth)
 :
     depth_(depth),
@@ -43,14 +30,7 @@ Foam::m4gnMixing::m4gnMixing(const label depth)
     n_(0)
 {}
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next
-(
-    const vectorField& x,
-    const vectorField& g
-)
+Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const vectorField& g)
 {
     const vectorField f(g - x);
     auto mixed = tmp<vectorField>::New(g);
@@ -122,6 +102,3 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next
 
     return mixed;
 }
-
-
-// ************************************************************************* //

@@ -1,24 +1,15 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
-#include "m4gnCore.H"
+#include "m4gnRun.H"
 #include "m4gnMixing.H"
 #include "solidModel.H"
 #include "solidTractionFvPatchVectorField.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 //- Most correctors, and correctors that the mixing remembers
@@ -34,7 +25,6 @@ const scalar sweepTolerance = 0.01;
 //  the few per cent that are enough for a solver, the mixing learns noise.
 const scalar linearTolerance = 1e-3;
 
-
 //- The model hands its stabilisation out to its own classes only
 struct protectedParts
 :
@@ -45,7 +35,6 @@ struct protectedParts
         return (solid.*(&protectedParts::stabilisation))();
     }
 };
-
 
 //- The patch's condition, if it is one that has a traction, which conditions of
 //  contact relax from corrector to corrector
@@ -59,13 +48,7 @@ solidTractionFvPatchVectorField* loaded(fvPatchVectorField& patch)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
-Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns
-(
-    const volScalarField& impK
-) const
+Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns(const volScalarField& impK) const
 {
     volVectorField& u = solid_->solutionD();
     auto& boundary = u.boundaryFieldRef();
@@ -92,7 +75,6 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns
 
     return tmp<vectorField>::New(std::move(all));
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::take
 (
@@ -150,16 +132,11 @@ bool Foam::m4gnSolids4FoamLaw::take
         {
             break;
         }
-        mechanical().grad
-        (
-            u,
-            solid_->incremental() ? solid_->gradDD() : solid_->gradD()
-        );
+        mechanical().grad(u, solid_->incremental() ? solid_->gradDD() : solid_->gradD());
     }
 
     return stress();
 }
-
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
 {
@@ -182,7 +159,6 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
     );
 }
 
-
 Foam::label Foam::m4gnSolids4FoamLaw::correct
 (
     const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight,
@@ -192,10 +168,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
     solidModel& solid = *solid_;
     const solidModel& model = solid;
     volVectorField& u = solid.solutionD();
-    const word scheme
-    (
-        solid.incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)"
-    );
+    const word scheme(solid.incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)");
     const volVectorField before("before", u);
     const volScalarField impK(mechanical().impK());
     const surfaceScalarField impKf(mechanical().impKf());
@@ -249,12 +222,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
     }
     SolverPerformance<vector>::debug = debug;
 
-    if
-    (
-       !valid
-     || !converged
-     || !take(now(), impK, sweepTolerance*largest())
-    )
+    if (!valid || !converged || !take(now(), impK, sweepTolerance*largest()))
     {
         u == before;
         presentGradients();
@@ -264,6 +232,3 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
 
     return nCorrectors;
 }
-
-
-// ************************************************************************* //

@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolids4FoamLaw.H"
 #include "addToRunTimeSelectionTable.H"
@@ -17,20 +11,14 @@ License
 #include <dlfcn.h>
 #include <fstream>
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 namespace Foam
 {
     defineTypeNameAndDebug(m4gnSolids4FoamLaw, 0);
     addToRunTimeSelectionTable(m4gnSolidLaw, m4gnSolids4FoamLaw, mesh);
 }
 
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 using m4gn::set;
 using m4gn::setIfFound;
@@ -55,7 +43,6 @@ string digest()
     return sha.str();
 }
 
-
 //- Set the old level of a strain to that of a body at rest, if it is there
 template<class Type>
 void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
@@ -71,18 +58,11 @@ void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::mechanicalModel& Foam::m4gnSolids4FoamLaw::mechanical()
 {
     // The model hands it out to its own classes only
-    return const_cast<mechanicalModel&>
-    (
-        const_cast<const solidModel&>(*solid_).mechanical()
-    );
+    return const_cast<mechanicalModel&>(const_cast<const solidModel&>(*solid_).mechanical());
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 {
@@ -92,11 +72,7 @@ bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 
     for (const entry& law : laws)
     {
-        if
-        (
-            law.isDict()
-         && law.dict().getOrDefault<bool>("solvePressureEqn", false)
-        )
+        if (law.isDict() && law.dict().getOrDefault<bool>("solvePressureEqn", false))
         {
             return true;
         }
@@ -104,7 +80,6 @@ bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 
     return false;
 }
-
 
 void Foam::m4gnSolids4FoamLaw::rest()
 {
@@ -114,11 +89,7 @@ void Foam::m4gnSolids4FoamLaw::rest()
     setAtRest<tensor>(mesh_, "F_", tensor::I);
 }
 
-
-bool Foam::m4gnSolids4FoamLaw::asOneIncrement
-(
-    const std::function<bool()>& action
-)
+bool Foam::m4gnSolids4FoamLaw::asOneIncrement(const std::function<bool()>& action)
 {
     solidModel& solid = *solid_;
     if (!solid.incremental())
@@ -143,7 +114,6 @@ bool Foam::m4gnSolids4FoamLaw::asOneIncrement
 
     return done;
 }
-
 
 Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
 {
@@ -203,7 +173,6 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
     return smallest;
 }
 
-
 bool Foam::m4gnSolids4FoamLaw::stress()
 {
     if (strain() <= SMALL)
@@ -234,9 +203,6 @@ bool Foam::m4gnSolids4FoamLaw::stress()
     return true;
 }
 
-
-// * * * * * * * * * * * * Protected Member Functions  * * * * * * * * * * * //
-
 Foam::string Foam::m4gnSolids4FoamLaw::mismatch() const
 {
     if (!solid_)
@@ -248,9 +214,6 @@ Foam::string Foam::m4gnSolids4FoamLaw::mismatch() const
 
     return string();
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh)
 :
@@ -271,9 +234,6 @@ Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh)
     }
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
 Foam::wordList Foam::m4gnSolids4FoamLaw::fields() const
 {
     return wordList
@@ -283,7 +243,6 @@ Foam::wordList Foam::m4gnSolids4FoamLaw::fields() const
         "grad(sigmaHyd)"
     });
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::follow()
 {
@@ -339,17 +298,12 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     return true;
 }
 
-
 void Foam::m4gnSolids4FoamLaw::move()
 {
     solid_->updateTotalFields();
 }
 
-
 void Foam::m4gnSolids4FoamLaw::write() const
 {
     solid_->writeFields(mesh_.time());
 }
-
-
-// ************************************************************************* //

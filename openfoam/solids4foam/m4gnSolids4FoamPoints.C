@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolids4FoamLaw.H"
 #include "m4gnSetFields.H"
@@ -13,11 +7,8 @@ License
 #include "vfvcCellPoint.H"
 #include <cfenv>
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 //- Most of Newton's iterations
@@ -27,7 +18,6 @@ const label maxIterations = 30;
 //  of the displacement
 const scalar farOff = 10;
 
-
 //- While it lives, this time scheme of the mesh is another one. The solver reads
 //  its schemes anew in each step.
 class otherScheme
@@ -36,7 +26,6 @@ class otherScheme
     const ITstream before_;
 
 public:
-
     otherScheme(ITstream& scheme, const tokenList& tokens)
     :
         scheme_(scheme),
@@ -53,7 +42,6 @@ public:
     otherScheme(const otherScheme&) = delete;
     void operator=(const otherScheme&) = delete;
 };
-
 
 //- The tolerance at which the solver's Newton iterations end, which it has from
 //  its start on and to itself. A pointer to it can be had where a template is
@@ -75,7 +63,6 @@ struct privateMember
 
 template struct privateMember<solverTolerance, &solidModel::solutionTol_>;
 
-
 //- While it lives, each step of the solver is one of Newton's iterations, of
 //  half the length where the forces would be larger after the whole one
 class oneIteration
@@ -87,7 +74,6 @@ class oneIteration
     const Switch searchBefore_;
 
 public:
-
     explicit oneIteration(const solidModel& model)
     :
         tolerance_(const_cast<scalar&>(model.*member(solverTolerance()))),
@@ -109,7 +95,6 @@ public:
     void operator=(const oneIteration&) = delete;
 };
 
-
 //- While it lives, the solver says nothing, and what is no number stops nothing
 class unseen
 {
@@ -117,7 +102,6 @@ class unseen
     fenv_t traps_;
 
 public:
-
     unseen()
     :
         level_(messageStream::level)
@@ -139,14 +123,10 @@ public:
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 bool Foam::m4gnSolids4FoamLaw::atPoints() const
 {
     return solid_->type().starts_with("vertexCentred");
 }
-
 
 Foam::tmp<Foam::surfaceTensorField>
 Foam::m4gnSolids4FoamLaw::dualGradient() const
@@ -165,7 +145,6 @@ Foam::m4gnSolids4FoamLaw::dualGradient() const
     );
 }
 
-
 Foam::scalar Foam::m4gnSolids4FoamLaw::smallestJacobian() const
 {
     if (solid_->nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
@@ -175,7 +154,6 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::smallestJacobian() const
 
     return gMin(det(tensor::I + dualGradient()().primitiveField().T())());
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::followPoints()
 {
@@ -197,7 +175,6 @@ bool Foam::m4gnSolids4FoamLaw::followPoints()
 
     return true;
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::newton
 (
@@ -247,7 +224,6 @@ bool Foam::m4gnSolids4FoamLaw::newton
 
     return false;
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::settlePoints
 (
@@ -301,6 +277,3 @@ bool Foam::m4gnSolids4FoamLaw::settlePoints
 
     return done;
 }
-
-
-// ************************************************************************* //

@@ -1,17 +1,9 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
 #include "solidModel.H"
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
 
 bool Foam::m4gnSolids4FoamLaw::settles() const
 {
@@ -28,7 +20,6 @@ bool Foam::m4gnSolids4FoamLaw::settles() const
      == "implicitCoupled";
 }
 
-
 bool Foam::m4gnSolids4FoamLaw::steps() const
 {
     const word& model = solid_->type();
@@ -44,7 +35,6 @@ bool Foam::m4gnSolids4FoamLaw::steps() const
          || model == "nonLinearGeometryUpdatedLagrangian"
         );
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::settle
 (
@@ -93,7 +83,6 @@ bool Foam::m4gnSolids4FoamLaw::settle
         ) >= 0;
     });
 }
-
 
 Foam::label Foam::m4gnSolids4FoamLaw::step()
 {
@@ -177,6 +166,3 @@ Foam::label Foam::m4gnSolids4FoamLaw::step()
 
     return correct(inertiaAndWeight, largest);
 }
-
-
-// ************************************************************************* //

@@ -1,20 +1,11 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolids4FoamLaw.H"
 #include "m4gnMixing.H"
 #include "solidModel.H"
 
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
-
 namespace
 {
-
 using namespace Foam;
 
 //- Most sweeps, the change of a boundary value at which they end, relative to
@@ -27,9 +18,6 @@ const scalar enough = 1e-5;
 const label depth = 8;
 
 } // End anonymous namespace
-
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
 
 Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
 {
@@ -47,15 +35,10 @@ Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
     return labelList(std::move(found));
 }
 
-
-Foam::fixedGradientFvPatchVectorField& Foam::m4gnSolids4FoamLaw::traction
-(
-    fvPatchVectorField& patch
-)
+Foam::fixedGradientFvPatchVectorField& Foam::m4gnSolids4FoamLaw::traction(fvPatchVectorField& patch)
 {
     return refCast<fixedGradientFvPatchVectorField>(patch);
 }
-
 
 void Foam::m4gnSolids4FoamLaw::presentGradients()
 {
@@ -69,7 +52,6 @@ void Foam::m4gnSolids4FoamLaw::presentGradients()
     }
 }
 
-
 void Foam::m4gnSolids4FoamLaw::evaluateBoundary()
 {
     volVectorField& u = solid_->solutionD();
@@ -81,7 +63,6 @@ void Foam::m4gnSolids4FoamLaw::evaluateBoundary()
     }
     u.correctBoundaryConditions();
 }
-
 
 bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
 {
@@ -176,7 +157,6 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     return stress() && change < enough*size;
 }
 
-
 bool Foam::m4gnSolids4FoamLaw::agree()
 {
     volVectorField& u = solid_->solutionD();
@@ -198,6 +178,3 @@ bool Foam::m4gnSolids4FoamLaw::agree()
 
     return false;
 }
-
-
-// ************************************************************************* //

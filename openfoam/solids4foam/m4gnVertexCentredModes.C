@@ -1,10 +1,4 @@
-/*---------------------------------------------------------------------------*\
-    m4gn: M4GN surrogates inside OpenFOAM
--------------------------------------------------------------------------------
-License
-    SPDX-License-Identifier: GPL-3.0-or-later
-
-\*---------------------------------------------------------------------------*/
+// SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnVertexCentredModes.H"
 #include "addToRunTimeSelectionTable.H"
@@ -12,6 +6,7 @@ License
 #include "lookupSolidModel.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnRun.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "sparseMatrix.H"
@@ -19,27 +14,17 @@ License
 #include <cmath>
 #include <memory>
 
-// * * * * * * * * * * * * * * Static Data Members * * * * * * * * * * * * * //
-
 namespace Foam
 {
 namespace functionObjects
 {
     defineTypeNameAndDebug(m4gnVertexCentredModes, 0);
-    addToRunTimeSelectionTable
-    (
-        functionObject,
-        m4gnVertexCentredModes,
-        dictionary
-    );
+    addToRunTimeSelectionTable(functionObject, m4gnVertexCentredModes, dictionary);
 }
 }
-
-// * * * * * * * * * * * * * * * Local Functions * * * * * * * * * * * * * * //
 
 namespace
 {
-
 using namespace Foam;
 
 //- Rows of the points that are not held, negative of solids4foam's matrix
@@ -94,15 +79,9 @@ struct csr
 
 } // End anonymous namespace
 
-
-// * * * * * * * * * * * * * Private Member Functions  * * * * * * * * * * * //
-
 Foam::labelList Foam::functionObjects::m4gnVertexCentredModes::rows() const
 {
-    const auto& D = mesh_.lookupObject<pointVectorField>
-    (
-        dict_.getOrDefault<word>("D", "pointD")
-    );
+    const auto& D = mesh_.lookupObject<pointVectorField>(dict_.getOrDefault<word>("D", "pointD"));
 
     labelList row(mesh_.nPoints(), 0);
     for (const pointPatchVectorField& patch : D.boundaryField())
@@ -136,11 +115,7 @@ Foam::labelList Foam::functionObjects::m4gnVertexCentredModes::rows() const
     return row;
 }
 
-
-std::string Foam::functionObjects::m4gnVertexCentredModes::options
-(
-    const dictionary& dict
-)
+std::string Foam::functionObjects::m4gnVertexCentredModes::options(const dictionary& dict)
 {
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, {"zeta", "D"});
@@ -148,9 +123,6 @@ std::string Foam::functionObjects::m4gnVertexCentredModes::options
     settings.set("block", 3);
     return m4gn::json(settings);
 }
-
-
-// * * * * * * * * * * * * * * * * Constructors  * * * * * * * * * * * * * * //
 
 Foam::functionObjects::m4gnVertexCentredModes::m4gnVertexCentredModes
 (
@@ -165,13 +137,7 @@ Foam::functionObjects::m4gnVertexCentredModes::m4gnVertexCentredModes
     read(dict);
 }
 
-
-// * * * * * * * * * * * * * * * Member Functions  * * * * * * * * * * * * * //
-
-bool Foam::functionObjects::m4gnVertexCentredModes::read
-(
-    const dictionary& dict
-)
+bool Foam::functionObjects::m4gnVertexCentredModes::read(const dictionary& dict)
 {
     fvMeshFunctionObject::read(dict);
 
@@ -181,7 +147,6 @@ bool Foam::functionObjects::m4gnVertexCentredModes::read
 
     return true;
 }
-
 
 bool Foam::functionObjects::m4gnVertexCentredModes::execute()
 {
@@ -211,11 +176,7 @@ bool Foam::functionObjects::m4gnVertexCentredModes::execute()
     const scalar zeta = dict_.getOrDefault<scalar>
     (
         "zeta",
-        coeffs.getOrDefault<scalar>
-        (
-            "zetaImplicit",
-            coeffs.getOrDefault<scalar>("zeta", 0)
-        )
+        coeffs.getOrDefault<scalar>("zetaImplicit", coeffs.getOrDefault<scalar>("zeta", 0))
     );
 
     const fvMesh& dual = solid.dualMesh();
@@ -290,19 +251,11 @@ bool Foam::functionObjects::m4gnVertexCentredModes::execute()
         ),
         "m4gnVertexCentredModes cannot find the modes"
     );
-    const std::unique_ptr<m4gn_modes, void(*)(m4gn_modes*)> owned
-    (
-        modes,
-        m4gn_modes_free
-    );
+    const std::unique_ptr<m4gn_modes, void(*)(m4gn_modes*)> owned(modes, m4gn_modes_free);
 
     const label count = m4gn_modes_count(modes);
     scalarField eigenvalues(count);
-    m4gn::check
-    (
-        m4gn_modes_eigenvalues(modes, eigenvalues.data()),
-        "m4gnVertexCentredModes"
-    );
+    m4gn::check(m4gn_modes_eigenvalues(modes, eigenvalues.data()), "m4gnVertexCentredModes");
 
     const fileName dir(m4gn::outputDir(name(), mesh_));
     mkDir(dir);
@@ -354,11 +307,7 @@ bool Foam::functionObjects::m4gnVertexCentredModes::execute()
     return true;
 }
 
-
 bool Foam::functionObjects::m4gnVertexCentredModes::write()
 {
     return true;
 }
-
-
-// ************************************************************************* //

@@ -5,6 +5,7 @@ use super::learner::{Knowledge, Learner};
 use super::window::Window;
 use super::{Adaptation, Clock};
 use m4gn_learn::regression::Regression;
+use m4gn_mesh::files::write_whole;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
@@ -66,6 +67,14 @@ impl Adaptation {
     }
 
     fn write(&self, path: &Path) -> Result<()> {
+        write_whole(path, &self.bytes()?)
+    }
+
+    /// The state as the bytes of a file. Not collective: all ranks have it.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where it cannot be written down.
+    pub fn bytes(&self) -> Result<Vec<u8>> {
         let Learner {
             knowledge,
             sample,
@@ -106,7 +115,21 @@ impl Adaptation {
         if let Some((sums, _)) = fitted {
             arrays.doubles("regression", &sums.sums);
         }
-        arrays.write(path, "state of the adaptation", ENTRY, &description)
+        let bytes = arrays.bytes(ENTRY, &description);
+        bytes.map_err(|e| Error::Internal(format!("the state of the adaptation: {e}")))
+    }
+
+    /// Takes up the bytes of a state, which all ranks have. Collective; all ranks fail together, and nothing is changed then.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for bytes that are damaged, or of another model or mesh.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<()> {
+        let taken = self.take(bytes).map_err(|what| {
+            Error::Input(format!(
+                "not a usable state of this adaptation ({what}); delete it to adapt anew"
+            ))
+        });
+        self.comm.agree(taken)
     }
 
     /// Takes up what [`Adaptation::save`] wrote; the first rank reads. Collective; all ranks fail together, and nothing is

@@ -4,7 +4,8 @@ use super::door;
 use super::raw;
 use super::session::SessionHandle;
 use m4gn_mesh::Error;
-use m4gn_step::control::{Control, ControlSettings, StrideError};
+use m4gn_model::Output;
+use m4gn_ride::control::{Control, ControlSettings, StrideError};
 use std::ffi::c_char;
 
 /// `m4gn_control`
@@ -34,7 +35,11 @@ exports! {
                 let size = raw::count("note_size", note_size)?;
                 let note = raw::slice_mut("note", note, size)?;
                 let settings = ControlSettings::parse(raw::text("settings", settings)?)?;
-                let control = Control::new(session.session.spec(), settings)?;
+                let spec = session.session.spec();
+                let growth = |name: &str| spec.calibration.as_ref()?.factors(name).map(<[f64]>::to_vec);
+                let outputs = spec.fields.iter().filter(|f| f.output != Output::None);
+                let fields = outputs.map(|f| (f.name.clone(), growth(&f.name))).collect();
+                let control = Control::new(fields, settings)?;
                 raw::put_text(&control.not_calibrated().join(" "), note);
                 Ok(ControlHandle(control))
             })

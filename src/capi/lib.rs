@@ -15,22 +15,24 @@ mod modes;
 mod options;
 mod raw;
 mod recorder;
+mod ride;
 mod segments;
 mod session;
 mod solids;
 
 pub use adapt::AdaptReport;
-pub use m4gn_step::control::StrideError;
+pub use m4gn_ride::control::StrideError;
 pub use modes::CsrData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;
+pub use ride::{RideAnswer, RideQuantity, RideStep};
 pub use segments::RankReport;
 pub use session::{FieldInfo, ProjectionData};
 
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 11;
+pub const ABI_VERSION: i32 = 12;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

@@ -97,6 +97,12 @@ fn findings() -> Vec<Finding> {
             "the function objects: './Allrun' builds them",
         ),
         (
+            "libm4gnAccelerators.so",
+            library("libm4gnAccelerators.so"),
+            true,
+            "the accelerators, which libm4gnFoam.so links: './Allrun' builds them",
+        ),
+        (
             "modal library",
             library(m4gn_modes::eigen::LIBRARY.file),
             false,

@@ -5,7 +5,6 @@
 
 mod boundary;
 mod case;
-pub mod control;
 mod correction;
 mod field;
 mod groups;

@@ -351,7 +351,7 @@ EOD
 fi
 
 # Without the law the run goes on, with boundary values that are extrapolated and stresses of the solver's last step
-cp "$M4GN_HOME/lib/libm4gnFoam.so" "$work/lib"
+cp "$M4GN_HOME"/lib/libm4gn{Foam,Accelerators}.so "$work/lib"
 ranks=1
 model linearGeometry linearElastic 200 Euler
 clean_case
@@ -369,7 +369,7 @@ awk "BEGIN { exit !($off > 0.1) }" || fail "sigma without the law is off by $off
 model nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 Euler
 clean_case
 refused 'own material law only' solids4Foam
-rm "$work/lib/libm4gnFoam.so"
+rm "$work"/lib/libm4gn{Foam,Accelerators}.so
 if [ "$law" = yes ]; then
     # Another build of solids4foam than the one that the library was built with
     mkdir ../other && cp "$(find -L "$SOLIDS4FOAM_INST_DIR" -name libsolids4FoamModels.so | head -n 1)" ../other

@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnPredictor.H"
+#include "addToRunTimeSelectionTable.H"
+#include "m4gnDictionary.H"
+#include "m4gnExtrapolate.H"
+#include "m4gnReplacer.H"
+#include "m4gnRun.H"
+#include "SolverPerformance.H"
+
+namespace Foam
+{
+namespace functionObjects
+{
+    defineTypeNameAndDebug(m4gnPredictor, 0);
+    addToRunTimeSelectionTable(functionObject, m4gnPredictor, dictionary);
+}
+}
+
+namespace
+{
+    //- Relative change of the boundary values, between sweeps over them and
+    //  the stress, that is small beside the error of a guess
+    const Foam::scalar converged = 1e-5;
+}
+
+void Foam::functionObjects::m4gnPredictor::checkRun() const
+{
+    m4gn::checkSolver(*this);
+
+    if (!m4gnExplicitStress::registered(mesh_) || !foundObject<volVectorField>(DName_))
+    {
+        FatalErrorInFunction
+            << "Function object " << name() << " of type " << type()
+            << " needs a displacement " << DName_ << ", sigmaD, divSigmaExp,"
+            << " E, nu and rho (solidDisplacementFoam)" << nl
+            << "    For other solvers: the linear solver m4gnPredicted in"
+            << " fvSolution" << exit(FatalError);
+    }
+
+    const label nCorrectors =
+        mesh_.solutionDict().subDict("stressAnalysis")
+       .getOrDefault<label>("nCorrectors", 1);
+    if (nCorrectors < 2)
+    {
+        FatalErrorInFunction
+            << "Entry nCorrectors of stressAnalysis in fvSolution is "
+            << nCorrectors << ": time steps are not iterated to the tolerance,"
+            << " and a guess would change the result" << nl
+            << "    Set nCorrectors to the most that a time step may need (some"
+            << " hundreds) and D to a tolerance, or remove " << name()
+            << exit(FatalError);
+    }
+
+    const word replacer(m4gnReplacer::before(VGREAT));
+    if (replacer.size())
+    {
+        FatalErrorInFunction
+            << "Function object " << name() << " predicts for a solver that "
+            << replacer << " replaces" << nl << "    Have one of them in a run"
+            << exit(FatalError);
+    }
+
+    m4gn::checkLast(*this, time_, "a guess");
+}
+
+void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
+{
+    const label now = time_.timeIndex();
+
+    if (now != timeIndex_ + 1)
+    {
+        nStates_ = 0;
+    }
+    oldOld_.transfer(old_);
+    old_.transfer(last_);
+    last_ = D;
+    nStates_ = min(nStates_ + 1, label(3));
+    timeIndex_ = now;
+    deltaTOld_ = deltaT_;
+    deltaT_ = time_.deltaTValue();
+}
+
+Foam::tmp<Foam::vectorField>
+Foam::functionObjects::m4gnPredictor::guess() const
+{
+    const m4gnPredictorChoice::predictorType used = choice_->used();
+
+    if
+    (
+        used == m4gnPredictorChoice::NONE
+     || nStates_ < (used == m4gnPredictorChoice::QUADRATIC ? 3 : 2)
+    )
+    {
+        return nullptr;
+    }
+
+    const scalar deltaT = time_.deltaTValue();
+    const vectorField rate((last_ - old_)/deltaT_);
+
+    if (used == m4gnPredictorChoice::LINEAR)
+    {
+        return deltaT*rate;
+    }
+
+    return m4gn::parabola<vector>
+    (
+        deltaT,
+        deltaT_,
+        rate,
+        (old_ - oldOld_)/deltaTOld_,
+        -(deltaT_ + deltaTOld_)
+    );
+}
+
+Foam::functionObjects::m4gnPredictor::m4gnPredictor
+(
+    const word& name,
+    const Time& runTime,
+    const dictionary& dict
+)
+:
+    fvMeshFunctionObject(name, runTime, dict),
+    DName_("D"),
+    timeIndex_(-1),
+    deltaT_(0),
+    deltaTOld_(0),
+    nStates_(0)
+{
+    read(dict);
+}
+
+bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
+{
+    // Errors here must be FatalIOError: OpenFOAM turns FatalError during
+    // construction into a warning and goes on without the function object.
+
+    fvMeshFunctionObject::read(dict);
+    m4gn::checkStatic(mesh_, dict);
+    m4gn::checkKeys(dict, {"predictor", "D"}, true);
+    m4gnPredictorChoice::check(dict);
+
+    DName_ = dict.getOrDefault<word>("D", "D");
+    choice_.reset(new m4gnPredictorChoice(dict));
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnPredictor::execute()
+{
+    if (!stress_)
+    {
+        checkRun();
+        stress_.reset(new m4gnExplicitStress(mesh_));
+    }
+
+    volVectorField& D = lookupObjectRef<volVectorField>(DName_);
+
+    List<SolverPerformance<vector>> solves;
+    m4gn::solverPerformance(mesh_).readIfPresent(DName_, solves);
+    choice_->next(solves.size());
+
+    remember(D.primitiveField());
+
+    const bool last =
+        time_.value() > time_.endTime().value() - 0.5*time_.deltaTValue();
+    const tmp<vectorField> change(guess());
+
+    if (last || !change.valid())
+    {
+        return true;
+    }
+
+    // As the solver does when the next time step begins
+    D.storeOldTime();
+    D.primitiveFieldRef() += change();
+    stress_->update(D, converged);
+
+    // It has been done. Not earlier: every access but this one would do it
+    // again.
+    D.timeIndex() = time_.timeIndex() + 1;
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnPredictor::write()
+{
+    return true;
+}
+
+bool Foam::functionObjects::m4gnPredictor::end()
+{
+    if (stress_)
+    {
+        Info<< "m4gn: " << DName_ << " by predictor:";
+        choice_->report(Info, "correctors");
+        Info<< endl;
+    }
+
+    return true;
+}

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnFieldSet.H"
+#include "m4gnCellSize.H"
+#include "m4gnObstacleFields.H"
+#include "m4gnRate.H"
+#include "m4gnTimeStep.H"
+#include "m4gnViscosity.H"
+
+//- Bring fields that no solver registers up to date
+static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
+{
+    Foam::m4gnCellSize::provide(mesh, name);
+    Foam::m4gnObstacleFields::provide(mesh, name);
+    Foam::m4gnRate::provide(mesh, name);
+    Foam::m4gnTimeStep::provide(mesh, name);
+    Foam::m4gnViscosity::provide(mesh, name);
+}
+
+Foam::m4gnFieldSet::m4gnFieldSet(const fvMesh& mesh, const wordList& names)
+:
+    mesh_(mesh),
+    names_(names),
+    dimensions_(names.size(), FixedList<int32_t, 7>(0)),
+    values_(names.size()),
+    view_(names.size())
+{}
+
+void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
+{
+    forAll(names_, fieldi)
+    {
+        const word& name = names_[fieldi];
+        m4gnNodes::values& values = values_[fieldi];
+
+        provide(mesh_, name);
+
+        if (!nodes.gather(name, values))
+        {
+            FatalErrorInFunction
+                << "Field " << name << " is neither registered with"
+                << " the solver nor stored at time " << mesh_.time().timeName()
+                << " as a " << nodes.fieldTypes().c_str() << '.' << nl
+                << "    Registered: " << nodes.registered().c_str()
+                << exit(FatalError);
+        }
+
+        dimensions_[fieldi] = exponents(name, values.dimensions);
+
+        m4gn_field& view = view_[fieldi];
+        view.name = name.c_str();
+        view.components = values.components;
+        view.cells = values.cells;
+        view.boundary = values.boundary.cdata();
+    }
+}
+
+Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values(const m4gnNodes& nodes)
+{
+    gather(nodes);
+
+    List<scalarField> copies(view_.size());
+    forAll(copies, fieldi)
+    {
+        const m4gn_field& field = view_[fieldi];
+
+        copies[fieldi].resize(field.components*nodes.size());
+        std::copy(field.cells, field.cells + copies[fieldi].size(), copies[fieldi].begin());
+    }
+
+    return copies;
+}
+
+bool Foam::m4gnFieldSet::registered(const fvMesh& mesh, const m4gnNodes& nodes, const word& name)
+{
+    provide(mesh, name);
+
+    return nodes.registered(name);
+}
+
+Foam::FixedList<int32_t, 7> Foam::m4gnFieldSet::exponents
+(
+    const word& name,
+    const dimensionSet& dimensions
+)
+{
+    FixedList<int32_t, 7> integers(0);
+
+    for (int i = 0; i < dimensionSet::nDimensions; ++i)
+    {
+        const scalar exponent = dimensions[dimensionSet::dimensionType(i)];
+
+        integers[i] = int32_t(std::lround(exponent));
+
+        if (mag(exponent - integers[i]) > 1e-10)
+        {
+            FatalErrorInFunction
+                << "Field " << name << " has the dimensions " << dimensions
+                << ", and m4gn handles only whole exponents"
+                << exit(FatalError);
+        }
+    }
+
+    return integers;
+}

@@ -1,0 +1,428 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnMeshAdapter.H"
+#include "m4gnDictionary.H"
+#include "pointFields.H"
+#include "m4gnNodeTypes.H"
+#include "cyclicFvPatch.H"
+#include "processorFvPatch.H"
+#include "coupledPolyPatch.H"
+#include "globalIndex.H"
+#include "laplacianScheme.H"
+#include "snGradScheme.H"
+#include "StringStream.H"
+#include "surfaceFields.H"
+#include "surfaceInterpolationScheme.H"
+#include "syncTools.H"
+
+void Foam::m4gnMeshAdapter::checkPatches() const
+{
+    for (const fvPatch& patch : mesh_.boundary())
+    {
+        const word& type = patch.type();
+
+        const bool coupled = patch.coupled();
+
+        // cyclicSlip, cyclicAMI, ... derive from what is handled: by name
+        const bool known =
+            coupled
+          ? (type == "processor" || type == "processorCyclic" || type == "cyclic")
+          : (type == "empty" || m4gnNodeTypes::handles(patch));
+
+        if (!known)
+        {
+            m4gnNodeTypes::refuse(patch);
+        }
+
+        if (coupled)
+        {
+            const auto& pp = refCast<const coupledPolyPatch>(patch.patch());
+
+            if (!pp.parallel())
+            {
+                FatalErrorInFunction
+                    << "Patch " << patch.name() << " of type " << type
+                    << " turns vectors (a rotational transform), which m4gn"
+                    << " does not handle." << nl
+                    << "    Handled: translational cyclic patches."
+                    << exit(FatalError);
+            }
+        }
+    }
+}
+
+void Foam::m4gnMeshAdapter::checkCells() const
+{
+    const scalarField& V = mesh_.cellVolumes();
+    const vectorField& C = mesh_.cellCentres();
+    const vectorField& S = mesh_.faceAreas();
+
+    forAll(V, celli)
+    {
+        if (!(V[celli] > 0))
+        {
+            FatalErrorInFunction
+                << "Cell " << celli << " at " << C[celli] << " is inverted,"
+                << " flat or folded: expected a positive volume, found "
+                << V[celli] << nl
+                << "    checkMesh tells more" << exit(FatalError);
+        }
+    }
+
+    for (label facei = 0; facei < mesh_.nInternalFaces(); ++facei)
+    {
+        const label own = mesh_.faceOwner()[facei];
+        const label nei = mesh_.faceNeighbour()[facei];
+
+        if (!((S[facei] & (C[nei] - C[own])) > 0))
+        {
+            FatalErrorInFunction
+                << "Cells " << own << " at " << C[own] << " and " << nei
+                << " at " << C[nei] << ": one is inverted, flat or folded. The"
+                << " normal of their face, " << S[facei]
+                << ", does not lead from one to the other" << nl
+                << "    checkMesh tells more" << exit(FatalError);
+        }
+    }
+}
+
+Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
+{
+    const string text(laplacianScheme(mesh_));
+
+    IStringStream is(text);
+    const word laplacian(is);
+
+    if (laplacian != "Gauss")
+    {
+        FatalErrorInFunction
+            << "laplacianSchemes: " << text << "is no Gauss scheme. Give"
+            << " m4gn one: \"laplacian(m4gn)\" Gauss linear corrected;"
+            << exit(FatalError);
+    }
+
+    // As fv::laplacianScheme reads it
+    tmp<surfaceInterpolationScheme<scalar>> interpolation
+    (
+        surfaceInterpolationScheme<scalar>::New(mesh_, is)
+    );
+    tmp<fv::snGradScheme<scalar>> snGrad(fv::snGradScheme<scalar>::New(mesh_, is));
+
+    // The schemes look at no value of the field
+    const volScalarField scratch
+    (
+        IOobject
+        (
+            "m4gn",
+            mesh_.time().timeName(),
+            mesh_,
+            IOobject::NO_READ,
+            IOobject::NO_WRITE,
+            false
+        ),
+        mesh_,
+        dimensionedScalar(dimless, Zero)
+    );
+
+    return snGrad().deltaCoeffs(scratch)*scalar(1);
+}
+
+void Foam::m4gnMeshAdapter::setCells()
+{
+    labelList global;
+
+    if (Pstream::parRun())
+    {
+        global = procAddressing(mesh_, "cellProcAddressing", mesh_.nCells());
+    }
+
+    const globalIndex consecutive(mesh_.nCells());
+
+    cellGlobal_.resize(mesh_.nCells());
+    forAll(mesh_.C(), celli)
+    {
+        cellGlobal_[celli] =
+            global.size() ? global[celli] : consecutive.toGlobal(celli);
+    }
+
+    data_.n_cells = mesh_.nCells();
+    data_.cell_global = cellGlobal_.data();
+    data_.cell_centres =
+        reinterpret_cast<const double*>(mesh_.C().primitiveField().cdata());
+    data_.cell_volumes = mesh_.V().field().cdata();
+
+    data_.n_faces = mesh_.nInternalFaces();
+    data_.face_owner = mesh_.owner().cdata();
+    data_.face_neighbour = mesh_.neighbour().cdata();
+}
+
+void Foam::m4gnMeshAdapter::setBoundary
+(
+    const labelList& nodeTypes,
+    const surfaceScalarField& deltaCoeffs
+)
+{
+    label nBoundary = 0;
+    for (const label patchi : valuePatches_)
+    {
+        nBoundary += mesh_.boundary()[patchi].size();
+    }
+
+    boundaryOwner_.reserve(nBoundary);
+    boundaryType_.reserve(nBoundary);
+    boundaryPatch_.reserve(nBoundary);
+    boundaryCentres_.resize(nBoundary);
+    boundaryArea_.resize(nBoundary);
+    boundaryCoeff_.resize(nBoundary);
+
+    label nodei = 0;
+
+    forAll(valuePatches_, i)
+    {
+        const fvPatch& patch = mesh_.boundary()[valuePatches_[i]];
+        const labelUList& owner = patch.faceCells();
+        const vectorField& area = patch.Sf();
+        const vectorField& centres = patch.Cf();
+
+        // fvPatchField::gradientInternalCoeffs of a fixed value
+        const scalarField coeffs(patch.magSf()*patch.deltaCoeffs());
+
+        forAll(patch, facei)
+        {
+            boundaryOwner_.push_back(owner[facei]);
+            boundaryType_.push_back(nodeTypes[patch.index()]);
+            boundaryPatch_.push_back(i);
+            boundaryCentres_[nodei] = centres[facei];
+            boundaryArea_[nodei] = area[facei];
+            boundaryCoeff_[nodei] = coeffs[facei];
+            ++nodei;
+        }
+    }
+
+    setBoundaryGlobal();
+
+    publishBoundary();
+
+    faceCoeff_ =
+        deltaCoeffs.primitiveField()*mesh_.magSf().primitiveField();
+    data_.face_coeff = faceCoeff_.cdata();
+}
+
+void Foam::m4gnMeshAdapter::setBoundaryGlobal()
+{
+    const label nBoundary = boundaryOwner_.size();
+
+    boundaryGlobal_.resize(nBoundary);
+
+    labelList faceGlobal;
+    if (Pstream::parRun())
+    {
+        faceGlobal = procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces());
+    }
+
+    if (faceGlobal.empty())
+    {
+        const globalIndex consecutive(nBoundary);
+        for (label nodei = 0; nodei < nBoundary; ++nodei)
+        {
+            boundaryGlobal_[nodei] = consecutive.toGlobal(nodei);
+        }
+        return;
+    }
+
+    // The undecomposed face of each node. Among all of them in order, its
+    // place is the number that a serial run gives: patches are in order of
+    // faces there.
+    labelList mine(nBoundary);
+    label nodei = 0;
+    for (const label patchi : valuePatches_)
+    {
+        const polyPatch& pp = mesh_.boundaryMesh()[patchi];
+        for (label i = 0; i < pp.size(); ++i)
+        {
+            mine[nodei++] = mag(faceGlobal[pp.start() + i]) - 1;
+        }
+    }
+    boundaryGlobal_ = places(mine);
+}
+
+void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
+{
+    labelList global(mesh_.nCells());
+    forAll(global, celli)
+    {
+        global[celli] = cellGlobal_[celli];
+    }
+
+    // Cells on the other side, by face - nInternalFaces
+    labelList across;
+    syncTools::swapBoundaryCellList(mesh_, global, across);
+
+    for (const fvPatch& patch : mesh_.boundary())
+    {
+        if (!patch.coupled())
+        {
+            continue;
+        }
+
+        const auto* processor =
+            dynamic_cast<const processorFvPatch*>(&patch);
+        const label rank =
+            processor ? processor->neighbProcNo() : Pstream::myProcNo();
+
+        const labelUList& owner = patch.faceCells();
+        const vectorField delta(patch.delta());
+        const scalarField coeffs(patch.magSf()*deltaCoeffs.boundaryField()[patch.index()]);
+        const label start = patch.patch().start() - mesh_.nInternalFaces();
+
+        forAll(patch, facei)
+        {
+            coupledOwner_.push_back(owner[facei]);
+            coupledRank_.push_back(rank);
+            coupledGlobal_.push_back(across[start + facei]);
+            coupledDelta_.push_back(delta[facei]);
+            coupledCoeff_.push_back(coeffs[facei]);
+        }
+    }
+
+    publishCoupled();
+}
+
+Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes)
+:
+    m4gnNodes(mesh)
+{
+    checkPatches();
+    checkCells();
+
+    const tmp<surfaceScalarField> tdeltaCoeffs(deltaCoeffs());
+
+    setCells();
+    setBoundary(nodeTypes, tdeltaCoeffs());
+    setCoupled(tdeltaCoeffs());
+}
+
+Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
+{
+    // Read from the registered dictionary: the accessors differ by version
+    const dictionary schemes
+    (
+        mesh.lookupObject<IOdictionary>("fvSchemes")
+       .subOrEmptyDict("laplacianSchemes")
+    );
+
+    for (const word key : { "laplacian(m4gn)", "default" })
+    {
+        if (schemes.found(key))
+        {
+            OStringStream os;
+            const ITstream& is = schemes.lookup(key);
+            forAll(is, i)
+            {
+                os << is[i] << ' ';
+            }
+
+            if (os.str() != "none ")
+            {
+                return os.str();
+            }
+        }
+    }
+
+    return "Gauss linear corrected";
+}
+
+bool Foam::m4gnMeshAdapter::registered(const word& name) const
+{
+    return
+        mesh_.foundObject<volScalarField>(name)
+     || mesh_.foundObject<volVectorField>(name);
+}
+
+Foam::string Foam::m4gnMeshAdapter::registered() const
+{
+    wordList names(mesh_.sortedNames<volScalarField>());
+    names.append(mesh_.sortedNames<volVectorField>());
+
+    wordList others(mesh_.sortedNames<pointScalarField>());
+    others.append(mesh_.sortedNames<pointVectorField>());
+
+    const std::string cells(m4gn::join(names));
+    return
+        others.empty()
+      ? cells
+      : cells + "; with location points: " + m4gn::join(others);
+}
+
+template<class Type>
+bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
+{
+    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
+
+    autoPtr<fieldType> owned;
+    const fieldType* field = find(name, mesh_, owned);
+
+    if (!field)
+    {
+        return false;
+    }
+
+    Field<Type> boundary(nBoundary());
+    label facei = 0;
+    for (const label patchi : valuePatches_)
+    {
+        for (const Type& value : field->boundaryField()[patchi])
+        {
+            boundary[facei++] = value;
+        }
+    }
+    describe(field->dimensions(), boundary, to);
+
+    if (owned)
+    {
+        to.kept = flat(field->primitiveField());
+        to.cells = to.kept.cdata();
+    }
+    else
+    {
+        to.cells =
+            reinterpret_cast<const scalar*>(field->primitiveField().cdata());
+    }
+
+    return true;
+}
+
+bool Foam::m4gnMeshAdapter::gather(const word& name, values& to) const
+{
+    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
+}
+
+template<class Type>
+void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes) const
+{
+    auto& field =
+        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>(name);
+
+    // Stores the old time before it gives access
+    Field<Type>& imposed = field.primitiveFieldRef();
+
+    const auto* of = reinterpret_cast<const Type*>(nodes.cdata());
+    std::copy(of, of + imposed.size(), imposed.begin());
+}
+
+void Foam::m4gnMeshAdapter::impose
+(
+    const word& name,
+    const label components,
+    const scalarField& nodes
+) const
+{
+    if (components == 1)
+    {
+        imposeOf<scalar>(name, nodes);
+    }
+    else
+    {
+        imposeOf<vector>(name, nodes);
+    }
+}

@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnNodes.H"
+#include "m4gnMeshAdapter.H"
+#include "m4gnNodeTypes.H"
+#include "m4gnPointAdapter.H"
+#include "labelIOList.H"
+
+static_assert
+(
+    sizeof(Foam::scalar) == sizeof(double)
+ && sizeof(Foam::vector) == 3*sizeof(double)
+ && sizeof(Foam::label) == sizeof(int32_t),
+    "m4gn needs an OpenFOAM with double precision and 32-bit labels"
+);
+
+Foam::labelList Foam::m4gnNodes::procAddressing
+(
+    const fvMesh& mesh,
+    const word& name,
+    const label size
+)
+{
+    labelIOList addressing
+    (
+        IOobject
+        (
+            name,
+            mesh.facesInstance(),
+            polyMesh::meshSubDir,
+            mesh,
+            IOobject::READ_IF_PRESENT,
+            IOobject::NO_WRITE,
+            false
+        )
+    );
+
+    if
+    (
+        !returnReduce
+        (
+            size == 0
+         || (
+                addressing.headerClassName() == labelIOList::typeName
+             && addressing.size() == size
+            ),
+            andOp<bool>()
+        )
+    )
+    {
+        return labelList();
+    }
+
+    return labelList(addressing);
+}
+
+void Foam::m4gnNodes::publishBoundary()
+{
+    data_.n_boundary = boundaryOwner_.size();
+    data_.boundary_owner = boundaryOwner_.data();
+    data_.boundary_global = boundaryGlobal_.data();
+    data_.boundary_centres =
+        reinterpret_cast<const double*>(boundaryCentres_.cdata());
+    data_.boundary_area =
+        reinterpret_cast<const double*>(boundaryArea_.cdata());
+    data_.boundary_coeff = boundaryCoeff_.cdata();
+    data_.boundary_type = boundaryType_.data();
+    data_.boundary_patch = boundaryPatch_.data();
+}
+
+void Foam::m4gnNodes::publishCoupled()
+{
+    data_.n_coupled = coupledOwner_.size();
+    data_.coupled_owner = coupledOwner_.data();
+    data_.coupled_rank = coupledRank_.data();
+    data_.coupled_global = coupledGlobal_.data();
+    data_.coupled_delta =
+        reinterpret_cast<const double*>(coupledDelta_.data());
+    data_.coupled_coeff = coupledCoeff_.data();
+}
+
+std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
+{
+    List<labelList> ofRanks(Pstream::nProcs());
+    ofRanks[Pstream::myProcNo()] = mine;
+    Pstream::gatherList(ofRanks);
+
+    // Not scatterList: it leaves a rank's own list as the rank has it
+    labelList all;
+    if (Pstream::master())
+    {
+        DynamicList<label> collected;
+        for (const labelList& some : ofRanks)
+        {
+            collected.append(some);
+        }
+        std::sort(collected.begin(), collected.end());
+        all.transfer(collected);
+    }
+    Pstream::scatter(all);
+
+    std::vector<int64_t> place(mine.size());
+    forAll(mine, i)
+    {
+        place[i] =
+            std::lower_bound(all.begin(), all.end(), mine[i]) - all.begin();
+    }
+
+    return place;
+}
+
+Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)
+:
+    mesh_(mesh),
+    data_()
+{
+    const Vector<label>& solved = mesh_.solutionD();
+
+    for (direction cmpt = 0; cmpt < vector::nComponents; ++cmpt)
+    {
+        if (solved[cmpt] == 1)
+        {
+            data_.directions[data_.n_directions++] = cmpt;
+        }
+    }
+
+    if (data_.n_directions < 2)
+    {
+        FatalErrorInFunction
+            << "The mesh has " << label(data_.n_directions)
+            << " solved directions; m4gn needs 2 or 3."
+            << exit(FatalError);
+    }
+
+    DynamicList<label> patches;
+    DynamicList<word> names;
+
+    for (const fvPatch& patch : mesh_.boundary())
+    {
+        if (m4gnNodeTypes::carriesValues(patch))
+        {
+            patches.append(patch.index());
+            names.append(patch.name());
+        }
+    }
+
+    valuePatches_.transfer(patches);
+    patchNames_.transfer(names);
+
+    for (const word& name : patchNames_)
+    {
+        patchNamePtrs_.push_back(name.c_str());
+    }
+
+    data_.n_patches = patchNamePtrs_.size();
+    data_.patch_names = patchNamePtrs_.data();
+}
+
+bool Foam::m4gnNodes::atPoints(const dictionary& dict)
+{
+    const word location(dict.getOrDefault<word>("location", "cells"));
+
+    if (location != "cells" && location != "points")
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry location is " << location
+            << "; expected cells or points"
+            << exit(FatalIOError);
+    }
+
+    return location == "points";
+}
+
+Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New(const fvMesh& mesh, const dictionary& dict)
+{
+    const bool points = atPoints(dict);
+
+    const m4gnNodeTypes nodeTypes
+    (
+        mesh,
+        dict,
+        dict.getOrDefault<word>("U", "U"),
+        dict.getOrDefault<word>("p", "p"),
+        dict.getOrDefault<word>("D", points ? "pointD" : "D")
+    );
+    nodeTypes.print(mesh);
+
+    if (points)
+    {
+        return autoPtr<m4gnNodes>(new m4gnPointAdapter(mesh, nodeTypes.types()));
+    }
+
+    return autoPtr<m4gnNodes>(new m4gnMeshAdapter(mesh, nodeTypes.types()));
+}
+
+void Foam::m4gnNodes::setModes(const scalarList& eigenvalues, const vectorField& cells)
+{
+    data_.n_modes = eigenvalues.size();
+    data_.mode_eigenvalues = eigenvalues.cdata();
+    data_.mode_cells = reinterpret_cast<const double*>(cells.cdata());
+}

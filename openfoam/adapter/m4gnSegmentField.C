@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnSegmentField.H"
+#include "m4gnFieldFiles.H"
+#include "m4gnSegmentRecord.H"
+#include "OSspecific.H"
+#include "PstreamReduceOps.H"
+#include "Time.H"
+#include "emptyPolyPatch.H"
+#include "labelIOList.H"
+#include "processorPolyPatch.H"
+#include "zeroGradientFvPatchFields.H"
+
+const Foam::word Foam::m4gn::segmentName("m4gnSegment");
+
+const Foam::word Foam::m4gn::groupName("m4gnGroup");
+
+namespace Foam
+{
+//- To the undecomposed case, from the ranks of a case that decomposePar made
+static void writeUndecomposed(const volScalarField& field, const labelList& global)
+{
+    const fvMesh& mesh = field.mesh();
+    const Time& time = mesh.time();
+
+    List<labelList> cells(Pstream::nProcs());
+    List<scalarField> values(Pstream::nProcs());
+    cells[Pstream::myProcNo()] = global;
+    values[Pstream::myProcNo()] = field.primitiveField();
+    Pstream::gatherList(cells);
+    Pstream::gatherList(values);
+
+    if (!Pstream::master())
+    {
+        return;
+    }
+
+    fileName instance(time.globalPath()/field.instance());
+    if (!isDir(instance))
+    {
+        // A new time folder there would be taken for the latest time
+        instance = time.globalPath()/time.constant();
+    }
+    if (!isDir(instance))
+    {
+        return;
+    }
+
+    label nCells = 0;
+    for (const labelList& some : cells)
+    {
+        nCells += some.size();
+    }
+    scalarField whole(nCells);
+    forAll(cells, proci)
+    {
+        UIndirectList<scalar>(whole, cells[proci]) = values[proci];
+    }
+
+    m4gnFieldFiles files;
+    files.write
+    (
+        time,
+        instance/mesh.dbDir()/field.name(),
+        [&](Ostream& os)
+        {
+            field.writeHeader(os, volScalarField::typeName);
+            os.writeEntry("dimensions", field.dimensions());
+            os  << nl;
+            whole.writeEntry("internalField", os);
+            os  << nl;
+            os.beginBlock("boundaryField");
+            for (const polyPatch& pp : mesh.boundaryMesh())
+            {
+                if (!isA<processorPolyPatch>(pp))
+                {
+                    os.beginBlock(pp.name());
+                    os.writeEntry
+                    (
+                        "type",
+                        polyPatch::constraintType(pp.type())
+                      ? pp.type()
+                      : zeroGradientFvPatchScalarField::typeName
+                    );
+                    os.endBlock();
+                }
+            }
+            os.endBlock();
+            IOobject::writeEndDivider(os);
+        }
+    );
+    files.rename();
+}
+
+} // End namespace Foam
+
+bool Foam::m4gn::cellAddressing(const fvMesh& mesh, labelList& global)
+{
+    const labelIOList addressing
+    (
+        IOobject
+        (
+            "cellProcAddressing",
+            mesh.facesInstance(),
+            polyMesh::meshSubDir,
+            mesh,
+            IOobject::READ_IF_PRESENT,
+            IOobject::NO_WRITE,
+            false
+        )
+    );
+
+    global = addressing;
+
+    return returnReduce
+    (
+        mesh.nCells() == 0
+     || (
+            addressing.headerClassName() == labelIOList::typeName
+         && addressing.size() == mesh.nCells()
+        ),
+        andOp<bool>()
+    );
+}
+
+template<class Type>
+Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>
+Foam::m4gn::cellField(const fvMesh& mesh, const word& name, const word& instance)
+{
+    IOobject io(name, instance, mesh, IOobject::NO_READ, IOobject::NO_WRITE, false);
+    // Such a file may be replaced by us. OpenFOAM's own tools name the file
+    // and the line at which another mesh has another number of cells.
+    io.note() =
+        "m4gn: of the mesh that the case had; after remeshing remove this file";
+
+    return tmp<GeometricField<Type, fvPatchField, volMesh>>::New
+    (
+        io,
+        mesh,
+        dimensioned<Type>(dimless, Zero),
+        zeroGradientFvPatchField<Type>::typeName
+    );
+}
+
+template Foam::tmp<Foam::volScalarField>
+Foam::m4gn::cellField<Foam::scalar>(const fvMesh&, const word&, const word&);
+
+template Foam::tmp<Foam::volVectorField>
+Foam::m4gn::cellField<Foam::vector>(const fvMesh&, const word&, const word&);
+
+void Foam::m4gn::writeToInstance(const regIOobject& field)
+{
+    m4gnFieldFiles files;
+    files.write(field);
+    files.rename();
+}
+
+Foam::fileNameList Foam::m4gn::segmentFolders(const fvMesh& mesh, const word& instance)
+{
+    const Time& time = mesh.time();
+
+    return
+    {
+        time.path()/instance/mesh.dbDir(),
+        time.globalPath()/instance/mesh.dbDir(),
+        time.globalPath()/time.constant()/mesh.dbDir()
+    };
+}
+
+void Foam::m4gn::writeLabels
+(
+    const fvMesh& mesh,
+    const word& name,
+    const word& instance,
+    const UList<int32_t>& labels
+)
+{
+    tmp<volScalarField> tfield(cellField<scalar>(mesh, name, instance));
+    volScalarField& field = tfield.ref();
+
+    forAll(field, celli)
+    {
+        field[celli] = labels[celli];
+    }
+    field.correctBoundaryConditions();
+
+    writeToInstance(field);
+
+    labelList global;
+    if (Pstream::parRun() && cellAddressing(mesh, global))
+    {
+        writeUndecomposed(field, global);
+    }
+}
+
+bool Foam::m4gn::writeSegments
+(
+    const fvMesh& mesh,
+    const UList<int32_t>& segments,
+    const std::string& record,
+    const word& given
+)
+{
+    const Time& time = mesh.time();
+    const word instance(given.empty() ? Time::timeName(time.startTime().value()) : given);
+    const fileNameList folders(segmentFolders(mesh, instance));
+
+    // Somebody's own segments are not ours to replace
+    string note;
+    if (Pstream::master())
+    {
+        note = noteOf(time, folders.first()/segmentName);
+        if (note.size() && readSegmentRecord(folders).size())
+        {
+            note = "m4gn";
+        }
+    }
+    Pstream::scatter(note);
+
+    if (note.size() && note.substr(0, 4) != "m4gn")
+    {
+        Info<< "m4gn: " << (instance/segmentName).c_str()
+            << " was not written by m4gn and is left as it is; the segments"
+            << " of this run are not stored. Remove the file to have them"
+            << " stored." << endl;
+
+        return false;
+    }
+
+    writeLabels(mesh, segmentName, instance, segments);
+
+    if (Pstream::master())
+    {
+        // Of a decomposed case, also where all ranks and a serial run find it
+        const label last =
+            !Pstream::parRun() ? 0 : isDir(folders[1]) ? 1 : 2;
+
+        for (label i = 0; i <= last; ++i)
+        {
+            const bool needed = i == 0 || i == last;
+            if (needed && isDir(folders[i]))
+            {
+                // One by one: folders may be links to each other
+                m4gnFieldFiles files;
+                writeSegmentRecord(files, time, folders[i], record);
+                files.rename();
+            }
+        }
+    }
+
+    return true;
+}

@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnFlowState.H"
+#include "m4gnDictionary.H"
+#include "m4gnSolverStateType.H"
+#include "fixedFluxPressureFvPatchScalarField.H"
+
+addM4gnSolverState(m4gnFlowState, flow)
+
+const char* const Foam::m4gnFlowState::needs =
+    "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
+    " incompressible";
+
+Foam::volVectorField& Foam::m4gnFlowState::U() const
+{
+    return mesh_.lookupObjectRef<volVectorField>(UName_);
+}
+
+Foam::surfaceScalarField& Foam::m4gnFlowState::phi() const
+{
+    return mesh_.lookupObjectRef<surfaceScalarField>(phiName_);
+}
+
+void Foam::m4gnFlowState::checkCase() const
+{
+    if (phi().dimensions() != U().dimensions()*dimArea)
+    {
+        FatalErrorInFunction
+            << "The flux " << phiName_ << " has the dimensions "
+            << phi().dimensions() << "; mode replace needs a volumetric flux "
+            << U().dimensions()*dimArea << " (incompressible solvers)"
+            << exit(FatalError);
+    }
+
+    // The scheme's state must be in the old-time levels of the fields:
+    // CrankNicolson keeps fields of its own, pseudo-time has no real time.
+    const word used(m4gn::scheme(mesh_.schemesDict(), "ddtSchemes", "ddt(" + UName_ + ')'));
+
+    if (used != "Euler" && used != "backward")
+    {
+        FatalErrorInFunction
+            << "mode replace does not handle the time scheme of " << UName_
+            << ": " << used << nl
+            << "    Handled: Euler, backward"
+            << exit(FatalError);
+    }
+
+    warnOfOthers({pName_});
+}
+
+bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
+{
+    return
+        mesh.foundObject<volVectorField>(dict.getOrDefault<word>("U", "U"))
+     && mesh.foundObject<volScalarField>(dict.getOrDefault<word>("p", "p"))
+     && mesh.foundObject<surfaceScalarField>
+        (
+            dict.getOrDefault<word>("phi", "phi")
+        );
+}
+
+Foam::m4gnFlowState::m4gnFlowState
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const m4gnSession& session
+)
+:
+    m4gnSolverState(mesh, session),
+    UName_(dict.getOrDefault<word>("U", "U")),
+    pName_(dict.getOrDefault<word>("p", "p")),
+    phiName_(dict.getOrDefault<word>("phi", "phi")),
+    projection_(mesh, dict),
+    pressure_
+    (
+        mesh.lookupObject<volScalarField>(pName_),
+        dict.subOrEmptyDict("projection"),
+        // A pressure predicted on groups of many cells drifts; on a few cells
+        // the solved one shows the roughness of the predicted velocity
+        session.cellsAGroup() >= 8 || !session.outputs().found(pName_)
+    ),
+    divInterpolated_(0),
+    divProjected_(0),
+    completed_(false)
+{
+    checkCase();
+}
+
+void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scalar duration)
+{
+    step(duration);
+    completed_ = false;
+
+    forAll(predicted, outputi)
+    {
+        impose(outputi, predicted[outputi]);
+    }
+
+    U().correctBoundaryConditions();
+    m4gnFluxProjection::interpolate(U(), phi());
+
+    // Conditions that look at phi (inletOutlet) now see the new one
+    forAll(predicted, outputi)
+    {
+        const word& name = session_.outputs()[outputi];
+
+        if (session_.outputComponents(outputi) == 3)
+        {
+            mesh_.lookupObjectRef<volVectorField>(name)
+           .correctBoundaryConditions();
+            continue;
+        }
+
+        volScalarField& field = mesh_.lookupObjectRef<volScalarField>(name);
+
+        // The solver sets these gradients from the flux before it solves
+        for (fvPatchScalarField& patch : field.boundaryFieldRef())
+        {
+            if (isA<fixedFluxPressureFvPatchScalarField>(patch))
+            {
+                auto& fixedFlux =
+                    refCast<fixedFluxPressureFvPatchScalarField>(patch);
+                const scalarField gradient(fixedFlux.gradient());
+                fixedFlux.updateSnGrad(gradient);
+            }
+        }
+
+        field.correctBoundaryConditions();
+    }
+}
+
+void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
+{
+    volScalarField& p = mesh_.lookupObjectRef<volScalarField>(pName_);
+
+    if (!completed_)
+    {
+        divInterpolated_ = m4gnFluxProjection::maxDiv(phi());
+        completed_ = true;
+    }
+    projection_.project(p, U(), phi(), handOver);
+    if (pressure_.solved())
+    {
+        pressure_.solve(U(), phi(), deltaT, p);
+    }
+    divProjected_ = m4gnFluxProjection::maxDiv(phi());
+}
+
+Foam::wordList Foam::m4gnFlowState::advanced() const
+{
+    wordList names(m4gnSolverState::advanced());
+    names.append(UName_);
+    names.append(phiName_);
+    if (pressure_.solved())
+    {
+        names.append(pName_);
+    }
+    return names;
+}
+
+Foam::List<Foam::m4gnSolverState::quantity>
+Foam::m4gnFlowState::quantities() const
+{
+    const tmp<scalarField> magU(mag(U().primitiveField()));
+
+    return
+    {
+        quantity("maxDivBefore", divInterpolated_),
+        quantity("maxDivAfter", divProjected_),
+        quantity("minMag" + UName_, gMin(magU())),
+        quantity("maxMag" + UName_, gMax(magU()))
+    };
+}

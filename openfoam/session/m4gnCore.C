@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// Only C of MPI is wanted
+#define OMPI_SKIP_MPICXX
+#define MPICH_SKIP_MPICXX
+#include <mpi.h>
+
+#include "m4gnCore.H"
+#include "m4gnDictionary.H"
+#include "Time.H"
+#include "objectRegistry.H"
+#include "regIOobject.H"
+
+namespace
+{
+//- Ends MPI when the registry of Time lets go of it
+struct lifetime
+:
+    public Foam::regIOobject
+{
+    explicit lifetime(const Foam::IOobject& io)
+    :
+        Foam::regIOobject(io)
+    {}
+
+    virtual ~lifetime()
+    {
+        m4gn_finalize();
+    }
+
+    virtual bool writeData(Foam::Ostream&) const
+    {
+        return true;
+    }
+};
+
+} // End anonymous namespace
+
+int32_t Foam::m4gn::communicator()
+{
+    if (!UPstream::parRun())
+    {
+        return M4GN_NO_MPI;
+    }
+
+    return int32_t(MPI_Comm_c2f(MPI_COMM_WORLD));
+}
+
+void Foam::m4gn::endWith(const Time& time)
+{
+    const word name("m4gnLifetime");
+
+    if (!UPstream::parRun() && !time.foundObject<regIOobject>(name))
+    {
+        regIOobject::store
+        (
+            new lifetime
+            (
+                IOobject(name, time.constant(), time, IOobject::NO_READ, IOobject::NO_WRITE)
+            )
+        );
+    }
+}
+
+void Foam::m4gn::checkAbi()
+{
+    if (m4gn_abi_version() != M4GN_ABI_VERSION)
+    {
+        FatalErrorInFunction
+            << "libm4gnFoam.so was compiled for interface "
+            << label(M4GN_ABI_VERSION) << " of libm4gn.so, but the libm4gn.so"
+            << " that was loaded (version " << m4gn_version()
+            << ") has interface " << label(m4gn_abi_version()) << nl
+            << "    Build both from the same checkout (./Allrun does)."
+            << exit(FatalError);
+    }
+}
+
+void Foam::m4gn::check(const int32_t status, const char* what)
+{
+    if (status != M4GN_OK)
+    {
+        FatalErrorInFunction
+            << what << ": " << m4gn_last_error()
+            << exit(FatalError);
+    }
+}
+
+void Foam::m4gn::checkOptions
+(
+    const dictionary& dict,
+    const char* kind,
+    const std::string& options,
+    const wordList& own
+)
+{
+    if (m4gn_options_check(kind, options.c_str()) != M4GN_OK)
+    {
+        FatalIOErrorInFunction(dict)
+            << "Dictionary " << dict.dictName() << " is not valid: "
+            << m4gn_last_error() << nl
+            << "    Other entries that it may have: " << join(own)
+            << exit(FatalIOError);
+    }
+}

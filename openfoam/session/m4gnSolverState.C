@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnSolverState.H"
+#include "m4gnDictionary.H"
+#include "m4gnMechanicalProperties.H"
+#include "m4gnSolverStateType.H"
+#include "StringStream.H"
+#include "surfaceFields.H"
+#include "Time.H"
+
+void Foam::m4gnSolverState::impose(const label outputi, const scalarField& values) const
+{
+    session_.nodes().impose
+    (
+        session_.outputs()[outputi],
+        session_.outputComponents(outputi),
+        values
+    );
+}
+
+void Foam::m4gnSolverState::refuseHistory() const
+{
+    const wordList laws(m4gnMechanicalProperties(mesh_).lawsWithHistory());
+
+    if (laws.size())
+    {
+        FatalErrorInFunction
+            << "mode replace does not hand over the history of the material: "
+            << m4gnMechanicalProperties::fileName << " has the law "
+            << m4gn::join(laws) << ", whose stress depends on it" << nl
+            << "    Use an elastic law, or mode observe" << exit(FatalError);
+    }
+}
+
+void Foam::m4gnSolverState::warnOfOthers(const wordList& advanced) const
+{
+    DynamicList<word> others;
+
+    for (const word& name : mesh_.sortedNames<volScalarField>())
+    {
+        if
+        (
+            !session_.outputs().found(name) && !advanced.found(name)
+         && mesh_.lookupObject<volScalarField>(name).nOldTimes() > 0
+         && !name.ends_with("_0")
+        )
+        {
+            others.append(name);
+        }
+    }
+
+    if (others.size())
+    {
+        WarningInFunction
+            << "The solver keeps old times of " << m4gn::join(others)
+            << ", which the model does not advance: they stay as they are"
+            << " during each jump" << endl;
+    }
+}
+
+void Foam::m4gnSolverState::step(const scalar deltaT) const
+{
+    time_.setDeltaT(deltaT, false);
+    ++time_;
+}
+
+Foam::m4gnSolverState::m4gnSolverState(const fvMesh& mesh, const m4gnSession& session)
+:
+    mesh_(mesh),
+    time_(const_cast<Time&>(mesh.time())),
+    session_(session)
+{
+    if (mesh_.moving() || mesh_.changing())
+    {
+        FatalErrorInFunction
+            << "mode replace does not handle a mesh that moves or changes"
+            << exit(FatalError);
+    }
+
+    if (session_.stride() < time_.deltaTValue()*(1 - 1e-6))
+    {
+        FatalErrorInFunction
+            << "The stride of the model " << session_.model() << ", "
+            << session_.stride() << " s, is shorter than the solver's deltaT "
+            << time_.deltaTValue() << " s: nothing can be saved." << nl
+            << "    Train a model of a longer stride, or reduce deltaT"
+            << exit(FatalError);
+    }
+}
+
+Foam::wordList Foam::m4gnSolverState::advanced() const
+{
+    return session_.outputs();
+}
+
+void Foam::m4gnSolverState::write() const
+{
+    time_.write();
+}
+
+Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
+{
+    const wordList names(m4gnSolverStateType::names());
+    const word given(dict.getOrDefault<word>("state", word::null));
+
+    if (given.size() && !names.found(given))
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry state is " << given << "; expected one of "
+            << m4gn::join(names) << nl
+            << "    A library of your own that has one belongs into libs"
+            << exit(FatalIOError);
+    }
+
+    wordHashSet all;
+    for (const word& name : names)
+    {
+        if (given.empty() || given == name)
+        {
+            all.insert(m4gnSolverStateType::New(name)->keys());
+        }
+    }
+
+    return all.sortedToc();
+}
+
+Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const m4gnSession& session
+)
+{
+    const word given(dict.getOrDefault<word>("state", word::null));
+
+    wordList fitting;
+    OStringStream expected;
+
+    for (const word& name : m4gnSolverStateType::names())
+    {
+        const auto kind(m4gnSolverStateType::New(name));
+
+        if (given.empty() || given == name)
+        {
+            expected << "    " << name << ": " << kind->needs().c_str() << nl;
+            if (kind->applies(mesh, dict))
+            {
+                fitting.append(name);
+            }
+        }
+    }
+
+    if (fitting.empty())
+    {
+        FatalErrorInFunction
+            << "mode replace does not know how this solver carries on from a"
+            << " state. Expected" << nl << expected.str().c_str()
+            << "    Registered: "
+            << session.nodes().registered().c_str()
+            << ", " << m4gn::join(mesh.sortedNames<surfaceScalarField>())
+            << exit(FatalError);
+    }
+    if (fitting.size() > 1)
+    {
+        FatalErrorInFunction
+            << "This solver carries on from several kinds of state: "
+            << m4gn::join(fitting) << nl
+            << "    Give the entry state the one that is meant"
+            << exit(FatalError);
+    }
+
+    const auto kind(m4gnSolverStateType::New(fitting.first()));
+
+    if (kind->atPoints() != session.nodes().atPoints())
+    {
+        FatalErrorInFunction
+            << "The solver (state " << fitting.first()
+            << ") has its unknowns at "
+            << (kind->atPoints() ? "points" : "cells") << nl
+            << "    Give m4gnHarvest and m4gnSurrogate location "
+            << (kind->atPoints() ? "points" : "cells")
+            << exit(FatalError);
+    }
+
+    return kind->make(mesh, dict, session);
+}

@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnTotalDisplacementState.H"
+#include "m4gnObstacles.H"
+#include "m4gnSolverStateType.H"
+#include "m4gnRun.H"
+#include "fixedGradientFvPatchFields.H"
+#include "fvcGrad.H"
+#include "pointFields.H"
+#include "volPointInterpolation.H"
+
+addM4gnSolverState(m4gnTotalDisplacementState, totalDisplacement)
+
+const char* const Foam::m4gnTotalDisplacementState::needs =
+    "a displacement (name: D) and solidProperties with solidModel"
+    " linearGeometryTotalDisplacement or"
+    " nonLinearGeometryTotalLagrangianTotalDisplacement (solids4foam)";
+
+namespace
+{
+//- Most sweeps over the gradient and the boundary, and the relative change of
+//  the boundary values at which they end
+const Foam::label maxSweeps = 50;
+const Foam::scalar sweepTolerance = 1e-10;
+
+} // End anonymous namespace
+
+void Foam::m4gnTotalDisplacementState::update()
+{
+    followed_ = false;
+    D().correctBoundaryConditions();
+    extrapolate(D());
+}
+
+void Foam::m4gnTotalDisplacementState::extrapolate(const volVectorField& conditions)
+{
+    const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
+    auto& boundary = D().boundaryFieldRef();
+
+    for (label sweep = 0; sweep < maxSweeps; ++sweep)
+    {
+        const volTensorField gradD(fvc::grad(D()));
+        scalar change = 0;
+
+        forAll(boundary, patchi)
+        {
+            fvPatchVectorField& patch = boundary[patchi];
+
+            // Of traction, and what derives from it
+            if
+            (
+                isA<fixedGradientFvPatchVectorField>(conditions.boundaryField()[patchi])
+             && patch.size()
+            )
+            {
+                const labelUList& cells = patch.patch().faceCells();
+                const vectorField extrapolated
+                (
+                    vectorField(D().primitiveField(), cells)
+                  + (
+                        patch.patch().delta()
+                      & tensorField(gradD.primitiveField(), cells)
+                    )
+                );
+                change = max(change, max(mag(extrapolated - patch)));
+                patch == extrapolated;
+            }
+        }
+
+        if (returnReduce(change, maxOp<scalar>()) < sweepTolerance*size)
+        {
+            break;
+        }
+    }
+}
+
+void Foam::m4gnTotalDisplacementState::setVelocity()
+{
+    auto* U = mesh_.getObjectPtr<volVectorField>("U");
+    if (dynamic_ && U)
+    {
+        U->primitiveFieldRef() = rate().primitiveField();
+
+        forAll(U->boundaryFieldRef(), patchi)
+        {
+            U->boundaryFieldRef()[patchi] == rate().boundaryField()[patchi];
+        }
+    }
+}
+
+void Foam::m4gnTotalDisplacementState::settle(const scalar deltaT, const bool handOver)
+{
+    if (!completeLastTwo())
+    {
+        return;
+    }
+
+    const bool settled = settling_->settle
+    (
+        *law_,
+        D().primitiveFieldRef(),
+        rate().primitiveFieldRef(),
+        nullptr,
+        deltaT
+    );
+    if (!settled)
+    {
+        D().correctBoundaryConditions();
+    }
+    if (handOver)
+    {
+        settling_->end();
+    }
+}
+
+void Foam::m4gnTotalDisplacementState::follow()
+{
+    followed_ = law_ && law_->follow();
+
+    auto* points = mesh_.getObjectPtr<pointVectorField>("point" + DName_);
+    if (points && !followed_)
+    {
+        volPointInterpolation::New(mesh_).interpolate(D(), *points);
+    }
+}
+
+void Foam::m4gnTotalDisplacementState::refuseContact() const
+{
+    for (const word& name : {DName_, word("DD")})
+    {
+        const auto* field = mesh_.findObject<volVectorField>(name);
+        if (!field)
+        {
+            continue;
+        }
+        for (const fvPatchVectorField& patch : field->boundaryField())
+        {
+            if (patch.type() == "solidContact")
+            {
+                FatalErrorInFunction
+                    << "mode replace does not hand over the tractions that"
+                    << " solidContact relaxes from corrector to corrector"
+                    << " (patch " << patch.patch().name() << " of " << name
+                    << ')' << nl
+                    << "    Use rigidCylinderContact, or mode observe"
+                    << exit(FatalError);
+            }
+        }
+    }
+}
+
+bool Foam::m4gnTotalDisplacementState::applies(const fvMesh& mesh, const dictionary& dict)
+{
+    const word model(m4gn::solidModel(mesh));
+
+    return
+        mesh.foundObject<volVectorField>(displacementName(dict))
+     && (
+            model == "linearGeometryTotalDisplacement"
+         || model == "nonLinearGeometryTotalLagrangianTotalDisplacement"
+        );
+}
+
+Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
+(
+    const fvMesh& mesh,
+    const dictionary& dict,
+    const m4gnSession& session
+)
+:
+    m4gnDisplacementState(mesh, dict, session),
+    obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
+    law_(m4gnSolidLaw::New(mesh)),
+    followed_(false)
+{
+    refuseContact();
+
+    settling_ = m4gnSettling::New(mesh, dict, session.stride(), atPoints, law_, dynamic_);
+}
+
+void Foam::m4gnTotalDisplacementState::beforeStride()
+{
+    if
+    (
+        settling_
+     && settling_->restore
+        (
+            D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr
+        )
+    )
+    {
+        update();
+    }
+}
+
+void Foam::m4gnTotalDisplacementState::complete(const scalar deltaT, const bool handOver)
+{
+    settle(deltaT, handOver);
+
+    m4gnDisplacementState::complete(deltaT, handOver);
+
+    setVelocity();
+    follow();
+
+    auto* DD = mesh_.getObjectPtr<volVectorField>("DD");
+    if (dynamic_ && followed_ && DD)
+    {
+        // Of the solver's time step, at the boundary too
+        *DD == dimensionedScalar("deltaT", dimTime, deltaT)*rate();
+        D().oldTime().boundaryFieldRef() ==
+            D().boundaryField() - DD->boundaryField();
+    }
+}
+
+Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
+{
+    wordList names(m4gnDisplacementState::advanced());
+    names.append("point" + DName_);
+    if (dynamic_)
+    {
+        names.append("U");
+    }
+    if (followed_)
+    {
+        names.append(law_->fields());
+    }
+    return names;
+}
+
+void Foam::m4gnTotalDisplacementState::write() const
+{
+    if (settling_)
+    {
+        settling_->write();
+    }
+    if (followed_)
+    {
+        law_->write();
+        return;
+    }
+    m4gnSolverState::write();
+}
+
+Foam::List<Foam::m4gnSolverState::quantity>
+Foam::m4gnTotalDisplacementState::quantities() const
+{
+    List<quantity> all(m4gnDisplacementState::quantities());
+
+    if (obstacles_)
+    {
+        all.append(quantity("gap", obstacles_->smallestGap(D())));
+    }
+
+    return all;
+}

@@ -1,0 +1,356 @@
+//! Error control of jumps: how far a surrogate may go before it hands back.
+//!
+//! While the solver works, the surrogate takes the same strides beside it, from the solver's own states. What such a stride is off
+//! by (Pearson correlation of 0.96 with the error of the following jump over cases inside and outside the range of training), times
+//! the growth that the model was calibrated with ([`m4gn_model::Calibration`]), is the estimate of a jump's error; a jump gets
+//! as many strides as keep it within the tolerance, and none where the stride was off by too much of what the solver changed in it.
+//! Errors are root mean squares over nodes and solved components, relative to the largest root mean square that the field has had in
+//! the run.
+
+use m4gn_mesh::{Error, Result};
+use m4gn_model::settings;
+use serde::{Deserialize, Serialize};
+
+/// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.
+const MOST_CHANGE: f64 = 3.0;
+
+/// What happens where the surrogate stays bad.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OnFailure {
+    /// The solver goes on alone, and the surrogate is tried beside it.
+    #[default]
+    Solver,
+    /// The run ends with an error.
+    Stop,
+}
+
+/// Settings of a controller; `tolerance` suffices.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlSettings {
+    /// Largest relative error of a jump.
+    pub tolerance: f64,
+    /// Largest error of a stride over what the solver changed in it. Of a flow that rests, or nearly, the change is small, and errors
+    /// far within the tolerance are larger: jump by jump they would make a flow of their own, a wake that sheds where the solver's does not.
+    #[serde(default = "rel_tol")]
+    pub rel_tol: f64,
+    /// Predicted fields that it holds for; none: the first one.
+    #[serde(default)]
+    pub fields: Option<Vec<String>>,
+    /// What happens where the surrogate stays bad.
+    #[serde(default)]
+    pub on_failure: OnFailure,
+    /// Strides in a row that allow no jump after which it stays bad.
+    #[serde(default = "patience")]
+    pub patience: usize,
+}
+
+fn rel_tol() -> f64 {
+    0.2
+}
+
+fn patience() -> usize {
+    10
+}
+
+impl ControlSettings {
+    /// Parses and checks a JSON object.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the entry, what was found and what is expected.
+    pub fn parse(text: &str) -> Result<Self> {
+        let read: Self = settings::parse("control", text, &[])?;
+        read.check()?;
+        Ok(read)
+    }
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the entry, what was found and what is expected.
+    pub fn check(&self) -> Result<()> {
+        if !(self.tolerance.is_finite() && self.tolerance > 0.0) {
+            return Err(Error::Input(format!(
+                "control: tolerance {}: expected a relative error above 0, such as 0.05",
+                self.tolerance
+            )));
+        }
+        if self.rel_tol.is_nan() || self.rel_tol <= 0.0 {
+            return Err(Error::Input(format!(
+                "control: relTol {}: expected an error over the solver's own change, above 0, such as 0.2",
+                self.rel_tol
+            )));
+        }
+        if self.patience == 0 {
+            return Err(Error::Input(
+                "control: patience 0: expected at least 1 stride".into(),
+            ));
+        }
+        if self.fields.as_ref().is_some_and(Vec::is_empty) {
+            return Err(Error::Input(
+                "control: fields: expected at least one field".into(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A field over a stride that solver and surrogate both took: root mean squares over nodes and solved components.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct StrideError {
+    /// Of the surrogate's prediction minus the solver's state; not finite where the prediction was not.
+    pub error: f64,
+    /// Of what the solver changed.
+    pub change: f64,
+    /// Of the solver's state.
+    pub size: f64,
+}
+
+/// One predicted field.
+#[derive(Clone, Debug)]
+struct Track {
+    name: String,
+    /// Whether the tolerance holds for it.
+    watched: bool,
+    /// Growth of its errors with the strides of a jump; none: they add up.
+    factors: Option<Vec<f64>>,
+    /// Of the last stride.
+    error: f64,
+    /// Largest so far.
+    change: f64,
+    size: f64,
+}
+
+impl Track {
+    /// Infinite for what is no error: not a number, below 0, or infinite like the field.
+    fn relative(&self, error: f64) -> f64 {
+        match error {
+            0.0 => 0.0,
+            error if error > 0.0 && error / self.size >= 0.0 => error / self.size,
+            _ => f64::INFINITY,
+        }
+    }
+
+    fn estimate(&self, strides: usize) -> f64 {
+        let factor = match &self.factors {
+            Some(factors) => factors.get(strides.max(1) - 1).copied().unwrap_or(f64::INFINITY),
+            None => strides as f64,
+        };
+        match self.relative(self.error) {
+            0.0 => 0.0,
+            relative => factor * relative,
+        }
+    }
+
+    /// Strides that keep the estimate within the tolerance, `most` at most.
+    fn strides(&self, tolerance: f64, most: usize) -> usize {
+        let within = |n: &usize| self.estimate(*n) <= tolerance;
+        match (self.relative(self.error), &self.factors) {
+            (0.0, _) => most,
+            (_, Some(factors)) => (1..=most.min(factors.len())).take_while(within).count(),
+            (relative, None) => {
+                // The quotient may be one off by rounding.
+                let near = (tolerance / relative) as usize;
+                let candidates = [near.saturating_add(1), near, near.saturating_sub(1)];
+                let allowed = candidates.into_iter().find(|n| *n > 0 && within(n));
+                allowed.unwrap_or(0).min(most)
+            }
+        }
+    }
+}
+
+/// The controller of a session's jumps. All ranks give it the same numbers, and it has no part that is collective.
+#[derive(Clone, Debug)]
+pub struct Control {
+    settings: ControlSettings,
+    tracks: Vec<Track>,
+    measured: bool,
+    /// Strides in a row that allowed no jump.
+    bad: usize,
+}
+
+impl Control {
+    /// For the fields that a surrogate advances, in its order, each with the growth of its errors where that is known.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a field that it does not advance.
+    pub fn new(fields: Vec<(String, Option<Vec<f64>>)>, settings: ControlSettings) -> Result<Self> {
+        let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
+        let watched: Vec<&str> = match &settings.fields {
+            Some(fields) => fields.iter().map(String::as_str).collect(),
+            None => names.first().copied().into_iter().collect(),
+        };
+        if let Some(unknown) = watched.iter().find(|w| !names.contains(w)) {
+            return Err(Error::Input(format!(
+                "control: fields: {unknown} is not predicted by the model; expected some of {}",
+                names.join(", ")
+            )));
+        }
+        let marks: Vec<bool> = names.iter().map(|name| watched.contains(name)).collect();
+        let track = |((name, factors), watched)| Track {
+            name,
+            watched,
+            factors,
+            error: f64::INFINITY,
+            change: 0.0,
+            size: 0.0,
+        };
+        Ok(Control {
+            tracks: fields.into_iter().zip(marks).map(track).collect(),
+            settings,
+            measured: false,
+            bad: 0,
+        })
+    }
+
+    /// What was set.
+    pub fn settings(&self) -> &ControlSettings {
+        &self.settings
+    }
+
+    /// Names of the watched fields whose growth the model does not know; their errors are reckoned to add up.
+    pub fn not_calibrated(&self) -> Vec<&str> {
+        let watched = self.tracks.iter().filter(|t| t.watched && t.factors.is_none());
+        watched.map(|t| t.name.as_str()).collect()
+    }
+
+    /// Takes up a stride that solver and surrogate both took, a row for each predicted field.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields; [`Error::Numerical`] where the surrogate stays bad and the settings say
+    /// `stop`.
+    pub fn measure(&mut self, strides: &[StrideError]) -> Result<()> {
+        self.check(strides.len())?;
+        for (track, stride) in self.tracks.iter_mut().zip(strides) {
+            track.error = stride.error;
+            track.change = track.change.max(stride.change);
+            track.size = track.size.max(stride.size);
+        }
+        self.measured = true;
+        let mut watched = self.tracks.iter().zip(strides).filter(|(track, _)| track.watched);
+        let loses = watched.any(|(_, stride)| stride.error > self.settings.rel_tol * stride.change);
+        self.bad = match loses || self.within_tolerance(1) == 0 {
+            true => self.bad + 1,
+            false => 0,
+        };
+        if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
+            return Err(Error::Numerical(format!(
+                "the surrogate beside the solver was off by more than the tolerance {} allows, or by more than {} (relTol) of what the \
+                 solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train or adapt it, \
+                 raise the tolerance, or say onFailure solver",
+                self.settings.tolerance,
+                self.settings.rel_tol,
+                self.bad,
+                self.error()
+            )));
+        }
+        Ok(())
+    }
+
+    /// Relative error of the last stride, the largest of the watched fields; infinite before there was one.
+    pub fn error(&self) -> f64 {
+        self.largest(|t| t.relative(t.error))
+    }
+
+    /// Relative error that is expected after a jump of so many strides, the largest of the watched fields.
+    pub fn estimate(&self, strides: usize) -> f64 {
+        self.largest(|t| t.estimate(strides))
+    }
+
+    fn largest(&self, of: impl Fn(&Track) -> f64) -> f64 {
+        match self.measured {
+            true => self
+                .tracks
+                .iter()
+                .filter(|t| t.watched)
+                .map(of)
+                .fold(0.0, f64::max),
+            false => f64::INFINITY,
+        }
+    }
+
+    /// Strides of the next jump, `most` at most; 0: the surrogate must not jump.
+    pub fn strides(&self, most: usize) -> usize {
+        match self.bad {
+            0 => self.within_tolerance(most),
+            _ => 0,
+        }
+    }
+
+    fn within_tolerance(&self, most: usize) -> usize {
+        let watched = self.tracks.iter().filter(|t| t.watched && self.measured);
+        watched
+            .map(|t| t.strides(self.settings.tolerance, most))
+            .min()
+            .unwrap_or(0)
+    }
+
+    /// Whether a stride of a jump that changes the predicted fields by so much (root mean squares) may be true: by no more than three
+    /// times what a stride of the solver has.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields.
+    pub fn accepts(&self, changes: &[f64]) -> Result<bool> {
+        self.check(changes.len())?;
+        let one = |(track, change): (&Track, &f64)| *change <= MOST_CHANGE * track.change;
+        Ok(self.tracks.iter().zip(changes).all(one))
+    }
+
+    /// Relative error of the watched fields, the largest, where their errors are these (root mean squares, of all predicted fields).
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields.
+    pub fn relative(&self, errors: &[f64]) -> Result<f64> {
+        self.check(errors.len())?;
+        let pairs = self.tracks.iter().zip(errors).filter(|(t, _)| t.watched);
+        Ok(pairs.map(|(t, e)| t.relative(*e)).fold(0.0, f64::max))
+    }
+
+    /// What the controller decides by, for a run that is carried on: of each predicted field the error of the last stride and the
+    /// largest change and size so far, and how many strides in a row allowed no jump; none before a stride was measured.
+    pub fn state(&self) -> Option<(Vec<StrideError>, usize)> {
+        let row = |t: &Track| StrideError {
+            error: t.error,
+            change: t.change,
+            size: t.size,
+        };
+        self.measured
+            .then(|| (self.tracks.iter().map(row).collect(), self.bad))
+    }
+
+    /// Goes on from the [`state`](Self::state) of another run.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of fields, and for changes and sizes that are no such figures.
+    pub fn restore(&mut self, rows: &[StrideError], bad: usize) -> Result<()> {
+        self.check(rows.len())?;
+        let usable = |figure: f64| figure.is_finite() && figure >= 0.0;
+        if let Some(row) = rows.iter().find(|r| !(usable(r.change) && usable(r.size))) {
+            return Err(Error::Input(format!(
+                "control: expected a change and a size that are finite and not below 0, found {} and {}",
+                row.change, row.size
+            )));
+        }
+        for (track, row) in self.tracks.iter_mut().zip(rows) {
+            (track.error, track.change, track.size) = (row.error, row.change, row.size);
+        }
+        (self.measured, self.bad) = (true, bad);
+        Ok(())
+    }
+
+    fn check(&self, found: usize) -> Result<()> {
+        match found == self.tracks.len() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "control: expected figures of the {} fields that the model predicts, found {found}",
+                self.tracks.len()
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "control_tests.rs"]
+mod tests;

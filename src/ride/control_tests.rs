@@ -1,0 +1,182 @@
+use super::*;
+
+fn control(json: &str, calibrated: bool) -> Control {
+    let factors = calibrated.then(|| vec![1.5, 2.0, 4.0]);
+    let fields = vec![("U".to_string(), factors), ("p".to_string(), None)];
+    Control::new(fields, ControlSettings::parse(json).unwrap()).unwrap()
+}
+
+fn stride(error: f64) -> [StrideError; 2] {
+    let one = |error| StrideError {
+        error,
+        change: 0.3,
+        size: 2.0,
+    };
+    [one(error), one(1.0)]
+}
+
+#[test]
+fn strides_are_those_that_keep_the_estimate_within_the_tolerance() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY), "nothing measured");
+    c.measure(&stride(0.04)).unwrap();
+    // 0.02 times 1.5, 2 and 4
+    assert_eq!(c.strides(10), 2);
+    assert_eq!(c.strides(1), 1);
+    assert!((c.error() - 0.02).abs() < 1e-15 && (c.estimate(3) - 0.08).abs() < 1e-15);
+    // No further than it was calibrated
+    c.measure(&stride(0.001)).unwrap();
+    assert_eq!((c.strides(10), c.estimate(4)), (3, f64::INFINITY));
+    c.measure(&stride(0.2)).unwrap();
+    assert_eq!(c.strides(10), 0);
+    for bad in [f64::NAN, f64::INFINITY, -0.04] {
+        c.measure(&stride(bad)).unwrap();
+        assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
+    }
+    assert_eq!(c.not_calibrated(), [""; 0]);
+}
+
+#[test]
+fn a_stride_that_is_off_by_too_much_of_the_solvers_change_allows_nothing() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    c.measure(&stride(0.001)).unwrap();
+    assert_eq!(c.strides(10), 3);
+    // Within the tolerance: 0.0005 of the size
+    let mut rests = stride(0.001);
+    rests[0].change = 0.002;
+    c.measure(&rests).unwrap();
+    assert_eq!((c.strides(10), c.error()), (0, 0.0005));
+    // A run that is carried on from there does not jump either
+    let (rows, bad) = c.state().unwrap();
+    let mut carried_on = control(r#"{"tolerance": 0.05}"#, true);
+    carried_on.restore(&rows, bad).unwrap();
+    assert_eq!(carried_on.strides(10), 0);
+    let mut lenient = control(r#"{"tolerance": 0.05, "relTol": 0.6}"#, true);
+    lenient.measure(&rests).unwrap();
+    assert_eq!(lenient.strides(10), 3);
+    rests[0].change = 0.0051;
+    c.measure(&rests).unwrap();
+    assert_eq!(c.strides(10), 3);
+    // A surrogate that is not off at all holds a flow at rest
+    (rests[0].error, rests[0].change) = (0.0, 0.0);
+    c.measure(&rests).unwrap();
+    assert_eq!(c.strides(10), 10);
+    // p, which none of these watches, is off by more
+    let mut both = control(r#"{"tolerance": 5, "fields": ["U", "p"]}"#, true);
+    both.measure(&stride(0.001)).unwrap();
+    assert_eq!(both.strides(10), 0);
+}
+
+#[test]
+fn an_infinite_error_of_an_infinite_field_allows_nothing() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    let mut rows = stride(f64::INFINITY);
+    rows[0].size = f64::INFINITY;
+    c.measure(&rows).unwrap();
+    assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
+}
+
+#[test]
+fn without_an_error_a_jump_is_as_long_as_it_may_be() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, false);
+    c.measure(&stride(0.0)).unwrap();
+    assert_eq!(c.strides(usize::MAX), usize::MAX);
+    c.measure(&stride(2e-300)).unwrap();
+    assert_eq!(c.strides(1_000_000_000), 1_000_000_000);
+}
+
+#[test]
+fn without_calibration_errors_add_up() {
+    let mut c = control(r#"{"tolerance": 0.05, "fields": ["U", "p"]}"#, false);
+    assert_eq!(c.not_calibrated(), ["U", "p"]);
+    let mut both = stride(0.02);
+    both[1].error = 0.04;
+    c.measure(&both).unwrap();
+    // p: 0.02 a stride
+    assert_eq!(c.strides(10), 2);
+    c.measure(&stride(0.0)).unwrap();
+    assert_eq!(c.strides(10), 0, "p is off by half of itself");
+}
+
+#[test]
+fn the_size_and_the_change_are_the_largest_so_far() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    c.measure(&stride(0.04)).unwrap();
+    let mut calm = stride(0.04);
+    calm.iter_mut().for_each(|s| (s.size, s.change) = (0.0, 0.0));
+    c.measure(&calm).unwrap();
+    assert_eq!(c.error(), 0.02);
+    assert!(c.accepts(&[0.89, 0.1]).unwrap());
+    assert!(!c.accepts(&[0.91, 0.1]).unwrap() && !c.accepts(&[0.1, f64::NAN]).unwrap());
+    assert!(c.accepts(&[0.1]).is_err());
+}
+
+#[test]
+fn a_surrogate_that_stays_bad_ends_the_run_where_that_is_asked_for() {
+    let mut c = control(r#"{"tolerance": 0.01, "onFailure": "stop", "patience": 3}"#, true);
+    c.measure(&stride(1.0)).unwrap();
+    c.measure(&stride(1.0)).unwrap();
+    c.measure(&stride(0.0)).unwrap();
+    c.measure(&stride(1.0)).unwrap();
+    c.measure(&stride(1.0)).unwrap();
+    let text = c.measure(&stride(1.0)).unwrap_err().to_string();
+    assert!(
+        text.contains("3 strides in a row") && text.contains("onFailure solver"),
+        "{text}"
+    );
+    let mut goes_on = control(r#"{"tolerance": 0.01, "patience": 3}"#, true);
+    (0..20).for_each(|_| goes_on.measure(&stride(1.0)).unwrap());
+}
+
+#[test]
+fn bad_settings_are_named() {
+    for (json, words) in [
+        ("{}", "tolerance"),
+        (r#"{"tolerance": 0}"#, "above 0"),
+        (r#"{"tolerance": 0.1, "tolerence": 1}"#, "tolerence"),
+        (r#"{"tolerance": 0.1, "fields": []}"#, "at least one"),
+        (r#"{"tolerance": 0.1, "onFailure": "maybe"}"#, "onFailure"),
+        (r#"{"tolerance": 0.1, "patience": 0}"#, "patience"),
+        (r#"{"tolerance": 0.1, "relTol": 0}"#, "relTol 0"),
+    ] {
+        let text = ControlSettings::parse(json).unwrap_err().to_string();
+        assert!(text.contains(words), "{json}: {text}");
+    }
+    let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
+    let fields = ["U", "p"].map(|name| (name.to_string(), None));
+    let text = Control::new(fields.into(), settings).unwrap_err().to_string();
+    assert!(
+        text.contains("q is not predicted") && text.contains("U, p"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_restored_controller_decides_as_the_one_before() {
+    let mut first = control(r#"{"tolerance": 0.05, "onFailure": "stop", "patience": 2}"#, true);
+    assert_eq!(first.state(), None, "nothing measured");
+    first.measure(&stride(0.04)).unwrap();
+    first.measure(&stride(1.0)).unwrap();
+    let (rows, bad) = first.state().unwrap();
+    let mut second = control(r#"{"tolerance": 0.05, "onFailure": "stop", "patience": 2}"#, true);
+    second.restore(&rows, bad).unwrap();
+    assert_eq!(second.state(), first.state());
+    assert_eq!((second.strides(10), second.error()), (0, 0.5));
+    assert!(
+        second.measure(&stride(1.0)).is_err(),
+        "the second bad stride in a row"
+    );
+    assert!(second.restore(&rows[..1], 0).is_err());
+    let mut wrong = rows.clone();
+    wrong[1].size = f64::NAN;
+    assert!(second.restore(&wrong, 0).is_err());
+}
+
+#[test]
+fn relative_errors_are_those_of_the_watched_fields() {
+    let mut c = control(r#"{"tolerance": 0.05}"#, true);
+    c.measure(&stride(0.04)).unwrap();
+    assert_eq!(c.relative(&[0.1, 50.0]).unwrap(), 0.05);
+    assert_eq!(c.relative(&[f64::NAN, 0.0]).unwrap(), f64::INFINITY);
+    assert!(c.relative(&[0.1]).is_err());
+}

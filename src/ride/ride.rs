@@ -1,0 +1,674 @@
+//! The state machine: what a host tells, and what it is to do next.
+
+use crate::control::Control;
+use crate::log::Log;
+use crate::observe::Observer;
+use crate::rider::Rider;
+use crate::schedule::{Schedule, Step, extra_steps, steps_of};
+use crate::settings::{AdaptEntries, Mode, RideSettings};
+use crate::shadow::predict;
+use crate::surrogate::Surrogate;
+use crate::tables::Digits;
+use crate::totals::Totals;
+use crate::values::{Given, rms};
+use crate::watch::Watch;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_step::FieldMut;
+
+/// What a host is to do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Let the solver make a step, and tell with [`Ride::solved`].
+    Solve,
+    /// Ask with [`Ride::decide`].
+    Decide,
+    /// Take a stride with [`Ride::stride`].
+    Stride,
+    /// Advance the time and the fields to what was predicted, and tell with [`Ride::advanced`].
+    Advance,
+    /// Leave the fields as a state that the solver carries on from, and tell with [`Ride::handed_back`].
+    HandBack,
+}
+
+/// An answer of the ride.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// What to do next.
+    pub action: Action,
+    /// Which surrogate jumps.
+    pub surrogate: usize,
+    /// Strides of the jump that are left; of [`Action::HandBack`] those that a run which is carried on from here takes: it was stopped.
+    pub strides: usize,
+    /// Of [`Action::Advance`]: time by which the stride advances, s.
+    pub duration: f64,
+    /// And the steps of the solver that it stands for.
+    pub solver_steps: i64,
+    /// Whether one stride is left of the jump: the next state is handed back.
+    pub last_but_one: bool,
+    /// Whether the next call is to be given the fields.
+    pub fields: bool,
+    /// Steps of the solver since the last jump; -1: there was none.
+    pub since: i64,
+    /// Within a jump the solver's time step, s; else 0.
+    pub delta_t: f64,
+    /// Whether a surrogate has taken a stride, beside the solver or in its place.
+    pub stepped: bool,
+}
+
+/// A jump that is going on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Jump {
+    pub surrogate: usize,
+    pub strides: usize,
+    pub done: usize,
+    /// Whether these strides are the rest of a jump in which an earlier run was.
+    pub carried_on: bool,
+    /// The solver's time step, s.
+    pub delta_t: f64,
+    /// Time by which each stride brings the surrogate further than it says, s.
+    pub ahead: f64,
+    /// Whether the last of its strides has been taken.
+    pub over: bool,
+    /// Seconds of surrogate and hand-over when it began.
+    pub began: [f64; 2],
+    /// What was measured before, and what was expected of it.
+    pub expected: Option<[f64; 2]>,
+}
+
+/// Where the run is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Phase {
+    /// The solver works.
+    Solving,
+    /// It has made a step, or a run was carried on behind one.
+    Deciding,
+    /// Strides are taken.
+    Jumping(Jump),
+    /// A stride was predicted.
+    Advancing(Jump),
+    /// The state is being handed back.
+    HandingBack(Jump),
+}
+
+/// A hybrid run.
+pub struct Ride<'a> {
+    pub(crate) comm: Comm,
+    pub(crate) settings: RideSettings,
+    pub(crate) adapt: AdaptEntries,
+    pub(crate) schedule: Schedule,
+    pub(crate) riders: Vec<Rider<'a>>,
+    pub(crate) observer: Option<Observer>,
+    pub(crate) watch: Watch,
+    pub(crate) totals: Totals,
+    /// Number of this rank's rows in the undecomposed mesh.
+    pub(crate) global: Vec<i64>,
+    /// Rows of the undecomposed mesh.
+    pub(crate) rows: usize,
+    /// Time from which the solver's steps are frames, s.
+    pub(crate) adapt_start: f64,
+    /// Index of the time step at which the solver last took over.
+    pub(crate) handed_back: i64,
+    pub(crate) phase: Phase,
+    /// As the host told last.
+    pub(crate) step: Step,
+    /// Whether a surrogate has taken a stride.
+    pub(crate) stepped: bool,
+    pub(crate) log: Log,
+}
+
+impl<'a> Ride<'a> {
+    /// Of surrogates on the host's mesh, from the present time on. `global`: the numbers of this rank's rows (cells) in the undecomposed
+    /// mesh, in whose order a state is written. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings that do not fit the surrogates.
+    pub fn new(
+        comm: Comm,
+        surrogates: Vec<Box<dyn Surrogate + 'a>>,
+        settings: RideSettings,
+        global: Vec<i64>,
+        start: Step,
+    ) -> Result<Self> {
+        let digits = Digits(settings.write_precision);
+        let adapt = settings.adapt_entries()?;
+        let observing = settings.mode == Mode::Observe;
+        if surrogates.is_empty() || surrogates.len() > 1 && (observing || settings.control.is_none()) {
+            return Err(Error::Input(match surrogates.len() {
+                0 => "ride: expected at least one surrogate".into(),
+                n => format!(
+                    "ride: {n} surrogates: which one jumps is chosen by what they are off by beside the solver, which control measures in \
+                     mode replace; give control, or one surrogate"
+                ),
+            }));
+        }
+        let mut rows = [global.len() as i64];
+        comm.sum_i64(&mut rows);
+        let mut log = Log::default();
+        let mut riders = Vec::new();
+        for surrogate in surrogates {
+            let stride = surrogate.stride();
+            if stride < start.delta_t * (1.0 - 1e-6) {
+                return Err(Error::Input(format!(
+                    "the stride of {}, {} s, is shorter than the solver's time step, {} s: nothing can be compared, or saved",
+                    surrogate.source(),
+                    digits.of(stride),
+                    digits.of(start.delta_t)
+                )));
+            }
+            riders.push(Rider::new(surrogate, &settings, &mut log)?);
+        }
+        let first_time = settings.time_start.unwrap_or(start.time);
+        let schedule = Schedule {
+            start: settings.time_start.unwrap_or(f64::NEG_INFINITY),
+            end: settings.time_end.unwrap_or(f64::INFINITY),
+            solver_steps: settings.solver_steps.unwrap_or(1) as i64,
+            surrogate_steps: settings.surrogate_steps.unwrap_or(1),
+        };
+        let before = (first_time - start.time).max(0.0);
+        let adapt_start = adapt.start.unwrap_or(start.time + before / 3.0);
+        Ok(Ride {
+            comm,
+            schedule,
+            riders,
+            observer: None,
+            watch: Watch::default(),
+            totals: Totals::default(),
+            global,
+            rows: rows[0] as usize,
+            adapt_start,
+            handed_back: start.index,
+            phase: Phase::Solving,
+            step: start,
+            stepped: false,
+            log,
+            adapt,
+            settings,
+        })
+    }
+
+    /// What was set.
+    pub fn settings(&self) -> &RideSettings {
+        &self.settings
+    }
+
+    /// Figures of tables and messages.
+    pub(crate) fn digits(&self) -> Digits {
+        Digits(self.settings.write_precision)
+    }
+
+    /// The solver has made a step. Not collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] within a jump, and for times that do not increase.
+    pub fn solved(&mut self, step: Step) -> Result<Answer> {
+        match self.phase {
+            Phase::Solving | Phase::Deciding => {}
+            _ => return Err(self.out_of_turn("solved")),
+        }
+        if !(step.time.is_finite() && step.delta_t > 0.0 && step.delta_t.is_finite() && step.time > self.step.time) {
+            return Err(Error::Input(format!(
+                "ride: a step of {} s to time {} s after {} s: times must increase",
+                step.delta_t, step.time, self.step.time
+            )));
+        }
+        self.check_interval(&step)?;
+        if let Some(correctors) = step.correctors {
+            let said = self.watch.stepped(&step.name, correctors);
+            self.log.judged(said);
+        }
+        self.step = step;
+        self.phase = Phase::Deciding;
+        Ok(self.deciding())
+    }
+
+    /// An observer that does not see the solver's steps compares where no stride ends, and errors are then those of an interpolation.
+    fn check_interval(&self, step: &Step) -> Result<()> {
+        let (interval, stride) = (step.time - self.step.time, self.riders[0].surrogate.stride());
+        let steps = stride / interval;
+        let measured = self.settings.mode == Mode::Observe || self.settings.control.is_some();
+        // A change of deltaT changes one interval as well.
+        let skipped = step.index - self.step.index > 1 && interval > 1.5 * step.delta_t;
+        let meets = (steps - steps.round()).abs() < 1e-3 * steps.max(1.0) && steps > 0.5;
+        match measured && skipped && !meets && !self.schedule.is_over(step) && self.schedule.has_begun(step) {
+            true => Err(Error::Input(format!(
+                "ride: from time {} to {} it saw no step of the solver, and a stride of {} s is {} of such intervals: strides would be \
+                 compared where none ends. Execute it at each step (executeInterval 1), or at intervals that divide a stride",
+                self.step.name,
+                step.name,
+                self.digits().of(stride),
+                self.digits().of(steps)
+            ))),
+            false => Ok(()),
+        }
+    }
+
+    pub(crate) fn deciding(&self) -> Answer {
+        Answer {
+            fields: self.wants_fields(),
+            ..self.answer(Action::Decide)
+        }
+    }
+
+    /// An answer with what is known anywhere.
+    pub(crate) fn answer(&self, action: Action) -> Answer {
+        let jump = match &self.phase {
+            Phase::Jumping(jump) | Phase::Advancing(jump) | Phase::HandingBack(jump) => Some(jump),
+            _ => None,
+        };
+        Answer {
+            action,
+            surrogate: jump.map_or(0, |jump| jump.surrogate),
+            strides: jump.map_or(0, |_| self.left().max(0) as usize),
+            delta_t: jump.map_or(0.0, |jump| jump.delta_t),
+            stepped: self.stepped,
+            duration: 0.0,
+            solver_steps: 0,
+            last_but_one: false,
+            fields: action == Action::Stride || action == Action::HandBack && self.wants_fields_after(),
+            since: match self.totals.jumps {
+                0 => -1,
+                _ => self.step.index - self.handed_back,
+            },
+        }
+    }
+
+    fn wants_fields(&self) -> bool {
+        let step = &self.step;
+        let frame = self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns());
+        let due = self.riders.iter().any(|r| !r.shadow.waiting || r.has_arrived(step));
+        let observed = self.settings.mode == Mode::Observe && self.is_on();
+        frame || due && (observed || self.is_controlled())
+    }
+
+    fn wants_fields_after(&self) -> bool {
+        self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns()) || self.is_controlled()
+    }
+
+    /// Whether the surrogates have their time.
+    fn is_on(&self) -> bool {
+        !self.schedule.is_over(&self.step) && self.schedule.has_begun(&self.step)
+    }
+
+    /// Whether the solver's steps are frames.
+    pub(crate) fn is_learning(&self) -> bool {
+        let can = |r: &Rider| r.surrogate.can_learn();
+        let begun = |r: &Rider| r.surrogate.has_begun();
+        self.adapt.wanted
+            && self.riders.iter().any(can)
+            && !self.schedule.is_over(&self.step)
+            && (self.riders.iter().any(begun) || self.step.time >= self.adapt_start - 0.5 * self.step.delta_t)
+    }
+
+    /// Whether strides are taken beside the solver for jumps.
+    pub(crate) fn is_controlled(&self) -> bool {
+        let measured = |r: &Rider| self.schedule.is_measured(&self.step, r.surrogate.stride());
+        self.settings.mode == Mode::Replace
+            && self.settings.control.is_some()
+            && self.riders.iter().any(measured)
+    }
+
+    fn out_of_turn(&self, call: &str) -> Error {
+        let expected = match self.phase {
+            Phase::Solving => "solved",
+            Phase::Deciding => "decide",
+            Phase::Jumping(_) => "stride",
+            Phase::Advancing(_) => "advanced",
+            Phase::HandingBack(_) => "handed_back",
+        };
+        Error::Input(format!("ride: {call} was called where {expected} is due"))
+    }
+
+    /// What follows a step of the solver. The fields are those after it; they may be left out where the answer before says so.
+    /// Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for fields that do not fit; [`Error::Numerical`] where a surrogate stays bad and the settings say stop; what
+    /// learning may fail with.
+    pub fn decide(&mut self, given: &Given) -> Result<Answer> {
+        if self.phase != Phase::Deciding {
+            return Err(self.out_of_turn("decide"));
+        }
+        self.frame(false, given)?;
+        let controlled = self.is_controlled();
+        if controlled {
+            self.measure(given)?;
+        }
+        if self.is_on() {
+            match self.settings.mode {
+                Mode::Observe => self.observe(given)?,
+                Mode::Replace => {
+                    if let Some(jump) = self.next_jump()? {
+                        self.phase = Phase::Jumping(jump);
+                        return Ok(self.answer(Action::Stride));
+                    }
+                }
+            }
+        }
+        if controlled {
+            self.begin_shadows(false, given)?;
+        }
+        self.phase = Phase::Solving;
+        Ok(self.answer(Action::Solve))
+    }
+
+    /// The present fields are a frame. Collective.
+    fn frame(&mut self, begins: bool, given: &Given) -> Result<()> {
+        if self.is_learning() {
+            for rider in self.riders.iter_mut().filter(|r| r.surrogate.learns()) {
+                rider.surrogate.frame(self.step.time, begins, given.fields)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Compares where the solver has come a stride. Collective.
+    fn measure(&mut self, given: &Given) -> Result<()> {
+        let digits = self.digits();
+        for rider in &mut self.riders {
+            if rider.has_arrived(&self.step) {
+                rider.measure(&self.comm, &self.step, given, digits, &mut self.log)?;
+                self.totals.measured += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// The solver goes on from here: strides beside it begin. `anew`: from another state than it arrived at. Collective.
+    fn begin_shadows(&mut self, anew: bool, given: &Given) -> Result<()> {
+        for rider in &mut self.riders {
+            if anew || !rider.shadow.waiting {
+                let bad = rider.shadow.begin(rider.surrogate.as_mut(), &self.step, given)?;
+                self.stepped = true;
+                self.log.not_finite(&self.step.name, bad);
+            }
+        }
+        Ok(())
+    }
+
+    /// Mode observe. Collective.
+    fn observe(&mut self, given: &Given) -> Result<()> {
+        let digits = self.digits();
+        if self.observer.is_none() {
+            self.learn(self.settings.rollout_steps)?;
+            let rider = &self.riders[0];
+            let observer =
+                Observer::new(rider.surrogate.as_ref(), self.settings.rollout_steps, self.settings.write_errors);
+            self.log.observed_head = [
+                observer.header(rider.surrogate.as_ref(), digits, rider.control.is_some()),
+                observer.segment_header(rider.surrogate.as_ref(), digits),
+            ];
+            self.observer = Some(observer);
+        }
+        let rider = &mut self.riders[0];
+        if let Some(observer) = &mut self.observer
+            && (!rider.shadow.waiting || rider.has_arrived(&self.step))
+        {
+            let found = observer.arrived(
+                &self.comm,
+                rider.surrogate.as_mut(),
+                &mut rider.shadow,
+                rider.control.as_mut(),
+                &self.step,
+                given,
+                digits,
+            )?;
+            self.stepped = true;
+            self.log.observed += &found.errors;
+            self.log.segments += &found.segments;
+            found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
+        }
+        Ok(())
+    }
+
+    /// A round of learning for jumps of so many strides. Collective.
+    fn learn(&mut self, strides: usize) -> Result<()> {
+        if !self.is_learning() {
+            return Ok(());
+        }
+        for rider in &mut self.riders {
+            if !rider.surrogate.learns() {
+                continue;
+            }
+            let Some(lesson) = rider.surrogate.learn(strides)? else {
+                continue;
+            };
+            self.totals.learned(&lesson);
+            self.log.lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
+            if let Some(path) = self.adapt.write_model.as_ref().filter(|_| lesson.used) {
+                rider.surrogate.write_model(path)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The jump that may begin now. Collective.
+    fn next_jump(&mut self) -> Result<Option<Jump>> {
+        let step = self.step.clone();
+        self.totals.first_time.get_or_insert(step.time);
+        // The next jump is most likely by whom the last one was.
+        let stride = self.riders[self.totals.last].surrogate.stride();
+        let due = self.schedule.solver_steps(self.totals.ahead, step.delta_t, stride);
+        let measured = |r: &Rider| r.control.is_none() || r.fresh;
+        if step.index - self.handed_back < due || !self.riders.iter().any(measured) {
+            return Ok(None);
+        }
+        let (most, said) = self.watch.most(&step.name, self.schedule.surrogate_steps);
+        self.log.judged(said);
+        if most == 0 {
+            return Ok(None);
+        }
+        if self.schedule.fits(&step, step.delta_t, stride, 1.0) {
+            self.learn(most)?;
+        }
+        let Some((surrogate, strides)) = self.choose(most) else {
+            return Ok(None);
+        };
+        let rider = &self.riders[surrogate];
+        if !self.schedule.fits(&step, step.delta_t, rider.surrogate.stride(), 1.0) {
+            return Ok(None);
+        }
+        Ok(Some(Jump {
+            surrogate,
+            strides,
+            done: 0,
+            carried_on: false,
+            delta_t: step.delta_t,
+            ahead: rider.surrogate.ahead(self.totals.jumps > 0),
+            over: false,
+            began: self.totals.seconds,
+            expected: rider.control.as_ref().map(|_| rider.expected),
+        }))
+    }
+
+    /// Who jumps, and how far: of those that control lets jump the one that was off by least.
+    fn choose(&mut self, most: usize) -> Option<(usize, usize)> {
+        let digits = self.digits();
+        let mut best: Option<(usize, usize)> = None;
+        for i in 0..self.riders.len() {
+            let strides = self.riders[i].allowed(most);
+            let error = |i: usize| self.riders[i].expected[0];
+            if strides > 0 && best.is_none_or(|(other, _)| error(i) < error(other)) {
+                best = Some((i, strides));
+            }
+        }
+        if self.settings.control.is_some() {
+            let allowed = best.is_some();
+            self.totals.refused += usize::from(!allowed);
+            self.log.decided(&self.step.name, allowed, &self.riders, digits);
+        }
+        best
+    }
+
+    /// A stride of the jump, from the fields as they are now. `out`: where the advanced fields of the surrogate go, in its order. The
+    /// answer is [`Action::Advance`], or what follows where the stride must not be used: `out` is then as it was. Collective; all ranks
+    /// fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for fields that do not fit.
+    pub fn stride(&mut self, given: &Given, out: &mut [FieldMut]) -> Result<Answer> {
+        let Phase::Jumping(mut jump) = self.phase.clone() else {
+            return Err(self.out_of_turn("stride"));
+        };
+        let rider = &mut self.riders[jump.surrogate];
+        let stride = rider.surrogate.stride();
+        if !self.schedule.fits(&self.step, jump.delta_t, stride, 1.0) {
+            return self.end_early(jump, given);
+        }
+        let advanced = rider.surrogate.advances().to_vec();
+        let old = given.values(&advanced)?;
+        let shapes = out.iter().map(|o| (o.name, o.cells.len()));
+        let own = advanced.iter().zip(&old).map(|(a, v)| (a.name.as_str(), v.len()));
+        if !shapes.eq(own) {
+            return Err(Error::Input(
+                "ride: the places for the prediction are not those of the fields that the surrogate advances".into(),
+            ));
+        }
+        let mut predicted = old.clone();
+        let bad = predict(rider.surrogate.as_mut(), given, &mut predicted)?;
+        let mut used = bad.is_none();
+        self.stepped |= used;
+        self.log.not_finite(&self.step.name, bad);
+        if let Some(control) = rider.control.as_ref().filter(|_| used) {
+            let pairs = predicted.iter().zip(&old);
+            let changes = pairs.map(|(new, old)| new.iter().zip(old).map(|(a, b)| a - b));
+            used = control.accepts(&rms(&self.comm, &advanced, changes))?;
+        }
+        if !used {
+            self.totals.ended_early += 1;
+            return self.end_early(jump, given);
+        }
+        for (place, values) in out.iter_mut().zip(&predicted) {
+            place.cells.copy_from_slice(values);
+        }
+        // The first stride makes up for the clock of those before.
+        let mut extra = 0;
+        if jump.done == 0 && !jump.carried_on {
+            self.totals.begin_jump(jump.surrogate, self.step.time);
+            extra = extra_steps(self.totals.ahead, jump.delta_t, stride);
+            let fits = |extra: i64| {
+                let strides = 1.0 + extra as f64 * jump.delta_t / stride;
+                self.schedule.fits(&self.step, jump.delta_t, stride, strides)
+            };
+            while extra > 0 && !fits(extra) {
+                extra -= 1;
+            }
+        }
+        jump.done += 1;
+        self.totals.steps += 1;
+        self.totals.ahead += jump.ahead - extra as f64 * jump.delta_t;
+        let duration = stride + extra as f64 * jump.delta_t;
+        self.totals.replaced += duration;
+        let solver_steps = steps_of(stride, jump.delta_t) + extra;
+        self.phase = Phase::Advancing(jump);
+        Ok(Answer {
+            duration,
+            solver_steps,
+            ..self.answer(Action::Advance)
+        })
+    }
+
+    /// A jump ends before its last stride, or does not begin. Collective.
+    fn end_early(&mut self, jump: Jump, given: &Given) -> Result<Answer> {
+        if jump.done == 0 && !jump.carried_on {
+            if self.is_controlled() {
+                self.begin_shadows(false, given)?;
+            }
+            self.phase = Phase::Solving;
+            return Ok(self.answer(Action::Solve));
+        }
+        self.phase = Phase::HandingBack(jump);
+        Ok(self.answer(Action::HandBack))
+    }
+
+    /// Time and fields have been advanced by the stride that was predicted. Not collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where no stride was predicted.
+    pub fn advanced(&mut self, step: Step) -> Result<Answer> {
+        let Phase::Advancing(mut jump) = self.phase.clone() else {
+            return Err(self.out_of_turn("advanced"));
+        };
+        self.step = Step {
+            delta_t: jump.delta_t,
+            ..step
+        };
+        let stride = self.riders[jump.surrogate].surrogate.stride();
+        let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
+        jump.over = jump.done == jump.strides || !fits(1.0);
+        let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
+        let action = match jump.over {
+            true => Action::HandBack,
+            false => Action::Stride,
+        };
+        self.phase = match jump.over {
+            true => Phase::HandingBack(jump),
+            false => Phase::Jumping(jump),
+        };
+        Ok(Answer {
+            last_but_one,
+            ..self.answer(action)
+        })
+    }
+
+    /// Wall time that went into strides, and into handing over, since the last time that it was told, s.
+    pub fn spent(&mut self, surrogate: f64, hand_over: f64) {
+        self.totals.seconds[0] += surrogate;
+        self.totals.seconds[1] += hand_over;
+    }
+
+    /// The state has been handed back, and the solver goes on from here: the fields are those that it begins from. `quantities` are told
+    /// with the jump. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where no jump has ended, and for fields that do not fit.
+    pub fn handed_back(&mut self, step: Step, quantities: &[(String, f64)], given: &Given) -> Result<Answer> {
+        let Phase::HandingBack(jump) = self.phase.clone() else {
+            return Err(self.out_of_turn("handed_back"));
+        };
+        self.step = Step {
+            delta_t: jump.delta_t,
+            ..step
+        };
+        self.handed_back = self.step.index;
+        self.watch.handed_back(self.totals.steps);
+        if jump.done > 0 || !jump.over {
+            self.log_jump(&jump, quantities);
+        }
+        self.frame(true, given)?;
+        if self.is_controlled() {
+            self.begin_shadows(true, given)?;
+        }
+        self.phase = Phase::Solving;
+        Ok(self.answer(Action::Solve))
+    }
+
+    /// Strides of the jump that a run has to take which is carried on from here; -1: the solver goes on.
+    pub(crate) fn left(&self) -> i64 {
+        let rest = |jump: &Jump| (jump.strides - jump.done) as i64;
+        match &self.phase {
+            Phase::Solving | Phase::Deciding => -1,
+            Phase::Jumping(jump) | Phase::Advancing(jump) => rest(jump),
+            Phase::HandingBack(jump) => {
+                let stride = self.riders[jump.surrogate].surrogate.stride();
+                // A run that is stopped in a jump goes on with the rest of it.
+                match self.schedule.is_stopped(&self.step, jump.delta_t, stride) {
+                    true => rest(jump),
+                    false => 0,
+                }
+            }
+        }
+    }
+
+    /// The controller of a surrogate; none: there is none.
+    pub fn control(&self, surrogate: usize) -> Option<&Control> {
+        self.riders.get(surrogate)?.control.as_ref()
+    }
+
+    /// The rollout of an observed surrogate minus the solver at the cells of each advanced field, and the name of the time at which they
+    /// were compared last; none before.
+    pub fn difference(&self) -> Option<(&[Vec<f64>], &str)> {
+        let (values, time) = self.observer.as_ref()?.difference()?;
+        Some((values, time))
+    }
+}

@@ -1,0 +1,160 @@
+//! A stride that a surrogate takes beside the solver, from the solver's own fields, and that is compared with where the solver arrives.
+//!
+//! If the solver's time steps do not meet the stride, the prediction is interpolated linearly to the time at which the solver has arrived.
+
+use crate::control::StrideError;
+use crate::schedule::Step;
+use crate::surrogate::Surrogate;
+use crate::values::{Given, Values, between, places, rms};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+
+/// Two times this near, as a part of a stride, are the same.
+const SAME: f64 = 1e-6;
+
+/// A stride beside the solver.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Shadow {
+    /// Whether one is under way.
+    pub waiting: bool,
+    /// Time at which it began, s.
+    pub begun: f64,
+    /// Whether the prediction is finite.
+    pub finite: bool,
+    /// The advanced fields of the solver at the start.
+    pub start: Values,
+    /// One stride from them.
+    pub predicted: Values,
+}
+
+/// What a surrogate said: whether its result is finite, and if not, what is to be said of it.
+pub(crate) fn predict(
+    surrogate: &mut dyn Surrogate,
+    given: &Given,
+    values: &mut Values,
+) -> Result<Option<String>> {
+    let advanced = surrogate.advances().to_vec();
+    match surrogate.step(given.fields, &mut places(&advanced, values)) {
+        Ok(()) => Ok(None),
+        Err(Error::Numerical(what)) => Ok(Some(what)),
+        Err(e) => Err(e),
+    }
+}
+
+impl Shadow {
+    /// Predicts from the solver's present fields. Says what is to be said of a result that is not finite. Collective.
+    pub fn begin(
+        &mut self,
+        surrogate: &mut dyn Surrogate,
+        step: &Step,
+        given: &Given,
+    ) -> Result<Option<String>> {
+        self.start = given.values(surrogate.advances())?;
+        self.predicted = self.start.clone();
+        let bad = predict(surrogate, given, &mut self.predicted)?;
+        (self.finite, self.begun, self.waiting) = (bad.is_none(), step.time, true);
+        Ok(bad)
+    }
+
+    /// Part of the stride that the solver has come, near 1.
+    pub fn fraction(&self, step: &Step, stride: f64) -> f64 {
+        let fraction = (step.time - self.begun) / stride;
+        if (fraction - 1.0).abs() < SAME { 1.0 } else { fraction }
+    }
+
+    /// Whether this is the solver's time step nearest to the end of the stride.
+    pub fn has_arrived(&self, step: &Step, stride: f64) -> bool {
+        self.waiting && self.fraction(step, stride) > 1.0 - 0.5 * step.delta_t / stride
+    }
+
+    /// Compares with the solver's values where it has arrived, and ends. Collective.
+    pub fn compare(
+        &mut self,
+        comm: &Comm,
+        surrogate: &dyn Surrogate,
+        now: &Values,
+        fraction: f64,
+    ) -> Vec<StrideError> {
+        let fields = surrogate.advances();
+        let predicted = self.start.iter().zip(&self.predicted).zip(now);
+        let off = predicted.map(|((old, new), now)| {
+            let triples = old.iter().zip(new).zip(now);
+            triples.map(|((o, n), s)| between(*o, *n, fraction) - s)
+        });
+        let error = rms(comm, fields, off);
+        let pairs = now.iter().zip(&self.start);
+        let change = rms(comm, fields, pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)));
+        let size = rms(comm, fields, now.iter().map(|s| s.iter().copied()));
+        self.waiting = false;
+        let rows = error.into_iter().zip(change).zip(size);
+        rows.map(|((error, change), size)| StrideError {
+            error: if self.finite { error } else { f64::INFINITY },
+            change,
+            size,
+        })
+        .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy::{self, Toy, at};
+
+    #[test]
+    fn a_stride_is_compared_where_the_solver_arrives_between_two_strides() {
+        let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).biased(0.25));
+        let mut shadow = Shadow::default();
+        assert!(!shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5), "nothing is under way");
+        let given = toy::given(1.0);
+        let bad = given.with(|g| shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), g)).unwrap();
+        assert_eq!(bad, None);
+        // Steps of 0.2: that of 1.4 is nearest to 1.5, and 4/5 of the way.
+        assert!(!shadow.has_arrived(&at(1.2, 0.2, 9.0, 1), 0.5));
+        let step = at(1.4, 0.2, 9.0, 2);
+        assert!(!shadow.has_arrived(&step, 0.5), "0.8 is not above 1 - 0.2");
+        let step = at(1.6, 0.2, 9.0, 3);
+        assert!(shadow.has_arrived(&step, 0.5));
+        let fraction = shadow.fraction(&step, 0.5);
+        assert!((fraction - 1.2).abs() < 1e-12);
+        let now = toy::given(1.6).with(|g| g.values(toy.advances())).unwrap();
+        let rows = shadow.compare(&comm, &toy, &now, fraction);
+        // On paper: from the start along the chord to what was predicted, extended, against where the solver is.
+        let chord = |i: usize| {
+            let (start, end) = (toy::solver(1.0)[i], toy::solver(1.5)[i] + 0.25);
+            start + 1.2 * (end - start) - toy::solver(1.6)[i]
+        };
+        let expected = ((chord(0).powi(2) + chord(1).powi(2)) / 2.0).sqrt();
+        assert!((rows[0].error - expected).abs() < 1e-12, "{rows:?} {expected}");
+        let size = toy::rms_of(&toy::solver(1.6));
+        assert!((rows[0].size - size).abs() < 1e-12, "{rows:?} {size}");
+        assert!(!shadow.waiting);
+        assert_eq!(shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5), 1.0, "rounding");
+    }
+
+    #[test]
+    fn a_prediction_that_is_not_finite_has_an_infinite_error() {
+        let mut toy = Toy::new(0.5).broken_above(f64::NEG_INFINITY);
+        let mut shadow = Shadow::default();
+        let given = toy::given(1.0);
+        let bad = given.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
+        assert!(bad.is_some_and(|what| what.contains("not finite")));
+        let now = toy::given(1.5).with(|g| g.values(toy.advances())).unwrap();
+        let rows = shadow.compare(&Comm::serial(), &toy, &now, 1.0);
+        assert_eq!(rows[0].error, f64::INFINITY);
+        assert!(rows[0].change > 0.0);
+    }
+
+    #[test]
+    fn fields_that_do_not_fit_are_named() {
+        let mut toy = Toy::new(0.5);
+        let (mut shadow, step) = (Shadow::default(), at(1.0, 0.1, 9.0, 0));
+        let none = Given::default();
+        let missing = shadow.begin(&mut toy, &step, &none).unwrap_err().to_string();
+        assert!(missing.contains("field 'a' is missing"), "{missing}");
+        let mut given = toy::given(1.0);
+        given.components = 3;
+        let other = given.with(|g| shadow.begin(&mut toy, &step, g)).unwrap_err().to_string();
+        assert!(other.contains("field 'a': expected 1 components, found 3"), "{other}");
+    }
+}

@@ -1,0 +1,161 @@
+use super::hosting::{Event::*, Host, ride};
+use crate::toy::{self, Toy, at};
+use crate::{Action, Given};
+use m4gn_mesh::Error;
+
+const FIVE_TWO: &str = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 2, "timeStart": 1}"#;
+
+#[test]
+fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
+    let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 5.0);
+    host.run().unwrap();
+    // The first jump begins at 1 s; the last one has no room for a second stride that leaves the solver a step.
+    let expected = [
+        Solved(10),
+        Jumped(0, 2),
+        Solved(5),
+        Jumped(0, 2),
+        Solved(5),
+        Jumped(0, 1),
+        Solved(5),
+    ];
+    assert_eq!(host.events, expected);
+    assert_eq!(host.index, 50);
+    assert_eq!(host.strides[0], (0.5, 5));
+    // An exact surrogate: where the solver alone would be.
+    let error = (host.state[0] - toy::solver(5.0)[0]).abs();
+    assert!(error < 1e-12, "{error}");
+    let summary = host.ride.end();
+    for entry in [
+        "\"replaced_time\": 2.5,",
+        "\"solver_time\": 1.5,",
+        "\"replaced_fraction\": 0.625,",
+        "\"takeover_time\": 1,",
+        "\"jumps\": 3,",
+        "\"jumps_ended_early\": 0,",
+        "\"surrogate_steps\": 5,",
+        "\"stride\": 0.5,",
+        "\"surrogate_seconds\": 1.25,",
+        "\"hand_over_seconds\": 2.5,",
+    ] {
+        assert!(summary.contains(entry), "{entry} {summary}");
+    }
+    let lines: Vec<&str> = host.tables[0].lines().filter(|l| !l.starts_with('#')).collect();
+    assert_eq!(lines, ["2\t2\t0.5\t1\t0.5", "3.5\t2\t0.5\t1\t0.5", "4.5\t1\t0.25\t0.5\t0.5"]);
+    assert!(host.tables[0].contains("handOver(s)") && host.tables[0].contains("\tenergy"));
+    assert!(host.log.contains("jumped 2 steps of 0.5 s to time 2 in 1.5 s; energy 0.5\n"), "{}", host.log);
+}
+
+#[test]
+fn the_schedule_ends_at_its_time_and_has_a_summary() {
+    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 9, "timeEnd": 2}"#;
+    let mut host = Host::of(settings, vec![Toy::new(0.5)], 4.0);
+    host.run().unwrap();
+    assert_eq!(host.events, [Solved(5), Jumped(0, 3), Solved(20)]);
+    let summary = host.ride.end();
+    assert!(summary.contains("\"replaced_fraction\": 1,"), "{summary}");
+    assert!(host.ride.take(crate::Text::Log).contains("replacedFraction = 1 (1.5 s of 1.5 s in 1 jumps"));
+}
+
+#[test]
+fn before_its_start_there_is_no_summary() {
+    let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 0.5);
+    host.run().unwrap();
+    assert_eq!((host.events.clone(), host.ride.end()), (vec![Solved(5)], String::new()));
+}
+
+#[test]
+fn without_room_for_a_stride_there_is_no_jump() {
+    let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 1.5);
+    host.run().unwrap();
+    assert_eq!(host.events, [Solved(15)]);
+}
+
+#[test]
+fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
+    // The first component falls from 1.5 at 1 s, and rises above again at 8.9 s.
+    let toy = Toy::new(0.5).broken_above(1.0);
+    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 20}"#;
+    let mut host = Host::of(settings, vec![toy], 9.5);
+    host.run().unwrap();
+    let begin = (1..).find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0).unwrap() as usize;
+    assert_eq!(host.events[0], Solved(begin), "refused until then: {:?}", host.events);
+    let Jumped(0, strides) = host.events[1] else {
+        panic!("{:?}", host.events)
+    };
+    assert!(strides < 16 && host.events.len() > 2, "{:?}", host.events);
+    assert!(host.warnings[0].starts_with("At time 0.5: the result is not finite"), "{:?}", host.warnings);
+    let summary = host.ride.end();
+    let early = host.warnings.len();
+    assert!(summary.contains(&format!("\"jumps_ended_early\": {early},")), "{summary} {early}");
+}
+
+#[test]
+fn a_surrogate_that_is_ahead_gets_more_time() {
+    // Each stride of 0.5 s stands for 0.05 s more.
+    let toy = Toy::new(0.5).ahead_by(0.05, 0.05);
+    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
+    let mut host = Host::of(settings, vec![toy], 20.0);
+    host.run().unwrap();
+    // After four strides 0.2 s: the solver makes two steps less, and the next jump's first stride two more.
+    let [first, second] = [host.strides[0], host.strides[4]];
+    assert_eq!(first, (0.5, 5));
+    assert!((second.0 - 0.7).abs() < 1e-12 && second.1 == 7, "{second:?}");
+    assert_eq!(host.events[..3], [Solved(5), Jumped(0, 4), Solved(3)]);
+    // One that is behind has less in its first stride.
+    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
+    let mut host = Host::of(settings, vec![Toy::new(0.5).ahead_by(-0.05, -0.05)], 20.0);
+    host.run().unwrap();
+    assert!((host.strides[4].0 - 0.3).abs() < 1e-12, "{:?}", host.strides);
+    assert_eq!(host.events[2], Solved(7));
+    // There is no room for all of it.
+    let mut host = Host::of(settings, vec![Toy::new(0.5).ahead_by(0.05, 0.05)], 3.5);
+    host.run().unwrap();
+    assert_eq!(host.strides[4].1, 6, "{:?}", host.strides);
+}
+
+#[test]
+fn correctors_at_their_cap_make_jumps_shorter() {
+    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
+    let mut host = Host::of(settings, vec![Toy::new(0.5)], 12.0);
+    host.correctors = vec![[3, 10]; 5];
+    host.correctors.extend(vec![[10, 10]; 200]);
+    host.run().unwrap();
+    let jumps: Vec<_> = host.events.iter().filter(|e| matches!(e, Jumped(..))).collect();
+    assert_eq!(jumps, [&Jumped(0, 4), &Jumped(0, 2), &Jumped(0, 1)]);
+    assert!(host.warnings.last().unwrap().contains("The run goes on with the solver alone"));
+    let summary = host.ride.end();
+    for entry in ["\"jumps_watched\": 3,", "\"correctors_before\": 3,", "\"correctors_after\": 10,", "\"jumps_to_the_cap\": 3,"] {
+        assert!(summary.contains(entry), "{entry} {summary}");
+    }
+}
+
+#[test]
+fn calls_out_of_turn_are_refused_by_name() {
+    let mut r = ride(FIVE_TWO, vec![Toy::new(0.5)]).unwrap();
+    let none = Given::default();
+    let error = |e: Error| e.to_string();
+    assert!(error(r.decide(&none).unwrap_err()).contains("decide was called where solved is due"));
+    assert!(error(r.stride(&none, &mut []).unwrap_err()).contains("stride was called where solved"));
+    let step = |time: f64| at(time, 0.1, 9.0, (10.0 * time).round() as i64);
+    assert!(error(r.advanced(step(1.0)).unwrap_err()).contains("advanced was called"));
+    assert!(error(r.handed_back(step(1.0), &[], &none).unwrap_err()).contains("handed_back was called"));
+    assert!(error(r.solved(step(-1.0)).unwrap_err()).contains("times must increase"));
+    assert_eq!(r.solved(step(1.0)).unwrap().action, Action::Decide);
+    // The surrogate works with fields, and names the one that is missing.
+    assert_eq!(r.decide(&none).unwrap().action, Action::Stride);
+    assert!(error(r.solved(step(1.1)).unwrap_err()).contains("solved was called where stride is due"));
+    assert!(error(r.stride(&none, &mut []).unwrap_err()).contains("'a' is missing"));
+    let places = toy::of([1.0, 2.0]).with(|g| r.stride(g, &mut []));
+    assert!(error(places.unwrap_err()).contains("the places for the prediction"));
+    assert!(error(r.load(std::path::Path::new("none"), step(1.0)).unwrap_err()).contains("before the first step"));
+}
+
+#[test]
+fn what_does_not_fit_is_refused_at_the_start() {
+    let refused = |settings: &str, toys: Vec<Toy>| ride(settings, toys).err().unwrap().to_string();
+    assert!(refused(FIVE_TWO, vec![]).contains("at least one"));
+    assert!(refused(FIVE_TWO, vec![Toy::new(0.05)]).contains("shorter than the solver's time step, 0.1 s"));
+    let two = vec![Toy::new(0.5), Toy::new(0.5)];
+    assert!(refused(FIVE_TWO, two).contains("2 surrogates: which one jumps"));
+}

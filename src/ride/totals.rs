@@ -1,0 +1,150 @@
+//! What a ride has done so far, and how that is told at its end.
+
+use crate::log::Log;
+use crate::ride::Ride;
+use crate::settings::Mode;
+use crate::surrogate::Lesson;
+use serde::{Deserialize, Serialize};
+
+/// The shortest time that a share is taken of, s.
+const LEAST: f64 = 1e-300;
+
+/// The totals of the whole run, over all its parts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Totals {
+    /// Time from which the surrogates might have jumped, s; none: not yet.
+    pub first_time: Option<f64>,
+    /// Time of the first jump, s.
+    pub takeover: Option<f64>,
+    /// Simulated time replaced, s.
+    pub replaced: f64,
+    /// Time by which the state is ahead of the run's time, by the clock of the surrogates' steps, s.
+    pub ahead: f64,
+    /// Wall time of strides and of handing over, s.
+    pub seconds: [f64; 2],
+    pub jumps: usize,
+    /// Jumps that ended early because a prediction was not finite, or not accepted.
+    pub ended_early: usize,
+    /// Strides of all jumps.
+    pub steps: usize,
+    /// Who jumped last.
+    pub last: usize,
+    /// Strides measured beside the solver, and decisions for no jump.
+    pub measured: usize,
+    pub refused: usize,
+    /// Rounds of learning, those that were used, their steps, their wall time (s), and the errors of the last one that was used.
+    #[serde(skip)]
+    pub adapt_runs: usize,
+    #[serde(skip)]
+    pub adapt_used: usize,
+    #[serde(skip)]
+    pub adapt_steps: u64,
+    #[serde(skip)]
+    pub adapt_seconds: f64,
+    #[serde(skip)]
+    pub adapt_errors: [f64; 2],
+    /// Rows of the table of jumps that this part of the run has.
+    #[serde(skip)]
+    pub rows: usize,
+}
+
+impl Totals {
+    pub fn begin_jump(&mut self, surrogate: usize, time: f64) {
+        if self.jumps == 0 {
+            self.takeover = Some(time);
+        }
+        self.jumps += 1;
+        self.last = surrogate;
+    }
+
+    pub fn learned(&mut self, lesson: &Lesson) {
+        self.adapt_runs += 1;
+        self.adapt_steps += lesson.steps;
+        self.adapt_seconds += lesson.seconds;
+        if lesson.used {
+            self.adapt_used += 1;
+            self.adapt_errors = [lesson.before, lesson.after];
+        }
+    }
+}
+
+impl Ride<'_> {
+    /// Ends the ride: what there is to be said goes into the log. Gives the summary, the text of a JSON object; empty where the mode has
+    /// none, or nothing could be replaced yet.
+    pub fn end(&mut self) -> String {
+        let digits = self.digits();
+        if self.settings.mode == Mode::Observe {
+            let rider = &self.riders[0];
+            if let Some(observer) = &self.observer {
+                self.log.text += &observer.summary(rider.surrogate.as_ref(), rider.control.as_ref(), digits);
+            }
+            return String::new();
+        }
+        let t = &self.totals;
+        let Some(first) = t.first_time else {
+            return String::new();
+        };
+        let rider = &self.riders[t.last];
+        let setup = self.settings.setup_seconds;
+        let total = (self.step.time.min(self.schedule.end.max(first)) - first).max(LEAST);
+        let fraction = t.replaced / total;
+        let Log { text, .. } = &mut self.log;
+        *text += &format!(
+            "m4gn: replacedFraction = {} ({} s of {} s in {} jumps, {} surrogate steps; {} jumps ended early), surrogate {} s, hand-over \
+             {} s, setup {} s\n\n",
+            digits.of(fraction),
+            digits.of(t.replaced),
+            digits.of(total),
+            t.jumps,
+            t.steps,
+            t.ended_early,
+            digits.of(t.seconds[0]),
+            digits.of(t.seconds[1]),
+            digits.of(setup)
+        );
+        let mut entries: Vec<(&str, String)> = Vec::new();
+        if let Some(learner) = self.riders.iter().find(|r| r.surrogate.has_begun()) {
+            entries.extend([
+                ("adapt_ahead", digits.of(learner.surrogate.ahead(true))),
+                ("adapt_runs", t.adapt_runs.to_string()),
+                ("adapt_runs_used", t.adapt_used.to_string()),
+                ("adapt_steps", t.adapt_steps.to_string()),
+                ("adapt_seconds", digits.of(t.adapt_seconds)),
+            ]);
+            if t.adapt_used > 0 {
+                let [before, after] = t.adapt_errors.map(|e| digits.of(e));
+                entries.extend([("adapt_error_before", before), ("adapt_error_after", after)]);
+            }
+        }
+        if self.settings.control.is_some() {
+            entries.extend([
+                ("strides_measured", t.measured.to_string()),
+                ("jumps_refused", t.refused.to_string()),
+            ]);
+        }
+        if let Some((judged, [before, after], capped)) = self.watch.summary() {
+            entries.extend([
+                ("jumps_watched", judged.to_string()),
+                ("correctors_before", digits.of(before)),
+                ("correctors_after", digits.of(after)),
+                ("jumps_to_the_cap", capped.to_string()),
+            ]);
+        }
+        entries.extend([
+            ("replaced_time", digits.of(t.replaced)),
+            ("solver_time", digits.of(total - t.replaced)),
+            ("replaced_fraction", digits.of(fraction)),
+            ("takeover_time", digits.of(t.takeover.unwrap_or(first))),
+            ("jumps", t.jumps.to_string()),
+            ("jumps_ended_early", t.ended_early.to_string()),
+            ("surrogate_steps", t.steps.to_string()),
+            ("stride", digits.of(rider.surrogate.stride())),
+            ("surrogate_seconds", digits.of(t.seconds[0])),
+            ("hand_over_seconds", digits.of(t.seconds[1])),
+            ("setup_seconds", digits.of(setup)),
+        ]);
+        let lines: Vec<String> = entries.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
+        format!("{{\n{}\n}}\n", lines.join(",\n"))
+    }
+}

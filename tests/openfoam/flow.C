@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "testing.H"
+#include "m4gnFluxProjection.H"
+#include "fvcDiv.H"
+#include "surfaceFields.H"
+#include "volFields.H"
+
+using testing::caseFolder;
+using testing::dict;
+
+namespace
+{
+//- Velocity, pressure and flux in a block of squares of 1 m, which a flow of
+//  1 m/s enters at the left and leaves at the right
+struct channel
+{
+    caseFolder run;
+    autoPtr<fvMesh> mesh;
+    autoPtr<volVectorField> U;
+    autoPtr<volScalarField> p;
+    autoPtr<surfaceScalarField> phi;
+
+    channel(const label nx, const label ny, const word& outlet)
+    :
+        mesh
+        (
+            run.block({nx, ny, 1}, vector(nx, ny, 1), {"patch", "patch", "wall", "wall", "empty", "empty"})
+        )
+    {
+        const wordList walls({"slip", "slip", "empty", "empty"});
+        wordList ofU({"fixedValue", outlet == "fixedValue" ? "zeroGradient" : "fixedValue"});
+        ofU.append(walls);
+        wordList ofP({"zeroGradient", outlet, "zeroGradient", "zeroGradient", "empty", "empty"});
+        U.reset(new volVectorField(io("U"), *mesh, dimensionedVector(dimVelocity, Zero), ofU));
+        p.reset(new volScalarField(io("p"), *mesh, dimensionedScalar(sqr(dimVelocity), Zero), ofP));
+        phi.reset
+        (
+            new surfaceScalarField(io("phi"), *mesh, dimensionedScalar(dimVolume/dimTime, Zero))
+        );
+        U->boundaryFieldRef()[0] == vector(1, 0, 0);
+        if (U->boundaryField()[1].fixesValue())
+        {
+            U->boundaryFieldRef()[1] == vector(1, 0, 0);
+        }
+    }
+
+    IOobject io(const word& name) const
+    {
+        return IOobject(name, mesh->time().timeName(), *mesh);
+    }
+
+    //- Give the cells these velocities and hand over
+    void handOver(const vectorField& cells, const dictionary& settings = dictionary())
+    {
+        U->primitiveFieldRef() = cells;
+        U->correctBoundaryConditions();
+        m4gnFluxProjection::interpolate(*U, *phi);
+        m4gnFluxProjection(*mesh, settings).project(*p, *U, *phi, true);
+    }
+};
+} // End anonymous namespace
+
+TEST(theFluxOfAVelocity)
+{
+    channel c(3, 1, "fixedValue");
+    c.U->primitiveFieldRef() = vectorField({vector(1, 0, 0), vector(3, 0, 0), vector(2, 0, 0)});
+    c.U->correctBoundaryConditions();
+    m4gnFluxProjection::interpolate(*c.U, *c.phi);
+
+    EXPECT_NEAR(c.phi()[0], 2, 1e-14);
+    EXPECT_NEAR(c.phi()[1], 2.5, 1e-14);
+    EXPECT_NEAR(c.phi->boundaryField()[0][0], -1, 1e-14);
+    EXPECT_NEAR(c.phi->boundaryField()[1][0], 2, 1e-14);
+    // The first cell: in 1, out 2
+    EXPECT_NEAR(m4gnFluxProjection::maxDiv(*c.phi), 1, 1e-14);
+}
+
+// What enters a channel of one row of cells goes through each of its faces
+TEST(aRowOfCellsCarriesWhatEnters)
+{
+    channel c(4, 1, "fixedValue");
+    c.handOver(vectorField({vector(2, 0, 0), vector(-1, 0, 0), vector(5, 0, 0), vector(0.5, 0, 0)}));
+
+    EXPECT_NEAR(c.phi->boundaryField()[0][0], -1, 0);
+    for (label facei = 0; facei < 3; ++facei)
+    {
+        EXPECT_NEAR(c.phi()[facei], 1, 1e-9);
+    }
+    EXPECT_NEAR(c.phi->boundaryField()[1][0], 1, 1e-9);
+    EXPECT_NEAR(m4gnFluxProjection::maxDiv(*c.phi), 0, 1e-9);
+}
+
+TEST(aFluxWithoutDivergenceStays)
+{
+    channel c(4, 3, "fixedValue");
+    c.handOver(vectorField(12, vector(1, 0, 0)));
+    forAll(*c.phi, facei)
+    {
+        const bool along = mag(c.mesh->Sf()[facei].x()) > 0.5;
+        EXPECT_NEAR(c.phi()[facei], along ? 1 : 0, 1e-12);
+    }
+    EXPECT_NEAR(c.U()[5], vector(1, 0, 0), 1e-12);
+}
+
+TEST(wallsStayTight)
+{
+    channel c(4, 3, "fixedValue");
+    vectorField rough(12);
+    forAll(rough, i)
+    {
+        rough[i] = vector(1 + 0.3*Foam::sin(scalar(i)), 0.2*Foam::cos(3.0*i), 0);
+    }
+    c.handOver(rough);
+
+    EXPECT_NEAR(m4gnFluxProjection::maxDiv(*c.phi), 0, 1e-8);
+    EXPECT_NEAR(sum(mag(c.phi->boundaryField()[2])), 0, 0);
+    EXPECT_NEAR(sum(mag(c.phi->boundaryField()[3])), 0, 0);
+    EXPECT_NEAR(sum(c.phi->boundaryField()[1]), 3, 1e-8);
+}
+
+// Where the pressure is fixed nowhere, its level is not known, and the flux is adjusted to be balanced
+TEST(aPressureWithoutALevel)
+{
+    channel c(4, 1, "zeroGradient");
+    c.handOver(vectorField({vector(2, 0, 0), vector(0, 0, 0), vector(3, 0, 0), vector(1, 0, 0)}));
+    for (label facei = 0; facei < 3; ++facei)
+    {
+        EXPECT_NEAR(c.phi()[facei], 1, 1e-9);
+    }
+    EXPECT_NEAR(m4gnFluxProjection::maxDiv(*c.phi), 0, 1e-9);
+}
+
+TEST(settingsOfTheProjectionAreChecked)
+{
+    channel c(2, 1, "fixedValue");
+    EXPECT(m4gnFluxProjection(*c.mesh, dict("projection { every yes; }")).every());
+    EXPECT(!m4gnFluxProjection(*c.mesh, dictionary()).every());
+    EXPECT_REFUSED(m4gnFluxProjection(*c.mesh, dict("projection { evry yes; }")), "Unknown entry evry");
+    EXPECT_REFUSED(m4gnFluxProjection(*c.mesh, dict("projection { tolerance 0; }")), "tolerance");
+    EXPECT_REFUSED(m4gnFluxProjection(*c.mesh, dict("projection { nCorrectors -1; }")), "nCorrectors");
+}

@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "testing.H"
+#include "m4gnMeshAdapter.H"
+#include "m4gnNodeTypes.H"
+#include "m4gnPointAdapter.H"
+#include "surfaceFields.H"
+#include "volFields.H"
+
+using testing::caseFolder;
+using testing::dict;
+
+namespace
+{
+const wordList allPatches(6, "patch");
+const wordList twoDimensional({"patch", "patch", "wall", "wall", "empty", "empty"});
+
+//- A registered field with these conditions at left, right, bottom and top
+template<class Type>
+autoPtr<GeometricField<Type, fvPatchField, volMesh>> field
+(
+    const fvMesh& mesh,
+    const word& name,
+    const wordList& conditions
+)
+{
+    wordList types(conditions);
+    for (label i = conditions.size(); i < 6; ++i)
+    {
+        types.append(mesh.boundary()[i].type());
+    }
+    typedef GeometricField<Type, fvPatchField, volMesh> made;
+    return autoPtr<made>
+    (
+        new made
+        (
+            IOobject(name, mesh.time().timeName(), mesh),
+            mesh,
+            dimensioned<Type>(dimless, Zero),
+            types
+        )
+    );
+}
+
+word typeOf(const m4gnNodeTypes& types, const label patchi)
+{
+    return types.types()[patchi] < 0 ? "none" : m4gnNodeTypes::names[types.types()[patchi]];
+}
+} // End anonymous namespace
+
+TEST(cellsOfABlock)
+{
+    caseFolder run;
+    // Cells of 0.5 x 1 x 2
+    const autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {1, 1, 2}, allPatches));
+    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
+    const m4gn_mesh_data& data = nodes.data();
+
+    EXPECT(data.n_directions == 3 && data.n_cells == 2 && data.n_faces == 1);
+    EXPECT(data.face_owner[0] == 0 && data.face_neighbour[0] == 1);
+    EXPECT(data.n_boundary == 10 && data.n_coupled == 0 && data.n_patches == 6);
+    EXPECT_NEAR(data.cell_volumes[1], 1, 1e-14);
+    EXPECT_NEAR(data.cell_centres[3], 0.75, 1e-14);
+    // Area over distance: 2/0.5 between the cells, 2/0.25 at the left
+    EXPECT_NEAR(data.face_coeff[0], 4, 1e-12);
+    EXPECT(data.boundary_owner[0] == 0 && data.boundary_patch[0] == 0);
+    EXPECT_NEAR(data.boundary_coeff[0], 8, 1e-12);
+    EXPECT_NEAR(data.boundary_area[0], -2, 1e-14);
+}
+
+TEST(emptyPatchesHaveNoNodes)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({3, 2, 1}, {3, 2, 1}, twoDimensional));
+    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
+    const m4gn_mesh_data& data = nodes.data();
+
+    EXPECT(data.n_directions == 2 && data.directions[0] == 0 && data.directions[1] == 1);
+    EXPECT(data.n_patches == 4 && data.n_boundary == 10);
+    EXPECT_TEXT(data.patch_names[3], "top");
+}
+
+TEST(aFieldOfCellsIsGatheredAndImposed)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {2, 1, 1}, allPatches));
+    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
+    auto U = field<vector>(*mesh, "U", wordList(6, "calculated"));
+    U->primitiveFieldRef()[1] = vector(1, 2, 3);
+    U->boundaryFieldRef()[1] = vector(4, 5, 6);
+
+    m4gnNodes::values values;
+    EXPECT(nodes.gather("U", values) && values.components == 3);
+    EXPECT_NEAR(values.cells[4], 2, 0);
+    // The one face of the right patch stands behind that of the left
+    EXPECT_NEAR(values.boundary[5], 6, 0);
+    EXPECT(!nodes.gather("missing", values));
+
+    nodes.impose("U", 3, scalarField({7, 8, 9, 10, 11, 12}));
+    EXPECT_NEAR(U()[1], vector(10, 11, 12), 0);
+}
+
+TEST(aFoldedCellIsRefused)
+{
+    caseFolder run;
+    autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {2, 1, 1}, allPatches));
+    pointField points(mesh->points());
+    for (point& p : points)
+    {
+        // The face between the cells, behind the end of the second one
+        p.x() = p.x() == 1 ? 2.5 : p.x();
+    }
+    mesh->movePoints(points);
+    EXPECT_REFUSED(m4gnMeshAdapter(*mesh, labelList(6, M4GN_WALL)), "inverted");
+}
+
+TEST(pointsOfABlock)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({2, 2, 2}, {2, 2, 2}, allPatches));
+    const m4gnPointAdapter nodes(*mesh, labelList(6, M4GN_FREE));
+    const m4gn_mesh_data& data = nodes.data();
+
+    EXPECT(data.n_cells == 27 && data.n_faces == 54 && data.n_boundary == 26);
+
+    scalar total = 0;
+    for (label i = 0; i < data.n_cells; ++i)
+    {
+        const vector at(data.cell_centres[3*i], data.cell_centres[3*i + 1], data.cell_centres[3*i + 2]);
+        // Each cell of 1 m3 gives an eighth to each of its points
+        const scalar cells =
+            (at.x() == 1 ? 2 : 1)*(at.y() == 1 ? 2 : 1)*(at.z() == 1 ? 2 : 1);
+        EXPECT_NEAR(data.cell_volumes[i], cells/8, 1e-14);
+        total += data.cell_volumes[i];
+    }
+    EXPECT_NEAR(total, 8, 1e-12);
+
+    for (label i = 0; i < data.n_faces; ++i)
+    {
+        const double* a = data.cell_centres + 3*data.face_owner[i];
+        const double* b = data.cell_centres + 3*data.face_neighbour[i];
+        // An edge inside has four cells and the area of a face over its length, others have fewer
+        scalar cells = 1;
+        for (label d = 0; d < 3; ++d)
+        {
+            cells *= a[d] == b[d] && a[d] == 1 ? 2 : 1;
+        }
+        EXPECT_NEAR(data.face_coeff[i], cells/4, 1e-12);
+    }
+}
+
+TEST(walls)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
+    auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "slip"});
+    U->boundaryFieldRef()[0] == vector(1, 0, 0);
+    const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
+    const m4gnNodeTypes types(*mesh, dictionary());
+
+    EXPECT_TEXT(typeOf(types, 0), "inlet");
+    EXPECT_TEXT(typeOf(types, 1), "outlet");
+    EXPECT_TEXT(typeOf(types, 2), "wall");
+    EXPECT_TEXT(typeOf(types, 3), "wall");
+    EXPECT_TEXT(typeOf(types, 4), "none");
+}
+
+TEST(patchesByTheirConditions)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh
+    (
+        run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "symmetryPlane", "empty", "empty"})
+    );
+    auto U = field<vector>(*mesh, "U", {"noSlip", "slip", "inletOutlet", "symmetryPlane"});
+    const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "zeroGradient", "zeroGradient", "symmetryPlane"});
+
+    // Nothing flows yet
+    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 0), "wall");
+    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 1), "symmetry");
+    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 2), "outlet");
+    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 3), "symmetry");
+
+    // The bottom's normal is -y
+    U->boundaryFieldRef()[2] == vector(0, 1, 0);
+    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 2), "inlet");
+    U->boundaryFieldRef()[2] == vector(0, -1, 0);
+    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 2), "outlet");
+}
+
+// Mesh converters give every patch the type patch
+TEST(aFixedVelocityOfZeroIsAWall)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "patch", "empty", "empty"}));
+    auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "uniformFixedValue"});
+    const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
+    U->boundaryFieldRef()[0][1] = vector(1, 0, 0);
+    const m4gnNodeTypes types(*mesh, dictionary());
+
+    EXPECT_TEXT(typeOf(types, 0), "inlet");
+    EXPECT_TEXT(typeOf(types, 2), "wall");
+    // It rests now, but its value is one of time
+    EXPECT_TEXT(typeOf(types, 3), "inlet");
+}
+
+TEST(aDisplacementMakesASolid)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
+    const auto D = field<vector>(*mesh, "D", {"fixedValue", "zeroGradient", "fixedGradient", "fixedValue"});
+    const m4gnNodeTypes types(*mesh, dictionary());
+
+    EXPECT_TEXT(typeOf(types, 0), "handle");
+    EXPECT_TEXT(typeOf(types, 1), "free");
+    EXPECT_TEXT(typeOf(types, 2), "free");
+    EXPECT_TEXT(typeOf(types, 3), "handle");
+}
+
+TEST(nodeTypesThatAreGiven)
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
+
+    // A name goes before a pattern; nothing else tells what left and right are
+    const m4gnNodeTypes types(*mesh, dict("nodeTypes { \".*t\" outlet; left inlet; top obstacle; }"));
+    EXPECT_TEXT(typeOf(types, 0), "inlet");
+    EXPECT_TEXT(typeOf(types, 1), "outlet");
+    EXPECT_TEXT(typeOf(types, 2), "wall");
+    EXPECT_TEXT(typeOf(types, 3), "obstacle");
+
+    EXPECT_REFUSED(m4gnNodeTypes(*mesh, dictionary()), "what is patch left");
+    EXPECT_REFUSED
+    (
+        m4gnNodeTypes(*mesh, dict("nodeTypes { left inlt; right outlet; }")), "the type inlt"
+    );
+    EXPECT_REFUSED
+    (
+        m4gnNodeTypes(*mesh, dict("nodeTypes { left inlet; right outlet; lid wall; }")), "fit no patch"
+    );
+}
