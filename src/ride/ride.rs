@@ -48,6 +48,8 @@ pub struct Answer {
     pub last_but_one: bool,
     /// Whether the next call is to be given the fields.
     pub fields: bool,
+    /// Whether the arrays of the state are wanted by [`Ride::record`] first.
+    pub arrays: bool,
     /// Steps of the solver since the last jump; -1: there was none.
     pub since: i64,
     /// Within a jump the solver's time step, s; else 0.
@@ -206,7 +208,11 @@ impl<'a> Ride<'a> {
             Phase::Solving | Phase::Deciding => {}
             _ => return Err(self.out_of_turn("solved")),
         }
-        if !(step.time.is_finite() && step.delta_t > 0.0 && step.delta_t.is_finite() && step.time > self.step.time) {
+        if !(step.time.is_finite()
+            && step.delta_t > 0.0
+            && step.delta_t.is_finite()
+            && step.time > self.step.time)
+        {
             return Err(Error::Input(format!(
                 "ride: a step of {} s to time {} s after {} s: times must increase",
                 step.delta_t, step.time, self.step.time
@@ -246,6 +252,7 @@ impl<'a> Ride<'a> {
     pub(crate) fn deciding(&self) -> Answer {
         Answer {
             fields: self.wants_fields(),
+            arrays: self.riders.iter().any(|r| r.surrogate.records(&self.step)),
             ..self.answer(Action::Decide)
         }
     }
@@ -266,6 +273,7 @@ impl<'a> Ride<'a> {
             solver_steps: 0,
             last_but_one: false,
             fields: action == Action::Stride || action == Action::HandBack && self.wants_fields_after(),
+            arrays: false,
             since: match self.totals.jumps {
                 0 => -1,
                 _ => self.step.index - self.handed_back,
@@ -276,7 +284,10 @@ impl<'a> Ride<'a> {
     fn wants_fields(&self) -> bool {
         let step = &self.step;
         let frame = self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns());
-        let due = self.riders.iter().any(|r| !r.shadow.waiting || r.has_arrived(step));
+        let due = self
+            .riders
+            .iter()
+            .any(|r| r.can_begin(step) || r.has_arrived(step));
         let observed = self.settings.mode == Mode::Observe && self.is_on();
         frame || due && (observed || self.is_controlled())
     }
@@ -352,6 +363,33 @@ impl<'a> Ride<'a> {
         Ok(self.answer(Action::Solve))
     }
 
+    /// The arrays of the state after the solver's step, where an answer asked for them. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] in a jump, and for arrays that do not fit.
+    pub fn record(&mut self, arrays: &[&[f64]]) -> Result<()> {
+        if self.phase != Phase::Deciding {
+            return Err(self.out_of_turn("record"));
+        }
+        for rider in &mut self.riders {
+            if rider.surrogate.records(&self.step) {
+                self.log.text += &rider.surrogate.record(&self.step, arrays)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The arrays of the state that was predicted: what the host advances to.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing was predicted, or the surrogate that jumps has no arrays.
+    pub fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
+        match &self.phase {
+            Phase::Advancing(jump) => self.riders[jump.surrogate].surrogate.arrays(out),
+            _ => Err(self.out_of_turn("arrays")),
+        }
+    }
+
     /// The present fields are a frame. Collective.
     fn frame(&mut self, begins: bool, given: &Given) -> Result<()> {
         if self.is_learning() {
@@ -377,7 +415,8 @@ impl<'a> Ride<'a> {
     /// The solver goes on from here: strides beside it begin. `anew`: from another state than it arrived at. Collective.
     fn begin_shadows(&mut self, anew: bool, given: &Given) -> Result<()> {
         for rider in &mut self.riders {
-            if anew || !rider.shadow.waiting {
+            rider.shadow.waiting &= !anew;
+            if rider.can_begin(&self.step) {
                 let bad = rider.shadow.begin(rider.surrogate.as_mut(), &self.step, given)?;
                 self.stepped = true;
                 self.log.not_finite(&self.step.name, bad);
@@ -392,8 +431,11 @@ impl<'a> Ride<'a> {
         if self.observer.is_none() {
             self.learn(self.settings.rollout_steps)?;
             let rider = &self.riders[0];
-            let observer =
-                Observer::new(rider.surrogate.as_ref(), self.settings.rollout_steps, self.settings.write_errors);
+            let observer = Observer::new(
+                rider.surrogate.as_ref(),
+                self.settings.rollout_steps,
+                self.settings.write_errors,
+            );
             self.log.observed_head = [
                 observer.header(rider.surrogate.as_ref(), digits, rider.control.is_some()),
                 observer.segment_header(rider.surrogate.as_ref(), digits),
@@ -416,7 +458,10 @@ impl<'a> Ride<'a> {
             self.stepped = true;
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
-            found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
+            found
+                .bad
+                .into_iter()
+                .for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
         }
         Ok(())
     }
@@ -434,7 +479,8 @@ impl<'a> Ride<'a> {
                 continue;
             };
             self.totals.learned(&lesson);
-            self.log.lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
+            self.log
+                .lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
             if let Some(path) = self.adapt.write_model.as_ref().filter(|_| lesson.used) {
                 rider.surrogate.write_model(path)?;
             }
@@ -448,7 +494,9 @@ impl<'a> Ride<'a> {
         self.totals.first_time.get_or_insert(step.time);
         // The next jump is most likely by whom the last one was.
         let stride = self.riders[self.totals.last].surrogate.stride();
-        let due = self.schedule.solver_steps(self.totals.ahead, step.delta_t, stride);
+        let due = self
+            .schedule
+            .solver_steps(self.totals.ahead, step.delta_t, stride);
         let measured = |r: &Rider| r.control.is_none() || r.fresh;
         if step.index - self.handed_back < due || !self.riders.iter().any(measured) {
             return Ok(None);
@@ -465,7 +513,10 @@ impl<'a> Ride<'a> {
             return Ok(None);
         };
         let rider = &self.riders[surrogate];
-        if !self.schedule.fits(&step, step.delta_t, rider.surrogate.stride(), 1.0) {
+        if !self
+            .schedule
+            .fits(&step, step.delta_t, rider.surrogate.stride(), 1.0)
+        {
             return Ok(None);
         }
         Ok(Some(Jump {
@@ -521,7 +572,8 @@ impl<'a> Ride<'a> {
         let own = advanced.iter().zip(&old).map(|(a, v)| (a.name.as_str(), v.len()));
         if !shapes.eq(own) {
             return Err(Error::Input(
-                "ride: the places for the prediction are not those of the fields that the surrogate advances".into(),
+                "ride: the places for the prediction are not those of the fields that the surrogate advances"
+                    .into(),
             ));
         }
         let mut predicted = old.clone();
@@ -593,7 +645,9 @@ impl<'a> Ride<'a> {
             delta_t: jump.delta_t,
             ..step
         };
-        let stride = self.riders[jump.surrogate].surrogate.stride();
+        let surrogate = &mut self.riders[jump.surrogate].surrogate;
+        surrogate.advanced();
+        let stride = surrogate.stride();
         let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
         jump.over = jump.done == jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
@@ -631,6 +685,9 @@ impl<'a> Ride<'a> {
             ..step
         };
         self.handed_back = self.step.index;
+        for (i, rider) in self.riders.iter_mut().enumerate() {
+            rider.surrogate.handed_back(i == jump.surrogate);
+        }
         self.watch.handed_back(self.totals.steps);
         if jump.done > 0 || !jump.over {
             self.log_jump(&jump, quantities);

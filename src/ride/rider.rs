@@ -31,7 +31,10 @@ impl<'a> Rider<'a> {
                 given.on_failure = Default::default();
             }
             let growth = |name: &str| surrogate.growth(name);
-            let fields = surrogate.advances().iter().map(|a| (a.name.clone(), growth(&a.name)));
+            let fields = surrogate
+                .advances()
+                .iter()
+                .map(|a| (a.name.clone(), growth(&a.name)));
             let made = Control::new(fields.collect(), given)?;
             let unknown = made.not_calibrated();
             if !unknown.is_empty() {
@@ -51,6 +54,11 @@ impl<'a> Rider<'a> {
             fresh: false,
             expected: [f64::INFINITY; 2],
         })
+    }
+
+    /// Whether a stride beside the solver may begin here.
+    pub fn can_begin(&self, step: &Step) -> bool {
+        !self.shadow.waiting && self.surrogate.is_ready(step.time)
     }
 
     pub fn has_arrived(&self, step: &Step) -> bool {
@@ -91,12 +99,17 @@ impl<'a> Rider<'a> {
             columns.extend([e.error, e.change].map(|v| digits.of(v)));
         }
         if log.strides_head.is_empty() {
-            let mut names: Vec<String> = ["Time", "surrogate", "error", "estimate"].map(String::from).into();
+            let mut names: Vec<String> = ["Time", "surrogate", "error", "estimate"]
+                .map(String::from)
+                .into();
             for field in self.surrogate.advances() {
                 names.extend(["error", "change"].map(|kind| format!("{kind}({})", field.name)));
             }
-            log.strides_head =
-                digits.header(&["Strides of the surrogate beside the solver".into()], &[], &names);
+            log.strides_head = digits.header(
+                &["Strides of the surrogate beside the solver".into()],
+                &[],
+                &names,
+            );
         }
         log.strides += &row(&columns);
         measured
@@ -104,6 +117,7 @@ impl<'a> Rider<'a> {
 
     /// Strides of a jump that may begin now, `most` at most; with control none before another stride was measured.
     pub fn allowed(&mut self, most: usize) -> usize {
+        let most = self.surrogate.allows(most);
         let Some(control) = &self.control else {
             return most;
         };

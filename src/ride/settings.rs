@@ -1,6 +1,7 @@
 //! What a case sets of a ride: one JSON object, with one check.
 
 use crate::control::ControlSettings;
+use crate::linear::LinearSettings;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
 use serde::{Deserialize, Serialize};
@@ -9,6 +10,9 @@ use std::path::PathBuf;
 
 /// Strides of a rollout where nothing else is said.
 const ROLLOUT: usize = 50;
+
+/// Tolerance of control where a surrogate needs it and nothing is said.
+const TOLERANCE: f64 = 0.05;
 
 /// Significant digits where nothing else is said.
 const PRECISION: usize = 6;
@@ -32,6 +36,12 @@ pub enum Mode {
 pub struct RideSettings {
     /// What the surrogates do.
     pub mode: Mode,
+    /// Which surrogates there are; none: a network.
+    #[serde(default = "network")]
+    pub surrogates: Vec<Kind>,
+    /// Settings of the linear one.
+    #[serde(default)]
+    pub linear: Option<LinearSettings>,
     /// Name of the ride in messages.
     #[serde(default)]
     pub name: String,
@@ -67,6 +77,20 @@ pub struct RideSettings {
     pub setup_seconds: f64,
 }
 
+/// A kind of surrogate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A trained network.
+    Network,
+    /// One that is fitted to the run's own states.
+    Linear,
+}
+
+fn network() -> Vec<Kind> {
+    vec![Kind::Network]
+}
+
 fn rollout() -> usize {
     ROLLOUT
 }
@@ -96,13 +120,40 @@ impl RideSettings {
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
-        let read: Self = settings::parse("ride", text, &["adapt"])?;
+        let mut read: Self = settings::parse("ride", text, &["adapt"])?;
+        if read.has(Kind::Linear) {
+            let linear = read.linear.get_or_insert_default();
+            // It knows itself how far it goes, once it is measured beside the solver.
+            if read.mode == Mode::Replace {
+                read.control.get_or_insert_with(|| ControlSettings::of(TOLERANCE));
+                read.solver_steps.get_or_insert(1);
+                read.surrogate_steps.get_or_insert(linear.longest);
+            }
+        }
         read.check()?;
         Ok(read)
     }
 
+    /// Whether there is a surrogate of this kind.
+    pub fn has(&self, kind: Kind) -> bool {
+        self.surrogates.contains(&kind)
+    }
+
     fn check(&self) -> Result<()> {
         let bad = |what: String| Err(Error::Input(format!("ride: {what}")));
+        let twice = |kind: &Kind| self.surrogates.iter().filter(|k| *k == kind).count() > 1;
+        if self.surrogates.is_empty() || self.surrogates.iter().any(twice) {
+            return bad("surrogates: expected network, linear, or both, each once".into());
+        }
+        if self.linear.is_some() && !self.has(Kind::Linear) {
+            return bad("linear: its settings are given, and surrogates does not name it".into());
+        }
+        if self.has(Kind::Linear) && self.mode == Mode::Observe {
+            return bad(
+                "surrogates: mode observe compares networks; expected mode replace for linear".into(),
+            );
+        }
+        self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
         let counts = [
             ("solverSteps", self.solver_steps),
             ("surrogateSteps", self.surrogate_steps),
@@ -110,16 +161,24 @@ impl RideSettings {
         for (name, count) in counts {
             match (self.mode, count) {
                 (Mode::Replace, None) => {
-                    return bad(format!("{name}: expected a number of steps, as mode replace needs it"));
+                    return bad(format!(
+                        "{name}: expected a number of steps, as mode replace needs it"
+                    ));
                 }
                 (_, Some(n)) if n == 0 || n > i32::MAX as usize => {
-                    return bad(format!("{name}: expected at least 1 and at most {}, found {n}", i32::MAX));
+                    return bad(format!(
+                        "{name}: expected at least 1 and at most {}, found {n}",
+                        i32::MAX
+                    ));
                 }
                 _ => {}
             }
         }
         if self.rollout_steps == 0 || self.rollout_steps > i32::MAX as usize {
-            return bad(format!("rolloutSteps: expected at least 1, found {}", self.rollout_steps));
+            return bad(format!(
+                "rolloutSteps: expected at least 1, found {}",
+                self.rollout_steps
+            ));
         }
         for (name, time) in [("timeStart", self.time_start), ("timeEnd", self.time_end)] {
             if time.is_some_and(|time| !time.is_finite()) {
@@ -164,7 +223,9 @@ impl RideSettings {
         let (wanted, during) = (mode != "off", mode == "during");
         if self.mode == Mode::Observe {
             if during {
-                return bad("mode: found during, which adapts after jumps, and mode observe has none; expected before");
+                return bad(
+                    "mode: found during, which adapts after jumps, and mode observe has none; expected before",
+                );
             }
             if entries.get("overlap") == Some(&Value::Bool(true)) {
                 return bad(
@@ -206,10 +267,16 @@ mod tests {
             (r#"{"mode": "observe", "rolloutSteps": 0}"#, "rolloutSteps"),
             (r#"{"mode": "observe", "writePrecision": 90}"#, "writePrecision"),
             (r#"{"mode": "observe", "timeStrat": 1}"#, "is time_start meant"),
-            (r#"{"mode": "observe", "control": {"tolerance": 0}}"#, "tolerance 0"),
+            (
+                r#"{"mode": "observe", "control": {"tolerance": 0}}"#,
+                "tolerance 0",
+            ),
             (r#"{"mode": "observe", "control": {}}"#, "tolerance"),
             (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
-            (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
+            (
+                r#"{"mode": "observe", "adapt": {"writeModel": true}}"#,
+                "writeModel",
+            ),
             (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
             (r#"{"mode": "observe", "adapt": {"overlap": true}}"#, "overlap"),
             (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
@@ -223,12 +290,13 @@ mod tests {
     fn the_entries_of_adapt_are_told_apart() {
         let of = |text: &str| RideSettings::parse(text).unwrap().adapt_entries().unwrap();
         assert_eq!(of(r#"{"mode": "observe"}"#), AdaptEntries::default());
-        let entries = of(
-            r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
-                "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#,
-        );
+        let entries = of(r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
+                "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#);
         assert!(entries.wanted && entries.during);
-        assert_eq!((entries.start, entries.write_model), (Some(2.0), Some("a.safetensors".into())));
+        assert_eq!(
+            (entries.start, entries.write_model),
+            (Some(2.0), Some("a.safetensors".into()))
+        );
         assert_eq!(entries.learning, r#"{"maxFrames":9,"mode":"during"}"#);
         assert!(!of(r#"{"mode": "observe", "adapt": {"mode": "off"}}"#).wanted);
         let observed = of(r#"{"mode": "observe", "adapt": {"method": "ridge"}}"#);
