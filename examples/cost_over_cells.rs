@@ -89,7 +89,7 @@ fn measure(arguments: &Arguments, model: &Model, path: &Path) -> Result<Cost> {
             let steps = (0, pace.steps);
             let ended = scene.roll(
                 steps,
-                &mut stepper(session, &trajectory),
+                &mut stepper(session, &trajectory, &mut Vec::new()),
                 &mut seconds,
                 &mut |_, _| Ok(()),
             )?;

@@ -170,7 +170,7 @@ typedef struct m4gn_field
     const char* name;           /* OpenFOAM's name, "U" */
     int32_t components;         /* 1 scalar, 3 vector */
     const double* cells;        /* [components*n_cells] */
-    const double* boundary;     /* [components*n_boundary] face values; of a body, and read by m4gn_adapt_frame alone, the
+    const double* boundary;     /* [components*n_boundary] face values; of a body, and read by the frames of a ride alone, the
                                    displacement of the obstacle's points [3*n_obstacle], of which the first rank's counts */
 } m4gn_field;
 
@@ -310,135 +310,6 @@ int32_t m4gn_session_outside(
     char* why,                  /* [why_size] */
     int32_t why_size);
 
-/* ---- adaptation --------------------------------------------------------------------------------- */
-
-/* The model of a session learns the case from the solver's own steps (docs/adaptation.md). */
-typedef struct m4gn_adapt m4gn_adapt;
-
-typedef struct m4gn_adapt_report
-{
-    int32_t used;               /* 1: the session has other weights now */
-    int32_t strides;            /* model steps of the rollouts that decided */
-    int64_t frames;             /* frames in memory */
-    int64_t steps;              /* optimisation steps, or regressions */
-    double seconds;             /* wall time; of a round beside the run, that of waiting for it */
-    double before;              /* root mean square error of the rollouts over that of holding their first frame */
-    double after;               /* the same with the weights that are used now */
-} m4gn_adapt_report;
-
-/* M4GN_ERROR_INPUT for settings that m4gn_adapt_new would refuse whatever the session. Not collective. */
-int32_t m4gn_adapt_check(const char* settings);
-
-/* Collective, over the session's ranks. `mesh` is the session's; `settings` is a JSON object, {"mode": "before"} suffices. On
- * failure *adapt is NULL. The adaptation does not keep the session. */
-int32_t m4gn_adapt_new(
-    const m4gn_session* session,
-    const m4gn_mesh_data* mesh,
-    const char* settings,
-    m4gn_adapt** adapt);
-
-/* Collective. */
-void m4gn_adapt_free(m4gn_adapt* adapt);
-
-/* 1 as long as frames and runs are of use; 0 after the one run of mode before. */
-int32_t m4gn_adapt_active(const m4gn_adapt* adapt);
-
-/* Time (s) by which a step of the session brings the surrogate further than the model's stride, by the last run; negative: less
- * far. A state after n steps is that of n * (stride + ahead) later. later 0: in a jump from a state of the solver's own; 1: in
- * a jump after others, with a few steps of the solver between. 0 where it was not measured. */
-double m4gn_adapt_ahead(const m4gn_adapt* adapt, int32_t later);
-
-/* Collective. All fields of the model after a step of the solver; begins 1: the state does not follow from the last one by
- * a step of the solver. Frames that there is no room for are forgotten. */
-int32_t m4gn_adapt_frame(
-    m4gn_adapt* adapt, double time, int32_t begins, const m4gn_field* fields, int32_t n_fields);
-
-/* Collective. Learns, and hands the weights to the session if they are better than those before on frames that no gradient
- * has seen. With overlap: hands over what the round that the last call began has learned, and begins another one, on threads
- * that end with the handle. `strides`: model steps of the next jump. What was done, or why nothing, stands in note, ended by a zero byte. */
-int32_t m4gn_adapt_run(
-    m4gn_adapt* adapt,
-    m4gn_session* session,
-    int32_t strides,
-    m4gn_adapt_report* report,
-    char* note,                 /* [note_size] */
-    int32_t note_size);
-
-/* Collective; the first rank writes and reads. Weights, moments, frames and counts: a run that takes them up goes on as the
- * uninterrupted one. load hands the weights to the session. */
-int32_t m4gn_adapt_save(m4gn_adapt* adapt, const char* path);
-int32_t m4gn_adapt_load(m4gn_adapt* adapt, m4gn_session* session, const char* path);
-
-/* Collective; the first rank writes. The model with the weights that are used, as a model file. */
-int32_t m4gn_adapt_write_model(m4gn_adapt* adapt, const char* path);
-
-/* ---- control ------------------------------------------------------------------------------------ */
-
-/* How far a jump of the surrogate may go (docs/control.md). None of these is collective: all ranks call them alike, with
- * figures of all ranks together. */
-typedef struct m4gn_control m4gn_control;
-
-/* A predicted field over a stride that solver and surrogate both took from the same state: root mean squares over the nodes of
- * all ranks and the solved components. */
-typedef struct m4gn_stride_error
-{
-    double error;               /* of prediction minus solver; not finite where the prediction was not */
-    double change;              /* of what the solver changed */
-    double size;                /* of the solver's field */
-} m4gn_stride_error;
-
-/* M4GN_ERROR_INPUT for settings that m4gn_control_new would refuse whatever the model. */
-int32_t m4gn_control_check(const char* settings);
-
-/* `settings` is a JSON object, {"tolerance": 0.05} suffices: the largest error of a jump, relative to the largest root mean square
- * that the field has had. Others: fields (predicted ones, ["U"]; the first one), relTol
- * (largest error of a stride over what the solver changed in it, 0.2), onFailure ("solver", or "stop"), patience
- * (strides in a row that allow no jump before it stops, 10). The fields whose errors' growth the model does not know stand in
- * note, ended by a zero byte: they are reckoned to add up. On failure *control is NULL. It does not keep the session. */
-int32_t m4gn_control_new(
-    const m4gn_session* session,
-    const char* settings,
-    char* note,                 /* [note_size] */
-    int32_t note_size,
-    m4gn_control** control);
-
-void m4gn_control_free(m4gn_control* control);
-
-/* Takes up such a stride, a row for each predicted field in the session's order. M4GN_ERROR_NUMERICAL where the surrogate stays
- * bad and the settings say stop. */
-int32_t m4gn_control_measure(m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields);
-
-/* Strides of the next jump, `most` at most; 0 where it must not begin, as before the first m4gn_control_measure, and after a stride in
- * which a field that the tolerance holds for was off by more than relTol of what the solver changed. `error` is the relative error of
- * the last stride measured, `estimate` that expected after the jump (of one stride where there is none). */
-int32_t m4gn_control_strides(
-    const m4gn_control* control,
-    int32_t most,
-    int32_t* strides,
-    double* error,
-    double* estimate);
-
-/* accepted 1: a stride of a jump that changes the predicted fields by so much (root mean squares) may be true; 0: it must not be
- * used, since the change is more than three times the largest that a stride of the solver has made. */
-int32_t m4gn_control_accepts(
-    const m4gn_control* control, const double* changes, int32_t n_fields, int32_t* accepted);
-
-/* Relative error that is expected after a jump of so many strides; infinite before the first m4gn_control_measure, and for
- * more strides than the model was calibrated for. */
-int32_t m4gn_control_estimate(const m4gn_control* control, int32_t strides, double* estimate);
-
-/* Relative error, as the tolerance has it, where the errors of the predicted fields are these root mean squares. */
-int32_t m4gn_control_relative(
-    const m4gn_control* control, const double* errors, int32_t n_fields, double* relative);
-
-/* What a controller decides by, so that a run can be carried on: of each predicted field the error of the last stride and the largest
- * change and size so far, and in `bad` how many strides in a row allowed no jump. bad -1: no stride was measured, and strides is not
- * written. A controller with the same settings and model goes on from them with m4gn_control_restore. */
-int32_t m4gn_control_state(
-    const m4gn_control* control, m4gn_stride_error* strides, int32_t n_fields, int32_t* bad);
-int32_t m4gn_control_restore(
-    m4gn_control* control, const m4gn_stride_error* strides, int32_t n_fields, int32_t bad);
-
 /* ---- ride --------------------------------------------------------------------------------------- */
 
 /* A hybrid run: the host's solver works, the model of a session is measured beside it, takes its place for a jump of some strides,
@@ -525,6 +396,29 @@ typedef struct m4gn_ride_quantity
 int32_t m4gn_ride_new(
     m4gn_session* session,
     const m4gn_mesh_data* mesh, /* of the session */
+    const char* options,
+    const m4gn_ride_step* start,
+    m4gn_ride** ride);
+
+/* A surrogate of the host's own: a table, a fit, another library. */
+typedef struct m4gn_surrogate
+{
+    const char* name;           /* in messages and tables */
+    double stride;              /* time that a step advances, s */
+    int32_t n_fields;           /* fields that it advances */
+    const char* const* field_names;  /* [n_fields] */
+    const int32_t* field_components; /* [n_fields] 1 or 3 */
+    /* One step from the fields `in`, those of the call of the ride: `out` holds the advanced fields at the start, and is to hold
+     * them at its end. A status; M4GN_ERROR_NUMERICAL where there is no result. All ranks are called. */
+    int32_t (*step)(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out);
+    void* data;                 /* kept until the ride is freed, and handed to step */
+} m4gn_surrogate;
+
+/* Collective. As m4gn_ride_new, of such a surrogate, on the host's mesh; without adapt. */
+int32_t m4gn_ride_new_own(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
+    const m4gn_surrogate* surrogate,
+    const m4gn_mesh_data* mesh,
     const char* options,
     const m4gn_ride_step* start,
     m4gn_ride** ride);

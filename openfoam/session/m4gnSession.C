@@ -348,41 +348,11 @@ void Foam::m4gnSession::checkDictionary
     m4gn::checkOptions(dict, "session", options(dict, model, others), valid);
 }
 
-bool Foam::m4gnSession::step(const std::vector<m4gn_field>& inputs, List<scalarField>& cells)
+void Foam::m4gnSession::stepped()
 {
-    std::vector<m4gn_field_out> outputs(outputNames_.size());
-    forAll(outputNames_, i)
-    {
-        outputs[i].name = outputNames_[i].c_str();
-        outputs[i].components = outputComponents_[i];
-        outputs[i].cells = cells[i].data();
-    }
-
-    const int32_t status = m4gn_session_step
-    (
-        session_,
-        inputs.data(),
-        inputs.size(),
-        outputs.data(),
-        outputs.size()
-    );
-
-    if (status == M4GN_ERROR_NUMERICAL)
-    {
-        WarningInFunction
-            << "At time " << mesh_.time().timeName() << ": "
-            << m4gn_last_error() << endl;
-
-        return false;
-    }
-
-    m4gn::check(status, "m4gnSurrogate cannot step");
-
     if (!compared_)
     {
         compare();
         compared_ = true;
     }
-
-    return true;
 }

@@ -7,12 +7,11 @@
 
 #[macro_use]
 mod door;
-mod adapt;
-mod control;
 mod fields;
 mod fit;
 mod modes;
 mod options;
+mod own;
 mod raw;
 mod recorder;
 mod ride;
@@ -20,9 +19,8 @@ mod segments;
 mod session;
 mod solids;
 
-pub use adapt::AdaptReport;
-pub use m4gn_ride::control::StrideError;
 pub use modes::CsrData;
+pub use own::SurrogateData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;
 pub use ride::{RideAnswer, RideQuantity, RideStep};

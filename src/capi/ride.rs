@@ -2,6 +2,7 @@
 
 use super::door;
 use super::fields::{read_fields, read_outputs};
+use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
 use m4gn_mesh::parallel::Comm;
@@ -268,20 +269,68 @@ unsafe fn new(
         let path = borrowed.model_path();
         let path = path.ok_or_else(|| Error::Internal("a session without its model's path".into()))?;
         let (digest, model) = (digest(&comm, path)?, read_model(&comm, path)?);
-        let owners = mesh.boundary.iter().map(|face| face.owner).collect();
-        let n_boundary = boundary_values(&mesh);
-        let (n_cells, global) = (mesh.cell_global.len(), mesh.cell_global.clone());
-        let network = Network::new(borrowed, model, digest, learning.map(|learning| (mesh, learning)));
-        let surrogates: Vec<Box<dyn Surrogate>> = vec![Box::new(network)];
-        Ok(RideHandle {
-            ride: Ride::new(comm.clone(), surrogates, settings, global, start)?,
-            comm: comm.clone(),
-            n_cells,
-            n_boundary,
-            owners,
-            text: CString::default(),
-            broken: false,
-        })
+        let learning = learning.map(|learning| (mesh.clone(), learning));
+        let network = Network::new(borrowed, model, digest, learning);
+        handle(&comm, Box::new(network), settings, &mesh, start)
+    })
+}
+
+/// Of a surrogate of the host's own.
+///
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+unsafe fn new_own(
+    comm: i32,
+    place: Result<()>,
+    surrogate: *const SurrogateData,
+    mesh: *const MeshData,
+    options: *const c_char,
+    start: *const RideStep,
+) -> Result<RideHandle> {
+    let comm = Comm::from_fortran(comm)?;
+    let read = || {
+        place?;
+        // SAFETY: passed on to the caller.
+        let (mesh, (settings, learning), (start, same)) = unsafe {
+            (
+                raw::mesh(raw::reference("mesh", mesh)?)?,
+                settings(raw::options(options)?)?,
+                step(start)?,
+            )
+        };
+        // SAFETY: passed on to the caller.
+        let own = unsafe { Own::new(surrogate, comm.clone(), mesh.dim())? };
+        if learning.is_some() {
+            return Err(Error::Input(format!("adapt: the surrogate {} does not learn", own.name())));
+        }
+        let alike = RideSettings {
+            setup_seconds: 0.0,
+            ..settings.clone()
+        };
+        let same = format!("{same}\n{alike:?}\n{}", own.shared());
+        Ok(((mesh, settings, own, start), same))
+    };
+    door::together("m4gn_ride_new_own", &comm, read, |(mesh, settings, own, start)| {
+        handle(&comm, Box::new(own), settings, &mesh, start)
+    })
+}
+
+fn handle(
+    comm: &Comm,
+    surrogate: Box<dyn Surrogate>,
+    settings: RideSettings,
+    mesh: &Mesh,
+    start: Step,
+) -> Result<RideHandle> {
+    let global = mesh.cell_global.clone();
+    Ok(RideHandle {
+        ride: Ride::new(comm.clone(), vec![surrogate], settings, global, start)?,
+        comm: comm.clone(),
+        n_cells: mesh.cell_global.len(),
+        n_boundary: boundary_values(mesh),
+        owners: mesh.boundary.iter().map(|face| face.owner).collect(),
+        text: CString::default(),
+        broken: false,
     })
 }
 
@@ -303,6 +352,23 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours and the host's pointers, as the header says.
         unsafe { door::create(raw::reference_mut("ride", ride), |place| new(session, place, mesh, options, start)) }
+    }
+
+    /// Begins a ride of a surrogate of the host's own.
+    fn m4gn_ride_new_own(
+        comm: i32,
+        surrogate: *const SurrogateData,
+        mesh: *const MeshData,
+        options: *const c_char,
+        start: *const RideStep,
+        ride: *mut *mut RideHandle,
+    ) -> i32, or |status| status; {
+        // SAFETY: the host's pointers, as the header says.
+        unsafe {
+            door::create(raw::reference_mut("ride", ride), |place| {
+                new_own(comm, place, surrogate, mesh, options, start)
+            })
+        }
     }
 
     /// Frees a ride; null is none.

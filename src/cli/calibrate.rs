@@ -5,6 +5,7 @@ use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
 use m4gn_workbench::calibrate::{self, Rollout};
+use m4gn_workbench::signal::median;
 use m4gn_workbench::validate::predicted;
 use serde_json::json;
 use std::path::PathBuf;
@@ -107,8 +108,11 @@ pub fn run(args: Args) -> Result<()> {
         let mut all = Vec::new();
         for (i, (trajectory, _)) in found.iter().enumerate() {
             let tick = &mut || progress.advance();
-            let rollouts = calibrate::rollouts(&model, trajectory, &options, (strides, args.starts), tick);
+            let mut outside = Vec::new();
+            let lengths = (strides, args.starts);
+            let rollouts = calibrate::rollouts(&model, trajectory, &options, lengths, &mut outside, tick);
             all.push(name_file(rollouts, trajectory.path())?);
+            progress.note(trajectory.path(), &outside);
             let carried = candidate.as_ref().and_then(|c| c.carried);
             progress.say(|| {
                 let of = carried.map_or(String::new(), |c| format!(", {c} carried on"));
@@ -133,14 +137,20 @@ pub fn run(args: Args) -> Result<()> {
         },
     };
     let rollouts: Vec<Rollout> = all.iter().flatten().cloned().collect();
-    let covered: Vec<Vec<f64>> = (0..calibration.growth.len())
-        .map(|k| calibrate::covered(&calibration, &model, k, &rollouts))
-        .collect();
-    print(&calibration, &rollouts, &covered, known.is_some(), found.len());
     let names: Vec<&str> = predicted(&model.spec.fields)
         .iter()
         .map(|f| f.name.as_str())
         .collect();
+    let covered: Vec<Vec<Option<f64>>> = (0..names.len())
+        .map(|k| calibrate::covered(&calibration, &model, k, &rollouts))
+        .collect();
+    print(
+        &calibration,
+        &rollouts,
+        (&names, &covered),
+        known.is_some(),
+        found.len(),
+    );
     let figures = json!({
         "calibration": calibration,
         "checked": known.is_some(),
@@ -170,7 +180,7 @@ pub fn run(args: Args) -> Result<()> {
 fn print(
     calibration: &Calibration,
     rollouts: &[Rollout],
-    covered: &[Vec<f64>],
+    (names, covered): (&[&str], &[Vec<Option<f64>>]),
     checked: bool,
     trajectories: usize,
 ) {
@@ -192,19 +202,16 @@ fn print(
     }
     println!("error after n strides over that of the stride before:");
     println!("  field       n  median    factor  share within");
-    for (k, growth) in calibration.growth.iter().enumerate() {
+    for (k, name) in names.iter().enumerate() {
+        let factors = calibration.factors(name).unwrap_or(&[]);
         let shown = [1, 2, 5, 10, 20, 40, 80];
-        for n in shown.into_iter().filter(|n| *n <= growth.factors.len()) {
-            let ratio = |r: &Rollout| r[k].growth(n - 1);
-            let mut ratios: Vec<f64> = rollouts.iter().filter_map(ratio).collect();
-            ratios.sort_by(f64::total_cmp);
-            let median = ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN);
-            let share = covered[k].get(n - 1).copied().unwrap_or(f64::NAN);
+        for n in shown.into_iter().filter(|n| *n <= factors.len()) {
+            let median = median(rollouts.iter().filter_map(|r| r[k].growth(n - 1)));
             println!(
-                "  {:<8} {n:>4}  {median:>6.2}  {:>8.2}  {:>11.1} %",
-                growth.field,
-                growth.factors[n - 1],
-                100.0 * share
+                "  {name:<8} {n:>4}  {:>6}  {:>8.2}  {:>13}",
+                median.map_or("-".into(), |m| format!("{m:.2}")),
+                factors[n - 1],
+                covered[k][n - 1].map_or("-".into(), |share| format!("{:.1} %", 100.0 * share))
             );
         }
     }

@@ -1,19 +1,18 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
 use m4gn_mesh::{Error, Result};
-use m4gn_report::{number, percent, write_file};
-use m4gn_workbench::compare;
-use m4gn_workbench::compare::displacement::Motion;
-use m4gn_workbench::compare::reaction::Reaction;
-use m4gn_workbench::compare::{Options, displacement};
+use m4gn_report::write_file;
+use m4gn_workbench::compare::{self, Options};
 use m4gn_workbench::foam_case::FoamCase;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
 ///
 /// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar.
 /// Of a case with a displacement D and no pressure p, the displacement, the motion of one cell, its frequency and the reaction
 /// force on a patch are compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
+/// First come the times of the whole runs, with start-up, learning and loading, over the simulated time that the logs of both
+/// have, then those after the takeover; a log without 'End' counts for nothing.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Folder of the full run, the reference.
@@ -93,119 +92,50 @@ pub fn run(args: Args) -> Result<()> {
             bar.set_position(done as u64);
         }
     };
-    if displacement::is_solid(&mut a)? {
-        let given = [
-            ("--speed", options.speed.is_some()),
-            ("--length", options.length.is_some()),
-            ("--png", args.png.is_some()),
-            ("--interpolate", options.interpolate),
-        ];
-        if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
-            return Err(Error::Input(format!(
-                "{name}: of a displacement there are no coefficients, no pictures and no interpolation; leave it out"
-            )));
-        }
-        let motion = displacement::compare(&mut a, &mut b, &options, progress);
-        bar.iter().for_each(|b| b.finish_and_clear());
-        return show_motion(&motion?, args.json.as_deref(), args.html.as_deref());
-    }
-    if let Some(patch) = &options.follow {
-        return Err(Error::Input(format!(
-            "--follow {patch}: cells are followed of a solid, and {} is a flow's; leave it out",
-            a.description().path
-        )));
-    }
     let result = compare::compare(&mut a, &mut b, &options, progress);
     bar.iter().for_each(|b| b.finish_and_clear());
     let (comparison, snapshots) = result?;
-
-    show_cases(
-        [&comparison.case_a, &comparison.case_b],
-        comparison.surrogate.is_some(),
-        comparison.cells,
-        comparison.times.len(),
-        comparison.takeover,
-    );
-    println!("{}", comparison.error_table());
-    comparison.field_tables().iter().for_each(|t| println!("{t}"));
-    println!("{}", comparison.figure_table());
-    if let Some(fraction) = comparison.replaced_fraction {
-        println!(
-            "  replaced {} of the simulated time after start-up",
-            percent(Some(fraction))
-        );
-    }
-    if comparison.reference.is_some() && comparison.frequency.contains(&None) {
-        println!(
-            "  no shedding frequency: the lift does not oscillate over at least 1.5 periods in both runs"
-        );
-    }
-
     let picture = match args.html.is_some() || args.png.is_some() {
-        true => compare::picture(&a.polygons()?, &snapshots),
+        true => comparison.picture(&a.polygons()?, &snapshots),
         false => None,
     };
+    let no_picture = |path: &PathBuf| {
+        Error::Input(format!(
+            "--png {}: there is no picture to write; pictures need a 2-D flow and --pictures above 0",
+            path.display()
+        ))
+    };
+    let png = match (&args.png, &picture) {
+        (Some(path), None) => return Err(no_picture(path)),
+        (Some(path), Some(raster)) => Some((path, raster.png()?)),
+        (None, _) => None,
+    };
+
+    println!("full    {}", comparison.case_a);
+    println!("hybrid  {}", comparison.case_b);
+    println!(
+        "{} cells, {} common times; {} {} s\n",
+        comparison.cells,
+        comparison.times.len(),
+        match comparison.surrogate {
+            Some(_) => "the surrogate took over at",
+            None => "no surrogate found; errors from",
+        },
+        comparison.takeover
+    );
+    println!("{}", comparison.cost.table());
+    comparison.error_tables().iter().for_each(|t| println!("{t}"));
+    comparison.figure_table().iter().for_each(|t| println!("{t}"));
+    comparison.notes().iter().for_each(|line| println!("  {line}"));
+
     super::write_json(args.json.as_deref(), &comparison.json()?)?;
     if let Some(path) = &args.html {
-        compare::report(&comparison, picture.as_ref())?.write(path)?;
+        comparison.report(picture.as_ref())?.write(path)?;
     }
-    if let Some(path) = &args.png {
-        let raster = picture.as_ref().ok_or_else(|| {
-            Error::Input(format!(
-                "{}: there is no picture to write; pictures need a 2-D case and --pictures above 0",
-                path.display()
-            ))
-        })?;
-        write_file(path, &raster.png()?)?;
+    if let Some((path, bytes)) = png {
+        write_file(path, &bytes)?;
     }
     for path in [&args.json, &args.html, &args.png].into_iter().flatten() {
-        println!("  wrote {}", path.display());
-    }
-    Ok(())
-}
-
-/// What was compared.
-fn show_cases(cases: [&str; 2], surrogate: bool, cells: usize, times: usize, takeover: f64) {
-    println!("full    {}", cases[0]);
-    println!("hybrid  {}", cases[1]);
-    let from = match surrogate {
-        true => "the surrogate took over at",
-        false => "no surrogate found; errors from",
-    };
-    println!("{cells} cells, {times} common times; {from} {takeover} s\n");
-}
-
-/// Prints and writes the comparison of a solid.
-fn show_motion(motion: &Motion, json: Option<&Path>, html: Option<&Path>) -> Result<()> {
-    show_cases(
-        [&motion.case_a, &motion.case_b],
-        motion.surrogate.is_some(),
-        motion.cells,
-        motion.times.len(),
-        motion.takeover,
-    );
-    println!("{}", motion.error_table());
-    println!("{}", motion.figure_table());
-    println!("  followed: {}", motion.point_text());
-    if let Some(text) = motion.reaction.as_ref().and_then(Reaction::left_out_text) {
-        println!("  {text}");
-    }
-    if let Some(periods) = motion.periods {
-        println!("  over {} periods", number(periods, 3));
-    } else {
-        println!("  no frequency: the cell does not oscillate over at least 1.5 periods");
-    }
-    if let Some(fraction) = motion.replaced_fraction {
-        println!(
-            "  replaced {} of the simulated time after start-up",
-            percent(Some(fraction))
-        );
-    }
-    super::write_json(json, &motion.json()?)?;
-    if let Some(path) = html {
-        motion.report()?.write(path)?;
-    }
-    for path in [json, html].into_iter().flatten() {
         println!("  wrote {}", path.display());
     }
     Ok(())

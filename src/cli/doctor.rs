@@ -158,9 +158,7 @@ fn findings() -> Vec<Finding> {
 
 /// OpenFOAM's folder, from the environment or Debian's.
 fn openfoam() -> Option<String> {
-    let set = std::env::var_os("WM_PROJECT_DIR")
-        .filter(|v| !v.is_empty())
-        .map(PathBuf::from);
+    let set = m4gn_mesh::plugin::folder_variable("WM_PROJECT_DIR");
     let (folder, how) = match set {
         Some(folder) => (folder, "WM_PROJECT_DIR"),
         None => (

@@ -3,12 +3,14 @@
 use super::generate::folder::SetArgs;
 use super::{check_outputs, stop_flag, write_json};
 use m4gn_mesh::{Error, Result};
+use m4gn_report::{number, percent};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::openfoam::{environment, plain_path};
 use m4gn_workbench::generate::parameter::Settings;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::hybrid::{
-    self, DrawResult, Event, Kind, Plan, Variant, case_table, remarks, summary, summary_tables, variants,
+    self, DrawResult, Event, Kind, Plan, RunRecord, Variant, case_table, remarks, summary, summary_tables,
+    variants,
 };
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -83,13 +85,16 @@ pub fn run(args: Args) -> Result<()> {
     let names: Vec<String> = plan.variants.iter().map(|v| v.name.clone()).collect();
     let results = hybrid::run(&plan, |event| match event {
         Event::Done { before: true, .. } => {}
-        Event::Done { index, name, .. } => eprintln!("{index:04}  {name}"),
+        Event::Done {
+            index, name, record, ..
+        } => eprintln!("{index:04}  {name}{}", figures_text(&record)),
         Event::Failed { index, name, message } => eprintln!("{index:04}  {name} failed: {message}"),
     })?;
 
     println!(
-        "Errors of the velocity, or of a solid's displacement, over holding the last field; the displacement's over its root mean square (D), \
-         and that of the cell that moves most (cell); forces and frequency against the full run; processor time after the takeover\n"
+        "whole %, whole wall %: processor and wall time of the whole run, with start-up, learning and loading, over the full run's; stretch %: \
+         processor time after the takeover. Errors of the velocity, or of a solid's displacement, over holding the last field; the \
+         displacement's over its root mean square (D), and that of the cell that moves most (cell); forces and frequency against the full run\n"
     );
     println!("{}", case_table(&results, &names, &order));
     remarks(&results).iter().for_each(|line| println!("{line}"));
@@ -116,6 +121,24 @@ pub fn run(args: Args) -> Result<()> {
             failed.concat()
         ))),
     }
+}
+
+/// What came of a run, in a line: the times of the whole run, and the error at its end over that of holding.
+fn figures_text(record: &RunRecord) -> String {
+    let cost = &record.cost;
+    let mut text = format!(
+        "  {} s of processor time, {} s in all",
+        number(cost.processor, 3),
+        number(cost.wall, 3)
+    );
+    if let Some(score) = &record.score {
+        let end = score.end.map_or("-".into(), |e| number(e, 3));
+        text += &format!(", error at the end {end} of holding");
+    }
+    if let Some(replaced) = record.score.as_ref().and_then(|s| s.replaced) {
+        text += &format!(", {} replaced", percent(Some(replaced)));
+    }
+    text
 }
 
 fn plan(args: &Args) -> Result<Plan> {

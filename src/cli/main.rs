@@ -84,7 +84,7 @@ fn utf8_arguments() -> Result<()> {
     match std::env::args_os().find(|a| a.to_str().is_none()) {
         None => Ok(()),
         Some(argument) => Err(Error::Input(format!(
-            "argument {:?}: expected UTF-8; give the file a name in UTF-8",
+            "argument '{}': expected UTF-8; give the file a name in UTF-8",
             argument.to_string_lossy()
         ))),
     }

@@ -140,6 +140,7 @@ pub fn run(args: Args) -> Result<()> {
         );
         let case = name_file(case, trajectory.path())?;
         progress.say(|| format!("{}/{total} {}", i + 1, line(&case)));
+        progress.note(trajectory.path(), &case.outside);
         cases.push(case);
     }
     progress.finish();
@@ -283,6 +284,19 @@ impl Progress {
     pub fn say(&self, line: impl Fn() -> String) {
         if self.bar.is_none() {
             println!("{}", line());
+        }
+    }
+
+    /// Says in which respects a trajectory lies outside of what the model was trained on.
+    pub fn note(&self, path: &Path, outside: &[String]) {
+        let say = || {
+            for what in outside {
+                eprintln!("note: {}: {what}", path.display());
+            }
+        };
+        match &self.bar {
+            Some(bar) => bar.suspend(say),
+            None => say(),
         }
     }
 

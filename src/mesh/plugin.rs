@@ -2,7 +2,7 @@
 //! OpenFOAM's libraries come with them.
 //!
 //! One search rule: the folder of the file that this code was loaded from (a solver's `libm4gn.so`, or the program),
-//! `../../lib` of it, which is `lib` of the checkout that a program was built in, and `$M4GN_HOME/lib`.
+//! `../../lib` of it, which is `lib` of the checkout that a program was built in, and `$M4GN_HOME/lib`, where that is absolute.
 //!
 //! Each library exports `PREFIX_abi_version()`, which must agree, and `PREFIX_last_error()`, the message of the calling
 //! thread's last failure, valid until its next call. Statuses are those of `m4gn.h`. A library is never unloaded: exit
@@ -11,7 +11,7 @@
 
 use crate::{Error, Result};
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
-use std::ffi::{CStr, CString, c_char, c_void};
+use std::ffi::{CStr, CString, OsString, c_char, c_void};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
@@ -46,8 +46,18 @@ pub fn places() -> Vec<PathBuf> {
         places.push(folder);
         places.push(checkout.canonicalize().unwrap_or(checkout));
     }
-    places.extend(std::env::var_os("M4GN_HOME").map(|home| PathBuf::from(home).join("lib")));
+    places.extend(folder_variable("M4GN_HOME").map(|home| home.join("lib")));
     places
+}
+
+/// The folder that an environment variable names, `M4GN_HOME` or `WM_PROJECT_DIR`. One that is empty is not set, and one that is not
+/// absolute counts for nothing: what is loaded must not depend on the folder that a program is started in.
+pub fn folder_variable(name: &str) -> Option<PathBuf> {
+    absolute(std::env::var_os(name)?)
+}
+
+fn absolute(value: OsString) -> Option<PathBuf> {
+    Some(PathBuf::from(value)).filter(|p| p.is_absolute())
 }
 
 /// The file of this name in one of the [`places`]; `remedy` says how it is made.
@@ -227,6 +237,15 @@ mod tests {
             "{message}"
         );
         assert!(message.contains("Build it"), "{message}");
+    }
+
+    #[test]
+    fn only_absolute_folders_are_searched() {
+        assert_eq!(absolute("/a/b".into()), Some("/a/b".into()));
+        for none in ["", ".", "a", "../a"] {
+            assert_eq!(absolute(none.into()), None, "{none}");
+        }
+        assert!(places().iter().all(|p| p.is_absolute()));
     }
 
     #[test]

@@ -94,14 +94,18 @@ impl CellMap {
             return None;
         }
         // A very tall domain gets a narrower picture.
-        let aspect = (top - bottom) / (right - left);
+        let (aspect, requested) = ((top - bottom) / (right - left), width);
+        if !aspect.is_finite() || aspect == 0.0 {
+            return None;
+        }
         let width = if aspect > 2.0 {
             (2.0 * width as f64 / aspect) as usize
         } else {
             width
         }
         .max(8);
-        let height = ((width as f64 * aspect).round() as usize).max(8);
+        // One that is narrower than eight pixels then is drawn wider than it is.
+        let height = ((width as f64 * aspect).round() as usize).clamp(8, 2 * requested.max(8));
         let scale = [
             (SAMPLES * width) as f64 / (right - left),
             (SAMPLES * height) as f64 / (top - bottom),

@@ -46,6 +46,11 @@ pub fn percent(value: Option<f64>) -> String {
     }
 }
 
+/// A time, s, without the digits of rounding.
+pub fn seconds(time: f64) -> String {
+    format!("{}", (time * 1e9).round() / 1e9)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,6 +63,7 @@ mod tests {
         assert_eq!(number(f64::NAN, 3), "-");
         assert_eq!(percent(Some(0.0123)), "1.23 %");
         assert_eq!(percent(None), "-");
+        assert_eq!(seconds(0.1 + 0.2), "0.3");
     }
 
     #[test]

@@ -109,7 +109,6 @@ impl ControlSettings {
 
 /// A field over a stride that solver and surrogate both took: root mean squares over nodes and solved components.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
 pub struct StrideError {
     /// Of the surrogate's prediction minus the solver's state; not finite where the prediction was not.
     pub error: f64,

@@ -147,7 +147,7 @@ impl Toy {
         self
     }
 
-    /// From states of which a component is this large on, the result is another one by so much.
+    /// From states of which the second component is this large on, the result is another one by so much.
     pub fn jumping(mut self, from: f64, by: f64) -> Self {
         self.jump_by = Some((from, by));
         self
@@ -215,7 +215,7 @@ impl Surrogate for Toy {
         }
         let mut next = later(state, self.stride).map(|v| v + self.bias);
         if let Some((from, by)) = self.jump_by
-            && state.iter().any(|v| *v >= from)
+            && state[1] >= from
         {
             next[0] += by;
         }

@@ -11,7 +11,7 @@ use m4gn_step::{Session, SessionOptions};
 pub type Rollout = Vec<RolloutErrors>;
 
 /// Rolls the model out over `strides` strides from frames all along the trajectory, at most `starts` of them, evenly apart. The first
-/// stride of the trajectory is left out: what comes before a rollout is a stride of its own. `progress` is called after each rollout,
+/// stride of the trajectory is left out: what comes before a rollout is a stride of its own. `outside` as [`stepper`] has it; `progress` is called after each rollout,
 /// and ends the run with an error of its own.
 ///
 /// # Errors
@@ -21,6 +21,7 @@ pub fn rollouts(
     trajectory: &Trajectory,
     options: &SessionOptions,
     (strides, starts): (usize, usize),
+    outside: &mut Vec<String>,
     progress: &mut dyn FnMut() -> Result<()>,
 ) -> Result<Vec<Rollout>> {
     let pace = fits(model, trajectory)?;
@@ -33,7 +34,7 @@ pub fn rollouts(
     };
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
     let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
-    let mut step = stepper(&mut session, trajectory);
+    let mut step = stepper(&mut session, trajectory, outside);
     let fields = predicted(&model.spec.fields).len();
     let count = starts.min(last);
     let mut all = Vec::with_capacity(count);
@@ -106,13 +107,14 @@ pub fn calibration(model: &Model, coverage: f64, trajectories: &[Vec<Rollout>]) 
 }
 
 /// Share of the rollouts whose error of predicted field `k` after each number of strides is not larger than the calibration
-/// estimates; of other rollouts than it was made from, this is its true coverage.
-pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[Rollout]) -> Vec<f64> {
+/// estimates, none where no rollout is as long; of other rollouts than it was made from, this is its true coverage.
+pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[Rollout]) -> Vec<Option<f64>> {
     let name = &predicted(&model.spec.fields)[k].name;
     let factors = calibration.factors(name).unwrap_or(&[]).iter().enumerate();
     let share = |(i, factor): (usize, &f64)| {
-        let within = |r: &&Rollout| r[k].growth(i).is_some_and(|ratio| ratio <= *factor);
-        rollouts.iter().filter(within).count() as f64 / rollouts.len().max(1) as f64
+        let ratios: Vec<f64> = rollouts.iter().filter_map(|r| r[k].growth(i)).collect();
+        let within = ratios.iter().filter(|ratio| **ratio <= *factor).count();
+        (!ratios.is_empty()).then(|| within as f64 / ratios.len() as f64)
     };
     factors.map(share).collect()
 }
@@ -120,6 +122,28 @@ pub fn covered(calibration: &Calibration, model: &Model, k: usize, rollouts: &[R
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The calibration says three strides of U and of a field that the model does not predict; the rollouts have two.
+    #[test]
+    fn lengths_that_no_rollout_has_are_not_covered_or_not() {
+        let spec = m4gn_model::sample::spec();
+        let name = predicted(&spec.fields)[0].name.clone();
+        let model = Model::random(spec, 1).unwrap();
+        let growth = |field: String| m4gn_model::Growth {
+            field,
+            factors: vec![1.5, 1.5, 3.0],
+        };
+        let calibration = Calibration {
+            growth: vec![growth("extra".into()), growth(name)],
+            ..Calibration::of_carried(0.0)
+        };
+        let errors = RolloutErrors {
+            before: 1.0,
+            after: vec![1.0, 2.0],
+        };
+        let found = covered(&calibration, &model, 0, &[vec![errors]]);
+        assert_eq!(found, [Some(1.0), Some(0.0), None]);
+    }
 
     #[test]
     fn each_rollout_counts_alike() {

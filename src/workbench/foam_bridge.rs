@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use m4gn_mesh::ffi::host::{self, MeshData, SolidData};
-use m4gn_mesh::plugin::{Description, Plugin, c_string};
+use m4gn_mesh::plugin::{Description, Plugin, c_string, folder_variable};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_modes::fem::HostBody;
 use std::{
@@ -62,8 +62,8 @@ pub fn load() -> Result<&'static FoamBridge> {
 impl FoamBridge {
     fn load() -> Result<Self> {
         let file = LIBRARY.find()?;
-        let project = std::env::var_os("WM_PROJECT_DIR").unwrap_or_else(|| PROJECT_DIR.into());
-        let control = Path::new(&project).join("etc/controlDict");
+        let project = folder_variable("WM_PROJECT_DIR").unwrap_or_else(|| PROJECT_DIR.into());
+        let control = project.join("etc/controlDict");
         if !control.is_file() {
             return Err(Error::file(
                 control,

@@ -1,6 +1,6 @@
 //! What predicting "nothing moves any more" scores on a trajectory: the rows every table of models is read against.
 
-use crate::validate::rmse::SquaredError;
+use crate::errors::SquaredError;
 use crate::validate::{Pace, Scene};
 use m4gn_contact::gap::Gap;
 use m4gn_contact::quality::Quality;

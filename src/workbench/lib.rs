@@ -4,10 +4,13 @@
 pub mod bench;
 pub mod calibrate;
 pub mod compare;
+mod digest;
+pub mod errors;
 mod foam_bridge;
 pub mod foam_case;
 pub mod generate;
 pub mod holding;
 pub mod hybrid;
+pub mod signal;
 pub mod survey;
 pub mod validate;

@@ -50,11 +50,11 @@ summary=postProcessing/test/0/summary.json
 grep -q '"adapt_runs": 2,' $summary || { cat $summary; fail "the summary does not tell of the adaptation"; }
 m4gn info postProcessing/test/0/adapted.safetensors > log.info || { cat log.info; fail "the adapted model cannot be read"; }
 grep -q stride log.info || { cat log.info; fail "the adapted model is not described"; }
-[ -f 0.75/uniform/test.adapt ] || fail "no state at 0.75"
+[ -f 0.75/uniform/test.state ] || fail "no state at 0.75"
 mkdir ../whole && cp -r [01].* ../whole
 
 # Carried on from the end of the first jump: weights, frames and random numbers are those of the uninterrupted run
-carried_on 0.75 'carried on from .*0.75/uniform/test.adapt' learned
+carried_on 0.75 'goes on from its state at time 0.75' learned
 # Killed while it learns: what is lost are the steps of that round, and the next run makes them
 surrogate 'adapt { mode during; start 0.1; steps 1000000; stepsEach 4; threads 2; }'
 clean_case
@@ -70,14 +70,14 @@ sleep 2
 kill -9 $solver
 wait $solver 2> /dev/null || true
 grep -q 'm4gn: adapted' log.killed && fail "the round was to be killed, and has ended"
-[ -f 0.45/uniform/test.adapt ] || fail "no state at 0.45"
+[ -f 0.45/uniform/test.state ] || fail "no state at 0.45"
 surrogate 'adapt { mode during; start 0.1; steps 150; stepsEach 4; threads 2; }'
-carried_on 0.45 'carried on from .*0.45/uniform/test.adapt' 'killed while it learned'
+carried_on 0.45 'goes on from its state at time 0.45' 'killed while it learned'
 sed -i 's/^startTime .*/startTime 0.75;/' system/controlDict
-# A state of another model is refused
-cp 0.75/uniform/test.adapt ../state
-printf 'damaged' > 0.75/uniform/test.adapt
-refused 'not a usable state of this adaptation' icoFoam
+# A damaged state is refused
+cp 0.75/uniform/test.state ../state
+printf 'damaged' > 0.75/uniform/test.state
+refused 'is not the state of a run' icoFoam
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 
 # Beside the run: the first jump is that of the shipped weights, the second has what was learned from the frames before the first;

@@ -19,9 +19,9 @@ refused 'the type inlt' icoFoam
 surrogate "mode replace; model \"$small_model\"; surrogateSteps 2;"
 refused 'solverSteps' icoFoam
 surrogate "mode replce; model \"$small_model\";"
-refused 'expected observe, replace' icoFoam
+refused 'mode: expected observe or replace, found replce; is replace meant' icoFoam
 surrogate "mode accelerate; model \"$small_model\";"
-refused 'Entry mode is accelerate; expected observe, replace' icoFoam
+refused 'mode: expected observe or replace, found accelerate' icoFoam
 surrogate "$good model missing.safetensors;"
 refused 'There is no model' icoFoam
 

@@ -4,10 +4,11 @@
  * fields that were recorded, gives the frame $ORACLE_FRAMES later back, with a smooth error of $ORACLE_ERROR in the
  * first two components of the first field, and a rough one of $ORACLE_ROUGH, relative to the largest value of a field, in the
  * first two components of all. Each rank has a file of its own. With it, what is left of an error after a jump is that of the
- * hand-over alone.
+ * hand-over alone. It rides in the real library, $ORACLE_LIBRARY.
  */
 #include "m4gn.h"
 
+#include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -108,6 +109,7 @@ void m4gn_recorder_free(m4gn_recorder* r) { free(r); }
 
 struct m4gn_session
 {
+    int32_t comm;
     struct header header;
     size_t frame; /* doubles of a frame */
     size_t start[MAX_FIELDS];
@@ -182,10 +184,10 @@ static void add_sizes_of(m4gn_session* s, int rank)
 int32_t m4gn_session_new(
     int32_t comm, const m4gn_mesh_data* mesh, const char* options, const int32_t* cell_segment, m4gn_session** session)
 {
-    (void)comm;
     (void)options;
     (void)cell_segment;
     m4gn_session* s = calloc(1, sizeof(*s));
+    s->comm = comm;
     FILE* file = recording("rb");
     if (!file || fread(&s->header, sizeof(s->header), 1, file) != 1 || s->header.n_cells != mesh->n_cells)
     {
@@ -291,9 +293,9 @@ static double sign_of(const double* centre, int32_t component)
     return mixed - floor(mixed) < 0.5 ? -1 : 1;
 }
 
-int32_t m4gn_session_step(
-    m4gn_session* s, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out)
+static int32_t step(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out)
 {
+    m4gn_session* s = data;
     const long ahead = atol(variable("ORACLE_FRAMES", "25"));
     const double error = atof(variable("ORACLE_ERROR", "0"));
     const double rough = atof(variable("ORACLE_ROUGH", "0"));
@@ -354,4 +356,68 @@ int32_t m4gn_session_step(
         }
     }
     return M4GN_OK;
+}
+
+/* ---- ride ---- */
+
+static void* real(const char* name)
+{
+    static void* library = NULL;
+    if (!library) library = dlopen(variable("ORACLE_LIBRARY", "lib/libm4gn.so"), RTLD_NOW | RTLD_LOCAL);
+    void* found = library ? dlsym(library, name) : NULL;
+    if (!found)
+    {
+        fprintf(stderr, "oracle: %s: %s\n", name, dlerror());
+        exit(1);
+    }
+    return found;
+}
+
+/* A call of the real library, with its message */
+#define FORWARD(name, types, arguments)                                 \
+    int32_t name types                                                             \
+    {                                                                              \
+        const int32_t status = ((int32_t(*) types)real(#name))arguments;           \
+        if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))(); \
+        return status;                                                             \
+    }
+
+int32_t m4gn_ride_new(
+    m4gn_session* s, const m4gn_mesh_data* mesh, const char* options, const m4gn_ride_step* start, m4gn_ride** ride)
+{
+    const char* names[MAX_FIELDS];
+    for (int32_t i = 0; i < s->header.n_fields; ++i) names[i] = s->header.name[i];
+    const m4gn_surrogate own = {
+        "oracle", m4gn_session_stride(s), s->header.n_fields, names, s->header.components, step, s};
+    int32_t (*begin)(
+        int32_t, const m4gn_surrogate*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*, m4gn_ride**) =
+        (int32_t(*)(int32_t, const m4gn_surrogate*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*, m4gn_ride**))
+            real("m4gn_ride_new_own");
+    const int32_t status = begin(s->comm, &own, mesh, options, start, ride);
+    if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))();
+    return status;
+}
+
+void m4gn_ride_free(m4gn_ride* ride) { ((void (*)(m4gn_ride*))real("m4gn_ride_free"))(ride); }
+FORWARD(m4gn_ride_solved, (m4gn_ride * ride, const m4gn_ride_step* now, m4gn_ride_answer* answer), (ride, now, answer))
+FORWARD(m4gn_ride_decide,
+    (m4gn_ride * ride, const m4gn_field* fields, const int32_t* const* held, int32_t n, m4gn_ride_answer* answer),
+    (ride, fields, held, n, answer))
+FORWARD(m4gn_ride_stride,
+    (m4gn_ride * ride, const m4gn_field* fields, int32_t n, const m4gn_field_out* out, int32_t n_out, m4gn_ride_answer* answer),
+    (ride, fields, n, out, n_out, answer))
+FORWARD(m4gn_ride_advanced, (m4gn_ride * ride, const m4gn_ride_step* now, m4gn_ride_answer* answer), (ride, now, answer))
+FORWARD(m4gn_ride_spent, (m4gn_ride * ride, double surrogate, double hand_over), (ride, surrogate, hand_over))
+FORWARD(m4gn_ride_handed_back,
+    (m4gn_ride * ride, const m4gn_ride_step* now, const m4gn_ride_quantity* quantities, int32_t n_quantities,
+        const m4gn_field* fields, int32_t n, m4gn_ride_answer* answer),
+    (ride, now, quantities, n_quantities, fields, n, answer))
+FORWARD(m4gn_ride_save, (m4gn_ride * ride, const char* path), (ride, path))
+FORWARD(m4gn_ride_load, (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer),
+    (ride, path, now, answer))
+FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t index, double* cells), (ride, index, cells))
+
+const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind)
+{
+    return ((const char* (*)(m4gn_ride*, int32_t))real("m4gn_ride_text"))(ride, kind);
 }

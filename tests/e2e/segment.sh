@@ -55,7 +55,8 @@ function_object m4gnHarvest
 sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
 runs icoFoam
 runs m4gn segment . --segments 16 --json ../case.json --no-write
-(cd .. && runs m4gn segment case/postProcessing/test/0/trajectory.h5 --segments 16 --json data.json --picture data.png)
+(cd .. && runs m4gn segment case/postProcessing/test/0/trajectory.h5 --segments 16 --json data.json --picture data.png \
+    --vtu trajectory.segments.vtu)
 [ -f ../trajectory.segments.vtu ] || fail "no file for ParaView"
 python3 - ../case.json ../data.json <<'PYTHON' || fail "the recording gives other figures than the case"
 import json, sys

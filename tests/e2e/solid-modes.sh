@@ -48,7 +48,7 @@ cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
 on_two_ranks solidDisplacementFoam
 mv postProcessing/test/0/trajectory.h5 ../ranks.h5 && rm -r processor* && clean_case
 for file in serial ranks; do
-    (cd .. && runs m4gn segment $file.h5 --segments 8 --modes 4 --json $file.json)
+    (cd .. && runs m4gn segment $file.h5 --segments 8 --modes 4 --json $file.json --vtu $file.segments.vtu)
 done
 python3 - ../serial ../serial ../ranks <<'PYTHON' || fail "a recording gives other segments"
 import base64, re, struct, sys, xml.etree.ElementTree as xml

@@ -2,14 +2,13 @@
 #![allow(unsafe_code)]
 
 mod abi;
-mod adapt;
 mod bodies;
-mod control;
 mod damaged;
 #[path = "../fuzzing/mod.rs"]
 mod fuzzing;
 #[path = "../host/mod.rs"]
 mod host;
+mod ride;
 
 use fuzzing::{Random, fuzz};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};

@@ -2,7 +2,7 @@
 // Each test program uses a part of it.
 #![allow(dead_code, unsafe_code)]
 
-use m4gn::{AdaptReport, CsrData, FieldData, FieldOut, MeshData, RecorderField, SolidData, StrideError};
+use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep, SolidData};
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_model::Model;
@@ -47,50 +47,48 @@ unsafe extern "C" {
         n_obstacle: i32,
     ) -> i32;
     pub fn m4gn_session_outside(session: Handle, count: *mut i32, why: *mut c_char, why_size: i32) -> i32;
-    pub fn m4gn_adapt_new(
+    pub fn m4gn_ride_new(
         session: Handle,
         mesh: *const MeshData,
-        settings: *const c_char,
-        adapt: *mut Handle,
+        options: *const c_char,
+        start: *const RideStep,
+        ride: *mut Handle,
     ) -> i32;
-    pub fn m4gn_adapt_free(adapt: Handle);
-    pub fn m4gn_adapt_frame(
-        adapt: Handle,
-        time: f64,
-        begins: i32,
+    pub fn m4gn_ride_free(ride: Handle);
+    pub fn m4gn_ride_solved(ride: Handle, now: *const RideStep, answer: *mut RideAnswer) -> i32;
+    pub fn m4gn_ride_decide(
+        ride: Handle,
+        fields: *const FieldData,
+        held: *const *const i32,
+        n_fields: i32,
+        answer: *mut RideAnswer,
+    ) -> i32;
+    pub fn m4gn_ride_stride(
+        ride: Handle,
         fields: *const FieldData,
         n_fields: i32,
+        out: *const FieldOut,
+        n_out: i32,
+        answer: *mut RideAnswer,
     ) -> i32;
-    pub fn m4gn_adapt_run(
-        adapt: Handle,
-        session: Handle,
-        strides: i32,
-        report: *mut AdaptReport,
-        note: *mut c_char,
-        note_size: i32,
+    pub fn m4gn_ride_advanced(ride: Handle, now: *const RideStep, answer: *mut RideAnswer) -> i32;
+    pub fn m4gn_ride_handed_back(
+        ride: Handle,
+        now: *const RideStep,
+        quantities: *const RideQuantity,
+        n_quantities: i32,
+        fields: *const FieldData,
+        n_fields: i32,
+        answer: *mut RideAnswer,
     ) -> i32;
-    pub fn m4gn_adapt_save(adapt: Handle, path: *const c_char) -> i32;
-    pub fn m4gn_adapt_load(adapt: Handle, session: Handle, path: *const c_char) -> i32;
-    pub fn m4gn_adapt_write_model(adapt: Handle, path: *const c_char) -> i32;
-    pub fn m4gn_control_new(
-        session: Handle,
-        settings: *const c_char,
-        note: *mut c_char,
-        note_size: i32,
-        control: *mut Handle,
+    pub fn m4gn_ride_save(ride: Handle, path: *const c_char) -> i32;
+    pub fn m4gn_ride_load(
+        ride: Handle,
+        path: *const c_char,
+        now: *const RideStep,
+        answer: *mut RideAnswer,
     ) -> i32;
-    pub fn m4gn_control_free(control: Handle);
-    pub fn m4gn_control_measure(control: Handle, strides: *const StrideError, n_fields: i32) -> i32;
-    pub fn m4gn_control_strides(
-        control: Handle,
-        most: i32,
-        strides: *mut i32,
-        error: *mut f64,
-        estimate: *mut f64,
-    ) -> i32;
-    pub fn m4gn_control_estimate(control: Handle, strides: i32, estimate: *mut f64) -> i32;
-    pub fn m4gn_control_restore(control: Handle, strides: *const StrideError, n_fields: i32, bad: i32)
-    -> i32;
+    pub fn m4gn_ride_text(ride: Handle, kind: i32) -> *const c_char;
     pub fn m4gn_segments_new(
         comm: i32,
         mesh: *const MeshData,

@@ -138,19 +138,22 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
         "recorder_finish" => &["taken", "lost"],
         "recorder_append" => &["missing", "nan", "count", "time"],
         "segments_fit" => &["null", "no mesh", "no options", "spec", "json", "labels", "size"],
-        "adapt_new" => &[
+        "ride_new" => &[
             "null",
             "no mesh",
             "no settings",
+            "no start",
+            "time",
             "volume",
             "json",
             "mode",
             "steps",
         ],
-        "adapt_frame" => &["missing", "null", "nan", "count", "time", "begins"],
-        "adapt_run" => &["no session", "no report", "strides", "negative", "size"],
-        "adapt_save" | "adapt_write_model" => &["null", "path"],
-        "adapt_load" => &["null", "path", "no session"],
+        "ride_decide" => &["missing", "null", "nan", "count"],
+        "ride_stride" => &["missing", "null", "no places", "count"],
+        "ride_handed_back" => &["missing", "name", "time"],
+        "ride_save" => &["null", "path"],
+        "ride_load" => &["null", "path", "time"],
         _ => &[],
     }
 }
@@ -234,10 +237,10 @@ impl Bench {
             }
             "recorder_append" => self.recorder_append(odd, panic),
             "segments_fit" => self.segments_fit(odd, panic),
-            "adapt_new" => self.adapt_new(odd, panic),
+            "ride_new" => self.ride_new(odd, panic),
             "recorder_finish" => self.recorder_finish(odd, panic),
-            "session_free" | "recorder_free" | "adapt_free" | "finalize" => self.last_call(call, panic),
-            _ => self.adapt_call(call, odd, panic),
+            "session_free" | "recorder_free" | "ride_free" | "finalize" => self.last_call(call, panic),
+            _ => self.ride_call(call, odd, panic),
         }
     }
 
@@ -245,9 +248,9 @@ impl Bench {
     /// is to break does so in its place.
     fn last_call(&self, call: &str, panic: Option<u32>) -> Ended {
         let (made, session) = self.session_new(None, None);
-        let (adapted, adapt) = self.adapt_made(session, &self.host(None), None, None);
+        let (begun, ride) = self.ride_made(session, &self.host(None), None, None);
         let (recorded, recorder) = self.recorder_new(None, None);
-        for ended in [made, adapted, recorded] {
+        for ended in [made, begun, recorded] {
             if ended.status != 0 {
                 return ended;
             }
@@ -258,7 +261,7 @@ impl Bench {
             unsafe {
                 match call {
                     "session_free" => m4gn_session_free(session),
-                    "adapt_free" => m4gn_adapt_free(adapt),
+                    "ride_free" => m4gn_ride_free(ride),
                     "recorder_free" => m4gn_recorder_free(recorder),
                     _ => m4gn_finalize(),
                 }

@@ -5,13 +5,13 @@
 //! for the calls with this in their names.
 #![allow(unsafe_code)]
 
-mod adapting;
 mod bodies;
 mod calls;
 #[path = "../host/mod.rs"]
 mod host;
 mod matrices;
 mod recording;
+mod riding;
 mod surrogate;
 
 use calls::{Bench, oddities};
@@ -47,13 +47,13 @@ const CALLS: [&str; 25] = [
     "recorder_finish",
     "recorder_free",
     "segments_fit",
-    "adapt_new",
-    "adapt_frame",
-    "adapt_run",
-    "adapt_save",
-    "adapt_load",
-    "adapt_write_model",
-    "adapt_free",
+    "ride_new",
+    "ride_decide",
+    "ride_stride",
+    "ride_handed_back",
+    "ride_save",
+    "ride_load",
+    "ride_free",
     "finalize",
 ];
 
@@ -62,7 +62,7 @@ const CALLS: [&str; 25] = [
 fn kinds(call: &str, ranks: usize) -> &'static [&'static str] {
     match (call, ranks) {
         // They have nothing that could be odd, and no operation in which a rank could panic.
-        ("session_free" | "recorder_free" | "adapt_free" | "finalize", _) => &["kill_first"],
+        ("session_free" | "recorder_free" | "ride_free" | "finalize", _) => &["kill_first"],
         (_, 2) => &["odds", "kill_first", "kill_last"],
         _ => &["odds", "kill_middle"],
     }

@@ -77,6 +77,7 @@ fn make(args: Args, family: Family) -> Result<()> {
     let first = family.draw(args.common.seed, 0, &settings)?;
     let environment = environment(&family.programs(&first)?)?;
     let folder = plain_path(&args.common.out)?;
+    family.check_outside(&folder)?;
     // Without paths, for provenance
     let command = format!(
         "m4gn generate {} --count {} --seed {} --split {} --frames {frames} --frame-interval {interval} --spin-up {spin_up}{}",

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 ///
 /// Segments and modes are written for ParaView and for later runs: in a case as the fields m4gnSegment and m4gnMode1,
 /// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate and 'method m4gn' of decomposePar find them; for a
-/// trajectory as points with values (*.vtu).
+/// trajectory as points with values where --vtu says.
 ///
 /// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
 /// m4gnHarvest),
@@ -95,7 +95,7 @@ pub struct Args {
     /// Write a picture of the segments of each method and of the first modes to this file; 2-D only
     #[arg(long, value_name = "FILE.png")]
     pub(super) picture: Option<PathBuf>,
-    /// Where the segments and modes of a trajectory go [default: NAME.segments.vtu in the current folder]
+    /// Write the segments and modes of a trajectory to this file
     #[arg(long, value_name = "FILE.vtu")]
     pub(super) vtu: Option<PathBuf>,
     /// Do not write segments and modes

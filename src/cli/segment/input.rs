@@ -131,7 +131,7 @@ impl Input {
             return Ok(None);
         };
         // As the function object looks for it.
-        let home = std::env::var_os("M4GN_HOME").map(PathBuf::from);
+        let home = m4gn_mesh::plugin::folder_variable("M4GN_HOME");
         let homes = home.iter().flat_map(|h| [h.join("models"), h.clone()]);
         let case = match self {
             Input::Case(case) => PathBuf::from(&case.description().path),
@@ -203,7 +203,13 @@ impl Input {
     ///
     /// # Errors
     /// When a file cannot be written; what was there is then still there.
-    pub fn write(&mut self, mesh: &Mesh, stored: &Stored, vtu: &Path, overwrite: bool) -> Result<String> {
+    pub fn write(
+        &mut self,
+        mesh: &Mesh,
+        stored: &Stored,
+        vtu: Option<&Path>,
+        overwrite: bool,
+    ) -> Result<String> {
         let (labels, modes, note) = (stored.labels, stored.modes, stored.note);
         // A cluster of eigenvalues may have brought more modes than were asked for.
         self.check_fields(modes.len(), overwrite)?;
@@ -236,6 +242,8 @@ impl Input {
                 ))
             }
             Input::Data(_) => {
+                let vtu =
+                    vtu.ok_or_else(|| Error::Internal("segments of a trajectory without a file".into()))?;
                 let cloud = PointCloud {
                     points: &mesh.cell_centres,
                     fields: &fields,

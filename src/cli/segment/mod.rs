@@ -20,7 +20,7 @@ use m4gn_workbench::bench::{Shape, machine};
 use m4gn_workbench::survey;
 use m4gn_workbench::survey::{Options, Pictured, Survey, plan};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::Ordering;
 
 /// Width, layers and hidden layers of a plan when no model says: the paper's.
@@ -57,12 +57,11 @@ pub fn run(args: Args) -> Result<()> {
         return Err(no_picture(path));
     }
     super::check_outputs([args.json.as_deref(), args.picture.as_deref()])?;
-    let vtu = args.vtu.clone().unwrap_or_else(|| default_vtu(&args.path));
-    if !args.no_write {
+    // Nothing is put where nobody asked for it: of a trajectory where --vtu says
+    let write = !args.no_write && (args.vtu.is_some() || matches!(input, Input::Case(_)));
+    if write {
         input.check_fields(options.spec.modes, args.overwrite)?;
-        if matches!(input, Input::Data(_)) {
-            super::check_outputs([Some(vtu.as_path())])?;
-        }
+        super::check_outputs([args.vtu.as_deref()])?;
     }
 
     let comm = Comm::serial();
@@ -98,7 +97,7 @@ pub fn run(args: Args) -> Result<()> {
         write_file(path, &survey::picture(&survey, &mesh, map, &what).png()?)?;
         println!("wrote {}", path.display());
     }
-    if !args.no_write {
+    if write {
         let note = format!(
             "method {}, K {}, {} modes, tau {}",
             written.method,
@@ -121,7 +120,7 @@ pub fn run(args: Args) -> Result<()> {
             note: &note,
             record: &record,
         };
-        let done = input.write(&mesh, &stored, &vtu, args.overwrite)?;
+        let done = input.write(&mesh, &stored, args.vtu.as_deref(), args.overwrite)?;
         println!("wrote {done} ({note})");
         if input.is_decomposed() {
             println!("The case is decomposed: 'decomposePar -fields' hands them to the processor folders.");
@@ -326,11 +325,6 @@ fn network(args: &Args, dim: usize, model: Option<&ModelSpec>) -> plan::Network 
         spec: own.cloned().unwrap_or_else(|| shape.spec()),
         precision: PrecisionChoice::Auto.agreed(Precision::Fp32, &Comm::serial()),
     }
-}
-
-fn default_vtu(path: &Path) -> PathBuf {
-    let name = path.file_stem().unwrap_or("trajectory".as_ref());
-    PathBuf::from(format!("{}.segments.vtu", name.to_string_lossy()))
 }
 
 #[cfg(test)]

@@ -82,12 +82,3 @@ fn two_cells_have_one_mode() {
         "{error}"
     );
 }
-
-#[test]
-fn the_vtu_of_a_trajectory_is_named_after_it() {
-    assert_eq!(
-        default_vtu("data/0001.h5".as_ref()),
-        PathBuf::from("0001.segments.vtu")
-    );
-    assert_eq!(default_vtu("data/".as_ref()), PathBuf::from("data.segments.vtu"));
-}

@@ -3,9 +3,7 @@ use crate::toy::{self, Toy};
 
 /// With a tolerance, and more entries.
 fn settings(control: &str) -> String {
-    format!(
-        r#"{{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4, "timeStart": 1, "control": {{{control}}}}}"#
-    )
+    format!(r#"{{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4, "timeStart": 1, "control": {{{control}}}}}"#)
 }
 
 #[test]
@@ -21,27 +19,13 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
     assert_eq!(host.events[..2], [Solved(10), Jumped(0, most)]);
     // Each stride that was measured is a row and a line, whether a jump followed or not.
     let rows = host.tables[1].lines().filter(|l| !l.starts_with('#')).count();
-    let lines = host
-        .log
-        .matches("a stride of the surrogate beside the solver was off by")
-        .count();
+    let lines = host.log.matches("a stride of the surrogate beside the solver was off by").count();
     let summary = host.ride.end();
     assert!(rows > 2 && rows == lines, "{rows} {lines}");
-    assert!(
-        summary.contains(&format!("\"strides_measured\": {rows},")),
-        "{summary} {rows}"
-    );
+    assert!(summary.contains(&format!("\"strides_measured\": {rows},")), "{summary} {rows}");
     assert!(summary.contains("\"jumps_refused\": 0,"), "{summary}");
-    assert!(
-        host.log.contains("; a stride beside the solver was off by 0.00"),
-        "{}",
-        host.log
-    );
-    assert!(
-        host.log.contains("does not say how its errors of a grow"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("; a stride beside the solver was off by 0.00"), "{}", host.log);
+    assert!(host.log.contains("does not say how its errors of a grow"), "{}", host.log);
     let row: Vec<&str> = host.tables[1].lines().last().unwrap().split('\t').collect();
     assert_eq!((row[1], row.len()), ("toy", 6));
     assert!(host.tables[1].contains("error(a)"), "{}", host.tables[1]);
@@ -49,9 +33,9 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
 
 #[test]
 fn growth_that_is_known_is_heeded() {
-    // 0.01 over less than 2, times 1, 3 and 9.
+    // 0.0074 times 1, 3 and 9.
     let toy = Toy::new(0.5).biased(0.01).growing(&[1.0, 3.0, 9.0]);
-    let mut host = Host::of(&settings(r#""tolerance": 0.02"#), vec![toy], 4.0);
+    let mut host = Host::of(&settings(r#""tolerance": 0.03"#), vec![toy], 4.0);
     host.run().unwrap();
     assert_eq!(host.events[1], Jumped(0, 2));
     assert!(!host.log.contains("does not say how"), "{}", host.log);
@@ -63,23 +47,11 @@ fn a_bad_surrogate_leaves_the_run_to_the_solver_and_each_refusal_is_said() {
     let mut host = Host::of(&settings(r#""tolerance": 0.02"#), vec![toy], 6.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(60)]);
-    assert_eq!(
-        host.state,
-        (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)),
-        "to the bit"
-    );
+    assert_eq!(host.state, (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let refused = host.log.matches("m4gn: no jump at time").count();
     assert!(refused > 5, "{refused}");
-    assert!(
-        host.log.contains("is expected of a step. The solver goes on"),
-        "{}",
-        host.log
-    );
-    assert!(
-        host.ride
-            .end()
-            .contains(&format!("\"jumps_refused\": {refused},"))
-    );
+    assert!(host.log.contains("is expected of a step. The solver goes on"), "{}", host.log);
+    assert!(host.ride.end().contains(&format!("\"jumps_refused\": {refused},")));
 }
 
 #[test]
@@ -88,11 +60,7 @@ fn it_may_jump_again_where_it_becomes_good() {
     let toy = Toy::new(0.5).jumping(1.2, 0.5);
     let mut host = Host::of(&settings(r#""tolerance": 0.02"#), vec![toy], 12.0);
     host.run().unwrap();
-    assert!(
-        host.log.contains("no jump at time") && host.log.contains("may jump again"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("no jump at time") && host.log.contains("may jump again"), "{}", host.log);
     assert!(host.events.iter().any(|e| matches!(e, Jumped(..))));
 }
 
@@ -102,11 +70,7 @@ fn rel_tol_is_named_where_it_refuses() {
     let mut host = Host::of(&settings(r#""tolerance": 0.5, "relTol": 1e-6"#), vec![toy], 3.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(30)]);
-    assert!(
-        host.log.contains("more than relTol of what the solver changed"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("more than relTol of what the solver changed"), "{}", host.log);
 }
 
 #[test]
@@ -123,16 +87,12 @@ fn the_run_stops_where_that_is_asked_for() {
 
 #[test]
 fn a_stride_of_a_jump_that_changes_too_much_is_not_used() {
-    // Good where it is measured; within a jump, at states further on, it changes the field by 50.
-    let toy = Toy::new(0.5).jumping(1.6, 50.0);
+    // Good where it is measured; after one stride of the jump, at a state further on, it changes the field by 50.
+    let toy = Toy::new(0.5).jumping(1.35, 50.0);
     let mut host = Host::of(&settings(r#""tolerance": 0.5"#), vec![toy], 2.6);
     host.run().unwrap();
     let jumped = host.events.iter().find(|e| matches!(e, Jumped(..)));
-    assert!(
-        matches!(jumped, Some(Jumped(0, n)) if *n < 3),
-        "{:?}",
-        host.events
-    );
+    assert_eq!(jumped, Some(&Jumped(0, 1)), "{:?}", host.events);
     assert!(host.ride.end().contains("\"jumps_ended_early\": 1,"));
     assert!(host.warnings.is_empty());
 }
@@ -155,15 +115,12 @@ fn of_several_surrogates_the_one_jumps_that_was_off_by_least() {
         let mut host = Host::of(&settings(r#""tolerance": 0.1"#), toys, 6.0);
         host.run().unwrap();
         let jumps: Vec<_> = host.events.iter().filter(|e| matches!(e, Jumped(..))).collect();
-        assert!(
-            !jumps.is_empty() && jumps.iter().all(|j| matches!(j, Jumped(i, _) if *i == who)),
-            "{jumps:?}"
-        );
+        assert!(!jumps.is_empty() && jumps.iter().all(|j| matches!(j, Jumped(i, _) if *i == who)), "{jumps:?}");
         assert!(host.log.contains("by fine;"), "{}", host.log);
         assert!(host.tables[1].contains("\tcoarse\t") && host.tables[1].contains("\tfine\t"));
     }
     // The nearest one at each time: each is good where the other is not.
-    let first = Toy::new(0.5).named("early").jumping(1.5, 0.3);
+    let first = Toy::new(0.5).named("early").jumping(1.2, 0.3);
     let second = Toy::new(0.5).named("always").biased(0.03);
     let mut host = Host::of(&settings(r#""tolerance": 0.1"#), vec![first, second], 20.0);
     host.run().unwrap();
@@ -188,11 +145,7 @@ fn steps_that_miss_the_ends_of_strides_are_refused() {
         (observe, 1, true),
         (observe, 7, false),
         (&settings(r#""tolerance": 1"#)[..], 7, false),
-        (
-            r#"{"mode": "replace", "solverSteps": 7, "surrogateSteps": 2}"#,
-            7,
-            true,
-        ),
+        (r#"{"mode": "replace", "solverSteps": 7, "surrogateSteps": 2}"#, 7, true),
     ] {
         let mut host = Host::of(settings, vec![Toy::new(0.5)], 4.0);
         host.every = every;

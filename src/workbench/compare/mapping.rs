@@ -1,6 +1,6 @@
 //! Values of one mesh at the cell centres of another.
 
-use super::signal::eliminate;
+use crate::signal::eliminate;
 
 /// Neighbours that a value is made of.
 const NEIGHBOURS: usize = 12;

@@ -1,6 +1,7 @@
 //! What of two cases belongs together: cells and stored times.
 
 use super::mapping::Mapping;
+use super::motion::place;
 use crate::foam_case::FoamCase;
 use m4gn_mesh::{Error, Result};
 
@@ -48,11 +49,11 @@ pub fn same_mesh(a: &mut FoamCase, b: &mut FoamCase) -> Result<()> {
     match ca.iter().zip(&cb).position(|pair| far(&pair)) {
         None => Ok(()),
         Some(i) => Err(Error::Mesh(format!(
-            "the two cases have different meshes: cell {i} is at {:?} m in {} and at {:?} m in {}. Both must be run on the \
+            "the two cases have different meshes: cell {i} is at {} m in {} and at {} m in {}. Both must be run on the \
              same mesh with the same numbering",
-            ca[i],
+            place(ca[i]),
             a.description().path,
-            cb[i],
+            place(cb[i]),
             b.description().path
         ))),
     }

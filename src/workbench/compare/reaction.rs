@@ -3,10 +3,11 @@
 //! Of a displacement alone no force is guessed: times at which one of the two runs stores no stress of that time are left
 //! out, and counted.
 
-use crate::foam_case::{self, Description, FoamCase, Patch, Unknown};
-use m4gn_mesh::{Error, Result};
-use m4gn_report::chart::{Axis, BLUE, ORANGE};
-use m4gn_report::{Chart, Page, Series, Table, number, percent};
+use super::known;
+use super::report::{Row, both_runs, figures};
+use crate::foam_case::{self, FoamCase, Unknown};
+use m4gn_mesh::Result;
+use m4gn_report::{Page, percent};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -141,22 +142,6 @@ impl Track {
     }
 }
 
-/// The patch of this name.
-///
-/// # Errors
-/// [`Error::Input`] with the patches that there are.
-pub(super) fn known<'a>(description: &'a Description, patch: &str) -> Result<&'a Patch> {
-    let found = description.patches.iter().find(|p| p.name == patch);
-    found.ok_or_else(|| {
-        let names: Vec<&str> = description.patches.iter().map(|p| p.name.as_str()).collect();
-        Error::Input(format!(
-            "patch {patch} is not in {}: its patches are {}",
-            description.path,
-            names.join(", ")
-        ))
-    })
-}
-
 fn square(v: &[f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum()
 }
@@ -171,7 +156,7 @@ fn largest(forces: &[[f64; 3]]) -> f64 {
 
 impl Reaction {
     /// Rows of a table of figures: what it is, A and B, and the error.
-    pub(super) fn rows(&self) -> Vec<(String, [Option<f64>; 2], String)> {
+    pub(super) fn rows(&self) -> Vec<Row> {
         let row = |what: &str, both: Option<[f64; 2]>, error| {
             let name = format!("{what} reaction force on {} [N]", self.patch);
             (name, both.map_or([None; 2], |v| v.map(Some)), percent(error))
@@ -217,24 +202,12 @@ impl Reaction {
         if let Some(text) = self.left_out_text() {
             page.paragraph(&format!("{text}."));
         }
-        let mut table = Table::new(["", "full", "hybrid", "error"]);
-        for (name, both, error) in self.rows() {
-            let [a, b] = both.map(|v| v.map_or("-".into(), |v| number(v, 4)));
-            table.row([name, a, b, error]);
-        }
-        page.table(&table);
+        page.table(&figures(self.rows()));
         for d in (0..3).filter(|&d| self.force_a.iter().any(|f| f[d] != 0.0)) {
             let [a, b] = [&self.force_a, &self.force_b].map(|f| f.iter().map(|v| v[d]).collect::<Vec<_>>());
-            let chart = Chart {
-                x_label: "t [s]".into(),
-                y_label: format!("force along {} [N]", ["x", "y", "z"][d]),
-                series: vec![
-                    Series::new("full", &self.times, &a, BLUE),
-                    Series::new("hybrid", &self.times, &b, ORANGE),
-                ],
-                axis: Axis::Range,
-            };
-            page.svg(&chart.svg()?, &format!("Reaction force on {}.", self.patch));
+            let label = format!("force along {} [N]", ["x", "y", "z"][d]);
+            let caption = format!("Reaction force on {}.", self.patch);
+            both_runs(page, &label, &self.times, [&a, &b], &caption)?;
         }
         Ok(())
     }

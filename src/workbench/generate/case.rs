@@ -5,6 +5,7 @@ use super::family::{Draw, FILE, Family, RESERVED};
 use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
+use crate::digest::Digest;
 use m4gn_data::{Split, Trajectory};
 use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -58,19 +59,22 @@ pub struct Figures {
     pub courant: Option<f64>,
 }
 
+/// The files of a case, relative to its folder, and their contents.
+pub(crate) type Files = Vec<(PathBuf, Vec<u8>)>;
+
 impl Family {
-    /// Writes a case into a new folder; `functions` is the text of its `system/functions`.
+    /// The files of a case but `system/functions`, which says what is recorded or replaced.
     ///
     /// # Errors
-    /// [`Error::File`] when a file cannot be read or written, or has a placeholder that the family does not know.
-    pub fn write(&self, draw: &Draw, times: Times, functions: &str, folder: &Path) -> Result<()> {
+    /// [`Error::File`] when a file cannot be read, is none, or has a placeholder that the family does not know.
+    pub(crate) fn files(&self, draw: &Draw, times: Times) -> Result<Files> {
         let value = |name: &str| match name {
             "deltaT" => Some(times.delta_t.to_string()),
             "endTime" => Some(times.end.to_string()),
             "writeInterval" => Some(times.write_interval.to_string()),
             _ => draw.variables.get(name).map(f64::to_string),
         };
-        for file in files(&self.folder)? {
+        let read = |file: PathBuf| {
             let from = self.folder.join(&file);
             let bytes =
                 std::fs::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
@@ -91,9 +95,63 @@ impl Family {
                     }
                 },
             };
-            put(&folder.join(file), &bytes)?;
-        }
+            Ok((file, bytes))
+        };
+        files(&self.folder)?.into_iter().map(read).collect()
+    }
+
+    /// Writes a case into a new folder; `functions` is the text of its `system/functions`.
+    ///
+    /// # Errors
+    /// [`Error::File`] when a file cannot be written.
+    pub(crate) fn write(&self, files: &Files, functions: &str, folder: &Path) -> Result<()> {
+        files
+            .iter()
+            .try_for_each(|(file, bytes)| put(&folder.join(file), bytes))?;
         put(&folder.join("system/functions"), functions.as_bytes())
+    }
+
+    /// A digest of all that a case is made from: its files, and the commands that run in it, in their order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a condition that cannot be computed.
+    pub(crate) fn digest(&self, draw: &Draw, files: &Files, functions: &str) -> Result<Digest> {
+        let mut digest = Digest::default();
+        for (file, bytes) in files {
+            digest.add(&file.to_string_lossy(), bytes);
+        }
+        digest.add("system/functions", functions.as_bytes());
+        for command in &self.prepare {
+            if command.applies(draw)? {
+                digest.add("prepare", command.words().join("\0").as_bytes());
+            }
+        }
+        digest.add("solver", self.solver.join("\0").as_bytes());
+        digest.add("m4gn", env!("CARGO_PKG_VERSION").as_bytes());
+        Ok(digest)
+    }
+
+    /// Fails for a folder inside of the family's, which would become part of each case.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that names both.
+    pub fn check_outside(&self, folder: &Path) -> Result<()> {
+        let mut existing = folder;
+        let real = loop {
+            match (existing.canonicalize(), existing.parent()) {
+                (Ok(real), _) => break real,
+                (Err(_), Some(parent)) => existing = parent,
+                (Err(_), None) => return Ok(()),
+            }
+        };
+        match real.starts_with(&self.folder) {
+            false => Ok(()),
+            true => Err(Error::Input(format!(
+                "{} lies inside of the family's folder {}, all files of which are copied into each case: choose another folder",
+                folder.display(),
+                self.folder.display()
+            ))),
+        }
     }
 
     /// Runs the commands that make the mesh and the first fields of this case.
@@ -134,30 +192,7 @@ pub(crate) fn provenance(entries: &[(String, String)]) -> String {
 }
 
 impl FamilyCase {
-    /// Entries of the function object m4gnHarvest.
-    fn functions(&self, delta_t: f64, steps: u32) -> String {
-        let mut entries = vec![("command".to_string(), format!("\"{}\"", self.command))];
-        entries.extend(origin(&self.family, self.seed, self.index, &self.draw));
-        entries.extend([
-            ("frames".into(), self.frames.to_string()),
-            ("frameInterval".into(), self.interval.to_string()),
-            ("spinUp".into(), self.spin_up.to_string()),
-        ]);
-        // Half a step off, so that rounding of the times does not matter
-        let start = self.spin_up - 0.5 * delta_t;
-        format!(
-            "harvest\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
-             file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
-             timeStep;\n    writeInterval   {steps};\n\n{}}}\n",
-            self.family.recording.fields.join(" "),
-            self.family.recording.location.entry(),
-            self.split.name(),
-            provenance(&entries)
-        )
-    }
-
-    /// Writes the case into a new folder.
-    fn write(&self, folder: &Path) -> Result<()> {
+    fn times(&self) -> Result<(Times, u32)> {
         let steps = self.family.steps(&self.draw, self.interval)?;
         let times = Times {
             delta_t: self.interval / f64::from(steps),
@@ -165,52 +200,82 @@ impl FamilyCase {
             // Nothing but the recording is kept.
             write_interval: 1e6,
         };
-        let functions = self.functions(times.delta_t, steps);
-        self.family.write(&self.draw, times, &functions, folder)
+        Ok((times, steps))
+    }
+
+    /// Entries of the function object m4gnHarvest, but the provenance.
+    fn entries(&self, delta_t: f64, steps: u32) -> String {
+        // Half a step off, so that rounding of the times does not matter
+        let start = self.spin_up - 0.5 * delta_t;
+        format!(
+            "    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
+             file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
+             timeStep;\n    writeInterval   {steps};\n",
+            self.family.recording.fields.join(" "),
+            self.family.recording.location.entry(),
+            self.split.name(),
+        )
+    }
+
+    /// The case's files, the text of its `system/functions`, and the digest of its inputs. (The split is none of them.)
+    fn made_of(&self) -> Result<(Files, String, String)> {
+        let (times, steps) = self.times()?;
+        let files = self.family.files(&self.draw, times)?;
+        let mut entries = self.entries(times.delta_t, steps);
+        let split = format!("    split           {};\n", self.split.name());
+        let inputs = self
+            .family
+            .digest(&self.draw, &files, &entries.replace(&split, ""))?
+            .text();
+        let mut origin = vec![("command".to_string(), format!("\"{}\"", self.command))];
+        origin.extend(self::origin(&self.family, self.seed, self.index, &self.draw));
+        origin.extend([
+            ("frames".into(), self.frames.to_string()),
+            ("frameInterval".into(), self.interval.to_string()),
+            ("spinUp".into(), self.spin_up.to_string()),
+            ("inputs".into(), inputs.clone()),
+        ]);
+        entries = format!("harvest\n{{\n{entries}\n{}}}\n", provenance(&origin));
+        Ok((files, entries, inputs))
+    }
+
+    /// Writes the case into a new folder.
+    fn write(&self, folder: &Path) -> Result<()> {
+        let (files, functions, _) = self.made_of()?;
+        self.family.write(&files, &functions, folder)
     }
 
     /// Whether a recorded trajectory is this case's: the first entry of its provenance that differs.
-    ///
-    /// What an older version did not write down was as it is when nothing is set.
-    fn difference(&self, provenance: &serde_json::Value) -> Option<String> {
+    fn difference(&self, provenance: &serde_json::Value) -> Result<Option<String>> {
         let found = &provenance["family"];
         if found != self.family.name.as_str() {
-            return Some(format!("family {found} instead of \"{}\"", self.family.name));
+            return Ok(Some(format!(
+                "family {found} instead of \"{}\"",
+                self.family.name
+            )));
         }
-        let usual = &self.family.recording;
         let mut numbers = vec![
-            ("seed", self.seed as f64, None),
-            ("index", self.index as f64, None),
-            ("frames", f64::from(self.frames), Some(f64::from(usual.frames))),
-            ("frameInterval", self.interval, Some(usual.interval)),
-            ("spinUp", self.spin_up, Some(usual.spin_up)),
+            ("seed", self.seed as f64),
+            ("index", self.index as f64),
+            ("frames", f64::from(self.frames)),
+            ("frameInterval", self.interval),
+            ("spinUp", self.spin_up),
         ];
-        for (p, (name, value)) in self.family.parameters.iter().zip(&self.draw.values) {
+        for (name, value) in &self.draw.values {
             match value {
-                Value::Number(v) => {
-                    let usual = match &p.value {
-                        Some(Value::Number(usual)) => Some(*usual),
-                        _ => None,
-                    };
-                    numbers.push((name, *v, usual));
+                Value::Number(v) => numbers.push((name, *v)),
+                Value::Name(wanted) if provenance[name] != wanted.as_str() => {
+                    return Ok(Some(format!("{name} {} instead of {wanted}", provenance[name])));
                 }
-                Value::Name(wanted) => {
-                    let found = match provenance.get(name) {
-                        Some(found) => found.as_str().map(str::to_string),
-                        None => p.value.as_ref().map(Value::to_string),
-                    };
-                    if found.as_deref() != Some(wanted) {
-                        return Some(format!("{name} {} instead of {wanted}", provenance[name]));
-                    }
-                }
+                Value::Name(_) => {}
             }
         }
-        let told: Vec<(&str, f64)> = numbers
-            .into_iter()
-            .filter(|(name, wanted, usual)| provenance.get(name).is_some() || *usual != Some(*wanted))
-            .map(|(name, wanted, _)| (name, wanted))
-            .collect();
-        other_number(provenance, &told)
+        if let Some(difference) = other_number(provenance, &numbers) {
+            return Ok(Some(difference));
+        }
+        let (.., inputs) = self.made_of()?;
+        Ok((provenance["inputs"] != inputs.as_str())
+            .then(|| "family.toml, a file of the family or m4gn was another one".into()))
     }
 }
 
@@ -242,7 +307,7 @@ impl Case for FamilyCase {
 
     fn compare(&self, existing: &Path) -> Result<(Split, Option<String>)> {
         let trajectory = Trajectory::open(existing)?;
-        Ok((trajectory.split(), self.difference(trajectory.provenance())))
+        Ok((trajectory.split(), self.difference(trajectory.provenance())?))
     }
 }
 
@@ -284,13 +349,17 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
         let path = folder.join(&relative);
         for entry in std::fs::read_dir(&path).map_err(|e| unreadable(&path, e))? {
             let entry = entry.map_err(|e| unreadable(&path, e))?;
-            let (name, kind) = (
-                entry.file_name(),
-                entry.file_type().map_err(|e| unreadable(&path, e))?,
-            );
+            let (name, path) = (entry.file_name(), entry.path());
             let relative = relative.join(&name);
-            if kind.is_dir() {
+            let kind = path.metadata().map_err(|e| unreadable(&path, e))?;
+            let link = entry.file_type().is_ok_and(|t| t.is_symlink());
+            if kind.is_dir() && !link {
                 open.push(relative);
+            } else if !kind.is_file() {
+                return Err(Error::file(
+                    path,
+                    "is no plain file: expected files and folders in the folder of a family, no pipes, devices or links to folders",
+                ));
             } else if relative != Path::new(FILE) && name != "README.md" {
                 found.push(relative);
             }

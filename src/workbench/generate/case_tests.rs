@@ -163,7 +163,7 @@ fn an_unknown_placeholder_is_told() {
         write_interval: 1.0,
     };
     let draw = family.draw(1, 1, &Settings::new()).unwrap();
-    let write = || family.write(&draw, times, "", &dir.path().join("case"));
+    let write = || family.write(&family.files(&draw, times)?, "", &dir.path().join("case"));
     let message = write().unwrap_err().to_string();
     assert!(
         message.contains("my-family/a") && message.contains("@size@"),
@@ -199,25 +199,76 @@ fn an_unknown_placeholder_is_told() {
 #[test]
 fn another_case_is_told_from_this_one() {
     let plain = case("cylinder-flow", &[]);
-    let number = |name: &str| plain.draw.variables[name];
-    // As version 0.1.0 wrote it
     let mut provenance = serde_json::json!({
-        "family": "cylinder-flow", "seed": 3, "index": 4, "mesh": "standard", "x": number("x"), "y": number("y"),
-        "radius": number("radius"), "u0": number("u0"), "nu": 0.001, "frames": 600, "frameInterval": 0.01, "spinUp": 1,
+        "frames": 600, "frameInterval": 0.01, "spinUp": 1, "inputs": plain.made_of().unwrap().2,
     });
-    assert_eq!(plain.difference(&provenance), None);
-    let finer = case("cylinder-flow", &["cells=2"]).difference(&provenance);
-    assert_eq!(finer.unwrap(), "cells null instead of 2");
-    let square = case("cylinder-flow", &["shape=square"]).difference(&provenance);
-    assert_eq!(square.unwrap(), "shape null instead of square");
-    provenance["u0"] = 5.into();
+    for (name, value) in origin(&plain.family, 3, 4, &plain.draw) {
+        provenance[name] = value.parse::<f64>().map_or(value.into(), Into::into);
+    }
+    let told = |case: &FamilyCase, provenance| case.difference(provenance).unwrap();
+    assert_eq!(told(&plain, &provenance), None);
+    let finer = told(&case("cylinder-flow", &["cells=2"]), &provenance);
+    assert_eq!(finer.unwrap(), "cells 1.0 instead of 2");
+    let square = told(&case("cylinder-flow", &["shape=square"]), &provenance);
+    assert_eq!(square.unwrap(), "shape \"cylinder\" instead of square");
+    let mut other = provenance.clone();
+    other["u0"] = 5.into();
+    assert!(told(&plain, &other).unwrap().starts_with("u0 5 instead of"));
+    assert!(told(&plain, &serde_json::Value::Null).is_some());
+    // What no number of the draw says: the solver's steps, a command, the text of a file
+    let mut edited = case("cylinder-flow", &[]);
+    let family = Arc::make_mut(&mut edited.family);
+    family.steps = format!("2*({})", family.steps);
+    assert!(told(&edited, &provenance).unwrap().contains("family.toml"));
+    let mut edited = case("cylinder-flow", &[]);
+    Arc::make_mut(&mut edited.family)
+        .solver
+        .push("-noFunctionObjects".into());
+    assert!(told(&edited, &provenance).is_some());
+    let copy = tempfile::tempdir().unwrap();
+    let folder = copy.path().join("cylinder-flow");
+    for (file, bytes) in plain.family.files(&plain.draw, plain.times().unwrap().0).unwrap() {
+        put(&folder.join(file), &bytes).unwrap();
+    }
+    let mut edited = case("cylinder-flow", &[]);
+    Arc::make_mut(&mut edited.family).folder = folder.clone();
+    assert_eq!(told(&edited, &provenance), None);
+    put(&folder.join("constant/transportProperties"), b"nu 5e-3;").unwrap();
     assert!(
-        plain
-            .difference(&provenance)
+        told(&edited, &provenance)
             .unwrap()
-            .starts_with("u0 5 instead of")
+            .contains("a file of the family")
     );
-    assert!(plain.difference(&serde_json::Value::Null).is_some());
+}
+
+#[test]
+fn what_is_no_file_and_what_lies_inside_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("own");
+    put(&folder.join("system/controlDict"), b"x").unwrap();
+    let mut family = family("cylinder-flow");
+    family.folder = folder.canonicalize().unwrap();
+    assert_eq!(
+        files(&family.folder).unwrap(),
+        [PathBuf::from("system/controlDict")]
+    );
+    for out in ["data", "system/data", "."] {
+        let message = family.check_outside(&folder.join(out)).unwrap_err().to_string();
+        assert!(message.contains("inside of the family's folder"), "{message}");
+    }
+    family.check_outside(&dir.path().join("own-data")).unwrap();
+    for target in ["/dev/urandom", "/tmp"] {
+        let link = folder.join("link");
+        std::os::unix::fs::symlink(target, &link).unwrap();
+        let message = files(&family.folder).unwrap_err().to_string();
+        assert!(message.contains("no plain file"), "{target}: {message}");
+        std::fs::remove_file(link).unwrap();
+    }
+    let pipe = std::process::Command::new("mkfifo")
+        .arg(folder.join("pipe"))
+        .status();
+    assert!(pipe.unwrap().success());
+    assert!(files(&family.folder).is_err());
 }
 
 #[test]

@@ -1,84 +1,358 @@
-//! Derived quantities of a family: arithmetic over its parameters, as minijinja's expressions have it.
+//! Derived quantities of a family: arithmetic over its parameters.
 //!
 //! `+ - * / **`, parentheses, comparisons, `and`, `or`, `not`, `A if C else B`, and the functions `sqrt`, `cos`, `sin`, `exp`, `min`, `max`,
-//! `round`, `ceil`, and `steps(x)`: the smallest number of steps, at least x, that makes their length a short decimal.
+//! `round`, `ceil`, and `steps(x)`: the smallest number of steps, at least x, that makes their length a short decimal. As on paper
+//! and in Python `-2**2` is -4 and `2**3**2` is 512. Each number on the way is finite, or the expression is an error.
 
 use m4gn_mesh::{Error, Result};
-use minijinja::{Environment, ErrorKind, UndefinedBehavior, Value};
 use std::collections::BTreeMap;
 
 /// Numbers by name.
 pub type Variables = BTreeMap<String, f64>;
 
+/// Longest expression, bytes: what is read and computed by recursion stays small.
+const LONGEST: usize = 1000;
+/// Deepest nesting of parentheses, functions, signs and powers.
+const DEEPEST: usize = 60;
+/// Words that cannot name a quantity.
+const WORDS: [&str; 7] = ["and", "or", "not", "if", "else", "true", "false"];
+
+/// Whether an expression could mean something else by this name.
+pub(super) fn is_reserved(name: &str) -> bool {
+    WORDS.contains(&name) || function(name).is_some()
+}
+
 /// The value of an expression.
 ///
 /// # Errors
-/// [`Error::Input`] naming the expression, where it is none, has an unknown name, or is no finite number.
+/// [`Error::Input`] naming the expression, where it is none, has an unknown name, or a value on the way is no finite number.
 pub fn number(expression: &str, variables: &Variables) -> Result<f64> {
-    let value = evaluate(expression, variables)?;
-    match f64::try_from(value.clone()) {
-        Ok(v) if v.is_finite() => Ok(v),
-        _ => Err(fault(
-            expression,
-            variables,
-            &format!("is {value}: expected a finite number"),
-        )),
-    }
+    let value = parse(expression).and_then(|e| e.value(variables)?.number());
+    value.map_err(|what| fault(expression, variables, &what))
 }
 
-/// Whether a condition holds.
+/// Whether a condition holds: a comparison, or a number other than zero.
 ///
 /// # Errors
 /// As [`number`].
 pub fn holds(expression: &str, variables: &Variables) -> Result<bool> {
-    Ok(evaluate(expression, variables)?.is_true())
-}
-
-fn evaluate(expression: &str, variables: &Variables) -> Result<Value> {
-    let mut environment = Environment::new();
-    environment.set_undefined_behavior(UndefinedBehavior::Strict);
-    for (name, function) in FUNCTIONS {
-        environment.add_function(name, function);
-    }
-    environment.add_function("min", f64::min);
-    environment.add_function("max", f64::max);
-    environment.add_function("steps", steps);
-    environment
-        .compile_expression(expression)
-        .and_then(|e| e.eval(variables))
-        .map_err(|e| fault(expression, variables, &e.to_string()))
-}
-
-type Function = fn(f64) -> f64;
-
-const FUNCTIONS: [(&str, Function); 6] = [
-    ("sqrt", f64::sqrt),
-    ("cos", f64::cos),
-    ("sin", f64::sin),
-    ("exp", f64::exp),
-    ("round", f64::round),
-    ("ceil", f64::ceil),
-];
-
-/// The smallest number without prime factors but 2 and 5 that is at least `least`.
-fn steps(least: f64) -> std::result::Result<f64, minijinja::Error> {
-    if least.is_nan() || least > 1e9 {
-        return Err(minijinja::Error::new(
-            ErrorKind::InvalidOperation,
-            format!("steps({least}): expected at most 1e9"),
-        ));
-    }
-    let powers = |base: f64| (0..31).map(move |k| base.powi(k));
-    let all = powers(5.0).flat_map(|five| powers(2.0).map(move |two| two * five));
-    Ok(all.filter(|&n| n >= least).fold(f64::INFINITY, f64::min))
+    let value = parse(expression).and_then(|e| e.value(variables));
+    Ok(value.map_err(|what| fault(expression, variables, &what))?.holds())
 }
 
 fn fault(expression: &str, variables: &Variables, what: &str) -> Error {
     let known: Vec<&str> = variables.keys().map(String::as_str).collect();
+    let shown: String = expression.chars().take(200).collect();
     Error::Input(format!(
-        "expression '{expression}': {what}; the names here are {}",
+        "expression '{shown}': {what}; the names here are {}",
         known.join(", ")
     ))
+}
+
+/// What went wrong, in words.
+type Fallible<T> = std::result::Result<T, String>;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Value {
+    Number(f64),
+    Truth(bool),
+}
+
+impl Value {
+    fn number(self) -> Fallible<f64> {
+        match self {
+            Value::Number(v) => Ok(v),
+            Value::Truth(v) => Err(format!("is {v}: expected a number")),
+        }
+    }
+
+    fn holds(self) -> bool {
+        match self {
+            Value::Number(v) => v != 0.0,
+            Value::Truth(v) => v,
+        }
+    }
+}
+
+enum Expression {
+    Value(Value),
+    Name(String),
+    Negative(Box<Expression>),
+    Not(Box<Expression>),
+    Operation(&'static str, Box<[Expression; 2]>),
+    /// Condition, value where it holds, value where not.
+    Choice(Box<[Expression; 3]>),
+    Function(String, Vec<Expression>),
+}
+
+/// A function of one or two numbers.
+enum Function {
+    One(fn(f64) -> f64),
+    Two(fn(f64, f64) -> f64),
+}
+
+fn function(name: &str) -> Option<Function> {
+    Some(match name {
+        "sqrt" => Function::One(f64::sqrt),
+        "cos" => Function::One(f64::cos),
+        "sin" => Function::One(f64::sin),
+        "exp" => Function::One(f64::exp),
+        "round" => Function::One(f64::round),
+        "ceil" => Function::One(f64::ceil),
+        "steps" => Function::One(steps),
+        "min" => Function::Two(f64::min),
+        "max" => Function::Two(f64::max),
+        _ => return None,
+    })
+}
+
+/// The smallest number without prime factors but 2 and 5 that is at least `least`; infinite beyond 1e9.
+fn steps(least: f64) -> f64 {
+    if least > 1e9 {
+        return f64::INFINITY;
+    }
+    let powers = |base: f64| (0..31).map(move |k| base.powi(k));
+    let all = powers(5.0).flat_map(|five| powers(2.0).map(move |two| two * five));
+    all.filter(|&n| n >= least).fold(f64::INFINITY, f64::min)
+}
+
+impl Expression {
+    fn value(&self, variables: &Variables) -> Fallible<Value> {
+        let number = |e: &Expression| e.value(variables)?.number();
+        let finite = |v: f64, what: &dyn Fn() -> String| match v.is_finite() {
+            true => Ok(Value::Number(v)),
+            false => Err(format!("{} is {v}: expected a finite number", what())),
+        };
+        match self {
+            Expression::Value(v) => Ok(*v),
+            Expression::Name(name) => match variables.get(name) {
+                Some(&v) => finite(v, &|| name.clone()),
+                None => Err(format!("there is no '{name}'")),
+            },
+            Expression::Negative(e) => Ok(Value::Number(-number(e)?)),
+            Expression::Not(e) => Ok(Value::Truth(!e.value(variables)?.holds())),
+            Expression::Choice(parts) => {
+                let [condition, yes, no] = &**parts;
+                let chosen = if condition.value(variables)?.holds() {
+                    yes
+                } else {
+                    no
+                };
+                chosen.value(variables)
+            }
+            Expression::Operation(word @ ("and" | "or"), sides) => {
+                let first = sides[0].value(variables)?.holds();
+                match first == (*word == "or") {
+                    true => Ok(Value::Truth(first)),
+                    false => Ok(Value::Truth(sides[1].value(variables)?.holds())),
+                }
+            }
+            Expression::Operation(sign, sides) => {
+                let (a, b) = (number(&sides[0])?, number(&sides[1])?);
+                let shown = || format!("{a} {sign} {b}");
+                match *sign {
+                    "+" => finite(a + b, &shown),
+                    "-" => finite(a - b, &shown),
+                    "*" => finite(a * b, &shown),
+                    "/" => finite(a / b, &shown),
+                    "**" => finite(a.powf(b), &shown),
+                    "<" => Ok(Value::Truth(a < b)),
+                    "<=" => Ok(Value::Truth(a <= b)),
+                    ">" => Ok(Value::Truth(a > b)),
+                    ">=" => Ok(Value::Truth(a >= b)),
+                    "==" => Ok(Value::Truth(a == b)),
+                    _ => Ok(Value::Truth(a != b)),
+                }
+            }
+            Expression::Function(name, arguments) => {
+                let values = arguments.iter().map(number).collect::<Fallible<Vec<f64>>>()?;
+                let shown = || {
+                    let values: Vec<String> = values.iter().map(f64::to_string).collect();
+                    format!("{name}({})", values.join(", "))
+                };
+                match (function(name), &values[..]) {
+                    (Some(Function::One(f)), [x]) => finite(f(*x), &shown),
+                    (Some(Function::Two(f)), [x, y]) => finite(f(*x, *y), &shown),
+                    (Some(_), _) => Err(format!("{}: another number of arguments is expected", shown())),
+                    (None, _) => Err(format!("there is no function '{name}'")),
+                }
+            }
+        }
+    }
+}
+
+/// Numbers, names and signs of an expression.
+fn tokens(text: &str) -> Fallible<Vec<&str>> {
+    let (mut found, mut rest) = (Vec::new(), text.trim_start());
+    while let Some(first) = rest.chars().next() {
+        let word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let length = if first.is_ascii_digit() || first == '.' {
+            let bytes = rest.as_bytes();
+            let mut end = rest.find(|c: char| !(word(c) || c == '.')).unwrap_or(rest.len());
+            // The sign of an exponent
+            if matches!(bytes[end - 1], b'e' | b'E') && matches!(bytes.get(end), Some(b'+' | b'-')) {
+                let more = rest[end + 1..].find(|c: char| !c.is_ascii_digit());
+                end = more.map_or(rest.len(), |n| end + 1 + n);
+            }
+            end
+        } else if word(first) {
+            rest.find(|c| !word(c)).unwrap_or(rest.len())
+        } else {
+            let signs = [
+                "**", "<=", ">=", "==", "!=", "<", ">", "+", "-", "*", "/", "(", ")", ",",
+            ];
+            match signs.iter().find(|s| rest.starts_with(**s)) {
+                Some(sign) => sign.len(),
+                None => return Err(format!("syntax error at '{first}'")),
+            }
+        };
+        found.push(&rest[..length]);
+        rest = rest[length..].trim_start();
+    }
+    Ok(found)
+}
+
+struct Parser<'a> {
+    tokens: Vec<&'a str>,
+    at: usize,
+    depth: usize,
+}
+
+fn parse(text: &str) -> Fallible<Expression> {
+    if text.len() > LONGEST {
+        return Err(format!("has {} letters: expected at most {LONGEST}", text.len()));
+    }
+    let mut parser = Parser {
+        tokens: tokens(text)?,
+        at: 0,
+        depth: 0,
+    };
+    let found = parser.choice()?;
+    match parser.tokens.get(parser.at) {
+        None => Ok(found),
+        Some(token) => Err(format!("syntax error at '{token}'")),
+    }
+}
+
+/// Operations of two sides that are read from the left, those that bind least first.
+const LEVELS: [&[&str]; 5] = [
+    &["or"],
+    &["and"],
+    &["<", "<=", ">", ">=", "==", "!="],
+    &["+", "-"],
+    &["*", "/"],
+];
+const COMPARISONS: usize = 2;
+
+impl Parser<'_> {
+    fn take(&mut self, token: &str) -> bool {
+        let found = self.tokens.get(self.at) == Some(&token);
+        self.at += usize::from(found);
+        found
+    }
+
+    fn expect(&mut self, token: &str) -> Fallible<()> {
+        let at = self.tokens.get(self.at).copied().unwrap_or("the end");
+        match self.take(token) {
+            true => Ok(()),
+            false => Err(format!("syntax error at '{at}': expected '{token}'")),
+        }
+    }
+
+    /// Reads something that is nested one deeper.
+    fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Fallible<T>) -> Fallible<T> {
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(format!("is nested deeper than {DEEPEST}"));
+        }
+        let found = read(self);
+        self.depth -= 1;
+        found
+    }
+
+    /// `A if C else B`
+    fn choice(&mut self) -> Fallible<Expression> {
+        let yes = self.level(0)?;
+        if !self.take("if") {
+            return Ok(yes);
+        }
+        let condition = self.level(0)?;
+        self.expect("else")?;
+        let no = self.deeper(Self::choice)?;
+        Ok(Expression::Choice(Box::new([condition, yes, no])))
+    }
+
+    fn level(&mut self, level: usize) -> Fallible<Expression> {
+        let Some(signs) = LEVELS.get(level) else {
+            return self.signed();
+        };
+        if level == COMPARISONS && self.take("not") {
+            let not = self.deeper(|p| p.level(COMPARISONS))?;
+            return Ok(Expression::Not(Box::new(not)));
+        }
+        let mut left = self.level(level + 1)?;
+        let mut compared = false;
+        while let Some(sign) = signs.iter().find(|sign| self.take(sign)) {
+            if level == COMPARISONS && std::mem::replace(&mut compared, true) {
+                return Err("compares twice: write A < B and B < C".into());
+            }
+            let right = self.level(level + 1)?;
+            left = Expression::Operation(sign, Box::new([left, right]));
+        }
+        Ok(left)
+    }
+
+    /// A sign binds less than a power.
+    fn signed(&mut self) -> Fallible<Expression> {
+        if self.take("-") {
+            return Ok(Expression::Negative(Box::new(self.deeper(Self::signed)?)));
+        }
+        if self.take("+") {
+            return self.deeper(Self::signed);
+        }
+        let base = self.atom()?;
+        if !self.take("**") {
+            return Ok(base);
+        }
+        let power = self.deeper(Self::signed)?;
+        Ok(Expression::Operation("**", Box::new([base, power])))
+    }
+
+    fn atom(&mut self) -> Fallible<Expression> {
+        if self.take("(") {
+            let inner = self.deeper(Self::choice)?;
+            self.expect(")")?;
+            return Ok(inner);
+        }
+        let token = self.tokens.get(self.at).copied();
+        let token = token.ok_or("syntax error at the end: expected a number or a name")?;
+        self.at += 1;
+        if token.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
+            let number = token.parse().ok().filter(|v: &f64| v.is_finite());
+            let number = number.ok_or_else(|| format!("syntax error: '{token}' is no number"))?;
+            return Ok(Expression::Value(Value::Number(number)));
+        }
+        match token {
+            "true" | "false" => return Ok(Expression::Value(Value::Truth(token == "true"))),
+            word if WORDS.contains(&word)
+                || !word.starts_with(|c: char| c == '_' || c.is_ascii_alphabetic()) =>
+            {
+                return Err(format!("syntax error at '{word}'"));
+            }
+            _ => {}
+        }
+        if !self.take("(") {
+            return Ok(Expression::Name(token.into()));
+        }
+        let mut arguments = Vec::new();
+        while !self.take(")") {
+            if !arguments.is_empty() {
+                self.expect(",")?;
+            }
+            arguments.push(self.deeper(Self::choice)?);
+        }
+        Ok(Expression::Function(token.into(), arguments))
+    }
 }
 
 #[cfg(test)]
@@ -92,10 +366,27 @@ mod tests {
 
     #[test]
     fn arithmetic_on_paper() {
-        assert_eq!(at("2/3*u0").unwrap(), 1.0);
-        assert_eq!(at("-4*u0 + sqrt(9)**2").unwrap(), 3.0);
-        assert_eq!(at("max(1, 2) if u0 > 1 and nu < 1 else 0").unwrap(), 2.0);
-        assert_eq!(at("cos(0)").unwrap(), 1.0);
+        for (expression, value) in [
+            ("2/3*u0", 1.0),
+            ("-4*u0 + sqrt(9)**2", 3.0),
+            ("max(1, 2) if u0 > 1 and nu < 1 else 0", 2.0),
+            ("cos(0)", 1.0),
+            ("-2**2", -4.0),
+            ("2**3**2", 512.0),
+            ("2**-1", 0.5),
+            ("10 - 4 - 3", 3.0),
+            ("16/4/2", 2.0),
+            ("2 + 3*4", 14.0),
+            ("(2 + 3)*4", 20.0),
+            ("1e-3 + 2.5E+1 + .5", 25.501),
+            ("1 if not u0 < 1 or u0 == 2 else 1/0", 1.0),
+            ("1 if u0 == 1 else 2 if u0 > 1 else 3", 2.0),
+            ("- -u0", 1.5),
+        ] {
+            assert_eq!(at(expression).unwrap(), value, "{expression}");
+        }
+        assert!(holds("nu", &[("nu".to_string(), 2.0)].into()).unwrap());
+        assert!(!holds("1 <= 0.5 or 1 != 1", &Variables::new()).unwrap());
     }
 
     #[test]
@@ -111,17 +402,34 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_told() {
+        let long = "1+".repeat(30_000) + "1";
+        let deep = "(".repeat(100) + "1" + &")".repeat(100);
         for (bad, words) in [
             ("u1 + 1", "the names here are nu, u0"),
             ("1 +", "syntax error"),
+            ("1 2", "syntax error at '2'"),
             ("1/0", "1 / 0"),
             ("sqrt(0 - 1)", "finite number"),
-            ("'text'", "finite number"),
-            ("steps(1e300)", "at most 1e9"),
+            ("max(sqrt(u0 - 5), 0.1)", "sqrt(-3.5) is NaN"),
+            ("'text'", "syntax error"),
+            ("steps(1e300)", "finite number"),
             ("exp(1000)", "finite number"),
+            ("1e400", "no number"),
+            ("true + 1", "expected a number"),
+            ("1 < 2", "expected a number"),
+            ("0 < u0 < 2", "write A < B and B < C"),
+            ("sqrt(1, 2)", "number of arguments"),
+            ("floor(1)", "no function 'floor'"),
+            ("é", "syntax error"),
+            (&long, "expected at most 1000"),
+            (&deep, "nested deeper"),
         ] {
             let message = at(bad).unwrap_err().to_string();
             assert!(message.contains(words), "{bad}: {message}");
         }
+        let condition = holds("sqrt(0 - 1) < 1", &Variables::new())
+            .unwrap_err()
+            .to_string();
+        assert!(condition.contains("sqrt(-1) is NaN"), "{condition}");
     }
 }

@@ -6,7 +6,7 @@
 
 use super::command::Command;
 use super::expression::{self, Variables};
-use super::parameter::{self, Parameter, Setting, Settings, Value, is_word};
+use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
 use m4gn_mesh::{Error, Result};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -16,6 +16,26 @@ pub const FILE: &str = "family.toml";
 
 /// Names that templates may use beside those of the family.
 pub(super) const RESERVED: [&str; 3] = ["deltaT", "endTime", "writeInterval"];
+
+/// What the provenance of a recording says beside the quantities of its family.
+const PROVENANCE: [&str; 16] = [
+    "command",
+    "family",
+    "seed",
+    "index",
+    "inputs",
+    "frames",
+    "frameInterval",
+    "spinUp",
+    "application",
+    "case",
+    "openfoam",
+    "m4gn",
+    "ranks",
+    "hybrid",
+    "solid",
+    "interval",
+];
 
 /// A family.
 #[derive(Clone, Debug, Deserialize)]
@@ -206,9 +226,13 @@ impl Family {
         let fault = |what: String| Err(Error::Input(what));
         if !is_word(&self.name) {
             return fault(format!(
-                "the folder is named '{}': expected letters, digits, - and _",
-                self.name
+                "the folder is named '{}': expected at most 64 letters, digits, - and _",
+                shown(&self.name)
             ));
+        }
+        check_decimals(self.decimals)?;
+        for derived in &self.derived {
+            derived.decimals.map_or(Ok(()), check_decimals)?;
         }
         self.parameters.iter().try_for_each(Parameter::check)?;
         let parameters = self.parameters.iter().map(|p| p.name.as_str());
@@ -216,15 +240,20 @@ impl Family {
             .chain(self.derived.iter().map(|d| d.name.as_str()))
             .collect();
         for (i, name) in names.iter().enumerate() {
-            if !is_word(name) || RESERVED.contains(name) || *name == "interval" || names[..i].contains(name) {
+            let taken = RESERVED.contains(name) || PROVENANCE.contains(name) || expression::is_reserved(name);
+            if !is_word(name) || taken || names[..i].contains(name) {
                 return fault(format!(
-                    "'{name}' cannot be the name of a quantity, or is one already"
+                    "'{}' cannot be the name of a quantity, or is one already",
+                    shown(name)
                 ));
             }
         }
         let mut commands = self.prepare.iter().map(Command::words).chain([&self.solver[..]]);
-        if let Some(empty) = commands.find(|c| c.iter().all(String::is_empty)) {
-            return fault(format!("command {empty:?}: expected a program and its arguments"));
+        if let Some(empty) = commands.find(|c| c.first().is_none_or(String::is_empty)) {
+            return fault(format!(
+                "a command is '{}': expected a program and its arguments",
+                empty.join(" ")
+            ));
         }
         let r = &self.recording;
         times(r.interval, r.spin_up)?;
@@ -278,7 +307,7 @@ impl Family {
     /// computed, or a requirement that does not hold.
     pub fn draw(&self, seed: u64, index: u64, settings: &Settings) -> Result<Draw> {
         self.check_settings(settings)?;
-        let values = parameter::draw(&self.parameters, settings, seed, index, self.decimals);
+        let values = parameter::draw(&self.parameters, settings, seed, index, self.decimals)?;
         let mut variables = Variables::new();
         for (p, value) in self.parameters.iter().zip(&values) {
             variables.insert(p.name.clone(), p.number(value));
@@ -286,8 +315,13 @@ impl Family {
         for derived in &self.derived {
             let mut value = expression::number(&derived.value, &variables)?;
             if let Some(decimals) = derived.decimals {
-                let scale = 10f64.powi(decimals);
-                value = (value * scale).round() / scale;
+                value = rounded(value, decimals);
+            }
+            if !value.is_finite() {
+                return Err(Error::Input(format!(
+                    "quantity '{}' of case {index} is {value} once it is rounded: expected a finite number",
+                    derived.name
+                )));
             }
             variables.insert(derived.name.clone(), value);
         }
@@ -388,8 +422,10 @@ impl Hybrid {
     /// # Errors
     /// [`Error::Input`] where not.
     pub fn check(&self) -> Result<()> {
-        let ordered =
-            0.0 < self.start_up && self.start_up + self.solver_time < self.end && self.end.is_finite();
+        let ordered = 0.0 < self.start_up
+            && self.start_up + self.solver_time < self.end
+            && self.end.is_finite()
+            && self.interval.is_finite();
         let positive = self.interval > 0.0 && self.solver_time > 0.0 && self.surrogate_steps > 0;
         match ordered && positive {
             true => Ok(()),

@@ -1,7 +1,7 @@
 //! What OpenFOAM's tools need to run: programs in PATH, our libraries, a folder that OpenFOAM can work in.
 
 use super::process::find_program;
-use m4gn_mesh::plugin::{find, places};
+use m4gn_mesh::plugin::{find, folder_variable, places};
 use m4gn_mesh::{Error, Result};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
     })?;
     let mut variables = one_thread();
     variables.push(("LD_LIBRARY_PATH".to_string(), libraries));
-    if std::env::var_os("WM_PROJECT_DIR").is_none_or(|v| v.is_empty()) {
+    if folder_variable("WM_PROJECT_DIR").is_none() {
         variables.push(("WM_PROJECT_DIR".to_string(), DEBIAN_OPENFOAM.into()));
     }
     Ok(variables)

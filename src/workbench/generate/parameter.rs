@@ -118,19 +118,52 @@ pub fn parse_setting(text: &str) -> Result<(String, Setting)> {
 /// Whether the text can stand in a dictionary, a template and a command as it is.
 pub(crate) fn is_word(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-    text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(plain)
+    text.len() <= LONGEST_NAME
+        && text.starts_with(|c: char| c.is_ascii_alphabetic())
+        && text.chars().all(plain)
+}
+
+/// Most letters of a name.
+const LONGEST_NAME: usize = 64;
+
+/// A text in a message: no more of it than helps.
+pub(crate) fn shown(text: &str) -> String {
+    text.chars().take(LONGEST_NAME).collect()
+}
+
+/// A value with so many decimals.
+pub(super) fn rounded(value: f64, decimals: i32) -> f64 {
+    let scale = 10f64.powi(decimals);
+    (value * scale).round() / scale
+}
+
+/// Whether values can be rounded to so many decimals.
+///
+/// # Errors
+/// [`Error::Input`] where not.
+pub(super) fn check_decimals(decimals: i32) -> Result<()> {
+    match (-15..=15).contains(&decimals) {
+        true => Ok(()),
+        false => Err(Error::Input(format!("decimals = {decimals}: expected -15 to 15"))),
+    }
 }
 
 impl Parameter {
     /// Checks what family.toml says of it.
     pub(super) fn check(&self) -> Result<()> {
-        let fault = |what: &str| Err(Error::Input(format!("parameter '{}': {what}", self.name)));
+        let fault = |what: &str| Err(Error::Input(format!("parameter '{}': {what}", shown(&self.name))));
         if !is_word(&self.name) || self.name.contains('-') {
-            return fault("expected a name of letters, digits and _");
+            return fault("expected a name of at most 64 letters, digits and _");
+        }
+        let numbers = self.choices.values().copied();
+        if let Some(bad) = { numbers }.find(|v| !self.allows(*v)) {
+            return fault(&format!(
+                "choices: {bad} cannot be, by 'above' or since it is not finite"
+            ));
         }
         match (&self.range, &self.value) {
             (Some([low, high]), None) => {
-                if !(low <= high && low.is_finite() && high.is_finite()) {
+                if low > high {
                     return fault("range: expected two finite numbers, the lower one first");
                 }
                 self.check_setting(&Setting::Range([*low, *high]))
@@ -151,11 +184,13 @@ impl Parameter {
             (true, Some(above)) => format!("numbers above {above}"),
             (true, None) => "a number or LOW:HIGH".into(),
         };
-        let allowed = |v: f64| v.is_finite() && self.above.is_none_or(|above| v > above);
         let good = match setting {
             Setting::Value(Value::Name(name)) => self.choices.contains_key(name),
-            Setting::Value(Value::Number(v)) => choices.is_empty() && allowed(*v),
-            Setting::Range([low, high]) => choices.is_empty() && allowed(*low) && allowed(*high),
+            Setting::Value(Value::Number(v)) => choices.is_empty() && self.allows(*v),
+            Setting::Range([low, high]) => {
+                let between = self.allows(*low) && self.allows(*high) && (high - low).is_finite();
+                choices.is_empty() && between
+            }
         };
         match good {
             true => Ok(()),
@@ -164,6 +199,10 @@ impl Parameter {
                 self.name
             ))),
         }
+    }
+
+    fn allows(&self, value: f64) -> bool {
+        value.is_finite() && self.above.is_none_or(|above| value > above)
     }
 
     /// The number that a value stands for in expressions and templates.
@@ -180,13 +219,16 @@ impl Parameter {
 /// Parameters with a range of their own are drawn one after the other, also where the user sets them, so that a
 /// setting changes nothing but its parameter. Where the user gives a range to a parameter that has none, it is drawn
 /// from a stream of its own.
+///
+/// # Errors
+/// [`Error::Input`] for a draw that is what its parameter cannot be once it is rounded.
 pub(super) fn draw(
     parameters: &[Parameter],
     settings: &Settings,
     seed: u64,
     index: u64,
     decimals: i32,
-) -> Vec<Value> {
+) -> Result<Vec<Value>> {
     let stream = |number: u64| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number);
@@ -201,10 +243,9 @@ pub(super) fn draw(
         };
         let drawn = p.range.map(|usual| {
             let [low, high] = range.unwrap_or(usual);
-            let scale = 10f64.powi(decimals);
-            (common.random_range(low..=high) * scale).round() / scale
+            rounded(common.random_range(low..=high), decimals)
         });
-        match (setting, drawn, range) {
+        let value = match (setting, drawn, range) {
             (Some(Setting::Value(value)), ..) => value.clone(),
             (_, Some(drawn), _) => Value::Number(drawn),
             (_, None, Some([low, high])) => {
@@ -213,6 +254,14 @@ pub(super) fn draw(
             }
             // `check` has seen to it that there is one.
             (_, None, None) => p.value.clone().unwrap_or(Value::Number(f64::NAN)),
+        };
+        match p.allows(p.number(&value)) {
+            true => Ok(value),
+            false => Err(Error::Input(format!(
+                "parameter '{}' of case {index} is {value} with {decimals} decimals: expected a finite number{}; raise 'decimals'",
+                p.name,
+                p.above.map_or(String::new(), |above| format!(" above {above}"))
+            ))),
         }
     };
     parameters.iter().enumerate().map(one).collect()
@@ -259,11 +308,11 @@ mod tests {
         ];
         let drawn = |settings: &[&str]| {
             let settings = settings.iter().map(|s| parse_setting(s).unwrap()).collect();
-            draw(&all, &settings, 7, 2, 6)
+            draw(&all, &settings, 7, 2, 6).unwrap()
         };
         let usual = drawn(&[]);
         assert_eq!(usual[2], Value::Number(3.0));
-        assert_ne!(usual, draw(&all, &Settings::new(), 7, 3, 6));
+        assert_ne!(usual, draw(&all, &Settings::new(), 7, 3, 6).unwrap());
         let fixed = drawn(&["a=0.5"]);
         assert_eq!((&fixed[0], &fixed[1]), (&Value::Number(0.5), &usual[1]));
         let wider = drawn(&["a=0:10", "c=1:2"]);
@@ -295,5 +344,27 @@ mod tests {
         assert!(parameter("name = 'a'").check().is_err());
         assert!(parameter("name = 'a'\nrange = [2, 1]").check().is_err());
         assert!(parameter("name = 'a'\nvalue = 'x'").check().is_err());
+        let below = parameter("name = 'a'\nchoices = { x = -5 }\nvalue = 'x'\nabove = 0");
+        assert!(below.check().unwrap_err().to_string().contains("-5 cannot be"));
+        assert!(parameter("name = 'a'\nrange = [-1e308, 1e308]").check().is_err());
+        assert!(parameter("name = 'a'\nrange = [nan, 1]").check().is_err());
+        assert!(
+            refused(&parameter("name = 'a'\nrange = [1, 2]"), "-1e308:1e308")
+                .to_string()
+                .contains("expected")
+        );
+        let long = parameter(&format!("name = '{}'\nvalue = 1", "a".repeat(70_000)));
+        assert!(long.check().unwrap_err().to_string().len() < 300);
+    }
+
+    #[test]
+    fn a_draw_that_is_rounded_to_what_cannot_be_is_refused() {
+        let small = [parameter("name = 'a'\nrange = [1e-9, 2e-9]\nabove = 0")];
+        let message = draw(&small, &Settings::new(), 1, 0, 6).unwrap_err().to_string();
+        assert!(
+            message.contains("is 0 with 6 decimals") && message.contains("above 0"),
+            "{message}"
+        );
+        assert!(draw(&small, &Settings::new(), 1, 0, 12).is_ok());
     }
 }

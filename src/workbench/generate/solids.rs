@@ -6,6 +6,7 @@
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use m4gn_data::{Split, Trajectory};
+use m4gn_mesh::plugin::folder_variable;
 use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -188,15 +189,10 @@ impl Case for Request {
 /// # Errors
 /// [`Error::Input`] that says where it was looked for.
 pub fn find_python() -> Result<String> {
-    let variable = |name: &str| {
-        std::env::var_os(name)
-            .filter(|v| !v.is_empty())
-            .map(PathBuf::from)
-    };
-    let cache = variable("M4GN_CACHE")
-        .or_else(|| Some(variable("XDG_CACHE_HOME")?.join("m4gn")))
-        .or_else(|| Some(variable("HOME")?.join(".cache/m4gn")));
-    let places: Vec<PathBuf> = variable("M4GN_SOLIDS_PYTHON")
+    let cache = folder_variable("M4GN_CACHE")
+        .or_else(|| Some(folder_variable("XDG_CACHE_HOME")?.join("m4gn")))
+        .or_else(|| Some(folder_variable("HOME")?.join(".cache/m4gn")));
+    let places: Vec<PathBuf> = folder_variable("M4GN_SOLIDS_PYTHON")
         .into_iter()
         .chain(cache.map(|c| c.join("solids/bin/python")))
         .collect();

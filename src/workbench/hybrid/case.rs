@@ -1,37 +1,44 @@
 //! The runs of one draw: files, solver, cost, comparison, and the result that stays.
 
-use super::compared::Compared;
-use super::correctors::{Correctors, Worked};
+use super::correctors::Worked;
 use super::record::{Cost, RunRecord, kept, remove};
+use super::score::Score;
 use super::variant::{FULL, Kind};
 use super::{DrawResult, Event, Plan};
-use crate::compare::{Options, records};
+use crate::compare::log::Log;
+use crate::compare::{self, Options};
+use crate::digest::Digest;
 use crate::foam_case::FoamCase;
-use crate::generate::case::{Times, origin, program, provenance};
+use crate::generate::case::{Files, Times, origin, program, provenance};
 use crate::generate::family::Draw;
 use crate::generate::parameter::Settings;
 use m4gn_mesh::files::write_whole;
 use m4gn_mesh::{Error, Result};
-use serde_json::json;
-use std::path::Path;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Instant;
-
-/// What was found of a run that has ended.
-struct Found {
-    cost: Cost,
-    correctors: Option<Correctors>,
-    /// None of the full run.
-    compared: Option<Compared>,
-}
 
 /// What all draws have in common.
 pub(super) struct Job<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
-    pub model: String,
+    /// Of the model and of the libraries that run it.
+    pub surrogate: Digest,
     pub comparing: &'a Mutex<()>,
     pub report: &'a (dyn Fn(Event) + Sync),
+}
+
+/// A run before it is made.
+struct Prepared<'a> {
+    name: &'a str,
+    /// None for the full run.
+    kind: Option<&'a Kind>,
+    draw: Draw,
+    files: Files,
+    functions: String,
+    /// Digest of all that it is made from.
+    key: String,
 }
 
 impl Job<'_> {
@@ -47,66 +54,61 @@ impl Job<'_> {
             failed: Vec::new(),
         };
         let folder = self.plan.folder.join(format!("{index:04}"));
+        let full = match self.prepare(index, FULL, None, None) {
+            Ok(full) => full,
+            Err(e) => {
+                self.failed(&mut result, FULL, &e);
+                return result;
+            }
+        };
         let mut missing = Vec::new();
         for variant in &self.plan.variants {
-            match self
-                .key(index, &variant.kind)
-                .map(|key| (kept(&folder, &variant.name, &key), key))
-            {
-                Ok((Some(record), _)) => {
-                    self.done(index, &variant.name, true);
-                    result.runs.insert(variant.name.clone(), record);
-                }
-                Ok((None, key)) => missing.push((variant, key)),
+            match self.prepare(index, &variant.name, Some(&variant.kind), Some(&full)) {
+                Ok(run) => match kept(&folder, run.name, &run.key) {
+                    Some(record) => {
+                        self.done(index, run.name, &record, true);
+                        result.runs.insert(run.name.into(), record);
+                    }
+                    None => missing.push(run),
+                },
                 Err(e) => self.failed(&mut result, &variant.name, &e),
             }
         }
-        let key = self.full_key(index);
-        let (record, full) = (kept(&folder, FULL, &key), folder.join(FULL));
+        let (record, case) = (kept(&folder, FULL, &full.key), folder.join(FULL));
         // Its fields are there as long as this file is.
-        let whole = full.join("system/controlDict").is_file();
+        let whole = case.join("system/controlDict").is_file();
         result.full = match record {
             Some(record) if whole || missing.is_empty() => {
-                self.done(index, FULL, true);
+                self.done(index, FULL, &record, true);
                 Some(record)
             }
-            _ => self.make(&folder, index, FULL, draw, None, key, &mut result),
+            _ => self.make(&folder, &full, &mut result),
         };
         if result.full.is_none() {
             return result;
         }
-        for (variant, key) in missing {
+        for run in missing {
             if self.plan.tools.stopped() {
                 return result;
             }
-            let made = match self.draw_with(index, &variant.kind) {
-                Ok(draw) => self.make(
-                    &folder,
-                    index,
-                    &variant.name,
-                    &draw,
-                    Some(&variant.kind),
-                    key,
-                    &mut result,
-                ),
-                Err(e) => {
-                    self.failed(&mut result, &variant.name, &e);
-                    None
-                }
-            };
-            if let Some(record) = made {
-                result.runs.insert(variant.name.clone(), record);
+            if let Some(record) = self.make(&folder, &run, &mut result) {
+                result.runs.insert(run.name.into(), record);
             }
         }
         if result.failed.is_empty() && !self.plan.keep_cases {
-            remove(&full);
+            remove(&case);
         }
         result
     }
 
-    fn done(&self, index: u64, name: &str, before: bool) {
-        let name = name.to_string();
-        (self.report)(Event::Done { index, name, before });
+    fn done(&self, index: u64, name: &str, record: &RunRecord, before: bool) {
+        let (name, record) = (name.to_string(), Box::new(record.clone()));
+        (self.report)(Event::Done {
+            index,
+            name,
+            record,
+            before,
+        });
     }
 
     fn failed(&self, result: &mut DrawResult, name: &str, error: &Error) {
@@ -116,121 +118,92 @@ impl Job<'_> {
         (self.report)(Event::Failed { index, name, message });
     }
 
-    /// The draw of a variant, whose settings replace those of the full run.
-    fn draw_with(&self, index: u64, kind: &Kind) -> Result<Draw> {
-        let mut all = self.settings.clone();
-        all.extend(kind.settings().clone());
-        self.plan.family.draw(self.plan.seed, index, &all)
-    }
-
-    /// What the full run is made with.
-    fn full_key(&self, index: u64) -> String {
-        let s = &self.plan.schedule;
-        let settings: Vec<String> = self
-            .settings
-            .iter()
-            .map(|(name, setting)| format!("{name}={setting}"))
-            .collect();
-        json!({
-            "m4gn": env!("CARGO_PKG_VERSION"), "family": self.plan.family.name, "seed": self.plan.seed, "index": index,
-            "settings": settings, "start_up": s.start_up, "end": s.end, "interval": s.interval,
-            "solver_time": s.solver_time, "patch": s.patch,
-        })
-        .to_string()
-    }
-
-    /// What a variant is made with.
-    fn key(&self, index: u64, kind: &Kind) -> Result<String> {
-        let own = match kind {
-            Kind::Hybrid { entries, settings } => {
-                let mut own = json!({
-                    "model": self.model, "surrogate_steps": self.plan.schedule.surrogate_steps, "entries": entries,
-                });
-                if !settings.is_empty() {
-                    own["quantities"] = json!(self.draw_with(index, kind)?.variables);
-                }
-                if let Some(folder) = &self.plan.stretches {
-                    own["stretches"] = json!(folder);
-                }
-                own
-            }
-            Kind::Plain(_) => json!({ "quantities": self.draw_with(index, kind)?.variables }),
-        };
-        Ok(json!({ "full": self.full_key(index), "variant": own }).to_string())
-    }
-
-    /// Makes one run; a failure goes into the result. `kind` is none for the full run.
-    #[allow(clippy::too_many_arguments)]
-    fn make(
+    /// The files of a run, and what it is made from; a variant also from the full run that it is compared with.
+    fn prepare<'a>(
         &self,
-        folder: &Path,
         index: u64,
-        name: &str,
-        draw: &Draw,
-        kind: Option<&Kind>,
-        made_with: String,
-        result: &mut DrawResult,
-    ) -> Option<RunRecord> {
-        let case = folder.join(name);
+        name: &'a str,
+        kind: Option<&'a Kind>,
+        full: Option<&Prepared>,
+    ) -> Result<Prepared<'a>> {
+        let (family, schedule) = (&self.plan.family, &self.plan.schedule);
+        let mut settings = self.settings.clone();
+        settings.extend(kind.map(|k| k.settings().clone()).unwrap_or_default());
+        let draw = family.draw(self.plan.seed, index, &settings)?;
+        let times = Times {
+            delta_t: schedule.interval / f64::from(family.steps(&draw, schedule.interval)?),
+            end: schedule.end,
+            write_interval: schedule.interval,
+        };
+        let functions = match kind {
+            Some(Kind::Hybrid { entries, .. }) => {
+                self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, index, name, &draw)?
+            }
+            _ => String::new(),
+        };
+        let files = family.files(&draw, times)?;
+        let mut digest = family.digest(&draw, &files, &functions)?;
+        let s = schedule;
+        let times = format!("{} {} {} {}", s.start_up, s.end, s.interval, s.solver_time);
+        digest.add("schedule", times.as_bytes());
+        digest.add("patch", s.patch.as_deref().unwrap_or_default().as_bytes());
+        if let Some(full) = full {
+            digest.add("surrogate steps", &s.surrogate_steps.to_le_bytes());
+            digest.add("full", full.key.as_bytes());
+        }
+        if let Some(Kind::Hybrid { .. }) = kind {
+            digest.add("surrogate", self.surrogate.text().as_bytes());
+        }
+        Ok(Prepared {
+            name,
+            kind,
+            draw,
+            files,
+            functions,
+            key: digest.text(),
+        })
+    }
+
+    /// Makes one run; a failure goes into the result.
+    fn make(&self, folder: &Path, run: &Prepared, result: &mut DrawResult) -> Option<RunRecord> {
+        let (case, file) = (folder.join(run.name), folder.join(format!("{}.json", run.name)));
         // A record stands for fields that are whole: that of a run before this one goes first.
-        let _ = std::fs::remove_file(folder.join(format!("{name}.json")));
-        let made = self.try_make(folder, index, name, draw, kind).and_then(|found| {
-            let (score, comparison) = found.compared.map(|c| (c.score, c.whole)).unzip();
-            let record = RunRecord {
-                made_with,
-                cost: found.cost,
-                correctors: found.correctors,
-                score,
-                comparison,
-            };
+        let _ = std::fs::remove_file(&file);
+        let made = self.try_make(folder, run).and_then(|mut record| {
+            record.stretches = self.stretches(result.index, run.name);
             let text = serde_json::to_vec(&record).map_err(|e| Error::Internal(e.to_string()))?;
-            write_whole(&folder.join(format!("{name}.json")), &text)?;
+            write_whole(&file, &text)?;
             Ok(record)
         });
         match made {
             Ok(record) => {
-                self.done(index, name, false);
-                if kind.is_some() && !self.plan.keep_cases {
+                self.done(result.index, run.name, &record, false);
+                if run.kind.is_some() && !self.plan.keep_cases {
                     remove(&case);
                 }
                 Some(record)
             }
             Err(Error::Interrupted(_)) => None,
             Err(e) => {
-                self.failed(result, name, &e);
+                self.failed(result, run.name, &e);
                 None
             }
         }
     }
 
-    fn try_make(
-        &self,
-        folder: &Path,
-        index: u64,
-        name: &str,
-        draw: &Draw,
-        kind: Option<&Kind>,
-    ) -> Result<Found> {
+    fn try_make(&self, folder: &Path, run: &Prepared) -> Result<RunRecord> {
         let (plan, schedule) = (self.plan, &self.plan.schedule);
-        let case = &folder.join(name);
+        let case = &folder.join(run.name);
         if case.exists() {
             std::fs::remove_dir_all(case)
                 .map_err(|e| Error::file(case, format!("cannot be replaced: {e}")))?;
         }
-        let steps = plan.family.steps(draw, schedule.interval)?;
-        let times = Times {
-            delta_t: schedule.interval / f64::from(steps),
-            end: schedule.end,
-            write_interval: schedule.interval,
-        };
-        let functions = match kind {
-            Some(Kind::Hybrid { entries, .. }) => {
-                self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, index, name, draw)?
-            }
-            _ => String::new(),
-        };
-        plan.family.write(draw, times, &functions, case)?;
-        plan.family.prepare(draw, case, &plan.tools)?;
+        plan.family.write(&run.files, &run.functions, case)?;
+        plan.family.prepare(&run.draw, case, &plan.tools)?;
+        if run.kind.is_none() {
+            let _one = self.one();
+            compare::check_patch(&mut FoamCase::open(case)?, schedule.patch.as_deref())?;
+        }
         let start = Instant::now();
         plan.tools.run(case, &plan.family.solver)?;
         let wall = start.elapsed().as_secs_f64();
@@ -238,39 +211,44 @@ impl Job<'_> {
             program(&plan.family.solver),
             schedule.start_up + schedule.solver_time,
         );
-        let [before, after] = records::processor_seconds(case, solver, takeover).ok_or_else(|| {
+        let log = Log::read(case, solver).ok_or_else(|| {
             let log = case.join(format!("log.{solver}"));
             Error::file(
                 log,
                 "expected lines 'ExecutionTime = .. s' of an OpenFOAM solver, found none",
             )
         })?;
-        let cost = Cost {
-            wall,
-            processor: before + after,
-            after_takeover: after,
+        let mut record = RunRecord {
+            made_with: run.key.clone(),
+            cost: Cost {
+                wall,
+                processor: log.at(log.end()).processor,
+                after_takeover: log.between(takeover, log.end()).processor,
+            },
+            ..RunRecord::default()
         };
-        let _one = self.comparing.lock().unwrap_or_else(|e| e.into_inner());
-        let mut found = Found {
-            cost,
-            correctors: None,
-            compared: None,
-        };
-        match kind {
-            None => found.correctors = Worked::of(case, solver)?.map(|full| full.alone()),
+        let _one = self.one();
+        match run.kind {
+            None => record.correctors = Worked::of(case, solver)?.map(|full| full.alone()),
             Some(kind) => {
                 let full = &folder.join(FULL);
                 if let (Some(full), Some(own)) = (Worked::of(full, solver)?, Worked::of(case, solver)?) {
-                    found.correctors = Some(own.beside(&full));
+                    record.correctors = Some(own.beside(&full));
                 }
-                found.compared = Some(self.compare(folder, case, kind, takeover)?);
+                let (score, comparison) = self.compare(folder, case, kind, takeover)?;
+                (record.score, record.comparison) = (Some(score), Some(comparison));
             }
         }
-        Ok(found)
+        Ok(record)
+    }
+
+    /// OpenFOAM's libraries are not made for several threads.
+    fn one(&self) -> std::sync::MutexGuard<'_, ()> {
+        self.comparing.lock().unwrap_or_else(|e| e.into_inner())
     }
 
     /// Compares a run with the full one.
-    fn compare(&self, folder: &Path, case: &Path, kind: &Kind, takeover: f64) -> Result<Compared> {
+    fn compare(&self, folder: &Path, case: &Path, kind: &Kind, takeover: f64) -> Result<(Score, Value)> {
         let (plan, schedule) = (self.plan, &self.plan.schedule);
         let log = case.join(format!("log.{}", program(&plan.family.solver)));
         let (mut a, mut b) = (FoamCase::open(&folder.join(FULL))?, FoamCase::open(case)?);
@@ -278,20 +256,19 @@ impl Job<'_> {
         let mut options = Options {
             patch: schedule.patch.clone(),
             takeover: plain.then_some(takeover),
-            interpolate: plain,
+            interpolate: plain && !compare::is_solid(&mut a)?,
             ..Options::default()
         };
         let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
-        let mut compared = Compared::new(&mut a, &mut b, &options, stride, strides)?;
-        if matches!(kind, Kind::Hybrid { entries, .. } if controlled(entries))
-            && compared.score.replaced.is_none()
-        {
+        let mut compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
+        let mut replaced = compared.replaced_fraction;
+        if matches!(kind, Kind::Hybrid { entries, .. } if controlled(entries)) && replaced.is_none() {
             // Error control let no jump go: the solver's own run is what came of it.
             options.takeover = Some(takeover);
-            compared = Compared::new(&mut a, &mut b, &options, stride, strides)?;
-            compared.score.replaced = Some(0.0);
+            compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
+            replaced = Some(0.0);
         }
-        if !plain && compared.score.replaced.is_none() {
+        if !plain && replaced.is_none() {
             return Err(Error::file(
                 case,
                 format!(
@@ -301,16 +278,39 @@ impl Job<'_> {
                 ),
             ));
         }
-        if (compared.last - schedule.end).abs() > 0.5 * schedule.interval {
+        let last = compared.times.last().copied().unwrap_or(f64::NAN);
+        if (last - schedule.end).abs() > 0.5 * schedule.interval {
             return Err(Error::file(
                 folder,
                 format!(
-                    "the last time that both runs have is {} s, expected {} s: remove the folder and run again",
-                    compared.last, schedule.end
+                    "the last time that both runs have is {last} s, expected {} s: remove the folder and run again",
+                    schedule.end
                 ),
             ));
         }
-        Ok(compared)
+        let score = Score {
+            replaced,
+            ..Score::of(&compared, stride, strides)
+        };
+        Ok((score, compared.json()?))
+    }
+
+    /// The files of the solver's stretches that a run has recorded.
+    fn stretches(&self, index: u64, name: &str) -> Vec<PathBuf> {
+        let begin = format!("{}-{index:04}-{name}-", self.plan.seed);
+        let folder = self
+            .plan
+            .stretches
+            .iter()
+            .filter_map(|f| std::fs::read_dir(f).ok());
+        let files = folder.flatten().flatten().filter(|e| {
+            let name = e.file_name();
+            name.to_str()
+                .is_some_and(|n| n.starts_with(&begin) && n.ends_with(".h5"))
+        });
+        let mut files: Vec<PathBuf> = files.map(|e| e.path()).collect();
+        files.sort();
+        files
     }
 
     /// The function object's entries; those of the variant come last, so that they count.

@@ -4,6 +4,7 @@
 //! of the last one, or that they reached their most. Of another log nothing is told. Correctors of m4gnAnderson, which solves
 //! a step before it begins, count as those of that step.
 
+use crate::compare::log::{self, Line};
 use crate::foam_case::{CorrectorLimits, FoamCase};
 use m4gn_mesh::Result;
 use serde::{Deserialize, Serialize};
@@ -83,30 +84,29 @@ fn steps_of(text: &str, limits: CorrectorLimits) -> Option<Vec<Step>> {
     let (mut steps, mut jumps, mut ahead) = (Vec::new(), 0, 0);
     // Between two steps others solve too: the smoothing after a jump, function objects.
     let mut open: Option<(f64, Counter)> = None;
-    for line in text.lines().map(str::trim_start) {
-        let begins = line.strip_prefix("Iteration:");
-        let begins = begins.or_else(|| line.strip_prefix("Time")?.trim_start().strip_prefix('='));
-        if let Some(rest) = begins {
-            // Newer versions write the unit behind the time: 2s
-            let time = rest.trim().trim_end_matches('s').parse().unwrap_or(f64::NAN);
-            let ahead = std::mem::take(&mut ahead);
-            open = Some((
-                time,
-                Counter {
+    for line in log::lines(text) {
+        match line {
+            Line::Begins(time) => {
+                let ahead = std::mem::take(&mut ahead);
+                let counter = Counter {
                     ahead,
                     ..Counter::default()
-                },
-            ));
-        } else if line.starts_with("m4gn: jumped ") {
-            jumps += 1;
-        } else if let Some(rest) = line.strip_prefix("m4gn: the next time step is solved in ") {
-            ahead = rest.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or(0);
-        } else if line.starts_with("ExecutionTime =") {
-            if let Some((time, counter)) = open.take() {
-                steps.push(counter.step(time, jumps, limits));
+                };
+                open = Some((time, counter));
             }
-        } else if let Some((_, counter)) = &mut open {
-            counter.line(line);
+            Line::Done(_) => {
+                if let Some((time, counter)) = open.take() {
+                    steps.push(counter.step(time, jumps, limits));
+                }
+            }
+            Line::Other(line) if line.starts_with("m4gn: jumped ") => jumps += 1,
+            Line::Other(line) => {
+                if let Some(rest) = line.strip_prefix("m4gn: the next time step is solved in ") {
+                    ahead = rest.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+                } else if let Some((_, counter)) = &mut open {
+                    counter.line(line);
+                }
+            }
         }
     }
     let told = |s: &Step| s.correctors.is_some() || s.at_cap.is_some();

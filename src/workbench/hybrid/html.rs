@@ -1,6 +1,6 @@
 //! The results as a page: error over processor time, tables.
 
-use super::tables::{case_table, relative_time, remarks, summary_tables};
+use super::tables::{case_table, remarks, summary_tables, whole_time};
 use super::{DrawResult, Plan};
 use m4gn_mesh::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
@@ -33,7 +33,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     page.paragraph(&format!(
         "{} draws of seed {}: the solver alone up to {} s, then by turns {} s of the solver and {} strides of the surrogate, up to {} s. \
          Errors, of the velocity or of a solid's displacement, are root mean squares over cells, components and stored times, over those of holding the full run's last \
-         field before the first jump. Times are processor times after the takeover over the full run's. Forces are relative \
+         field before the first jump. Times of the whole run count start-up, learning and loading; the stretch is what comes after the takeover; both are over the full run's. Forces are relative \
          to the full run's.",
         plan.count, plan.seed, s.start_up, s.solver_time, s.surrogate_steps, s.end
     ));
@@ -42,7 +42,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
         let points = results.iter().filter_map(|d| {
             let run = d.runs.get(name)?;
             Some((
-                100.0 * relative_time(d, run)?,
+                100.0 * whole_time(d, run, |c| c.processor)?,
                 run.score.as_ref()?.end?.max(LEAST_ERROR),
             ))
         });
@@ -54,7 +54,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
         }
     });
     let chart = Chart {
-        x_label: "processor time / full run [%]".into(),
+        x_label: "processor time of the whole run / full run [%]".into(),
         y_label: "error / hold last".into(),
         series: series.collect(),
         // Variants are factors apart: a plain solver of a tenth of the error, an adaptation of ten times the cost.

@@ -5,7 +5,6 @@
 //! [`crate::compare`]. [`run`] keeps what is finished, so that the same command goes on where it was stopped.
 
 mod case;
-mod compared;
 mod correctors;
 mod html;
 mod record;
@@ -16,16 +15,17 @@ mod variant;
 pub use correctors::Correctors;
 pub use html::report;
 pub use record::{Cost, RunRecord};
-pub use score::{Score, median};
+pub use score::Score;
 pub use tables::{case_table, remarks, summary, summary_tables};
 pub use variant::{FULL, Kind, Variant, variants};
 
+use crate::digest::Digest;
 use crate::foam_bridge;
 use crate::generate::family::{Draw, Family, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, plugin};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -87,6 +87,8 @@ pub enum Event {
         index: u64,
         /// Name of the run.
         name: String,
+        /// What came of it.
+        record: Box<RunRecord>,
         /// Whether an earlier command has made it.
         before: bool,
     },
@@ -111,8 +113,16 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     let draws: Vec<Draw> = (0..plan.count)
         .map(|index| plan.family.draw(plan.seed, index, &settings))
         .collect::<Result<_>>()?;
-    let model =
-        std::fs::read(&plan.model).map_err(|e| Error::file(&plan.model, format!("cannot be read: {e}")))?;
+    for folder in plan.stretches.iter().chain([&plan.folder]) {
+        plan.family.check_outside(folder)?;
+    }
+    let mut surrogate = Digest::default();
+    let libraries = ["libm4gn.so", "libm4gnFoam.so"].map(|name| plugin::find(name, "./Allrun builds it"));
+    for file in libraries.into_iter().chain([Ok(plan.model.clone())]) {
+        let file = file?;
+        let bytes = std::fs::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+        surrogate.add("file", &bytes);
+    }
     // Before there are threads, and before anything is run that could not be compared.
     foam_bridge::load()?;
     std::fs::create_dir_all(&plan.folder)
@@ -121,12 +131,11 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     if let Some(folder) = &plan.stretches {
         std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
     }
-    // OpenFOAM's libraries are not made for several threads.
     let comparing = Mutex::new(());
     let job = case::Job {
         plan,
         settings: &settings,
-        model: fingerprint(&model),
+        surrogate,
         comparing: &comparing,
         report: &report,
     };
@@ -153,12 +162,4 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     let mut results = results.into_inner().unwrap_or_else(|e| e.into_inner());
     results.sort_by_key(|r| r.index);
     Ok(results)
-}
-
-/// FNV-1a of a file's bytes: tells another model from the one that a finished run had.
-fn fingerprint(bytes: &[u8]) -> String {
-    let hash = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, &b| {
-        (hash ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
-    });
-    format!("{hash:016x}")
 }

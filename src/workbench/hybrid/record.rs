@@ -4,10 +4,10 @@ use super::correctors::Correctors;
 use super::score::Score;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a run took.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Cost {
     /// Wall seconds of the solver with what rides in it, measured around its process.
     pub wall: f64,
@@ -18,27 +18,28 @@ pub struct Cost {
 }
 
 /// A finished run, as it is kept.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct RunRecord {
-    /// What the run was made with, as JSON: another one is run anew. (A text, since numbers may lose a digit when they are
-    /// read.)
+    /// Digest of all that the run was made from: another one is run anew.
     pub made_with: String,
     /// What it took.
     pub cost: Cost,
     /// How hard the solver of a solid worked; none where its log does not tell.
-    #[serde(default)]
     pub correctors: Option<Correctors>,
     /// Its figures against the full run; none of the full run itself.
     pub score: Option<Score>,
     /// The whole comparison.
     pub comparison: Option<Value>,
+    /// Files of the solver's stretches that it has recorded: without one of them the run is made anew.
+    pub stretches: Vec<PathBuf>,
 }
 
 /// The record of a run that is finished and was made with this; none where it must be run.
 pub(super) fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
     let text = std::fs::read(folder.join(format!("{name}.json"))).ok()?;
     let record: RunRecord = serde_json::from_slice(&text).ok()?;
-    (record.made_with == made_with).then_some(record)
+    let whole = record.made_with == made_with && record.stretches.iter().all(|f| f.is_file());
+    whole.then_some(record)
 }
 
 /// Removes a case, first the file that says it is whole.

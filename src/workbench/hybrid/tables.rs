@@ -1,7 +1,8 @@
 //! Tables: a row a run, then medians and worst of each variant, over all cases and by the order of the cases.
 
-use super::score::{Score, median};
-use super::{DrawResult, RunRecord};
+use super::score::Score;
+use super::{Cost, DrawResult, RunRecord};
+use crate::signal::median;
 use m4gn_report::{Table, number};
 use serde_json::{Value, json};
 
@@ -21,7 +22,13 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 18] = [
+const FIGURES: [Figure; 20] = [
+    ("whole %", "whole", |d, r| {
+        percent(whole_time(d, r, |c| c.processor))
+    }),
+    ("whole wall %", "whole_wall", |d, r| {
+        percent(whole_time(d, r, |c| c.wall))
+    }),
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
@@ -49,7 +56,7 @@ const FIGURES: [Figure; 18] = [
         r.correctors.as_ref()?.after_in_full
     }),
     ("times as fast", TIMES_AS_FAST, |d, r| times_as_fast(d, r)),
-    ("time %", "time", |d, r| percent(relative_time(d, r))),
+    ("stretch %", "time", |d, r| percent(relative_time(d, r))),
 ];
 
 /// The figure that the full run has as well.
@@ -75,17 +82,25 @@ fn percent(value: Option<f64>) -> Option<f64> {
     value.map(|v| 100.0 * v)
 }
 
+/// Time of the whole run, with start-up, learning and loading, over the full run's by the same clock.
+pub(super) fn whole_time(draw: &DrawResult, run: &RunRecord, clock: fn(&Cost) -> f64) -> Option<f64> {
+    let full = clock(&draw.full.as_ref()?.cost);
+    (full > 0.0).then(|| clock(&run.cost) / full)
+}
+
 /// Processor time after the takeover over the full run's.
 pub(super) fn relative_time(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
     let full = draw.full.as_ref()?.cost.after_takeover;
     (full > 0.0).then(|| run.cost.after_takeover / full)
 }
 
-/// Processor time of the full run for what the surrogate replaced, over the time that the surrogate worked for it.
+/// Wall time of the full run for what the surrogate replaced, over the wall time that the surrogate worked for it. The full run's
+/// wall time of the stretch is the share of the whole that its processor time has.
 fn times_as_fast(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
-    let (full, score) = (draw.full.as_ref()?, score(run)?);
+    let (full, score) = (&draw.full.as_ref()?.cost, score(run)?);
     let simulated = score.horizons[2];
-    (simulated > 0.0).then_some(full.cost.after_takeover / simulated / score.pace?)
+    let wall = full.after_takeover * full.wall / full.processor;
+    (simulated > 0.0 && full.processor > 0.0).then_some(wall / simulated / score.pace?)
 }
 
 fn text(value: Option<f64>) -> String {

@@ -5,11 +5,12 @@ mod json;
 mod picture;
 pub mod plan;
 mod tables;
-mod usage;
 
 pub use picture::{Pictured, picture};
 pub use tables::cost_text;
 
+use crate::bench::memory::{Memory, restart_peak};
+use crate::bench::processor_time;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -37,8 +38,8 @@ pub struct Options {
 pub struct Cost {
     /// Wall time, s.
     pub seconds: f64,
-    /// Processor time, s, where the system says.
-    pub cpu_seconds: Option<f64>,
+    /// Processor time, s.
+    pub cpu_seconds: f64,
     /// Largest resident memory of the process while it was done, bytes, where the system says.
     pub peak_memory: Option<u64>,
 }
@@ -46,15 +47,13 @@ pub struct Cost {
 impl Cost {
     /// Of `work`.
     pub fn of<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, Cost)> {
-        usage::reset_peak();
-        let (start, before) = (Instant::now(), usage::cpu_seconds());
+        restart_peak();
+        let (start, before) = (Instant::now(), processor_time());
         let result = work()?;
         let cost = Cost {
             seconds: start.elapsed().as_secs_f64(),
-            cpu_seconds: usage::cpu_seconds()
-                .zip(before)
-                .map(|(after, before)| after - before),
-            peak_memory: usage::peak(),
+            cpu_seconds: processor_time() - before,
+            peak_memory: Memory::read().map(|m| m.peak),
         };
         Ok((result, cost))
     }

@@ -1,12 +1,12 @@
 //! The validation as a page: tables, error and gap over time, pictures of one trajectory.
 
-use super::rmse::SquaredError;
 use super::summary::{summaries, that_count};
 use super::{Case, Prediction, pictures};
-use crate::compare::seconds;
+use crate::errors::SquaredError;
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
+use m4gn_report::seconds;
 use m4gn_report::{Chart, Page, Series};
 
 type Colour = (u8, u8, u8);

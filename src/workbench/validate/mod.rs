@@ -9,16 +9,16 @@
 //!   or a time given; it is printed with its time.
 //! - RMSE-all: the same over the whole trajectory.
 //!
-//! Beside the model stand predictions that know nothing ([`Scene::baselines`]). Of a domain with elements there are mesh
+//! Beside the model stand predictions that know nothing (`baselines`). Of a domain with elements there are mesh
 //! metrics as well ([`m4gn_contact::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
 //! (the smallest of all steps, in mean edges): see [`Shape`]. A rollout with contact projection is one whose session
 //! projects after each step.
 
+mod baselines;
 mod html;
 pub mod pace;
 mod pictures;
 mod prediction;
-pub mod rmse;
 mod scene;
 mod series;
 mod shape;
@@ -98,6 +98,8 @@ pub struct Case {
     pub data_gap: Vec<f64>,
     /// Processor time of the solver that made the data, s a frame, where it was recorded.
     pub solver: Option<f64>,
+    /// In which respects mesh and recorded states lie outside of what the model was trained on, for people.
+    pub outside: Vec<String>,
 }
 
 impl Case {
@@ -109,19 +111,21 @@ impl Case {
         horizon: Option<f64>,
         mut predictions: Vec<Prediction>,
     ) -> Result<Self> {
-        predictions.extend(scene.baselines()?);
+        predictions.extend(baselines::all(scene)?);
         let pace = scene.pace();
         let names = predicted(fields).into_iter();
         Ok(Case {
             path: trajectory.path().to_path_buf(),
             split: trajectory.split(),
             pace,
-            horizon: horizon.unwrap_or(pace.rmse_50()),
+            // Of what was rolled out, and no more
+            horizon: horizon.unwrap_or(pace.rmse_50()).min(pace.duration()),
             fields: names.map(|f| (f.name.clone(), f.unit())).collect(),
             times: times(trajectory.times(), pace),
             predictions,
             data_gap: scene.data_gap()?,
             solver: seconds_a_frame(trajectory),
+            outside: Vec::new(),
         })
     }
 
@@ -152,6 +156,7 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
         }
         _ => {}
     }
+    let dimensions = |d: [i32; 7]| format!("[{}]", d.map(|d| d.to_string()).join(" "));
     let kind = |vector: bool| if vector { "vector" } else { "scalar" };
     for spec in &model.spec.fields {
         let Ok(found) = trajectory.field(&spec.name) else {
@@ -164,12 +169,12 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
         };
         if (found.vector, found.dimensions) != (spec.vector, spec.dimensions) {
             return misfit(format!(
-                "field {}: the model knows a {} with dimensions {:?}, the data hold a {} with {:?}",
+                "field {}: the model knows a {} with dimensions {}, the data hold a {} with {}",
                 spec.name,
                 kind(spec.vector),
-                spec.dimensions,
+                dimensions(spec.dimensions),
                 kind(found.vector),
-                found.dimensions
+                dimensions(found.dimensions)
             ));
         }
     }
@@ -194,23 +199,26 @@ pub fn run(
 ) -> Result<Case> {
     let pace = fits(model, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let mut predictions = Vec::new();
+    let (mut predictions, mut outside) = (Vec::new(), Vec::new());
     for way in ways {
         let options = SessionOptions {
             projection: way.projection,
             ..options.clone()
         };
         let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
-        let mut step = stepper(&mut session, trajectory);
+        let mut step = stepper(&mut session, trajectory, &mut outside);
         predictions.push(scene.predict((way.key, way.name), keep, &mut step, progress)?);
     }
-    Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)
+    let case = Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)?;
+    Ok(Case { outside, ..case })
 }
 
-/// Steps of a session on a trajectory.
+/// Steps of a session on a trajectory; `outside`: in which respects the states that they start from lie outside of what the model was
+/// trained on, those of the state with the most of them.
 pub fn stepper<'a>(
     session: &'a mut Session,
     trajectory: &Trajectory,
+    outside: &'a mut Vec<String>,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
     let is_body = session.spec().contact.is_some();
@@ -221,7 +229,14 @@ pub fn stepper<'a>(
         if let (true, Some((before, obstacle))) = (is_body, given.before) {
             session.set_before(before.as_chunks().0, obstacle)?;
         }
-        session.step(fields, out)
+        let done = session.step(fields, out);
+        if given.before.is_some() {
+            let found = session.outside();
+            if found.len() > outside.len() {
+                *outside = found;
+            }
+        }
+        done
     }
 }
 

@@ -69,6 +69,11 @@ impl Pace {
         super::HORIZON as f64 * self.interval
     }
 
+    /// Time from the first frame to the end of the last step, s.
+    pub fn duration(&self) -> f64 {
+        (self.steps * self.frames) as f64 * self.interval
+    }
+
     /// Steps that end within `time` from the first frame, s; at least one.
     pub fn steps_within(&self, time: f64) -> usize {
         let stride = self.interval * self.frames as f64;

@@ -3,12 +3,12 @@
 
 use super::scene::lengths;
 use super::{Case, Prediction};
-use crate::compare::seconds;
 use m4gn_data::Trajectory;
 use m4gn_mesh::Result;
 use m4gn_mesh::body::Body;
 use m4gn_mesh::vector::{Vector, moved};
 use m4gn_report::picture::{Palette, Panel, Scale};
+use m4gn_report::seconds;
 use m4gn_report::surface::View;
 use m4gn_report::{CellMap, FieldPicture, VelocityRow, velocity};
 

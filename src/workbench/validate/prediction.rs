@@ -1,6 +1,6 @@
 //! What comes of one way to predict.
 
-use super::rmse::SquaredError;
+use crate::errors::SquaredError;
 use m4gn_contact::quality::Quality;
 use std::collections::BTreeMap;
 

@@ -1,7 +1,8 @@
 //! A recorded trajectory as predictions are scored on it: single steps from every frame, and rollouts from the first.
 
 use super::prediction::{FieldErrors, Keep, Prediction};
-use super::{pace::Pace, rmse::SquaredError, shape::Shape, smoothing::Smoothing};
+use super::{pace::Pace, shape::Shape};
+use crate::errors::SquaredError;
 use m4gn_contact::quality::Quality;
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::Vector;
@@ -134,7 +135,22 @@ impl<'a> Scene<'a> {
         }
     }
 
-    fn quality(&self, found: &[f64], frame: usize) -> Result<Option<Quality>> {
+    /// The mesh of the recording.
+    pub(super) fn mesh(&self) -> &Mesh {
+        self.mesh
+    }
+
+    /// Values a row of predicted field `k`.
+    pub(super) fn width(&self, k: usize) -> usize {
+        self.tracks[k].width
+    }
+
+    /// Number of the predicted fields.
+    pub(super) fn n_fields(&self) -> usize {
+        self.tracks.len()
+    }
+
+    pub(super) fn quality(&self, found: &[f64], frame: usize) -> Result<Option<Quality>> {
         let shape = self.shape.as_ref();
         shape.map(|s| s.quality(self.truth(0, frame), found)).transpose()
     }
@@ -151,84 +167,6 @@ impl<'a> Scene<'a> {
     pub fn data_gap(&self) -> Result<Vec<f64>> {
         let gap = |frame| self.gap(self.truth(0, frame), frame).transpose();
         (1..=self.pace.steps).filter_map(gap).collect()
-    }
-
-    /// The predictions that need no model: persistence (the recorded frame one stride before, held), extrapolation (the line
-    /// through the two recorded frames before; through the first one alone at first), hold first (the first frame; of single
-    /// steps, which start anew each time, persistence). Of a mesh of cells also the true change from the recorded frame one
-    /// stride before, smoothed over cells: what its error is, no smooth prediction gets right.
-    ///
-    /// # Errors
-    /// What the mesh metrics fail with.
-    pub fn baselines(&self) -> Result<Vec<Prediction>> {
-        let held = |k: usize, from: &dyn Fn(usize) -> usize| -> Vec<SquaredError> {
-            let error = |i| self.error(k, self.truth(k, from(i)), i + 1);
-            (0..self.pace.steps).map(error).collect()
-        };
-        let line = |k: usize| -> Vec<SquaredError> {
-            let error = |i: usize| {
-                let before = self.truth(k, i.saturating_sub(1));
-                let pairs = self.truth(k, i).iter().zip(before);
-                let line: Vec<f64> = pairs.map(|(a, b)| 2.0 * a - b).collect();
-                self.error(k, &line, i + 1)
-            };
-            (0..self.pace.steps).map(error).collect()
-        };
-        let fields = |single: &dyn Fn(usize) -> Vec<SquaredError>,
-                      rollout: &dyn Fn(usize) -> Vec<SquaredError>| {
-            let errors = |k| FieldErrors {
-                single: single(k),
-                rollout: rollout(k),
-            };
-            (0..self.tracks.len()).map(errors).collect()
-        };
-        let persistence = |k| held(k, &|i| i);
-        let smoothing = Smoothing::new(self.mesh);
-        let smoothed = |k: usize| -> Vec<SquaredError> {
-            let width = self.tracks[k].width;
-            let error = |i: usize| {
-                let (before, after) = (self.truth(k, i), self.truth(k, i + 1));
-                let change: Vec<f64> = after.iter().zip(before).map(|(b, a)| b - a).collect();
-                let smooth = smoothing.as_ref().map(|s| s.apply(&change, width));
-                let pairs = before.iter().zip(smooth.as_ref().unwrap_or(&change));
-                let found: Vec<f64> = pairs.map(|(a, change)| a + change).collect();
-                self.error(k, &found, i + 1)
-            };
-            (0..self.pace.steps).map(error).collect()
-        };
-        let first = self.truth(0, 0);
-        let quality = (1..=self.pace.steps).map(|frame| self.quality(first, frame));
-        let mut all = vec![
-            (
-                "persistence",
-                "persistence",
-                fields(&persistence, &persistence),
-                None,
-            ),
-            ("extrapolation", "extrapolation", fields(&line, &line), None),
-            (
-                "hold_first",
-                "hold first",
-                fields(&persistence, &|k| held(k, &|_| 0)),
-                quality.collect::<Result<Option<Vec<_>>>>()?,
-            ),
-        ];
-        if smoothing.is_some() {
-            all.push((
-                "smoothed",
-                "true change, smoothed over cells",
-                fields(&smoothed, &smoothed),
-                None,
-            ));
-        }
-        let prediction = |(key, name, fields, quality)| Prediction {
-            key,
-            name,
-            fields,
-            quality,
-            ..Prediction::default()
-        };
-        Ok(all.into_iter().map(prediction).collect())
     }
 
     /// Scores what `step` predicts. `progress` is called after each step, and ends the run with an error of its own.
@@ -283,10 +221,11 @@ impl<'a> Scene<'a> {
         let recorded = (0..=steps)
             .map(|i| self.largest(self.truth(0, i)))
             .fold(0.0, f64::max);
-        p.largest = Some(match p.diverged {
-            Some(_) => f64::INFINITY,
-            None => largest / recorded.max(f64::MIN_POSITIVE),
-        });
+        p.largest = match p.diverged {
+            Some(_) => Some(f64::INFINITY),
+            // A recording at rest makes no scale.
+            None => (recorded > 0.0).then_some(largest / recorded),
+        };
         Ok(p)
     }
 

@@ -1,7 +1,7 @@
 //! Figures of trajectories, together and one by one: tables for people, and the figures file.
 
-use super::rmse::{SquaredError, cumulative};
 use super::{Case, Pace, Prediction};
+use crate::errors::{SquaredError, cumulative};
 use m4gn_contact::quality::Quality;
 use m4gn_data::Split;
 use m4gn_report::{Table, number};
@@ -353,6 +353,7 @@ pub fn json(cases: &[Case]) -> Value {
             "split": c.split.name(),
             "horizon": c.horizon,
             "diverged": c.diverged(),
+            "outside": c.outside,
         });
         add_rows(&mut case, &c.rows(), &c.fields);
         case

@@ -1,8 +1,8 @@
 //! Figures on paper; predictions whose errors are known, and sessions, on the trajectory of a body that Python wrote: 12
 //! points, 4 frames, 0.01 s apart.
 
-use super::rmse::SquaredError;
 use super::*;
+use crate::errors::SquaredError;
 use m4gn_contact::quality::Quality;
 use m4gn_mesh::NodeType;
 use serde_json::Value;
@@ -48,6 +48,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
         ],
         data_gap: Vec::new(),
         solver: None,
+        outside: Vec::new(),
     }
 }
 
@@ -200,6 +201,8 @@ fn shift(u: &mut [f64], t: &Trajectory, by: f64) {
 #[test]
 fn the_truth_has_no_error() {
     let case = known(0.01, |_, _| Ok(()));
+    // Three steps are all there is: no more is said to be covered
+    assert!((case.horizon - 0.03).abs() < 1e-12, "{}", case.horizon);
     let rows = case.rows();
     assert_eq!(figures(&case, 0), [0.0; 3]);
     assert_eq!(rows[0].quality, Some(Quality::default()));
@@ -307,7 +310,7 @@ fn models_and_data_of_other_kinds_are_refused() {
     assert!(message(m4gn_model::sample::spec()).contains("the data are a body at points"));
     let mut spec = m4gn_model::sample::bodies();
     spec.fields[0].dimensions[2] = -1;
-    assert!(message(spec).contains("the model knows a vector with dimensions [0, 1, -1"));
+    assert!(message(spec).contains("the model knows a vector with dimensions [0 1 -1"));
 }
 
 /// A flow at cells in two directions, its fields by whatever names.
@@ -342,6 +345,22 @@ fn a_flow_whose_field_has_another_name() {
         .for_each(|w| total.add(SquaredError::between(&w[0].cells, &w[1].cells)));
     assert!((figures(&case, 1)[2] / total.rmse() - 1.0).abs() < 1e-12);
     assert!(case.rows().iter().all(|r| r.quality.is_none() && r.gap.is_none()));
+
+    // What the model was trained on is compared with what it is shown.
+    assert!(case.outside.is_empty());
+    let mut slow = Model::random(model.spec.clone(), 3).unwrap();
+    slow.spec.trained_on = Some(m4gn_model::TrainedOn {
+        cell_size: [1e-9, 2e-9],
+        speed: None,
+        courant: None,
+        inputs: Vec::new(),
+        solid: None,
+    });
+    let outside = go(&slow).unwrap().outside;
+    assert!(
+        outside.len() == 1 && outside[0].contains("distance of neighbouring cells"),
+        "{outside:?}"
+    );
 
     let mut scalar = model.spec.clone();
     scalar.fields.retain(|f| f.name == "p");

@@ -71,6 +71,14 @@ pub fn fluctuation(values: &[f64]) -> f64 {
     mean(&values.iter().map(|v| (v - m).powi(2)).collect::<Vec<_>>()).sqrt()
 }
 
+/// The middle value, or the mean of the two in the middle; none of nothing.
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.into_iter().collect();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    (n > 0).then(|| 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]))
+}
+
 /// Weighted least squares of a line and a sine.
 struct Fit<'a> {
     times: Vec<f64>,
@@ -142,7 +150,7 @@ impl<'a> Fit<'a> {
 }
 
 /// Gaussian elimination with row pivots.
-pub(super) fn eliminate<const M: usize>(mut a: [[f64; M]; M], mut b: [f64; M]) -> Option<[f64; M]> {
+pub(crate) fn eliminate<const M: usize>(mut a: [[f64; M]; M], mut b: [f64; M]) -> Option<[f64; M]> {
     let scale = a.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
     for k in 0..M {
         let pivot = (k..M).max_by(|&i, &j| a[i][k].abs().total_cmp(&a[j][k].abs()))?;
@@ -271,5 +279,8 @@ mod tests {
         assert_eq!(mean(&[1.0, 2.0, 6.0]), 3.0);
         assert!((fluctuation(&[1.0, -1.0, 1.0, -1.0]) - 1.0).abs() < 1e-15);
         assert_eq!(mean(&[]), 0.0);
+        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median([4.0, 1.0, 2.0, 9.0]), Some(3.0));
+        assert_eq!(median([]), None);
     }
 }

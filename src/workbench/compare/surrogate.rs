@@ -1,4 +1,4 @@
-//! What a run left behind beside its fields: the surrogate's own summary and the solver's log.
+//! What the surrogate of a run left behind beside its fields: its own summary and table.
 
 use m4gn_mesh::{Error, Result};
 use serde_json::Value;
@@ -20,7 +20,7 @@ pub struct Surrogate {
 /// Reads `postProcessing/NAME/TIME/summary.json` of the function object m4gnSurrogate; none if there was none.
 ///
 /// Of several runs into the same case, the earliest takeover counts, and the figures of the latest.
-pub fn surrogate(case: &Path) -> Result<Option<Surrogate>> {
+pub fn read(case: &Path) -> Result<Option<Surrogate>> {
     let mut found: Vec<(f64, Surrogate)> = Vec::new();
     let root = case.join("postProcessing");
     for name in folders(&root) {
@@ -114,96 +114,15 @@ fn folders(of: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// What a run took, as its log says.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Times {
-    /// Processor seconds of the first rank, its threads included, in hundredths (`ExecutionTime`).
-    pub processor: f64,
-    /// Wall time in whole seconds (`ClockTime`).
-    pub wall: Option<f64>,
-}
-
-/// Times of a solver run, from the last `ExecutionTime = .. s  ClockTime = .. s` of `log.APPLICATION`; none without one.
-pub fn times(case: &Path, application: &str) -> Option<Times> {
-    let all = all_times(case, application)?;
-    all.last().map(|(_, times)| *times)
-}
-
-/// Processor seconds of a solver run up to the simulated time `from`, and after it; none without such a log.
-pub fn processor_seconds(case: &Path, application: &str, from: f64) -> Option<[f64; 2]> {
-    let all = all_times(case, application)?;
-    let end = all.last()?.1.processor;
-    let slack = 1e-6 * from.abs().max(1e-6);
-    let before = all.iter().rfind(|(time, _)| *time <= from + slack);
-    let before = before.map_or(0.0, |(_, t)| t.processor);
-    Some([before, end - before])
-}
-
-/// Simulated time and what the run had taken until then, one entry a time step.
-fn all_times(case: &Path, application: &str) -> Option<Vec<(f64, Times)>> {
-    if application.is_empty() {
-        return None;
-    }
-    let text = std::fs::read(case.join(format!("log.{application}"))).ok()?;
-    let text = String::from_utf8_lossy(&text);
-    let (mut time, mut found) = (f64::NEG_INFINITY, Vec::new());
-    for line in text.lines().map(str::trim_start) {
-        let seconds = |key: &str| {
-            let rest = line[line.find(key)? + key.len()..]
-                .trim_start()
-                .strip_prefix('=')?;
-            // Newer versions write the unit behind the time: 2s
-            let word = rest.split_whitespace().next()?;
-            word.trim_end_matches('s').parse::<f64>().ok()
-        };
-        if line.starts_with("Time =") {
-            time = seconds("Time").unwrap_or(time);
-        } else if let Some(rest) = line.strip_prefix("Iteration:") {
-            // solidDisplacementFoam
-            time = rest.trim().parse().unwrap_or(time);
-        } else if line.starts_with("ExecutionTime =")
-            && let Some(processor) = seconds("ExecutionTime")
-        {
-            let wall = seconds("ClockTime");
-            found.push((time, Times { processor, wall }));
-        }
-    }
-    Some(found)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::fs;
 
     #[test]
-    fn times_of_a_log() {
-        let dir = tempfile::tempdir().unwrap();
-        let write = |text: &str| fs::write(dir.path().join("log.icoFoam"), text).unwrap();
-        assert_eq!(times(dir.path(), "icoFoam"), None);
-        write(
-            "Time = 1\nExecutionTime = 0.5 s  ClockTime = 0 s\n\nTime = 2s\nExecutionTime = 1.86 s  ClockTime = 4 s\n\nEnd\n",
-        );
-        let (processor, wall) = (1.86, Some(4.0));
-        assert_eq!(times(dir.path(), "icoFoam"), Some(Times { processor, wall }));
-        let parts = processor_seconds(dir.path(), "icoFoam", 1.0).unwrap();
-        assert!(parts[0] == 0.5 && (parts[1] - 1.36).abs() < 1e-12, "{parts:?}");
-        assert_eq!(processor_seconds(dir.path(), "icoFoam", 0.5), Some([0.0, 1.86]));
-        // solidDisplacementFoam's
-        write(
-            "Iteration: 1\n\nExecutionTime = 0.5 s  ClockTime = 0 s\n\nIteration: 2\n\nExecutionTime = 2 s\n",
-        );
-        assert_eq!(processor_seconds(dir.path(), "icoFoam", 1.0), Some([0.5, 1.5]));
-        write("no times\n");
-        assert_eq!(times(dir.path(), "icoFoam"), None);
-        assert_eq!(processor_seconds(dir.path(), "icoFoam", 1.0), None);
-        assert_eq!(times(dir.path(), ""), None);
-    }
-
-    #[test]
     fn surrogate_summaries() {
         let dir = tempfile::tempdir().unwrap();
-        assert!(surrogate(dir.path()).unwrap().is_none());
+        assert!(read(dir.path()).unwrap().is_none());
         let folder = |time: &str| {
             let folder = dir.path().join("postProcessing/surrogate").join(time);
             fs::create_dir_all(&folder).unwrap();
@@ -211,17 +130,17 @@ mod tests {
         };
         // Another function object's file is none of ours.
         fs::write(folder("0").join("summary.json"), "{\"other\": 1}").unwrap();
-        assert!(surrogate(dir.path()).unwrap().is_none());
+        assert!(read(dir.path()).unwrap().is_none());
         let one = r#"{"replaced_time": 2.0, "replaced_fraction": 0.8, "stride": 0.05}"#;
         fs::write(folder("1").join("summary.json"), one).unwrap();
-        let missing = surrogate(dir.path()).unwrap_err().to_string();
+        let missing = read(dir.path()).unwrap_err().to_string();
         assert!(missing.contains("table of m4gnSurrogate"), "{missing}");
         // Three steps that ended at 1.2: the first jump began at 1.05.
         let table = "# Jumps\n# Time\tsteps\tsurrogate(s)\n1.2\t3\t0.1\n1.45\t4\t0.1\n";
         fs::write(folder("1").join("surrogate.dat"), table).unwrap();
         let two = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
         fs::write(folder("3.5").join("summary.json"), two).unwrap();
-        let found = surrogate(dir.path()).unwrap().unwrap();
+        let found = read(dir.path()).unwrap().unwrap();
         assert!(
             (found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9),
             "{found:?}"
@@ -234,6 +153,6 @@ mod tests {
             "{found:?}"
         );
         fs::write(folder("3.5").join("summary.json"), "{").unwrap();
-        assert!(surrogate(dir.path()).is_err());
+        assert!(read(dir.path()).is_err());
     }
 }

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnJump.H"
+#include "m4gnOthers.H"
+#include "m4gnTimeStep.H"
+#include "clockTime.H"
+#include "functionObjectList.H"
+#include "Time.H"
+#include "timeControlFunctionObject.H"
+
+namespace
+{
+using namespace Foam;
+
+//- What Time does not let others do
+class clockwork
+:
+    public Time
+{
+public:
+    //- The next step of the surrogate counts as the solver's steps that it
+    //  stands for: writeControl timeStep, of the run and of function objects,
+    //  goes on at the times at which it would without jumps
+    static void count(Time& time, const label nSteps)
+    {
+        time.*(&clockwork::timeIndex_) += nSteps - 1;
+    }
+
+    //- A step of the surrogate passes multiples of writeInterval without
+    //  ending there: write then, as at run times that it passes
+    static void passed(Time& time, const label nSteps)
+    {
+        if (time.*(&clockwork::writeControl_) == Time::wcTimeStep)
+        {
+            const label interval = max(label(1), label(time.*(&clockwork::writeInterval_)));
+            const label index = time.timeIndex();
+
+            if (index/interval > (index - nSteps)/interval)
+            {
+                time.*(&clockwork::writeTime_) = true;
+            }
+        }
+    }
+
+    //- A time that is a multiple of the write interval and less than half a
+    //  time step ahead counts as written, so that the solver's own steps meet
+    //  it. After a step as long as the surrogate's that would be times that
+    //  the solver has yet to come to: count again with the solver's deltaT.
+    static void restore(Time& time)
+    {
+        const auto control = time.*(&clockwork::writeControl_);
+
+        if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime)
+        {
+            label& index = time.*(&clockwork::writeTimeIndex_);
+            const scalar passed =
+                time.value() - time.startTime().value() + 0.5*time.deltaTValue();
+
+            index = min(index, label(passed/(time.*(&clockwork::writeInterval_))));
+        }
+    }
+
+    //- Does deltaT differ from controlDict's, so that an edited one is not
+    //  heeded?
+    static bool& changed(Time& time)
+    {
+        return time.*(&clockwork::deltaTchanged_);
+    }
+};
+
+//- Does it run at times, of which those less than half a time step ahead count
+//  as come?
+bool atTimes(const timeControl& control)
+{
+    return
+        control.control() == timeControl::ocRunTime
+     || control.control() == timeControl::ocAdjustableRunTime;
+}
+
+//- Execute and write the function object at a time of a stride. One whose
+//  control counts times by deltaT is given the solver's, so that times up to
+//  half a stride ahead are not taken for done; one that sees each n-th step
+//  1/n of the stride.
+void runAt(functionObject& object, Time& time, const scalar deltaT)
+{
+    const scalar stride = time.deltaTValue();
+    const auto* controls = isA<functionObjects::timeControl>(object);
+
+    scalar seen = stride;
+    if (controls && controls->executeControl().control() == timeControl::ocTimeStep)
+    {
+        seen /= max(scalar(1), controls->executeControl().interval());
+    }
+
+    time.setDeltaT(controls && atTimes(controls->executeControl()) ? deltaT : seen, false);
+    object.execute();
+    time.setDeltaT(controls && atTimes(controls->writeControl()) ? deltaT : seen, false);
+    object.write();
+    time.setDeltaT(stride, false);
+}
+
+//- What function objects keep for a restart, as the run's own list of them
+//  writes it after a step of the solver
+void writeProperties(Time& time)
+{
+    const unsigned int precision = IOstream::precision_;
+    IOstream::precision_ = 16;
+    time.functionObjects().stateDict().writeObject
+    (
+        IOstream::ASCII, IOstream::currentVersion, time.writeCompression(), true
+    );
+    IOstream::precision_ = precision;
+}
+
+} // End anonymous namespace
+
+void Foam::m4gnJump::executeOthers(const scalar deltaT) const
+{
+    functionObjectList& list = time_.functionObjects();
+
+    forAll(list, i)
+    {
+        if (list[i].name() != name_ && others_.found(list[i].name()))
+        {
+            runAt(list[i], time_, deltaT);
+        }
+    }
+}
+
+Foam::m4gnJump::m4gnJump
+(
+    const word& name,
+    const fvMesh& mesh,
+    const dictionary& dict,
+    m4gnRide& ride,
+    autoPtr<m4gnSolverState>&& state
+)
+:
+    mesh_(mesh),
+    time_(const_cast<Time&>(mesh.time())),
+    ride_(ride),
+    state_(std::move(state)),
+    name_(name),
+    others_(m4gnOthers::chosen(name, mesh.time(), dict)),
+    stale_(mesh),
+    last_({-1, false, 0})
+{}
+
+bool Foam::m4gnJump::run(m4gn_ride_answer answer)
+{
+    // Between its steps time has the surrogate's deltaT
+    const scalar deltaT = time_.deltaTValue();
+    const bool changed = clockwork::changed(time_);
+    const word lastSolved(time_.timeName());
+
+    {
+        const m4gnTimeStep::held solverStep(mesh_, ride_.fields());
+        clockTime timer;
+        scalar surrogate = 0, handOver = 0;
+        const m4gnReplacer::state before(last_);
+        last_ = {last_.timeIndex, false, deltaT};
+
+        const auto complete = [&](const bool last)
+        {
+            timer.timeIncrement();
+            state_->complete(deltaT, last);
+            if (last)
+            {
+                state_->beforeStep(0);
+            }
+            last_.handedOver = last;
+            handOver += timer.timeIncrement();
+        };
+        const auto told = [&]()
+        {
+            ride_.spent(surrogate, handOver);
+            surrogate = handOver = 0;
+        };
+
+        while (answer.action == M4GN_RIDE_STRIDE)
+        {
+            timer.timeIncrement();
+            state_->beforeStride();
+            answer = ride_.stride(predicted_);
+            if (answer.action != M4GN_RIDE_ADVANCE)
+            {
+                break;
+            }
+            clockwork::count(time_, answer.solver_steps);
+            state_->advance(predicted_, answer.duration);
+            last_.timeIndex = time_.timeIndex();
+            last_.handedOver = false;
+            clockwork::passed(time_, answer.solver_steps);
+            surrogate += timer.timeIncrement();
+
+            answer = ride_.advanced();
+            // Strides that are left: the run is stopped, and one that is
+            // carried on takes them
+            const bool last = answer.action == M4GN_RIDE_HAND_BACK && !answer.strides;
+
+            if
+            (
+                last || state_->completeEach() || time_.writeTime()
+             || (answer.last_but_one && state_->completeLastTwo())
+             || (others_.size() && state_->completeForOthers())
+            )
+            {
+                complete(last);
+            }
+
+            stale_.write(*state_, lastSolved);
+            executeOthers(deltaT);
+
+            if (time_.writeTime())
+            {
+                told();
+                writeProperties(time_);
+                ride_.save();
+            }
+        }
+
+        if (answer.action == M4GN_RIDE_SOLVE)
+        {
+            last_ = before;
+        }
+        else if (!last_.handedOver)
+        {
+            // The jump ended early
+            complete(true);
+        }
+        told();
+    }
+
+    time_.setDeltaT(deltaT, false);
+    clockwork::changed(time_) = changed;
+
+    if (answer.action != M4GN_RIDE_HAND_BACK)
+    {
+        return false;
+    }
+
+    clockwork::restore(time_);
+
+    if (time_.value() > time_.endTime().value() - 0.5*deltaT)
+    {
+        // Stopped from outside (stopAt, a signal): Time ends a run in an
+        // orderly way only after a step of the solver
+        time_.setEndTime(time_.value() + deltaT);
+    }
+
+    ride_.handedBack(answer, state_->quantities());
+    return true;
+}

@@ -1,0 +1,496 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnRide.H"
+#include "m4gnCore.H"
+#include "m4gnDictionary.H"
+#include "m4gnExplicitStress.H"
+#include "m4gnRun.H"
+#include "m4gnSegmentField.H"
+#include "directionMixedFvPatchFields.H"
+#include "HashSet.H"
+#include "mixedFvPatchFields.H"
+#include "OFstream.H"
+#include "OSspecific.H"
+#include "SolverPerformance.H"
+#include "Time.H"
+#include "writeFile.H"
+
+//- A table is there from its first row on
+class Foam::m4gnRide::table
+:
+    public functionObjects::writeFile
+{
+public:
+    table(const fvMesh& mesh, const word& name, const word& file, const dictionary& dict)
+    :
+        writeFile(mesh, name, file, dict)
+    {}
+
+    void write(const std::string& rows)
+    {
+        if (Pstream::master() && writeToFile())
+        {
+            file() << rows.c_str() << flush;
+        }
+    }
+};
+
+namespace
+{
+using namespace Foam;
+
+//- Names of all fields of the model
+wordList names(const m4gnSession& session)
+{
+    wordHashSet all(session.inputs());
+    all.insert(session.outputs());
+    return all.sortedToc();
+}
+
+//- Settings of m4gn_ride_new
+std::string settings(const dictionary& dict)
+{
+    wordHashSet own(m4gnRide::keys());
+    own.insert(wordList({"timeStart", "timeEnd", "name", "setupSeconds"}));
+    return m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc()));
+}
+
+//- Which faces hold a field's value; where they let go, a face has its cell's
+template<class Type>
+void mark(const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNodes& nodes, List<int32_t>& held)
+{
+    held.resize(nodes.nBoundary());
+    label nodei = 0;
+
+    for (const label patchi : nodes.valuePatches())
+    {
+        const fvPatchField<Type>& patch = field.boundaryField()[patchi];
+        const auto* mixed = dynamic_cast<const mixedFvPatchField<Type>*>(&patch);
+        const auto* directionMixed = dynamic_cast<const directionMixedFvPatchField<Type>*>(&patch);
+
+        forAll(patch, facei)
+        {
+            held[nodei++] =
+                mixed ? mixed->valueFraction()[facei] > 0.5
+              : directionMixed ? tr(directionMixed->valueFraction()[facei]) > 0.5
+              : patch.fixesValue();
+        }
+    }
+}
+
+fileName stateFile(const word& name, const Time& time)
+{
+    return time.path()/time.timeName()/"uniform"/(name + ".state");
+}
+
+} // End anonymous namespace
+
+m4gn_ride_step Foam::m4gnRide::now(const label correctors) const
+{
+    const Time& time = mesh_.time();
+    timeName_ = time.timeName();
+
+    m4gn_ride_step step{};
+    step.time = time.value();
+    step.delta_t = time.deltaTValue();
+    step.end_time = time.endTime().value();
+    step.shown = time.timeOutputValue();
+    step.wall = time.elapsedClockTime();
+    step.index = time.timeIndex();
+    step.name = timeName_.c_str();
+    step.correctors = correctors;
+    step.most_correctors =
+        mesh_.solutionDict().subOrEmptyDict("stressAnalysis").getOrDefault<label>("nCorrectors", 1);
+    return step;
+}
+
+Foam::label Foam::m4gnRide::correctors() const
+{
+    if (!m4gnExplicitStress::registered(mesh_))
+    {
+        return -1;
+    }
+
+    List<SolverPerformance<vector>> solves;
+    m4gn::solverPerformance(mesh_).readIfPresent(dict_.getOrDefault<word>("D", "D"), solves);
+
+    return solves.size() ? solves.size() : -1;
+}
+
+const std::vector<m4gn_field>& Foam::m4gnRide::gather(const bool wanted)
+{
+    static const std::vector<m4gn_field> none;
+
+    if (!wanted)
+    {
+        return none;
+    }
+    fields_.gather(session_.nodes());
+    return fields_.view();
+}
+
+std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
+{
+    std::vector<const int32_t*> marks;
+
+    if (!wanted || !observes_)
+    {
+        return marks;
+    }
+
+    held_.resize(fields_.size());
+    marks.resize(fields_.size(), nullptr);
+    for (label fieldi = 0; fieldi < fields_.size(); ++fieldi)
+    {
+        const word& name = fields_.name(fieldi);
+        if (!session_.outputs().found(name))
+        {
+            continue;
+        }
+        if (fields_.components(fieldi) == 1)
+        {
+            mark(mesh_.lookupObject<volScalarField>(name), session_.nodes(), held_[fieldi]);
+        }
+        else
+        {
+            mark(mesh_.lookupObject<volVectorField>(name), session_.nodes(), held_[fieldi]);
+        }
+        marks[fieldi] = held_[fieldi].cdata();
+    }
+    return marks;
+}
+
+void Foam::m4gnRide::listen()
+{
+    static const char* const files[] =
+        {"surrogate", "strides", "surrogateError", "surrogateSegmentError"};
+
+    for (label i = 0; i < tables_.size(); ++i)
+    {
+        const std::string rows(m4gn_ride_text(ride_, M4GN_RIDE_JUMPS + i));
+        if (rows.size())
+        {
+            if (!tables_.set(i))
+            {
+                tables_.set(i, new table(mesh_, name_, files[i], dict_));
+            }
+            tables_[i].write(rows);
+        }
+    }
+
+    const std::string text(m4gn_ride_text(ride_, M4GN_RIDE_LOG));
+    if (text.size())
+    {
+        Info<< text.c_str() << flush;
+    }
+
+    std::string warning;
+    while ((warning = m4gn_ride_text(ride_, M4GN_RIDE_WARNING)).size())
+    {
+        WarningInFunction << warning.c_str() << endl;
+    }
+}
+
+template<class Call>
+m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
+{
+    m4gn_ride_answer answer{};
+    const int32_t status = call(&answer);
+
+    // The row of the stride that ends a run
+    std::string error(status == M4GN_OK ? "" : m4gn_last_error());
+    listen();
+
+    if (status != M4GN_OK)
+    {
+        FatalErrorInFunction << what << ": " << error.c_str() << exit(FatalError);
+    }
+    if (answer.stepped)
+    {
+        session_.stepped();
+    }
+    return answer;
+}
+
+template<class Type>
+void Foam::m4gnRide::writeError(const label outputi) const
+{
+    const word& name = session_.outputs()[outputi];
+    tmp<GeometricField<Type, fvPatchField, volMesh>> tfield
+    (
+        m4gn::cellField<Type>(mesh_, "error(" + name + ')', mesh_.time().timeName())
+    );
+    auto& field = tfield.ref();
+
+    auto* cells = reinterpret_cast<scalar*>(field.primitiveFieldRef().data());
+    if (m4gn_ride_difference(ride_, outputi, cells) != M4GN_OK)
+    {
+        // None has been compared yet
+        return;
+    }
+    field.correctBoundaryConditions();
+    field.dimensions().reset
+    (
+        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(name).dimensions()
+    );
+    field.note() =
+        "m4gn: the surrogate's " + name + " at time "
+      + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's";
+    field.write();
+}
+
+void Foam::m4gnRide::writeErrors() const
+{
+    if (!observes_ || !mesh_.time().writeTime() || !dict_.getOrDefault<bool>("writeErrors", false))
+    {
+        return;
+    }
+
+    forAll(session_.outputs(), outputi)
+    {
+        if (session_.outputComponents(outputi) == 1)
+        {
+            writeError<scalar>(outputi);
+        }
+        else
+        {
+            writeError<vector>(outputi);
+        }
+    }
+}
+
+Foam::m4gnRide::m4gnRide
+(
+    const word& name,
+    const fvMesh& mesh,
+    const dictionary& dict,
+    m4gnSession& session
+)
+:
+    name_(name),
+    mesh_(mesh),
+    dict_(dict),
+    observes_(dict.get<word>("mode") == "observe"),
+    session_(session),
+    fields_(mesh, names(session)),
+    ride_(nullptr),
+    tables_(4)
+{
+    dictionary own(dict);
+    own.set("name", name);
+    own.set("setupSeconds", session.setupSeconds());
+    own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
+    if (own.subOrEmptyDict("adapt").getOrDefault<bool>("writeModel", false))
+    {
+        const fileName dir(m4gn::outputDir(name, mesh));
+        mkDir(dir);
+        own.subDict("adapt").set("writeModel", string(dir/"adapted.safetensors"));
+    }
+
+    const m4gn_ride_step start(now());
+    m4gn::check
+    (
+        m4gn_ride_new(session.handle(), &session.nodes().data(), settings(own).c_str(), &start, &ride_),
+        "m4gnSurrogate cannot start"
+    );
+    listen();
+
+    if (!observes_)
+    {
+        tables_.set(0, new table(mesh, name, "surrogate", dict));
+    }
+}
+
+Foam::m4gnRide::~m4gnRide()
+{
+    m4gn_ride_free(ride_);
+}
+
+Foam::wordList Foam::m4gnRide::keys()
+{
+    return
+    {
+        "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "writeErrors", "adapt", "control",
+        "writePrecision"
+    };
+}
+
+void Foam::m4gnRide::checkDictionary(const dictionary& dict)
+{
+    dictionary own(dict);
+    if (own.subOrEmptyDict("adapt").found("writeModel"))
+    {
+        own.subDict("adapt").get<bool>("writeModel");
+        own.subDict("adapt").remove("writeModel");
+    }
+    if (Pstream::parRun() && own.subOrEmptyDict("adapt").getOrDefault<bool>("overlap", false))
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry overlap of adapt is for runs on one rank: more would sum"
+            << " gradients over MPI beside a solver that uses it. Leave it out"
+            << exit(FatalIOError);
+    }
+    if (m4gn_options_check("ride", settings(own).c_str()) != M4GN_OK)
+    {
+        FatalIOErrorInFunction(dict) << m4gn_last_error() << exit(FatalIOError);
+    }
+}
+
+m4gn_ride_answer Foam::m4gnRide::solved()
+{
+    const m4gn_ride_step step(now(correctors()));
+    return ask
+    (
+        [&](m4gn_ride_answer* a) { return m4gn_ride_solved(ride_, &step, a); },
+        "m4gnSurrogate cannot go on"
+    );
+}
+
+m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
+{
+    const std::vector<m4gn_field>& fields = gather(asked.fields);
+    const std::vector<const int32_t*> marks(held(asked.fields));
+    const m4gn_ride_answer answer = ask
+    (
+        [&](m4gn_ride_answer* a)
+        {
+            return m4gn_ride_decide
+            (
+                ride_, fields.data(), marks.empty() ? nullptr : marks.data(), fields.size(), a
+            );
+        },
+        "m4gnSurrogate ends the run"
+    );
+    writeErrors();
+    return answer;
+}
+
+m4gn_ride_answer Foam::m4gnRide::stride(List<scalarField>& predicted)
+{
+    const std::vector<m4gn_field>& fields = gather(true);
+    std::vector<m4gn_field_out> outputs(session_.outputs().size());
+    predicted.resize(outputs.size());
+    forAll(predicted, i)
+    {
+        const label n = session_.outputComponents(i);
+        predicted[i].resize(n*session_.nodes().size());
+        outputs[i].name = session_.outputs()[i].c_str();
+        outputs[i].components = n;
+        outputs[i].cells = predicted[i].data();
+    }
+    return ask
+    (
+        [&](m4gn_ride_answer* a)
+        {
+            return m4gn_ride_stride
+            (
+                ride_, fields.data(), fields.size(), outputs.data(), outputs.size(), a
+            );
+        },
+        "m4gnSurrogate cannot step"
+    );
+}
+
+m4gn_ride_answer Foam::m4gnRide::advanced()
+{
+    const m4gn_ride_step step(now());
+    return ask
+    (
+        [&](m4gn_ride_answer* a) { return m4gn_ride_advanced(ride_, &step, a); },
+        "m4gnSurrogate cannot go on"
+    );
+}
+
+void Foam::m4gnRide::spent(const scalar surrogate, const scalar handOver)
+{
+    m4gn::check(m4gn_ride_spent(ride_, surrogate, handOver), "m4gnSurrogate cannot go on");
+}
+
+m4gn_ride_answer Foam::m4gnRide::handedBack
+(
+    const m4gn_ride_answer& asked,
+    const List<quantity>& quantities
+)
+{
+    const m4gn_ride_step step(now());
+    const std::vector<m4gn_field>& fields = gather(asked.fields);
+    std::vector<m4gn_ride_quantity> told;
+    for (const quantity& q : quantities)
+    {
+        told.push_back({q.first().c_str(), q.second()});
+    }
+    return ask
+    (
+        [&](m4gn_ride_answer* a)
+        {
+            return m4gn_ride_handed_back
+            (
+                ride_, &step, told.data(), told.size(), fields.data(), fields.size(), a
+            );
+        },
+        "m4gnSurrogate cannot go on"
+    );
+}
+
+bool Foam::m4gnRide::stored(const word& name, const Time& time)
+{
+    bool found = Pstream::master() && isFile(stateFile(name, time), false);
+    reduce(found, orOp<bool>());
+    return found;
+}
+
+void Foam::m4gnRide::save()
+{
+    if (observes_ && !dict_.found("adapt"))
+    {
+        return;
+    }
+
+    // The first rank writes when the fields of all ranks are there
+    const fileName path(stateFile(name_, mesh_.time()));
+    if (Pstream::master())
+    {
+        mkDir(path.path());
+    }
+    returnReduce(true, andOp<bool>());
+    m4gn::check(m4gn_ride_save(ride_, path.c_str()), "m4gnSurrogate cannot write its state");
+}
+
+bool Foam::m4gnRide::load(m4gn_ride_answer& answer)
+{
+    const m4gn_ride_step step(now());
+    const fileName path(stateFile(name_, mesh_.time()));
+    const int32_t status = m4gn_ride_load(ride_, path.c_str(), &step, &answer);
+
+    if (status == M4GN_ERROR_MODEL)
+    {
+        WarningInFunction
+            << m4gn_last_error() << ": the schedule of " << name_
+            << " begins anew" << endl;
+        return false;
+    }
+    m4gn::check(status, "m4gnSurrogate cannot carry on");
+    listen();
+    return true;
+}
+
+void Foam::m4gnRide::end()
+{
+    const std::string summary(m4gn_ride_text(ride_, M4GN_RIDE_SUMMARY));
+    listen();
+
+    if (summary.empty() || !Pstream::master())
+    {
+        return;
+    }
+
+    const fileName dir(m4gn::outputDir(name_, mesh_));
+    mkDir(dir);
+    OFstream os(dir/"summary.json");
+    os  << summary.c_str();
+
+    if (!os.good())
+    {
+        FatalErrorInFunction << "Cannot write " << os.name() << exit(FatalError);
+    }
+}

@@ -1,0 +1,93 @@
+//! Predictions that need no trained model, which every table of models is read against: a list, a function each.
+
+use super::prediction::{FieldErrors, Prediction};
+use super::scene::Scene;
+use super::smoothing::Smoothing;
+use crate::errors::SquaredError;
+use m4gn_mesh::Result;
+use std::borrow::Cow;
+
+/// The row of a baseline on a scene; none where the scene has no use for it.
+type Baseline = fn(&Scene) -> Result<Option<Prediction>>;
+
+/// All of them, in the order of the tables.
+const BASELINES: [Baseline; 4] = [persistence, extrapolation, hold_first, smoothed];
+
+/// The rows of all baselines.
+///
+/// # Errors
+/// What the mesh metrics fail with.
+pub(super) fn all(scene: &Scene) -> Result<Vec<Prediction>> {
+    let rows = BASELINES.iter().map(|baseline| baseline(scene));
+    rows.filter_map(Result::transpose).collect()
+}
+
+/// What is predicted of field `k` at the end of step `i + 1`.
+type State<'a> = &'a dyn Fn(usize, usize) -> Cow<'a, [f64]>;
+
+/// A row from what single steps and the rollout predict.
+fn row(
+    scene: &Scene,
+    (key, name): (&'static str, &'static str),
+    single: State,
+    rollout: State,
+) -> Prediction {
+    let errors = |k: usize, state: State| -> Vec<SquaredError> {
+        let error = |i| scene.error(k, &state(k, i), i + 1);
+        (0..scene.pace().steps).map(error).collect()
+    };
+    let fields = (0..scene.n_fields()).map(|k| FieldErrors {
+        single: errors(k, single),
+        rollout: errors(k, rollout),
+    });
+    Prediction {
+        key,
+        name,
+        fields: fields.collect(),
+        ..Prediction::default()
+    }
+}
+
+/// The recorded frame one stride before, held.
+fn persistence(scene: &Scene) -> Result<Option<Prediction>> {
+    let last = |k, i| Cow::Borrowed(scene.truth(k, i));
+    Ok(Some(row(scene, ("persistence", "persistence"), &last, &last)))
+}
+
+/// The line through the two recorded frames before; through the first one alone at first.
+fn extrapolation(scene: &Scene) -> Result<Option<Prediction>> {
+    let line = |k: usize, i: usize| {
+        let pairs = scene.truth(k, i).iter().zip(scene.truth(k, i.saturating_sub(1)));
+        Cow::Owned(pairs.map(|(a, b)| 2.0 * a - b).collect())
+    };
+    Ok(Some(row(scene, ("extrapolation", "extrapolation"), &line, &line)))
+}
+
+/// The first frame; of single steps, which start anew each time, persistence.
+fn hold_first(scene: &Scene) -> Result<Option<Prediction>> {
+    let (last, first) = (
+        |k, i| Cow::Borrowed(scene.truth(k, i)),
+        |k, _| Cow::Borrowed(scene.truth(k, 0)),
+    );
+    let quality = (1..=scene.pace().steps).map(|frame| scene.quality(scene.truth(0, 0), frame));
+    Ok(Some(Prediction {
+        quality: quality.collect::<Result<Option<Vec<_>>>>()?,
+        ..row(scene, ("hold_first", "hold first"), &last, &first)
+    }))
+}
+
+/// Of a mesh of cells: the true change from the recorded frame one stride before, smoothed over cells. What its error is, no
+/// smooth prediction gets right.
+fn smoothed(scene: &Scene) -> Result<Option<Prediction>> {
+    let Some(smoothing) = Smoothing::new(scene.mesh()) else {
+        return Ok(None);
+    };
+    let smooth = |k: usize, i: usize| {
+        let (before, after) = (scene.truth(k, i), scene.truth(k, i + 1));
+        let change: Vec<f64> = after.iter().zip(before).map(|(b, a)| b - a).collect();
+        let smooth = smoothing.apply(&change, scene.width(k));
+        Cow::Owned(before.iter().zip(smooth).map(|(a, change)| a + change).collect())
+    };
+    let name = ("smoothed", "true change, smoothed over cells");
+    Ok(Some(row(scene, name, &smooth, &smooth)))
+}

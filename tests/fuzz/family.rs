@@ -1,0 +1,112 @@
+//! Fuzz target: a family's description. See `tests/fuzzing/mod.rs` of the repository.
+
+#[path = "../fuzzing/mod.rs"]
+mod fuzzing;
+
+use fuzzing::{Random, fuzz};
+use m4gn_workbench::generate::family::Family;
+use m4gn_workbench::generate::parameter::{Settings, parse_setting};
+use std::path::Path;
+
+/// What an expression, a name or a number of the family may be in its place.
+const PIECES: [&str; 24] = [
+    "1e308",
+    "-1e308",
+    "inf",
+    "nan",
+    "0",
+    "-0.0",
+    "1e-320",
+    "9007199254740993",
+    "**",
+    "*",
+    "/",
+    "-",
+    "(",
+    ")",
+    " if ",
+    " else ",
+    " and ",
+    "not ",
+    "sqrt(",
+    "steps(",
+    "max(",
+    "'",
+    "\"",
+    "@u0@",
+];
+
+/// Puts a piece, or many of it, in a random place.
+fn insert(bytes: &mut Vec<u8>, r: &mut Random) {
+    let count = *r.pick(&[1, 1, 1, 2, 30, 5000]);
+    let piece = r.pick(&PIECES).repeat(count);
+    let at = r.below(bytes.len() + 1);
+    bytes.splice(at..at, piece.bytes());
+}
+
+/// What is read draws, or says why not; what it draws is finite.
+fn draw(family: &Family, r: &mut Random) {
+    let name = family.parameters.first().map_or("u0", |p| &p.name).to_string();
+    let value = *r.pick(&["1", "0.5:2", "-1e308:1e308", "1e-9:2e-9", "square"]);
+    let mut settings = Settings::new();
+    if r.below(2) == 0
+        && let Ok((name, setting)) = parse_setting(&format!("{name}={value}"))
+    {
+        settings.insert(name, setting);
+    }
+    let _ = family.parameter_help();
+    for index in [0, u64::MAX] {
+        let Ok(draw) = family.draw(r.integer() as u64, index, &settings) else {
+            continue;
+        };
+        assert!(
+            draw.variables.values().all(|v| v.is_finite()),
+            "{:?}",
+            draw.variables
+        );
+        for p in &family.parameters {
+            assert!(
+                p.above.is_none_or(|above| draw.variables[&p.name] > above),
+                "{}",
+                p.name
+            );
+        }
+        let _ = (draw.text(&family.label), family.programs(&draw));
+        for interval in [family.recording.interval, 1e-300, 1e300] {
+            let _ = family.steps(&draw, interval);
+        }
+    }
+}
+
+#[test]
+fn family_description() {
+    let templates = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam/templates");
+    let mut paths: Vec<_> = std::fs::read_dir(templates)
+        .unwrap()
+        .map(|f| f.unwrap().path().join("family.toml"))
+        .filter(|f| f.is_file())
+        .collect();
+    paths.sort();
+    let good: Vec<Vec<u8>> = paths.iter().map(|p| std::fs::read(p).unwrap()).collect();
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("fuzz");
+    std::fs::create_dir(&folder).unwrap();
+    fuzz("family", |r| {
+        let mut bytes = r.pick(&good).clone();
+        for _ in 0..1 + r.below(3) {
+            match r.below(3) {
+                0 => r.damage(&mut bytes),
+                1 => {
+                    let at = r.below(bytes.len().max(1));
+                    r.damage_number(&mut bytes, at);
+                }
+                _ => insert(&mut bytes, r),
+            }
+        }
+        std::fs::write(folder.join("family.toml"), &bytes).unwrap();
+        if let Ok(family) = Family::load(&folder) {
+            draw(&family, r);
+        }
+        bytes.len()
+    });
+}
