@@ -56,7 +56,7 @@ impl Default for LinearSettings {
         let fit = FitSettings::default();
         LinearSettings {
             interval: None,
-            tolerance: 0.03,
+            tolerance: 0.025,
             first: 10,
             growth: 1.5,
             longest: 60,
@@ -93,7 +93,7 @@ impl LinearSettings {
         }
         if !above(self.tolerance) {
             return bad(format!(
-                "tolerance {}: expected an error above 0, such as 0.03",
+                "tolerance {}: expected an error above 0, such as 0.025",
                 self.tolerance
             ));
         }

@@ -1,10 +1,10 @@
 //! A network as a surrogate: a session, and its model's adaptation to the run.
 
 use crate::surrogate::{Advanced, Lesson, Surrogate};
-use m4gn_adapt::{Adaptation, Settings};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, Output};
 use m4gn_step::{Field, FieldMut, Session};
+use m4gn_adapt::{Adaptation, Settings};
 use std::ops::DerefMut;
 use std::path::Path;
 

@@ -59,11 +59,7 @@ impl Shadow {
     /// Part of the stride that the solver has come, near 1.
     pub fn fraction(&self, step: &Step, stride: f64) -> f64 {
         let fraction = (step.time - self.begun) / stride;
-        if (fraction - 1.0).abs() < SAME {
-            1.0
-        } else {
-            fraction
-        }
+        if (fraction - 1.0).abs() < SAME { 1.0 } else { fraction }
     }
 
     /// Whether this is the solver's time step nearest to the end of the stride.
@@ -87,11 +83,7 @@ impl Shadow {
         });
         let error = rms(comm, fields, off);
         let pairs = now.iter().zip(&self.start);
-        let change = rms(
-            comm,
-            fields,
-            pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)),
-        );
+        let change = rms(comm, fields, pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)));
         let size = rms(comm, fields, now.iter().map(|s| s.iter().copied()));
         self.waiting = false;
         let rows = error.into_iter().zip(change).zip(size);
@@ -113,14 +105,9 @@ mod tests {
     fn a_stride_is_compared_where_the_solver_arrives_between_two_strides() {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).biased(0.25));
         let mut shadow = Shadow::default();
-        assert!(
-            !shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5),
-            "nothing is under way"
-        );
+        assert!(!shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5), "nothing is under way");
         let given = toy::given(1.0);
-        let bad = given
-            .with(|g| shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), g))
-            .unwrap();
+        let bad = given.with(|g| shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), g)).unwrap();
         assert_eq!(bad, None);
         // Steps of 0.2: that of 1.4 is nearest to 1.5, and 4/5 of the way.
         assert!(!shadow.has_arrived(&at(1.2, 0.2, 9.0, 1), 0.5));
@@ -142,11 +129,7 @@ mod tests {
         let size = toy::rms_of(&toy::solver(1.6));
         assert!((rows[0].size - size).abs() < 1e-12, "{rows:?} {size}");
         assert!(!shadow.waiting);
-        assert_eq!(
-            shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5),
-            1.0,
-            "rounding"
-        );
+        assert_eq!(shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5), 1.0, "rounding");
     }
 
     #[test]
@@ -154,9 +137,7 @@ mod tests {
         let mut toy = Toy::new(0.5).broken_above(f64::NEG_INFINITY);
         let mut shadow = Shadow::default();
         let given = toy::given(1.0);
-        let bad = given
-            .with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
-            .unwrap();
+        let bad = given.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
         assert!(bad.is_some_and(|what| what.contains("not finite")));
         let now = toy::given(1.5).with(|g| g.values(toy.advances())).unwrap();
         let rows = shadow.compare(&Comm::serial(), &toy, &now, 1.0);
@@ -173,13 +154,7 @@ mod tests {
         assert!(missing.contains("field 'a' is missing"), "{missing}");
         let mut given = toy::given(1.0);
         given.components = 3;
-        let other = given
-            .with(|g| shadow.begin(&mut toy, &step, g))
-            .unwrap_err()
-            .to_string();
-        assert!(
-            other.contains("field 'a': expected 1 components, found 3"),
-            "{other}"
-        );
+        let other = given.with(|g| shadow.begin(&mut toy, &step, g)).unwrap_err().to_string();
+        assert!(other.contains("field 'a': expected 1 components, found 3"), "{other}");
     }
 }

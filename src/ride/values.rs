@@ -79,7 +79,6 @@ pub(crate) fn rms<I: Iterator<Item = f64>>(
     comm.sum_f64(&mut sums);
     comm.sum_i64(&mut rows);
     let pairs = advanced.iter().zip(sums).zip(rows);
-    let mean =
-        |((field, sum), n): ((&Advanced, f64), i64)| (sum / (field.solved as i64 * n.max(1)) as f64).sqrt();
+    let mean = |((field, sum), n): ((&Advanced, f64), i64)| (sum / (field.solved as i64 * n.max(1)) as f64).sqrt();
     pairs.map(mean).collect()
 }
