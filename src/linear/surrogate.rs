@@ -105,6 +105,10 @@ impl Linear {
         let Some(grid) = self.state.grid else {
             return true;
         };
+        // A state that is there already, in a run that is carried on.
+        if self.state.present.is_some_and(|n| grid.at(time).is_some_and(|at| at <= n)) {
+            return false;
+        }
         let passed = |(before, _): &(f64, Vec<Vec<f64>>)| grid.after(*before) < grid.after(time);
         grid.at(time).is_some()
             || self.last.as_ref().is_some_and(passed)

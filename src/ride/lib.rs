@@ -7,6 +7,8 @@
 
 pub mod control;
 mod linear;
+#[cfg(test)]
+mod linear_tests;
 mod log;
 mod network;
 mod observe;
