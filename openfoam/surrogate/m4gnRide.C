@@ -312,7 +312,10 @@ Foam::m4gnRide::m4gnRide
         own.set("linear", linear);
     }
 
-    const m4gn_ride_step start(now());
+    // It is made after the first step
+    m4gn_ride_step start(now());
+    start.time = mesh.time().startTime().value();
+    start.index = mesh.time().startTimeIndex();
     m4gn::check
     (
         run

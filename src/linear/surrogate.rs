@@ -121,10 +121,11 @@ impl Linear {
     /// # Errors
     /// [`Error::Input`] for values that are no state, or a time that is not later than the last one.
     pub fn offer(&mut self, time: f64, delta_t: f64, fields: &[&[f64]]) -> Result<usize> {
+        // Multiples of the interval: times to write are most often among them.
         let first = Grid {
             interval: self.settings.interval,
             number: 0,
-            time,
+            time: 0.0,
         };
         let mut grid = *self.state.grid.get_or_insert(first);
         let last = self.last.take();

@@ -111,13 +111,14 @@ impl LinearSettings {
 }
 
 /// What is kept for a run that is carried on, beside the snapshots.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
     linear: State,
     /// Strides of the jump that is going on.
     ahead: usize,
-    /// Time after the present sample at which the jump began, in strides.
+    /// Time from which predictions begin, s, and how long after the present sample that is, in strides.
+    begin: f64,
     offset: f64,
     /// Strides that the next jump may have.
     length: f64,
@@ -280,11 +281,9 @@ impl Surrogate for Fitted {
         Some(vec![1.0; self.settings.longest])
     }
 
+    /// At the step at which a sample came, or that a jump ended with: predictions begin from there.
     fn is_ready(&self, time: f64) -> bool {
-        let here = self
-            .linear
-            .since(time)
-            .is_some_and(|s| (-1e-6..1.0).contains(&(s - self.kept.ahead as f64)));
+        let here = (time - self.kept.begin).abs() < 1e-6 * self.interval;
         here && self.linear.fitted().is_some() && self.linear.predict(1.0).is_some()
     }
 
@@ -301,11 +300,12 @@ impl Surrogate for Fitted {
 
     fn record(&mut self, step: &Step, arrays: &[&[f64]]) -> Result<String> {
         let samples = self.linear.offer(step.time, step.delta_t, arrays)?;
-        self.kept.offset = self.linear.since(step.time).unwrap_or(0.0).max(0.0);
         let mut said = std::mem::take(&mut self.note);
         if samples == 0 {
             return Ok(said);
         }
+        self.kept.begin = step.time;
+        self.kept.offset = self.linear.since(step.time).unwrap_or(0.0).max(0.0);
         said += &self.compare(step);
         self.kept.tried += samples;
         let due = self.kept.tried >= self.settings.every || self.linear.stretch() == self.settings.least;
@@ -357,7 +357,8 @@ impl Surrogate for Fitted {
         self.kept.ahead += 1;
     }
 
-    fn handed_back(&mut self, own: bool) {
+    fn handed_back(&mut self, time: f64, own: bool) {
+        self.kept.begin = time;
         let strides = std::mem::take(&mut self.kept.ahead);
         // What another surrogate has made is no state of the solver.
         if !(own && self.linear.jump(strides)) {
@@ -370,21 +371,9 @@ impl Surrogate for Fitted {
         let Some(file) = self.file() else {
             return Ok(None);
         };
-        let Kept {
-            ahead,
-            offset,
-            length,
-            ref trial,
-            tried,
-            ..
-        } = self.kept;
         let kept = Kept {
             linear: self.linear.save(&file)?,
-            ahead,
-            offset,
-            length,
-            trial: trial.clone(),
-            tried,
+            ..self.kept.clone()
         };
         let bytes = serde_json::to_vec(&kept);
         bytes

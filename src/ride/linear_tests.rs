@@ -137,9 +137,9 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
     host.run(1e9, |_| false);
     let strides: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
     assert_eq!(strides[..4], [5, 10, 20, 40], "{}", host.log);
-    // 24 states, the first at 0.05 s; one stride beside the solver.
+    // 24 states, the first at 0.2 s; one stride beside the solver.
     let (first, end) = host.jumps[0];
-    assert!((end - first as f64 * 0.2 - (0.05 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
+    assert!((end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
     assert!(host.solved < 220, "{}", host.solved);
     assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
     assert!(host.log.contains("it is used") && host.log.contains("the next jump may have 20 strides"), "{}", host.log);

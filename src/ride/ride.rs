@@ -280,7 +280,8 @@ impl<'a> Ride<'a> {
     fn wants_fields(&self) -> bool {
         let step = &self.step;
         let frame = self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns());
-        let due = self.riders.iter().any(|r| r.can_begin(step) || r.has_arrived(step));
+        let due = |r: &Rider| r.can_begin(step) || r.has_arrived(step) || r.surrogate.records(step);
+        let due = self.riders.iter().any(due);
         let observed = self.settings.mode == Mode::Observe && self.is_on();
         frame || due && (observed || self.is_controlled())
     }
@@ -666,7 +667,7 @@ impl<'a> Ride<'a> {
         };
         self.handed_back = self.step.index;
         for (i, rider) in self.riders.iter_mut().enumerate() {
-            rider.surrogate.handed_back(i == jump.surrogate);
+            rider.surrogate.handed_back(self.step.time, i == jump.surrogate);
         }
         self.watch.handed_back(self.totals.steps);
         if jump.done > 0 || !jump.over {

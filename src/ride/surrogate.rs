@@ -98,9 +98,9 @@ pub trait Surrogate {
     /// Time and fields have been advanced by what the last step predicted.
     fn advanced(&mut self) {}
 
-    /// A jump has ended; `own`: it was this one that jumped.
-    fn handed_back(&mut self, own: bool) {
-        let _ = own;
+    /// A jump has ended at this time, s; `own`: it was this one that jumped.
+    fn handed_back(&mut self, time: f64, own: bool) {
+        let _ = (time, own);
     }
 
     /// Segments K, and the segment of each of this rank's cells: errors are told for each of them. (0, []): none.
