@@ -2,13 +2,13 @@
 //!
 //! `cargo run --release --example coarse_floor -- TRAJECTORY [STRIDE]` prints, for groups of 2, 4, 8 and 12 cells,
 //! the rms of what is lost over that of the change over STRIDE frames (5), when the change is carried back as
-//! one value a group, linearly, and as [`Transfer::prolong`](m4gn_segments::coarse::Transfer::prolong) does, which knows walls; in all
+//! one value a group, linearly, and as [`Transfer::prolong`](m4gn_structure::coarse::Transfer::prolong) does, which knows walls; in all
 //! cells, and in those at walls whose values are held.
 
 use m4gn_data::Trajectory;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{NodeType, Result};
-use m4gn_segments::coarse::Coarse;
+use m4gn_structure::coarse::Coarse;
 use std::path::Path;
 
 fn main() -> Result<()> {

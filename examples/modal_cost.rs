@@ -2,14 +2,15 @@
 //! `bench/modes.py` runs it beside scipy and pymetis.
 
 use clap::{Parser, ValueEnum};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, sample};
 use m4gn_model::SegmentSpec;
 use m4gn_model::modal::{ModalOptions, ModalSolver};
 use m4gn_modes::Modal;
 use m4gn_modes::{Mass, laplacian, laplacian_modes};
-use m4gn_segments::graph::Graph;
-use m4gn_segments::segment;
+use m4gn_samples::mesh as sample;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::segment;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -6,9 +6,9 @@
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, ModeCount};
-use m4gn_modes::fem::sample;
-use m4gn_modes::fem::sample::Kind;
 use m4gn_modes::fem::{Fixed, Formulation, Material, Options, modes};
+use m4gn_samples::points as sample;
+use m4gn_samples::points::Kind;
 use std::time::Instant;
 
 fn main() -> Result<()> {

@@ -18,18 +18,23 @@ fn names(text: &str, separators: &[char]) -> BTreeSet<String> {
     words.map(str::to_owned).collect()
 }
 
-/// The table below a heading of ARCHITECTURE.md: its first column against its last.
-fn table(heading: &str) -> Rooms {
-    let text = read("ARCHITECTURE.md");
+/// The table below a heading of ARCHITECTURE.md: its first column against its last, in which `ROOM and what it imports` is short for
+/// a room above and its own list.
+fn table(text: &str, heading: &str) -> Rooms {
     let (_, rest) = text.split_once(&format!("\n{heading}\n")).expect(heading);
     let section = rest.split("\n## ").next().unwrap();
     let mut rooms = Rooms::new();
     for row in section.lines().filter(|line| line.starts_with("| `")) {
         let cells: Vec<&str> = row.trim_matches('|').split(" | ").collect();
-        let imports = match cells[cells.len() - 1].trim() {
-            "nothing of ours" => BTreeSet::new(),
-            list => names(list, &[',']),
-        };
+        let mut imports = names(cells[cells.len() - 1].trim(), &[',']);
+        imports.remove("nothing of ours");
+        for word in imports.clone() {
+            if let Some(room) = word.strip_suffix(" and what it imports") {
+                imports.remove(&word);
+                imports.insert(room.into());
+                imports.extend(rooms[room].iter().cloned());
+            }
+        }
         rooms.insert(cells[0].trim().trim_matches('`').into(), imports);
     }
     rooms
@@ -41,6 +46,96 @@ fn between<'a>(text: &'a str, start: &str, end: &str) -> &'a str {
         return "";
     };
     rest.split_once(end).expect(end).0
+}
+
+/// Names under `[dependencies]` of the Cargo.toml of a room in src/.
+fn dependencies(room: &str) -> BTreeSet<String> {
+    let text = read(format!("src/{room}/Cargo.toml"));
+    let (_, rest) = text.split_once("\n[dependencies]\n").unwrap_or_default();
+    let lines = rest.lines().take_while(|line| !line.starts_with('['));
+    let first = lines.filter_map(|line| line.split(['.', ' ', '=']).next());
+    first.filter(|name| !name.is_empty()).map(str::to_owned).collect()
+}
+
+/// What the Cargo.toml of each room in src/ lets it import.
+fn crates() -> Rooms {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../src");
+    let folders = fs::read_dir(root).unwrap();
+    let rooms = folders.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let imports = |room: String| {
+        let all = dependencies(&room);
+        let ours = all.iter().filter_map(|name| name.strip_prefix("m4gn-"));
+        (room, ours.map(str::to_owned).collect())
+    };
+    rooms.map(imports).collect()
+}
+
+/// Rooms that are missing in the table or have no folder, and imports that the table does not have.
+fn faults(table: &Rooms, crates: &Rooms) -> Vec<String> {
+    let mut faults = Vec::new();
+    for (room, imports) in crates {
+        match table.get(room) {
+            None => faults.push(format!("{room} is not in the table")),
+            Some(may) => {
+                let more = imports.difference(may);
+                faults.extend(more.map(|other| format!("{room} imports {other}")));
+            }
+        }
+    }
+    let gone = table.keys().filter(|room| !crates.contains_key(*room));
+    faults.extend(gone.map(|room| format!("{room} has no folder")));
+    faults
+}
+
+#[test]
+fn rooms_of_src_import_no_more_than_the_table_says() {
+    let found = faults(&table(&read("ARCHITECTURE.md"), "## Rooms"), &crates());
+    assert!(found.is_empty(), "ARCHITECTURE.md, Rooms: {found:#?}");
+}
+
+#[test]
+fn what_differs_from_the_table_of_src_is_named() {
+    let of = |imports: &str| {
+        let rows =
+            format!("| `mesh` | - | nothing of ours |\n| `model` | - | mesh |\n| `step` | - | {imports} |\n");
+        table(&format!("# A\n\n## Rooms\n\n{rows}\n## Next\n"), "## Rooms")
+    };
+    let found = |imports: &str, rooms: [(&str, &str); 3]| {
+        let rooms = rooms.map(|(room, imports)| (room.to_owned(), names(imports, &[' '])));
+        faults(&of(imports), &Rooms::from(rooms))
+    };
+    let real = [("mesh", ""), ("model", "mesh"), ("step", "mesh model")];
+    assert!(found("model and what it imports", real).is_empty());
+    assert_eq!(found("model", real), ["step imports mesh"]);
+    let renamed = [("mesh", ""), ("models", ""), ("step", "mesh")];
+    assert_eq!(
+        found("mesh", renamed),
+        ["models is not in the table", "model has no folder"]
+    );
+}
+
+/// `libm4gn.so` is loaded by solvers: it has no charts, pages, progress bars or configuration files.
+#[test]
+fn what_the_solver_loads_draws_nothing() {
+    let rooms = crates();
+    let mut inside = BTreeSet::from(["capi".to_owned()]);
+    while let Some(next) = inside
+        .iter()
+        .flat_map(|room| &rooms[room])
+        .find(|room| !inside.contains(*room))
+    {
+        inside.insert(next.clone());
+    }
+    for room in &inside {
+        assert!(
+            !["report", "train", "workbench", "cli"].contains(&&room[..]),
+            "{room} is a part of libm4gn.so"
+        );
+        for name in ["indicatif", "plotters", "png", "toml", "clap"] {
+            let found = dependencies(room).contains(name);
+            assert!(!found, "{room} has {name} and is a part of libm4gn.so");
+        }
+    }
 }
 
 /// What the CMakeLists.txt and the build script below openfoam/ let each room include.
@@ -58,7 +153,9 @@ fn openfoam_rooms() -> Rooms {
         } else if folder.join("build.rs").exists() {
             let text = read(folder.join("build.rs"));
             let includes = names(between(&text, ".includes([", "])"), &[',']);
-            let ours = includes.iter().filter_map(|i| i.trim_matches('"').strip_prefix("../"));
+            let ours = includes
+                .iter()
+                .filter_map(|i| i.trim_matches('"').strip_prefix("../"));
             let imports = ours.filter(|i| !i.contains('/')).map(str::to_owned).collect();
             rooms.insert(room, imports);
         }
@@ -68,7 +165,10 @@ fn openfoam_rooms() -> Rooms {
 
 #[test]
 fn rooms_of_openfoam_import_what_the_table_says() {
-    assert_eq!(table("## Rooms of openfoam/"), openfoam_rooms());
+    assert_eq!(
+        table(&read("ARCHITECTURE.md"), "## Rooms of openfoam/"),
+        openfoam_rooms()
+    );
 }
 
 #[test]
@@ -76,10 +176,17 @@ fn no_room_of_openfoam_imports_itself_through_others() {
     let rooms = openfoam_rooms();
     for room in rooms.keys() {
         let mut reached = rooms[room].clone();
-        while let Some(next) = reached.iter().flat_map(|r| &rooms[r]).find(|r| !reached.contains(*r)) {
+        while let Some(next) = reached
+            .iter()
+            .flat_map(|r| &rooms[r])
+            .find(|r| !reached.contains(*r))
+        {
             reached.insert(next.clone());
         }
-        assert!(!reached.contains(room), "{room} imports itself through {reached:?}");
+        assert!(
+            !reached.contains(room),
+            "{room} imports itself through {reached:?}"
+        );
     }
 }
 
@@ -88,7 +195,9 @@ fn no_room_of_openfoam_imports_itself_through_others() {
 fn headers_of_openfoam_have_one_room() {
     let mut seen = BTreeMap::new();
     for room in openfoam_rooms().into_keys() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam").join(&room);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../openfoam")
+            .join(&room);
         for entry in fs::read_dir(folder).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
             if name.ends_with(".H") {

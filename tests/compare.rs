@@ -182,6 +182,69 @@ fn a_reader_of_one_line_is_no_error() {
     assert!(json.is_file(), "the figures are written all the same");
 }
 
+/// The full run's log goes on to 3 s, the hybrid's ends at 2 s: what the full run took for 2 s counts. A log without End is none.
+#[test]
+fn times_are_those_of_the_same_span_and_of_runs_that_ended() {
+    let (dir, a, b) = two_runs();
+    let json = dir.path().join("c.json").to_str().unwrap().to_string();
+    let log = |case: &str, seconds: &[f64], end: &str| {
+        let step = |(i, s): (usize, &f64)| {
+            format!(
+                "Time = {}\n\nExecutionTime = {s} s  ClockTime = {s:.0} s\n\n",
+                i + 1
+            )
+        };
+        let steps: String = seconds.iter().enumerate().map(step).collect();
+        let control = fs::read_to_string(Path::new(case).join("system/controlDict")).unwrap();
+        let application = control
+            .split("application")
+            .nth(1)
+            .unwrap()
+            .split(';')
+            .next()
+            .unwrap();
+        let file = format!("log.{}", application.trim());
+        fs::write(
+            Path::new(case).join(file),
+            format!("Create mesh for time = 0\n\n{steps}{end}"),
+        )
+        .unwrap();
+    };
+    let compared = || {
+        let run = m4gn(&["compare", &a, &b, "--json", &json]);
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        (figures(&json), String::from_utf8_lossy(&run.stdout).into_owned())
+    };
+    log(&a, &[40.0, 80.0, 440.0], "End\n");
+    log(&b, &[10.0, 20.0], "End\n");
+    let (found, text) = compared();
+    assert_eq!(found["span"], serde_json::json!([0.0, 2.0]));
+    assert_eq!(
+        (&found["processor_a"], &found["processor_b"]),
+        (&80.0.into(), &20.0.into())
+    );
+    assert_eq!(
+        (&found["processor_after_a"], &found["processor_after_b"]),
+        (&40.0.into(), &10.0.into())
+    );
+    let row = text
+        .lines()
+        .find(|l| l.contains("whole run: processor time"))
+        .unwrap();
+    assert!(row.ends_with("25.0 %, 4.00 x as fast"), "{text}");
+    assert!(text.find("whole run").unwrap() < text.find("RMSE-1").unwrap());
+    log(&b, &[0.7], "");
+    let (found, text) = compared();
+    assert!(
+        found["processor_a"].is_null() && found["wall_b"].is_null(),
+        "{found}"
+    );
+    assert!(
+        text.contains("no line 'End'") && !text.contains(" x as fast"),
+        "{text}"
+    );
+}
+
 #[test]
 fn compare_refuses_what_cannot_be_compared() {
     let (dir, a, b) = two_runs();

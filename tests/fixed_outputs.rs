@@ -3,12 +3,13 @@
 //!
 //! A change of these bits is a change of every user's results: it needs a reason that is written down with the new digests.
 
-use m4gn_contact::sample as bodies;
 use m4gn_engine::Isa;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Model, ModelSpec, Output, Resolution};
+use m4gn_samples::bodies;
+use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::path::Path;
 

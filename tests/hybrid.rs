@@ -81,6 +81,17 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
         found["summary"][0]["runs"]["hybrid"]["end"]["median"].as_f64(),
         Some(number("hybrid", "end"))
     );
+    // The whole run counts first, by either clock, and the stretch after the takeover beside it
+    let times = ["whole", "whole_wall", "time"].map(|key| {
+        let median = &found["summary"][0]["runs"]["hybrid"][key]["median"];
+        median.as_f64().unwrap_or_else(|| panic!("{key}: {median}"))
+    });
+    assert!(times.iter().all(|t| *t > 0.0), "{times:?}");
+    let heading = text(&first);
+    assert!(
+        heading.find("whole %").unwrap() < heading.find("first stride").unwrap(),
+        "{heading}"
+    );
     let page = fs::read_to_string(path("f.html")).unwrap();
     assert_eq!(page.matches("<circle").count(), 5);
     // Results stay, the runs themselves do not.
@@ -122,7 +133,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
         "{told}"
     );
     assert!(
-        told.contains("0000  full\n") && !told.contains("0000  hybrid\n"),
+        told.contains("0000  full  ") && !told.contains("0000  hybrid  "),
         "{told}"
     );
     assert_eq!(figures()["cases"][0]["failed"][0][0], "short");
@@ -145,6 +156,64 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     fs::remove_dir_all(path("runs/0000")).unwrap();
     let whole = hybrid(dir.path(), &options);
     assert!(whole.status.success(), "{}", text(&whole));
+}
+
+/// What was made from another family.toml, or from another file of the case, is no result of this one.
+#[test]
+fn a_family_that_was_edited_is_run_anew() {
+    let dir = tempfile::tempdir().unwrap();
+    let own = dir.path().join("own");
+    let templates = Path::new(HOME).join("openfoam/templates/cylinder-flow");
+    assert!(
+        Command::new("cp")
+            .arg("-r")
+            .arg(templates)
+            .arg(&own)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let json = dir.path().join("f.json");
+    let options = format!(
+        "--family {} --plain none --json {}",
+        own.display(),
+        json.display()
+    );
+    let run = || {
+        let done = hybrid(dir.path(), &options);
+        assert!(done.status.success(), "{}", text(&done));
+        let found: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+        let case = &found["cases"][0];
+        (
+            text(&done).contains("0000  hybrid  "),
+            case["runs"]["hybrid"]["made_with"].clone(),
+        )
+    };
+    let first = run();
+    assert!(first.0 && run() == (false, first.1.clone()));
+    let edit = |file: &str, from: &str, to: &str| {
+        let text = fs::read_to_string(own.join(file)).unwrap();
+        assert!(text.contains(from), "{text}");
+        fs::write(own.join(file), text.replace(from, to)).unwrap();
+    };
+    // What is said of a family makes no other runs
+    edit("family.toml", "about = \"", "about = \"My ");
+    assert_eq!(run(), (false, first.1.clone()));
+    edit("family.toml", "range = [0.9, 2.2]", "range = [0.9, 1.0]");
+    let slower = run();
+    assert!(slower.0 && slower.1 != first.1);
+    edit("constant/transportProperties", "@nu@", "2e-3");
+    let thicker = run();
+    assert!(thicker.0 && thicker.1 != slower.1);
+    let inside = hybrid(
+        dir.path(),
+        &format!("{options} --stretches {}", own.join("pool").display()),
+    );
+    assert!(
+        text(&inside).contains("inside of the family's folder"),
+        "{}",
+        text(&inside)
+    );
 }
 
 #[test]

@@ -8,9 +8,10 @@ mod ranks;
 
 use m4gn_adapt::{Adaptation, Outcome, Settings};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::sample::vortex;
-use m4gn_mesh::{Error, Mesh, Result, sample};
+use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, SegmentMethod};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::mesh::vortex;
 use m4gn_step::{Field, Session, SessionOptions};
 use std::process::ExitCode;
 
@@ -57,7 +58,7 @@ fn adapt(comm: &Comm, mesh: &Mesh, model: &Model, method: &str) -> Result<(Model
 
 fn run(comm: &Comm) -> Result<Vec<String>> {
     let mesh = sample::triangles(6, 4, 1.5, 1.0);
-    let mut spec = m4gn_model::sample::spec();
+    let mut spec = m4gn_samples::model::spec();
     spec.segments.method = SegmentMethod::Metis;
     spec.segments.overlap = 1;
     let model = Model::random(spec, 11)?;

@@ -11,15 +11,16 @@ mod pairs;
 mod segments;
 
 use checks::{Checks, compare_modes, compare_segments};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::{Comm, finalize};
 use m4gn_mesh::{Error, Result};
-use m4gn_mesh::{Mesh, sample};
 use m4gn_model::modal::{ModalOptions, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
 use m4gn_modes::{laplacian_modes, laplacian_reference};
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{Segmentation, segment};
+use m4gn_samples::mesh as sample;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, segment};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

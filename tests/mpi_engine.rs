@@ -12,11 +12,12 @@ mod bodies;
 use m4gn_engine::Precision;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
     Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output, Resolution,
     SegmentSpec, cell_size,
 };
+use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::process::ExitCode;
 

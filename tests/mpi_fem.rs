@@ -4,9 +4,9 @@
 
 use m4gn_mesh::parallel::{Comm, finalize};
 use m4gn_model::modal::{ModalOptions, ModeCount};
-use m4gn_modes::fem::sample;
-use m4gn_modes::fem::sample::{Flat, Kind};
 use m4gn_modes::fem::{Fixed, MassKind, Material, Options, Plane, PointMesh, SolidModes, modes};
+use m4gn_samples::points as sample;
+use m4gn_samples::points::{Flat, Kind};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

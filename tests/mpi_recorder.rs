@@ -3,9 +3,10 @@
 //! Run as `mpirun -np P <this binary>` for P = 1, 2, 3; without mpirun this is a run on one rank.
 
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::{Comm, finalize};
 use m4gn_mesh::{Error, Result};
-use m4gn_mesh::{Mesh, sample};
+use m4gn_samples::mesh as sample;
 use std::path::Path;
 use std::process::ExitCode;
 

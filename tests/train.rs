@@ -2,7 +2,7 @@
 
 use m4gn_engine::torch::LIBRARY;
 use m4gn_model::Model;
-use m4gn_train::sample;
+use m4gn_samples::training as sample;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};

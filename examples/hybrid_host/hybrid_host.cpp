@@ -156,7 +156,7 @@ class Host
 public:
     Host(const std::string& model, const std::string& options, double end)
     :
-        end_(end), solver_(mesh_), session_(M4GN_NO_MPI, mesh_.data, "{\"model\": " + m4gn::quoted(model) + "}"),
+        end_(end), solver_(mesh_), session_(M4GN_NO_MPI, mesh_.data, m4gn::Model(M4GN_NO_MPI, model)),
         ride_(session_, mesh_.data, options, now())
     {}
 

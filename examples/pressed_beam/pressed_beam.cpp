@@ -209,7 +209,8 @@ void run(const std::string& model, const std::string& folder)
     mesh.n_obstacle_triangles = static_cast<int32_t>(cylinder.triangles.size()/3);
     mesh.obstacle_triangles = cylinder.triangles.data();
 
-    m4gn::Session session(M4GN_NO_MPI, mesh, "{\"model\": " + m4gn::quoted(model) + ", \"projection\": {}}");
+    const m4gn::Model opened(M4GN_NO_MPI, model);
+    m4gn::Session session(M4GN_NO_MPI, mesh, opened, "{\"projection\": {}}");
 
     // The displacement, which each step replaces by the one after it; the first point of the tip is the last of the first row.
     std::vector<double> D(3*beam.types.size(), 0);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticBody.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnAddressing.H"
 #include "globalIndex.H"
 #include "globalMeshData.H"
 #include "StringStream.H"
@@ -11,17 +11,16 @@ void Foam::m4gnElasticBody::setPoints()
 {
     labelList global(identity(mesh_.nPoints()));
 
-    if (Pstream::parRun())
+    // Without decomposePar's, points that ranks share are found by their places
+    // on the faces between them
+    if
+    (
+        Pstream::parRun()
+     && !m4gn::procAddressing(mesh_, "pointProcAddressing", mesh_.nPoints(), global)
+    )
     {
-        global = m4gnNodes::procAddressing(mesh_, "pointProcAddressing", mesh_.nPoints());
-
-        // Without decomposePar's, points that ranks share are found by their
-        // places on the faces between them
-        if (returnReduce(global.empty() && mesh_.nPoints(), orOp<bool>()))
-        {
-            labelList unique;
-            mesh_.globalData().mergePoints(global, unique);
-        }
+        labelList unique;
+        mesh_.globalData().mergePoints(global, unique);
     }
 
     pointGlobal_.assign(global.begin(), global.end());

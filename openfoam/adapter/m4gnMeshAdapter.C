@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnMeshAdapter.H"
+#include "m4gnAddressing.H"
 #include "m4gnDictionary.H"
 #include "pointFields.H"
 #include "m4gnNodeTypes.H"
@@ -130,11 +131,9 @@ Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
 void Foam::m4gnMeshAdapter::setCells()
 {
     labelList global;
-
-    if (Pstream::parRun())
-    {
-        global = procAddressing(mesh_, "cellProcAddressing", mesh_.nCells());
-    }
+    const bool decomposed =
+        Pstream::parRun()
+     && m4gn::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global);
 
     const globalIndex consecutive(mesh_.nCells());
 
@@ -142,7 +141,7 @@ void Foam::m4gnMeshAdapter::setCells()
     forAll(mesh_.C(), celli)
     {
         cellGlobal_[celli] =
-            global.size() ? global[celli] : consecutive.toGlobal(celli);
+            decomposed ? global[celli] : consecutive.toGlobal(celli);
     }
 
     data_.n_cells = mesh_.nCells();
@@ -215,12 +214,11 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     boundaryGlobal_.resize(nBoundary);
 
     labelList faceGlobal;
-    if (Pstream::parRun())
-    {
-        faceGlobal = procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces());
-    }
-
-    if (faceGlobal.empty())
+    if
+    (
+        !Pstream::parRun()
+     || !m4gn::procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces(), faceGlobal)
+    )
     {
         const globalIndex consecutive(nBoundary);
         for (label nodei = 0; nodei < nBoundary; ++nodei)

@@ -4,7 +4,6 @@
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnPointAdapter.H"
-#include "labelIOList.H"
 
 static_assert
 (
@@ -13,46 +12,6 @@ static_assert
  && sizeof(Foam::label) == sizeof(int32_t),
     "m4gn needs an OpenFOAM with double precision and 32-bit labels"
 );
-
-Foam::labelList Foam::m4gnNodes::procAddressing
-(
-    const fvMesh& mesh,
-    const word& name,
-    const label size
-)
-{
-    labelIOList addressing
-    (
-        IOobject
-        (
-            name,
-            mesh.facesInstance(),
-            polyMesh::meshSubDir,
-            mesh,
-            IOobject::READ_IF_PRESENT,
-            IOobject::NO_WRITE,
-            false
-        )
-    );
-
-    if
-    (
-        !returnReduce
-        (
-            size == 0
-         || (
-                addressing.headerClassName() == labelIOList::typeName
-             && addressing.size() == size
-            ),
-            andOp<bool>()
-        )
-    )
-    {
-        return labelList();
-    }
-
-    return labelList(addressing);
-}
 
 void Foam::m4gnNodes::publishBoundary()
 {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPointAdapter.H"
+#include "m4gnAddressing.H"
 #include "m4gnDictionary.H"
 #include "pointFields.H"
-#include "volFields.H"
 #include "globalIndex.H"
 #include "processorFvPatch.H"
 #include "PstreamBuffers.H"
@@ -98,11 +98,11 @@ void Foam::m4gnPointAdapter::setPoints()
     }
     points_.transfer(mine);
 
-    if (Pstream::parRun())
-    {
-        global_ = procAddressing(mesh_, "pointProcAddressing", nPoints);
-    }
-    if (returnReduce(global_.size() != nPoints, orOp<bool>()))
+    if
+    (
+        !Pstream::parRun()
+     || !m4gn::procAddressing(mesh_, "pointProcAddressing", nPoints, global_)
+    )
     {
         const globalIndex consecutive(points_.size());
 

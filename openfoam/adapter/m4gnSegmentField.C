@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentField.H"
+#include "m4gnAddressing.H"
 #include "m4gnFieldFiles.H"
 #include "m4gnSegmentRecord.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
 #include "emptyPolyPatch.H"
-#include "labelIOList.H"
 #include "processorPolyPatch.H"
 #include "zeroGradientFvPatchFields.H"
 
@@ -94,35 +94,6 @@ static void writeUndecomposed(const volScalarField& field, const labelList& glob
 
 } // End namespace Foam
 
-bool Foam::m4gn::cellAddressing(const fvMesh& mesh, labelList& global)
-{
-    const labelIOList addressing
-    (
-        IOobject
-        (
-            "cellProcAddressing",
-            mesh.facesInstance(),
-            polyMesh::meshSubDir,
-            mesh,
-            IOobject::READ_IF_PRESENT,
-            IOobject::NO_WRITE,
-            false
-        )
-    );
-
-    global = addressing;
-
-    return returnReduce
-    (
-        mesh.nCells() == 0
-     || (
-            addressing.headerClassName() == labelIOList::typeName
-         && addressing.size() == mesh.nCells()
-        ),
-        andOp<bool>()
-    );
-}
-
 template<class Type>
 Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>
 Foam::m4gn::cellField(const fvMesh& mesh, const word& name, const word& instance)
@@ -187,7 +158,7 @@ void Foam::m4gn::writeLabels
     writeToInstance(field);
 
     labelList global;
-    if (Pstream::parRun() && cellAddressing(mesh, global))
+    if (Pstream::parRun() && procAddressing(mesh, "cellProcAddressing", mesh.nCells(), global))
     {
         writeUndecomposed(field, global);
     }

@@ -28,6 +28,7 @@ const SOURCES: &[&str] = &[
     "FoamSolids.C",
     "FoamMesh.C",
     "FoamWrite.C",
+    "../adapter/m4gnAddressing.C",
     "../adapter/m4gnMeshAdapter.C",
     "../adapter/m4gnNodes.C",
     "../adapter/m4gnNodeTypes.C",
@@ -42,11 +43,7 @@ const SOURCES: &[&str] = &[
 ];
 
 /// What they include, beside the header of each.
-const HEADERS: &[&str] = &[
-    "FoamData.H",
-    "../../cpp/include/m4gn.h",
-    "../adapter/m4gnStaleNote.H",
-];
+const HEADERS: &[&str] = &["FoamData.H", "../../include/m4gn.h", "../adapter/m4gnStaleNote.H"];
 
 fn stop(message: &str) -> ! {
     eprintln!("error: the OpenFOAM bridge cannot be built: {message}.\n{HINT}");
@@ -95,7 +92,7 @@ fn main() {
     let mut build = cxx_build::bridge("lib.rs");
     build
         .files(SOURCES)
-        .includes([".", "../adapter", "../../cpp/include"])
+        .includes([".", "../adapter", "../../include"])
         .warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {

@@ -2,6 +2,7 @@
 
 #include "m4gnFlowState.H"
 #include "m4gnDictionary.H"
+#include "m4gnHandOver.H"
 #include "m4gnSolverStateType.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
 
@@ -23,12 +24,16 @@ Foam::surfaceScalarField& Foam::m4gnFlowState::phi() const
 
 void Foam::m4gnFlowState::checkCase() const
 {
-    if (phi().dimensions() != U().dimensions()*dimArea)
+    const string why
+    (
+        m4gn::notHandedOver(mesh_, session_.outputs(), UName_, pName_, phiName_)
+    );
+    if (why.size())
     {
         FatalErrorInFunction
-            << "The flux " << phiName_ << " has the dimensions "
-            << phi().dimensions() << "; mode replace needs a volumetric flux "
-            << U().dimensions()*dimArea << " (incompressible solvers)"
+            << "mode replace cannot hand states of this case over to its solver: "
+            << why.c_str() << nl
+            << "    Use mode observe"
             << exit(FatalError);
     }
 

@@ -8,6 +8,7 @@
 #include "fvcDiv.H"
 #include "fvcFlux.H"
 #include "fvcGrad.H"
+#include "IOMRFZoneList.H"
 #include "zeroGradientFvPatchFields.H"
 
 Foam::dictionary Foam::m4gnFluxProjection::solverControls
@@ -72,6 +73,12 @@ Foam::scalar Foam::m4gnFluxProjection::maxDiv(const surfaceScalarField& phi)
 void Foam::m4gnFluxProjection::interpolate(const volVectorField& U, surfaceScalarField& phi)
 {
     phi = fvc::flux(U);
+
+    // As solvers have it in rotating zones
+    if (const auto* zones = U.mesh().findObject<IOMRFZoneList>("MRFProperties"))
+    {
+        zones->makeRelative(phi);
+    }
 }
 
 void Foam::m4gnFluxProjection::project

@@ -6,6 +6,7 @@
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticModes.H"
+#include "m4gnHandOver.H"
 #include "m4gnMechanicalProperties.H"
 #include "m4gnReplacer.H"
 #include "m4gnRun.H"
@@ -18,6 +19,18 @@ namespace functionObjects
     defineTypeNameAndDebug(m4gnHarvest, 0);
     addToRunTimeSelectionTable(functionObject, m4gnHarvest, dictionary);
 }
+}
+
+//- The name that a recording which was killed gets: the first of
+//  NAME-killed.h5, NAME-killed-2.h5, ... that is free
+static Foam::fileName nameOfKilled(const Foam::fileName& path)
+{
+    Foam::fileName name(path.lessExt() + "-killed.h5");
+    for (Foam::label i = 2; Foam::isFile(name, false); ++i)
+    {
+        name = path.lessExt() + "-killed-" + Foam::name(i) + ".h5";
+    }
+    return name;
 }
 
 //- Modes of an elastic body that are recorded, twice as many as segments take
@@ -37,6 +50,24 @@ void Foam::functionObjects::m4gnHarvest::start()
         modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
     }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
+
+    const string why
+    (
+        m4gn::notHandedOver
+        (
+            mesh_,
+            fieldNames_,
+            dict_.getOrDefault<word>("U", "U"),
+            dict_.getOrDefault<word>("p", "p"),
+            dict_.getOrDefault<word>("phi", "phi")
+        )
+    );
+    if (why.size())
+    {
+        WarningInFunction
+            << "A model of this recording can be observed, and not take the"
+            << " solver's place (mode replace): " << why.c_str() << endl;
+    }
 }
 
 void Foam::functionObjects::m4gnHarvest::open()
@@ -75,6 +106,11 @@ void Foam::functionObjects::m4gnHarvest::open()
         mkDir(path_.path());
     }
 
+    // A run that was killed has left its recording beside the final name
+    const bool killed =
+        isFile(path_.path()/('.' + path_.name() + ".partial"), false);
+    const fileName kept(nameOfKilled(path_));
+
     const std::string settings(options(dict_, path_));
 
     // The recorder keeps what it needs of them
@@ -95,6 +131,15 @@ void Foam::functionObjects::m4gnHarvest::open()
         ),
         "m4gnHarvest cannot record"
     );
+    if (Pstream::master() && killed)
+    {
+        WarningInFunction
+            << "An earlier recording of " << path_ << " was killed: "
+            << (isFile(kept, false)
+              ? "its whole frames are kept in " + kept
+              : fileName("it had no whole frame, and nothing is kept"))
+            << endl;
+    }
     nodes_->clearModes();
     if (!stretches_)
     {
@@ -193,6 +238,11 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance(const dictionary
     about.add("openfoam", label(OPENFOAM));
     about.add("m4gn", string(m4gn_version()));
     about.add("ranks", Pstream::nProcs());
+    const string acting(m4gn::sources(mesh_));
+    if (acting.size())
+    {
+        about.add("sources", acting);
+    }
     about.add
     (
         "deltaT",

@@ -193,16 +193,3 @@ bool Foam::m4gnElasticModes::wanted(const fvMesh& mesh, const dictionary& dict, 
 
     return false;
 }
-
-Foam::label Foam::m4gnElasticModes::needed(const fileName& model)
-{
-    const int32_t count =
-        m4gn_model_elastic_modes(m4gn::communicator(), model.c_str());
-
-    if (count < 0)
-    {
-        m4gn::check(M4GN_ERROR_MODEL, "The model cannot be read");
-    }
-
-    return count;
-}

@@ -15,7 +15,6 @@
 std::string Foam::m4gnSegmentation::options
 (
     const dictionary& dict,
-    const fileName& model,
     const bool withModes
 )
 {
@@ -24,16 +23,12 @@ std::string Foam::m4gnSegmentation::options
     dictionary settings;
     settings.add("segments", m4gn::without(segments, ownKeys()));
     settings.add("with_modes", word(withModes ? "yes" : "no"));
-    if (model.size())
-    {
-        settings.add("model", string(model));
-    }
     return m4gn::json(settings);
 }
 
 void Foam::m4gnSegmentation::compute
 (
-    const fileName& model,
+    const m4gnModel* model,
     const dictionary& dict,
     const bool withModes
 )
@@ -58,7 +53,7 @@ void Foam::m4gnSegmentation::compute
     }
 
     const label needed =
-        model.empty() ? -1 : m4gnElasticModes::needed(model);
+        model ? model->elasticModes() : -1;
 
     const bool modal = withModes || dict.getOrDefault<word>("method", "") != "metis";
     if (modal && m4gnElasticModes::wanted(mesh_, dict, needed))
@@ -69,7 +64,7 @@ void Foam::m4gnSegmentation::compute
     }
     used.set("operator", word(elastic_ ? "elastic" : "laplacian"));
 
-    const std::string settings(options(used, model, withModes && !elastic_));
+    const std::string settings(options(used, withModes && !elastic_));
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
@@ -80,6 +75,7 @@ void Foam::m4gnSegmentation::compute
         (
             m4gn::communicator(),
             &adapter.data(),
+            model ? model->handle() : nullptr,
             settings.c_str(),
             computed() ? nullptr : cells_.size() ? cells_.cdata() : &none,
             &segments_
@@ -168,12 +164,14 @@ Foam::m4gnSegmentation::m4gnSegmentation
     m4gn::checkAbi();
     m4gn::endWith(mesh.time());
 
-    const fileName model
-    (
-        dict.found("model")
-      ? m4gn::resolve(dict.get<fileName>("model"), mesh_.time().globalPath())
-      : fileName()
-    );
+    autoPtr<m4gnModel> model;
+    if (dict.found("model"))
+    {
+        model.reset
+        (
+            new m4gnModel(m4gn::resolve(dict.get<fileName>("model"), mesh_.time().globalPath()))
+        );
+    }
 
     if (!recompute)
     {
@@ -181,7 +179,8 @@ Foam::m4gnSegmentation::m4gnSegmentation
 
         const bool taken = found.use
         (
-            options(dict, model, false),
+            model.get(),
+            options(dict, false),
             dict.getOrDefault<word>("stored", m4gnStoredSegments::choices().first())
         );
 
@@ -195,7 +194,7 @@ Foam::m4gnSegmentation::m4gnSegmentation
 
     if (computed() || withModes)
     {
-        compute(model, dict, withModes);
+        compute(model.get(), dict, withModes);
     }
 
     Info<< "m4gn: " << count_ << " segments"

@@ -3,6 +3,7 @@
 #include "m4gnSession.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnHandOver.H"
 #include "m4gnElasticModes.H"
 #include "m4gnMechanicalProperties.H"
 #include "m4gnObstacleFields.H"
@@ -22,7 +23,7 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
     const bool stored = returnReduce(segments.size() > 0, orOp<bool>());
 
     autoPtr<m4gnElasticModes> modes;
-    const label needed = m4gnElasticModes::needed(model_);
+    const label needed = model_.elasticModes();
     if (!stored && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, own, needed))
     {
         dictionary body(own);
@@ -41,7 +42,7 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
     const m4gnMechanicalProperties properties(mesh_);
     const std::string settings
     (
-        options(dict, model_, others_, properties.description(dict.getOrDefault<word>("D", "D")))
+        options(dict, others_, properties.description(dict.getOrDefault<word>("D", "D")))
     );
 
     // A rank may be without cells, and yet have segments
@@ -61,6 +62,7 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
         (
             m4gn::communicator(),
             &nodes_->data(),
+            model_.handle(),
             settings.c_str(),
             !stored ? nullptr : segments.size() ? segments.cdata() : &none,
             &session_
@@ -91,7 +93,7 @@ void Foam::m4gnSession::checkFields()
     if (misfit.size() && outOfRange_ != "ignore")
     {
         FatalErrorInFunction
-            << misfit.c_str() << nl << "    The model is " << model_
+            << misfit.c_str() << nl << "    The model is " << model_.file()
             << exit(FatalError);
     }
 
@@ -105,7 +107,7 @@ void Foam::m4gnSession::checkFields()
         if (!m4gnFieldSet::registered(mesh_, *nodes_, name))
         {
             FatalErrorInFunction
-                << "The model " << model_ << " is for the field " << name
+                << "The model " << model_.file() << " is for the field " << name
                 << ", which this solver has not registered." << nl
                 << "    Registered: "
                 << nodes_->registered().c_str()
@@ -121,7 +123,7 @@ void Foam::m4gnSession::checkFields()
         if (info.components != found)
         {
             FatalErrorInFunction
-                << "The model " << model_ << " is for " << name << " with "
+                << "The model " << model_.file() << " is for " << name << " with "
                 << label(info.components) << " components; this solver's has "
                 << found << exit(FatalError);
         }
@@ -132,7 +134,7 @@ void Foam::m4gnSession::checkFields()
             std::copy(info.dimensions, info.dimensions + 7, expected.begin());
 
             FatalErrorInFunction
-                << "The model " << model_ << " is for " << name
+                << "The model " << model_.file() << " is for " << name
                 << " with the dimensions " << flatOutput(expected)
                 << "; this solver's has " << flatOutput(exponents) << nl
                 << "    (an incompressible p is p/rho, 0 2 -2)"
@@ -183,14 +185,14 @@ void Foam::m4gnSession::compare()
     if (outOfRange_ == "refuse")
     {
         FatalErrorInFunction
-            << "This case is not what the model " << model_
+            << "This case is not what the model " << model_.file()
             << " was trained on:" << nl << "        " << text.c_str() << nl
             << "    Use a model for such cases, or see with mode observe how"
             << " wrong it is; outOfRange warn goes on" << exit(FatalError);
     }
 
     WarningInFunction
-        << "This case is not what the model " << model_ << " was trained on:"
+        << "This case is not what the model " << model_.file() << " was trained on:"
         << nl << "        " << text.c_str() << nl
         << "    See with mode observe how wrong it is; outOfRange refuse ends"
         << " such a run, outOfRange ignore says nothing" << endl;
@@ -223,7 +225,8 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
 
         taken = found.use
         (
-            m4gnSegmentation::options(own, model_, false),
+            &model_,
+            m4gnSegmentation::options(own, false),
             own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first())
         );
         stored = found.cells();
@@ -252,7 +255,18 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
     // Mesh and solid before the run waits for timeStart
     compare();
 
-    Info<< "m4gn: model " << model_ << ", stride " << stride_ << " s, "
+    const string acting(m4gn::sources(mesh));
+    if (acting.size() && outOfRange_ != "ignore")
+    {
+        WarningInFunction
+            << "The case has " << acting.c_str() << ", and the model "
+            << model_.file() << " has no input for it: it knows of it only where the data that it"
+            << " was trained on had the same" << nl
+            << "    See with mode observe how wrong it is; outOfRange ignore"
+            << " says nothing" << endl;
+    }
+
+    Info<< "m4gn: model " << model_.file() << ", stride " << stride_ << " s, "
         << label(m4gn_session_n_segments(session_)) << " segments, ";
     if (nGroups > 0)
     {
@@ -282,7 +296,6 @@ Foam::scalar Foam::m4gnSession::cellsAGroup() const
 std::string Foam::m4gnSession::options
 (
     const dictionary& dict,
-    const fileName& model,
     const wordList& others,
     const dictionary& solid
 )
@@ -290,7 +303,6 @@ std::string Foam::m4gnSession::options
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, ownKeys());
     settings = m4gn::without(settings, others);
-    settings.set("model", string(model));
     if (solid.size() && !settings.found("solid"))
     {
         settings.add("solid", solid);
@@ -307,7 +319,7 @@ Foam::wordList Foam::m4gnSession::ownKeys()
 {
     return
     {
-        "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
+        "model", "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
     };
 }
 
@@ -345,7 +357,7 @@ void Foam::m4gnSession::checkDictionary
 
     wordList valid(others);
     valid.append(ownKeys());
-    m4gn::checkOptions(dict, "session", options(dict, model, others), valid);
+    m4gn::checkOptions(dict, "session", options(dict, others), valid);
 }
 
 void Foam::m4gnSession::stepped()

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnStoredSegments.H"
+#include "m4gnAddressing.H"
 #include "m4gnCore.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentRecord.H"
@@ -107,7 +108,7 @@ bool Foam::m4gnStoredSegments::readUndecomposed()
     Pstream::scatter(file);
 
     labelList global;
-    if (file.empty() || !m4gn::cellAddressing(mesh_, global))
+    if (file.empty() || !m4gn::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global))
     {
         return false;
     }
@@ -232,7 +233,12 @@ const Foam::wordList& Foam::m4gnStoredSegments::choices()
     return words;
 }
 
-bool Foam::m4gnStoredSegments::use(const std::string& options, const word& choice)
+bool Foam::m4gnStoredSegments::use
+(
+    const m4gnModel* model,
+    const std::string& options,
+    const word& choice
+)
 {
     if (from_.empty())
     {
@@ -277,6 +283,7 @@ bool Foam::m4gnStoredSegments::use(const std::string& options, const word& choic
             (
                 m4gn::communicator(),
                 &data,
+                model ? model->handle() : nullptr,
                 options.c_str(),
                 cells_.size() ? cells_.cdata() : &none,
                 record.c_str(),

@@ -8,10 +8,12 @@
 #include "m4gnSegmentField.H"
 #include "directionMixedFvPatchFields.H"
 #include "HashSet.H"
+#include "m4gnNodeTypes.H"
 #include "mixedFvPatchFields.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "SolverPerformance.H"
+#include "StringStream.H"
 #include "Time.H"
 #include "writeFile.H"
 
@@ -55,7 +57,7 @@ wordList names(const m4gnSession* session)
 std::string settings(const dictionary& dict)
 {
     wordHashSet own(m4gnRide::keys());
-    own.insert(wordList({"timeStart", "timeEnd", "name", "setupSeconds"}));
+    own.insert(wordList({"timeStart", "timeEnd", "name", "model", "host", "setupSeconds"}));
     return m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc()));
 }
 
@@ -80,6 +82,29 @@ void mark(const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNo
               : patch.fixesValue();
         }
     }
+}
+
+//- What each patch was told to be, as a dictionary. Collective.
+std::string typesOf(const fvMesh& mesh, const m4gn_mesh_data& data)
+{
+    labelList types(mesh.boundaryMesh().nNonProcessor(), -1);
+    for (label facei = 0; facei < data.n_boundary; ++facei)
+    {
+        const word name(data.patch_names[data.boundary_patch[facei]]);
+        types[mesh.boundaryMesh().findPatchID(name)] = data.boundary_type[facei];
+    }
+    Pstream::listCombineGather(types, maxEqOp<label>());
+
+    std::string text;
+    forAll(types, patchi)
+    {
+        if (types[patchi] >= 0)
+        {
+            text += m4gn::quoted(mesh.boundaryMesh()[patchi].name()) + ' '
+              + m4gnNodeTypes::names.get(types[patchi]) + "; ";
+        }
+    }
+    return text;
 }
 
 fileName stateFile(const word& name, const Time& time)
@@ -292,7 +317,15 @@ Foam::m4gnRide::m4gnRide
 {
     dictionary own(dict);
     own.set("name", name);
-    own.set("setupSeconds", session ? session->setupSeconds() : 0);
+    if (session)
+    {
+        own.set("model", string(session->model()));
+        own.set("setupSeconds", session->setupSeconds());
+        if (!session->nodes().atPoints())
+        {
+            own.set("host", string(typesOf(mesh, session->nodes().data())));
+        }
+    }
     own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
     if (own.subOrEmptyDict("adapt").getOrDefault<bool>("writeModel", false))
     {
@@ -506,6 +539,25 @@ bool Foam::m4gnRide::stored(const word& name, const Time& time)
     bool found = Pstream::master() && isFile(stateFile(name, time), false);
     reduce(found, orOp<bool>());
     return found;
+}
+
+Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
+{
+    string text;
+    if (Pstream::master())
+    {
+        char found[8192] = "";
+        const fileName path(stateFile(name, time));
+        // What is damaged is refused when it is taken up
+        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK)
+        {
+            text = found;
+        }
+    }
+    Pstream::scatter(text);
+
+    IStringStream stream(text);
+    return dictionary(stream);
 }
 
 void Foam::m4gnRide::save()

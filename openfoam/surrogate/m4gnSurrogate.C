@@ -131,6 +131,16 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         return;
     }
 
+    // Where a type was told by the flow, it stays that of the run's start
+    dictionary types(dict_.subOrEmptyDict("nodeTypes"));
+    for (const entry& stored : m4gnRide::storedTypes(name(), time_))
+    {
+        if (!types.found(stored.keyword(), keyType::REGEX))
+        {
+            types.add(stored);
+        }
+    }
+    dict_.set("nodeTypes", types);
     load();
 
     m4gn_ride_answer answer{};

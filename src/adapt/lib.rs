@@ -22,14 +22,12 @@ pub use settings::{Layers, Method, Mode, Settings};
 
 use beside::Beside;
 use learner::{Knowledge, Learner};
-use m4gn_contact::part::BodyPart;
 use m4gn_engine::backward::{Layout, Optimiser};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
 use m4gn_mesh::parallel::{Comm, everywhere};
-use m4gn_mesh::whole::{Place, whole_mesh};
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{Model, ModelSpec, SegmentSpec};
+use m4gn_model::{Model, SegmentSpec};
 use m4gn_step::{Field, Session};
 use std::sync::Arc;
 use window::Window;
@@ -60,11 +58,17 @@ impl Adaptation {
     pub fn new(session: &Session, mesh: &Mesh, model: &Model, settings: Settings) -> Result<Self> {
         let comm = session.comm().clone();
         comm.agree(check(&settings, comm.size() as usize))?;
-        let (whole, sample) = match model.spec.contact {
-            Some(_) => of_body(session, mesh, &model.spec)?,
-            None => of_cells(session, mesh, &model.spec)?,
-        };
-        let n_cells = whole.n_cells() as i64;
+        let whole = m4gn_domain::whole(mesh, &comm)?;
+        let (segments, labels) = segments(session, mesh);
+        let (spec, resolution) = (&model.spec, session.resolution());
+        let sample = comm.agree(Sample::of_mesh(
+            &whole,
+            spec,
+            &segments,
+            resolution,
+            Some(&labels),
+        ))?;
+        let n_cells = whole.cell_global.len() as i64;
         let boundary = own_boundary(mesh, comm.is_root()).map(|face| n_cells + face);
         let nodes: Vec<i64> = mesh.cell_global.iter().copied().chain(boundary).collect();
         let normaliser = comm.agree(Normaliser::of_model(model))?;
@@ -72,7 +76,11 @@ impl Adaptation {
         let shipped = comm.agree(layout.flatten(model))?;
         let precision = settings.precision.agreed(model.spec.precision_of_runs(), &comm);
         let training = settings.training(&model.spec, &normaliser.scales().node.std, precision);
-        let window = Window::new(&settings, model.spec.stride, sample.graph.n_owned * sample.width);
+        let window = Window::new(
+            &settings,
+            model.spec.stride,
+            sample.structure.graph.n_owned * sample.width,
+        );
         let threads = settings.threads.unwrap_or_else(|| session.threads());
         let optimiser = Optimiser::new(shipped.clone(), training.betas, false).with_rule(
             training.optimiser,
@@ -133,12 +141,12 @@ impl Adaptation {
         let width = self.learner.sample.width;
         let sample = Arc::get_mut(&mut self.learner.sample);
         let sample = sample.ok_or_else(|| Error::Internal("frames that are still being read".into()))?;
-        let mut frame = vec![0.0; self.learner.whole.n_nodes() * width];
+        let mut frame = vec![0.0; n_nodes(&self.learner.whole) * width];
         for (row, place) in rows.chunks_exact(width).zip(&self.places) {
             frame[place * width..][..width].copy_from_slice(row);
         }
         sample.push(&self.learner.whole, &self.learner.spec, frame);
-        let size = sample.graph.n_owned * width;
+        let size = sample.structure.graph.n_owned * width;
         if let Some(stays) = window.thin() {
             let kept = stays.iter().enumerate().filter(|(_, stays)| **stays);
             let mut n = 0;
@@ -281,34 +289,9 @@ fn own_boundary(mesh: &Mesh, first: bool) -> impl Iterator<Item = i64> {
     mesh.boundary.iter().map(|face| face.global).chain(points)
 }
 
-/// The undecomposed mesh, and its graph and segments. Collective; all ranks fail together.
-fn of_cells(session: &Session, mesh: &Mesh, spec: &ModelSpec) -> Result<(Mesh, Sample)> {
-    let comm = session.comm();
-    let whole = whole_mesh(comm, mesh, Place::Everywhere);
-    let whole = whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into())));
-    let whole = comm.agree(whole)?;
-    let (segments, labels) = segments(session, mesh);
-    let sample = Sample::of_mesh(&whole, spec, &segments, session.resolution(), Some(&labels));
-    let sample = comm.agree(sample)?;
-    Ok((whole, sample))
-}
-
-/// The whole body as a mesh of its points, whose boundary is the obstacle, and its graph and segments. Collective; all ranks fail
-/// together.
-fn of_body(session: &Session, mesh: &Mesh, spec: &ModelSpec) -> Result<(Mesh, Sample)> {
-    let comm = session.comm();
-    let (body, _) = mesh.whole_body(comm)?;
-    let (segments, labels) = segments(session, mesh);
-    let spec = ModelSpec {
-        segments,
-        ..spec.clone()
-    };
-    let make = || {
-        let whole = BodyPart::whole(&body, mesh.obstacle.as_ref())?.mesh;
-        let sample = Sample::of_body(&body, mesh.obstacle.as_ref(), &spec, Some(&labels))?;
-        Ok((whole, sample))
-    };
-    comm.agree(make())
+/// Rows of a frame of an undecomposed mesh.
+fn n_nodes(whole: &Mesh) -> usize {
+    whole.cell_global.len() + own_boundary(whole, true).count()
 }
 
 /// The session's segmentation in the order of the undecomposed mesh; one segment where the model has no macro stage. Collective.

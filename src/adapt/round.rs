@@ -120,7 +120,7 @@ impl Learner {
     pub(super) fn prepare(&mut self) -> Result<()> {
         let sample = Arc::get_mut(&mut self.sample);
         let sample = sample.ok_or_else(|| Error::Internal("frames that are still being read".into()))?;
-        sample.find_copies(&self.whole, &self.spec);
+        sample.settle_boundary();
         Ok(())
     }
 

@@ -222,12 +222,15 @@ impl Settings {
             column += n;
         }
         let own = |key: &str| spec.training.pointer(&format!("/config/training/{key}"));
-        if let (Some(_), Some(trained)) = (spec.contact, own("noise").and_then(|n| n.as_object())) {
-            // What moves is not an input by itself: as much noise as the model was trained with.
+        if let Some(trained) = own("noise").and_then(|n| n.as_object()) {
+            // What is read and no input by itself: as much noise as the model was trained with.
             let usable = |v: &serde_json::Value| v.as_f64().filter(|v| v.is_finite() && *v >= 0.0);
-            let known = trained
-                .iter()
-                .filter(|(name, _)| spec.fields.iter().any(|f| f.name == **name));
+            let moved = |name: &str| {
+                spec.fields
+                    .iter()
+                    .any(|f| f.name == name && spec.reads(f) && !f.input)
+            };
+            let known = trained.iter().filter(|(name, _)| moved(name));
             noise.extend(known.filter_map(|(name, v)| Some((name.clone(), usable(v)?))));
         }
         let of_losses = own("loss_weights");
@@ -307,7 +310,7 @@ mod tests {
 
     #[test]
     fn noise_is_a_share_of_the_fields_deviation_and_the_rest_is_the_models() {
-        let mut spec = m4gn_model::sample::spec();
+        let mut spec = m4gn_samples::model::spec();
         spec.training =
             serde_json::json!({ "config": { "training": { "mirror": true, "loss_weights": { "p": 0.3 } } } });
         let t = Settings::default().training(&spec, &[2.0, 0.5, 4.0], Precision::Fp32);
@@ -318,7 +321,7 @@ mod tests {
 
     #[test]
     fn bodies_get_the_noise_of_their_training() {
-        let mut spec = m4gn_model::sample::bodies();
+        let mut spec = m4gn_samples::model::bodies();
         let noise = serde_json::json!({"D": 2e-5, "of no field": 1.0});
         spec.training = serde_json::json!({"config": {"training": {"noise": noise}}});
         let t = Settings::default().training(&spec, &[], Precision::Fp32);

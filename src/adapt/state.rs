@@ -88,7 +88,7 @@ impl Adaptation {
         let description = Description {
             version: 1,
             model: digest(shipped),
-            nodes: sample.graph.n_owned,
+            nodes: sample.structure.graph.n_owned,
             steps: knowledge.steps,
             updates: optimiser.updates,
             seconds: knowledge.seconds,
@@ -163,7 +163,7 @@ impl Adaptation {
         if found.model != digest(&learner.shipped) {
             return Err("it began from the weights of another model".into());
         }
-        let nodes = learner.sample.graph.n_owned;
+        let nodes = learner.sample.structure.graph.n_owned;
         if found.nodes != nodes {
             return Err(format!("{} nodes, this mesh has {nodes}", found.nodes));
         }

@@ -1,15 +1,15 @@
 //! Adaptations of a random model to a vortex that is carried along, in serial.
 
 use super::*;
-use m4gn_mesh::sample::{self, vortex};
 use m4gn_model::SegmentMethod;
+use m4gn_samples::mesh::{self as sample, vortex};
 use m4gn_step::SessionOptions;
 
 /// Two solver steps a stride.
 const STEP: f64 = 0.005;
 
 fn model(seed: u64) -> Model {
-    let mut spec = m4gn_model::sample::spec();
+    let mut spec = m4gn_samples::model::spec();
     spec.segments.method = SegmentMethod::Metis;
     Model::random(spec, seed).unwrap()
 }

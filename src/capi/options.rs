@@ -42,7 +42,7 @@ mod tests {
         for (kind, good, bad, message) in [
             (
                 "session",
-                r#"{"model": "a", "nThreads": 2}"#,
+                r#"{"nThreads": 2}"#,
                 r#"{"n_threads": 0}"#,
                 "n_threads: expected 1 to",
             ),

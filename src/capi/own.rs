@@ -8,8 +8,7 @@ use m4gn_step::{Field, FieldMut};
 use std::ffi::{CString, c_char, c_void};
 
 /// A step of a host's surrogate.
-type StepFunction =
-    unsafe extern "C" fn(*mut c_void, *const FieldData, i32, *const FieldOut, i32) -> i32;
+type StepFunction = unsafe extern "C" fn(*mut c_void, *const FieldData, i32, *const FieldOut, i32) -> i32;
 
 /// `m4gn_surrogate`
 #[repr(C)]
@@ -76,7 +75,8 @@ impl Own {
                 name: raw::text("surrogate.name", given.name)?.to_string(),
                 stride: given.stride,
                 advanced,
-                step: step.ok_or_else(|| Error::Input("surrogate.step: expected a function, found null".into()))?,
+                step: step
+                    .ok_or_else(|| Error::Input("surrogate.step: expected a function, found null".into()))?,
                 data: given.data,
             })
         }
@@ -114,7 +114,8 @@ impl Surrogate for Own {
     }
 
     fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
-        let text = |name: &str| CString::new(name).map_err(|_| Error::Internal("a name with a zero byte".into()));
+        let text =
+            |name: &str| CString::new(name).map_err(|_| Error::Internal("a name with a zero byte".into()));
         let names: Vec<CString> = fields.iter().map(|f| text(f.name)).collect::<Result<_>>()?;
         let places: Vec<CString> = out.iter().map(|f| text(f.name)).collect::<Result<_>>()?;
         let pairs = fields.iter().zip(&names);
@@ -148,8 +149,14 @@ impl Surrogate for Own {
         let finite = out.iter().all(|f| f.cells.iter().all(|v| v.is_finite()));
         let found = match status {
             0 if finite => Ok(()),
-            0 | 5 => Err(Error::Numerical(format!("the surrogate {} has no finite result", self.name))),
-            status => Err(Error::Input(format!("the surrogate {} failed with status {status}", self.name))),
+            0 | 5 => Err(Error::Numerical(format!(
+                "the surrogate {} has no finite result",
+                self.name
+            ))),
+            status => Err(Error::Input(format!(
+                "the surrogate {} failed with status {status}",
+                self.name
+            ))),
         };
         let found = self.comm.agree(found);
         if found.is_err() {

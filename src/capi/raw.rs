@@ -35,6 +35,18 @@ pub unsafe fn options<'a>(pointer: *const c_char) -> Result<&'a str> {
     Ok(unsafe { optional_text("options", pointer) }?.unwrap_or("{}"))
 }
 
+/// One of our objects; null is none.
+///
+/// # Safety
+/// As [`reference`].
+pub unsafe fn optional_reference<'a, T>(what: &str, pointer: *const T) -> Result<Option<&'a T>> {
+    match pointer.is_null() {
+        true => Ok(None),
+        // SAFETY: passed on to the caller.
+        false => unsafe { reference(what, pointer) }.map(Some),
+    }
+}
+
 /// The segment of each cell that the host gives; null is none.
 ///
 /// # Safety

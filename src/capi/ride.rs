@@ -6,11 +6,11 @@ use super::linear::{self, ArrayData};
 use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
+use m4gn_adapt as adapt;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_ride::{Action, Answer, Fitted, Given, Kind, Network, Ride, RideSettings, Step, Surrogate, Text};
-use m4gn_step::{Field, FieldMut, Session, read_model};
-use m4gn_adapt as adapt;
+use m4gn_ride::{Action, Answer, Fitted, Given, Kind, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
+use m4gn_step::{Field, FieldMut, Session};
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
@@ -171,7 +171,10 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         // Each rank has a clock of its own.
         wall: given.wall,
     };
-    let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);
+    let same = format!(
+        "time {:?} {:?} {:?} {}",
+        step.time, step.delta_t, step.end_time, step.index
+    );
     Ok((step, same))
 }
 
@@ -209,20 +212,6 @@ impl RideHandle {
     }
 }
 
-/// FNV-1a of a model's file, as the first rank reads it. Collective; all ranks fail together.
-fn digest(comm: &Comm, path: &Path) -> Result<String> {
-    let read = match comm.is_root() {
-        true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
-        false => Ok(Vec::new()),
-    };
-    let hash = comm.agree(read)?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-    });
-    let mut shared = vec![hash as i64];
-    comm.broadcast(&mut shared);
-    Ok(format!("{:016x}", shared[0] as u64))
-}
-
 /// Settings of the ride, and of what its network learns.
 pub(super) fn settings(text: &str) -> Result<(RideSettings, Option<adapt::Settings>)> {
     let settings = RideSettings::parse(text)?;
@@ -245,7 +234,10 @@ unsafe fn new(
     start: *const RideStep,
 ) -> Result<RideHandle> {
     // SAFETY: passed on to the caller.
-    let comm = unsafe { raw::reference("session", session)? }.session.comm().clone();
+    let comm = unsafe { raw::reference("session", session)? }
+        .session
+        .comm()
+        .clone();
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
@@ -259,6 +251,8 @@ unsafe fn new(
         // Each rank has threads and a clock of its own.
         let alike = RideSettings {
             adapt: None,
+            model: String::new(),
+            host: String::new(),
             setup_seconds: 0.0,
             ..settings.clone()
         };
@@ -269,15 +263,19 @@ unsafe fn new(
         let same = format!("{same}\n{alike:?}\n{shared:?}");
         Ok(((mesh, settings, learning, start), same))
     };
-    door::together("m4gn_ride_new", &comm, read, |(mesh, settings, learning, start)| {
-        let borrowed = Borrowed(session);
-        let path = borrowed.model_path();
-        let path = path.ok_or_else(|| Error::Internal("a session without its model's path".into()))?;
-        let (digest, model) = (digest(&comm, path)?, read_model(&comm, path)?);
-        let learning = learning.map(|learning| (mesh.clone(), learning));
-        let network = Network::new(borrowed, model, digest, learning);
-        handle(&comm, Box::new(network), settings, &mesh, start)
-    })
+    door::together(
+        "m4gn_ride_new",
+        &comm,
+        read,
+        |(mesh, settings, learning, start)| {
+            // SAFETY: passed on to the caller.
+            let model = unsafe { raw::reference("session", session)? }.model.clone();
+            let learning = learning.map(|learning| (mesh.clone(), learning));
+            let network = Network::new(Borrowed(session), model, settings.model.clone(), learning);
+            let network = comm.agree(network)?;
+            handle(&comm, Box::new(network), settings, &mesh, start)
+        },
+    )
 }
 
 /// Of a surrogate of the host's own.
@@ -306,18 +304,25 @@ unsafe fn new_own(
         // SAFETY: passed on to the caller.
         let own = unsafe { Own::new(surrogate, comm.clone(), mesh.dim())? };
         if learning.is_some() {
-            return Err(Error::Input(format!("adapt: the surrogate {} does not learn", own.name())));
+            return Err(Error::Input(format!(
+                "adapt: the surrogate {} does not learn",
+                own.name()
+            )));
         }
         let alike = RideSettings {
+            host: String::new(),
             setup_seconds: 0.0,
             ..settings.clone()
         };
         let same = format!("{same}\n{alike:?}\n{}", own.shared());
         Ok(((mesh, settings, own, start), same))
     };
-    door::together("m4gn_ride_new_own", &comm, read, |(mesh, settings, own, start)| {
-        handle(&comm, Box::new(own), settings, &mesh, start)
-    })
+    door::together(
+        "m4gn_ride_new_own",
+        &comm,
+        read,
+        |(mesh, settings, own, start)| handle(&comm, Box::new(own), settings, &mesh, start),
+    )
 }
 
 fn handle(
@@ -612,6 +617,16 @@ exports! {
             door::together("m4gn_ride_save", &comm, read, |path| handle.ride.save(path))?;
             Ok(0)
         })
+    }
+
+    /// What the host keeps in a state for itself.
+    fn m4gn_ride_host(path: *const c_char, text: *mut c_char, size: i32) -> i32, or |s| s; {
+        // SAFETY: the host's text and place, as the header says.
+        let (path, place) = unsafe {
+            (raw::text("path", path)?, raw::slice_mut("text", text, raw::count("size", size)?)?)
+        };
+        raw::put_text(&host_of(Path::new(path))?, place);
+        Ok(0)
     }
 
     /// Takes up a state.

@@ -1,21 +1,21 @@
 //! Exports: segments of a mesh without a model, and their way to ranks.
 
 use super::door;
+use super::model::ModelHandle;
 use super::raw::{self, MeshData};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalSource, Modes};
-use m4gn_model::{Model, SegmentEntries, SegmentSpec, settings};
+use m4gn_model::{SegmentEntries, SegmentSpec, settings};
 use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::Record;
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{Segmentation, ranks};
+use m4gn_structure as segments;
+use m4gn_structure::Record;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, ranks};
 use serde::{Deserialize, Serialize};
 use std::ffi::CString;
 use std::ffi::c_char;
-use std::path::{Path, PathBuf};
 
 /// `m4gn_rank_report`
 #[repr(C)]
@@ -38,9 +38,7 @@ pub struct SegmentsHandle {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Request {
-    /// Model file whose segmentation is meant; none: the defaults.
-    pub(super) model: Option<PathBuf>,
-    /// What differs from it.
+    /// What differs from the model's segmentation, or from the default.
     pub(super) segments: SegmentEntries,
     /// Whether modes are computed and kept.
     with_modes: bool,
@@ -72,35 +70,19 @@ impl Request {
         }
     }
 
-    /// What every rank must be given alike: not its cells' labels, nor the folder in which it finds the model.
-    pub(super) fn shared(&self) -> Result<String> {
-        let mut alike = self.clone();
-        alike.model = self.model.as_deref().map(door::file_name).map(PathBuf::from);
-        settings::lines(&alike)
+    /// What every rank must be given alike: not its cells' labels.
+    pub(super) fn shared(&self, model: Option<&ModelHandle>) -> Result<String> {
+        let model = model.map_or(String::new(), ModelHandle::shared);
+        Ok(format!("{}{model}", settings::lines(self)?))
     }
 
-    /// The model's segmentation, or the default, with what differs from it. Collective.
-    pub(super) fn spec(&self, comm: &Comm) -> Result<SegmentSpec> {
-        let base = match &self.model {
-            Some(path) => model_segments(path, comm)?,
-            None => SegmentSpec::default(),
-        };
-        comm.agree(self.segments.over(&base))
+    /// The model's segmentation, or the default, with what differs from it.
+    pub(super) fn spec(&self, model: Option<&ModelHandle>) -> Result<SegmentSpec> {
+        match model {
+            Some(handle) => self.segments.over(&handle.model.spec.segments),
+            None => self.segments.over(&SegmentSpec::default()),
+        }
     }
-}
-
-/// Read on the root and told to all. Collective.
-fn model_segments(path: &Path, comm: &Comm) -> Result<SegmentSpec> {
-    let read = match comm.is_root() {
-        true => Model::read(path).and_then(|m| {
-            serde_json::to_vec(&m.spec.segments).map_err(|e| Error::Internal(format!("segments: {e}")))
-        }),
-        false => Ok(Vec::new()),
-    };
-    let mut text = comm.agree(read)?;
-    comm.broadcast(&mut text);
-    let parsed = serde_json::from_slice(&text).map_err(|e| Error::Internal(format!("segments: {e}")));
-    comm.agree(parsed)
 }
 
 /// # Safety
@@ -109,28 +91,30 @@ unsafe fn new(
     comm: i32,
     place: Result<()>,
     mesh: *const MeshData,
+    model: *const ModelHandle,
     options: *const c_char,
     cell_segment: *const i32,
 ) -> Result<SegmentsHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((Mesh, Request), String)> {
+    let read = || -> Result<((Mesh, Option<&ModelHandle>, Request), String)> {
         place?;
         // SAFETY: passed on to the caller.
         unsafe {
             let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
+            let model = raw::optional_reference("model", model)?;
             let request = Request::read(options, cell_segment, mesh.n_cells())?;
-            let same = request.shared()?;
-            Ok(((mesh, request), same))
+            let same = request.shared(model)?;
+            Ok(((mesh, model, request), same))
         }
     };
-    door::together("m4gn_segments_new", &comm, read, |(mesh, request)| {
-        cut(&comm, &mesh, &request)
+    door::together("m4gn_segments_new", &comm, read, |(mesh, model, request)| {
+        let spec = comm.agree(request.spec(model))?;
+        cut(&comm, &mesh, &spec, &request)
     })
 }
 
 /// Collective.
-fn cut(comm: &Comm, mesh: &Mesh, request: &Request) -> Result<SegmentsHandle> {
-    let spec = request.spec(comm)?;
+fn cut(comm: &Comm, mesh: &Mesh, spec: &SegmentSpec, request: &Request) -> Result<SegmentsHandle> {
     let mut graph = Graph::new(mesh, comm)?;
     let modal = Modal(spec.modal());
     let modes = match request.with_modes {
@@ -145,13 +129,11 @@ fn cut(comm: &Comm, mesh: &Mesh, request: &Request) -> Result<SegmentsHandle> {
     comm.max_i64(&mut any_preset);
     let segmentation = match &modes {
         // Not solved for a second time.
-        Some(modes) if any_preset[0] == 0 => {
-            segments::segment_by_modes(mesh, &mut graph, &spec, modes, comm)?
-        }
-        _ => segments::segment(mesh, &mut graph, &spec, &modal, comm, preset)?,
+        Some(modes) if any_preset[0] == 0 => segments::segment_by_modes(mesh, &mut graph, spec, modes, comm)?,
+        _ => segments::segment(mesh, &mut graph, spec, &modal, comm, preset)?,
     };
     let record = match any_preset[0] {
-        0 => Record::new(mesh, &spec, &segmentation.node_segment[..mesh.n_cells()], comm)?.text()?,
+        0 => Record::new(mesh, spec, &segmentation.node_segment[..mesh.n_cells()], comm)?.text()?,
         _ => String::new(),
     };
     Ok(SegmentsHandle {
@@ -174,6 +156,7 @@ exports! {
     fn m4gn_segments_new(
         comm: i32,
         mesh: *const MeshData,
+        model: *const ModelHandle,
         options: *const c_char,
         cell_segment: *const i32,
         segments: *mut *mut SegmentsHandle,
@@ -181,7 +164,7 @@ exports! {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
             door::create(raw::reference_mut("segments", segments), |place| {
-                new(comm, place, mesh, options, cell_segment)
+                new(comm, place, mesh, model, options, cell_segment)
             })
         }
     }

@@ -2,14 +2,16 @@
 
 use super::door;
 use super::fields::{read_fields, read_outputs};
+use super::model::ModelHandle;
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::Output;
+use m4gn_model::{Model, Output};
 use m4gn_step::{FieldMut, Session, SessionOptions};
 use std::ffi::{CString, c_char};
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
 
 /// `m4gn_projection_report`
 #[repr(C)]
@@ -40,6 +42,8 @@ pub struct FieldInfo {
 /// `m4gn_session`
 pub struct SessionHandle {
     pub(super) session: Session,
+    /// The model as it was opened.
+    pub(super) model: Arc<Model>,
     /// The fields' names as C reads them.
     names: Vec<CString>,
     segment_record: CString,
@@ -53,23 +57,26 @@ unsafe fn new(
     comm: i32,
     place: Result<()>,
     mesh: *const MeshData,
+    model: *const ModelHandle,
     options: *const c_char,
     cell_segment: *const i32,
 ) -> Result<SessionHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((Mesh, SessionOptions), String)> {
+    let read = || -> Result<((Mesh, &ModelHandle, SessionOptions), String)> {
         place?;
         // SAFETY: passed on to the caller; the labels are as many as the cells.
         unsafe {
             let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
+            let model = raw::reference("model", model)?;
             let mut options = SessionOptions::parse(raw::options(options)?)?;
             options.cell_segment = raw::labels(cell_segment, mesh.n_cells())?;
-            let same = format!("{}{}", options.shared()?, shared(&mesh));
-            Ok(((mesh, options), same))
+            let same = format!("{}{}\n{}", options.shared()?, shared(&mesh), model.shared());
+            Ok(((mesh, model, options), same))
         }
     };
-    door::together("m4gn_session_new", &comm, read, |(mesh, options)| {
-        handle(Session::open(comm.clone(), &mesh, &options)?)
+    door::together("m4gn_session_new", &comm, read, |(mesh, model, options)| {
+        let session = Session::new(comm.clone(), &mesh, &model.model, &options)?;
+        handle(session, model.model.clone())
     })
 }
 
@@ -85,7 +92,7 @@ fn shared(mesh: &Mesh) -> String {
     format!("body {}\nobstacle {:x}", mesh.body.is_some(), hasher.finish())
 }
 
-fn handle(session: Session) -> Result<SessionHandle> {
+fn handle(session: Session, model: Arc<Model>) -> Result<SessionHandle> {
     let name =
         |n: &str| CString::new(n).map_err(|_| Error::Model(format!("field name {n:?} has a zero byte")));
     let names = session
@@ -97,6 +104,7 @@ fn handle(session: Session) -> Result<SessionHandle> {
     let segment_record = name(session.segment_record())?;
     Ok(SessionHandle {
         session,
+        model,
         segment_record,
         names,
         broken: false,
@@ -161,10 +169,11 @@ fn no_count(_: i32) -> i32 {
 }
 
 exports! {
-    /// Builds graph, modes and segments and loads the model.
+    /// Builds graph, modes and segments for a model.
     fn m4gn_session_new(
         comm: i32,
         mesh: *const MeshData,
+        model: *const ModelHandle,
         options: *const c_char,
         cell_segment: *const i32,
         session: *mut *mut SessionHandle,
@@ -172,7 +181,7 @@ exports! {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
             door::create(raw::reference_mut("session", session), |place| {
-                new(comm, place, mesh, options, cell_segment)
+                new(comm, place, mesh, model, options, cell_segment)
             })
         }
     }
@@ -217,8 +226,7 @@ exports! {
             name: handle.names[at].as_ptr(),
             components: if field.vector { 3 } else { 1 },
             dimensions: field.dimensions,
-            // A body's displacement goes in through its edges.
-            is_input: i32::from(field.input || handle.session.spec().contact.is_some()),
+            is_input: i32::from(handle.session.spec().reads(field)),
             is_output: i32::from(field.output != Output::None),
         };
         Ok(0)

@@ -1,7 +1,8 @@
 //! The structs against the header's layout, and the exports without a host. `tests/cabi` has the view from C++.
 
 use super::*;
-use m4gn_mesh::{Mesh, sample};
+use m4gn_mesh::Mesh;
+use m4gn_samples::mesh as sample;
 use std::ffi::CStr;
 use std::mem::{offset_of, size_of};
 
@@ -178,7 +179,7 @@ fn null_handles_and_pointers_are_errors() {
     unsafe {
         use std::ptr::{null, null_mut};
         assert_eq!(
-            session::m4gn_session_new(i32::MIN, null(), null(), null(), null_mut()),
+            session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), null_mut()),
             1
         );
         assert!(
@@ -187,9 +188,22 @@ fn null_handles_and_pointers_are_errors() {
                 .unwrap()
                 .contains("session: expected")
         );
+        let mut model = null_mut();
+        assert_eq!(model::m4gn_model_open(i32::MIN, null(), &mut model), 1);
+        assert_eq!(
+            model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), null_mut()),
+            1
+        );
+        assert_eq!(
+            model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), &mut model),
+            2
+        );
+        assert!(model.is_null());
+        assert_eq!(model::m4gn_model_elastic_modes(model), -1);
+        model::m4gn_model_free(model);
         let mut handle = std::ptr::null_mut();
         assert_eq!(
-            session::m4gn_session_new(i32::MIN, null(), null(), null(), &mut handle),
+            session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), &mut handle),
             1
         );
         assert!(

@@ -1,14 +1,17 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
+use crate::output::filled;
 use m4gn_data::Trajectory;
 use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_report::Table;
 use m4gn_step::Backend;
+use m4gn_structure::Structure;
 use m4gn_workbench::bench;
 use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Case, Runs, Shape, Source, Trial, Workload, machine, memory, work};
+use m4gn_workbench::bench::{Runs, Shape, Source, Trial, Workload, machine, memory, work};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -126,8 +129,10 @@ pub fn run(args: Args) -> Result<()> {
         Backend::Torch(device) => Some(device.as_deref()),
     };
     match (args.worker, backend) {
-        (true, None) => serve(&workload, |case| workload.engine(case, &options)),
-        (true, Some(device)) => serve(&workload, |case| workload.torch(case, device, args.threads)),
+        (true, None) => serve(&workload, |structure| workload.engine(structure, &options)),
+        (true, Some(device)) => serve(&workload, |structure| {
+            workload.torch(structure, device, args.threads)
+        }),
         (false, None) => measure(&workload, &args, &options),
         (false, Some(device)) => measure_torch(&workload, &args, device),
     }
@@ -171,7 +176,6 @@ fn workload(args: &Args) -> Result<Workload> {
     };
     Ok(Workload {
         model,
-        path: args.model.clone(),
         source,
         comm: Comm::serial(),
     })
@@ -185,18 +189,18 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     };
     let before = Memory::read();
     memory::restart_peak();
-    let case = workload.case()?;
+    let structure = workload.structure()?;
     let sizes = work::Sizes {
-        nodes: case.graph.n_owned,
-        cells: case.graph.n_cells,
-        edges: case.graph.senders.len(),
-        segments: case.segments.as_ref().map_or(0, |s| s.count),
+        nodes: structure.graph.n_owned,
+        cells: structure.graph.n_cells,
+        edges: structure.graph.senders.len(),
+        segments: structure.n_segments(),
     };
-    let description = workload.describe(&case.graph);
-    let (inputs, mut outputs) = workload.values(&case.graph)?;
-    let mut network = workload.engine(&case, &options)?;
+    let description = workload.describe(&structure.graph);
+    let (inputs, mut outputs) = workload.values(&structure.graph)?;
+    let mut network = workload.engine(&structure, &options)?;
     // A session keeps no graph beside its network.
-    drop(case);
+    drop(structure);
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
     let mut peak = machine::peak(&options);
     let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
@@ -253,7 +257,7 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         "gflop_per_step": gflop, "gflops": gflop / seconds,
         "gemm_peak_gflops": peak.gflops(), "gemm_product_gflops": peak.product, "peak_share": gflop / seconds / peak.gflops(),
         "edge_block_share": edges.map(|e| e["peak_share"].clone()),
-        "processor_share": available, "peak_share_of_processor_time": gflop / seconds / peak.gflops() / available,
+        "processor_share": available, "ms_of_processor": step.median() * available, "peak_share_of_processor_time": gflop / seconds / peak.gflops() / available,
         "edge_block_share_of_processor_time":
             edges.and_then(|e| e["peak_share"].as_f64()).map(|share| share / available),
         "gbytes_per_step": gbytes, "gbytes_per_s": gbytes / seconds,
@@ -266,114 +270,84 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     super::write_json(args.json.as_deref(), &figures)
 }
 
+const TEXT: &str = "\
+network     {network/layers} layers, width {network/width}, {network/hidden_layers} hidden layers, {network/parameters} parameters; {network/nodes} nodes, {network/edges} directed edges
+run         {precision}, threads: {threads}, instructions: {instructions}
+step        {ms_per_step:2} ms, median of {steps}; least {ms_least:2}, quartiles {ms_quartiles/0:2} and {ms_quartiles/1:2}";
+
+const SHARED: &str = "            others used the processor: it ran {processor_share:0%} % of the time, {ms_of_processor:2} ms a step; of its time, \
+    {peak_share_of_processor_time:0%} % of the peak, and {edge_block_share_of_processor_time:0%} % in the edge blocks";
+
+const PARTS: &str = "\
+products    {gflop_per_step:3} GFLOP, {gflops:0} GFLOP/s: {peak_share:0%} % of the peak of {gemm_peak_gflops:0} GFLOP/s (n x 128 x 128 alone: {gemm_product_gflops:0})
+traffic     {gbytes_per_step:3} GB, {gbytes_per_s:1} GB/s: {bandwidth_share:0%} % of the {bandwidth_gbytes_per_s:1} GB/s of a triad in memory
+memory      {peak_memory_mib:0} MiB at most, {memory_beyond_mesh_mib:0} MiB of it beyond the mesh
+";
+
 fn print(f: &Value) {
-    let number = |v: &Value| v.as_f64().unwrap_or(f64::NAN);
-    let n = |key: &str| number(&f[key]);
-    let text = |v: &Value| v.as_str().unwrap_or_default().to_string();
-    let list = |key: &str| f[key].as_array().cloned().unwrap_or_default();
-    let network = &f["network"];
-    println!(
-        "network     {} layers, width {}, {} hidden layers, {} parameters; {} nodes, {} directed edges",
-        network["layers"],
-        network["width"],
-        network["hidden_layers"],
-        network["parameters"],
-        network["nodes"],
-        network["edges"]
-    );
-    println!(
-        "run         {}, threads: {}, instructions: {}",
-        text(&f["precision"]),
-        f["threads"],
-        text(&f["instructions"])
-    );
-    println!(
-        "step        {:.2} ms, median of {}; least {:.2}, quartiles {:.2} and {:.2}",
-        n("ms_per_step"),
-        f["steps"],
-        n("ms_least"),
-        number(&f["ms_quartiles"][0]),
-        number(&f["ms_quartiles"][1])
-    );
-    if n("processor_share") < 0.97 {
-        println!(
-            "            others used the processor: it ran {:.0} % of the time, {:.2} ms a step; of its time, {:.0} % of the \
-             peak, and {:.0} % in the edge blocks",
-            100.0 * n("processor_share"),
-            n("ms_per_step") * n("processor_share"),
-            100.0 * n("peak_share_of_processor_time"),
-            100.0 * n("edge_block_share_of_processor_time")
-        );
+    println!("{}", filled(TEXT, f));
+    if f["processor_share"].as_f64().is_some_and(|share| share < 0.97) {
+        println!("{}", filled(SHARED, f));
     }
-    println!(
-        "products    {:.3} GFLOP, {:.0} GFLOP/s: {:.0} % of the peak of {:.0} GFLOP/s (n x 128 x 128 alone: {:.0})",
-        n("gflop_per_step"),
-        n("gflops"),
-        100.0 * n("peak_share"),
-        n("gemm_peak_gflops"),
-        n("gemm_product_gflops")
-    );
-    println!(
-        "traffic     {:.3} GB, {:.1} GB/s: {:.0} % of the {:.1} GB/s of a triad in memory",
-        n("gbytes_per_step"),
-        n("gbytes_per_s"),
-        100.0 * n("bandwidth_share"),
-        n("bandwidth_gbytes_per_s")
-    );
-    println!(
-        "memory      {:.0} MiB at most, {:.0} MiB of it beyond the mesh",
-        n("peak_memory_mib"),
-        n("memory_beyond_mesh_mib")
-    );
-    println!("\nphase                ms     GFLOP   GFLOP/s  of peak        GB");
-    for p in list("phases") {
-        println!(
-            "{:<16} {:7.2} {:9.3} {:9.0} {:6.0} % {:9.3}",
-            text(&p["phase"]),
-            number(&p["ms"]),
-            number(&p["gflop"]),
-            number(&p["gflops"]),
-            100.0 * number(&p["peak_share"]),
-            number(&p["gbytes"])
-        );
+    println!("{}", filled(PARTS, f));
+    println!("{}", phases(&f["phases"]));
+    let mut held = Table::new(["held by the engine", "MiB"]);
+    for h in f["held"].as_array().into_iter().flatten() {
+        if h["mib"].as_f64().is_some_and(|mib| mib >= 0.05) {
+            held.row([filled("{what}", h), filled("{mib:1}", h)]);
+        }
     }
-    println!("\nheld by the engine     MiB");
-    for h in list("held").iter().filter(|h| number(&h["mib"]) >= 0.05) {
-        println!("{:<18} {:8.1}", text(&h["what"]), number(&h["mib"]));
+    println!("{held}");
+}
+
+/// Times and work of the phases of a step; bytes where they are counted.
+pub(super) fn phases(list: &Value) -> Table {
+    let columns = [
+        ("phase", "{phase}"),
+        ("ms", "{ms:2}"),
+        ("GFLOP", "{gflop:3}"),
+        ("GFLOP/s", "{gflops:0}"),
+        ("of peak", "{peak_share:0%} %"),
+        ("GB", "{gbytes:3}"),
+    ];
+    let count = 5 + usize::from(list[0].get("gbytes").is_some());
+    let mut table = Table::new(columns[..count].iter().map(|c| c.0));
+    for phase in list.as_array().into_iter().flatten() {
+        table.row(columns[..count].iter().map(|c| filled(c.1, phase)));
     }
+    table
 }
 
 /// Time and memory of the model on libtorch.
 fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Result<()> {
-    let case = workload.case()?;
-    let (inputs, mut outputs) = workload.values(&case.graph)?;
-    let mut network = workload.torch(&case, device, args.threads)?;
+    let structure = workload.structure()?;
+    let (inputs, mut outputs) = workload.values(&structure.graph)?;
+    let mut network = workload.torch(&structure, device, args.threads)?;
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
     let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
     let peak = Memory::read().map(|m| m.peak as f64 / (1 << 20) as f64);
-    println!(
-        "step        {:.2} ms median; least {:.2}, quartiles {:.2} and {:.2} (libtorch, {} steps)",
-        step.median(),
-        step.least(),
-        step.quantile(0.25),
-        step.quantile(0.75),
-        step.count()
-    );
     let figures = json!({
-        "network": workload.describe(&case.graph), "threads": args.threads, "steps": step.count(),
+        "network": workload.describe(&structure.graph), "threads": args.threads, "steps": step.count(),
         "ms_per_step": step.median(), "ms_least": step.least(),
         "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)], "peak_memory_mib": peak,
     });
+    println!(
+        "{}",
+        filled(
+            "step        {ms_per_step:2} ms median; least {ms_least:2}, quartiles {ms_quartiles/0:2} and {ms_quartiles/1:2} (libtorch, {steps} steps)",
+            &figures
+        )
+    );
     super::write_json(args.json.as_deref(), &figures)
 }
 
 /// A step of a network for another program.
-fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Case) -> Result<N>) -> Result<()> {
-    let case = workload.case()?;
-    let (inputs, mut outputs) = workload.values(&case.graph)?;
-    let mut network = make(&case)?;
+fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Structure) -> Result<N>) -> Result<()> {
+    let structure = workload.structure()?;
+    let (inputs, mut outputs) = workload.values(&structure.graph)?;
+    let mut network = make(&structure)?;
     network.forward(&workload.comm, &inputs, &mut outputs)?;
-    answer(workload.describe(&case.graph), || {
+    answer(workload.describe(&structure.graph), || {
         network.forward(&workload.comm, &inputs, &mut outputs)
     })
 }

@@ -1,6 +1,7 @@
 //! `m4gn bench --train`: what a step of training costs on this machine, natively and by turns on libtorch.
 
-use super::bench::answer;
+use super::bench::{answer, phases};
+use crate::output::filled;
 use m4gn_engine::torch::{self, TorchTrial};
 use m4gn_engine::{EngineOptions, Isa};
 use m4gn_learn::NativeBackend;
@@ -61,7 +62,7 @@ fn device(backend: &str) -> Result<&str> {
 pub fn serve(trial: &Trial, backend: &str) -> Result<()> {
     let device = device(backend)?;
     let prepared = trial.prepare()?;
-    let graph = &prepared.work.train[0].graph;
+    let graph = &prepared.work.train[0].structure.graph;
     let mut optimiser = prepared.optimiser();
     let description = json!({
         "parameters": optimiser.weights.len(), "nodes": graph.n_owned, "edges": graph.senders.len(),
@@ -92,7 +93,7 @@ pub fn run(trial: &Trial, steps: Option<usize>, backend: &str, json: Option<&Pat
         ..EngineOptions::default()
     };
     let prepared = trial.prepare()?;
-    let graph = &prepared.work.train[0].graph;
+    let graph = &prepared.work.train[0].structure.graph;
     let described = serde_json::to_value(trial).map_err(|e| Error::Internal(e.to_string()))?;
     let mut torch = match (torch::library(), backend) {
         (Ok(_), _) => Some(TorchTrial::new(&described, device)?),
@@ -181,70 +182,31 @@ pub fn run(trial: &Trial, steps: Option<usize>, backend: &str, json: Option<&Pat
     super::write_json(json, &figures)
 }
 
+const TEXT: &str = "\
+network     {trial/layers} layers, width {trial/width}, {trial/hidden} hidden layers, {parameters} weights; {nodes} nodes, {edges} directed edges; batch {trial/batch}, {trial/unroll} steps in the loss
+run         {precision}, threads: {trial/threads}, instructions: {instructions}";
+
+const SIDE: &str = "{samples_per_s:1} samples/s; step {ms_per_step:2} ms median of {steps}, least {ms_least:2}, quartiles {ms_quartiles/0:2} and \
+    {ms_quartiles/1:2}; processor {processor_ms_per_step:2} ms";
+
+const RATIO: &str = "\
+ratio       native is {median:2} times as fast as libtorch (medians), {least:2} (least), {processor:2} (processor time)";
+
+const PARTS: &str = "\
+products    {gflop_per_step:3} GFLOP, {gflops:0} GFLOP/s: {peak_share:0%} % of the peak of {gemm_peak_gflops:0} GFLOP/s
+memory      {peak_memory_mib:0} MiB at most; weights {weights_mib:1} MiB, a thread {thread_mib:1} MiB and {tape_mib:1} MiB for each step in the loss
+";
+
 fn print(f: &Value) {
-    let n = |v: &Value| v.as_f64().unwrap_or(f64::NAN);
-    println!(
-        "network     {} layers, width {}, {} hidden layers, {} weights; {} nodes, {} directed edges; batch {}, {} steps in the loss",
-        f["trial"]["layers"],
-        f["trial"]["width"],
-        f["trial"]["hidden"],
-        f["parameters"],
-        f["nodes"],
-        f["edges"],
-        f["trial"]["batch"],
-        f["trial"]["unroll"]
-    );
-    println!(
-        "run         {}, threads: {}, instructions: {}",
-        f["precision"].as_str().unwrap_or_default(),
-        f["trial"]["threads"],
-        f["instructions"].as_str().unwrap_or_default()
-    );
+    println!("{}", filled(TEXT, f));
     for side in ["native", "torch"] {
-        if let Some(s) = f.get(side) {
-            println!(
-                "{side:<11} {:.1} samples/s; step {:.2} ms median of {}, least {:.2}, quartiles {:.2} and {:.2}; processor {:.2} ms",
-                n(&s["samples_per_s"]),
-                n(&s["ms_per_step"]),
-                s["steps"],
-                n(&s["ms_least"]),
-                n(&s["ms_quartiles"][0]),
-                n(&s["ms_quartiles"][1]),
-                n(&s["processor_ms_per_step"])
-            );
+        if let Some(figures) = f.get(side) {
+            println!("{side:<11} {}", filled(SIDE, figures));
         }
     }
-    if let Some(r) = f.get("train_vs_torch") {
-        println!(
-            "ratio       native is {:.2} times as fast as libtorch (medians), {:.2} (least), {:.2} (processor time)",
-            n(&r["median"]),
-            n(&r["least"]),
-            n(&r["processor"])
-        );
+    if let Some(ratio) = f.get("train_vs_torch") {
+        println!("{}", filled(RATIO, ratio));
     }
-    println!(
-        "products    {:.3} GFLOP, {:.0} GFLOP/s: {:.0} % of the peak of {:.0} GFLOP/s",
-        n(&f["gflop_per_step"]),
-        n(&f["gflops"]),
-        100.0 * n(&f["peak_share"]),
-        n(&f["gemm_peak_gflops"])
-    );
-    println!(
-        "memory      {:.0} MiB at most; weights {:.1} MiB, a thread {:.1} MiB and {:.1} MiB for each step in the loss",
-        n(&f["peak_memory_mib"]),
-        n(&f["weights_mib"]),
-        n(&f["thread_mib"]),
-        n(&f["tape_mib"])
-    );
-    println!("\nphase                ms     GFLOP   GFLOP/s  of peak");
-    for p in f["phases"].as_array().into_iter().flatten() {
-        println!(
-            "{:<16} {:7.2} {:9.3} {:9.0} {:6.0} %",
-            p["phase"].as_str().unwrap_or_default(),
-            n(&p["ms"]),
-            n(&p["gflop"]),
-            n(&p["gflops"]),
-            100.0 * n(&p["peak_share"])
-        );
-    }
+    println!("{}", filled(PARTS, f));
+    println!("{}", phases(&f["phases"]));
 }

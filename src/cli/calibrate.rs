@@ -89,7 +89,6 @@ pub fn run(args: Args) -> Result<()> {
     let options = SessionOptions {
         n_threads: args.threads,
         resolution: args.resolution,
-        model: Some(args.model.clone()),
         ..SessionOptions::default()
     };
     let found = trajectories(&args.data, args.split, &model)?;

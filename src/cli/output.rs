@@ -3,6 +3,7 @@
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use m4gn_mesh::files::write_whole;
 use m4gn_mesh::{Error, Result};
+use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 use std::io::IsTerminal;
@@ -75,11 +76,34 @@ pub(super) fn plain(text: &str) -> String {
     clean
 }
 
+/// A text with figures: `{POINTER}` is what a JSON pointer without its first slash leads to, `{POINTER:2}` a number with so many
+/// decimals, `{POINTER:0%}` in per cent.
+pub(super) fn filled(template: &str, figures: &Value) -> String {
+    let mut parts = template.split('{');
+    let mut text = parts.next().unwrap_or_default().to_string();
+    for part in parts {
+        let (key, rest) = part.split_once('}').unwrap_or((part, ""));
+        let (pointer, form) = key.split_once(':').unwrap_or((key, ""));
+        let value = figures.pointer(&format!("/{pointer}")).unwrap_or(&Value::Null);
+        text += &match (form, value.as_str()) {
+            ("", Some(word)) => word.to_string(),
+            ("", None) => value.to_string(),
+            (form, _) => {
+                let (digits, unit) = form.strip_suffix('%').map_or((form, 1.0), |d| (d, 100.0));
+                let decimals: usize = digits.parse().unwrap_or(0);
+                format!("{:.decimals$}", unit * value.as_f64().unwrap_or(f64::NAN))
+            }
+        };
+        text += rest;
+    }
+    text
+}
+
 /// Writes figures where `--json FILE` says ([`write_whole`]); does nothing without a file.
 ///
 /// # Errors
 /// [`Error::File`] when the file cannot be written.
-pub fn write_json(path: Option<&Path>, figures: &serde_json::Value) -> Result<()> {
+pub fn write_json(path: Option<&Path>, figures: &Value) -> Result<()> {
     match path {
         Some(path) => write_whole(path, format!("{figures:#}\n").as_bytes()),
         None => Ok(()),
@@ -113,6 +137,13 @@ pub fn progress_bar(length: u64, unit: &str) -> Option<ProgressBar> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn figures_stand_in_a_text() {
+        let figures = serde_json::json!({ "a": 2.345, "b": { "c": "fp32" }, "d": [1, 0.5] });
+        let text = filled("{a:2} s, {b/c}: {d/0} and {d/1:0%} %, {none:1} {none}", &figures);
+        assert_eq!(text, "2.35 s, fp32: 1 and 50 %, NaN null");
+    }
 
     #[test]
     fn a_terminal_is_told_nothing() {

@@ -1,7 +1,8 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
-use m4gn_contact::projection::ProjectionOptions;
 use m4gn_data::{Split, Trajectory, list};
+use m4gn_domain::Kind;
+use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, Resolution};
@@ -103,7 +104,6 @@ pub fn run(args: Args) -> Result<()> {
         n_threads: args.threads,
         precision: PrecisionChoice::parse(&args.precision)?,
         resolution: args.resolution,
-        model: Some(args.model.clone()),
         ..SessionOptions::default()
     };
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
@@ -196,7 +196,7 @@ fn line(case: &Case) -> String {
 impl Args {
     /// The rollouts that are asked for.
     fn ways(&self, model: &Model) -> Result<Vec<Way>> {
-        if model.spec.contact.is_none() {
+        if !Kind::of_model(&model.spec).moves() {
             for (given, option) in [
                 (self.projection.is_some(), "--projection"),
                 (self.self_contact, "--self-contact"),

@@ -273,6 +273,30 @@ fn unfinished_recordings_leave_nothing_and_are_not_listed() {
 }
 
 #[test]
+fn whole_frames_of_a_killed_recording_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    let partial = dir.path().join(".a.h5.partial");
+    // The file as it stands after each frame is what a killed process leaves
+    let mut writer = Writer::create(&path, &square(), &options()).unwrap();
+    writer.append(0.0, &frames(0)).unwrap();
+    writer.append(1.0, &frames(1)).unwrap();
+    let left = std::fs::read(&partial).unwrap();
+    drop(writer);
+
+    for name in ["a-killed.h5", "a-killed-2.h5"] {
+        std::fs::write(&partial, &left).unwrap();
+        let mut writer = Writer::create(&path, &square(), &options()).unwrap();
+        writer.append(2.0, &frames(2)).unwrap();
+        writer.finish().unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let kept = Trajectory::open(dir.path().join(name)).unwrap();
+        assert_eq!(kept.times(), [0.0, 1.0]);
+        assert_eq!(kept.read_frame(&kept.fields()[0].name, 1).unwrap(), frames(1)[0]);
+    }
+}
+
+#[test]
 fn bad_frames_are_refused_and_the_recording_goes_on() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.h5");

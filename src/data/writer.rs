@@ -96,7 +96,7 @@ impl Writer {
             last_time: f64::NEG_INFINITY,
         };
         // Without HDF5 in between, so that the message is the system's own (permissions, full disk).
-        let space = claim(&writer.partial)?;
+        let space = claim(&writer.partial, &writer.path)?;
         let result = mesh_bytes(mesh)
             .and_then(|bytes| reserve(&space, &writer.path, 0, bytes + TABLES))
             .and_then(|()| writer.start(space, mesh, options));
@@ -109,7 +109,7 @@ impl Writer {
     fn start(&mut self, space: std::fs::File, mesh: &Mesh, options: &WriteOptions) -> Result<()> {
         let path = self.path.as_path();
         let file = hdf5::FileBuilder::new()
-            .with_fapl(|p| p.file_locking(false).libver_v110())
+            .with_fapl(|p| p.file_locking(false).libver_v18())
             .create(&self.partial)
             .map_err(h5_error(path, "cannot be made"))?;
         text::<NAME>(path, &file, "format", FORMAT)?;
@@ -311,9 +311,9 @@ impl Open {
     }
 }
 
-/// Opens the file beside the final name for this recording alone. One that a killed run left behind is taken over; one
-/// that another recording holds stays as it is.
-fn claim(partial: &Path) -> Result<std::fs::File> {
+/// Opens the file beside the final name for this recording alone. One that a killed run left behind is kept under another
+/// name, see [`keep_killed`]; one that another recording holds stays as it is.
+fn claim(partial: &Path, path: &Path) -> Result<std::fs::File> {
     let failed = |e: std::io::Error| Error::file(partial, format!("cannot be written: {e}"));
     loop {
         let mut options = std::fs::OpenOptions::new();
@@ -342,10 +342,53 @@ fn claim(partial: &Path) -> Result<std::fs::File> {
             .metadata()
             .is_ok_and(|m| (m.dev(), m.ino()) == (own.dev(), own.ino()))
         {
-            file.set_len(0).map_err(failed)?;
-            return Ok(file);
+            if own.len() == 0 {
+                return Ok(file);
+            }
+            keep_killed(partial, path)?;
         }
     }
+}
+
+/// What a killed recording of `a.h5` has left becomes `a-killed.h5` (`a-killed-2.h5`, ...), a recording of its whole frames; what
+/// has no whole frame, or cannot be read, is removed.
+fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
+    let failed = |e: std::io::Error| Error::file(partial, format!("cannot be kept under another name: {e}"));
+    if complete(partial).is_err() {
+        return std::fs::remove_file(partial).map_err(failed);
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut kept = path.with_file_name(format!("{stem}-killed.h5"));
+    let mut number = 2;
+    while kept.exists() {
+        kept = path.with_file_name(format!("{stem}-killed-{number}.h5"));
+        number += 1;
+    }
+    std::fs::rename(partial, kept).map_err(failed)
+}
+
+/// Makes a recording of the whole frames of a file that was not finished.
+fn complete(partial: &Path) -> hdf5::Result<()> {
+    let file = hdf5::FileBuilder::new()
+        .with_fapl(|p| p.file_locking(false))
+        .open_rw(partial)?;
+    let times = file.dataset("times")?;
+    let mut values = Vec::new();
+    for field in file.group("fields")?.groups()? {
+        values.extend(field.datasets()?);
+    }
+    let frames = |d: &Dataset| d.shape()[0];
+    let whole = values.iter().map(frames).fold(frames(&times), usize::min);
+    if whole == 0 {
+        return Err(hdf5::Error::Internal("no frame".into()));
+    }
+    times.resize((whole,))?;
+    for dataset in &values {
+        let shape = dataset.shape();
+        dataset.resize((whole, shape[1], shape[2]))?;
+    }
+    file.new_attr::<u32>().create("complete")?.write_scalar(&1u32)?;
+    file.flush()
 }
 
 fn closed(path: &Path) -> Error {

@@ -10,7 +10,7 @@ use super::linear::{self, Linear, Tail};
 use super::tiles::Scratch;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
 
 /// A perceptron on features, with a layer norm at the end (eq. 1).
 #[derive(Debug)]
@@ -77,11 +77,13 @@ pub struct Fixed {
 }
 
 impl Fixed {
-    /// For the nodes of this graph and their `offsets [n_owned x n_offset_features]`.
+    /// For the nodes of this structure.
     ///
     /// # Errors
     /// [`Error::Model`] for a node type that the model does not know.
-    pub fn new(model: &Model, graph: &Graph, offsets: &[f32]) -> Result<Self> {
+    pub fn new(model: &Model, structure: &Structure) -> Result<Self> {
+        let graph = &structure.graph;
+        let offsets = structure.segments.as_ref().map_or(&[][..], |s| &s.offsets);
         let ModelSpec {
             node_types,
             architecture,

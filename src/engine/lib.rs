@@ -40,8 +40,8 @@ use kernels::Bf16;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use network::Network;
 
 /// What advances the graph by one step: the native engine or another backend.
@@ -52,6 +52,12 @@ pub trait Forward {
     /// # Errors
     /// [`Error::Input`] for slices of other lengths; what a backend may fail with.
     fn forward(&mut self, comm: &Comm, inputs: &[f32], outputs: &mut [f32]) -> Result<()>;
+
+    /// Takes other edges between the same nodes, for graphs that change with time. The next step uses them.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a graph of other nodes, or what was made for edges that stay.
+    fn set_edges(&mut self, graph: &Graph) -> Result<()>;
 }
 
 /// The native engine.
@@ -75,58 +81,30 @@ macro_rules! either {
 }
 
 impl Engine {
-    /// Prepares a model for this graph. `segments` may be none only for a model without a macro stage.
+    /// Prepares a model for this structure.
     ///
     /// # Errors
-    /// [`Error::Model`] when the model does not fit the graph (dimension, node types, segments);
+    /// [`Error::Model`] when the model does not fit the structure (dimension, node types, what it needs);
     /// [`Error::Input`] for a segmentation of another graph.
-    pub fn new(
-        model: &Model,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
-        options: &EngineOptions,
-    ) -> Result<Self> {
-        let keep = if model.spec.contact.is_some() {
-            0
-        } else {
-            processor::KEEP_ENCODED
+    pub fn new(model: &Model, structure: &Structure, options: &EngineOptions) -> Result<Self> {
+        let keep = match options.edges_move {
+            true => 0,
+            false => processor::KEEP_ENCODED,
         };
-        Self::with_limit(model, graph, segments, options, keep)
-    }
-
-    /// Takes other edges between the same nodes, for graphs that change with time. The next step uses them.
-    ///
-    /// # Errors
-    /// [`Error::Internal`] for a graph of other nodes.
-    pub fn set_edges(&mut self, graph: &Graph) -> Result<()> {
-        check_edges(graph)?;
-        either!(&mut self.0, network => network.set_edges(graph))
+        Self::with_limit(model, structure, options, keep)
     }
 
     /// As [`Engine::new`]; encoded edges are kept up to `keep_encoded` bytes.
     fn with_limit(
         model: &Model,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
+        structure: &Structure,
         options: &EngineOptions,
         keep_encoded: usize,
     ) -> Result<Self> {
-        check(model, graph)?;
+        check(model, &structure.graph)?;
         Ok(Engine(match options.precision {
-            Precision::Fp32 => Inner::Fp32(Box::new(Network::new(
-                model,
-                graph,
-                segments,
-                options,
-                keep_encoded,
-            )?)),
-            Precision::Bf16 => Inner::Bf16(Box::new(Network::new(
-                model,
-                graph,
-                segments,
-                options,
-                keep_encoded,
-            )?)),
+            Precision::Fp32 => Inner::Fp32(Box::new(Network::new(model, structure, options, keep_encoded)?)),
+            Precision::Bf16 => Inner::Bf16(Box::new(Network::new(model, structure, options, keep_encoded)?)),
         }))
     }
 
@@ -161,6 +139,11 @@ impl Forward for Engine {
         either!(&mut self.0, network => network.forward(comm, inputs, outputs));
         Ok(())
     }
+
+    fn set_edges(&mut self, graph: &Graph) -> Result<()> {
+        check_edges(graph)?;
+        either!(&mut self.0, network => network.set_edges(graph))
+    }
 }
 
 // SAFETY: a Bf16 is a u16 by its representation.
@@ -177,15 +160,11 @@ impl m4gn_mesh::parallel::Element for Bf16 {}
 fn check(model: &Model, graph: &Graph) -> Result<()> {
     let n_edges = graph.senders.len();
     if graph.edge_features.len() != n_edges * model.spec.n_edge_features() {
-        if model.spec.contact.is_some() {
-            return Err(Error::Model(
-                "the model is one of bodies at points that an obstacle touches; this is a mesh whose unknowns are cells"
-                    .into(),
-            ));
-        }
-        let found = graph.edge_features.len() as f64 / n_edges.max(1) as f64 - 1.0;
+        let found = graph.edge_features.len() as f64 / n_edges.max(1) as f64;
         return Err(Error::Model(format!(
-            "the model was trained in {} dimensions, the mesh has {found} solved directions",
+            "the model reads {} features of an edge, in {} dimensions; the graph has {found}: another number of solved directions, or \
+             another kind of domain",
+            model.spec.n_edge_features(),
             model.spec.dim
         )));
     }

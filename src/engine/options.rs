@@ -189,6 +189,8 @@ pub struct EngineOptions {
     pub isa: Option<Isa>,
     /// Whether the engine takes the time of its phases.
     pub profile: bool,
+    /// Whether the graph gets other edges ([`crate::Forward::set_edges`]).
+    pub edges_move: bool,
 }
 
 impl Default for EngineOptions {
@@ -198,6 +200,7 @@ impl Default for EngineOptions {
             precision: Precision::Fp32,
             isa: None,
             profile: false,
+            edges_move: false,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The order of nodes within the engine: neighbours close to each other, so that what they gather is in cache, and
 //! nodes that wait for other ranks last.
 
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 
 /// A numbering of the owned nodes of a graph, and its edges in that numbering.
 #[derive(Clone, Debug)]
@@ -111,7 +111,7 @@ fn cuthill_mckee(graph: &Graph) -> Vec<u32> {
 mod tests {
     use super::*;
     use m4gn_mesh::parallel::Comm;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     #[test]
     fn every_node_and_edge_once_and_neighbours_close() {

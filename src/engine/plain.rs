@@ -1,8 +1,8 @@
 //! The network written down as the paper has it, in fp64 with straight loops: what the engine is tested against.
 
 use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, Structure};
 
 type Rows = Vec<Vec<f64>>;
 
@@ -217,7 +217,8 @@ fn segment_of(view: &Segmentation, x: &Rows, node: usize) -> Vec<f64> {
 }
 
 /// The whole step on one rank: `[n_cells x n_outputs]`, physical, changes not added.
-pub fn forward(model: &Model, graph: &Graph, segments: Option<&Segmentation>, inputs: &[f32]) -> Vec<f64> {
+pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64> {
+    let (graph, segments) = (&structure.graph, structure.segments.as_ref());
     let spec = &model.spec;
     let net = Plain(model);
     let k = spec.n_field_inputs();

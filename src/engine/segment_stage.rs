@@ -12,7 +12,7 @@ use super::transformer::{self, TransformerLayer};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_segments::Segmentation;
+use m4gn_structure::Segmentation;
 
 /// Weights, members and buffers of the macro stage.
 #[derive(Debug)]

@@ -1,9 +1,10 @@
 //! The engine against the plain network, in every instruction set that this processor has.
 
 use super::*;
-use m4gn_mesh::sample;
-use m4gn_model::sample::spec;
 use m4gn_model::{Activation, Kind, MacroSpec, ModelSpec};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::model::spec;
+use m4gn_structure::Segmentation;
 
 const K: usize = 5;
 
@@ -29,8 +30,7 @@ pub(super) fn segments(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Segmen
 /// A model on a channel of triangles.
 struct Case {
     model: Model,
-    graph: Graph,
-    segments: Option<Segmentation>,
+    structure: Structure,
     inputs: Vec<f32>,
 }
 
@@ -39,19 +39,21 @@ impl Case {
         let graph = Graph::new(&sample::triangles(9, 7, 1.6, 0.41), &Comm::serial()).unwrap();
         let n = graph.n_owned * spec.n_field_inputs();
         Case {
-            segments: spec
-                .architecture
-                .m4gn()
-                .is_some()
-                .then(|| segments(&spec, &graph, overlap)),
+            structure: Structure {
+                segments: spec
+                    .architecture
+                    .needs()
+                    .segments
+                    .then(|| segments(&spec, &graph, overlap)),
+                graph,
+            },
             model: Model::random(spec, 5).unwrap(),
-            graph,
             inputs: (0..n).map(|i| (i as f32 * 0.7).sin()).collect(),
         }
     }
 
     fn plain(&self) -> Vec<f64> {
-        let expected = plain::forward(&self.model, &self.graph, self.segments.as_ref(), &self.inputs);
+        let expected = plain::forward(&self.model, &self.structure, &self.inputs);
         let largest = expected.iter().fold(0f64, |m, v| m.max(v.abs()));
         let least = expected.iter().fold(f64::MAX, |m, v| m.min(*v));
         assert!(
@@ -62,15 +64,8 @@ impl Case {
     }
 
     fn run(&self, options: &EngineOptions, keep_encoded: usize) -> Vec<f32> {
-        let mut engine = Engine::with_limit(
-            &self.model,
-            &self.graph,
-            self.segments.as_ref(),
-            options,
-            keep_encoded,
-        )
-        .unwrap();
-        let mut outputs = vec![0f32; self.graph.n_cells * self.model.spec.n_outputs()];
+        let mut engine = Engine::with_limit(&self.model, &self.structure, options, keep_encoded).unwrap();
+        let mut outputs = vec![0f32; self.structure.graph.n_cells * self.model.spec.n_outputs()];
         // Twice: nothing of the first step may leak into the second.
         for _ in 0..2 {
             outputs.fill(f32::NAN);
@@ -217,8 +212,8 @@ fn memory_and_profile_add_up() {
         profile: true,
         ..options(Isa::detect(), Precision::Bf16)
     };
-    let mut engine = Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options).unwrap();
-    let mut outputs = vec![0f32; case.graph.n_cells * case.model.spec.n_outputs()];
+    let mut engine = Engine::new(&case.model, &case.structure, &options).unwrap();
+    let mut outputs = vec![0f32; case.structure.graph.n_cells * case.model.spec.n_outputs()];
     for _ in 0..3 {
         engine
             .forward(&Comm::serial(), &case.inputs, &mut outputs)
@@ -236,30 +231,37 @@ fn memory_and_profile_add_up() {
         .find(|(n, _)| *n == "edge latents")
         .unwrap()
         .1;
-    assert_eq!(edges, (case.graph.senders.len() * 16 * 2).next_multiple_of(64));
+    assert_eq!(
+        edges,
+        (case.structure.graph.senders.len() * 16 * 2).next_multiple_of(64)
+    );
 }
 
 #[test]
 fn graphs_and_lengths_that_do_not_fit_are_refused() {
     let mut case = Case::new(spec(), false);
     let options = EngineOptions::default();
-    let mut engine = Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options).unwrap();
+    let mut engine = Engine::new(&case.model, &case.structure, &options).unwrap();
     assert!(matches!(
         engine.forward(&Comm::serial(), &case.inputs[1..], &mut []),
         Err(Error::Input(_))
     ));
+    let bare = Structure {
+        segments: None,
+        ..case.structure.clone()
+    };
     assert!(matches!(
-        Engine::new(&case.model, &case.graph, None, &options),
+        Engine::new(&case.model, &bare, &options),
         Err(Error::Model(_))
     ));
-    case.graph.senders[0] = case.graph.n_local as i32;
+    case.structure.graph.senders[0] = case.structure.graph.n_local as i32;
     assert!(matches!(
-        Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options),
+        Engine::new(&case.model, &case.structure, &options),
         Err(Error::Internal(_))
     ));
-    case.graph.edge_features.pop();
+    case.structure.graph.edge_features.pop();
     assert!(matches!(
-        Engine::new(&case.model, &case.graph, case.segments.as_ref(), &options),
+        Engine::new(&case.model, &case.structure, &options),
         Err(Error::Model(_))
     ));
 }

@@ -1,13 +1,11 @@
 //! Loss and gradient of one example on the native engine, through all its unrolled steps.
 
 use super::backend::{Batch, Example};
-use super::native::NativeBackend;
+use super::native::{Live, Moved, NativeBackend};
 use super::normaliser::Normaliser;
 use super::samples::Sample;
-use m4gn_contact::graph::{ContactGraph, N_FEATURES, features_backward};
-use m4gn_engine::backward::{InputGradient, Scales, TrainGraph, Worker, normal};
+use m4gn_engine::backward::{InputGradient, Scales, Worker, normal};
 use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::time::Instant;
@@ -15,10 +13,7 @@ use std::time::Instant;
 /// Bytes that one thread keeps of unrolled steps; beyond it they are computed again in the backward pass.
 const KEEP: usize = 1 << 30;
 
-/// The graph of a body at a state, with its senders and receivers.
-pub(crate) type Moved = (TrainGraph, Vec<i32>, Vec<i32>);
-
-/// An application of the network: the state before it, and, of bodies, the graph there with its senders and receivers.
+/// An application of the network: the state before it, and, where edges move, those there.
 struct Applied {
     state: Vec<f32>,
     graph: Option<Moved>,
@@ -45,25 +40,19 @@ impl NativeBackend<'_> {
         share: f64,
     ) -> Result<Piece> {
         let sample = &self.work.train[example.sample];
-        let base = &self.graphs[example.sample][usize::from(example.mirror)];
+        let live = &self.lives[example.sample][usize::from(example.mirror)];
+        let (domain, base) = (&live.domain, &live.graph);
         let stride = self.work.frames_a_step;
-        let frame = |step: usize| {
-            self.stepper
-                .frame(sample, example.frame + step * stride, example.mirror)
-        };
-        let mut contact = sample.contact.as_ref().map(|c| match example.mirror {
-            true => c.reflected(),
-            false => c.clone(),
-        });
+        let frame = |step: usize| sample.state(example.frame + step * stride, stride, example.mirror);
         let began = Instant::now();
         let mut state = self.start(sample, example)?;
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
         let mut moments = None;
-        let mut graph = at_state(base, &mut contact, self.stepper.parts(&state).0)?;
+        let mut graph = live.at(&mut state)?;
         if batch.accumulate {
             let next = frame(1)?;
-            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
-            self.stepper.target(sample, &state, &next, &mut target);
+            domain.inputs(&state, &next, &mut inputs);
+            domain.target(&state, &next, &mut target);
             let edges = graph.as_ref().map_or(base, |g| &g.0).edge_features();
             moments = Some(Normaliser::of_example(&self.spec, &inputs, edges, &target));
         }
@@ -83,7 +72,7 @@ impl NativeBackend<'_> {
         let mut keep = batch.unroll;
         for step in 1..=batch.unroll {
             let next = frame(step)?;
-            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
+            domain.inputs(&state, &next, &mut inputs);
             let here = graph.as_ref().map_or(base, |g| &g.0);
             let tape = if step <= keep { step - 1 } else { 0 };
             self.network
@@ -91,7 +80,7 @@ impl NativeBackend<'_> {
             if step == 1 && batch.unroll > 1 && batch.unroll * self.network.memory(worker).2 > KEEP {
                 keep = 1;
             }
-            self.stepper.target(sample, &state, &next, &mut target);
+            domain.target(&state, &next, &mut target);
             let mut d = self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses);
             if let Some(smoother) = self.smoothers.get(example.sample) {
                 smoother.add_smooth(&mut d, m);
@@ -100,7 +89,7 @@ impl NativeBackend<'_> {
             let new = match step < batch.unroll {
                 true => {
                     scales.output.to_physical(&mut outputs);
-                    self.stepper.advance(sample, &state, &outputs, &next)
+                    domain.advance(&state, &outputs, &next)
                 }
                 false => Vec::new(),
             };
@@ -109,18 +98,11 @@ impl NativeBackend<'_> {
                 graph: graph.take(),
             });
             if step < batch.unroll {
-                graph = at_state(base, &mut contact, self.stepper.parts(&state).0)?;
+                graph = live.at(&mut state)?;
             }
         }
         let began = self.lap(1, began);
-        self.backward(
-            worker,
-            scales,
-            (base, contact.as_ref()),
-            sample,
-            example,
-            (applied, d_outputs, keep),
-        )?;
+        self.backward(worker, scales, live, sample, example, (applied, d_outputs, keep))?;
         let mut gradient = vec![0.0; self.network.layout().len()];
         self.network.flush(worker, &mut gradient);
         self.lap(2, began);
@@ -136,12 +118,12 @@ impl NativeBackend<'_> {
         &self,
         worker: &mut Worker,
         scales: &Scales,
-        (base, contact): (&TrainGraph, Option<&ContactGraph>),
+        live: &Live,
         sample: &Sample,
         example: &Example,
         (applied, d_outputs, keep): (Vec<Applied>, Vec<Vec<f32>>, usize),
     ) -> Result<()> {
-        let unroll = applied.len();
+        let (domain, base, unroll) = (&live.domain, &live.graph, applied.len());
         let m = self.spec.n_outputs();
         let stride = self.work.frames_a_step;
         let mut by_inputs = InputGradient::default();
@@ -154,18 +136,15 @@ impl NativeBackend<'_> {
             let mut d_state = None;
             if let Some(mut behind) = behind.take() {
                 let mut physical = vec![0.0; d.len()];
-                d_state = Some(self.stepper.advance_backward(sample, &mut behind, &mut physical));
+                d_state = Some(domain.advance_backward(&mut behind, &mut physical));
                 for (d, physical) in d.chunks_exact_mut(m).zip(physical.chunks_exact(m)) {
                     let both = d.iter_mut().zip(physical).zip(&scales.output.std);
                     both.for_each(|((d, p), std)| *d += p * std);
                 }
             }
             if keep < unroll && step + 1 < unroll {
-                let next = self
-                    .stepper
-                    .frame(sample, example.frame + (step + 1) * stride, example.mirror)?;
-                self.stepper
-                    .inputs(contact, &application.state, &next, &mut inputs);
+                let next = sample.state(example.frame + (step + 1) * stride, stride, example.mirror)?;
+                domain.inputs(&application.state, &next, &mut inputs);
                 unread.resize(d.len(), 0.0);
                 self.network
                     .forward(worker, 0, graph, scales, &inputs, &mut unread);
@@ -188,16 +167,16 @@ impl NativeBackend<'_> {
             }
             let size = application.state.len();
             let mut d_state = d_state.unwrap_or_else(|| vec![0.0; size]);
-            self.stepper.inputs_backward(&by_inputs.nodes, &mut d_state);
+            domain.inputs_backward(&by_inputs.nodes, &mut d_state);
             // The target of a change is as far as the state is off.
             let mut d_target = loss.clone();
             for row in d_target.chunks_exact_mut(m) {
                 let scaled = row.iter_mut().zip(&scales.output.inverse);
                 scaled.for_each(|(d, inverse)| *d *= -inverse);
             }
-            self.stepper.target_backward(&d_target, &mut d_state);
-            if let (Some((graph, senders, receivers)), Some(d)) = (&application.graph, &by_inputs.edges) {
-                edges_backward(graph.edge_features(), d, (senders, receivers), &mut d_state);
+            domain.target_backward(&d_target, &mut d_state);
+            if let (Some((_, edges)), Some(d)) = (&application.graph, &by_inputs.edges) {
+                domain.edges_backward(edges, d, &mut d_state);
             }
             behind = Some(d_state);
         }
@@ -249,13 +228,11 @@ impl NativeBackend<'_> {
             true => rng.random_range(0..=2 * stride),
             false => stride,
         };
-        let mut state = self
-            .stepper
-            .frame_after(sample, example.frame, frames, example.mirror)?;
-        if self.history_noise > 0.0 && self.stepper.parts(&state).1.is_some() {
+        let mut state = sample.state(example.frame, frames, example.mirror)?;
+        if self.history_noise > 0.0 && sample.domain.has_history() {
             let other = rng.random_range(0..sample.n_frames);
-            let other = self.stepper.frame(sample, other, example.mirror)?;
-            let first = self.stepper.parts(&state).0.len();
+            let other = sample.state(other, stride, example.mirror)?;
+            let first = sample.domain.parts(&state).0.len();
             let moving = first..first + self.noise.len() * sample.n_cells();
             let times = (self.share(&mut rng) * self.history_noise * normal(&mut rng)) as f32;
             let pairs = state[moving.clone()].iter_mut().zip(&other[moving]);
@@ -282,12 +259,12 @@ impl NativeBackend<'_> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let share = self.share(&mut rng);
         let width = self.noise.len();
-        let (now, changes) = state.split_at_mut(self.stepper.parts(state).0.len());
+        let (now, changes) = state.split_at_mut(sample.domain.parts(state).0.len());
         let mut changes = changes.chunks_exact_mut(width);
         let rows = now.chunks_exact_mut(width).take(sample.n_cells());
         for (cell, row) in rows.enumerate() {
             let mut change = changes.next();
-            let held = sample.held.as_ref().is_some_and(|held| held[cell]);
+            let held = sample.domain.is_held(cell);
             for (i, std) in self.noise.iter().enumerate().filter(|(_, std)| **std > 0.0) {
                 let noise = (share * std * normal(&mut rng)) as f32;
                 if !held {
@@ -299,94 +276,6 @@ impl NativeBackend<'_> {
                 }
             }
         }
-        self.stepper.copy_to_boundary(sample, state, false);
-    }
-}
-
-/// The graph of a body at a state, with its senders and receivers; none for cells, whose graph stays.
-pub(crate) fn at_state(
-    base: &TrainGraph,
-    contact: &mut Option<ContactGraph>,
-    state: &[f32],
-) -> Result<Option<Moved>> {
-    let Some(contact) = contact else { return Ok(None) };
-    let graph = contact.update(&Comm::serial(), state)?;
-    Ok(Some((
-        base.with_edges(graph),
-        graph.senders.clone(),
-        graph.receivers.clone(),
-    )))
-}
-
-/// From the derivative by the features of a body's edges to that by the displacement of its nodes.
-fn edges_backward(features: &[f32], d: &[f32], (senders, receivers): (&[i32], &[i32]), d_state: &mut [f32]) {
-    let rows = features.chunks_exact(N_FEATURES).zip(d.chunks_exact(N_FEATURES));
-    for ((x, d), (&s, &r)) in rows.zip(senders.iter().zip(receivers)) {
-        for (i, by) in features_backward(x, d).into_iter().enumerate() {
-            d_state[3 * s as usize + i] += by;
-            d_state[3 * r as usize + i] -= by;
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::config::TrainingConfig;
-    use super::super::workload::Workload;
-    use super::*;
-    use m4gn_mesh::sample::{flow, triangles};
-
-    /// Two decades: the logarithms lie evenly between those of 0.0004 and 0.04.
-    #[test]
-    fn noise_has_a_size_in_each_example() {
-        let (spec, mesh) = (m4gn_model::sample::spec(), triangles(6, 4, 1.5, 1.0));
-        let mut sample = Sample::of_mesh(&mesh, &spec, &spec.segments, None, None).unwrap();
-        let nodes = mesh
-            .cell_centres
-            .iter()
-            .chain(mesh.boundary.iter().map(|face| &face.centre));
-        let frame = nodes.flat_map(|&x| {
-            let ([u, v], p) = flow(x, [0.3, 0.5]);
-            [u, v, p]
-        });
-        sample.push(&mesh, &spec, frame.collect());
-        let work = Workload {
-            train: vec![sample.clone().into()],
-            valid: vec![],
-            frames_a_step: 2,
-            names: vec![],
-        };
-        let before = sample.frame(0).unwrap().into_owned();
-        let logarithms = |noise_spread: f64| -> Vec<f64> {
-            let training = TrainingConfig {
-                noise: [("U".to_string(), 0.04)].into(),
-                noise_spread,
-                ..TrainingConfig::default()
-            };
-            let backend = NativeBackend::new(&training, &spec, &work, 1).unwrap();
-            let size = |seed| {
-                let mut state = before.clone();
-                backend.add_noise(&sample, seed, &mut state);
-                let cells = sample.n_cells() * sample.width;
-                let square = state[..cells]
-                    .iter()
-                    .zip(&before)
-                    .map(|(a, b)| f64::from(a - b).powi(2));
-                // Two components of three
-                (square.sum::<f64>() / (2 * sample.n_cells()) as f64).sqrt().ln()
-            };
-            (0..200).map(size).collect()
-        };
-        let (least, most) = (0.0004f64.ln(), 0.04f64.ln());
-        assert!(logarithms(1.0).iter().all(|l| (l - most).abs() < 0.5));
-        let sizes = logarithms(100.0);
-        assert!(sizes.iter().all(|l| (least - 0.5..most + 0.5).contains(l)));
-        for third in 0..3 {
-            let from = least + f64::from(third) / 3.0 * (most - least);
-            let here = sizes
-                .iter()
-                .filter(|l| (from..from + (most - least) / 3.0).contains(l));
-            assert!((45..=90).contains(&here.count()), "{sizes:?}");
-        }
+        sample.domain.boundary().follow(state, |_| true);
     }
 }

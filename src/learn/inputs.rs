@@ -1,9 +1,8 @@
 //! Inputs that the model to start from does not have yet.
 
 use super::normaliser::Moments;
-use super::samples::Components;
-use super::state::Stepper;
 use super::workload::Workload;
+use m4gn_domain::Components;
 use m4gn_mesh::Result;
 use m4gn_model::{ContactSpec, FieldSpec, Model, ModelSpec};
 
@@ -33,12 +32,11 @@ pub fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Mod
     let components = Components::new(spec);
     // A body's fields are no inputs, and what is added is its history.
     let added = components.inputs.get(old..).unwrap_or(&[]);
-    let stepper = Stepper::new(spec, work.frames_a_step);
     let mut moments = Moments::new(new - old);
     for sample in &work.train {
         for frame in [0, sample.n_frames / 2, sample.n_frames - 1] {
-            let frame = stepper.frame(sample, frame, false)?;
-            moments.add(&match stepper.parts(&frame) {
+            let frame = sample.state(frame, work.frames_a_step, false)?;
+            moments.add(&match sample.domain.parts(&frame) {
                 (_, Some(changes)) => Moments::of_changes(changes),
                 (frame, None) => {
                     let rows = frame.chunks_exact(components.count);

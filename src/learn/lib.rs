@@ -6,7 +6,6 @@
 
 mod backend;
 mod config;
-mod copies;
 mod example;
 pub mod inputs;
 mod native;
@@ -15,12 +14,11 @@ pub mod regression;
 pub mod rollout;
 pub mod samples;
 mod smoother;
-pub mod state;
+mod state;
 pub mod together;
 mod workload;
 
 pub use backend::{Backend, Batch, Example, Learned, Rollout};
 pub use config::{BestOf, Decay, Restart, TrainingConfig};
-pub use copies::Copies;
 pub use native::NativeBackend;
 pub use workload::Workload;

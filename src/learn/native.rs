@@ -4,29 +4,69 @@ use super::backend::{Backend, Batch, Example, Learned, Rollout};
 use super::config::TrainingConfig;
 use super::normaliser::Normaliser;
 use super::smoother::Smoother;
-use super::state::Stepper;
 use super::workload::Workload;
+use m4gn_domain::{Components, Domain, Edges};
 use m4gn_engine as engine;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
-/// Network, graphs and threads.
+/// A domain to learn on, and its graph; of a domain whose edges move at rest.
+#[derive(Debug)]
+pub(crate) struct Live {
+    pub domain: Box<dyn Domain>,
+    pub graph: TrainGraph,
+    /// The same graph for who gives it other edges.
+    moving: Option<Graph>,
+}
+
+/// The edges of a state, and the graph with them.
+pub(crate) type Moved = (TrainGraph, Edges);
+
+impl Live {
+    fn new(spec: &ModelSpec, domain: Box<dyn Domain>, structure: &Structure) -> Result<Self> {
+        Ok(Live {
+            graph: TrainGraph::new(spec, structure)?,
+            moving: domain.moves().then(|| structure.graph.clone()),
+            domain,
+        })
+    }
+
+    /// The graph at a state; none where it stays.
+    pub fn at(&self, state: &mut [f32]) -> Result<Option<Moved>> {
+        let Some(graph) = &self.moving else {
+            return Ok(None);
+        };
+        let mut graph = graph.clone();
+        self.domain.set_edges(&Comm::serial(), state, &mut graph)?;
+        let moved = self.graph.with_edges(&graph);
+        let edges = Edges {
+            senders: graph.senders,
+            receivers: graph.receivers,
+            features: graph.edge_features,
+        };
+        Ok(Some((moved, edges)))
+    }
+}
+
+/// Network, domains and threads.
 #[derive(Debug)]
 pub struct NativeBackend<'a> {
     pub(crate) spec: ModelSpec,
     pub(crate) work: &'a Workload,
-    pub(crate) stepper: Stepper,
+    pub(crate) components: Components,
     pub(crate) network: Trainable,
     workers: Vec<Worker>,
-    /// The graph of each training trajectory, and its reflection.
-    pub(crate) graphs: Vec<[TrainGraph; 2]>,
+    /// Each training trajectory and its reflection.
+    pub(crate) lives: Vec<[Live; 2]>,
     /// Noise of each component, physical units.
     pub(crate) noise: Vec<f64>,
     /// How many times smaller it may be in an example.
@@ -51,10 +91,9 @@ impl<'a> NativeBackend<'a> {
     /// # Errors
     /// [`Error::Model`] for a model that cannot be trained, or a graph that it does not know.
     pub fn new(t: &TrainingConfig, spec: &ModelSpec, work: &'a Workload, threads: usize) -> Result<Self> {
-        let stepper = Stepper::new(spec, work.frames_a_step);
-        let c = stepper.components();
-        let name = |c: &usize| spec.fields[stepper.components().field[*c]].name.as_str();
-        let noise = (0..c.count).map(|i| match c.inputs.contains(&i) || spec.contact.is_some() {
+        let c = Components::new(spec);
+        let name = |i: &usize| spec.fields[c.field[*i]].name.as_str();
+        let noise = (0..c.count).map(|i| match spec.reads(&spec.fields[c.field[i]]) {
             true => t.noise.get(name(&i)).copied().unwrap_or(0.0),
             false => 0.0,
         });
@@ -68,16 +107,16 @@ impl<'a> NativeBackend<'a> {
             last = c.field[*i];
         }
         let network = Trainable::new(spec, t.precision, None)?;
-        let stage = spec.architecture.segment_transformer().is_some();
-        let graphs = work.train.iter().map(|sample| {
-            let graph = |graph: &Graph, segments| TrainGraph::new(spec, graph, stage.then_some(segments));
+        let lives = work.train.iter().map(|sample| {
+            let mirror = sample.domain.reflected();
+            let reflected = sample.structure.reflected(spec);
             Ok([
-                graph(&sample.graph, &sample.segments)?,
-                graph(&sample.reflected_graph(spec), &sample.reflected_segments(spec))?,
+                Live::new(spec, sample.domain.clone(), &sample.structure)?,
+                Live::new(spec, mirror, &reflected)?,
             ])
         });
         Ok(NativeBackend {
-            graphs: graphs.collect::<Result<_>>()?,
+            lives: lives.collect::<Result<_>>()?,
             workers: (0..threads.max(1)).map(|_| network.worker()).collect(),
             network,
             noise: noise.collect(),
@@ -88,7 +127,7 @@ impl<'a> NativeBackend<'a> {
                 true => work
                     .train
                     .iter()
-                    .map(|s| Smoother::new(&s.graph, t.smooth_hops, t.smooth_loss))
+                    .map(|s| Smoother::new(&s.structure.graph, t.smooth_hops, t.smooth_loss))
                     .collect(),
                 false => Vec::new(),
             },
@@ -98,7 +137,7 @@ impl<'a> NativeBackend<'a> {
             clock: Default::default(),
             spec: spec.clone(),
             work,
-            stepper,
+            components: c.clone(),
         })
     }
 

@@ -1,10 +1,10 @@
 //! Online normalisers: mean and standard deviation of inputs, edge features and outputs, accumulated in f64
 //! over the first batches, then frozen.
 
-use m4gn_contact::graph::has_feature;
+use m4gn_domain::Statistics;
 use m4gn_engine::backward::{Scale, Scales};
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Model, ModelSpec, N_CONTACT_INPUTS, Tensor};
+use m4gn_model::{Model, ModelSpec, Tensor};
 use std::collections::BTreeMap;
 
 /// Count, sum and sum of squares of each channel.
@@ -158,20 +158,17 @@ impl Normaliser {
     /// Of a body, a feature of an edge is seen in the edges of its kind alone, and the three components of the displacement have one
     /// deviation: a direction in which a body hardly moves is not worth more than another.
     pub fn of_example(spec: &ModelSpec, inputs: &[f32], edges: &[f32], outputs: &[f32]) -> Self {
-        let edge = spec.n_edge_features();
         let output = Moments::of(outputs, spec.n_outputs());
-        let nodes = spec.n_field_inputs();
-        match spec.contact {
-            Some(_) => Normaliser {
-                node: Moments::of_present(inputs, nodes, |row, i| row[i] != 0.0).alike_from(N_CONTACT_INPUTS),
-                edge: Moments::of_present(edges, edge, has_feature),
+        let statistics = Statistics::of(spec);
+        let node = Moments::of_present(inputs, spec.n_field_inputs(), statistics.node);
+        let edge = Moments::of_present(edges, spec.n_edge_features(), statistics.edge);
+        match statistics.alike_from {
+            Some(first) => Normaliser {
+                node: node.alike_from(first),
+                edge,
                 output: output.alike(),
             },
-            None => Normaliser {
-                node: Moments::of(inputs, nodes),
-                edge: Moments::of(edges, edge),
-                output,
-            },
+            None => Normaliser { node, edge, output },
         }
     }
 
@@ -288,7 +285,7 @@ mod tests {
 
     #[test]
     fn an_edge_of_a_body_shows_the_features_of_its_kind() {
-        let spec = m4gn_model::sample::bodies();
+        let spec = m4gn_samples::model::bodies();
         let n = spec.n_edge_features();
         let mut edges = vec![0.0; 3 * n];
         // Two edges of the mesh, lengths 3 and 5, and a world edge of length 7.
@@ -309,7 +306,7 @@ mod tests {
 
     #[test]
     fn the_changes_of_a_history_have_one_deviation() {
-        let mut spec = m4gn_model::sample::bodies();
+        let mut spec = m4gn_samples::model::bodies();
         spec.contact.as_mut().unwrap().history = 1;
         // Two nodes: a motion of 2 and then 4 of the obstacle, changes (3 4 0) and (0 0 5); what is 0 is not there.
         let mut inputs = [0.0; 22];

@@ -7,7 +7,6 @@
 //! The scale g_ii makes the ridge a share of each input's own part, whatever its size.
 
 use super::backend::Example;
-use super::example::at_state;
 use super::native::NativeBackend;
 use super::normaliser::Normaliser;
 use super::together::own_share;
@@ -159,34 +158,26 @@ impl NativeBackend<'_> {
         unroll: usize,
     ) -> Result<Regression> {
         let sample = &self.work.train[example.sample];
-        let graph = &self.graphs[example.sample][usize::from(example.mirror)];
-        let frame = |step: usize| {
-            let frame = example.frame + step * self.work.frames_a_step;
-            self.stepper.frame(sample, frame, example.mirror)
-        };
-        let mut contact = sample.contact.as_ref().map(|c| match example.mirror {
-            true => c.reflected(),
-            false => c.clone(),
-        });
+        let live = &self.lives[example.sample][usize::from(example.mirror)];
+        let (domain, stride) = (&live.domain, self.work.frames_a_step);
         let mut state = self.start(sample, example)?;
         let m = self.spec.n_outputs();
         let mut outputs = vec![0.0; sample.n_cells() * m];
         let (mut inputs, mut target, mut rows) = (Vec::new(), Vec::new(), Vec::new());
         let mut sum = Regression::new(&self.spec);
         for step in 1..=unroll {
-            let next = frame(step)?;
-            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
-            let moved = at_state(graph, &mut contact, self.stepper.parts(&state).0)?;
-            let graph = moved.as_ref().map_or(graph, |(graph, ..)| graph);
+            let next = sample.state(example.frame + step * stride, stride, example.mirror)?;
+            domain.inputs(&state, &next, &mut inputs);
+            let moved = live.at(&mut state)?;
+            let graph = moved.as_ref().map_or(&live.graph, |(graph, ..)| graph);
             self.network
                 .forward(worker, 0, graph, scales, &inputs, &mut outputs);
             self.network.last_inputs(worker, 0, graph, &mut rows);
-            self.stepper.target(sample, &state, &next, &mut target);
+            domain.target(&state, &next, &mut target);
             scales.output.to_normalised(&mut target);
-            let held = sample.held.as_ref();
-            sum.add_rows(&rows, &target, |cell| held.is_none_or(|held| !held[cell]));
+            sum.add_rows(&rows, &target, |cell| !domain.is_held(cell));
             scales.output.to_physical(&mut outputs);
-            state = self.stepper.advance(sample, &state, &outputs, &next);
+            state = domain.advance(&state, &outputs, &next);
         }
         Ok(sum)
     }

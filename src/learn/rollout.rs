@@ -2,11 +2,13 @@
 
 use super::backend::Rollout;
 use super::native::NativeBackend;
-use super::samples::Components;
-use m4gn_engine::{Engine, EngineOptions, Forward};
+use m4gn_domain::{Components, Predict};
+use m4gn_engine::{Engine, EngineOptions};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::Model;
+use m4gn_step::Stepper;
+use std::borrow::Cow;
 
 /// How a rollout's state lags behind the recorded one, in the first predicted field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,7 +26,7 @@ impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
     pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<(f64, f64)>> {
         let sample = &self.work.valid[rollout.sample];
-        let c = self.stepper.components();
+        let c = &self.components;
         let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
         let first = sample.frame(rollout.frame)?;
         let mut errors: Vec<(f64, f64)> = Vec::with_capacity(rollout.steps);
@@ -48,7 +50,7 @@ impl NativeBackend<'_> {
         interval: f64,
     ) -> Result<[Lag; N]> {
         let sample = &self.work.valid[rollout.sample];
-        let (c, most) = (self.stepper.components(), self.work.frames_a_step as f64 - 1.0);
+        let (c, most) = (&self.components, self.work.frames_a_step as f64 - 1.0);
         let mut lags = [Lag::default(); N];
         self.roll(model, rollout, &mut |step, state, _| {
             for (lag, _) in lags.iter_mut().zip(after).filter(|(_, after)| *after == step) {
@@ -82,37 +84,28 @@ impl NativeBackend<'_> {
     /// Shows the state after each model step. It ends early where a body leaves the finite numbers.
     fn roll(&self, model: &Model, rollout: &Rollout, visit: &mut Visit) -> Result<()> {
         let sample = &self.work.valid[rollout.sample];
-        let comm = Comm::serial();
-        let stage = self.spec.architecture.segment_transformer().is_some();
-        let mut contact = sample.contact.clone();
-        let frame = |step: usize| {
-            let frame = rollout.frame + step * self.work.frames_a_step;
-            self.stepper.frame(sample, frame, false)
-        };
+        let (domain, comm) = (&*sample.domain, Comm::serial());
+        let stride = self.work.frames_a_step;
+        let frame = |step: usize| sample.state(rollout.frame + step * stride, stride, false);
         let mut state = frame(0)?;
-        if let Some(contact) = &mut contact {
-            contact.update(&comm, self.stepper.parts(&state).0)?;
-        }
-        let graph = contact.as_ref().map_or(&sample.graph, |c| c.graph());
-        let segments = stage.then_some(&sample.segments);
         let options = EngineOptions {
             precision: self.precision,
+            edges_move: domain.moves(),
             ..EngineOptions::default()
         };
-        let mut engine = Engine::new(model, graph, segments, &options)?;
-        let (mut inputs, mut outputs) = (Vec::new(), vec![0.0; sample.n_cells() * self.spec.n_outputs()]);
+        let mut structure = Cow::Borrowed(&sample.structure);
+        if domain.moves() {
+            domain.set_edges(&comm, &mut state, &mut structure.to_mut().graph)?;
+        }
+        let engine = Engine::new(model, &structure, &options)?;
+        let mut stepper = Stepper::new(domain, &structure, &self.spec, Box::new(engine));
         for step in 1..=rollout.steps {
             let next = frame(step)?;
-            self.stepper.inputs(contact.as_ref(), &state, &next, &mut inputs);
-            engine.forward(&comm, &inputs, &mut outputs)?;
-            state = self.stepper.advance(sample, &state, &outputs, &next);
+            let outputs = stepper.predict(&comm, domain, &mut state, &next)?;
+            state = domain.advance(&state, outputs, &next);
             visit(step, &state, &next)?;
-            if let (Some(contact), true) = (&mut contact, step < rollout.steps) {
-                if !state.iter().all(|v| v.is_finite()) {
-                    break;
-                }
-                let displacement = self.stepper.parts(&state).0;
-                engine.set_edges(contact.update(&comm, displacement)?)?;
+            if domain.moves() && !state.iter().all(|v| v.is_finite()) {
+                break;
             }
         }
         Ok(())

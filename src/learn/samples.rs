@@ -1,19 +1,12 @@
 //! Trajectories to learn from: fields, graphs and segments, made by the functions that the session uses.
 
-use super::copies::Copies;
-use m4gn_contact::graph::ContactGraph;
-use m4gn_contact::part::BodyPart;
-use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_domain::{Domain, Place, faces_seen_as_their_cells, see_as_cells};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, NodeType, Result};
-use m4gn_model::modal::ModalSource;
-use m4gn_model::{Extent, FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_mesh::{Mesh, Result};
+use m4gn_model::{Extent, ModelSpec, SegmentSpec};
 use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::Segmentation;
-use m4gn_segments::coarse::Coarse;
-use m4gn_segments::graph::Graph;
-use m4gn_step::faces_seen_as_their_cells;
+use m4gn_structure::Structure;
+use m4gn_structure::coarse::Coarse;
 use std::borrow::Cow;
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -31,18 +24,10 @@ pub trait FrameSource: Debug + Send + Sync {
 /// One trajectory.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// Its graph; of a body at points at rest.
-    pub graph: Graph,
-    /// Its segments.
-    pub segments: Segmentation,
-    /// A body at points.
-    pub contact: Option<ContactGraph>,
-    /// Owner cell of each boundary node.
-    pub owners: Vec<u32>,
-    /// Whether a boundary value is its owner's (outflow, symmetry) or prescribed, `[B x components]`.
-    pub copies: Vec<bool>,
-    /// Points that are held; none for cells.
-    pub held: Option<Vec<bool>>,
+    /// What it lives on; its boundary follows as its frames show.
+    pub domain: Box<dyn Domain>,
+    /// What the network lives on; of a body at points at rest.
+    pub structure: Structure,
     /// All fields of all frames: cells then boundary nodes, `[T x (C + B) x components]`; empty where they stay on disk.
     pub frames: Vec<f32>,
     /// What frames are read from; none where they are in memory.
@@ -59,74 +44,12 @@ pub struct Sample {
     pub width: usize,
 }
 
-/// Components of the fields: which are inputs, which outputs, and how.
-#[derive(Clone, Debug)]
-pub struct Components {
-    /// Components of all fields together.
-    pub count: usize,
-    /// Field of each component.
-    pub field: Vec<usize>,
-    /// Components that are inputs.
-    pub inputs: Vec<usize>,
-    /// Components that are predicted.
-    pub outputs: Vec<usize>,
-    /// Components that change sign under reflection in the second direction.
-    pub odd: Vec<bool>,
-}
-
-impl Components {
-    /// Counts the components of a model's fields.
-    pub fn new(spec: &ModelSpec) -> Self {
-        let mut c = Components {
-            count: 0,
-            field: vec![],
-            inputs: vec![],
-            outputs: vec![],
-            odd: vec![],
-        };
-        for (f, field) in spec.fields.iter().enumerate() {
-            for i in 0..field.components(spec.dim) {
-                if field.input {
-                    c.inputs.push(c.count);
-                }
-                if field.output != Output::None {
-                    c.outputs.push(c.count);
-                }
-                c.field.push(f);
-                c.odd.push(field.vector && i == 1);
-                c.count += 1;
-            }
-        }
-        c
-    }
-
-    /// Components of the first predicted field.
-    pub fn headline(&self) -> impl Iterator<Item = usize> {
-        let field = self.field[self.outputs[0]];
-        (0..self.count).filter(move |&i| self.field[i] == field)
-    }
-
-    /// Mean square, over the cells (of which there are `cells`) and its components, of the difference of the first predicted field
-    /// in two frames.
-    pub fn mean_square(&self, a: &[f32], b: &[f32], cells: usize) -> f64 {
-        let (mut sum, mut n) = (0.0, 0.0);
-        let rows = a.chunks_exact(self.count).zip(b.chunks_exact(self.count));
-        for (a, b) in rows.take(cells) {
-            for i in self.headline() {
-                sum += (f64::from(a[i]) - f64::from(b[i])).powi(2);
-                n += 1.0;
-            }
-        }
-        sum / n
-    }
-}
-
 impl Sample {
-    /// Graph and segments of an undecomposed mesh, without frames, at a resolution (m) or a node a cell. `labels [C]` are
-    /// segments of the cells computed before.
+    /// Of an undecomposed mesh, without frames, at a resolution (m) or a node a cell. `labels` are segments of the cells, or of the
+    /// points of a body, computed before.
     ///
     /// # Errors
-    /// For a mesh that no graph can be made of, or segments that cannot be found.
+    /// As [`Place::whole`].
     pub fn of_mesh(
         mesh: &Mesh,
         spec: &ModelSpec,
@@ -134,25 +57,18 @@ impl Sample {
         resolution: Option<f64>,
         labels: Option<&[i32]>,
     ) -> Result<Self> {
-        let comm = Comm::serial();
-        let coarse = match resolution {
-            Some(length) => Coarse::new(mesh, length, &comm)?,
-            None => None,
-        };
-        let nodes = coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
-        let labels = match (&coarse, labels) {
-            (Some(coarse), Some(labels)) => Some(coarse.labels_of_groups(mesh, labels, &comm)),
-            (_, labels) => labels.map(<[i32]>::to_vec),
-        };
-        let mut graph = Graph::new(nodes, &comm)?;
         let modal = Modal(segments.modal());
-        let mut cut = segments::segment(nodes, &mut graph, segments, &modal, &comm, labels.as_deref())?;
-        cut.encode(spec, nodes, &comm);
-        let owners = nodes.boundary.iter().map(|b| b.owner as u32).collect();
+        let place = Place::whole(mesh, spec, segments, resolution, labels, &modal)?;
         Ok(Sample {
-            cell_size: cell_size(nodes, &comm),
-            coarse,
-            ..Self::without_frames(graph, cut, owners, spec)
+            width: place.domain.components().count,
+            domain: place.domain,
+            structure: place.structure,
+            frames: Vec::new(),
+            source: None,
+            extent: None,
+            n_frames: 0,
+            cell_size: place.cell_size,
+            coarse: place.coarse,
         })
     }
 
@@ -160,7 +76,13 @@ impl Sample {
     /// `[(C + B) x components]`. Faces that the network sees as their cells get the cells' vectors.
     pub fn push(&mut self, mesh: &Mesh, spec: &ModelSpec, mut frame: Vec<f32>) {
         let as_cells = faces_seen_as_their_cells(mesh);
-        see_as_cells(&as_cells, &spec.fields, spec.dim, mesh.n_cells(), &mut frame);
+        see_as_cells(
+            &as_cells,
+            &spec.fields,
+            spec.dim,
+            mesh.cell_global.len(),
+            &mut frame,
+        );
         let frame = self.at_nodes(frame);
         self.frames.extend(frame);
         self.n_frames += 1;
@@ -179,75 +101,15 @@ impl Sample {
         }
     }
 
-    /// Finds by the frames in memory which boundary values are their owners'. `mesh` is the one that the sample was made of.
-    /// The boundary of a body is its obstacle, whose motion is its own.
-    pub fn find_copies(&mut self, mesh: &Mesh, spec: &ModelSpec) {
-        if self.contact.is_some() {
-            return;
-        }
-        let nodes = self.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
-        let mut copies = Copies::new(nodes, spec);
-        let size = self.graph.n_owned * self.width;
-        self.frames.chunks_exact(size).for_each(|frame| copies.see(frame));
-        let mut found = vec![false; self.copies.len()];
-        copies.mark(&mut found);
-        self.copies = found;
-    }
-
-    /// The graph and segments of a body, without frames. `labels [N]` are segments of its points found before.
-    ///
-    /// # Errors
-    /// For a body or an obstacle that no graph can be made of, or segments that cannot be found.
-    pub fn of_body(
-        body: &Body,
-        obstacle: Option<&Obstacle>,
-        spec: &ModelSpec,
-        labels: Option<&[i32]>,
-    ) -> Result<Self> {
-        let comm = Comm::serial();
-        let radius = spec.contact.map_or(0.0, |c| c.radius);
-        let part = BodyPart::whole(body, obstacle)?;
-        let contact = ContactGraph::new(&part, radius, &comm)?;
-        let settings = &spec.segments;
-        let cut = match labels {
-            Some(labels) => {
-                m4gn_contact::segments::of_labels(&part, &contact, spec, settings, labels, &comm)?
-            }
-            None => {
-                let modes = match settings.method.uses_modes() && settings.count > 1 {
-                    true => Some(Modal::default().of_body(body, settings.mode_count())?),
-                    false => None,
-                };
-                m4gn_contact::segments::segment(&part, &contact, spec, settings, modes.as_ref(), &comm)?
-            }
-        };
-        let graph = contact.graph().clone();
-        let owners = vec![0; graph.n_owned - graph.n_cells];
-        Ok(Sample {
-            cell_size: cell_size(&part.mesh, &comm),
-            contact: Some(contact),
-            held: Some(body.types.iter().map(|t| *t == NodeType::Handle).collect()),
-            ..Self::without_frames(graph, cut, owners, spec)
-        })
-    }
-
-    fn without_frames(graph: Graph, segments: Segmentation, owners: Vec<u32>, spec: &ModelSpec) -> Self {
-        let width = Components::new(spec).count;
-        Sample {
-            graph,
-            segments,
-            contact: None,
-            copies: vec![false; owners.len() * width],
-            owners,
-            held: None,
-            frames: Vec::new(),
-            source: None,
-            extent: None,
-            n_frames: 0,
-            cell_size: 0.0,
-            coarse: None,
-            width,
-        }
+    /// Lets those boundary values follow their owners' that do so in all frames in memory.
+    pub fn settle_boundary(&mut self) {
+        let size = self.structure.graph.n_owned * self.width;
+        let boundary = self.domain.boundary_mut();
+        boundary.restart();
+        self.frames
+            .chunks_exact(size)
+            .for_each(|frame| boundary.see(frame));
+        boundary.settle();
     }
 
     /// All fields of a frame: cells, then boundary nodes.
@@ -255,7 +117,7 @@ impl Sample {
     /// # Errors
     /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
     pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
-        let size = self.graph.n_owned * self.width;
+        let size = self.structure.graph.n_owned * self.width;
         match &self.source {
             Some(source) => Ok(Cow::Owned(self.at_nodes(source.frame(frame)?))),
             None => Ok(Cow::Borrowed(&self.frames[frame * size..(frame + 1) * size])),
@@ -269,72 +131,16 @@ impl Sample {
 
     /// Bytes of all its frames in memory.
     pub fn frame_bytes(&self) -> u64 {
-        (self.n_frames * self.graph.n_owned * self.width * size_of::<f32>()) as u64
+        (self.n_frames * self.structure.graph.n_owned * self.width * size_of::<f32>()) as u64
     }
 
     /// Cells, or points of a body.
     pub fn n_cells(&self) -> usize {
-        self.graph.n_cells
+        self.structure.graph.n_cells
     }
 
     /// Nodes of the boundary, or points of the obstacle.
     pub fn n_boundary(&self) -> usize {
-        self.graph.n_owned - self.graph.n_cells
-    }
-
-    /// Its segments, reflected in the second direction.
-    pub fn reflected_segments(&self, spec: &ModelSpec) -> Segmentation {
-        let mut segments = self.segments.clone();
-        let negate = |values: &mut [f32], width: usize, column: usize| {
-            let column = values.iter_mut().skip(column).step_by(width.max(1));
-            column.for_each(|v| *v = -*v);
-        };
-        if spec.n_offset_features() > 0 {
-            negate(&mut segments.offsets, spec.n_offset_features(), 1);
-        }
-        let stage = spec.architecture.segment_transformer();
-        if let Some(stage) = stage.filter(|m| m.centroids) {
-            negate(
-                &mut segments.position,
-                spec.n_position_features(),
-                stage.rwse_steps + 1,
-            );
-        }
-        segments
-    }
-
-    /// The graph reflected in the second direction; of a body at points at rest.
-    pub fn reflected_graph(&self, spec: &ModelSpec) -> Graph {
-        if let Some(contact) = &self.contact {
-            return contact.reflected().graph().clone();
-        }
-        let mut graph = self.graph.clone();
-        let column = graph
-            .edge_features
-            .iter_mut()
-            .skip(1)
-            .step_by(spec.n_edge_features());
-        column.for_each(|v| *v = -*v);
-        graph
-    }
-}
-
-/// Gives faces that a network sees as their cells the cells' vectors.
-pub fn see_as_cells(
-    as_cells: &[(usize, usize)],
-    fields: &[FieldSpec],
-    dim: usize,
-    cells: usize,
-    frame: &mut [f32],
-) {
-    let width: usize = fields.iter().map(|f| f.components(dim)).sum();
-    let mut first = 0;
-    for field in fields {
-        let n = field.components(dim);
-        for &(face, cell) in as_cells.iter().filter(|_| field.vector) {
-            let at = |node: usize| node * width + first;
-            frame.copy_within(at(cell)..at(cell) + n, at(cells + face));
-        }
-        first += n;
+        self.structure.graph.n_owned - self.structure.graph.n_cells
     }
 }

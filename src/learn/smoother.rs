@@ -6,7 +6,7 @@
 //! numbers and d the largest of these, the loss of an error e is `|e|^2 + weight |S^hops e|^2`. S is symmetric, so that the derivative is
 //! twice `e + weight S^hops S^hops e`.
 
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 
 /// Averages over neighbouring nodes of one graph, boundary nodes left out.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn a_graph_gives_its_cells_neighbours() {
-        let mesh = m4gn_mesh::sample::triangles(2, 1, 1.0, 1.0);
+        let mesh = m4gn_samples::mesh::triangles(2, 1, 1.0, 1.0);
         let graph = Graph::new(&mesh, &m4gn_mesh::parallel::Comm::serial()).unwrap();
         let s = Smoother::new(&graph, 3, 2.0);
         assert_eq!((s.row.len(), s.share), (5, 1.0 / 3.0), "{s:?}");

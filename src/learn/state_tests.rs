@@ -9,12 +9,12 @@ use crate::normaliser::Normaliser;
 use crate::workload::Workload;
 use m4gn_engine::backward::Layout;
 use m4gn_mesh::body::Body;
-use m4gn_model::{Activation, Model};
+use m4gn_model::{Activation, Model, ModelSpec};
 
 const STRIDE: usize = 2;
 
 fn spec(history: usize) -> ModelSpec {
-    let mut spec = m4gn_model::sample::bodies();
+    let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 3;
     spec.segments.modes = 1;
     // Without kinks, which differences would step over.
@@ -31,12 +31,13 @@ fn displacement(x: [f64; 3], frame: usize) -> [f32; 3] {
 
 /// A bar that bends, with an obstacle that moves out of its reach, so that the gradient has no part that counts as given.
 fn bar(spec: &ModelSpec) -> (Workload, Body) {
-    bending(m4gn_contact::sample::block([4, 1, 1], [3.0, 1.0, 1.0]), spec)
+    bending(m4gn_samples::bodies::block([4, 1, 1], [3.0, 1.0, 1.0]), spec)
 }
 
 fn bending(body: Body, spec: &ModelSpec) -> (Workload, Body) {
-    let obstacle = m4gn_contact::sample::octahedron([2.6, 0.5, 9.0], 0.5);
-    let mut sample = Sample::of_body(&body, Some(&obstacle), spec, None).unwrap();
+    let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 9.0], 0.5);
+    let mesh = body.mesh(Some(&obstacle));
+    let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
     sample.n_frames = 12;
     for frame in 0..sample.n_frames {
         let points = body.positions.iter().flat_map(|x| displacement(*x, frame));
@@ -65,12 +66,11 @@ fn a_frame_has_the_change_since_the_stride_before() {
     let spec = spec(1);
     let (work, body) = bar(&spec);
     let sample = &work.train[0];
-    let stepper = Stepper::new(&spec, STRIDE);
     // The square of 0.1 frame less that of a stride before; of the first frame nothing, of the second that since the first one.
     for (frame, change) in [(0, 0.0), (1, 0.01), (2, 0.04), (5, 0.16)] {
         for mirror in [false, true] {
-            let state = stepper.frame(sample, frame, mirror).unwrap();
-            let (now, changes) = stepper.parts(&state);
+            let state = sample.state(frame, STRIDE, mirror).unwrap();
+            let (now, changes) = sample.domain.parts(&state);
             let changes = changes.unwrap();
             assert_eq!(now.len(), changes.len());
             let sign = if mirror { -1.0 } else { 1.0 };
@@ -87,10 +87,11 @@ fn a_frame_has_the_change_since_the_stride_before() {
         }
     }
     // Without a history a state is a frame.
-    let plain = Stepper::new(&self::spec(0), STRIDE);
+    let (work, _) = bar(&self::spec(0));
+    let sample = &work.train[0];
     let frame = sample.frame(5).unwrap();
-    assert_eq!(plain.frame(sample, 5, false).unwrap(), *frame);
-    assert!(plain.parts(&frame).1.is_none());
+    assert_eq!(sample.state(5, STRIDE, false).unwrap(), *frame);
+    assert!(sample.domain.parts(&frame).1.is_none());
 }
 
 #[test]
@@ -98,11 +99,10 @@ fn a_step_leaves_its_change_behind() {
     let spec = spec(1);
     let (work, body) = bar(&spec);
     let sample = &work.train[0];
-    let stepper = Stepper::new(&spec, STRIDE);
-    let state = stepper.frame(sample, 4, false).unwrap();
-    let next = stepper.frame(sample, 4 + STRIDE, false).unwrap();
+    let state = sample.state(4, STRIDE, false).unwrap();
+    let next = sample.state(4 + STRIDE, STRIDE, false).unwrap();
     let outputs: Vec<f32> = (0..3 * sample.n_cells()).map(|i| 0.01 * i as f32).collect();
-    let new = stepper.advance(sample, &state, &outputs, &next);
+    let new = sample.domain.advance(&state, &outputs, &next);
     let half = state.len() / 2;
     for (p, x) in body.positions.iter().enumerate() {
         for i in 3 * p..3 * p + 3 {
@@ -124,7 +124,7 @@ fn a_step_leaves_its_change_behind() {
     );
     // What the network is told of it then.
     let mut inputs = Vec::new();
-    stepper.inputs(sample.contact.as_ref(), &new, &next, &mut inputs);
+    sample.domain.inputs(&new, &next, &mut inputs);
     for (row, change) in inputs.chunks_exact(11).zip(new[half..].chunks_exact(3)) {
         assert_eq!(row[8..], *change);
     }
@@ -226,10 +226,10 @@ fn the_gradient_goes_from_body_to_body() {
     let mut spec = spec(0);
     spec.contact.as_mut().unwrap().radius = 0.5;
     let (work, body) = bending(
-        m4gn_contact::sample::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
+        m4gn_samples::bodies::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
         &spec,
     );
-    let edges = work.train[0].graph.senders.len();
+    let edges = work.train[0].structure.graph.senders.len();
     // Corners across the gap, both ways: eight of the free points of each.
     assert_eq!(edges, 2 * body.edges.len() + 2 * 12 + 2 * 8);
     let mut backend = NativeBackend::new(&training(), &spec, &work, 1).unwrap();
@@ -308,8 +308,7 @@ fn an_example_came_at_another_pace_and_its_change_is_off() {
         };
         backend.start(sample, &example).unwrap()
     };
-    let stepper = Stepper::new(&spec, STRIDE);
-    let frame = stepper.frame(sample, 5, false).unwrap();
+    let frame = sample.state(5, STRIDE, false).unwrap();
     assert_eq!(start(0.0, 0.0, 1), frame);
     let tip = body.positions.iter().position(|x| x[0] == 3.0).unwrap();
     let half = frame.len() / 2;

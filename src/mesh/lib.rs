@@ -5,6 +5,7 @@
 //! same graph. [`parallel`] has the communicator and the halo exchange, [`plugin`] loads the project's own libraries,
 //! and [`ffi`] is the only caller of MPI's C interface.
 
+pub mod block;
 pub mod body;
 mod cell_sizes;
 mod check;
@@ -17,11 +18,16 @@ pub mod files;
 pub mod nearest;
 pub mod parallel;
 pub mod plugin;
-pub mod sample;
 pub mod surface;
 pub mod vector;
 pub mod whole;
 pub mod within;
+
+#[cfg(test)]
+extern crate self as m4gn_mesh;
+#[cfg(test)]
+#[path = "../../tests/samples/mesh.rs"]
+pub mod sample;
 
 use body::{BodyShare, Obstacle};
 pub use cell_sizes::CELL_SIZE;

@@ -77,6 +77,15 @@ pub enum Kind {
     },
 }
 
+/// What a network needs of the structure that it lives on, beside the nodes and who hears whom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Needs {
+    /// Features of the edges.
+    pub edges: bool,
+    /// Segments of the nodes, and what a network reads of them.
+    pub segments: bool,
+}
+
 /// Names of the kinds, in configurations and model files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -142,9 +151,12 @@ impl Architecture {
         }
     }
 
-    /// Whether the network reads edge features.
-    pub fn reads_edges(&self) -> bool {
-        !matches!(self.kind, Kind::Gcn { .. })
+    /// What the network needs of the structure that it lives on.
+    pub fn needs(&self) -> Needs {
+        Needs {
+            edges: !matches!(self.kind, Kind::Gcn { .. }),
+            segments: self.segment_transformer().is_some(),
+        }
     }
 }
 

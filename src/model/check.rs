@@ -142,7 +142,7 @@ impl ModelSpec {
                 found.join(", ")
             )
         })?;
-        expect(self.architecture.reads_edges(), || {
+        expect(self.architecture.needs().edges, || {
             format!(
                 "kind {}: it reads no edges, which carry the positions of bodies with [contact]; use \"m4gn\" or \
                  \"mesh-graph-net\"; {WITHOUT_CONTACT}",

@@ -7,7 +7,6 @@ mod file;
 pub mod modal;
 mod precision;
 mod resolution;
-pub mod sample;
 mod segmentation;
 pub mod settings;
 mod solid;
@@ -15,7 +14,13 @@ pub mod tensor_file;
 mod tensors;
 mod trained_on;
 
-pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec};
+#[cfg(test)]
+extern crate self as m4gn_model;
+#[cfg(test)]
+#[path = "../../tests/samples/model.rs"]
+pub mod sample;
+
+pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec, Needs};
 pub use calibration::{Calibration, Growth, RolloutErrors};
 pub use precision::Precision;
 pub use resolution::Resolution;
@@ -222,6 +227,11 @@ impl ModelSpec {
     /// Whether what the displacement changed by over the stride before is an input: of bodies whose `contact` has a history.
     pub fn has_history(&self) -> bool {
         self.contact.is_some_and(|contact| contact.history > 0)
+    }
+
+    /// Whether the network sees a field: as an input, or, of bodies, through the edges, which the displacement moves.
+    pub fn reads(&self, field: &FieldSpec) -> bool {
+        field.input || self.contact.is_some()
     }
 
     /// Outputs a node, in the order of the fields that are predicted.

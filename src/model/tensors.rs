@@ -82,21 +82,13 @@ impl Model {
     pub(super) fn check(&self) -> Result<()> {
         let (spec, tensors) = (&self.spec, &self.tensors);
         spec.check()?;
-        let shapes = Self::tensor_shapes(spec);
-        for (name, shape) in &shapes {
-            let Some(tensor) = tensors.get(name) else {
-                return Err(Error::Model(format!("tensor '{name}' {shape:?} is missing")));
-            };
-            if tensor.shape != *shape || tensor.data.len() != shape.iter().product::<usize>() {
-                let older = match spec.contact.is_some() && name.starts_with("encoder.edge") {
-                    true => {
-                        "; a model of bodies from before edges carried strains and points their distance from the obstacle must be \
-                         trained anew"
-                    }
-                    false => "",
-                };
+        let found = tensors.iter().map(|(name, t)| (&name[..], &t.shape[..]));
+        Self::check_shapes(spec, found.collect())?;
+        for (name, tensor) in tensors {
+            if tensor.data.len() != tensor.shape.iter().product::<usize>() {
                 return Err(Error::Model(format!(
-                    "tensor '{name}': expected {shape:?}, found {:?}{older}",
+                    "tensor '{name}': {} values for the shape {:?}",
+                    tensor.data.len(),
                     tensor.shape
                 )));
             }
@@ -115,7 +107,23 @@ impl Model {
                 )));
             }
         }
-        match tensors.keys().find(|name| !shapes.contains_key(*name)) {
+        Ok(())
+    }
+
+    /// Whether these are the tensors of a description, by name and shape.
+    pub(super) fn check_shapes(spec: &ModelSpec, found: BTreeMap<&str, &[usize]>) -> Result<()> {
+        let shapes = Self::tensor_shapes(spec);
+        for (name, shape) in &shapes {
+            let Some(found) = found.get(&name[..]) else {
+                return Err(Error::Model(format!("tensor '{name}' {shape:?} is missing")));
+            };
+            if found != shape {
+                return Err(Error::Model(format!(
+                    "tensor '{name}': expected {shape:?}, found {found:?}"
+                )));
+            }
+        }
+        match found.keys().find(|name| !shapes.contains_key(**name)) {
             Some(name) => Err(Error::Model(format!(
                 "tensor '{name}' is not part of this network"
             ))),

@@ -28,18 +28,6 @@ fn features_of_bodies_are_counted() {
 }
 
 #[test]
-fn bodies_from_before_edges_carried_strains_are_told_so() {
-    let mut model = Model::random(bodies(), 1).unwrap();
-    let edges = |(name, tensor): &(&String, &mut Tensor)| {
-        name.starts_with("encoder.edge") && tensor.shape.contains(&13)
-    };
-    let (_, tensor) = model.tensors.iter_mut().find(edges).unwrap();
-    tensor.shape.iter_mut().filter(|n| **n == 13).for_each(|n| *n = 9);
-    let message = Model::new(model.spec, model.tensors).unwrap_err().to_string();
-    assert!(message.contains("must be trained anew"), "{message}");
-}
-
-#[test]
 fn features_are_counted() {
     let s = spec();
     assert_eq!(

@@ -188,7 +188,7 @@ impl TrainedOn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     fn extent(cell_size: f64, speed: f64, range: Range) -> Extent {
         Extent {

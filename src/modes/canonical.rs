@@ -4,11 +4,15 @@ use super::frame::Frame;
 use super::pair::Pair;
 use m4gn_mesh::parallel::Comm;
 
-/// Test functions tried at most.
-const CANDIDATES: usize = 24;
+/// Test functions tried at most, and at most for each vector of a space.
+const CANDIDATES: (usize, usize) = (24, 8);
 
-/// Below this fraction of the largest possible overlap a test function decides nothing: rounding would.
-const DECISIVE: f64 = 1e-3;
+/// Below this fraction of the largest possible overlap a test function decides nothing: rounding would. Where too few
+/// decide, the next fraction counts.
+const DECISIVE: [f64; 4] = [1e-1, 3e-2, 1e-3, 1e-5];
+
+/// The first two fractions are for spaces of more vectors than this: rounding grows with each that is taken off.
+const FEW: usize = 4;
 
 /// Replaces a basis of an eigenspace by one that does not depend on it, and scales it to phi^T M phi = `total`.
 /// Collective.
@@ -44,8 +48,8 @@ pub(super) fn choose_basis(frame: &Frame, block: usize, total: f64, comm: &Comm,
     };
 
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(size);
-    for threshold in [DECISIVE, 1e-2 * DECISIVE] {
-        for j in 0..CANDIDATES {
+    for threshold in &DECISIVE[if size <= FEW { 2 } else { 0 }..] {
+        for j in 0..CANDIDATES.0.max(CANDIDATES.1 * size) {
             if basis.len() < size {
                 add_direction(&mut basis, size, &overlaps(j), threshold * total);
             }

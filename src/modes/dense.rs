@@ -35,13 +35,9 @@ fn matrix(n: usize, entries: &[Triplet]) -> Mat<f64> {
 fn symmetric(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
     let n = k.nrows();
     let shifted = &k - faer::Scale(shift) * &m;
-    let factor = shifted.llt(Side::Lower).map_err(|_| {
-        Error::Numerical(format!(
-            "K - ({shift:e}) M of {n} unknowns is not positive definite: expected a symmetric pair with K and M \
-             positive semi-definite and no vector that both make 0; give a shift below the spectrum, or declare \
-             the pair non-symmetric"
-        ))
-    })?;
+    let factor = shifted
+        .llt(Side::Lower)
+        .map_err(|_| crate::not_definite(shift, &format!("{n} unknowns")))?;
     let l = factor.L();
     let mut a = m.clone();
     l.solve_lower_triangular_in_place(a.as_mut());
@@ -49,6 +45,13 @@ fn symmetric(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
     l.solve_lower_triangular_in_place(a.as_mut());
     let eigen = a.self_adjoint_eigen(Side::Lower).map_err(failed(n))?;
     let (theta, mut y) = (eigen.S().column_vector(), eigen.U().to_owned());
+    // Ascending.
+    if theta[0] < -1e-10 * theta[n - 1].abs() {
+        return Err(crate::negative_mass(&format!(
+            "{:e} is an eigenvalue",
+            shift + 1.0 / theta[0]
+        )));
+    }
     l.transpose().solve_upper_triangular_in_place(y.as_mut());
     let theta = (0..n).map(|i| (theta[i], 0.0)).collect();
     Ok(flatten(theta, y.as_ref(), &m, shift))

@@ -8,6 +8,9 @@
 //! by a rule that looks at positions alone (`canonical.rs`), so that they depend neither on the ranks nor on the
 //! solver's start vector.
 
+#[cfg(test)]
+extern crate self as m4gn_modes;
+
 mod assemble;
 mod canonical;
 mod dense;
@@ -18,8 +21,6 @@ mod gathered;
 mod pair;
 mod problem;
 mod select;
-#[cfg(test)]
-mod sparse;
 
 pub use problem::{Mass, Problem, Rows};
 
@@ -52,6 +53,23 @@ pub fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
         400_000
     };
     unknowns > limit
+}
+
+/// The error of a symmetric pair whose K - shift M is not positive definite.
+pub fn not_definite(shift: f64, why: &str) -> Error {
+    Error::Numerical(format!(
+        "K - ({shift:e}) M is not positive definite ({why}): expected a symmetric pair with K and M positive semi-definite \
+         and no vector that both make 0, as a row of zeros in both; give a shift below the spectrum, or declare the pair \
+         non-symmetric"
+    ))
+}
+
+/// The error of a symmetric pair whose M is not positive semi-definite.
+pub fn negative_mass(why: &str) -> Error {
+    Error::Numerical(format!(
+        "M is not positive semi-definite ({why}): expected masses or volumes that are not negative; a symmetric pair with \
+         another M may be declared non-symmetric"
+    ))
 }
 
 /// The pair of matrices of the Laplacian modes, eq. 6. Collective; all ranks fail together.
@@ -197,7 +215,7 @@ impl<'a> Solution<'a> {
                 vectors: Vec::new(),
             });
         }
-        let size = comm.agree(self.problem.eigenvalue_size(comm))?;
+        let [size, smallest] = comm.agree(self.problem.eigenvalue_sizes(comm))?;
         // Eigenvalues that are 0 come out smaller than this.
         let zero = self
             .problem
@@ -229,6 +247,13 @@ impl<'a> Solution<'a> {
         let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
         pairs.truncate(count);
         pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
+        if size > problem::SPAN * smallest && pairs.iter().any(|p| p.value.abs() <= zero) {
+            return Err(Error::Numerical(format!(
+                "K_ii / M_ii goes from {smallest:.1e} to {size:.1e}: the first modes drown in the rounding of the largest, and \
+                 cannot be told from modes of eigenvalue 0; hold unknowns by leaving their rows out, or by a penalty on \
+                 the diagonal alone, and take a smaller one where unknowns are tied together"
+            )));
+        }
         let scale = self.problem.scale(self.total, comm, &mut pairs);
         for cluster in select::clusters(&pairs, zero) {
             canonical::choose_basis(&self.frame, self.problem.block, scale, comm, &mut pairs[cluster]);

@@ -7,6 +7,12 @@ use m4gn_mesh::{Error, Result};
 /// Sizes of entries and eigenvalues that the solvers' products of two still hold.
 const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
 
+/// A K_ii / M_ii so many times larger than all that K couples is a penalty.
+const PENALTY: f64 = 1e6;
+
+/// Sizes of eigenvalues farther apart than this leave those of the smaller size in the rounding of the larger.
+pub(super) const SPAN: f64 = 1e9;
+
 /// This rank's rows of a distributed square matrix (CSR). Rows are numbered rank after rank.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rows {
@@ -138,13 +144,22 @@ impl Problem {
         }
     }
 
-    /// Size of the largest eigenvalues: the largest K_ii / M_ii where M has a diagonal. Collective.
+    /// Size of the largest eigenvalues: the largest K_ii / M_ii where M has a diagonal, leaving out penalties, and the
+    /// smallest. Collective.
+    ///
+    /// A penalty is a K_ii beside which the rest of its row, and that of all others, is nothing: it holds its unknown, and
+    /// its size says nothing of the modes.
     ///
     /// # Errors
-    /// [`Error::Input`] if M has no diagonal entry above 0, or for magnitudes whose squares are no doubles any more: the
-    /// solvers then return wrong eigenvalues, infinite ones among them.
-    pub(super) fn eigenvalue_size(&self, comm: &Comm) -> Result<f64> {
-        let (k, m) = (self.stiffness.diagonal(comm), self.mass.diagonal(comm));
+    /// [`Error::Numerical`] where the diagonals show that a symmetric pair is not positive semi-definite, or has a vector
+    /// that both make 0; [`Error::Input`] if M has no diagonal entry above 0, or for magnitudes whose squares are no
+    /// doubles any more: the solvers then return wrong eigenvalues, infinite ones among them.
+    pub(super) fn eigenvalue_sizes(&self, comm: &Comm) -> Result<[f64; 2]> {
+        let (k, beside) = self.stiffness.diagonal(comm);
+        let m = match &self.mass {
+            Mass::Diagonal(values) => values.clone(),
+            Mass::Matrix(rows) => rows.diagonal(comm).0,
+        };
         let mut largest = [m.iter().copied().fold(0.0, f64::max)];
         comm.max_f64(&mut largest);
         if largest[0] <= 0.0 {
@@ -152,8 +167,18 @@ impl Problem {
                 "the mass matrix M has no diagonal entry above 0: expected masses or volumes".into(),
             ));
         }
-        let weighty = k.iter().zip(&m).filter(|(_, m)| **m > 1e-12 * largest[0]);
-        let mut size = [weighty.map(|(k, m)| (k / m).abs()).fold(0.0, f64::max)];
+        if self.symmetric {
+            comm.agree(self.check_diagonals(&k, &m))?;
+        }
+        let weighty: Vec<usize> = (0..m.len()).filter(|&i| m[i] > 1e-12 * largest[0]).collect();
+        let ratios = || weighty.iter().map(|&i| (k[i] / m[i]).abs());
+        let coupled = weighty.iter().map(|&i| beside[i] / m[i]).fold(0.0, f64::max);
+        let smallest = ratios().filter(|r| *r > 0.0).fold(f64::INFINITY, f64::min);
+        let mut sizes = [ratios().fold(0.0, f64::max), coupled, -smallest];
+        comm.max_f64(&mut sizes);
+        let [all, coupled, smallest] = [sizes[0], sizes[1], -sizes[2]];
+        let plain = PENALTY * coupled.max(if smallest.is_finite() { smallest } else { 0.0 });
+        let mut size = [ratios().filter(|r| *r <= plain).fold(0.0, f64::max)];
         comm.max_f64(&mut size);
         let most = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let mass = match &self.mass {
@@ -165,7 +190,7 @@ impl Problem {
         let named = [
             ("the largest entry of K", sizes[0]),
             ("the largest entry of M", sizes[1]),
-            ("the largest K_ii / M_ii", size[0]),
+            ("the largest K_ii / M_ii", all),
         ];
         for (name, value) in named {
             if value != 0.0 && !MAGNITUDES.contains(&value) {
@@ -177,7 +202,27 @@ impl Problem {
             }
         }
         // K = 0 has the eigenvalue 0 only; any size will do.
-        Ok(if size[0] > 0.0 { size[0] } else { 1.0 })
+        Ok(if size[0] > 0.0 {
+            [size[0], smallest]
+        } else {
+            [1.0; 2]
+        })
+    }
+
+    /// What the diagonals of this rank say of a symmetric pair: those of a positive semi-definite matrix are not
+    /// negative, and where one is 0 so is its row.
+    fn check_diagonals(&self, k: &[f64], m: &[f64]) -> Result<()> {
+        match (0..m.len()).find(|&i| m[i] < 0.0 || (m[i] == 0.0 && k[i] == 0.0)) {
+            None => Ok(()),
+            Some(i) if m[i] < 0.0 => Err(crate::negative_mass(&format!(
+                "its diagonal entry {i} on this rank is {:e}",
+                m[i]
+            ))),
+            Some(i) => Err(Error::Numerical(format!(
+                "K and M make one vector 0: their diagonal entries {i} on this rank are both 0; is there a row of zeros in \
+                 both?"
+            ))),
+        }
     }
 
     /// phi^T M phi of the modes' scale: the sum of the entries of M over the unknowns of a point. Where that, or
@@ -203,15 +248,6 @@ impl Problem {
         }
         pairs.iter_mut().for_each(|p| p.weighted.clone_from(&p.vector));
         total as f64 / self.block as f64
-    }
-}
-
-impl Mass {
-    fn diagonal(&self, comm: &Comm) -> Vec<f64> {
-        match self {
-            Mass::Diagonal(values) => values.clone(),
-            Mass::Matrix(rows) => rows.diagonal(comm),
-        }
     }
 }
 
@@ -250,18 +286,19 @@ impl Rows {
         finite(name, values)
     }
 
-    /// The diagonal entries of this rank's rows. Collective.
-    fn diagonal(&self, comm: &Comm) -> Vec<f64> {
+    /// The diagonal entries of this rank's rows, and the sum of the magnitudes of the others of each. Collective.
+    fn diagonal(&self, comm: &Comm) -> (Vec<f64>, Vec<f64>) {
         let first = comm.exclusive_scan_i64(self.n() as i64);
-        let entry = |(i, w): (usize, &[usize])| {
-            let columns = &self.column[w[0]..w[1]];
-            let entries = columns.iter().zip(&self.value[w[0]..w[1]]);
-            entries
-                .filter(|(c, _)| **c == first + i as i64)
-                .map(|(_, v)| v)
-                .sum()
-        };
-        self.row.windows(2).enumerate().map(entry).collect()
+        let (mut diagonal, mut beside) = (vec![0.0; self.n()], vec![0.0; self.n()]);
+        for (i, w) in self.row.windows(2).enumerate() {
+            for (c, v) in self.column[w[0]..w[1]].iter().zip(&self.value[w[0]..w[1]]) {
+                match *c == first + i as i64 {
+                    true => diagonal[i] += v,
+                    false => beside[i] += v.abs(),
+                }
+            }
+        }
+        (diagonal, beside)
     }
 }
 

@@ -288,6 +288,25 @@ mod tests {
         assert!(shares(&map, -1) < 1e-9);
     }
 
+    /// Cells in a column: however long it is, the picture has a bounded size, and each end shows its cell.
+    #[test]
+    fn a_long_domain_has_a_bounded_picture() {
+        for length in [1e3, 1e7, 1e300] {
+            let points = [
+                [0.0, 0.0],
+                [1.0, 0.0],
+                [1.0, length],
+                [0.0, length],
+                [0.0, -length],
+                [1.0, -length],
+            ];
+            let corners: Vec<[f64; 2]> = [0, 1, 2, 3, 4, 5, 1, 0].map(|p| points[p]).into();
+            let map = CellMap::from_polygons(&[0, 4, 8], &corners, 520).unwrap();
+            assert_eq!((map.width, map.height), (8, 1040), "{length}");
+            assert!((shares(&map, 0) - 0.5).abs() < 0.01 && (shares(&map, 1) - 0.5).abs() < 0.01);
+        }
+    }
+
     #[test]
     fn nearest_cells_stay_inside_the_boundary() {
         // Unit square of 20 x 20 cells with a hole of radius 0.2 in the middle.

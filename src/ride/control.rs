@@ -4,8 +4,8 @@
 //! by (Pearson correlation of 0.96 with the error of the following jump over cases inside and outside the range of training), times
 //! the growth that the model was calibrated with ([`m4gn_model::Calibration`]), is the estimate of a jump's error; a jump gets
 //! as many strides as keep it within the tolerance, and none where the stride was off by too much of what the solver changed in it.
-//! Errors are root mean squares over nodes and solved components, relative to the largest root mean square that the field has had in
-//! the run.
+//! Errors are root mean squares over nodes and solved components, relative to the largest variation that the field has had in the run
+//! ([`StrideError::variation`]).
 
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
@@ -108,7 +108,7 @@ impl ControlSettings {
 }
 
 /// A field over a stride that solver and surrogate both took: root mean squares over nodes and solved components.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StrideError {
     /// Of the surrogate's prediction minus the solver's state; not finite where the prediction was not.
     pub error: f64,
@@ -116,6 +116,9 @@ pub struct StrideError {
     pub change: f64,
     /// Of the solver's state.
     pub size: f64,
+    /// What errors are relative to: of a vector, `size`; of a scalar, whose zero may be anywhere (a temperature, a pressure), the
+    /// root mean square about its mean over the nodes; at least `change`.
+    pub variation: f64,
 }
 
 /// One predicted field.
@@ -128,9 +131,9 @@ struct Track {
     factors: Option<Vec<f64>>,
     /// Of the last stride.
     error: f64,
-    /// Largest so far.
+    /// Largest change and variation so far.
     change: f64,
-    size: f64,
+    variation: f64,
 }
 
 impl Track {
@@ -138,7 +141,7 @@ impl Track {
     fn relative(&self, error: f64) -> f64 {
         match error {
             0.0 => 0.0,
-            error if error > 0.0 && error / self.size >= 0.0 => error / self.size,
+            error if error > 0.0 && error / self.variation >= 0.0 => error / self.variation,
             _ => f64::INFINITY,
         }
     }
@@ -205,7 +208,7 @@ impl Control {
             factors,
             error: f64::INFINITY,
             change: 0.0,
-            size: 0.0,
+            variation: 0.0,
         };
         Ok(Control {
             tracks: fields.into_iter().zip(marks).map(track).collect(),
@@ -236,7 +239,7 @@ impl Control {
         for (track, stride) in self.tracks.iter_mut().zip(strides) {
             track.error = stride.error;
             track.change = track.change.max(stride.change);
-            track.size = track.size.max(stride.size);
+            track.variation = track.variation.max(stride.variation);
         }
         self.measured = true;
         let mut watched = self.tracks.iter().zip(strides).filter(|(track, _)| track.watched);
@@ -319,12 +322,13 @@ impl Control {
     }
 
     /// What the controller decides by, for a run that is carried on: of each predicted field the error of the last stride and the
-    /// largest change and size so far, and how many strides in a row allowed no jump; none before a stride was measured.
+    /// largest change and variation so far, and how many strides in a row allowed no jump; none before a stride was measured.
     pub fn state(&self) -> Option<(Vec<StrideError>, usize)> {
         let row = |t: &Track| StrideError {
             error: t.error,
             change: t.change,
-            size: t.size,
+            size: t.variation,
+            variation: t.variation,
         };
         self.measured
             .then(|| (self.tracks.iter().map(row).collect(), self.bad))
@@ -333,18 +337,18 @@ impl Control {
     /// Goes on from the [`state`](Self::state) of another run.
     ///
     /// # Errors
-    /// [`Error::Input`] for another number of fields, and for changes and sizes that are no such figures.
+    /// [`Error::Input`] for another number of fields, and for changes and variations that are no such figures.
     pub fn restore(&mut self, rows: &[StrideError], bad: usize) -> Result<()> {
         self.check(rows.len())?;
         let usable = |figure: f64| figure.is_finite() && figure >= 0.0;
-        if let Some(row) = rows.iter().find(|r| !(usable(r.change) && usable(r.size))) {
+        if let Some(row) = rows.iter().find(|r| !(usable(r.change) && usable(r.variation))) {
             return Err(Error::Input(format!(
-                "control: expected a change and a size that are finite and not below 0, found {} and {}",
-                row.change, row.size
+                "control: expected a change and a variation that are finite and not below 0, found {} and {}",
+                row.change, row.variation
             )));
         }
         for (track, row) in self.tracks.iter_mut().zip(rows) {
-            (track.error, track.change, track.size) = (row.error, row.change, row.size);
+            (track.error, track.change, track.variation) = (row.error, row.change, row.variation);
         }
         (self.measured, self.bad) = (true, bad);
         Ok(())

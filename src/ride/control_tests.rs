@@ -10,7 +10,8 @@ fn stride(error: f64) -> [StrideError; 2] {
     let one = |error| StrideError {
         error,
         change: 0.3,
-        size: 2.0,
+        size: 0.0,
+        variation: 2.0,
     };
     [one(error), one(1.0)]
 }
@@ -71,7 +72,7 @@ fn a_stride_that_is_off_by_too_much_of_the_solvers_change_allows_nothing() {
 fn an_infinite_error_of_an_infinite_field_allows_nothing() {
     let mut c = control(r#"{"tolerance": 0.05}"#, true);
     let mut rows = stride(f64::INFINITY);
-    rows[0].size = f64::INFINITY;
+    rows[0].variation = f64::INFINITY;
     c.measure(&rows).unwrap();
     assert_eq!((c.strides(10), c.error()), (0, f64::INFINITY));
 }
@@ -103,7 +104,7 @@ fn the_size_and_the_change_are_the_largest_so_far() {
     let mut c = control(r#"{"tolerance": 0.05}"#, true);
     c.measure(&stride(0.04)).unwrap();
     let mut calm = stride(0.04);
-    calm.iter_mut().for_each(|s| (s.size, s.change) = (0.0, 0.0));
+    calm.iter_mut().for_each(|s| (s.variation, s.change) = (0.0, 0.0));
     c.measure(&calm).unwrap();
     assert_eq!(c.error(), 0.02);
     assert!(c.accepts(&[0.89, 0.1]).unwrap());
@@ -168,7 +169,7 @@ fn a_restored_controller_decides_as_the_one_before() {
     );
     assert!(second.restore(&rows[..1], 0).is_err());
     let mut wrong = rows.clone();
-    wrong[1].size = f64::NAN;
+    wrong[1].variation = f64::NAN;
     assert!(second.restore(&wrong, 0).is_err());
 }
 

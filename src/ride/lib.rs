@@ -36,5 +36,6 @@ pub use network::Network;
 pub use ride::{Action, Answer, Ride};
 pub use schedule::Step;
 pub use settings::{AdaptEntries, Kind, Mode, RideSettings};
+pub use state::host_of;
 pub use surrogate::{Advanced, Lesson, Surrogate};
 pub use values::Given;

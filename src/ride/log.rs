@@ -1,7 +1,7 @@
 //! What a ride has to say: lines of the log, warnings, rows of its tables. The host takes them and puts them where they belong.
 
-use crate::rider::Rider;
 use crate::ride::{Jump, Ride};
+use crate::rider::Rider;
 use crate::surrogate::Lesson;
 use crate::tables::{Digits, row};
 use crate::watch::Judgement;
@@ -48,7 +48,8 @@ impl Log {
     }
 
     pub fn not_finite(&mut self, time: &str, bad: Option<String>) {
-        self.warnings.extend(bad.map(|what| format!("At time {time}: {what}")));
+        self.warnings
+            .extend(bad.map(|what| format!("At time {time}: {what}")));
     }
 
     pub fn lesson(&mut self, lesson: &Lesson, all: f64, wall: f64) {
@@ -71,7 +72,10 @@ impl Log {
         self.refused = true;
         for rider in riders {
             let [error, estimate] = rider.expected;
-            let tolerance = rider.control.as_ref().map_or(f64::INFINITY, |c| c.settings().tolerance);
+            let tolerance = rider
+                .control
+                .as_ref()
+                .map_or(f64::INFINITY, |c| c.settings().tolerance);
             let why = match estimate <= tolerance {
                 true => "more than relTol of what the solver changed".to_string(),
                 false => format!("and {} is expected of a step", digits.of(estimate)),
@@ -100,7 +104,9 @@ impl Ride<'_> {
             Text::Strides => table(&mut log.strides_head, &mut log.strides),
             // An observer's tables are there from its begin.
             Text::Errors => std::mem::take(&mut log.observed_head[0]) + &std::mem::take(&mut log.observed),
-            Text::SegmentErrors => std::mem::take(&mut log.observed_head[1]) + &std::mem::take(&mut log.segments),
+            Text::SegmentErrors => {
+                std::mem::take(&mut log.observed_head[1]) + &std::mem::take(&mut log.segments)
+            }
         }
     }
 
@@ -132,7 +138,9 @@ impl Ride<'_> {
         }
         self.log.text += &(line + "\n\n");
         if self.log.jumps_head.is_empty() && self.totals.rows == 0 {
-            let mut names: Vec<String> = ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();
+            let mut names: Vec<String> = ["Time", "steps", "surrogate(s)", "handOver(s)"]
+                .map(String::from)
+                .into();
             names.extend(quantities.iter().map(|(name, _)| name.clone()));
             if jump.expected.is_some() {
                 names.extend(["strideError", "estimate"].map(String::from));

@@ -1,30 +1,36 @@
 //! A network as a surrogate: a session, and its model's adaptation to the run.
 
 use crate::surrogate::{Advanced, Lesson, Surrogate};
+use m4gn_adapt::{Adaptation, Settings};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{Model, Output};
 use m4gn_step::{Field, FieldMut, Session};
-use m4gn_adapt::{Adaptation, Settings};
 use std::ops::DerefMut;
 use std::path::Path;
+use std::sync::Arc;
 
 /// A session, and what its model learns in the run.
 pub struct Network<S> {
     session: S,
     advanced: Vec<Advanced>,
+    source: String,
     digest: String,
     learning: Option<Learning>,
 }
 
 /// What is needed to learn, until it begins.
 enum Learning {
-    Waiting(Box<(Mesh, Model, Settings)>),
+    Waiting(Box<(Mesh, Arc<Model>, Settings)>),
     Begun(Box<Adaptation>),
 }
 
 impl<S: DerefMut<Target = Session>> Network<S> {
-    /// Of a session with this model. `digest` identifies the model. `adapt`: the mesh of the session and settings, where it is to learn.
-    pub fn new(session: S, model: Model, digest: String, adapt: Option<(Mesh, Settings)>) -> Self {
+    /// Of a session with this model. `source`: where it is from, for people. `adapt`: the mesh of the session and settings, where it is
+    /// to learn.
+    ///
+    /// # Errors
+    /// What making a file of the model may fail with: its digest is taken of that.
+    pub fn new(session: S, model: Arc<Model>, source: String, adapt: Option<(Mesh, Settings)>) -> Result<Self> {
         let spec = session.spec();
         let advanced = spec.fields.iter().filter(|f| f.output != Output::None);
         let advanced = advanced.map(|f| Advanced {
@@ -32,12 +38,17 @@ impl<S: DerefMut<Target = Session>> Network<S> {
             components: if f.vector { 3 } else { 1 },
             solved: f.components(spec.dim),
         });
-        Network {
+        // FNV-1a
+        let digest = model.to_bytes()?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+        Ok(Network {
             advanced: advanced.collect(),
             learning: adapt.map(|(mesh, settings)| Learning::Waiting(Box::new((mesh, model, settings)))),
             session,
-            digest,
-        }
+            source,
+            digest: format!("{digest:016x}"),
+        })
     }
 
     /// The adaptation, which begins with its first frame or state. Collective.
@@ -75,8 +86,7 @@ impl<S: DerefMut<Target = Session>> Surrogate for Network<S> {
     }
 
     fn source(&self) -> String {
-        let path = self.session.model_path();
-        path.map_or_else(String::new, |path| path.display().to_string())
+        self.source.clone()
     }
 
     fn digest(&self) -> String {

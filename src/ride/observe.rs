@@ -87,7 +87,10 @@ impl Observer {
             columns.extend(["error".into(), "estimate".into()]);
         }
         digits.header(
-            &["Error of the surrogate against the solver".into(), surrogate.source()],
+            &[
+                "Error of the surrogate against the solver".into(),
+                surrogate.source(),
+            ],
             &[
                 ("stride (s)", digits.of(surrogate.stride())),
                 ("rolloutSteps", self.rollout_steps.to_string()),
@@ -105,7 +108,10 @@ impl Observer {
         for field in surrogate.advances() {
             columns.extend((0..surrogate.segments().0.max(1)).map(|k| format!("{}:{k}", field.name)));
         }
-        let lines = ["Error of the surrogate's rollout in each segment".into(), surrogate.source()];
+        let lines = [
+            "Error of the surrogate's rollout in each segment".into(),
+            surrogate.source(),
+        ];
         digits.header(&lines, &[], &columns)
     }
 
@@ -131,7 +137,15 @@ impl Observer {
                 control.measure(&one_step)?;
             }
             if self.steps > 0 {
-                self.compare(comm, surrogate, control.as_deref(), (&solver, &one_step, fraction), step, digits, &mut found);
+                self.compare(
+                    comm,
+                    surrogate,
+                    control.as_deref(),
+                    (&solver, &one_step, fraction),
+                    step,
+                    digits,
+                    &mut found,
+                );
             }
             if self.steps >= self.rollout_steps || !self.finite {
                 self.steps = 0;
@@ -163,13 +177,22 @@ impl Observer {
             .collect();
         let rollout = rms(comm, fields, differences.iter().map(|d| d.iter().copied()));
         let firsts = self.first.iter().zip(solver);
-        let hold_first = rms(comm, fields, firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)));
+        let hold_first = rms(
+            comm,
+            fields,
+            firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)),
+        );
         let or_not = |error: f64| if error.is_finite() { error } else { NOT_FINITE };
         let mut columns = vec![digits.of(step.shown), self.steps.to_string()];
         let mut errors = Vec::new();
         for (i, sums) in self.sums.iter_mut().enumerate() {
             let rollout = if self.finite { rollout[i] } else { NOT_FINITE };
-            let row = [or_not(one_step[i].error), one_step[i].change, rollout, hold_first[i]];
+            let row = [
+                or_not(one_step[i].error),
+                one_step[i].change,
+                rollout,
+                hold_first[i],
+            ];
             columns.extend(row.iter().chain([&one_step[i].size]).map(|v| digits.of(*v)));
             sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
             errors.push(rollout);

@@ -208,7 +208,11 @@ impl<'a> Ride<'a> {
             Phase::Solving | Phase::Deciding => {}
             _ => return Err(self.out_of_turn("solved")),
         }
-        if !(step.time.is_finite() && step.delta_t > 0.0 && step.delta_t.is_finite() && step.time > self.step.time) {
+        if !(step.time.is_finite()
+            && step.delta_t > 0.0
+            && step.delta_t.is_finite()
+            && step.time > self.step.time)
+        {
             return Err(Error::Input(format!(
                 "ride: a step of {} s to time {} s after {} s: times must increase",
                 step.delta_t, step.time, self.step.time
@@ -425,8 +429,11 @@ impl<'a> Ride<'a> {
         if self.observer.is_none() {
             self.learn(self.settings.rollout_steps)?;
             let rider = &self.riders[0];
-            let observer =
-                Observer::new(rider.surrogate.as_ref(), self.settings.rollout_steps, self.settings.write_errors);
+            let observer = Observer::new(
+                rider.surrogate.as_ref(),
+                self.settings.rollout_steps,
+                self.settings.write_errors,
+            );
             self.log.observed_head = [
                 observer.header(rider.surrogate.as_ref(), digits, rider.control.is_some()),
                 observer.segment_header(rider.surrogate.as_ref(), digits),
@@ -449,7 +456,10 @@ impl<'a> Ride<'a> {
             self.stepped = true;
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
-            found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
+            found
+                .bad
+                .into_iter()
+                .for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
         }
         Ok(())
     }
@@ -467,7 +477,8 @@ impl<'a> Ride<'a> {
                 continue;
             };
             self.totals.learned(&lesson);
-            self.log.lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
+            self.log
+                .lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
             if let Some(path) = self.adapt.write_model.as_ref().filter(|_| lesson.used) {
                 rider.surrogate.write_model(path)?;
             }
@@ -481,7 +492,9 @@ impl<'a> Ride<'a> {
         self.totals.first_time.get_or_insert(step.time);
         // The next jump is most likely by whom the last one was.
         let stride = self.riders[self.totals.last].surrogate.stride();
-        let due = self.schedule.solver_steps(self.totals.ahead, step.delta_t, stride);
+        let due = self
+            .schedule
+            .solver_steps(self.totals.ahead, step.delta_t, stride);
         let measured = |r: &Rider| r.control.is_none() || r.fresh;
         if step.index - self.handed_back < due || !self.riders.iter().any(measured) {
             return Ok(None);
@@ -498,7 +511,10 @@ impl<'a> Ride<'a> {
             return Ok(None);
         };
         let rider = &self.riders[surrogate];
-        if !self.schedule.fits(&step, step.delta_t, rider.surrogate.stride(), 1.0) {
+        if !self
+            .schedule
+            .fits(&step, step.delta_t, rider.surrogate.stride(), 1.0)
+        {
             return Ok(None);
         }
         Ok(Some(Jump {
@@ -554,7 +570,8 @@ impl<'a> Ride<'a> {
         let own = advanced.iter().zip(&old).map(|(a, v)| (a.name.as_str(), v.len()));
         if !shapes.eq(own) {
             return Err(Error::Input(
-                "ride: the places for the prediction are not those of the fields that the surrogate advances".into(),
+                "ride: the places for the prediction are not those of the fields that the surrogate advances"
+                    .into(),
             ));
         }
         let mut predicted = old.clone();

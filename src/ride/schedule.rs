@@ -117,10 +117,16 @@ mod tests {
         let fits = |time, end, n| s.fits(&at(time, 0.1, end, 0), 0.1, 0.2, n);
         assert!(fits(1.6, 9.0, 2.0), "to the end of the schedule");
         assert!(!fits(1.7, 9.0, 2.0) && fits(1.7, 9.0, 1.0));
-        assert!(fits(1.6, 1.9, 1.0) && !fits(1.6, 1.8, 1.0), "the solver ends the run");
+        assert!(
+            fits(1.6, 1.9, 1.0) && !fits(1.6, 1.8, 1.0),
+            "the solver ends the run"
+        );
         assert!(s.is_stopped(&at(1.6, 0.1, 1.8, 0), 0.1, 0.2));
         assert!(!s.is_stopped(&at(1.6, 0.1, 1.9, 0), 0.1, 0.2), "there is room");
-        assert!(!s.is_stopped(&at(1.95, 0.1, 2.0, 0), 0.1, 0.2), "the schedule is over");
+        assert!(
+            !s.is_stopped(&at(1.95, 0.1, 2.0, 0), 0.1, 0.2),
+            "the schedule is over"
+        );
     }
 
     #[test]

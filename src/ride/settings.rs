@@ -72,6 +72,12 @@ pub struct RideSettings {
     /// Significant digits of tables and messages.
     #[serde(default = "precision")]
     pub write_precision: usize,
+    /// Where the model is from, in messages and tables.
+    #[serde(default)]
+    pub model: String,
+    /// What the host keeps in the state for itself, any text ([`crate::host_of`]).
+    #[serde(default)]
+    pub host: String,
     /// Wall time that making the surrogates took, s: for the summary.
     #[serde(default)]
     pub setup_seconds: f64,
@@ -159,16 +165,24 @@ impl RideSettings {
         for (name, count) in counts {
             match (self.mode, count) {
                 (Mode::Replace, None) => {
-                    return bad(format!("{name}: expected a number of steps, as mode replace needs it"));
+                    return bad(format!(
+                        "{name}: expected a number of steps, as mode replace needs it"
+                    ));
                 }
                 (_, Some(n)) if n == 0 || n > i32::MAX as usize => {
-                    return bad(format!("{name}: expected at least 1 and at most {}, found {n}", i32::MAX));
+                    return bad(format!(
+                        "{name}: expected at least 1 and at most {}, found {n}",
+                        i32::MAX
+                    ));
                 }
                 _ => {}
             }
         }
         if self.rollout_steps == 0 || self.rollout_steps > i32::MAX as usize {
-            return bad(format!("rolloutSteps: expected at least 1, found {}", self.rollout_steps));
+            return bad(format!(
+                "rolloutSteps: expected at least 1, found {}",
+                self.rollout_steps
+            ));
         }
         for (name, time) in [("timeStart", self.time_start), ("timeEnd", self.time_end)] {
             if time.is_some_and(|time| !time.is_finite()) {
@@ -213,7 +227,9 @@ impl RideSettings {
         let (wanted, during) = (mode != "off", mode == "during");
         if self.mode == Mode::Observe {
             if during {
-                return bad("mode: found during, which adapts after jumps, and mode observe has none; expected before");
+                return bad(
+                    "mode: found during, which adapts after jumps, and mode observe has none; expected before",
+                );
             }
             if entries.get("overlap") == Some(&Value::Bool(true)) {
                 return bad(
@@ -255,10 +271,16 @@ mod tests {
             (r#"{"mode": "observe", "rolloutSteps": 0}"#, "rolloutSteps"),
             (r#"{"mode": "observe", "writePrecision": 90}"#, "writePrecision"),
             (r#"{"mode": "observe", "timeStrat": 1}"#, "is time_start meant"),
-            (r#"{"mode": "observe", "control": {"tolerance": 0}}"#, "tolerance 0"),
+            (
+                r#"{"mode": "observe", "control": {"tolerance": 0}}"#,
+                "tolerance 0",
+            ),
             (r#"{"mode": "observe", "control": {}}"#, "tolerance"),
             (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
-            (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
+            (
+                r#"{"mode": "observe", "adapt": {"writeModel": true}}"#,
+                "writeModel",
+            ),
             (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
             (r#"{"mode": "observe", "adapt": {"overlap": true}}"#, "overlap"),
             (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
@@ -272,12 +294,13 @@ mod tests {
     fn the_entries_of_adapt_are_told_apart() {
         let of = |text: &str| RideSettings::parse(text).unwrap().adapt_entries().unwrap();
         assert_eq!(of(r#"{"mode": "observe"}"#), AdaptEntries::default());
-        let entries = of(
-            r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
-                "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#,
-        );
+        let entries = of(r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
+                "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#);
         assert!(entries.wanted && entries.during);
-        assert_eq!((entries.start, entries.write_model), (Some(2.0), Some("a.safetensors".into())));
+        assert_eq!(
+            (entries.start, entries.write_model),
+            (Some(2.0), Some("a.safetensors".into()))
+        );
         assert_eq!(entries.learning, r#"{"maxFrames":9,"mode":"during"}"#);
         assert!(!of(r#"{"mode": "observe", "adapt": {"mode": "off"}}"#).wanted);
         let observed = of(r#"{"mode": "observe", "adapt": {"method": "ridge"}}"#);

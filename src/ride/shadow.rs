@@ -5,7 +5,7 @@
 use crate::control::StrideError;
 use crate::schedule::Step;
 use crate::surrogate::Surrogate;
-use crate::values::{Given, Values, between, places, rms};
+use crate::values::{Given, Values, between, levels, places, rms};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 
@@ -59,7 +59,11 @@ impl Shadow {
     /// Part of the stride that the solver has come, near 1.
     pub fn fraction(&self, step: &Step, stride: f64) -> f64 {
         let fraction = (step.time - self.begun) / stride;
-        if (fraction - 1.0).abs() < SAME { 1.0 } else { fraction }
+        if (fraction - 1.0).abs() < SAME {
+            1.0
+        } else {
+            fraction
+        }
     }
 
     /// Whether this is the solver's time step nearest to the end of the stride.
@@ -83,14 +87,26 @@ impl Shadow {
         });
         let error = rms(comm, fields, off);
         let pairs = now.iter().zip(&self.start);
-        let change = rms(comm, fields, pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)));
+        let change = rms(
+            comm,
+            fields,
+            pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)),
+        );
         let size = rms(comm, fields, now.iter().map(|s| s.iter().copied()));
+        let levels = levels(comm, fields, now);
+        let about = now.iter().zip(&levels);
+        let variation = rms(
+            comm,
+            fields,
+            about.map(|(s, level)| s.iter().map(move |v| v - level)),
+        );
         self.waiting = false;
-        let rows = error.into_iter().zip(change).zip(size);
-        rows.map(|((error, change), size)| StrideError {
+        let rows = error.into_iter().zip(change).zip(size.into_iter().zip(variation));
+        rows.map(|((error, change), (size, variation))| StrideError {
             error: if self.finite { error } else { f64::INFINITY },
             change,
             size,
+            variation: variation.max(change),
         })
         .collect()
     }
@@ -105,9 +121,14 @@ mod tests {
     fn a_stride_is_compared_where_the_solver_arrives_between_two_strides() {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).biased(0.25));
         let mut shadow = Shadow::default();
-        assert!(!shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5), "nothing is under way");
+        assert!(
+            !shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5),
+            "nothing is under way"
+        );
         let given = toy::given(1.0);
-        let bad = given.with(|g| shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), g)).unwrap();
+        let bad = given
+            .with(|g| shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), g))
+            .unwrap();
         assert_eq!(bad, None);
         // Steps of 0.2: that of 1.4 is nearest to 1.5, and 4/5 of the way.
         assert!(!shadow.has_arrived(&at(1.2, 0.2, 9.0, 1), 0.5));
@@ -128,8 +149,41 @@ mod tests {
         assert!((rows[0].error - expected).abs() < 1e-12, "{rows:?} {expected}");
         let size = toy::rms_of(&toy::solver(1.6));
         assert!((rows[0].size - size).abs() < 1e-12, "{rows:?} {size}");
+        let half = (now[0][0] - now[0][1]).abs() / 2.0;
+        assert!(
+            (rows[0].variation - half.max(rows[0].change)).abs() < 1e-12,
+            "{rows:?} {half}"
+        );
         assert!(!shadow.waiting);
-        assert_eq!(shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5), 1.0, "rounding");
+        assert_eq!(
+            shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5),
+            1.0,
+            "rounding"
+        );
+    }
+
+    #[test]
+    fn errors_are_relative_to_what_varies_and_not_to_a_level() {
+        let mut toy = Toy::new(0.5);
+        let mut shadow = Shadow::default();
+        // 300 K, and a tenth of a kelvin more in one of the cells.
+        let warm = toy::of([300.0, 300.1]);
+        warm.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
+            .unwrap();
+        let now = warm.with(|g| g.values(toy.advances())).unwrap();
+        let rows = shadow.compare(&Comm::serial(), &toy, &now, 1.0);
+        assert!(
+            (rows[0].variation - 0.05).abs() < 1e-9 && rows[0].size > 300.0,
+            "{rows:?}"
+        );
+        // A field that is the same everywhere varies by what it changes.
+        warm.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
+            .unwrap();
+        let rows = shadow.compare(&Comm::serial(), &toy, &vec![vec![302.0, 302.0]], 1.0);
+        assert!(
+            (rows[0].variation - rows[0].change).abs() < 1e-12 && rows[0].change > 1.9,
+            "{rows:?}"
+        );
     }
 
     #[test]
@@ -137,7 +191,9 @@ mod tests {
         let mut toy = Toy::new(0.5).broken_above(f64::NEG_INFINITY);
         let mut shadow = Shadow::default();
         let given = toy::given(1.0);
-        let bad = given.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
+        let bad = given
+            .with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
+            .unwrap();
         assert!(bad.is_some_and(|what| what.contains("not finite")));
         let now = toy::given(1.5).with(|g| g.values(toy.advances())).unwrap();
         let rows = shadow.compare(&Comm::serial(), &toy, &now, 1.0);
@@ -154,7 +210,13 @@ mod tests {
         assert!(missing.contains("field 'a' is missing"), "{missing}");
         let mut given = toy::given(1.0);
         given.components = 3;
-        let other = given.with(|g| shadow.begin(&mut toy, &step, g)).unwrap_err().to_string();
-        assert!(other.contains("field 'a': expected 1 components, found 3"), "{other}");
+        let other = given
+            .with(|g| shadow.begin(&mut toy, &step, g))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            other.contains("field 'a': expected 1 components, found 3"),
+            "{other}"
+        );
     }
 }

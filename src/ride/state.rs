@@ -34,6 +34,8 @@ struct Description {
     totals: Totals,
     refused: bool,
     riders: Vec<Ridden>,
+    /// What the host keeps there.
+    host: String,
 }
 
 /// One surrogate in it.
@@ -54,7 +56,7 @@ struct Ridden {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Controlled {
-    /// Error, change and size of each field.
+    /// Error, change and variation of each field.
     figures: Vec<[Option<f64>; 3]>,
     bad: usize,
 }
@@ -67,6 +69,16 @@ struct Begun {
     finite: bool,
     /// Number of the part with the first field at the start; the others follow, then those at the end of the stride.
     part: usize,
+}
+
+/// What the host kept in a state (`host` of the settings). Not collective.
+///
+/// # Errors
+/// [`Error::File`] for what is no state of a ride, or is damaged.
+pub fn host_of(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e.to_string()))?;
+    let (found, _) = restart::read::<Description>(path, &bytes)?;
+    Ok(found.host)
 }
 
 impl Ride<'_> {
@@ -104,7 +116,10 @@ impl Ride<'_> {
                 digest: surrogate.digest(),
                 fresh: rider.fresh,
                 control: control.map(|(rows, bad)| Controlled {
-                    figures: rows.iter().map(|r| [r.error, r.change, r.size].map(figure)).collect(),
+                    figures: rows
+                        .iter()
+                        .map(|r| [r.error, r.change, r.variation].map(figure))
+                        .collect(),
                     bad,
                 }),
                 learned,
@@ -128,6 +143,7 @@ impl Ride<'_> {
             totals: self.totals.clone(),
             refused: self.log.refused,
             riders,
+            host: self.settings.host.clone(),
         };
         let written = match self.comm.is_root() {
             true => restart::write(path, &description, &parts),
@@ -157,7 +173,8 @@ impl Ride<'_> {
     /// This rank's rows of values in the order of the undecomposed mesh.
     fn own(&self, whole: &[f64], components: usize) -> Vec<f64> {
         let rows = self.global.iter().map(|&number| number as usize * components);
-        rows.flat_map(|at| whole[at..at + components].iter().copied()).collect()
+        rows.flat_map(|at| whole[at..at + components].iter().copied())
+            .collect()
     }
 
     /// Goes on from the state that another run wrote at the present time, `step`; the first rank reads. What is left of a jump that it was
@@ -169,7 +186,9 @@ impl Ride<'_> {
     /// surrogates; [`Error::Input`] within a jump.
     pub fn load(&mut self, path: &Path, step: Step) -> Result<Answer> {
         if self.phase != Phase::Solving {
-            return Err(Error::Input("ride: a state is taken up before the first step".into()));
+            return Err(Error::Input(
+                "ride: a state is taken up before the first step".into(),
+            ));
         }
         let read = match self.comm.is_root() {
             true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
@@ -182,8 +201,11 @@ impl Ride<'_> {
         drop(bytes);
         let taken = self.take_up(path, &found, &parts, &step);
         let (shadows, controls) = self.comm.agree(taken)?;
-        for ((rider, ridden), (shadow, control)) in
-            self.riders.iter_mut().zip(&found.riders).zip(shadows.into_iter().zip(controls))
+        for ((rider, ridden), (shadow, control)) in self
+            .riders
+            .iter_mut()
+            .zip(&found.riders)
+            .zip(shadows.into_iter().zip(controls))
         {
             let learns = rider.surrogate.can_learn();
             if let Some(part) = ridden.learned.filter(|_| self.adapt.wanted || !learns) {
@@ -216,7 +238,11 @@ impl Ride<'_> {
         }
         self.log.text += "\n\n";
         self.step = Step {
-            delta_t: if found.left < 0 { step.delta_t } else { found.delta_t },
+            delta_t: if found.left < 0 {
+                step.delta_t
+            } else {
+                found.delta_t
+            },
             ..step
         };
         if found.left < 0 {
@@ -233,7 +259,10 @@ impl Ride<'_> {
             ahead: surrogate.ahead(self.totals.jumps > 1),
             over: found.left == 0,
             began: self.totals.seconds,
-            expected: self.riders[found.jumper].control.as_ref().map(|c| [c.error(), c.estimate(1)]),
+            expected: self.riders[found.jumper]
+                .control
+                .as_ref()
+                .map(|c| [c.error(), c.estimate(1)]),
         };
         let action = match jump.over {
             true => Action::HandBack,
@@ -284,7 +313,11 @@ impl Ride<'_> {
         }
         let rows = self.rows;
         let usable = found.delta_t.is_finite() && found.delta_t > 0.0 && found.left >= -1 && found.since >= 0;
-        if rows != found.rows || !usable || found.jumper >= self.riders.len() || found.totals.last >= self.riders.len() {
+        if rows != found.rows
+            || !usable
+            || found.jumper >= self.riders.len()
+            || found.totals.last >= self.riders.len()
+        {
             return Err(file(format!(
                 "it is the state of a run on {} cells, and this mesh has {rows}",
                 found.rows
@@ -307,6 +340,7 @@ impl Ride<'_> {
                             error: figure(f[0]),
                             change: figure(f[1]),
                             size: figure(f[2]),
+                            variation: figure(f[2]),
                         })
                         .collect();
                     if rows.len() != stride.len() {

@@ -161,7 +161,10 @@ pub trait Surrogate {
     /// [`Error::Input`] for what is no such state.
     fn restore(&mut self, state: &[u8]) -> Result<()> {
         let _ = state;
-        Err(Error::Input(format!("a surrogate of kind {} has no state", self.name())))
+        Err(Error::Input(format!(
+            "a surrogate of kind {} has no state",
+            self.name()
+        )))
     }
 
     /// Writes it as a model file, as it has become.
@@ -170,6 +173,9 @@ pub trait Surrogate {
     /// [`Error::File`] where that fails; [`Error::Input`] for a surrogate that is no model.
     fn write_model(&self, path: &Path) -> Result<()> {
         let _ = path;
-        Err(Error::Input(format!("a surrogate of kind {} is no model", self.name())))
+        Err(Error::Input(format!(
+            "a surrogate of kind {} is no model",
+            self.name()
+        )))
     }
 }

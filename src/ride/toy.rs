@@ -23,7 +23,10 @@ pub fn solver(time: f64) -> [f64; 2] {
 pub fn later(state: [f64; 2], time: f64) -> [f64; 2] {
     let (s, c) = (OMEGA * time).sin_cos();
     let size = (-DAMPING * time).exp();
-    [size * (c * state[0] - s * state[1]), size * (s * state[0] + c * state[1])]
+    [
+        size * (c * state[0] - s * state[1]),
+        size * (s * state[0] + c * state[1]),
+    ]
 }
 
 pub fn rms_of(values: &[f64]) -> f64 {
@@ -37,7 +40,10 @@ pub fn at(time: f64, delta_t: f64, end_time: f64, index: i64) -> Step {
         delta_t,
         end_time,
         index,
-        name: format!("{time:.6}").trim_end_matches('0').trim_end_matches('.').into(),
+        name: format!("{time:.6}")
+            .trim_end_matches('0')
+            .trim_end_matches('.')
+            .into(),
         shown: time,
         correctors: None,
         wall: 0.0,
@@ -257,7 +263,9 @@ impl Surrogate for Toy {
     }
 
     fn restore(&mut self, state: &[u8]) -> Result<()> {
-        let bytes = state.try_into().map_err(|_| Error::Input("not eight bytes".into()))?;
+        let bytes = state
+            .try_into()
+            .map_err(|_| Error::Input("not eight bytes".into()))?;
         (self.bias, self.begun) = (f64::from_le_bytes(bytes), true);
         Ok(())
     }

@@ -79,6 +79,21 @@ pub(crate) fn rms<I: Iterator<Item = f64>>(
     comm.sum_f64(&mut sums);
     comm.sum_i64(&mut rows);
     let pairs = advanced.iter().zip(sums).zip(rows);
-    let mean = |((field, sum), n): ((&Advanced, f64), i64)| (sum / (field.solved as i64 * n.max(1)) as f64).sqrt();
+    let mean =
+        |((field, sum), n): ((&Advanced, f64), i64)| (sum / (field.solved as i64 * n.max(1)) as f64).sqrt();
     pairs.map(mean).collect()
+}
+
+/// The level about which a field varies: its mean over the rows of all ranks, where it is a scalar; 0 of a vector. Collective.
+pub(crate) fn levels(comm: &Comm, advanced: &[Advanced], values: &Values) -> Vec<f64> {
+    let mut sums: Vec<f64> = values.iter().map(|v| v.iter().sum()).collect();
+    let mut rows: Vec<i64> = values.iter().map(|v| v.len() as i64).collect();
+    comm.sum_f64(&mut sums);
+    comm.sum_i64(&mut rows);
+    let pairs = advanced.iter().zip(sums).zip(rows);
+    let level = |((field, sum), n): ((&Advanced, f64), i64)| match field.components {
+        1 => sum / n.max(1) as f64,
+        _ => 0.0,
+    };
+    pairs.map(level).collect()
 }

@@ -46,8 +46,12 @@ fn main() {
         )
         .allowlist_function("Mat(MPIAIJSetPreallocation|SeqAIJSetPreallocation|XAIJSetPreallocation)")
         .allowlist_function(
-            "Mat(Mult|SetBlockSize|SetNearNullSpace|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
+            "Mat(Mult|SetBlockSize|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
         )
+        .allowlist_function(
+            "Mat(Duplicate|AXPY|GetFactor|MumpsSetIcntl|CholeskyFactor(Symbolic|Numeric)|FactorGetError|GetInertia)",
+        )
+        .allowlist_function("MatFactorInfoInitialize")
         .allowlist_function("Vec(Destroy|GetArrayRead|RestoreArrayRead|GetLocalSize|Norm)")
         .allowlist_function("ST(Set.*|Get.*)")
         .allowlist_function("KSP(Set.*|Get.*)")

@@ -10,11 +10,17 @@ use m4gn_mesh::{Error, Result};
 use std::mem::ManuallyDrop;
 use std::sync::{Mutex, MutexGuard};
 
-/// Most sweeps that look for copies of repeated eigenvalues, or for the end of a cluster.
+/// Most sweeps that look for copies of repeated eigenvalues, or for the end of a cluster, where nothing counts them.
 const SWEEPS: usize = 40;
+
+/// Sweeps one after the other that may find none of those that the count says are missing.
+const IDLE: usize = 3;
 
 /// Most restarts of a sweep.
 const ITERATIONS: i32 = 1000;
+
+/// Eigenvalues closer than this, relatively, are copies of one.
+const SAME: f64 = 1e-6;
 
 /// Residual of the sweep that only looks whether something was missed, and the margin that its eigenvalue then has.
 const PROBE: (f64, f64) = (1e-3, 1e-2);
@@ -22,10 +28,13 @@ const PROBE: (f64, f64) = (1e-3, 1e-2);
 /// Residuals above this, relative to the terms of K x = lambda M x, are no solution.
 const RESIDUAL: f64 = 1e-3;
 
+/// How MUMPS says that a matrix is singular.
+const SINGULAR: &str = "INFOG(1)=-10";
+
 /// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
 pub(crate) struct Matrices {
-    k: ManuallyDrop<Matrix>,
-    m: ManuallyDrop<Matrix>,
+    pub(super) k: ManuallyDrop<Matrix>,
+    pub(super) m: ManuallyDrop<Matrix>,
     diagonal_mass: bool,
     /// On one rank: whether the entries of both lie symmetrically, zeros among them or not.
     pub(super) symmetric_pattern: bool,
@@ -70,6 +79,14 @@ impl Matrices {
         drop((quiet, turn));
         comm.agree(made)
     }
+
+    /// How M's entries lie beside those of K.
+    pub(super) fn structure(&self) -> c::MatStructure {
+        match self.diagonal_mass {
+            true => c::MatStructure_SUBSET_NONZERO_PATTERN,
+            false => c::MatStructure_DIFFERENT_NONZERO_PATTERN,
+        }
+    }
 }
 
 impl Drop for Matrices {
@@ -92,9 +109,10 @@ fn turn() -> MutexGuard<'static, ()> {
 /// Hands eigenpairs out by ascending distance from the shift, those that are taken and a few more. Collective; all ranks fail
 /// together.
 ///
-/// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies until
-/// nothing new lies within the range that is taken: with the found vectors deflated where the matrices are symmetric,
-/// else from other start vectors.
+/// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies: with the
+/// found vectors deflated where the matrices are symmetric, else from other start vectors. Of a symmetric pair that is
+/// factored the eigenvalues are counted, and the sweeps end when all are there; else when one finds nothing new within the
+/// range that is taken.
 pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Result<()> {
     let _turn = turn();
     let _quiet = Quiet::new();
@@ -103,7 +121,7 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
         let mut options = comm.agree(Options::new(request.petsc))?;
         let mut run = || {
             options.defaults(method.defaults())?;
-            let found = Search::new(comm, matrices, request, method)?.run()?;
+            let found = Search::new(comm, matrices, request, method).run()?;
             // The solver with its factor is gone by now.
             found
                 .into_iter()
@@ -118,6 +136,9 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
                     .iter()
                     .for_each(|p| request.pair(p.value, p.imaginary, &p.vector, &p.weighted));
                 return Ok(());
+            }
+            Err(Error::Numerical(m)) if request.symmetric && m.contains(SINGULAR) => {
+                last = m4gn_modes::not_definite(request.shift, "it is singular");
             }
             Err(e) => last = options.explain(e),
         }
@@ -163,95 +184,180 @@ struct Search<'a> {
     comm: &'a Comm,
     request: &'a Call<'a>,
     matrices: &'a Matrices,
+    method: Method,
+    /// The solver with its factor; none while eigenvalues are counted, which takes a factor of its own.
     eps: Solver,
     /// As set by the method or the options.
     tolerance: f64,
     /// Sizes of the subspace as set by the options, or PETSc's default.
     space: (i32, i32),
     found: Vec<Found>,
+    /// A number behind the pairs that are taken, and how many eigenvalues lie below it.
+    counted: Option<(f64, usize)>,
 }
 
 impl<'a> Search<'a> {
-    fn new(comm: &'a Comm, matrices: &'a Matrices, request: &'a Call<'a>, method: Method) -> Result<Self> {
-        let kind = match request.symmetric {
+    fn new(comm: &'a Comm, matrices: &'a Matrices, request: &'a Call<'a>, method: Method) -> Self {
+        Search {
+            comm,
+            request,
+            matrices,
+            method,
+            eps: Solver::null(),
+            tolerance: 0.0,
+            space: (0, 0),
+            found: Vec::new(),
+            counted: None,
+        }
+    }
+
+    /// Makes the solver if there is none.
+    fn open(&mut self) -> Result<()> {
+        if !self.eps.0.is_null() {
+            return Ok(());
+        }
+        let (matrices, shift) = (self.matrices, self.request.shift);
+        let kind = match self.request.symmetric {
             true => c::EPSProblemType_EPS_GHEP,
             false => c::EPSProblemType_EPS_GNHEP,
         };
-        let mut eps = Solver::null();
-        let (mut tolerance, mut space) = (0.0, (0, 0));
+        let eps = &mut self.eps;
         // SAFETY: objects are live; the strings are C strings; ST and KSP are borrowed from the solver.
         unsafe {
-            check(c::EPSCreate(raw(comm), &mut eps.0))?;
+            check(c::EPSCreate(raw(self.comm), &mut eps.0))?;
             check(c::EPSSetOptionsPrefix(eps.0, PREFIX.as_ptr()))?;
             check(c::EPSSetOperators(eps.0, matrices.k.0, matrices.m.0))?;
             check(c::EPSSetProblemType(eps.0, kind))?;
             check(c::EPSSetType(eps.0, c"krylovschur".as_ptr()))?;
-            check(c::EPSSetTarget(eps.0, request.shift))?;
+            check(c::EPSSetTarget(eps.0, shift))?;
             check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_TARGET_MAGNITUDE))?;
-            check(c::EPSSetTolerances(eps.0, method.tolerance(), ITERATIONS))?;
+            check(c::EPSSetTolerances(eps.0, self.method.tolerance(), ITERATIONS))?;
             let (mut st, mut ksp) = (std::ptr::null_mut(), std::ptr::null_mut());
             check(c::EPSGetST(eps.0, &mut st))?;
             check(c::STSetType(st, c"sinvert".as_ptr()))?;
-            check(c::STSetShift(st, request.shift))?;
-            if matrices.diagonal_mass {
-                check(c::STSetMatStructure(st, c::MatStructure_SUBSET_NONZERO_PATTERN))?;
-            }
+            check(c::STSetShift(st, shift))?;
+            check(c::STSetMatStructure(st, matrices.structure()))?;
             check(c::STGetKSP(st, &mut ksp))?;
-            method.set(ksp)?;
+            self.method.set(ksp)?;
             check(c::EPSSetFromOptions(eps.0))?;
             let mut ignored = 0;
-            check(c::EPSGetTolerances(eps.0, &mut tolerance, &mut ignored))?;
-            check(c::EPSGetDimensions(
-                eps.0,
-                &mut ignored,
-                &mut space.0,
-                &mut space.1,
-            ))?;
+            check(c::EPSGetTolerances(eps.0, &mut self.tolerance, &mut ignored))?;
+            let (ncv, mpd) = (&mut self.space.0, &mut self.space.1);
+            check(c::EPSGetDimensions(eps.0, &mut ignored, ncv, mpd))?;
         }
-        Ok(Search {
-            comm,
-            request,
-            matrices,
-            eps,
-            tolerance,
-            space,
-            found: Vec::new(),
-        })
+        Ok(())
     }
 
     fn run(mut self) -> Result<Vec<Found>> {
         let symmetric = self.request.symmetric;
         let total = self.matrices.unknowns as usize;
         let mut ask = (self.request.wanted + 2).min(total);
-        for _ in 0..SWEEPS {
-            let first = self.found.is_empty();
+        let (mut sweeps, mut idle) = (0, 0);
+        loop {
             let bound = self.bound();
             let run = self.sweep(ask)?;
             let new = match symmetric {
                 true => run,
                 false => super::subspace::independent(self.comm, &self.found, run)?,
             };
-            let fresh = first || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
+            let fresh =
+                self.found.is_empty() || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
             self.found.extend(new);
             let mut found = std::mem::take(&mut self.found);
             // Stable: the two of a complex pair stay together.
             found.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
             self.found = found;
-            let done = !fresh && self.bound().is_some();
-            if done || self.found.len() >= total || (symmetric && self.nothing_missed()?) {
+            (sweeps, idle) = (sweeps + 1, if fresh { 0 } else { idle + 1 });
+            let counts = symmetric && self.method.factors();
+            let missing = match counts {
+                true => self.missing()?,
+                false if !fresh && self.bound().is_some() => Some(0),
+                false if symmetric && self.nothing_missed()? => Some(0),
+                false => None,
+            };
+            if missing == Some(0) || self.found.len() >= total {
                 return Ok(self.found);
             }
-            ask = match symmetric {
-                true => 2.min(total - self.found.len()),
+            if counts && idle == IDLE {
+                return Err(self.not_whole(missing.unwrap_or(0)));
+            }
+            if !counts && sweeps == SWEEPS {
+                return Err(Error::Numerical(format!(
+                    "{} modes did not suffice to find the end of a cluster of repeated eigenvalues: ask for fewer or more \
+                     modes",
+                    self.found.len()
+                )));
+            }
+            let left = total - self.found.len();
+            ask = match (symmetric, missing) {
+                // A sweep sees one copy of each.
+                (true, Some(missing)) => missing.min(self.different()).min(left),
+                (true, None) => 2.min(left),
                 // All over again, from another start; wider while the end of a cluster is not seen.
-                false if self.bound().is_none() => (2 * ask).min(total),
-                false => ask,
+                (false, _) if self.bound().is_none() => (2 * ask).min(total),
+                (false, _) => ask,
             };
         }
-        Err(Error::Numerical(format!(
-            "{} modes did not suffice to find the end of a cluster of repeated eigenvalues: ask for fewer or more modes",
-            self.found.len()
-        )))
+    }
+
+    /// How many eigenvalues are not found of those up to the end of what is taken; none: the end is not seen yet.
+    fn missing(&mut self) -> Result<Option<usize>> {
+        let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
+        if let Some(value) = values.iter().find(|v| **v < self.request.shift) {
+            return Err(m4gn_modes::not_definite(
+                self.request.shift,
+                &format!("{value:e} is an eigenvalue"),
+            ));
+        }
+        let Some((last, next)) = self.end() else {
+            return Ok(None);
+        };
+        let (sigma, number) = match self.counted {
+            Some(counted) if counted.0 > last => counted,
+            _ => {
+                let sigma = 0.5 * (last + next);
+                // Two factors at a time may be more than there is room for.
+                self.eps = Solver::null();
+                *self.counted.insert((sigma, self.matrices.below(sigma)?))
+            }
+        };
+        let known = values.iter().filter(|v| **v < sigma).count();
+        match number.checked_sub(known) {
+            Some(missing) => Ok(Some(missing)),
+            None => Err(Error::Numerical(format!(
+                "{known} modes were found below {sigma:e}, but {number} are there: the matrices are too badly scaled for \
+                 this method"
+            ))),
+        }
+    }
+
+    /// Why what is missing is not found.
+    fn not_whole(&self, missing: usize) -> Error {
+        match self.matrices.below(self.request.shift) {
+            Err(e) => e,
+            Ok(0) => Error::Numerical(format!(
+                "{missing} modes are missing of those below the eigenvalue {:e}: a repeated eigenvalue did not come out \
+                 whole; ask for fewer or more modes, or give a larger subspace (option -m4gn_eps_ncv)",
+                self.counted.map_or(f64::NAN, |c| c.0)
+            )),
+            Ok(n) => m4gn_modes::not_definite(self.request.shift, &format!("{n} eigenvalues are below")),
+        }
+    }
+
+    /// Different eigenvalues up to the end of what is taken, 1 at least.
+    fn different(&self) -> usize {
+        let end = self.counted.map_or(0.0, |c| c.0);
+        let below = self.found.iter().filter(|f| f.value < end);
+        let mut values: Vec<f64> = below.map(|f| f.value - self.request.shift).collect();
+        values.dedup_by(|b, a| *b - *a <= SAME * *b);
+        values.len().max(1)
+    }
+
+    /// The last eigenvalue that is taken and the next one, once that can be said.
+    fn end(&self) -> Option<(f64, f64)> {
+        let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
+        let taken = self.request.taken(&values)?;
+        Some((*values.get(taken.checked_sub(1)?)?, *values.get(taken)?))
     }
 
     fn distance(&self, f: &Found) -> f64 {
@@ -267,11 +373,11 @@ impl<'a> Search<'a> {
 
     /// Whether a look, as rough as it can be, at what remains besides the known vectors sees nothing within the range
     /// that is taken.
-    fn nothing_missed(&self) -> Result<bool> {
+    fn nothing_missed(&mut self) -> Result<bool> {
         let Some(bound) = self.bound() else {
             return Ok(false);
         };
-        self.set_up(1, PROBE.0)?;
+        self.set_up(1, Some(PROBE.0))?;
         let (mut value, mut converged) = (0.0, 0);
         // SAFETY: the solver is live and set up; vectors and the imaginary part are not asked for.
         unsafe {
@@ -290,8 +396,10 @@ impl<'a> Search<'a> {
         Ok((value - self.request.shift) * (1.0 - PROBE.1) > bound)
     }
 
-    /// Prepares the solver for `wanted` pairs with the known ones kept out.
-    fn set_up(&self, wanted: usize, tolerance: f64) -> Result<()> {
+    /// Prepares the solver for `wanted` pairs with the known ones kept out, to its tolerance or a rough one.
+    fn set_up(&mut self, wanted: usize, rough: Option<f64>) -> Result<()> {
+        self.open()?;
+        let tolerance = rough.unwrap_or(self.tolerance);
         let default = c::PETSC_DEFAULT;
         // The options' sizes of the subspace are those of the first run.
         let (ncv, mpd) = if self.found.is_empty() {
@@ -316,8 +424,8 @@ impl<'a> Search<'a> {
     }
 
     /// One run of the solver.
-    fn sweep(&self, wanted: usize) -> Result<Vec<Found>> {
-        self.set_up(wanted, self.tolerance)?;
+    fn sweep(&mut self, wanted: usize) -> Result<Vec<Found>> {
+        self.set_up(wanted, None)?;
         let mut converged = 0;
         // SAFETY: the solver is live.
         unsafe {

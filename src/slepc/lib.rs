@@ -6,8 +6,8 @@
 
 #![allow(unsafe_code)]
 
+mod count;
 mod database;
-
 mod door;
 mod eigen;
 mod method;

@@ -55,17 +55,22 @@ impl Method {
         match (iterative, request.symmetric, comm.size()) {
             (true, true, _) => &[Method::Multigrid { symmetric: true }],
             (true, false, _) => &[Method::Multigrid { symmetric: false }],
-            // K - shift M is positive definite, so Cholesky; LU with pivoting is the second chance where rounding
+            // K - shift M is positive definite, so Cholesky; MUMPS, which pivots, is the second chance where rounding
             // has spoilt that.
             // On one rank PETSc's own factors are the quickest of plane meshes; CHOLMOD's supernodes win in space.
             // The ordering of PETSc's never ends where the entries of a symmetric matrix do not lie symmetrically, as
             // those of one from which zeros were dropped.
-            (false, true, 1) if !matrices.symmetric_pattern => &[CHOLMOD, MUMPS_LU],
-            (false, true, 1) if plane => &[PETSC, MUMPS_LU],
-            (false, true, 1) => &[CHOLMOD, PETSC, MUMPS_LU],
-            (false, true, _) => &[MUMPS, MUMPS_LU],
+            (false, true, 1) if !matrices.symmetric_pattern => &[CHOLMOD, MUMPS],
+            (false, true, 1) if plane => &[PETSC, MUMPS],
+            (false, true, 1) => &[CHOLMOD, MUMPS],
+            (false, true, _) => &[MUMPS],
             (false, false, _) => &[MUMPS_LU],
         }
+    }
+
+    /// Whether a factor of K - sigma M may be made, whose pivots count the eigenvalues below sigma.
+    pub(super) fn factors(self) -> bool {
+        matches!(self, Method::Factor { .. })
     }
 
     /// Relative residual at which an eigenpair counts as converged: far below the quantum that SLIC sees (1e-7). The

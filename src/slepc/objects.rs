@@ -44,13 +44,20 @@ impl Matrix {
             // Each is ignored by the type that the other is for.
             check(c::MatSeqAIJSetPreallocationCSR(matrix.0, row, column, value))?;
             check(c::MatMPIAIJSetPreallocationCSR(matrix.0, row, column, value))?;
-            if symmetric {
-                for option in [c::MatOption_MAT_SYMMETRIC, c::MatOption_MAT_SYMMETRY_ETERNAL] {
-                    check(c::MatSetOption(matrix.0, option, c::PetscBool_PETSC_TRUE))?;
-                }
-            }
+        }
+        if symmetric {
+            matrix.announce_symmetry()?;
         }
         Ok(matrix)
+    }
+
+    /// Says that it is symmetric and stays so.
+    pub(super) fn announce_symmetry(&self) -> Result<()> {
+        for option in [c::MatOption_MAT_SYMMETRIC, c::MatOption_MAT_SYMMETRY_ETERNAL] {
+            // SAFETY: a live matrix.
+            check(unsafe { c::MatSetOption(self.0, option, c::PetscBool_PETSC_TRUE) })?;
+        }
+        Ok(())
     }
 
     /// A diagonal matrix. Collective.

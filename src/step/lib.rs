@@ -3,37 +3,21 @@
 //! This is what the C ABI and `m4gn validate` drive. Building one makes graph, modes and segments once; a step
 //! turns fields into node features, runs the network, and turns its outputs into fields again.
 
-mod boundary;
-mod case;
-mod correction;
-mod field;
-mod groups;
-mod history;
-mod moving;
 mod opening;
 mod options;
-mod transfer;
+mod outputs;
+mod stepper;
 
-pub use boundary::{CopiedFaces, copied_faces, faces_seen_as_their_cells, impose_boundary};
-pub use field::{Field, FieldMut, OutputShape};
+pub use m4gn_domain::{Field, FieldMut, OutputShape};
 pub use opening::read_model;
 pub use options::{Backend, SessionOptions};
+pub use stepper::Stepper;
 
-use field::expect_shape;
-use groups::OnGroups;
-use m4gn_contact::projection::ProjectionReport;
-use m4gn_engine::Forward;
+use m4gn_domain::body::projection::ProjectionReport;
+use m4gn_domain::{Components, Host};
+use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Extent, InputRange, ModelSpec, SegmentSpec};
-use moving::Moving;
-use std::path::Path;
-
-/// The network, on edges that stay or on edges that move with a body.
-enum Network {
-    Fixed(Box<dyn Forward>),
-    Moving(Box<Moving>),
-}
 
 /// One model on one mesh: fields at the cells of a mesh that does not move, or the displacement of a body at points.
 pub struct Session {
@@ -48,17 +32,10 @@ pub struct Session {
     segment_record: String,
     /// Mean distance of neighbouring cells, m.
     cell_size: f64,
-    /// Boundary faces whose vectors are read from their cells, and these cells.
-    read_from_cells: Vec<(usize, usize)>,
-    network: Network,
-    /// The way to the groups that the network lives on, where these are not the cells.
-    groups: Option<OnGroups>,
+    host: Box<dyn Host>,
+    stepper: Stepper,
     options: SessionOptions,
     segment_spec: SegmentSpec,
-    /// Node features without the type `[n_owned x n_field_inputs]`.
-    inputs: Vec<f32>,
-    /// `[n_cells x n_outputs]`
-    outputs: Vec<f32>,
     /// Fields at the end of the step, solved components only `[n_cells x n_outputs]`.
     result: Vec<f64>,
     /// Whether a step has been done, so that there are fields to look at.
@@ -93,12 +70,12 @@ impl Session {
 
     /// Groups of cells that the network lives on, of all ranks; 0 where it lives on the cells themselves.
     pub fn n_groups(&self) -> usize {
-        self.groups.as_ref().map_or(0, |groups| groups.coarse.n_groups)
+        self.host.groups().map_or(0, |groups| groups.n_groups)
     }
 
     /// Group of each of this rank's cells, the same on any number of ranks; none where the network lives on the cells.
     pub fn cell_group(&self) -> Option<&[i32]> {
-        self.groups.as_ref().map(|groups| &groups.coarse.group[..])
+        self.host.groups().map(|groups| &groups.group[..])
     }
 
     /// How the segments were computed, to be stored with them ([`segments::Record`]); empty if they were handed in.
@@ -114,11 +91,6 @@ impl Session {
     /// Mean distance of neighbouring nodes that the network's graph was to have, m; none: a node a cell.
     pub fn resolution(&self) -> Option<f64> {
         self.options.resolution.of(self.spec.resolution)
-    }
-
-    /// Path of the model's file; none for a model that was handed in.
-    pub fn model_path(&self) -> Option<&Path> {
-        self.options.model.as_deref()
     }
 
     /// Threads of this rank.
@@ -157,53 +129,10 @@ impl Session {
     /// # Errors
     /// As [`Session::step`].
     pub fn advance(&mut self, fields: &[Field], checked: Result<()>) -> Result<()> {
-        let done = match &self.network {
-            Network::Moving(_) => self.advance_body(fields, checked),
-            Network::Fixed(_) => self.advance_cells(fields, checked),
-        };
+        let (comm, network) = (&self.comm, &mut self.stepper);
+        let done = self.host.step(comm, network, fields, checked, &mut self.result);
         self.stepped |= done.is_ok();
         done
-    }
-
-    /// As [`Session::advance`], of fields at cells.
-    fn advance_cells(&mut self, fields: &[Field], checked: Result<()>) -> Result<()> {
-        let gathered = checked.and_then(|()| self.gather(fields));
-        self.comm.agree(gathered)?;
-        let Network::Fixed(network) = &mut self.network else {
-            return Err(Error::Internal("a body on edges that stay".into()));
-        };
-        let computed = match &mut self.groups {
-            Some(groups) => groups.forward(&self.comm, &mut **network, &self.inputs, &mut self.outputs),
-            None => network.forward(&self.comm, &self.inputs, &mut self.outputs),
-        };
-        let computed = computed.and_then(|()| self.scatter(fields));
-        self.comm.agree(computed)
-    }
-
-    /// As [`Session::advance`], of the one field that a model of bodies has.
-    fn advance_body(&mut self, fields: &[Field], checked: Result<()>) -> Result<()> {
-        let name = &self.spec.fields[0].name;
-        let read = || -> Result<&[f64]> {
-            checked?;
-            let field = fields.iter().find(|f| f.name == name).ok_or_else(|| {
-                Error::Input(format!("input field '{name}' is missing; the model moves it"))
-            })?;
-            expect_shape(
-                name,
-                "cell",
-                true,
-                field.components,
-                field.cells.len(),
-                self.n_cells,
-            )?;
-            Ok(field.cells)
-        };
-        let cells = self.comm.agree(read())?;
-        self.result.copy_from_slice(cells);
-        match &mut self.network {
-            Network::Moving(moving) => moving.step(&self.comm, self.result.as_chunks_mut().0),
-            Network::Fixed(_) => Err(Error::Internal("a body on edges that stay".into())),
-        }
     }
 
     /// One step of a body: [`Session::set_obstacle`], then [`Session::step`] of the displacement of this rank's points,
@@ -236,12 +165,7 @@ impl Session {
     /// [`Error::Input`] for other lengths, or a session without body; [`Error::Numerical`] for values that are not
     /// finite.
     pub fn set_obstacle(&mut self, now: &[[f64; 3]], after: &[[f64; 3]]) -> Result<()> {
-        match &mut self.network {
-            Network::Moving(moving) => moving.set_obstacle(&self.comm, [now, after]),
-            Network::Fixed(_) => Err(Error::Input(
-                "the model is of fields at cells: it knows no obstacle that moves".into(),
-            )),
-        }
+        self.host.set_obstacle(&self.comm, [now, after])
     }
 
     /// Takes the displacement one stride before the next step, m: of this rank's points, and of the obstacle's points `[Q]`, of which
@@ -255,20 +179,12 @@ impl Session {
     /// [`Error::Input`] for other lengths, or a session without body; [`Error::Numerical`] for values that are not
     /// finite.
     pub fn set_before(&mut self, displacement: &[[f64; 3]], obstacle: &[[f64; 3]]) -> Result<()> {
-        match &mut self.network {
-            Network::Moving(moving) => moving.set_before(&self.comm, displacement, obstacle),
-            Network::Fixed(_) => Err(Error::Input(
-                "the model is of fields at cells: it reads nothing of the stride before".into(),
-            )),
-        }
+        self.host.set_before(&self.comm, displacement, obstacle)
     }
 
     /// What the contact projection did in the last step; none where [`SessionOptions::projection`] asks for none.
     pub fn projection(&self) -> Option<&ProjectionReport> {
-        match &self.network {
-            Network::Moving(moving) => moving.projection(),
-            Network::Fixed(_) => None,
-        }
+        self.host.projection()
     }
 
     /// In which respects the mesh, the solid and the fields of the last step lie outside of what the model was trained on, one
@@ -278,11 +194,7 @@ impl Session {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
-        // The displacement of a body goes in through its edges.
-        let (rows, carried, solid) = match &self.network {
-            Network::Moving(moving) => (moving.displacement(), true, Some(moving.solid())),
-            Network::Fixed(_) => (&self.inputs[..], false, self.options.solid.as_ref()),
-        };
+        let solid = self.host.solid().or(self.options.solid.as_ref());
         if !self.stepped {
             let case = Extent {
                 cell_size: self.cell_size,
@@ -292,15 +204,18 @@ impl Session {
             };
             return trained_on.outside(&case, self.spec.stride);
         }
-        let fields = self.spec.fields.iter().filter(|f| f.input || carried);
-        let width: usize = fields.clone().map(|f| f.components(self.spec.dim)).sum();
         let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
-        for field in fields {
-            let n = field.components(self.spec.dim);
+        let width = Components::new(&self.spec).count;
+        for field in &self.spec.fields {
+            let columns = column..column + field.components(self.spec.dim);
+            column = columns.end;
+            if !self.spec.reads(field) {
+                continue;
+            }
             // Largest of -x, x and |x|^2
             let mut largest = [f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0];
-            for row in rows.chunks_exact(width) {
-                let values = row[column..column + n].iter().map(|&x| f64::from(x));
+            for row in self.host.seen().chunks_exact(width) {
+                let values = row[columns.clone()].iter().map(|&x| f64::from(x));
                 largest[2] = values.clone().map(|x| x * x).sum::<f64>().max(largest[2]);
                 for x in values {
                     largest[0] = largest[0].max(-x);
@@ -315,7 +230,6 @@ impl Session {
                 field: field.name.clone(),
                 range: [-largest[0], largest[1]],
             });
-            column += n;
         }
         let case = Extent {
             cell_size: self.cell_size,
@@ -327,5 +241,7 @@ impl Session {
     }
 }
 
+#[cfg(test)]
+mod body_tests;
 #[cfg(test)]
 mod tests;

@@ -1,17 +1,14 @@
 //! How a session begins: model, graph, segments, network; and how it takes other weights.
 
-use super::groups::OnGroups;
-use super::moving::Moving;
-use super::{Backend, Network, Session, SessionOptions, case, faces_seen_as_their_cells};
+use super::{Backend, Session, SessionOptions, Stepper};
+use m4gn_domain::{Domain, HostOptions};
 use m4gn_engine::torch::TorchBackend;
-use m4gn_engine::{Engine, Forward, Precision, PrecisionChoice};
+use m4gn_engine::{Engine, Forward, PrecisionChoice};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{Model, ModelSpec, SegmentSpec, cell_size};
+use m4gn_model::Model;
 use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
 use std::path::Path;
 
 /// Reads a model on the root and hands it to all ranks. Collective; all ranks fail together.
@@ -29,21 +26,6 @@ pub fn read_model(comm: &Comm, path: &Path) -> Result<Model> {
 }
 
 impl Session {
-    /// Reads the model on the root, hands it to all ranks, and builds the session. Collective; all ranks fail
-    /// together.
-    ///
-    /// # Errors
-    /// [`Error::File`] for a model that cannot be used; otherwise as [`Session::new`].
-    pub fn open(comm: Comm, mesh: &Mesh, options: &SessionOptions) -> Result<Self> {
-        let path = options
-            .model
-            .as_deref()
-            .ok_or_else(|| Error::Input("model: expected the path of the model's file, found none".into()));
-        let path = comm.agree(path)?;
-        let model = read_model(&comm, path)?;
-        Self::new(comm, mesh, &model, options)
-    }
-
     /// Builds graph, modes and segments for a model. Collective; all ranks fail together.
     ///
     /// # Errors
@@ -52,83 +34,37 @@ impl Session {
     /// among them; [`Error::Numerical`] when the modes cannot be computed.
     pub fn new(comm: Comm, mesh: &Mesh, model: &Model, options: &SessionOptions) -> Result<Self> {
         let spec = &model.spec;
-        comm.agree(case::check(spec, mesh, options))?;
         let segment_spec = comm.agree(options.segment_spec(&spec.segments))?;
-        if let Some(contact) = spec.contact {
-            let (moving, (n_segments, cell_segment), cell_size) =
-                Moving::new(&comm, mesh, model, contact.radius, &segment_spec, options)?;
-            let n_cells = mesh.cell_global.len();
-            return Ok(Session {
-                comm,
-                directions: mesh.directions.clone(),
-                n_cells,
-                n_boundary: 0,
-                n_segments,
-                cell_segment,
-                segment_record: String::new(),
-                cell_size,
-                read_from_cells: Vec::new(),
-                network: Network::Moving(Box::new(moving)),
-                groups: None,
-                options: options.clone(),
-                segment_spec,
-                inputs: Vec::new(),
-                outputs: Vec::new(),
-                result: vec![0.0; n_cells * spec.n_outputs()],
-                stepped: false,
-                spec: spec.clone(),
-            });
-        }
-        let groups = OnGroups::new(mesh, options.resolution.of(spec.resolution), spec, &comm)?;
-        let nodes = network_nodes(mesh, groups.as_ref());
-        let preset = match spec.architecture.segment_transformer() {
-            Some(_) => preset(options.cell_segment.as_deref(), mesh.n_cells(), &comm),
-            None => None,
+        let hosted = HostOptions {
+            segments: &segment_spec,
+            resolution: options.resolution.of(spec.resolution),
+            labels: options.cell_segment.as_deref(),
+            projection: options.projection.as_ref(),
+            modes: &Modal(segment_spec.modal()),
         };
-        if groups.is_some() && spec.architecture.segment_transformer().is_some() && preset.is_none() {
-            enough(mesh, nodes, &segment_spec, &comm)?;
-        }
-        let (graph, segmentation) = cut(mesh, groups.as_ref(), spec, &segment_spec, preset, &comm)?;
-        let cell_segment = segmentation.as_ref().map_or(Vec::new(), |found| {
-            let labels = &found.node_segment[..nodes.n_cells()];
-            match &groups {
-                Some(groups) => groups.coarse.labels_of_cells(labels, &comm),
-                None => labels.to_vec(),
-            }
-        });
-        let mut handed_in = [i64::from(options.cell_segment.is_some())];
-        comm.max_i64(&mut handed_in);
-        let segment_record = match &segmentation {
-            Some(_) if handed_in[0] == 0 => {
-                segments::Record::new(mesh, &segment_spec, &cell_segment, &comm)?.text()?
-            }
-            _ => String::new(),
-        };
-        let cell_size = cell_size(nodes, &comm);
-        let network = fixed(model, &graph, segmentation.as_ref(), options, &comm)?;
-        let n_cells = mesh.n_cells();
+        let hosted = m4gn_domain::open(mesh, spec, &hosted, &comm)?;
+        let (host, structure) = (hosted.host, hosted.structure);
+        let network = network(model, host.domain(), &structure, options, &comm)?;
+        let n_cells = mesh.cell_global.len();
         Ok(Session {
-            comm,
             directions: mesh.directions.clone(),
             n_cells,
             n_boundary: mesh.boundary.len(),
-            n_segments: segmentation.as_ref().map_or(0, |s| s.count),
-            segment_record,
-            cell_size,
-            cell_segment,
-            read_from_cells: faces_seen_as_their_cells(mesh),
-            network: Network::Fixed(network),
-            groups,
+            n_segments: hosted.n_segments,
+            cell_segment: hosted.node_segment,
+            segment_record: hosted.segment_record,
+            cell_size: hosted.cell_size,
+            stepper: Stepper::new(host.domain(), &structure, spec, network),
+            host,
             options: SessionOptions {
                 cell_segment: None,
                 ..options.clone()
             },
             segment_spec,
-            inputs: vec![0.0; mesh.n_nodes() * spec.n_field_inputs()],
-            outputs: vec![0.0; n_cells * spec.n_outputs()],
             result: vec![0.0; n_cells * spec.n_outputs()],
             stepped: false,
             spec: spec.clone(),
+            comm,
         })
     }
 
@@ -140,14 +76,14 @@ impl Session {
     pub fn set_weights(&mut self, mesh: &Mesh, model: &Model) -> Result<()> {
         let comm = self.comm.clone();
         comm.agree(self.check_weights(mesh, model))?;
-        let labels = &self.cell_segment[..];
-        if let Network::Moving(moving) = &mut self.network {
-            return moving.set_weights(&comm, mesh, model, (&self.segment_spec, labels), &self.options);
+        let cut = (&self.segment_spec, &self.cell_segment[..]);
+        let mut structure = self.host.structure(&comm, mesh, &self.spec, cut)?;
+        if let Some(graph) = self.stepper.graph() {
+            structure.graph = graph.clone();
         }
-        let (groups, labels) = (self.groups.as_ref(), Some(labels));
-        let (graph, segmentation) = cut(mesh, groups, &self.spec, &self.segment_spec, labels, &comm)?;
-        let network = fixed(model, &graph, segmentation.as_ref(), &self.options, &comm)?;
-        self.network = Network::Fixed(network);
+        let network = network(model, self.host.domain(), &structure, &self.options, &comm)?;
+        self.stepper.set_network(network);
+        self.host.weights_changed();
         Ok(())
     }
 
@@ -155,7 +91,7 @@ impl Session {
         let (own, new) = (&self.spec, &model.spec);
         if self.options.backend != Backend::Native {
             return Err(Error::Input(
-                "weights that change need backend native: libtorch reads them from the model's file".into(),
+                "weights that change need backend native: libtorch keeps those that it began with".into(),
             ));
         }
         let same = (&own.fields, &own.architecture, &own.node_types)
@@ -169,109 +105,47 @@ impl Session {
     }
 }
 
-/// Whether there are as many groups as segments: there are fewer in a case that is far smaller than those of the training.
-fn enough(mesh: &Mesh, groups: &Mesh, segments: &SegmentSpec, comm: &Comm) -> Result<()> {
-    let mut total = [mesh.n_cells() as i64, groups.n_cells() as i64];
-    comm.sum_i64(&mut total);
-    let [cells, nodes] = total;
-    if segments.count as i64 <= nodes {
-        return Ok(());
-    }
-    Err(Error::Input(format!(
-        "the {cells} cells of this case are {nodes} nodes at the network's resolution, and it has {} segments: the case is \
-         far smaller than those that the model was trained on; if it shall be tried all the same, set resolution (off, or \
-         a shorter length in m) or segments {{ count }} in the dictionary",
-        segments.count
-    )))
-}
-
-/// What the network sees: groups, or the cells themselves.
-fn network_nodes<'a>(mesh: &'a Mesh, groups: Option<&'a OnGroups>) -> &'a Mesh {
-    groups.map_or(mesh, |groups| &groups.coarse.mesh)
-}
-
-/// The graph of the network's nodes and, where the model that `spec` describes has them, their segments, by the labels of
-/// the cells if there are any. Collective; all ranks fail together.
-fn cut(
-    mesh: &Mesh,
-    groups: Option<&OnGroups>,
-    spec: &ModelSpec,
-    segment_spec: &SegmentSpec,
-    labels: Option<&[i32]>,
-    comm: &Comm,
-) -> Result<(Graph, Option<Segmentation>)> {
-    let nodes = network_nodes(mesh, groups);
-    let mut graph = Graph::new(nodes, comm)?;
-    if spec.architecture.segment_transformer().is_none() {
-        return Ok((graph, None));
-    }
-    let of_groups = match (groups, labels) {
-        (Some(groups), Some(labels)) => Some(groups.labels(mesh, labels, comm)?),
-        _ => None,
-    };
-    let labels = of_groups.as_deref().or(labels);
-    let modes = Modal(segment_spec.modal());
-    let mut segmentation = segments::segment(nodes, &mut graph, segment_spec, &modes, comm, labels)?;
-    segmentation.encode(spec, nodes, comm);
-    Ok((graph, Some(segmentation)))
-}
-
-/// The network on edges that stay. Collective.
-fn fixed(
+/// The network of a session. Collective; all ranks fail together.
+fn network(
     model: &Model,
-    graph: &Graph,
-    segments: Option<&Segmentation>,
+    domain: &dyn Domain,
+    structure: &Structure,
     options: &SessionOptions,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
     let precision = options.precision.agreed(model.spec.precision_of_runs(), comm);
-    comm.agree(network(model, graph, segments, options, precision, comm))
+    let made = || -> Result<Box<dyn Forward>> {
+        match &options.backend {
+            Backend::Native => {
+                let options = options.engine(precision, domain);
+                Ok(Box::new(Engine::new(model, structure, &options)?))
+            }
+            Backend::Torch(_) if domain.moves() => Err(Error::Input(
+                "backend torch: a body's edges change with every step; use backend native".into(),
+            )),
+            Backend::Torch(device) => on_torch(model, structure, options, device.as_deref(), comm),
+        }
+    };
+    comm.agree(made())
 }
 
-fn network(
+fn on_torch(
     model: &Model,
-    graph: &Graph,
-    segments: Option<&Segmentation>,
+    structure: &Structure,
     options: &SessionOptions,
-    precision: Precision,
+    device: Option<&str>,
     comm: &Comm,
 ) -> Result<Box<dyn Forward>> {
-    match &options.backend {
-        Backend::Native => {
-            let options = options.engine(precision);
-            Ok(Box::new(Engine::new(model, graph, segments, &options)?))
-        }
-        Backend::Torch(device) => {
-            if options.precision == PrecisionChoice::Bf16 {
-                return Err(Error::Input(
-                    "precision bf16: backend torch computes in fp32; use backend native".into(),
-                ));
-            }
-            let path = options.model.as_deref();
-            let path = path.ok_or_else(|| Error::Input("backend torch needs the model's file".into()))?;
-            let lengths = (
-                graph.n_owned * model.spec.n_field_inputs(),
-                graph.n_cells * model.spec.n_outputs(),
-            );
-            Ok(Box::new(TorchBackend::new(
-                path,
-                graph,
-                segments,
-                lengths,
-                device.as_deref(),
-                comm,
-            )?))
-        }
+    if options.precision == PrecisionChoice::Bf16 {
+        return Err(Error::Input(
+            "precision bf16: backend torch computes in fp32; use backend native".into(),
+        ));
     }
-}
-
-/// The labels handed in. A rank without cells has labels, none, exactly if another rank has some. Collective.
-fn preset<'a>(labels: Option<&'a [i32]>, n_cells: usize, comm: &Comm) -> Option<&'a [i32]> {
-    let mut any = [i64::from(labels.is_some())];
-    comm.max_i64(&mut any);
-    if n_cells > 0 {
-        labels
-    } else {
-        (any[0] != 0).then_some(&[])
-    }
+    let (graph, spec) = (&structure.graph, &model.spec);
+    let lengths = (
+        graph.n_owned * spec.n_field_inputs(),
+        graph.n_cells * spec.n_outputs(),
+    );
+    let backend = TorchBackend::new(model, structure, lengths, device, comm)?;
+    Ok(Box::new(backend))
 }

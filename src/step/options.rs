@@ -1,11 +1,11 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
-use m4gn_contact::projection::ProjectionOptions;
+use m4gn_domain::Domain;
+use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
 
 /// Most threads a rank may be given: a larger number is a slip of the pen.
 const MAX_THREADS: usize = 1024;
@@ -60,8 +60,6 @@ impl From<Backend> for String {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SessionOptions {
-    /// File of the model. [`crate::Session::open`] and the torch backend read it.
-    pub model: Option<PathBuf>,
     /// What runs the network.
     pub backend: Backend,
     /// Threads of this rank.
@@ -88,7 +86,6 @@ pub struct SessionOptions {
 impl Default for SessionOptions {
     fn default() -> Self {
         SessionOptions {
-            model: None,
             backend: Backend::default(),
             n_threads: 1,
             precision: PrecisionChoice::default(),
@@ -131,8 +128,7 @@ impl SessionOptions {
         self.projection.map_or(Ok(()), |p| p.check())
     }
 
-    /// What all ranks must be given alike, a line for each entry: not the threads of a rank, its device, or the folder
-    /// in which it finds the model.
+    /// What all ranks must be given alike, a line for each entry: not the threads of a rank or its device.
     ///
     /// # Errors
     /// [`Error::Internal`] if they cannot be written as JSON.
@@ -142,20 +138,16 @@ impl SessionOptions {
         if let Backend::Torch(device) = &mut alike.backend {
             *device = None;
         }
-        alike.model = self
-            .model
-            .as_ref()
-            .and_then(|path| path.file_name())
-            .map(PathBuf::from);
         settings::lines(&alike)
     }
 
     /// What the native engine is made with.
-    pub(super) fn engine(&self, precision: Precision) -> EngineOptions {
+    pub(super) fn engine(&self, precision: Precision, domain: &dyn Domain) -> EngineOptions {
         EngineOptions {
             n_threads: self.n_threads,
             precision,
             isa: self.isa,
+            edges_move: domain.moves(),
             ..EngineOptions::default()
         }
     }

@@ -1,9 +1,11 @@
 //! Sessions on sample meshes, in serial.
 
 use super::*;
-use m4gn_mesh::{Mesh, NodeType, sample};
-use m4gn_model::sample::spec;
+use m4gn_mesh::Error;
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{FieldSpec, Kind, Model, ModelSpec, Output, SegmentEntries};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::model::spec;
 
 fn entries(name: &str, value: impl Into<serde_json::Value>) -> SegmentEntries {
     let mut entries = SegmentEntries::default();
@@ -76,7 +78,7 @@ fn changes_are_added_and_values_replace() {
     let (done, u, p) = step(&mut s, &state);
     done.unwrap();
     for cell in 0..s.n_cells() {
-        let y = &s.outputs[3 * cell..3 * cell + 3];
+        let y = &s.stepper.outputs()[3 * cell..3 * cell + 3];
         assert_eq!(u[3 * cell], state.u[3 * cell] + y[0] as f64);
         assert_eq!(u[3 * cell + 1], state.u[3 * cell + 1] + y[1] as f64);
         assert_eq!(u[3 * cell + 2], 7.0, "a component that is not solved was touched");

@@ -7,12 +7,13 @@ use super::report::Report;
 use super::widen;
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
+use m4gn_domain::Kind;
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
 use m4gn_learn::samples::Sample;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Extent, FieldSpec, ModalOperator, Model, ModelSpec, SegmentSpec, TrainedOn};
+use m4gn_model::{Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -233,17 +234,11 @@ fn check_memory(spec: &ModelSpec) -> Result<()> {
 
 /// Whether the trajectory is of the kind, at cells or at points, that the configuration is for.
 fn check_kind(trajectory: &Trajectory, config: &Config) -> Result<()> {
-    let message = match (trajectory.body(), &config.contact) {
-        (Some(_), None) => {
-            "is a trajectory at points (a deforming body): give the configuration a table [contact] with a radius"
-        }
-        (None, Some(_)) => {
-            "is a trajectory at cells: [contact] is for deforming bodies at points; leave the table out, or give a folder \
-             with trajectories at points only"
-        }
-        _ => return Ok(()),
-    };
-    Err(Error::file(trajectory.path(), message))
+    let kind = Kind::of_mesh(trajectory.mesh());
+    match kind == Kind::of_contact(config.contact) {
+        true => Ok(()),
+        false => Err(Error::file(trajectory.path(), kind.asks_of_configuration())),
+    }
 }
 
 /// Whether a trajectory has the fields, the directions and the frame interval that the first one promised.
@@ -287,11 +282,7 @@ fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
             output: wanted.output,
         })
     });
-    let operator = match first.body() {
-        Some(_) => config.segments.operator,
-        None if config.segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
-        None => Some(ModalOperator::Laplacian),
-    };
+    let operator = Kind::of_mesh(mesh).operator(mesh, &config.segments)?;
     Ok(ModelSpec {
         format: 1,
         dim: mesh.dim(),

@@ -16,14 +16,18 @@ mod ranges;
 pub mod recorded;
 mod report;
 pub mod request;
-#[doc(hidden)]
-pub mod sample;
 mod start;
 #[cfg(test)]
 mod tests;
 mod trainer;
 mod validation;
 mod widen;
+
+#[cfg(test)]
+extern crate self as m4gn_train;
+#[cfg(test)]
+#[path = "../../tests/samples/training.rs"]
+pub mod sample;
 
 pub use request::Request;
 pub use trainer::{Task, train};

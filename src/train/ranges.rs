@@ -21,8 +21,7 @@ impl Ranges {
         for field in &spec.fields {
             let columns = width..width + field.components(spec.dim);
             width = columns.end;
-            // The displacement of a body goes in through its edges.
-            if field.input || spec.contact.is_some() {
+            if spec.reads(field) {
                 let range = InputRange {
                     field: field.name.clone(),
                     range: [f64::INFINITY, f64::NEG_INFINITY],

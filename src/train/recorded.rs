@@ -3,11 +3,10 @@
 
 use super::ranges::{Ranges, solid};
 use m4gn_data::{States, Trajectory};
-use m4gn_learn::Copies;
-use m4gn_learn::samples::{FrameSource, Sample, see_as_cells};
+use m4gn_domain::{faces_seen_as_their_cells, see_as_cells};
+use m4gn_learn::samples::{FrameSource, Sample};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, ModelSpec};
-use m4gn_step::faces_seen_as_their_cells;
 use std::sync::Arc;
 
 /// A trajectory and the fields of it that a model has.
@@ -59,7 +58,13 @@ impl Recorded {
             }
             first += n;
         }
-        see_as_cells(&self.as_cells, &self.fields, self.dim, mesh.n_cells(), &mut all);
+        see_as_cells(
+            &self.as_cells,
+            &self.fields,
+            self.dim,
+            mesh.cell_global.len(),
+            &mut all,
+        );
         Ok(all)
     }
 }
@@ -86,36 +91,27 @@ pub fn read(trajectory: &Trajectory, spec: &ModelSpec) -> Result<Sample> {
 /// As [`read`].
 pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Result<Sample> {
     let mesh = trajectory.mesh();
-    let made = match trajectory.body() {
-        Some(body) => Sample::of_body(body, trajectory.obstacle(), spec, None),
-        None => Sample::of_mesh(mesh, spec, &spec.segments, spec.resolution, None),
-    };
+    let made = Sample::of_mesh(mesh, spec, &spec.segments, spec.resolution, None);
     let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
     sample.n_frames = trajectory.times().len();
     let recorded = Recorded::new(trajectory, spec);
     let keep = sample.frame_bytes() <= room;
     let mut frames = Vec::new();
     if keep {
-        frames.reserve_exact(sample.n_frames * sample.graph.n_owned * sample.width);
+        frames.reserve_exact(sample.n_frames * sample.structure.graph.n_owned * sample.width);
     }
-    let nodes = sample.coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
-    let (mut copies, mut ranges) = (Copies::new(nodes, spec), Ranges::new(spec));
+    let mut ranges = Ranges::new(spec);
     let states = recorded.open()?;
     for number in 0..sample.n_frames {
         let frame = sample.at_nodes(recorded.read(&states, number)?);
-        copies.see(&frame);
-        ranges.see(match &sample.contact {
-            Some(_) => &frame[..sample.n_cells() * sample.width],
-            None => &frame,
-        });
+        sample.domain.boundary_mut().see(&frame);
+        ranges.see(sample.domain.ranging(&frame));
         if keep {
             frames.extend(frame);
         }
     }
     drop(states);
-    let mut found = vec![false; sample.copies.len()];
-    copies.mark(&mut found);
-    sample.copies = found;
+    sample.domain.boundary_mut().settle();
     sample.extent = Some(ranges.extent(sample.cell_size, solid(trajectory)?));
     sample.frames = frames;
     sample.source = match keep {

@@ -42,7 +42,7 @@ fn frames_that_stay_on_disk_give_the_same_weights_bit_for_bit() {
 #[test]
 fn a_file_that_vanishes_is_named_by_the_step_that_needs_it() {
     let folder = data();
-    let spec = m4gn_model::sample::spec();
+    let spec = m4gn_samples::model::spec();
     let path = folder.path().join("data/000.h5");
     let sample = super::read_within(&m4gn_data::Trajectory::open(&path).unwrap(), &spec, 0).unwrap();
     let sample = std::sync::Arc::new(sample);

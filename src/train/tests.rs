@@ -405,7 +405,7 @@ const BODY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.
 #[test]
 fn a_body_is_read_as_a_flow_is() {
     let trajectory = m4gn_data::Trajectory::open(BODY).unwrap();
-    let mut spec = m4gn_model::sample::bodies();
+    let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 2;
     spec.segments.modes = 1;
     let sample = recorded::read(&trajectory, &spec).unwrap();
@@ -418,17 +418,20 @@ fn a_body_is_read_as_a_flow_is() {
         [&displacement[..], motion.as_flattened()].concat()
     );
     assert_eq!(
-        sample.held.as_ref().unwrap().iter().filter(|h| **h).count(),
+        (0..12).filter(|&p| sample.domain.is_held(p)).count(),
         4,
         "points of the handle"
     );
-    assert!(sample.contact.is_some() && !sample.copies.contains(&true));
+    assert!(sample.domain.moves() && !sample.domain.boundary().follows().contains(&true));
     let streamed = recorded::read_within(&trajectory, &spec, 4 * 38 * 3 * 4 - 1).unwrap();
     assert!(streamed.is_streamed() && streamed.frames.is_empty() && !sample.is_streamed());
     for frame in 0..4 {
         assert_eq!(streamed.frame(frame).unwrap(), sample.frame(frame).unwrap());
     }
-    assert_eq!(streamed.copies, sample.copies);
+    assert_eq!(
+        streamed.domain.boundary().follows(),
+        sample.domain.boundary().follows()
+    );
 }
 
 #[test]
@@ -464,7 +467,7 @@ fn contact_on_flows_is_refused_with_what_to_leave_out() {
 #[test]
 fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
     let folder = data();
-    let spec = m4gn_model::sample::spec();
+    let spec = m4gn_samples::model::spec();
     let path = folder.path().join("data/000.h5");
     let read = || recorded::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();
     let mut fast = read();

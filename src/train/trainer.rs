@@ -110,7 +110,11 @@ pub fn train(
         "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate (RMSE-50 over {} s); {}{}",
         layout.len(),
         work.train.len(),
-        work.train.iter().map(|s| s.graph.n_owned).max().unwrap_or(0),
+        work.train
+            .iter()
+            .map(|s| s.structure.graph.n_owned)
+            .max()
+            .unwrap_or(0),
         work.train.iter().map(|s| s.n_frames).max().unwrap_or(0),
         work.valid.len(),
         number(

@@ -2,6 +2,7 @@
 
 use crate::validate::{Scene, fits, predicted, stepper};
 use m4gn_data::Trajectory;
+use m4gn_domain::Kind;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, Model, RolloutErrors};
@@ -68,7 +69,7 @@ pub fn rollouts(
 /// What may be carried on of a correction ([`Calibration::carried`]): 0, nothing, first. Of bodies, unless their model reads itself what the
 /// stride before changed; else none.
 pub fn carried(model: &Model) -> &'static [f64] {
-    match model.spec.contact.is_some() && !model.spec.has_history() {
+    match Kind::of_model(&model.spec).moves() && !model.spec.has_history() {
         true => &[0.0, 0.5, 0.8, 0.9, 0.95],
         false => &[],
     }
@@ -126,7 +127,7 @@ mod tests {
     /// The calibration says three strides of U and of a field that the model does not predict; the rollouts have two.
     #[test]
     fn lengths_that_no_rollout_has_are_not_covered_or_not() {
-        let spec = m4gn_model::sample::spec();
+        let spec = m4gn_samples::model::spec();
         let name = predicted(&spec.fields)[0].name.clone();
         let model = Model::random(spec, 1).unwrap();
         let growth = |field: String| m4gn_model::Growth {

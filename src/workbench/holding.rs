@@ -2,9 +2,9 @@
 
 use crate::errors::SquaredError;
 use crate::validate::{Pace, Scene};
-use m4gn_contact::gap::Gap;
-use m4gn_contact::quality::Quality;
 use m4gn_data::Trajectory;
+use m4gn_domain::body::gap::Gap;
+use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, Output};
 

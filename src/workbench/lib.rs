@@ -1,5 +1,15 @@
-//! What is done with models and trajectories outside of a solver: validation, comparison of runs, surveys of segments,
-//! generators of training data, hybrid runs of many cases, benchmarks, and what the reports of all of them say.
+//! What is done with models and trajectories outside of a solver: six tools, a module each.
+//!
+//! | module | tool | its way in |
+//! | --- | --- | --- |
+//! | [`validate`], [`calibrate`] | a model on recorded trajectories, beside its baselines | [`validate::run`], [`calibrate::rollouts`] |
+//! | [`compare`] | two runs of a case: fields, forces, motion, times | [`compare::compare`] |
+//! | [`hybrid`] | many cases, each with and without surrogate | [`hybrid::run`] |
+//! | [`generate`] | training data | [`generate::queue::Queue::run`] |
+//! | [`survey`] | segments of a mesh | [`survey::Survey::run`] |
+//! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
+//!
+//! They share [`errors`] of fields, [`signal`] (spectra and statistics), digests of inputs, and [`foam_case`], OpenFOAM's cases.
 
 pub mod bench;
 pub mod calibrate;

@@ -19,7 +19,7 @@ int main(void)
     failed += m4gn_options_check("session", "{\"segmnets\": {}}") != M4GN_ERROR_INPUT;
     failed += strstr(m4gn_last_error(), "segmnets: unknown entry") == NULL;
 
-    failed += m4gn_session_new(M4GN_NO_MPI, NULL, "{}", NULL, &session) != M4GN_ERROR_INPUT;
+    failed += m4gn_session_new(M4GN_NO_MPI, NULL, NULL, "{}", NULL, &session) != M4GN_ERROR_INPUT;
     failed += session != NULL;
     failed += strstr(m4gn_last_error(), "mesh") == NULL;
 

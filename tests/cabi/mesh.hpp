@@ -23,10 +23,10 @@
         }                                                                                           \
     } while (false)
 
-// Settings of a session with this model, and more entries.
-inline std::string settings(const std::string& model, const std::string& more = "")
+// Settings with these entries.
+inline std::string settings(const std::string& entries)
 {
-    return "{\"model\": " + m4gn::quoted(model) + (more.empty() ? "" : ", " + more) + "}";
+    return "{" + entries + "}";
 }
 
 class Channel

@@ -182,7 +182,7 @@ Learned learn(int32_t comm, const Beam& beam)
     };
     // Away from the beam.
     const std::vector<double> still(18, 0);
-    m4gn::Session session(comm, beam.data, settings(model));
+    m4gn::Session session(comm, beam.data, m4gn::Model(comm, model));
     const auto ahead = [&]
     {
         auto D = bent(20);
@@ -240,13 +240,14 @@ int main(int argc, char** argv)
     MPI_Comm_size(MPI_COMM_WORLD, &size);
     const int32_t comm = MPI_Comm_c2f(MPI_COMM_WORLD);
 
-    const auto options = settings(model, R"("projection": {})");
+    const auto options = settings(R"("projection": {})");
+    const m4gn::Model opened(comm, model);
     for (const int beams : {1, 2})
     {
         double gapSerial = 0, gap = 0, betweenSerial = 0, between = 0;
         Beam whole(0, 1, beams), part(rank, size, beams);
-        m4gn::Session serial(M4GN_NO_MPI, whole.data, options);
-        m4gn::Session session(comm, part.data, options);
+        m4gn::Session serial(M4GN_NO_MPI, whole.data, opened, options);
+        m4gn::Session session(comm, part.data, opened, options);
         REQUIRE(serial.nSegments() == 24 && session.nSegments() == 24);
         const auto all = serial.segments(whole.n()), mine = session.segments(part.n());
         const auto expected = run(serial, whole.n(), gapSerial, betweenSerial);
@@ -322,7 +323,7 @@ int main(int argc, char** argv)
     // What a host may get wrong.
     std::string message;
     Beam part(rank, size);
-    m4gn::Session session(comm, part.data, options);
+    m4gn::Session session(comm, part.data, opened, options);
     std::vector<double> D(3*part.n() + 1, 0);
     const auto step = [&]
     {
@@ -351,8 +352,8 @@ int main(int argc, char** argv)
 
     const auto refused = [&](m4gn_mesh_data data, const std::string& projection, const std::string& words)
     {
-        const auto other = settings(model, "\"projection\": " + projection);
-        REQUIRE(failure(message, [&] { m4gn::Session(comm, data, other); }) > 0);
+        const auto other = settings("\"projection\": " + projection);
+        REQUIRE(failure(message, [&] { m4gn::Session(comm, data, opened, other); }) > 0);
         if (!contains(message, words))
         {
             std::fprintf(stderr, "expected '%s' in '%s'\n", words.c_str(), message.c_str());

@@ -14,17 +14,16 @@ const std::string model = std::string(M4GN_TEST_DATA) + "/small.safetensors";
 double differenceFromSerial(int rank, int size, int32_t comm)
 {
     const int nx = 9, ny = 5;
-    const auto options = settings(model);
 
     Channel whole(nx, ny);
     Fields expected(whole);
-    m4gn::Session serial(M4GN_NO_MPI, whole.data, options);
+    m4gn::Session serial(M4GN_NO_MPI, whole.data, m4gn::Model(M4GN_NO_MPI, model));
     serial.step(expected.in(), expected.out());
     const auto segments = serial.segments(whole.nCells());
 
     Channel part(nx, ny, rank, size);
     Fields found(part);
-    m4gn::Session session(comm, part.data, options);
+    m4gn::Session session(comm, part.data, m4gn::Model(comm, model));
     REQUIRE(session.nSegments() == serial.nSegments());
     session.step(found.in(), found.out());
     const auto mine = session.segments(part.nCells());
@@ -54,7 +53,7 @@ void ranksAgree(int rank, int size, int32_t comm)
     Fields fields(part);
     const auto before = fields;
     std::string message;
-    m4gn::Session session(comm, part.data, settings(model));
+    m4gn::Session session(comm, part.data, m4gn::Model(comm, model));
     const int culprit = size - 1;
 
     auto in = fields.in();
@@ -74,8 +73,7 @@ void ranksAgree(int rank, int size, int32_t comm)
     session.step(fields.in(), fields.out());
 
     // The root alone reads the model.
-    const auto missing = settings("/no/such/model");
-    status = failure(message, [&] { m4gn::Session(comm, part.data, missing); });
+    status = failure(message, [&] { m4gn::Model(comm, "/no/such/model"); });
     REQUIRE(status == (rank == 0 ? M4GN_ERROR_FILE : M4GN_ERROR_OTHER_RANK));
     REQUIRE(contains(message, "/no/such/model"));
 
@@ -83,7 +81,7 @@ void ranksAgree(int rank, int size, int32_t comm)
     {
         part.boundaryType[0] = 99;
     }
-    status = failure(message, [&] { m4gn::Session(comm, part.data, settings(model)); });
+    status = failure(message, [&] { m4gn::Session(comm, part.data, m4gn::Model(comm, model)); });
     REQUIRE(status == (rank == culprit ? M4GN_ERROR_MESH : M4GN_ERROR_OTHER_RANK));
 }
 

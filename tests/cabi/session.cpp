@@ -15,7 +15,7 @@ const std::string model = std::string(M4GN_TEST_DATA) + "/small.safetensors";
 void steps()
 {
     Channel mesh(6, 4);
-    m4gn::Session session(M4GN_NO_MPI, mesh.data, settings(model));
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
 
     REQUIRE(session.stride() == 0.01);
     REQUIRE(session.nSegments() == 4);
@@ -53,19 +53,50 @@ void steps()
     REQUIRE(change > 1e-3);
 
     // Separate arrays, and segments handed in, give the same.
-    m4gn::Session again(M4GN_NO_MPI, mesh.data, settings(model, R"("n_threads": 2)"), segments.data());
+    m4gn::Session again(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(R"("n_threads": 2)"), segments.data());
     Fields fields2(mesh);
     again.step(before.in(), fields2.out());
     REQUIRE(fields2.U == fields1.U && fields2.p == fields1.p);
 }
 
-void refusesModels()
+// A run is of the model that it began with: the file is another one, and then gone, while sessions are made and learn.
+void readsTheModelOnce()
 {
     Channel mesh(6, 4);
+    const std::string path = "replaced.safetensors";
+    std::ofstream(path, std::ios::binary) << std::ifstream(model, std::ios::binary).rdbuf();
+    const m4gn::Model opened(M4GN_NO_MPI, path);
+    const auto step = [&]
+    {
+        m4gn::Session session(M4GN_NO_MPI, mesh.data, opened);
+        Fields fields(mesh);
+        session.step(fields.in(), fields.out());
+        return fields.U;
+    };
+    const auto before = step();
+    std::ofstream(path, std::ios::binary) << "another file";
+    REQUIRE(step() == before);
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, opened);
+    std::remove(path.c_str());
+    REQUIRE(step() == before);
+    REQUIRE(opened.elasticModes() == 0);
+
+    m4gn_ride_step start{};
+    start.delta_t = 0.002;
+    m4gn::Ride ride(session, mesh.data, R"({"mode": "observe", "adapt": {"mode": "before"}})", start);
+    Fields fields(mesh);
+    start.time = start.delta_t;
+    start.index = 1;
+    ride.solved(start);
+    REQUIRE(ride.decide(fields.in()).action == M4GN_RIDE_SOLVE);
+}
+
+void refusesModels()
+{
     std::string message;
     const auto open = [&](const std::string& path)
     {
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(path)); });
+        return failure(message, [&] { m4gn::Model(M4GN_NO_MPI, path); });
     };
     REQUIRE(open("/no/such/model.safetensors") == M4GN_ERROR_FILE);
     REQUIRE(contains(message, "/no/such/model.safetensors") && contains(message, "No such file"));
@@ -82,8 +113,12 @@ void refusesModels()
     std::remove(damaged.c_str());
 
     REQUIRE(open("") == M4GN_ERROR_FILE);
-    REQUIRE(failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, "{}"); }) == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "model"));
+    REQUIRE(open("/") == M4GN_ERROR_FILE);
+    REQUIRE(contains(message, "a folder"));
+    Channel mesh(6, 4);
+    m4gn_session* session = nullptr;
+    REQUIRE(m4gn_session_new(M4GN_NO_MPI, &mesh.data, nullptr, "{}", nullptr, &session) == M4GN_ERROR_INPUT);
+    REQUIRE(!session && contains(m4gn_last_error(), "model"));
 }
 
 void refusesOptions()
@@ -92,7 +127,7 @@ void refusesOptions()
     std::string message;
     const auto with = [&](const std::string& more)
     {
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(model, more)); });
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(more)); });
     };
     const auto segments = [&](const std::string& entries) { return with("\"segments\": {" + entries + "}"); };
     REQUIRE(segments(R"("count": 25)") == M4GN_ERROR_INPUT);
@@ -117,16 +152,16 @@ void refusesOptions()
     REQUIRE(segments(R"("modal_solver": "abacus")") == M4GN_ERROR_INPUT);
     REQUIRE(segments(R"("method": "slic-mdodl", "obstacles": ["ball", "stick"])") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "ball, stick: expected some of the patches"));
-    REQUIRE(with(R"("model": "another")") == M4GN_ERROR_FILE);
+    REQUIRE(with(R"("model": "another")") == M4GN_ERROR_INPUT);
     REQUIRE(with("nothing") == M4GN_ERROR_INPUT);
     const std::vector<int32_t> labels(24, 9);
-    const auto given = [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(model), labels.data()); };
+    const auto given = [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), "{}", labels.data()); };
     REQUIRE(failure(message, given) == M4GN_ERROR_INPUT);
 
     // The same without a session.
-    m4gn::checkOptions("session", settings(model, R"("segments": {"count": 9})"));
-    REQUIRE(failure(message, [&] { m4gn::checkOptions("session", R"({"modle": "a"})"); }) == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "modle: unknown entry") && contains(message, "is model meant?"));
+    m4gn::checkOptions("session", settings(R"("segments": {"count": 9})"));
+    REQUIRE(failure(message, [&] { m4gn::checkOptions("session", R"({"bakcend": "a"})"); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "bakcend: unknown entry") && contains(message, "is backend meant?"));
 }
 
 void refusesMeshes()
@@ -136,7 +171,7 @@ void refusesMeshes()
     {
         Channel mesh(6, 4);
         change(mesh);
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, settings(model)); });
+        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)); });
     };
     REQUIRE(with([](Channel& m) { m.data.n_cells = -1; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](Channel& m) { m.data.cell_centres = nullptr; }) == M4GN_ERROR_INPUT);
@@ -159,14 +194,14 @@ void refusesMeshes()
     REQUIRE(contains(message, "patch_names[1]"));
     // A communicator where there is no MPI.
     Channel mesh(6, 4);
-    REQUIRE(failure(message, [&] { m4gn::Session(0, mesh.data, settings(model)); })
+    REQUIRE(failure(message, [&] { m4gn::Session(0, mesh.data, m4gn::Model(M4GN_NO_MPI, model)); })
         == M4GN_ERROR_INPUT);
 }
 
 void refusesFields()
 {
     Channel mesh(6, 4);
-    m4gn::Session session(M4GN_NO_MPI, mesh.data, settings(model));
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
     std::string message;
     const auto with = [&](void (*change)(std::vector<m4gn_field>&, std::vector<m4gn_field_out>&))
     {
@@ -211,6 +246,7 @@ int main()
     feenableexcept(traps);
     steps();
     REQUIRE(fegetexcept() == traps);
+    readsTheModelOnce();
     refusesModels();
     refusesOptions();
     refusesMeshes();

@@ -415,6 +415,7 @@ FORWARD(m4gn_ride_handed_back,
 FORWARD(m4gn_ride_save, (m4gn_ride * ride, const char* path), (ride, path))
 FORWARD(m4gn_ride_load, (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer),
     (ride, path, now, answer))
+FORWARD(m4gn_ride_host, (const char* path, char* text, int32_t size), (path, text, size))
 FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t index, double* cells), (ride, index, cells))
 
 const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind)

@@ -6,19 +6,19 @@ use crate::host::*;
 use crate::{place, read_all, root};
 use m4gn::{CsrData, FieldData, FieldOut, RecorderField};
 use m4gn_mesh::parallel::NO_MPI;
-use m4gn_mesh::sample;
-use m4gn_modes::fem::sample::{Flat, Kind, block, rectangle};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::points::{Flat, Kind, block, rectangle};
 use serde_json::json;
 use std::ffi::{CStr, CString};
 use std::ptr::null;
 
 #[test]
 fn session_arguments() {
-    let model = root().join("tests/cabi/small.safetensors");
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
     fuzz("session", |r| {
         let h = host(r);
         let labels: Vec<i32> = (0..n_cells(&h)).map(|_| label(r)).collect();
-        let mut o = json!({ "model": model, "segments": {} });
+        let mut o = json!({ "segments": {} });
         let mut cell_segment = null();
         let s = &mut o["segments"];
         match r.below(16) {
@@ -46,7 +46,7 @@ fn session_arguments() {
         let mut session = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
-            if m4gn_session_new(NO_MPI, &h.data, o.as_ptr(), cell_segment, &mut session) == 0 {
+            if m4gn_session_new(NO_MPI, &h.data, model, o.as_ptr(), cell_segment, &mut session) == 0 {
                 let (n, b) = (h.data.n_cells as usize, h.data.n_boundary as usize);
                 let value = if r.below(2) == 0 { 0.5 } else { r.real() };
                 let (cells, faces) = (vec![value; 3 * n], vec![value; 3 * b]);
@@ -77,6 +77,8 @@ fn session_arguments() {
         }
         size(&h)
     });
+    // SAFETY: freed once.
+    unsafe { m4gn_model_free(model) };
 }
 
 fn label(r: &mut Random) -> i32 {
@@ -109,7 +111,14 @@ fn stored_segments() {
         let mut segments = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
-            m4gn_segments_new(NO_MPI, &h.data, settings.as_ptr(), cell_segment, &mut segments);
+            m4gn_segments_new(
+                NO_MPI,
+                &h.data,
+                none(),
+                settings.as_ptr(),
+                cell_segment,
+                &mut segments,
+            );
             not_internal();
             m4gn_segments_free(segments);
         }
@@ -122,6 +131,7 @@ fn stored_segments() {
 fn stored_segments_and_their_record() {
     let (good, record) = cut();
     let entries = json!({ "method": "slic-md", "count": 4, "modes": 3 });
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
     fuzz("fit", |r| {
         let h = host(r);
         let mut settings = json!({ "segments": entries });
@@ -129,10 +139,9 @@ fn stored_segments_and_their_record() {
             0 => settings["segments"]["count"] = r.integer().into(),
             1 => settings["segments"]["tau"] = r.real().into(),
             2 => settings["segments"]["obstacles"] = json!([r.pick(&["wall", "", "left"])]),
-            3 => settings["model"] = root().join("tests/cabi/small.safetensors").to_str().into(),
-            4 => settings["model"] = "/nowhere/other.safetensors".into(),
             _ => (),
         }
+        let of = if r.below(8) == 0 { model } else { none() };
         let settings = settings_as_text(&settings, r);
         let mut labels = good.clone();
         labels.resize(n_cells(&h), 0);
@@ -157,6 +166,7 @@ fn stored_segments_and_their_record() {
             m4gn_segments_fit(
                 NO_MPI,
                 &h.data,
+                of,
                 settings.as_ptr(),
                 labels,
                 stored,
@@ -184,6 +194,8 @@ fn stored_segments_and_their_record() {
         );
         size(&h) + text.as_bytes().len()
     });
+    // SAFETY: freed once.
+    unsafe { m4gn_model_free(model) };
 }
 
 /// Good labels of a good mesh, and their record.
@@ -194,7 +206,7 @@ fn cut() -> (Vec<i32>, Vec<u8>) {
     let mut segments = none();
     // SAFETY: arrays of the lengths that the counts say; the record lives as long as the segments.
     unsafe {
-        let made = m4gn_segments_new(NO_MPI, &h.data, settings.as_ptr(), null(), &mut segments);
+        let made = m4gn_segments_new(NO_MPI, &h.data, none(), settings.as_ptr(), null(), &mut segments);
         assert_eq!(made, 0, "{}", message());
         m4gn_segments_cells(segments, labels.as_mut_ptr());
         let record = CStr::from_ptr(m4gn_segments_record(segments)).to_bytes().to_vec();

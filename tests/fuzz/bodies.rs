@@ -30,14 +30,15 @@ fn counted(n: usize, r: &mut Random) -> i32 {
 #[test]
 fn bodies_at_points() {
     let (_folder, path) = place("body.safetensors");
-    let paths = [0, 1].map(|history| {
+    let models = [0, 1].map(|history| {
         let path = path.with_extension(format!("{history}"));
         body_model(history).write(&path).unwrap();
-        path
+        open_model(path)
     });
     fuzz("body", |r| {
         let h = body_host(r);
-        let mut o = json!({ "model": r.pick(&paths) });
+        let model = *r.pick(&models);
+        let mut o = json!({});
         // Mostly what makes a session, so that there is one to be given the rest.
         match r.below(20) {
             0 => o["projection"] = json!({ "radius": r.real() }),
@@ -54,7 +55,7 @@ fn bodies_at_points() {
         let mut session = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
-            if m4gn_session_new(NO_MPI, &h.data, o.as_ptr(), null(), &mut session) == 0 {
+            if m4gn_session_new(NO_MPI, &h.data, model, o.as_ptr(), null(), &mut session) == 0 {
                 for _ in 0..2 {
                     step(session, h.data.n_cells as usize, h.data.n_obstacle as usize, r);
                 }
@@ -64,6 +65,10 @@ fn bodies_at_points() {
         }
         size(&h)
     });
+    // SAFETY: freed once.
+    models
+        .into_iter()
+        .for_each(|model| unsafe { m4gn_model_free(model) });
 }
 
 /// A step with all that is said before it.

@@ -2,9 +2,10 @@
 
 use crate::fuzzing::Random;
 use crate::host::{Host, message};
-use m4gn_contact::sample as contact;
 use m4gn_mesh::elements::ElementKind;
-use m4gn_mesh::{CoupledFace, ElasticModes, Mesh, NodeType, sample};
+use m4gn_mesh::{CoupledFace, ElasticModes, Mesh, NodeType};
+use m4gn_samples::bodies as contact;
+use m4gn_samples::mesh as sample;
 use serde_json::Value;
 use std::ffi::CString;
 use std::ptr::null;

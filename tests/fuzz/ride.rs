@@ -5,8 +5,8 @@ use crate::host::*;
 use crate::{damage_header, place, root};
 use m4gn::{FieldData, FieldOut, RideAnswer, RideStep};
 use m4gn_mesh::parallel::NO_MPI;
-use m4gn_mesh::sample;
 use m4gn_ride::control::{Control, ControlSettings, StrideError};
+use m4gn_samples::mesh as sample;
 use serde_json::{Value, json};
 use std::ffi::CString;
 use std::ptr::null;
@@ -101,13 +101,14 @@ fn seal(bytes: &mut [u8]) {
 #[test]
 fn ride_states() {
     let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
-    let model = root().join("tests/cabi/small.safetensors");
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
     let (_folder, path) = place("a.state");
     let name = CString::new(path.to_str().unwrap()).unwrap();
     let mut session = none();
     // SAFETY: arrays of the lengths that the counts say.
     unsafe {
-        let made = m4gn_session_new(NO_MPI, &host.data, options(&json!({ "model": model })).as_ptr(), null(), &mut session);
+        let made = m4gn_session_new(NO_MPI, &host.data, model, null(), null(), &mut session);
+        m4gn_model_free(model);
         assert_eq!(made, 0, "{}", message());
     }
     let usual = |method: Option<&str>| {
@@ -148,13 +149,26 @@ fn ride_states() {
         let mut settings = usual(*method);
         match r.below(6) {
             0 if method.is_some() => {
-                let keys = ["window", "maxFrames", "steps", "batch", "learningRate", "noise", "heldBack", "budget", "start"];
+                let keys = [
+                    "window",
+                    "maxFrames",
+                    "steps",
+                    "batch",
+                    "learningRate",
+                    "noise",
+                    "heldBack",
+                    "budget",
+                    "start",
+                ];
                 settings["adapt"][*r.pick(&keys)] = match r.below(2) {
                     0 => Value::from(r.below(5)),
                     _ => r.real().into(),
                 };
             }
-            1 => settings[*r.pick(&["solverSteps", "surrogateSteps", "writePrecision", "unknown"])] = r.integer().into(),
+            1 => {
+                settings[*r.pick(&["solverSteps", "surrogateSteps", "writePrecision", "unknown"])] =
+                    r.integer().into()
+            }
             2 => settings[*r.pick(&["timeStart", "timeEnd", "setupSeconds"])] = r.real().into(),
             _ => {}
         }
@@ -218,7 +232,8 @@ fn control_figures() {
             .map(|_| StrideError {
                 error: figure(),
                 change: figure(),
-                size: figure(),
+                size: 0.0,
+                variation: figure(),
             })
             .collect();
         let factors = [figure(), figure()];

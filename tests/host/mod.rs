@@ -2,12 +2,14 @@
 // Each test program uses a part of it.
 #![allow(dead_code, unsafe_code)]
 
-use m4gn::{CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep, SolidData};
+use m4gn::{
+    CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep, SolidData,
+};
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_model::Model;
-use m4gn_model::sample::bodies;
 use m4gn_modes::fem::PointMesh;
+use m4gn_samples::model::bodies;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::ptr::{null, null_mut};
 
@@ -17,10 +19,13 @@ unsafe extern "C" {
     pub fn m4gn_last_error() -> *const c_char;
     pub fn m4gn_finalize();
     pub fn m4gn_options_check(kind: *const c_char, options: *const c_char) -> i32;
-    pub fn m4gn_model_elastic_modes(comm: i32, model: *const c_char) -> i32;
+    pub fn m4gn_model_open(comm: i32, path: *const c_char, model: *mut Handle) -> i32;
+    pub fn m4gn_model_free(model: Handle);
+    pub fn m4gn_model_elastic_modes(model: Handle) -> i32;
     pub fn m4gn_session_new(
         comm: i32,
         mesh: *const MeshData,
+        model: Handle,
         options: *const c_char,
         cell_segment: *const i32,
         session: *mut Handle,
@@ -92,6 +97,7 @@ unsafe extern "C" {
     pub fn m4gn_segments_new(
         comm: i32,
         mesh: *const MeshData,
+        model: Handle,
         options: *const c_char,
         cell_segment: *const i32,
         segments: *mut Handle,
@@ -102,6 +108,7 @@ unsafe extern "C" {
     pub fn m4gn_segments_fit(
         comm: i32,
         mesh: *const MeshData,
+        model: Handle,
         options: *const c_char,
         cell_segment: *const i32,
         record: *const c_char,
@@ -358,4 +365,14 @@ pub fn body_model(history: usize) -> Model {
 /// No handle yet.
 pub fn none() -> Handle {
     null_mut()
+}
+
+/// A model of this process alone, to be freed.
+pub fn open_model(path: impl AsRef<std::path::Path>) -> Handle {
+    let path = CString::new(path.as_ref().to_str().unwrap()).unwrap();
+    let mut model = none();
+    // SAFETY: a C string and a place for the handle.
+    let status = unsafe { m4gn_model_open(m4gn_mesh::parallel::NO_MPI, path.as_ptr(), &mut model) };
+    assert_eq!(status, 0, "{}", message());
+    model
 }

@@ -2,11 +2,11 @@
 
 use super::distance;
 use m4gn_adapt::{Adaptation, Outcome, Settings};
-use m4gn_contact::sample;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::Model;
+use m4gn_samples::bodies as sample;
 use m4gn_step::{Field, Session, SessionOptions};
 
 /// Half the model's stride, s.
@@ -77,7 +77,7 @@ fn adapt(comm: &Comm, mesh: &Mesh, model: &Model, method: &str) -> Result<Learne
 }
 
 pub fn run(comm: &Comm, failures: &mut Vec<String>) -> Result<()> {
-    let mut spec = m4gn_model::sample::bodies();
+    let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 3;
     spec.segments.modes = 1;
     let model = Model::random(spec.clone(), 5)?;

@@ -4,7 +4,7 @@ use m4gn_mesh::Mesh;
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::Modes;
-use m4gn_segments::Segmentation;
+use m4gn_structure::Segmentation;
 
 /// Counts checks and remembers what failed on this rank.
 pub struct Checks {

@@ -2,10 +2,10 @@
 
 use crate::checks::Checks;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::sample;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, ModalSolver, ModeCount, Modes};
 use m4gn_modes::{Mass, Problem, Rows, laplacian_modes, solve};
+use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 
 /// Rank `rank` of `size`'s rows of a matrix of constant bands, the same for each of `block` unknowns of a point.
@@ -53,6 +53,7 @@ pub fn pairs(checks: &mut Checks) {
         on_paper(checks, &comm, n);
     }
     ways(checks);
+    copies(checks);
     energy(checks);
     refusals(checks);
 }
@@ -138,6 +139,41 @@ fn ways(checks: &mut Checks) {
             }
         }
     }
+}
+
+/// Equal parts that are not joined: each eigenvalue as often as there are parts, with the vectors of one rank.
+fn copies(checks: &mut Checks) {
+    let (parts, points) = (7, 30);
+    let of = |comm: &Comm| {
+        let mut k = bands(comm, parts * points, [-1.0, 2.0, -1.0], 1);
+        let first = comm.exclusive_scan_i64(k.n() as i64);
+        for (i, w) in (first..).zip(k.row.windows(2)) {
+            for e in w[0]..w[1] {
+                if k.column[e] / points != i / points {
+                    k.value[e] = 0.0;
+                }
+            }
+        }
+        let found = solve(&pair(k, None, true, 1), comm, &ModalOptions::fixed(1));
+        (first as usize, found)
+    };
+    let comm = checks.comm.clone();
+    let ((first, found), (_, whole)) = (of(&comm), of(&Comm::serial()));
+    let exact = 2.0 - 2.0 * (PI / (points + 1) as f64).cos();
+    let Some(whole) = checks.value(whole, "equal parts, one rank") else {
+        return;
+    };
+    if let Ok(found) = &found {
+        for (mode, same) in found.vectors.iter().zip(&whole.vectors) {
+            let off = mode
+                .iter()
+                .zip(&same[first..])
+                .map(|(x, y)| (x - y).abs())
+                .fold(0.0, f64::max);
+            checks.that(off < 1e-5, format!("equal parts: a mode differs by {off:e}"));
+        }
+    }
+    expect(checks, "equal parts", found, &[exact; 7], 1e-8);
 }
 
 fn energy(checks: &mut Checks) {

@@ -3,12 +3,13 @@
 use super::checks::{Checks, compare_segments};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::Modes;
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
+use m4gn_samples::mesh as sample;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
 
 pub fn check(checks: &mut Checks) {
     let mut draw = Draw(1);

@@ -1,10 +1,10 @@
 //! Bodies at points: an obstacle goes down on a beam that several ranks share, and away again.
 
-use m4gn_contact::sample;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec};
+use m4gn_samples::bodies as sample;
 use m4gn_step::{Session, SessionOptions};
 
 /// The description of a model of bodies with this network.

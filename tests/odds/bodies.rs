@@ -3,8 +3,8 @@
 use crate::calls::{Bench, Ended, Oddity, field, output, unless};
 use crate::host::*;
 use crate::timed;
-use m4gn_contact::sample;
 use m4gn_mesh::NodeType;
+use m4gn_samples::bodies as sample;
 use serde_json::json;
 use std::path::PathBuf;
 use std::ptr::null;
@@ -60,7 +60,7 @@ impl Bench {
     }
 
     pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
-        let mut settings = json!({ "model": self.body_model_file(), "projection": {} });
+        let mut settings = json!({ "projection": {} });
         match odd {
             Some("backend") => settings["backend"] = "torch".into(),
             Some("projection") => settings["projection"] = json!({ "sweeps": 13 }),
@@ -68,7 +68,14 @@ impl Bench {
             Some("far projection") => settings["projection"] = json!({ "radius": -1.0 }),
             _ => (),
         }
-        self.session_of(&self.body_host(odd), &settings, null(), odd, panic)
+        self.session_of(
+            &self.body_host(odd),
+            self.body_model_file(),
+            &settings,
+            null(),
+            odd,
+            panic,
+        )
     }
 
     /// A call on a session of a body. The displacement before it is none.

@@ -4,7 +4,7 @@ use crate::host::*;
 use crate::{FAULT, SCENARIO, timed};
 use m4gn::{FieldData, FieldOut};
 use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use std::ffi::CString;
 use std::ptr::null;
 
@@ -14,12 +14,12 @@ pub type Oddity = &'static str;
 /// What may be wrong in a call.
 pub fn oddities(call: &str) -> &'static [Oddity] {
     match call {
-        "elastic_modes" => &["null", "no file", "other model"],
+        "model_open" => &["null", "no path", "no file", "other model"],
         "session_new" => &[
             "null",
             "no mesh",
             "no options",
-            "no file",
+            "no model",
             "volume",
             "owner",
             "global",
@@ -208,7 +208,7 @@ impl Bench {
     pub fn run(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         *SCENARIO.lock().unwrap() = format!("{call}, odd {odd:?}, panic {panic:?}");
         match call {
-            "elastic_modes" => self.elastic_modes(odd, panic),
+            "model_open" => self.model_open(odd, panic),
             "session_new" => {
                 let (ended, session) = self.session_new(odd, panic);
                 // SAFETY: null, or a session that is not used again.
@@ -301,7 +301,7 @@ impl Bench {
         }
     }
 
-    pub fn elastic_modes(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    pub fn model_open(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let path = match odd {
             Some("no file") => c("/nowhere/other.safetensors".into()),
             Some("other model") => c(format!(
@@ -310,11 +310,16 @@ impl Bench {
             )),
             _ => model(),
         };
-        let path = unless(odd == Some("null"), path.as_ptr());
-        // SAFETY: a C string or null.
-        self.made(panic, || unsafe {
-            m4gn_model_elastic_modes(self.world.fortran(), path)
-        })
+        let path = unless(odd == Some("no path"), path.as_ptr());
+        let mut opened = none();
+        let place = unless_mut(odd == Some("null"), &raw mut opened);
+        // SAFETY: a C string or null, and a place or null.
+        let ended = self.made(panic, || unsafe {
+            m4gn_model_open(self.world.fortran(), path, place)
+        });
+        // SAFETY: null, or freed once.
+        unsafe { m4gn_model_free(opened) };
+        ended
     }
 }
 

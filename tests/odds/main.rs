@@ -30,7 +30,7 @@ const PLACES: i64 = 12;
 const FAULT: &str = "a fault that a test asked for";
 
 const CALLS: [&str; 25] = [
-    "elastic_modes",
+    "model_open",
     "session_new",
     "session_step",
     "session_outside",
@@ -241,7 +241,7 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
     let world = &bench.world;
     let mut failures = Vec::new();
     let good = bench.run(call, None, None);
-    if good.status < 0 || good.status > 0 && call != "elastic_modes" {
+    if good.status < 0 || good.status > 0 && call != "model_open" {
         return vec![format!("a good call gives {}: {}", good.status, good.message)];
     }
     for odd_rank in [0, world.size() - 1] {
@@ -250,11 +250,7 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
             let found = bench.run(call, odd.then_some(*what), None);
             let (low, high) = bench.range(found.status);
             // A count of modes has no classes: -1 on all.
-            let together = if call == "elastic_modes" {
-                high < 0
-            } else {
-                low > 0
-            };
+            let together = if call == "model_open" { high < 0 } else { low > 0 };
             if !together {
                 failures.push(format!(
                     "'{what}' on rank {odd_rank}: statuses from {low} to {high}; here {} {}",

@@ -4,8 +4,8 @@ use crate::calls::{Bench, Ended, Oddity, unless, unless_mut};
 use crate::host::*;
 use crate::timed;
 use m4gn::CsrData;
-use m4gn_mesh::sample;
-use m4gn_modes::fem::sample::{Kind, block, part as body_part};
+use m4gn_samples::mesh as sample;
+use m4gn_samples::points::{Kind, block, part as body_part};
 use serde_json::json;
 use std::ptr::null;
 

@@ -52,7 +52,9 @@ impl Bench {
         let start = now(if odd == Some("time") { 3 } else { 0 });
         let start = unless(odd == Some("no start"), &raw const start);
         // SAFETY: a session, and arrays of their lengths, or the null pointers that the call refuses.
-        let ended = self.made(panic, || unsafe { m4gn_ride_new(session, mesh, given, start, place) });
+        let ended = self.made(panic, || unsafe {
+            m4gn_ride_new(session, mesh, given, start, place)
+        });
         (ended, ride)
     }
 
@@ -168,7 +170,9 @@ impl Bench {
         let mut answer = RideAnswer::default();
         let place = unless_mut(odd == Some("no answer"), &raw mut answer);
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_ride_decide(ride, fields.as_ptr(), null(), n, place) })
+        self.made(panic, || unsafe {
+            m4gn_ride_decide(ride, fields.as_ptr(), null(), n, place)
+        })
     }
 
     fn ride_stride(&self, ride: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {

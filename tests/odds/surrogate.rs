@@ -4,6 +4,7 @@ use crate::calls::{Bench, Ended, Oddity, c, field, output, unless, unless_mut, v
 use crate::host::*;
 use crate::timed;
 use serde_json::{Value, json};
+use std::path::Path;
 use std::ptr::null;
 
 impl Bench {
@@ -12,7 +13,6 @@ impl Bench {
         let labels = vec![0; host.mesh.n_cells()];
         let folder = format!("{}/../../tests", env!("CARGO_MANIFEST_DIR"));
         let model = match odd {
-            Some("no file") => "/nowhere/other.safetensors".into(),
             Some("model") => format!("{folder}/e2e/solid.safetensors"),
             _ => format!("{folder}/cabi/small.safetensors"),
         };
@@ -34,7 +34,7 @@ impl Bench {
             Some("components") => json!({ "cuont": 5 }),
             _ => json!({}),
         };
-        let mut settings = json!({ "model": model, "segments": segments });
+        let mut settings = json!({ "segments": segments });
         match odd {
             Some("precision") => settings["precision"] = "bf16".into(),
             Some("text") => settings["backend"] = "abacus".into(),
@@ -46,27 +46,31 @@ impl Bench {
             _ => (),
         }
         let cell_segment = unless(odd != Some("labels"), labels.as_ptr());
-        self.session_of(&host, &settings, cell_segment, odd, panic)
+        self.session_of(&host, model, &settings, cell_segment, odd, panic)
     }
 
     /// A session on the host's mesh. One with something odd about it is freed at once.
     pub fn session_of(
         &self,
         host: &Host,
+        model: impl AsRef<Path>,
         settings: &Value,
         cell_segment: *const i32,
         odd: Option<Oddity>,
         panic: Option<u32>,
     ) -> (Ended, Handle) {
-        let settings = options(settings);
+        let (model, settings) = (open_model(model), options(settings));
         let mut session = none();
         let place = unless_mut(odd == Some("null"), &raw mut session);
         let mesh = unless(odd == Some("no mesh"), &raw const host.data);
         let given = unless(odd == Some("no options"), settings.as_ptr());
+        let of = if odd == Some("no model") { none() } else { model };
         // SAFETY: arrays of their lengths, or the null pointers and labels that the call refuses.
         let ended = self.made(panic, || unsafe {
-            m4gn_session_new(self.world.fortran(), mesh, given, cell_segment, place)
+            m4gn_session_new(self.world.fortran(), mesh, of, given, cell_segment, place)
         });
+        // SAFETY: freed once.
+        unsafe { m4gn_model_free(model) };
         if odd.is_some() || panic.is_some() || ended.status != 0 {
             // SAFETY: null, or a session that is not used again.
             unsafe { m4gn_session_free(std::mem::replace(&mut session, none())) };
@@ -155,7 +159,7 @@ impl Bench {
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
         let ended = self.made(panic, || unsafe {
-            m4gn_segments_new(self.world.fortran(), mesh, given, cell_segment, place)
+            m4gn_segments_new(self.world.fortran(), mesh, none(), given, cell_segment, place)
         });
         // SAFETY: null, or freed once.
         timed(|| unsafe { m4gn_segments_free(segments) });
@@ -181,6 +185,7 @@ impl Bench {
             m4gn_segments_fit(
                 self.world.fortran(),
                 mesh,
+                none(),
                 given,
                 stored,
                 null(),

@@ -2,7 +2,9 @@
 
 #include "testing.H"
 #include "m4gnFluxProjection.H"
+#include "m4gnHandOver.H"
 #include "fvcDiv.H"
+#include "IOMRFZoneList.H"
 #include "surfaceFields.H"
 #include "volFields.H"
 
@@ -139,4 +141,67 @@ TEST(settingsOfTheProjectionAreChecked)
     EXPECT_REFUSED(m4gnFluxProjection(*c.mesh, dict("projection { evry yes; }")), "Unknown entry evry");
     EXPECT_REFUSED(m4gnFluxProjection(*c.mesh, dict("projection { tolerance 0; }")), "tolerance");
     EXPECT_REFUSED(m4gnFluxProjection(*c.mesh, dict("projection { nCorrectors -1; }")), "nCorrectors");
+}
+
+TEST(aFlowOfAConstantDensityIsHandedOver)
+{
+    channel c(2, 1, "fixedValue");
+    EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi"), "");
+
+    c.phi->dimensions().reset(dimMass/dimTime);
+    EXPECT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi").find("the flux phi") == 0);
+    c.phi->dimensions().reset(dimVolume/dimTime);
+
+    // interFoam
+    c.p->dimensions().reset(dimPressure);
+    EXPECT(m4gn::notHandedOver(*c.mesh, {"U"}, "U", "p", "phi").find("the pressure p is not divided") == 0);
+}
+
+TEST(aComputedPressureIsNotHandedOver)
+{
+    channel c(2, 1, "fixedValue");
+    c.p.clear();
+    const wordList computed({"calculated", "calculated", "calculated", "calculated", "empty", "empty"});
+    const dimensionedScalar zero(sqr(dimVelocity), Zero);
+    const volScalarField p(c.io("p"), *c.mesh, zero, computed);
+    EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi"), "");
+    const volScalarField pRgh(c.io("p_rgh"), *c.mesh, zero, computed);
+    EXPECT
+    (
+        m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi").find("give p p_rgh;") != std::string::npos
+    );
+    EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p_rgh"}, "U", "p_rgh", "phi"), "");
+}
+
+TEST(sourcesAreNamed)
+{
+    channel c(2, 1, "fixedValue");
+    EXPECT_TEXT(m4gn::sources(*c.mesh), "");
+    const IOdictionary options
+    (
+        c.io("fvOptions"),
+        dict("porosity { type explicitPorositySource; } off { active no; }")
+    );
+    EXPECT_TEXT(m4gn::sources(*c.mesh), "fvOptions porosity");
+}
+
+// A zone that turns about z at 2 rad/s: of a velocity that turns with it no flux is left
+TEST(theFluxOfARotatingZoneIsRelativeToIt)
+{
+    channel c(3, 3, "fixedValue");
+    c.mesh->cellZones().append(new cellZone("rotor", identity(9), 0, c.mesh->cellZones()));
+    c.run.write
+    (
+        "constant/MRFProperties",
+        "rotor { cellZone rotor; active yes; origin (0 0 0); axis (0 0 1); omega constant 2; }"
+    );
+    const IOMRFZoneList zones(*c.mesh);
+    EXPECT_TEXT(m4gn::sources(*c.mesh), "MRFProperties rotor");
+
+    c.U->primitiveFieldRef() = vector(0, 0, 2) ^ c.mesh->C().primitiveField();
+    m4gnFluxProjection::interpolate(*c.U, *c.phi);
+    forAll(*c.phi, facei)
+    {
+        EXPECT_NEAR(c.phi()[facei], 0, 1e-12);
+    }
 }

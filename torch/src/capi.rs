@@ -12,8 +12,9 @@ use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::{LIBRARY, TorchGraph};
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_model::Model;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, Structure};
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
@@ -173,34 +174,35 @@ pub unsafe extern "C" fn m4gn_torch_trial_free(handle: *mut c_void) {
 /// Loads a model for a graph, which is copied. `device` null: the CPU.
 ///
 /// # Safety
-/// The strings are NUL-terminated; the graph's arrays have the lengths that it says; `handle` can be written.
+/// `model` has `size` bytes, `device` is NUL-terminated; the graph's arrays have the lengths that it says; `handle` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_torch_load(
-    model_path: *const c_char,
+    model: *const u8,
+    size: u64,
     graph: *const TorchGraph,
     device: *const c_char,
     handle: *mut *mut c_void,
 ) -> i32 {
     guard(|| {
-        if model_path.is_null() || graph.is_null() || handle.is_null() {
+        if model.is_null() || graph.is_null() || handle.is_null() {
             return Err(Error::Input("m4gn_torch_load: a null pointer".into()));
         }
-        // SAFETY: not null, and NUL-terminated by this function's contract.
-        let path = unsafe { CStr::from_ptr(model_path) }
-            .to_string_lossy()
-            .into_owned();
+        // SAFETY: not null, and of this length by this function's contract.
+        let bytes = unsafe { std::slice::from_raw_parts(model, length(size as i64)?) };
+        let model = Model::from_bytes(bytes, "the session's model")?;
         let device = if device.is_null() {
             "cpu".into()
         } else {
-            // SAFETY: as for the path.
+            // SAFETY: NUL-terminated by this function's contract.
             unsafe { CStr::from_ptr(device) }.to_string_lossy().into_owned()
         };
         // SAFETY: not null and valid for the call.
         let g = unsafe { &*graph };
         // SAFETY: the arrays have these lengths by this function's contract.
         let (graph, segments) = unsafe { (graph_of(g)?, segments_of(g)?) };
+        let structure = Structure { graph, segments };
         let device = parse_device(&device)?;
-        let loaded = Inference::new(path.as_ref(), &graph, segments.as_ref(), device)?;
+        let loaded = Inference::new(&model, &structure, device)?;
         // SAFETY: not null, and writable by this function's contract.
         unsafe { *handle = Box::into_raw(Box::new(loaded)).cast() };
         Ok(())

@@ -2,7 +2,8 @@
 
 use crate::network::Topology;
 use crate::rollout::State;
-use m4gn_contact::graph::ContactGraph;
+use m4gn_domain::Domain;
+use m4gn_domain::body::Body;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::N_CONTACT_INPUTS;
 use tch::{Device, Kind, Tensor};
@@ -11,7 +12,7 @@ use tch::{Device, Kind, Tensor};
 /// order; none for graphs at cells, which stay as they are.
 ///
 /// Errors: [`Error::Internal`] where a state cannot be read.
-pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Result<Topology> {
+pub fn at_state(graph: Topology, bodies: &[&Body], state: &State) -> Result<Topology> {
     if bodies.is_empty() {
         return Ok(graph);
     }
@@ -19,7 +20,7 @@ pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Res
     let (mut senders, mut receivers, mut rest) = (Vec::<i64>::new(), Vec::<i64>::new(), Vec::<f32>::new());
     let (mut cell, mut face) = (0, 0);
     for body in bodies {
-        let (n, all) = (body.graph().n_cells, body.graph().n_owned);
+        let (n, all) = (body.n_points(), body.n_owned());
         let mut displacement = cells[3 * cell..3 * (cell + n)].to_vec();
         displacement.extend_from_slice(&boundary[3 * face..3 * (face + all - n)]);
         let place = |node: i32| match (node as usize).checked_sub(n) {
@@ -50,7 +51,7 @@ pub fn at_state(graph: Topology, bodies: &[&ContactGraph], state: &State) -> Res
     })
 }
 
-/// Physical features of all edges at a state `[E x 13]`, as [`m4gn_contact::graph`] has them; what the graph holds
+/// Physical features of all edges at a state `[E x 13]`, as [`Body`] has them; what the graph holds
 /// where the nodes do not move.
 pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     let Some(is_world) = &graph.is_world else {
@@ -68,22 +69,19 @@ pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     Tensor::cat(&[&of_mesh, &of_world, is_world], 1)
 }
 
-/// Physical node inputs of bodies between two states `[N x 8]`, as [`ContactGraph::inputs`] has them; no derivative goes through them.
+/// Physical node inputs of bodies between two states `[N x 8]`, as [`Body`] has them; no derivative goes through them.
 ///
 /// Errors: [`Error::Internal`] where a state cannot be read.
-pub fn node_inputs(bodies: &[&ContactGraph], state: &State, next: &State) -> Result<Tensor> {
+pub fn node_inputs(bodies: &[&Body], state: &State, next: &State) -> Result<Tensor> {
     let (cells, boundary, after) = (host(&state.cells)?, host(&state.boundary)?, host(&next.boundary)?);
     let (mut of_points, mut of_obstacles, mut own) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
     let (mut cell, mut face) = (0, 0);
     for body in bodies {
-        let (n, all) = (body.graph().n_cells, body.graph().n_owned);
+        let (n, all) = (body.n_points(), body.n_owned());
         let rows = 3 * face..3 * (face + all - n);
-        body.inputs(
-            &cells[3 * cell..3 * (cell + n)],
-            None,
-            [&boundary[rows.clone()], &after[rows]],
-            &mut own,
-        );
+        let points = &cells[3 * cell..3 * (cell + n)];
+        let state = |obstacle: &[f32]| [points, &obstacle[rows.clone()]].concat();
+        body.inputs(&state(&boundary), &state(&after), &mut own);
         of_points.extend_from_slice(&own[..n * N_CONTACT_INPUTS]);
         of_obstacles.extend_from_slice(&own[n * N_CONTACT_INPUTS..]);
         cell += n;

@@ -5,9 +5,7 @@ use crate::samples::HostGraph;
 use crate::weights::{Layout, Weights};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
-use std::path::Path;
+use m4gn_structure::Structure;
 use tch::{Device, Tensor};
 
 /// A loaded model, its graph and its normalisers.
@@ -24,21 +22,11 @@ pub struct Inference {
 }
 
 impl Inference {
-    /// Reads a model and takes a copy of a serial graph and its segments.
+    /// Takes a copy of a model and of a serial structure.
     ///
-    /// Errors: those of [`Model::read`]; [`Error::Model`] where the graph does not fit the model.
-    pub fn new(path: &Path, graph: &Graph, segments: Option<&Segmentation>, device: Device) -> Result<Self> {
-        Self::with_model(&Model::read(path)?, graph, segments, device)
-    }
-
-    /// The same with a model in memory.
-    pub fn with_model(
-        model: &Model,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
-        device: Device,
-    ) -> Result<Self> {
-        let spec = model.spec.clone();
+    /// Errors: [`Error::Model`] where the structure does not fit the model.
+    pub fn new(model: &Model, structure: &Structure, device: Device) -> Result<Self> {
+        let (spec, graph) = (model.spec.clone(), &structure.graph);
         let expected = graph.senders.len() * spec.n_edge_features();
         if graph.edge_features.len() != expected {
             return Err(Error::Model(format!(
@@ -48,11 +36,6 @@ impl Inference {
                 spec.n_edge_features(),
                 spec.dim
             )));
-        }
-        if spec.architecture.segment_transformer().is_some() && segments.is_none() {
-            return Err(Error::Model(
-                "the model has a macro stage, the graph comes without segments".into(),
-            ));
         }
         let layout = Layout::new(&spec);
         let flat = Tensor::from_slice(&layout.flatten(model)?).to_device(device);
@@ -67,7 +50,7 @@ impl Inference {
             };
             Ok((part("mean")?, part("std")?))
         };
-        let graph = HostGraph::union(&[&HostGraph::new(graph, segments, &spec)?], &spec, device);
+        let graph = HostGraph::union(&[&HostGraph::new(structure, &spec)?], &spec, device);
         let edge = scale("edge")?;
         Ok(Inference {
             weights: layout.views(&flat, false),

@@ -7,12 +7,12 @@ use crate::normaliser::{Scales, of_example};
 use crate::rollout::{Boundary, State, Stepper};
 use crate::samples::{HostGraph, Sample};
 use crate::weights::Layout;
-use m4gn_contact::graph::ContactGraph;
+use m4gn_domain::Components;
+use m4gn_domain::body::Body;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::normal;
 use m4gn_learn::Example;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::samples::Components;
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
 use rand::SeedableRng;
@@ -108,7 +108,7 @@ impl Learner {
         let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
         let noise = (0..components.count)
             .map(|c| {
-                if components.inputs.contains(&c) || spec.contact.is_some() {
+                if spec.reads(&spec.fields[components.field[c]]) {
                     config.training.noise.get(name(&c)).copied().unwrap_or(0.0)
                 } else {
                     0.0
@@ -205,7 +205,7 @@ impl Learner {
             }
             _ => self.union(examples),
         };
-        let bodies: Vec<&ContactGraph> = examples
+        let bodies: Vec<&Body> = examples
             .iter()
             .filter_map(|e| self.train[e.sample].body(e.mirror))
             .collect();
@@ -307,7 +307,7 @@ impl Learner {
         let mut state = read(0)?;
         let start = state.cells.shallow_clone();
         let mut errors = Vec::with_capacity(steps);
-        let bodies: Vec<&ContactGraph> = sample.body(false).into_iter().collect();
+        let bodies: Vec<&Body> = sample.body(false).into_iter().collect();
         for step in 1..=steps {
             let graph = contact::at_state(sample.topologies[0].share(), &bodies, &state)?;
             let edges = contact::edge_features(&graph, &state);

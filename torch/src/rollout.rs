@@ -3,8 +3,8 @@
 use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
-use m4gn_contact::graph::ContactGraph;
-use m4gn_learn::samples::Components;
+use m4gn_domain::Components;
+use m4gn_domain::body::Body;
 use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 use tch::{Device, Tensor};
@@ -85,7 +85,7 @@ impl Stepper {
     /// Physical node inputs `[N x inputs]`. Of bodies at points they come of the points and of the obstacle's motion until `next`.
     ///
     /// Errors: [`m4gn_mesh::Error::Internal`] where a state cannot be read.
-    pub fn inputs(&self, bodies: &[&ContactGraph], state: &State, next: &State) -> Result<Tensor> {
+    pub fn inputs(&self, bodies: &[&Body], state: &State, next: &State) -> Result<Tensor> {
         if !bodies.is_empty() {
             return contact::node_inputs(bodies, state, next);
         }

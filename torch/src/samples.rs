@@ -2,12 +2,12 @@
 
 use crate::network::Topology;
 use crate::rollout::Boundary;
-use m4gn_contact::graph::{ContactGraph, MeshEdge};
+use m4gn_domain::Domain;
+use m4gn_domain::body::{Body, MeshEdge};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::{Segmentation, Structure};
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
 
@@ -48,8 +48,8 @@ pub struct Sample {
     pub held: Option<Tensor>,
     /// What it is the tensors of; its frames are in memory or on disk.
     recorded: Arc<m4gn_learn::samples::Sample>,
-    /// A body at points, and its reflection.
-    pub contact: Option<[Arc<ContactGraph>; 2]>,
+    /// The domain, and its reflection.
+    pub domains: [Arc<dyn Domain>; 2],
 }
 
 /// Numbers an edge in [`Topology::edges`]: features, or, of a body, its three components at rest.
@@ -61,10 +61,14 @@ pub fn edge_width(spec: &ModelSpec) -> usize {
 }
 
 impl HostGraph {
-    /// Turns a serial graph and, for a model with a macro stage, its segments into index lists.
+    /// Turns a serial structure into index lists.
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know, or segments without what it reads of them.
-    pub fn new(graph: &Graph, segments: Option<&Segmentation>, spec: &ModelSpec) -> Result<Self> {
+    pub fn new(structure: &Structure, spec: &ModelSpec) -> Result<Self> {
+        let (graph, segments) = (
+            &structure.graph,
+            structure.segments_for(spec.architecture.needs())?,
+        );
         let none = Segmentation::default();
         let segments = segments.unwrap_or(&none);
         let nodes = graph.n_owned;
@@ -124,34 +128,6 @@ impl HostGraph {
         self.senders = edges.iter().map(|e| i64::from(e.sender)).collect();
         self.receivers = edges.iter().map(|e| i64::from(e.receiver)).collect();
         self.edges = edges.iter().flat_map(|e| e.rest.map(|v| v as f32)).collect();
-    }
-
-    /// The graph reflected in the second direction.
-    pub fn reflected(&self, spec: &ModelSpec) -> Self {
-        let mut graph = self.clone();
-        let negate = |values: &mut [f32], width: usize, column: usize| {
-            values
-                .iter_mut()
-                .skip(column)
-                .step_by(width.max(1))
-                .for_each(|v| *v = -*v);
-        };
-        negate(&mut graph.edges, edge_width(spec), 1);
-        if spec.n_offset_features() > 0 {
-            negate(
-                &mut graph.fixed,
-                spec.n_static_features(),
-                spec.node_types.len() + 1,
-            );
-        }
-        if let Some(stage) = spec.architecture.segment_transformer().filter(|m| m.centroids) {
-            negate(
-                &mut graph.position,
-                spec.n_position_features(),
-                stage.rwse_steps + 1,
-            );
-        }
-        graph
     }
 
     /// The disjoint union of graphs: all their cells, then all their boundary nodes.
@@ -228,30 +204,32 @@ impl Sample {
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know.
     pub fn new(sample: &Arc<m4gn_learn::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
-        let mut host = HostGraph::new(&sample.graph, Some(&sample.segments), spec)?;
+        let mut host = HostGraph::new(&sample.structure, spec)?;
         // World edges come with each state.
-        if let Some(contact) = &sample.contact {
-            host.set_edges(contact.mesh_edges());
+        if let Some(body) = sample.domain.body() {
+            host.set_edges(body.mesh_edges());
         }
-        let reflected = host.reflected(spec);
+        let mut reflected = HostGraph::new(&sample.structure.reflected(spec), spec)?;
+        if let Some(body) = sample.domain.reflected().body() {
+            reflected.set_edges(body.mesh_edges());
+        }
         let floats = |flags: &[bool]| -> Vec<f32> { flags.iter().map(|&f| f32::from(u8::from(f))).collect() };
-        let owners: Vec<i64> = sample.owners.iter().map(|&o| i64::from(o)).collect();
+        let boundary = sample.domain.boundary();
+        let owners: Vec<i64> = boundary.owners().map(|o| o as i64).collect();
         let width = sample.width as i64;
         Ok(Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
             owners: Tensor::from_slice(&owners).to_device(device),
-            copies: Tensor::from_slice(&floats(&sample.copies))
+            copies: Tensor::from_slice(&floats(boundary.follows()))
                 .view([-1, width])
                 .to_device(device),
-            held: sample
-                .held
-                .as_ref()
-                .map(|held| Tensor::from_slice(&floats(held)).view([-1, 1]).to_device(device)),
+            held: sample.domain.body().map(|body| {
+                Tensor::from_slice(&floats(body.held()))
+                    .view([-1, 1])
+                    .to_device(device)
+            }),
             recorded: sample.clone(),
-            contact: sample
-                .contact
-                .as_ref()
-                .map(|c| [c.clone(), c.reflected()].map(Arc::new)),
+            domains: [sample.domain.clone(), sample.domain.reflected()].map(Arc::from),
             hosts: [host, reflected].map(Arc::new),
         })
     }
@@ -265,13 +243,13 @@ impl Sample {
             copies: self.copies.shallow_clone(),
             held: self.held.as_ref().map(Tensor::shallow_clone),
             recorded: self.recorded.clone(),
-            contact: self.contact.clone(),
+            domains: self.domains.clone(),
         }
     }
 
     /// The body at points, or its reflection; none of cells.
-    pub fn body(&self, mirror: bool) -> Option<&ContactGraph> {
-        self.contact.as_ref().map(|c| &*c[usize::from(mirror)])
+    pub fn body(&self, mirror: bool) -> Option<&Body> {
+        self.domains[usize::from(mirror)].body()
     }
 
     /// How boundary values follow cell values.

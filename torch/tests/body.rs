@@ -1,7 +1,7 @@
 //! A body's step in libtorch against the same step of a session. A test program of its own: the segments need PETSc, which is
 //! not made for several threads, and other tests would run beside it.
 
-use m4gn_learn::samples::Components;
+use m4gn_domain::Components;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
@@ -76,13 +76,14 @@ fn relative(a: &Tensor, b: &Tensor) -> f64 {
 #[test]
 fn bodies_take_the_same_step_in_training_and_in_a_session() {
     let spec = spec();
-    let body = m4gn_contact::sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
-    let obstacle = m4gn_contact::sample::octahedron([2.6, 0.5, 1.6], 0.5);
+    let body = m4gn_samples::bodies::block([6, 2, 2], [3.0, 1.0, 1.0]);
+    let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 1.6], 0.5);
     let model = Model::random(spec.clone(), 7).unwrap();
     let options = SessionOptions::default();
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
-    let sample = m4gn_learn::samples::Sample::of_body(&body, Some(&obstacle), &spec, None).unwrap();
+    let mesh = body.mesh(Some(&obstacle));
+    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, &spec, &spec.segments, None, None).unwrap();
     let sample = Sample::new(&std::sync::Arc::new(sample), &spec, Device::Cpu).unwrap();
     let layout = Layout::new(&spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);

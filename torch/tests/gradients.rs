@@ -12,9 +12,10 @@ use m4gn_model::{
     Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output,
     SegmentMethod, SegmentSpec,
 };
+use m4gn_samples::training as sample;
 use m4gn_torch::backend::TorchBackend;
+use m4gn_train::Task;
 use m4gn_train::config::Config;
-use m4gn_train::{Task, sample};
 use tch::Device;
 
 fn spec() -> ModelSpec {
@@ -122,9 +123,10 @@ fn flows(spec: &ModelSpec) -> Workload {
 /// Bodies that bend under an obstacle that comes down.
 fn solids(spec: &ModelSpec) -> Workload {
     let read = |length: usize| {
-        let body = m4gn_contact::sample::block([length, 2, 2], [3.0, 1.0, 1.0]);
-        let obstacle = m4gn_contact::sample::octahedron([2.6, 0.5, 1.6], 0.5);
-        let mut sample = Sample::of_body(&body, Some(&obstacle), spec, None).unwrap();
+        let body = m4gn_samples::bodies::block([length, 2, 2], [3.0, 1.0, 1.0]);
+        let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 1.6], 0.5);
+        let mesh = body.mesh(Some(&obstacle));
+        let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
         sample.n_frames = 8;
         for frame in 0..sample.n_frames {
             let t = 0.1 * frame as f32;

@@ -3,14 +3,13 @@
 
 use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
     Activation, Architecture, FieldSpec, M4gn, MacroSpec, Model, ModelSpec, Output, Precision, SegmentMethod,
     SegmentSpec,
 };
-use m4gn_segments as segments;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_samples::mesh as sample;
+use m4gn_structure::Structure;
 use m4gn_torch::inference::Inference;
 use m4gn_torch::network::{Network, Topology};
 use m4gn_torch::samples::HostGraph;
@@ -47,19 +46,14 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
     }
 }
 
-/// The graph of a mesh and its segments.
-fn cut(spec: &ModelSpec, mesh: &Mesh) -> (Graph, Segmentation) {
-    let comm = Comm::serial();
-    let mut graph = Graph::new(mesh, &comm).unwrap();
+/// What a network lives on.
+fn structure(spec: &ModelSpec, mesh: &Mesh) -> Structure {
     let modal = m4gn_modes::Modal::default();
-    let mut cut = segments::segment(mesh, &mut graph, &spec.segments, &modal, &comm, None).unwrap();
-    cut.encode(spec, mesh, &comm);
-    (graph, cut)
+    Structure::new(mesh, spec, &spec.segments, &modal, None, &Comm::serial()).unwrap()
 }
 
 fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
-    let (graph, segments) = cut(spec, mesh);
-    HostGraph::new(&graph, Some(&segments), spec).unwrap()
+    HostGraph::new(&structure(spec, mesh), spec).unwrap()
 }
 
 /// A network with every part in it.
@@ -178,14 +172,15 @@ fn difference(spec: &ModelSpec) -> f64 {
     let model = Model::random(spec.clone(), 7).unwrap();
     let comm = Comm::serial();
     let mesh = sample::triangles(14, 9, 1.6, 0.41);
-    let (graph, segments) = cut(spec, &mesh);
+    let structure = structure(spec, &mesh);
+    let graph = &structure.graph;
     let inputs: Vec<f32> = (0..graph.n_owned * 3).map(|i| (i as f32 * 0.37).sin()).collect();
     let (mut native, mut torch) = (vec![0f32; graph.n_cells * 3], vec![0f32; graph.n_cells * 3]);
-    Engine::new(&model, &graph, Some(&segments), &EngineOptions::default())
+    Engine::new(&model, &structure, &EngineOptions::default())
         .unwrap()
         .forward(&comm, &inputs, &mut native)
         .unwrap();
-    Inference::with_model(&model, &graph, Some(&segments), Device::Cpu)
+    Inference::with_model(&model, &structure, Device::Cpu)
         .unwrap()
         .step(&inputs, &mut torch)
         .unwrap();

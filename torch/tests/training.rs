@@ -3,11 +3,12 @@
 use m4gn_mesh::Error;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::Model;
+use m4gn_samples::training as sample;
+use m4gn_samples::training::request;
 use m4gn_torch::backend::TorchBackend;
 use m4gn_torch::device::parse_device;
+use m4gn_train::Request;
 use m4gn_train::checkpoint::Checkpoint;
-use m4gn_train::sample::request;
-use m4gn_train::{Request, sample};
 use std::sync::atomic::{AtomicU8, Ordering};
 
 fn data() -> tempfile::TempDir {

@@ -1,7 +1,7 @@
 //! What is in a trajectory of a deforming body beside its fields.
 
-use m4gn_contact::gap::cell_size;
 use m4gn_data::Trajectory;
+use m4gn_domain::body::gap::cell_size;
 use m4gn_mesh::body::{Body, Material};
 use m4gn_mesh::elements::ElementKind;
 use m4gn_mesh::{NodeType, Result};

@@ -138,7 +138,7 @@ fn mesh(mesh: &Mesh, text: &mut String, figures: &mut Value) {
         mesh.boundary.len(),
         mesh.coupled.len()
     );
-    let parts = m4gn_segments::parts(mesh);
+    let parts = m4gn_structure::parts(mesh);
     if parts > 1 {
         let _ = writeln!(text, "parts       {parts}, which no face joins");
     }
@@ -377,7 +377,7 @@ mod tests {
             mesh(of, &mut text, &mut figures);
             (text, figures["parts"].clone())
         };
-        let mut duct = m4gn_mesh::sample::triangles(2, 1, 1.0, 1.0);
+        let mut duct = m4gn_samples::mesh::triangles(2, 1, 1.0, 1.0);
         let (text, parts) = shown(&duct);
         assert!(!text.contains("parts") && parts == 1, "{text}");
         duct.face_owner.clear();

@@ -13,9 +13,9 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentMethod, SegmentSpec};
 use m4gn_report::write_file;
-use m4gn_segments::Record;
-use m4gn_segments::coarse::Coarse;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Record;
+use m4gn_structure::coarse::Coarse;
+use m4gn_structure::graph::Graph;
 use m4gn_workbench::bench::{Shape, machine};
 use m4gn_workbench::survey;
 use m4gn_workbench::survey::{Options, Pictured, Survey, plan};
@@ -164,7 +164,7 @@ impl Wanted {
     /// Command line before the case's dictionary, before model, before defaults.
     fn new(args: &Args, model: Option<&ModelSpec>, case: &SegmentEntries) -> Result<Self> {
         let trained = model
-            .filter(|m| m.architecture.segment_transformer().is_some())
+            .filter(|m| m.architecture.needs().segments)
             .map(|m| m.segments.clone());
         let line = args.entries();
         let said = line.has("count") || case.has("count") || trained.is_some();

@@ -1,6 +1,7 @@
 use super::*;
 use clap::Parser;
-use m4gn_mesh::{NodeType, sample};
+use m4gn_mesh::NodeType;
+use m4gn_samples::mesh as sample;
 
 #[derive(Debug, Parser)]
 struct Line {

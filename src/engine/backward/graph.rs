@@ -8,8 +8,8 @@ use crate::tiles::{self, Tile};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 
 /// Segments of the nodes, by place in the engine's order.
 #[derive(Clone, Debug)]
@@ -44,11 +44,12 @@ pub struct TrainGraph {
 }
 
 impl TrainGraph {
-    /// Of a graph on one rank and, for a model with a macro stage, its segments.
+    /// Of a structure on one rank.
     ///
     /// # Errors
     /// [`Error::Model`] for a graph that the model does not know: directions, node types, segments.
-    pub fn new(spec: &ModelSpec, graph: &Graph, segments: Option<&Segmentation>) -> Result<Self> {
+    pub fn new(spec: &ModelSpec, structure: &Structure) -> Result<Self> {
+        let graph = &structure.graph;
         check_graph(
             &Model {
                 spec: spec.clone(),
@@ -77,10 +78,9 @@ impl TrainGraph {
             })?;
             row[at] = 1.0;
         }
-        let members = match (spec.architecture.segment_transformer(), segments) {
-            (None, _) => None,
-            (Some(_), None) => return Err(Error::Model("the model needs segments, none were given".into())),
-            (Some(_), Some(view)) => {
+        let members = match structure.segments_for(spec.architecture.needs())? {
+            None => None,
+            Some(view) => {
                 check(view, graph.n_owned, spec)?;
                 for (row, offset) in fixed
                     .chunks_exact_mut(width)

@@ -4,17 +4,16 @@ use super::*;
 use crate::plain;
 use crate::tests::{instruction_sets, segments};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::sample;
-use m4gn_model::sample::spec;
 use m4gn_model::{Activation, Kind, M4gn, Model, Output};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_samples::mesh as sample;
+use m4gn_samples::model::spec;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 
 /// A model on a small channel of triangles, and a loss: a fixed weight for each output.
 struct Case {
     model: Model,
-    graph: Graph,
-    segments: Option<Segmentation>,
+    structure: Structure,
     inputs: Vec<f32>,
     loss: Vec<f32>,
 }
@@ -44,21 +43,23 @@ pub(crate) fn scales(model: &Model) -> Scales {
 impl Case {
     fn new(spec: ModelSpec, overlap: bool) -> Self {
         let graph = Graph::new(&sample::triangles(4, 3, 1.6, 0.41), &Comm::serial()).unwrap();
-        let stage = spec.architecture.m4gn().is_some();
+        let stage = spec.architecture.needs().segments;
         Case {
             inputs: wave(graph.n_owned * spec.n_field_inputs(), 0.7),
             loss: wave(graph.n_cells * spec.n_outputs(), 1.9),
-            segments: stage.then(|| segments(&spec, &graph, overlap)),
+            structure: Structure {
+                segments: stage.then(|| segments(&spec, &graph, overlap)),
+                graph,
+            },
             model: Model::random(spec, 5).unwrap(),
-            graph,
         }
     }
 
     /// The loss by the plain network.
-    fn plain(&self, model: &Model, graph: &Graph, inputs: &[f32]) -> f64 {
+    fn plain(&self, model: &Model, structure: &Structure, inputs: &[f32]) -> f64 {
         let s = scales(model);
         let m = s.output.mean.len();
-        let y = plain::forward(model, graph, self.segments.as_ref(), inputs);
+        let y = plain::forward(model, structure, inputs);
         let normalised = y.iter().enumerate().map(|(i, y)| {
             let (mean, std) = (s.output.mean[i % m], s.output.std[i % m]);
             (y - f64::from(mean)) / f64::from(std)
@@ -70,12 +71,12 @@ impl Case {
     fn gradient(&self, precision: Precision, isa: Isa) -> (f64, Vec<f32>, InputGradient) {
         let mut network = Trainable::new(&self.model.spec, precision, Some(isa)).unwrap();
         network.load(&network.layout().flatten(&self.model).unwrap());
-        let graph = TrainGraph::new(&self.model.spec, &self.graph, self.segments.as_ref()).unwrap();
+        let graph = TrainGraph::new(&self.model.spec, &self.structure).unwrap();
         let (mut worker, scales) = (network.worker(), scales(&self.model));
         let mut outputs = vec![0.0; self.loss.len()];
         let mut inputs = InputGradient {
             nodes: vec![f32::NAN; self.inputs.len()],
-            edges: Some(vec![f32::NAN; self.graph.edge_features.len()]),
+            edges: Some(vec![f32::NAN; self.structure.graph.edge_features.len()]),
         };
         let mut flat = Vec::new();
         for at in [1, 0] {
@@ -209,7 +210,7 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
         }
     }
     let (loss, flat, inputs) = case.gradient(Precision::Fp32, Isa::detect());
-    let plain = case.plain(&case.model, &case.graph, &case.inputs);
+    let plain = case.plain(&case.model, &case.structure, &case.inputs);
     assert!(
         (loss - plain).abs() < 1e-4 * (1.0 + plain.abs()),
         "{name}: {loss} {plain}"
@@ -223,7 +224,7 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
         check(&format!("{name}: {tensor}"), weights, own, tolerance, |x| {
             let mut model = case.model.clone();
             model.tensors.get_mut(tensor).unwrap().data = x.to_vec();
-            case.plain(&model, &case.graph, &case.inputs)
+            case.plain(&model, &case.structure, &case.inputs)
         });
     }
     check(
@@ -231,16 +232,20 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
         &case.inputs,
         &inputs.nodes,
         tolerance,
-        |x| case.plain(&case.model, &case.graph, x),
+        |x| case.plain(&case.model, &case.structure, x),
     );
     let (what, features) = (format!("{name}: edges"), inputs.edges.unwrap());
-    check(&what, &case.graph.edge_features, &features, tolerance, |x| {
-        let graph = Graph {
-            edge_features: x.to_vec(),
-            ..case.graph.clone()
-        };
-        case.plain(&case.model, &graph, &case.inputs)
-    });
+    check(
+        &what,
+        &case.structure.graph.edge_features,
+        &features,
+        tolerance,
+        |x| {
+            let mut structure = case.structure.clone();
+            structure.graph.edge_features = x.to_vec();
+            case.plain(&case.model, &structure, &case.inputs)
+        },
+    );
 }
 
 /// Distance of two vectors, relative to the length of the second.

@@ -15,8 +15,8 @@ use super::tiles::{self, Scratch, Tile};
 use m4gn_mesh::parallel::{Comm, Element, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use std::time::Instant;
 
 /// A model on a graph. Rows of latents have the padded width.
@@ -43,15 +43,14 @@ pub struct Network<T> {
 }
 
 impl<T: Number + Element> Network<T> {
-    /// Prepares a model for this graph.
+    /// Prepares a model for this structure.
     pub fn new(
         model: &Model,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
+        structure: &Structure,
         options: &EngineOptions,
         keep_encoded: usize,
     ) -> Result<Self> {
-        let spec = &model.spec;
+        let (spec, graph) = (&model.spec, &structure.graph);
         let d = spec.architecture.width;
         let columns = padded(d);
         let isa = options.isa.unwrap_or_else(Isa::detect);
@@ -75,7 +74,7 @@ impl<T: Number + Element> Network<T> {
         };
         let (input_mean, input_scale) = normaliser(model, "node")?;
         let decoder = Decoder::new(isa, model)?;
-        let processor = processor::new(model, graph, segments, &grid, keep_encoded)?;
+        let processor = processor::new(model, structure, &grid, keep_encoded)?;
         let n_segments = processor.stage().map_or(0, |s| s.count());
         let mut network = Network {
             n_inputs: spec.n_field_inputs(),
@@ -83,7 +82,7 @@ impl<T: Number + Element> Network<T> {
             n_edge_features: spec.n_edge_features(),
             cells: Vec::new(),
             encoder: Encoder::new(isa, model, "encoder.node", spec.n_field_inputs())?,
-            fixed: Fixed::new(model, graph, segments.map_or(&[], |s| &s.offsets[..]))?,
+            fixed: Fixed::new(model, structure)?,
             input_mean,
             input_scale,
             table: Buffer::new(n_segments * decoder.columns()),
@@ -94,7 +93,7 @@ impl<T: Number + Element> Network<T> {
         };
         network.place_nodes(graph);
         network.place_edges(graph);
-        if spec.contact.is_none() {
+        if !options.edges_move {
             network.grid.order.search = Vec::new();
         }
         if options.profile {

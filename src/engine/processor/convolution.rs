@@ -10,7 +10,7 @@ use crate::segment_stage::SegmentStage;
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::Model;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 
 /// The convolutions of a model on a graph.
 #[derive(Debug)]

@@ -13,7 +13,7 @@ use crate::tiles::{Scratch, Tile};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::Model;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::graph::Graph;
 use std::ops::Range;
 
 /// Message-passing layers and macro stage of a model on a graph.

@@ -9,11 +9,11 @@ use super::profile::Phase;
 use super::segment_stage::SegmentStage;
 use convolution::Convolutions;
 pub use convolution::scales;
+use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Kind, Model};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use messages::Messages;
 use std::fmt::Debug;
 
@@ -43,30 +43,22 @@ pub trait Processor<T>: Debug + Send + Sync {
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)>;
 }
 
-/// The processor of a model, for a graph whose order `grid` has. A kind of network that only libtorch knows has an error
+/// The processor of a model, for a structure whose order `grid` has. A kind of network that only libtorch knows has an error
 /// here, which says to use `backend torch`.
 ///
 /// # Errors
 /// [`Error::Model`] when segments are needed and not given; [`Error::Input`] for segments of another graph.
 pub fn new<T: Number + Element>(
     model: &Model,
-    graph: &Graph,
-    segments: Option<&Segmentation>,
+    structure: &Structure,
     grid: &Grid<T>,
     keep_encoded: usize,
 ) -> Result<Box<dyn Processor<T>>> {
-    let architecture = &model.spec.architecture;
-    let stage = match (architecture.segment_transformer(), segments) {
-        (Some(_), Some(view)) => Some(SegmentStage::new(
-            grid.isa,
-            model,
-            view,
-            &grid.order.node,
-            grid.pool.n_threads(),
-        )?),
-        (Some(_), None) => return Err(Error::Model("the model needs segments, none were given".into())),
-        (None, _) => None,
-    };
+    let (architecture, graph) = (&model.spec.architecture, &structure.graph);
+    let stage = structure
+        .segments_for(architecture.needs())?
+        .map(|segments| SegmentStage::new(grid.isa, model, segments, &grid.order.node, grid.pool.n_threads()))
+        .transpose()?;
     Ok(match &architecture.kind {
         Kind::M4gn(m) => {
             let layers = (m.layers_before, m.layers_after);

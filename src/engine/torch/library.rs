@@ -5,7 +5,9 @@
 //! ```c
 //! uint32_t    m4gn_torch_abi_version(void);
 //! const char *m4gn_torch_last_error(void);                /* of this thread, valid until its next call */
-//! int32_t     m4gn_torch_load(const char *model_path, const m4gn_torch_graph *graph,
+//! int32_t     m4gn_torch_load(const uint8_t *model,       /* [size] a model file's bytes */
+//!                             uint64_t size,
+//!                             const m4gn_torch_graph *graph,
 //!                             const char *device,         /* "cpu", "cuda:0"; NULL: the library's choice */
 //!                             void **handle);             /* 0 fine; the graph is copied */
 //! int32_t     m4gn_torch_step(void *handle,
@@ -32,7 +34,7 @@ use std::sync::atomic::AtomicU8;
 pub const LIBRARY: Description = Description {
     file: "libm4gn_torch.so",
     prefix: "m4gn_torch",
-    version: 3,
+    version: 4,
     remedy: "It needs libtorch: type setup/all.sh, which fetches libtorch and builds it; `m4gn doctor` checks what \
              there is; backend native needs none of it",
     global: false,

@@ -9,10 +9,10 @@ use super::Forward;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::plugin::{Plugin, c_string};
 use m4gn_mesh::{Error, Result};
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_model::Model;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use std::ffi::{c_char, c_void};
-use std::path::Path;
 
 /// The graph and its segments as they cross to the library; all pointers are borrowed for the call.
 #[repr(C)]
@@ -52,7 +52,7 @@ pub struct TorchGraph {
     pub n_offsets: i64,
 }
 
-type Load = unsafe extern "C" fn(*const c_char, *const TorchGraph, *const c_char, *mut *mut c_void) -> i32;
+type Load = unsafe extern "C" fn(*const u8, u64, *const TorchGraph, *const c_char, *mut *mut c_void) -> i32;
 type Step = unsafe extern "C" fn(*mut c_void, *const f32, *mut f32) -> i32;
 type Free = unsafe extern "C" fn(*mut c_void);
 
@@ -76,9 +76,8 @@ impl TorchBackend {
     /// [`Error::Input`] on more than one rank; [`Error::File`] when the library is missing, cannot be loaded or
     /// is of another version; what the library itself reports.
     pub fn new(
-        model: &Path,
-        graph: &Graph,
-        segments: Option<&Segmentation>,
+        model: &Model,
+        structure: &Structure,
         lengths: (usize, usize),
         device: Option<&str>,
         comm: &Comm,
@@ -89,7 +88,7 @@ impl TorchBackend {
                 "backend torch runs on one rank, found {n}; use backend native, or run the solver in serial"
             )));
         }
-        let path = c_string(&model.to_string_lossy())?;
+        let bytes = model.to_bytes()?;
         let device = device.map(c_string).transpose()?;
         let library = library()?;
         // SAFETY: the library's version fixes the types of these functions.
@@ -100,11 +99,19 @@ impl TorchBackend {
                 library.function::<Free>("m4gn_torch_free")?,
             )
         };
-        let described = describe(graph, segments);
+        let described = describe(structure);
         let mut handle = std::ptr::null_mut();
         let device = device.as_ref().map_or(std::ptr::null(), |d| d.as_ptr());
         // SAFETY: all pointers are valid for the call and the arrays have the lengths that the struct says.
-        let status = unsafe { load(path.as_ptr(), &described, device, &mut handle) };
+        let status = unsafe {
+            load(
+                bytes.as_ptr(),
+                bytes.len() as u64,
+                &described,
+                device,
+                &mut handle,
+            )
+        };
         library.check(status)?;
         if handle.is_null() {
             return Err(Error::Internal("libm4gn_torch.so loaded no model".into()));
@@ -136,6 +143,10 @@ impl Forward for TorchBackend {
         let status = unsafe { (self.step)(self.handle, inputs.as_ptr(), outputs.as_mut_ptr()) };
         self.library.check(status)
     }
+
+    fn set_edges(&mut self, _: &Graph) -> Result<()> {
+        Err(Error::Internal("libtorch's graph has edges that stay".into()))
+    }
 }
 
 impl Drop for TorchBackend {
@@ -145,9 +156,10 @@ impl Drop for TorchBackend {
     }
 }
 
-fn describe(graph: &Graph, segments: Option<&Segmentation>) -> TorchGraph {
+fn describe(structure: &Structure) -> TorchGraph {
+    let graph = &structure.graph;
     let n_edges = graph.senders.len();
-    let view = segments.filter(|v| v.count > 0);
+    let view = structure.segments.as_ref().filter(|v| v.count > 0);
     TorchGraph {
         n_cells: graph.n_cells as i64,
         n_owned: graph.n_owned as i64,

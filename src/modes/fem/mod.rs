@@ -15,11 +15,14 @@ mod material;
 mod mesh;
 mod numbering;
 mod plane;
-pub mod sample;
 mod shape;
 mod smoothing;
 mod strain;
 mod volume;
+
+#[cfg(test)]
+#[path = "../../../tests/samples/points.rs"]
+pub mod sample;
 
 pub use body::body_modes;
 pub use constraint::Fixed;

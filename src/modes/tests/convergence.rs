@@ -1,7 +1,7 @@
 //! Eigenvalues against the continuous ones, under refinement.
 
 use super::super::*;
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 
 /// Slope of log(error) over log(h) by least squares.

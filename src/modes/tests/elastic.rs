@@ -1,11 +1,12 @@
 use crate::Modal;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{ElasticModes, Mesh, sample};
+use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::modal::ModeCount;
 use m4gn_model::{ModalOperator, SegmentSpec};
-use m4gn_segments as segments;
-use m4gn_segments::graph::Graph;
+use m4gn_samples::mesh as sample;
+use m4gn_structure as segments;
+use m4gn_structure::graph::Graph;
 
 /// A mesh with modes of a body; the second and third have one frequency, and the basis is turned by `angle`.
 fn mesh(angle: f64) -> Mesh {

@@ -1,6 +1,6 @@
 use super::super::*;
 use m4gn_mesh::Error;
-use m4gn_mesh::sample;
+use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 
 fn modes(mesh: &Mesh, n: usize) -> Result<Modes> {

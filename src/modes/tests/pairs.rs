@@ -279,7 +279,122 @@ fn wrong_pairs_are_refused() {
             m[20] = 0.0;
         }
         let error = modes(&bad, 3).unwrap_err();
-        assert!(matches!(&error, Error::Numerical(_)), "{error}");
+        assert!(
+            matches!(&error, Error::Numerical(m) if m.contains("a row of zeros in both")),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn indefinite_pairs_are_refused_at_any_size() {
+    for n in [60, 200] {
+        let good = || problem(bands(n, [-1.0, 2.0, -1.0], &[1.0]), None);
+        let negative = |k: Rows| problem(k, None);
+        let mut mass = good();
+        mass.mass = Mass::Diagonal((0..n).map(|i| if i % 7 == 0 { -1.0 } else { 1.0 }).collect());
+        let inside = Problem {
+            shift: Some(1.01),
+            ..good()
+        };
+        for (name, bad, word) in [
+            (
+                "K - 0.5 I",
+                negative(bands(n, [-1.0, 1.5, -1.0], &[1.0])),
+                "shift below",
+            ),
+            ("-K", negative(bands(n, [1.0, -2.0, 1.0], &[1.0])), "shift below"),
+            ("a shift inside of the spectrum", inside, "shift below"),
+            ("a negative mass", mass, "M is not positive semi-definite"),
+        ] {
+            let error = modes(&bad, 4).unwrap_err().to_string();
+            assert!(error.contains(word), "{n} rows, {name}: {error}");
+        }
+    }
+}
+
+/// Equal parts that are not joined: each eigenvalue as often as there are parts, in any numbering.
+#[test]
+fn eigenvalues_that_are_repeated_often_are_whole() {
+    for (parts, points, wanted) in [
+        (5, 30, 1),
+        (60, 20, 6),
+        (100, 12, 6),
+        (60, 50, 6),
+        (9, 40, 20),
+        (200, 30, 6),
+    ] {
+        let n = parts * points;
+        let chain = bands(points, [-1.0, 2.0, -1.0], &[1.0]);
+        // Row i of the whole is row `place(i)` of the parts one after the other.
+        let solved = |place: &dyn Fn(usize) -> usize| {
+            let mut number = vec![0; n];
+            (0..n).for_each(|i| number[place(i)] = i as i64);
+            let mut rows = Rows {
+                row: vec![0],
+                ..Default::default()
+            };
+            for (part, i) in (0..n).map(|i| (place(i) / points, place(i) % points)) {
+                for e in chain.row[i]..chain.row[i + 1] {
+                    rows.column.push(number[part * points + chain.column[e] as usize]);
+                    rows.value.push(chain.value[e]);
+                }
+                rows.row.push(rows.column.len());
+            }
+            let position = |i: usize| [place(i) as f64, 0.0, 0.0];
+            let pair = Problem {
+                positions: (0..n).map(position).collect(),
+                ..problem(rows, None)
+            };
+            modes(&pair, wanted).unwrap()
+        };
+        let straight = solved(&|i| i);
+        let mixed = solved(&|i| (i * 7919 + 13) % n);
+        let exact = |k: usize| 2.0 - 2.0 * (k as f64 * PI / (points + 1) as f64).cos();
+        let expected = wanted.div_ceil(parts) * parts;
+        assert_eq!(straight.eigenvalues.len(), expected, "{parts} chains of {points}");
+        assert_eq!(
+            mixed.eigenvalues.len(),
+            expected,
+            "{parts} chains of {points}, mixed"
+        );
+        close(
+            &straight.eigenvalues,
+            (0..expected).map(|m| exact(m / parts + 1)),
+            1e-9,
+        );
+        for (m, (a, b)) in straight.vectors.iter().zip(&mixed.vectors).enumerate() {
+            let off = (0..n)
+                .map(|i| (a[(i * 7919 + 13) % n] - b[i]).abs())
+                .fold(0.0, f64::max);
+            assert!(
+                off < 1e-5,
+                "{parts} chains of {points}: mode {m} differs by {off:e}"
+            );
+        }
+    }
+}
+
+/// A penalty on one unknown is a Dirichlet condition, however large it is.
+#[test]
+fn penalties_hold_an_unknown_or_are_refused() {
+    for n in [60, 200] {
+        for penalty in [1e9, 1e12, 1e15, 1e20, 1e30] {
+            let mut k = bands(n, [-1.0, 2.0, -1.0], &[1.0]);
+            k.value[0] = penalty;
+            let found = modes(&problem(k, None), 4).unwrap();
+            let exact = |k: usize| 2.0 - 2.0 * (k as f64 * PI / n as f64).cos();
+            assert_eq!(found.eigenvalues.len(), 4, "{n} rows, {penalty:e}");
+            close(&found.eigenvalues, (1..=4).map(exact), 1e-6);
+        }
+        // A penalty that ties two unknowns together drowns what the others say.
+        let mut k = bands(n, [-1.0, 2.0, -1.0], &[1.0]);
+        for (i, j) in [(20, 20), (20, 21), (21, 20), (21, 21)] {
+            let e = (k.row[i]..k.row[i + 1]).find(|&e| k.column[e] == j).unwrap();
+            k.value[e] += if i as i64 == j { 1e16 } else { -1e16 };
+        }
+        let error = modes(&problem(k, None), 4).unwrap_err().to_string();
+        assert!(error.contains("to 1.0e16"), "{n} rows: {error}");
     }
 }
 

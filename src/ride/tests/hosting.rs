@@ -18,7 +18,13 @@ pub fn from(settings: &str, toys: Vec<Toy>, time: f64) -> Result<Ride<'static>> 
     let boxed = toys.into_iter().map(|toy| Box::new(toy) as Box<dyn Surrogate>);
     let settings = RideSettings::parse(settings)?;
     let index = (time / DT).round() as i64;
-    Ride::new(Comm::serial(), boxed.collect(), settings, vec![0, 1], at(time, DT, 1e9, index))
+    Ride::new(
+        Comm::serial(),
+        boxed.collect(),
+        settings,
+        vec![0, 1],
+        at(time, DT, 1e9, index),
+    )
 }
 
 /// What happened in a run, in the order in which it did.
@@ -196,8 +202,12 @@ impl Host {
                     self.jumped = 0;
                     let quantities = [("energy".to_string(), 0.5)];
                     match answer.fields {
-                        true => fields.with(|given| self.ride.handed_back(self.step(), &quantities, given))?,
-                        false => self.ride.handed_back(self.step(), &quantities, &Given::default())?,
+                        true => {
+                            fields.with(|given| self.ride.handed_back(self.step(), &quantities, given))?
+                        }
+                        false => self
+                            .ride
+                            .handed_back(self.step(), &quantities, &Given::default())?,
                     }
                 }
             };

@@ -41,9 +41,21 @@ fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
         assert!(summary.contains(entry), "{entry} {summary}");
     }
     let lines: Vec<&str> = host.tables[0].lines().filter(|l| !l.starts_with('#')).collect();
-    assert_eq!(lines, ["2\t2\t0.5\t1\t0.5", "3.5\t2\t0.5\t1\t0.5", "4.5\t1\t0.25\t0.5\t0.5"]);
+    assert_eq!(
+        lines,
+        [
+            "2\t2\t0.5\t1\t0.5",
+            "3.5\t2\t0.5\t1\t0.5",
+            "4.5\t1\t0.25\t0.5\t0.5"
+        ]
+    );
     assert!(host.tables[0].contains("handOver(s)") && host.tables[0].contains("\tenergy"));
-    assert!(host.log.contains("jumped 2 steps of 0.5 s to time 2 in 1.5 s; energy 0.5\n"), "{}", host.log);
+    assert!(
+        host.log
+            .contains("jumped 2 steps of 0.5 s to time 2 in 1.5 s; energy 0.5\n"),
+        "{}",
+        host.log
+    );
 }
 
 #[test]
@@ -55,14 +67,21 @@ fn the_schedule_ends_at_its_time_and_has_a_summary() {
     let summary = host.ride.end();
     // Of the 1.9 s from its first step on.
     assert!(summary.contains("\"replaced_fraction\": 0.789474,"), "{summary}");
-    assert!(host.ride.take(crate::Text::Log).contains("replacedFraction = 0.789474 (1.5 s of 1.9 s in 1 jumps"));
+    assert!(
+        host.ride
+            .take(crate::Text::Log)
+            .contains("replacedFraction = 0.789474 (1.5 s of 1.9 s in 1 jumps")
+    );
 }
 
 #[test]
 fn before_its_start_there_is_no_summary() {
     let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 0.5);
     host.run().unwrap();
-    assert_eq!((host.events.clone(), host.ride.end()), (vec![Solved(5)], String::new()));
+    assert_eq!(
+        (host.events.clone(), host.ride.end()),
+        (vec![Solved(5)], String::new())
+    );
 }
 
 #[test]
@@ -79,16 +98,30 @@ fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 20}"#;
     let mut host = Host::of(settings, vec![toy], 9.5);
     host.run().unwrap();
-    let begin = (1..).find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0).unwrap() as usize;
-    assert_eq!(host.events[0], Solved(begin), "refused until then: {:?}", host.events);
+    let begin = (1..)
+        .find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0)
+        .unwrap() as usize;
+    assert_eq!(
+        host.events[0],
+        Solved(begin),
+        "refused until then: {:?}",
+        host.events
+    );
     let Jumped(0, strides) = host.events[1] else {
         panic!("{:?}", host.events)
     };
     assert!(strides < 16 && host.events.len() > 2, "{:?}", host.events);
-    assert!(host.warnings[0].starts_with("At time 0.5: the result is not finite"), "{:?}", host.warnings);
+    assert!(
+        host.warnings[0].starts_with("At time 0.5: the result is not finite"),
+        "{:?}",
+        host.warnings
+    );
     let summary = host.ride.end();
     let early = host.warnings.len();
-    assert!(summary.contains(&format!("\"jumps_ended_early\": {early},")), "{summary} {early}");
+    assert!(
+        summary.contains(&format!("\"jumps_ended_early\": {early},")),
+        "{summary} {early}"
+    );
 }
 
 #[test]
@@ -124,9 +157,19 @@ fn correctors_at_their_cap_make_jumps_shorter() {
     host.run().unwrap();
     let jumps: Vec<_> = host.events.iter().filter(|e| matches!(e, Jumped(..))).collect();
     assert_eq!(jumps, [&Jumped(0, 4), &Jumped(0, 2), &Jumped(0, 1)]);
-    assert!(host.warnings.last().unwrap().contains("The run goes on with the solver alone"));
+    assert!(
+        host.warnings
+            .last()
+            .unwrap()
+            .contains("The run goes on with the solver alone")
+    );
     let summary = host.ride.end();
-    for entry in ["\"jumps_watched\": 3,", "\"correctors_before\": 3,", "\"correctors_after\": 10,", "\"jumps_to_the_cap\": 3,"] {
+    for entry in [
+        "\"jumps_watched\": 3,",
+        "\"correctors_before\": 3,",
+        "\"correctors_after\": 10,",
+        "\"jumps_to_the_cap\": 3,",
+    ] {
         assert!(summary.contains(entry), "{entry} {summary}");
     }
 }
@@ -149,7 +192,9 @@ fn calls_out_of_turn_are_refused_by_name() {
     assert!(error(r.stride(&none, &mut []).unwrap_err()).contains("'a' is missing"));
     let places = toy::of([1.0, 2.0]).with(|g| r.stride(g, &mut []));
     assert!(error(places.unwrap_err()).contains("the places for the prediction"));
-    assert!(error(r.load(std::path::Path::new("none"), step(1.0)).unwrap_err()).contains("before the first step"));
+    assert!(
+        error(r.load(std::path::Path::new("none"), step(1.0)).unwrap_err()).contains("before the first step")
+    );
 }
 
 #[test]

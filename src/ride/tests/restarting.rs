@@ -1,17 +1,21 @@
 use super::hosting::{Event::*, Host, from};
 use crate::toy::{Toy, at};
-use crate::{Action, Given};
+use crate::{Action, Given, host_of};
 use m4gn_mesh::Error;
 
 fn schedules() -> Vec<(String, fn() -> Vec<Toy>)> {
     let base = r#""mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 3, "timeStart": 1"#;
     vec![
         (format!("{{{base}}}"), || vec![Toy::new(0.5).biased(0.01)]),
-        (format!("{{{base}, \"control\": {{\"tolerance\": 0.02}}}}"), || {
-            vec![Toy::new(0.5).biased(0.01)]
-        }),
+        (
+            format!("{{{base}, \"control\": {{\"tolerance\": 0.02}}}}"),
+            || vec![Toy::new(0.5).biased(0.01)],
+        ),
         (format!("{{{base}, \"control\": {{\"tolerance\": 0.2}}}}"), || {
-            vec![Toy::new(0.5).named("x").jumping(1.0, 0.3), Toy::new(0.4).named("y").biased(0.03)]
+            vec![
+                Toy::new(0.5).named("x").jumping(1.0, 0.3),
+                Toy::new(0.4).named("y").biased(0.03),
+            ]
         }),
         (format!("{{{base}, \"adapt\": {{\"mode\": \"during\"}}}}"), || {
             vec![Toy::new(0.5).biased(0.3).learning(0.02).ahead_by(0.04, 0.06)]
@@ -33,7 +37,15 @@ fn a_run_that_is_carried_on_is_the_uninterrupted_one_from_every_time() {
         let summary = whole.ride.end();
         let times: Vec<f64> = std::fs::read_dir(&folder)
             .unwrap()
-            .filter_map(|entry| entry.unwrap().file_name().to_str()?.strip_suffix(".state")?.parse().ok())
+            .filter_map(|entry| {
+                entry
+                    .unwrap()
+                    .file_name()
+                    .to_str()?
+                    .strip_suffix(".state")?
+                    .parse()
+                    .ok()
+            })
             .collect();
         assert!(times.len() > 30, "{times:?}");
         let mut carried = 0;
@@ -46,8 +58,16 @@ fn a_run_that_is_carried_on_is_the_uninterrupted_one_from_every_time() {
                 let lines = text.lines().filter(|l| !l.contains("adapt_"));
                 lines.collect::<Vec<_>>().join("\n")
             };
-            assert_eq!(same(&host.ride.end()), same(&summary), "carried on at {time}: {settings}");
-            assert!(host.log.contains("test goes on from its state at time"), "{}", host.log);
+            assert_eq!(
+                same(&host.ride.end()),
+                same(&summary),
+                "carried on at {time}: {settings}"
+            );
+            assert!(
+                host.log.contains("test goes on from its state at time"),
+                "{}",
+                host.log
+            );
             carried += 1;
         }
         assert!(carried > 20, "{carried}");
@@ -56,7 +76,8 @@ fn a_run_that_is_carried_on_is_the_uninterrupted_one_from_every_time() {
 
 #[test]
 fn a_run_that_was_stopped_in_a_jump_goes_on_with_the_rest_of_it() {
-    let settings = r#"{"mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 6, "timeStart": 1}"#;
+    let settings =
+        r#"{"mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 6, "timeStart": 1}"#;
     let toys = || vec![Toy::new(0.5).biased(0.01)];
     let mut whole = Host::of(settings, toys(), 9.0);
     whole.run().unwrap();
@@ -68,38 +89,60 @@ fn a_run_that_was_stopped_in_a_jump_goes_on_with_the_rest_of_it() {
     assert_eq!(stopped.events, [Solved(10), Jumped(0, 2)]);
     stopped.end = 9.0;
     let mut host = Host::carried_on(&stopped, settings, toys(), 2.0).unwrap();
-    assert!(host.log.contains("in a jump of which 4 steps are left"), "{}", host.log);
+    assert!(
+        host.log.contains("in a jump of which 4 steps are left"),
+        "{}",
+        host.log
+    );
     host.run().unwrap();
     assert_eq!((host.state, host.ride.end()), (whole.state, whole.ride.end()));
 }
 
 #[test]
 fn states_that_do_not_fit_are_refused_by_name_and_change_nothing() {
-    let settings = r#"{"mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 3, "control": {"tolerance": 0.5}}"#;
+    let settings = r#"{"mode": "replace", "name": "test", "host": "a b", "solverSteps": 5, "surrogateSteps": 3,
+        "control": {"tolerance": 0.5}}"#;
     let folder = tempfile::tempdir().unwrap();
     let mut whole = Host::of(settings, vec![Toy::new(0.5)], 3.0);
     whole.folder = Some(folder.path().into());
     whole.run().unwrap();
     let refused = |toys: Vec<Toy>| Host::carried_on(&whole, settings, toys, 2.1).err().unwrap();
     let other = refused(vec![Toy::new(0.5).named("other")]);
-    assert!(matches!(other, Error::Model(_)) && other.to_string().contains("had another model, toy.model"), "{other}");
+    assert!(
+        matches!(other, Error::Model(_)) && other.to_string().contains("had another model, toy.model"),
+        "{other}"
+    );
     let more = refused(vec![Toy::new(0.5), Toy::new(0.5)]);
-    assert!(more.to_string().contains("with 1 surrogates, and this one has 2"), "{more}");
+    assert!(
+        more.to_string().contains("with 1 surrogates, and this one has 2"),
+        "{more}"
+    );
     let file = folder.path().join("2.1.state");
     let mut ride = from(settings, vec![Toy::new(0.5)], 3.0).unwrap();
     let late = ride.load(&file, at(3.0, 0.1, 9.0, 30)).unwrap_err().to_string();
-    assert!(late.contains("the state at 2.1 s, and this run begins at 3 s"), "{late}");
+    assert!(
+        late.contains("the state at 2.1 s, and this run begins at 3 s"),
+        "{late}"
+    );
+    assert_eq!(host_of(&file).unwrap(), "a b");
     let bytes = std::fs::read(&file).unwrap();
     for (i, bit) in (0..bytes.len()).map(|i| (i, i % 8)) {
         let mut damaged = bytes.clone();
         damaged[i] ^= 1 << bit;
         std::fs::write(&file, &damaged).unwrap();
+        assert!(i % 50 > 0 || host_of(&file).is_err());
         let error = ride.load(&file, at(2.1, 0.1, 9.0, 21)).unwrap_err();
         assert!(matches!(error, Error::File { .. }), "{error}");
     }
-    let missing = ride.load(&folder.path().join("none"), at(2.1, 0.1, 9.0, 21)).unwrap_err();
+    let missing = ride
+        .load(&folder.path().join("none"), at(2.1, 0.1, 9.0, 21))
+        .unwrap_err();
     assert!(missing.to_string().contains("none"), "{missing}");
     // The ride begins anew as if there had been no state.
     assert_eq!(ride.solved(at(3.1, 0.1, 9.0, 31)).unwrap().action, Action::Decide);
-    assert_eq!(ride.decide(&Given::default()).unwrap_err().status(), 1, "it wants fields to measure by");
+    assert_eq!(
+        ride.decide(&Given::default()).unwrap_err().status(),
+        1,
+        "it wants fields to measure by"
+    );
 }

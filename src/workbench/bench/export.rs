@@ -14,11 +14,11 @@ use std::path::Path;
 /// What the engine returns; [`Error::File`] for what cannot be written.
 pub fn export(workload: &Workload, folder: &Path) -> Result<Value> {
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
-    let case = workload.case()?;
-    let graph = &case.graph;
+    let structure = workload.structure()?;
+    let graph = &structure.graph;
     let (inputs, mut outputs) = workload.values(graph)?;
     workload
-        .engine(&case, &EngineOptions::default())?
+        .engine(&structure, &EngineOptions::default())?
         .forward(&workload.comm, &inputs, &mut outputs)?;
     workload.model.write(folder.join("model.safetensors"))?;
     let spec = &workload.model.spec;

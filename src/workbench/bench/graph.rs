@@ -2,12 +2,10 @@
 
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
-use m4gn_mesh::{Mesh, NodeType, sample};
+use m4gn_mesh::{Mesh, NodeType, block};
 use m4gn_model::ModelSpec;
-use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_structure::Segmentation;
+use m4gn_structure::graph::Graph;
 use rand::{RngExt, SeedableRng};
 
 /// Points around a ring over the square root of all points: 24 for 1900.
@@ -82,7 +80,7 @@ pub fn hexahedra(cells: usize) -> Result<Mesh> {
         return Err(Error::Input(format!("{cells} cells: expected 1 to {}", 1 << 27)));
     }
     let n = (cells as f64).cbrt().round().max(1.0) as usize;
-    Ok(sample::block([n; 3], [1.0; 3]))
+    Ok(block::block([n; 3], [1.0; 3]))
 }
 
 /// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that
@@ -91,7 +89,7 @@ pub fn hexahedra(cells: usize) -> Result<Mesh> {
 /// # Errors
 /// [`Error::Input`] for more segments than nodes.
 pub fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segmentation>> {
-    if spec.architecture.segment_transformer().is_none() {
+    if !spec.architecture.needs().segments {
         return Ok(None);
     }
     let k = spec.segments.count;
@@ -108,25 +106,6 @@ pub fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segment
         offsets: random(n * spec.n_offset_features()),
         ..Segmentation::of_members(k, (0..=n as u32).collect(), member)
     }))
-}
-
-/// The segments that a session makes of a mesh. None for a model that needs no segments.
-///
-/// # Errors
-/// As [`segments::segment`].
-pub fn segments_of_mesh(
-    spec: &ModelSpec,
-    mesh: &Mesh,
-    graph: &mut Graph,
-    comm: &Comm,
-) -> Result<Option<Segmentation>> {
-    if spec.architecture.segment_transformer().is_none() {
-        return Ok(None);
-    }
-    let modal = Modal(spec.segments.modal());
-    let mut made = segments::segment(mesh, graph, &spec.segments, &modal, comm, None)?;
-    made.encode(spec, mesh, comm);
-    Ok(Some(made))
 }
 
 #[cfg(test)]

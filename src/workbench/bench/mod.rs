@@ -11,10 +11,10 @@ pub mod work;
 mod workload;
 
 pub use export::export;
-pub use graph::{consecutive_segments, hexahedra, o_mesh, segments_of_mesh};
+pub use graph::{consecutive_segments, hexahedra, o_mesh};
 pub use timing::{Runs, Timing, processor_time};
 pub use training::{Prepared, Trial};
-pub use workload::{Case, Source, Workload};
+pub use workload::{Source, Workload};
 
 use m4gn_mesh::NodeType;
 use m4gn_model::{

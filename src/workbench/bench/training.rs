@@ -1,15 +1,18 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
-use super::{Shape, consecutive_segments, hexahedra, o_mesh, segments_of_mesh};
+use super::{Shape, consecutive_segments, hexahedra, o_mesh};
+use m4gn_domain::Components;
+use m4gn_domain::cells::Cells;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::samples::{Components, Sample};
+use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, TrainingConfig, Workload};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{ArchitectureKeys, Model, ModelSpec};
-use m4gn_segments::graph::Graph;
+use m4gn_modes::Modal;
+use m4gn_structure::Structure;
 use m4gn_train::config::{Config, FieldConfig, ModelConfig};
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -76,24 +79,30 @@ impl Trial {
         }
         .spec();
         spec.check()?;
-        let (graph, segments) = match self.hex {
+        let structure = match self.hex {
             true => {
-                let mesh = hexahedra(self.nodes)?;
-                let mut graph = Graph::new(&mesh, &comm)?;
-                let segments = segments_of_mesh(&spec, &mesh, &mut graph, &comm)?;
-                (graph, segments)
+                let modal = Modal(spec.segments.modal());
+                Structure::new(
+                    &hexahedra(self.nodes)?,
+                    &spec,
+                    &spec.segments,
+                    &modal,
+                    None,
+                    &comm,
+                )?
             }
             false => {
                 let graph = o_mesh(self.nodes, &comm)?;
                 let segments = consecutive_segments(&spec, graph.n_owned)?;
-                (graph, segments)
+                Structure { graph, segments }
             }
         };
+        let graph = &structure.graph;
         let width = Components::new(&spec).count;
         let n_frames = self.unroll + 1;
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let frames = (0..n_frames * graph.n_owned * width).map(|_| rng.random_range(-1.7f32..1.7));
-        let boundary = graph.n_owned - graph.n_cells;
+        let (cells, boundary) = (graph.n_cells, graph.n_owned - graph.n_cells);
         let sample = Sample {
             frames: frames.collect(),
             source: None,
@@ -102,12 +111,8 @@ impl Trial {
             cell_size: 0.0,
             coarse: None,
             width,
-            segments: segments.unwrap_or_default(),
-            contact: None,
-            owners: vec![0; boundary],
-            copies: vec![false; boundary * width],
-            held: None,
-            graph,
+            domain: Box::new(Cells::prescribed(cells, boundary, &spec)),
+            structure,
         };
         let normaliser = Normaliser::of_model(&Model::random(spec.clone(), 1)?)?;
         let fields = spec.fields.iter().map(|f| FieldConfig {

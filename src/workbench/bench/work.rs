@@ -80,7 +80,7 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
         nodes * (2.0 * inputs * d + hidden * square),
         nodes * (4.0 * inputs + node * d),
     )];
-    if a.reads_edges() && !encoded {
+    if a.needs().edges && !encoded {
         list.push(work(
             Phase::EncodeEdges,
             edges * (2.0 * features * d + hidden * square),
@@ -145,7 +145,7 @@ pub fn kept_bytes(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: boo
     let d = spec.architecture.width as f64;
     let [nodes, edges] = [sizes.nodes, sizes.edges].map(|x| x as f64);
     let [edge, node, sender] = [storage.edge, storage.node, storage.sender].map(|x| x as f64);
-    if !spec.architecture.reads_edges() {
+    if !spec.architecture.needs().edges {
         // Latents and scaled latents.
         return edges * 8.0 + nodes * (2.0 * node * d + 24.0);
     }

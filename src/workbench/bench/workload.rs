@@ -1,17 +1,17 @@
 //! A network, a graph, and the programs that run one on the other.
 
-use super::{consecutive_segments, o_mesh, segments_of_mesh};
+use super::{consecutive_segments, o_mesh};
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, EngineOptions};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_segments::Segmentation;
-use m4gn_segments::graph::Graph;
+use m4gn_modes::Modal;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// Where the graph comes from.
 #[derive(Debug)]
@@ -36,80 +36,52 @@ impl Source {
 pub struct Workload {
     /// The network.
     pub model: Model,
-    /// File of the model, where it has one.
-    pub path: Option<PathBuf>,
     /// What it is run on.
     pub source: Source,
     /// This process alone.
     pub comm: Comm,
 }
 
-/// A graph with its segments.
-#[derive(Debug)]
-pub struct Case {
-    /// The graph.
-    pub graph: Graph,
-    /// Its segments, where the model needs some.
-    pub segments: Option<Segmentation>,
-}
-
 impl Workload {
-    /// The graph and its segments.
+    /// What the network lives on.
     ///
     /// # Errors
     /// What makes them.
-    pub fn case(&self) -> Result<Case> {
+    pub fn structure(&self) -> Result<Structure> {
         let spec = &self.model.spec;
         match &self.source {
             Source::OMesh(nodes) => {
                 let graph = o_mesh(*nodes, &self.comm)?;
                 let segments = consecutive_segments(spec, graph.n_owned)?;
-                Ok(Case { graph, segments })
+                Ok(Structure { graph, segments })
             }
             Source::Mesh(mesh) => {
-                let mut graph = Graph::new(mesh, &self.comm)?;
-                let segments = segments_of_mesh(spec, mesh, &mut graph, &self.comm)?;
-                Ok(Case { graph, segments })
+                let modal = Modal(spec.segments.modal());
+                Structure::new(mesh, spec, &spec.segments, &modal, None, &self.comm)
             }
         }
     }
 
-    /// The native engine for a case.
+    /// The native engine on a structure.
     ///
     /// # Errors
     /// As [`Engine::new`].
-    pub fn engine(&self, case: &Case, options: &EngineOptions) -> Result<Engine> {
-        Engine::new(&self.model, &case.graph, case.segments.as_ref(), options)
+    pub fn engine(&self, structure: &Structure, options: &EngineOptions) -> Result<Engine> {
+        Engine::new(&self.model, structure, options)
     }
 
     /// The model on libtorch, which takes its number of threads from the environment when it is loaded.
     ///
     /// # Errors
     /// As [`TorchBackend::new`]; [`Error::Input`] where the environment says another number.
-    pub fn torch(&self, case: &Case, device: Option<&str>, threads: usize) -> Result<TorchBackend> {
+    pub fn torch(&self, structure: &Structure, device: Option<&str>, threads: usize) -> Result<TorchBackend> {
         if std::env::var("OMP_NUM_THREADS").ok().as_deref() != Some(&threads.to_string()) {
             return Err(Error::Input(format!(
                 "backend torch takes its threads from the environment: set OMP_NUM_THREADS={threads}"
             )));
         }
-        let lengths = self.lengths(&case.graph);
-        let folder = tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?;
-        let path = match &self.path {
-            Some(path) => path.clone(),
-            None => {
-                let path = folder.path().join("model.safetensors");
-                self.model.write(&path)?;
-                path
-            }
-        };
-        TorchBackend::new(
-            &path,
-            &case.graph,
-            case.segments.as_ref(),
-            lengths,
-            device,
-            &self.comm,
-        )
+        let lengths = self.lengths(&structure.graph);
+        TorchBackend::new(&self.model, structure, lengths, device, &self.comm)
     }
 
     /// Lengths of the inputs and the outputs of a step.

@@ -38,7 +38,13 @@ pub(crate) enum Line<'a> {
 /// The lines of a log.
 pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
     // Newer versions write the unit behind the time: 2s
-    let number = |word: &str| word.trim().trim_end_matches('s').parse::<f64>().ok();
+    let number = |text: &str| {
+        text.split_whitespace()
+            .next()?
+            .trim_end_matches('s')
+            .parse::<f64>()
+            .ok()
+    };
     text.lines().map(str::trim_start).map(move |line| {
         // solidDisplacementFoam says Iteration
         let begins = line.strip_prefix("Iteration:");
@@ -48,7 +54,7 @@ pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
         }
         let seconds = |key: &str| {
             let rest = line[line.find(key)? + key.len()..].trim_start();
-            number(rest.strip_prefix('=')?.split_whitespace().next()?)
+            number(rest.strip_prefix('=')?)
         };
         match (line.starts_with("ExecutionTime"), seconds("ExecutionTime")) {
             (true, Some(processor)) => Line::Done(Clock {

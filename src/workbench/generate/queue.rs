@@ -117,31 +117,13 @@ impl<C: Case> Queue<C> {
     }
 
     fn run_missing(&self, missing: &[&C], report: &mut impl FnMut(&C, &Outcome<C::Figures>)) {
-        let next = AtomicUsize::new(0);
-        let (sender, outcomes) = mpsc::channel();
-        std::thread::scope(|scope| {
-            for _ in 0..self.jobs.clamp(1, missing.len().max(1)) {
-                let (sender, next) = (sender.clone(), &next);
-                scope.spawn(move || {
-                    while !self.tools.stopped() {
-                        let Some(case) = missing.get(next.fetch_add(1, Ordering::Relaxed)) else {
-                            break;
-                        };
-                        let outcome = match self.make(case) {
-                            Ok(made) => Outcome::Made(made),
-                            Err(Error::Interrupted(_)) => break,
-                            Err(e) => Outcome::Failed(e),
-                        };
-                        if sender.send((*case, outcome)).is_err() {
-                            break;
-                        }
-                    }
-                });
-            }
-            drop(sender);
-            for (case, outcome) in outcomes {
-                report(case, &outcome);
-            }
+        let make = |i: usize| match self.make(missing[i]) {
+            Ok(made) => Some(Outcome::Made(made)),
+            Err(Error::Interrupted(_)) => None,
+            Err(e) => Some(Outcome::Failed(e)),
+        };
+        in_parallel((self.jobs, missing.len()), &self.tools, make, |i, outcome| {
+            report(missing[i], &outcome);
         });
     }
 
@@ -185,6 +167,37 @@ impl<C: Case> Queue<C> {
             )),
         }
     }
+}
+
+/// Does things 0 to `count` - 1, `jobs` at once, until the user stops; `each` is called on the calling thread as one ends, none where
+/// it was stopped.
+pub fn in_parallel<T: Send>(
+    (jobs, count): (usize, usize),
+    tools: &Surroundings,
+    work: impl Fn(usize) -> Option<T> + Sync,
+    mut each: impl FnMut(usize, T),
+) {
+    let next = AtomicUsize::new(0);
+    let (sender, results) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, count.max(1)) {
+            let (sender, next, work) = (sender.clone(), &next, &work);
+            scope.spawn(move || {
+                while !tools.stopped() {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    if i >= count {
+                        break;
+                    }
+                    let Some(result) = work(i) else { break };
+                    if sender.send((i, result)).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        results.into_iter().for_each(|(i, result)| each(i, result));
+    });
 }
 
 /// Keeps other programs of this kind out of the folder while the result lives; the system ends the lock with the process.

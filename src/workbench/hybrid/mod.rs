@@ -30,7 +30,6 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What to run and how.
 #[derive(Clone, Debug)]
@@ -139,19 +138,10 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
         comparing: &comparing,
         report: &report,
     };
-    let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<DrawResult>> = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..plan.jobs.clamp(1, draws.len().max(1)) {
-            scope.spawn(|| {
-                while !plan.tools.stopped() {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(draw) = draws.get(index) else { break };
-                    let result = job.run(index as u64, draw);
-                    results.lock().unwrap_or_else(|e| e.into_inner()).push(result);
-                }
-            });
-        }
+    let mut results: Vec<DrawResult> = Vec::new();
+    let run = |i: usize| Some(job.run(i as u64, &draws[i]));
+    queue::in_parallel((plan.jobs, draws.len()), &plan.tools, run, |_, result| {
+        results.push(result);
     });
     if plan.tools.stopped() {
         return Err(Error::Interrupted(format!(
@@ -159,7 +149,6 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
             plan.folder.display()
         )));
     }
-    let mut results = results.into_inner().unwrap_or_else(|e| e.into_inner());
     results.sort_by_key(|r| r.index);
     Ok(results)
 }

@@ -7,8 +7,8 @@ use std::path::Path;
 
 /// Name of the full run.
 pub const FULL: &str = "full";
-/// Name of the hybrid with the family's own schedule.
-const HYBRID: &str = "hybrid";
+/// What is run with the family's own schedule: a name, and entries of the function object beside the usual ones.
+const HYBRIDS: [(&str, &str); 1] = [("hybrid", "")];
 
 /// One way to run a case.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,13 +55,17 @@ pub fn variants(
     hybrids: &[String],
     plain: &[String],
 ) -> Result<Vec<Variant>> {
-    let mut all = vec![Variant {
-        name: HYBRID.into(),
+    let hybrid = |name: &str, entries: &str, settings| Variant {
+        name: name.into(),
         kind: Kind::Hybrid {
-            entries: String::new(),
-            settings: schedule.hybrid_set.clone(),
+            entries: entries.into(),
+            settings,
         },
-    }];
+    };
+    let usual = HYBRIDS.iter();
+    let mut all: Vec<Variant> = usual
+        .map(|(name, entries)| hybrid(name, entries, schedule.hybrid_set.clone()))
+        .collect();
     for text in hybrids {
         let (name, rest) = text.split_once('=').ok_or_else(|| {
             Error::Input(format!(
@@ -78,10 +82,7 @@ pub fn variants(
         family.check_settings(&settings)?;
         let entries = std::fs::read_to_string(file)
             .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
-        all.push(Variant {
-            name: name.into(),
-            kind: Kind::Hybrid { entries, settings },
-        });
+        all.push(hybrid(name, &entries, settings));
     }
     let known = |name: &str| schedule.plain.iter().find(|p| p.name == name);
     let own = schedule.plain.iter().map(|p| p.name.clone()).collect::<Vec<_>>();

@@ -17,9 +17,9 @@ use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalSource, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
-use m4gn_segments as segments;
-use m4gn_segments::graph::Graph;
-use m4gn_segments::{Dissimilarity, Quality};
+use m4gn_structure as segments;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Dissimilarity, Quality};
 use std::time::Instant;
 
 /// What is compared.

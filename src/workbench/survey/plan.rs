@@ -22,9 +22,9 @@ use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::NoModes;
 use m4gn_model::{MAX_SEGMENTS, ModelSpec, SegmentMethod, SegmentSpec};
 use m4gn_report::{Table, number};
-use m4gn_segments as segments;
-use m4gn_segments::graph::Graph;
-use m4gn_segments::ranks;
+use m4gn_structure as segments;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::ranks;
 use serde_json::{Value, json};
 
 /// Most ranks: METIS parts are cut like segments.
@@ -322,7 +322,7 @@ pub fn json(plans: &[Plan]) -> Value {
 mod tests {
     use super::*;
     use crate::bench::Shape;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     fn network(dim: usize) -> Network {
         let shape = Shape {

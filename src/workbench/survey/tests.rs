@@ -1,5 +1,6 @@
 use super::*;
-use m4gn_mesh::{NodeType, sample};
+use m4gn_mesh::NodeType;
+use m4gn_samples::mesh as sample;
 
 fn options(methods: &[SegmentMethod], counts: &[usize], modes: usize) -> Options {
     Options {

@@ -10,7 +10,7 @@
 //! - RMSE-all: the same over the whole trajectory.
 //!
 //! Beside the model stand predictions that know nothing (`baselines`). Of a domain with elements there are mesh
-//! metrics as well ([`m4gn_contact::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
+//! metrics as well ([`m4gn_domain::body::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
 //! (the smallest of all steps, in mean edges): see [`Shape`]. A rollout with contact projection is one whose session
 //! projects after each step.
 
@@ -33,8 +33,9 @@ pub use series::write as write_series;
 pub use shape::Shape;
 pub use summary::{Figures, Row, Summary, headline, json, summaries};
 
-use m4gn_contact::projection::ProjectionOptions;
 use m4gn_data::{Split, Trajectory};
+use m4gn_domain::Kind;
+use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, Model};
@@ -147,14 +148,10 @@ impl Case {
 /// [`Pace::new`].
 pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
     let misfit = |message: String| Err(Error::Model(message));
-    match (model.spec.contact, trajectory.body()) {
-        (Some(_), None) => {
-            return misfit("the model is of bodies at points, the data are fields at cells (a flow)".into());
-        }
-        (None, Some(_)) => {
-            return misfit("the model is of fields at cells (a flow), the data are a body at points".into());
-        }
-        _ => {}
+    let kinds = [Kind::of_model(&model.spec), Kind::of_mesh(trajectory.mesh())];
+    if kinds[0] != kinds[1] {
+        let [model, data] = kinds.map(Kind::name);
+        return misfit(format!("the model is of {model}, the data are {data}"));
     }
     let dimensions = |d: [i32; 7]| format!("[{}]", d.map(|d| d.to_string()).join(" "));
     let kind = |vector: bool| if vector { "vector" } else { "scalar" };
@@ -221,12 +218,12 @@ pub fn stepper<'a>(
     outside: &'a mut Vec<String>,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
-    let is_body = session.spec().contact.is_some();
+    let moves = Kind::of_model(session.spec()).moves();
     move |fields, out, given| {
         if has_obstacle {
             session.set_obstacle(given.motion[0], given.motion[1])?;
         }
-        if let (true, Some((before, obstacle))) = (is_body, given.before) {
+        if let (true, Some((before, obstacle))) = (moves, given.before) {
             session.set_before(before.as_chunks().0, obstacle)?;
         }
         let done = session.step(fields, out);

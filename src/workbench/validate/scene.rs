@@ -3,12 +3,13 @@
 use super::prediction::{FieldErrors, Keep, Prediction};
 use super::{pace::Pace, shape::Shape};
 use crate::errors::SquaredError;
-use m4gn_contact::quality::Quality;
 use m4gn_data::Trajectory;
+use m4gn_domain::Boundary;
+use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{FieldSpec, Output};
-use m4gn_step::{Field, FieldMut, copied_faces, impose_boundary};
+use m4gn_step::{Field, FieldMut};
 use std::borrow::Cow;
 use std::time::Instant;
 
@@ -36,8 +37,7 @@ struct Track {
     width: usize,
     /// Recorded frames at the stride, rows of `width`: nodes, and boundary faces.
     recorded: Vec<Values>,
-    /// Boundary faces that take their owner's value.
-    copied: Vec<bool>,
+    boundary: Boundary,
 }
 
 /// A trajectory's recorded frames at a stride.
@@ -72,8 +72,11 @@ impl<'a> Scene<'a> {
         let mesh = trajectory.mesh();
         let track = |spec: &FieldSpec| {
             let frames = trajectory.read_frames(&spec.name, 0, pace.frames, pace.steps + 1)?;
-            let pairs = frames.iter().map(|f| (&f.cells[..], &f.boundary[..]));
-            let copied = copied_faces(mesh, spec.vector, pairs);
+            let mut boundary = Boundary::new(mesh, std::slice::from_ref(spec), mesh.dim());
+            for frame in &frames {
+                boundary.see_field(0, &frame.cells, &frame.boundary);
+            }
+            boundary.settle();
             let wide = |values: &[f32]| widen(values, spec.vector, &mesh.directions);
             Ok(Track {
                 spec: spec.clone(),
@@ -82,7 +85,7 @@ impl<'a> Scene<'a> {
                     .iter()
                     .map(|f| (wide(&f.cells), wide(&f.boundary)))
                     .collect(),
-                copied,
+                boundary,
             })
         };
         let motion = trajectory.read_motion(0, pace.frames, pace.steps + 1)?;
@@ -253,7 +256,7 @@ impl<'a> Scene<'a> {
             for ((track, next), (nodes, boundary)) in self.tracks.iter().zip(&next).zip(&mut state) {
                 nodes.clone_from(next);
                 let prescribed = &track.recorded[i + 1].1;
-                impose_boundary(self.mesh, track.width, &track.copied, nodes, prescribed, boundary);
+                track.boundary.impose(0, track.width, nodes, prescribed, boundary);
             }
             visit(i, &state)?;
         }
@@ -352,7 +355,7 @@ mod tests {
 
     #[test]
     fn the_headline_is_the_velocity_or_the_first_vector() {
-        let mut fields = m4gn_model::sample::spec().fields;
+        let mut fields = m4gn_samples::model::spec().fields;
         let names = |fields: &[FieldSpec]| -> Vec<String> {
             predicted(fields).iter().map(|f| f.name.clone()).collect()
         };

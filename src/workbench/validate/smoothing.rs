@@ -7,6 +7,7 @@
 //! three quarters of the square go, so that the part that is left out is a lower bound.
 
 use faer::Mat;
+use m4gn_domain::Kind;
 use m4gn_mesh::Mesh;
 
 /// Faces between a cell and those that its value is fitted to.
@@ -22,7 +23,7 @@ pub(super) struct Smoothing {
 impl Smoothing {
     /// For a mesh of cells; none for a body at points.
     pub fn new(mesh: &Mesh) -> Option<Self> {
-        if mesh.body.is_some() {
+        if Kind::of_mesh(mesh).moves() {
             return None;
         }
         let mut neighbours = vec![Vec::new(); mesh.n_cells()];
@@ -100,7 +101,7 @@ fn weights(mesh: &Mesh, cell: usize, stencil: &[usize]) -> Vec<(usize, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::sample;
+    use m4gn_samples::mesh as sample;
 
     #[test]
     fn what_the_mesh_resolves_stays_and_what_changes_from_cell_to_cell_goes() {

@@ -2,8 +2,8 @@
 
 use super::{Case, Pace, Prediction};
 use crate::errors::{SquaredError, cumulative};
-use m4gn_contact::quality::Quality;
 use m4gn_data::Split;
+use m4gn_domain::body::quality::Quality;
 use m4gn_report::{Table, number};
 use serde_json::{Map, Value, json};
 

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::errors::SquaredError;
-use m4gn_contact::quality::Quality;
+use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::NodeType;
 use serde_json::Value;
 
@@ -157,7 +157,7 @@ fn other_predicted_fields_have_figures_too() {
 /// Scores a step that knows the truth, and what is done to it.
 fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<()>) -> Case {
     let t = Trajectory::open(FILE).unwrap();
-    let fields = m4gn_model::sample::bodies().fields;
+    let fields = m4gn_samples::model::bodies().fields;
     let pace = Pace::new(t.times(), stride).unwrap();
     let scene = Scene::read(&t, &fields, pace).unwrap();
     let mut followed = None;
@@ -261,7 +261,7 @@ fn a_prediction_that_blows_up_has_no_figures() {
 
 /// A model of bodies whose steps change next to nothing: the obstacle sinks into the body where nothing projects.
 fn still() -> Model {
-    let mut spec = m4gn_model::sample::bodies();
+    let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 2;
     spec.segments.modes = 1;
     let mut model = Model::random(spec, 5).unwrap();
@@ -307,8 +307,8 @@ fn models_and_data_of_other_kinds_are_refused() {
         let model = Model::random(spec, 1).unwrap();
         fits(&model, &t).unwrap_err().to_string()
     };
-    assert!(message(m4gn_model::sample::spec()).contains("the data are a body at points"));
-    let mut spec = m4gn_model::sample::bodies();
+    assert!(message(m4gn_samples::model::spec()).contains("the data are a body at points"));
+    let mut spec = m4gn_samples::model::bodies();
     spec.fields[0].dimensions[2] = -1;
     assert!(message(spec).contains("the model knows a vector with dimensions [0 1 -1"));
 }
@@ -317,9 +317,9 @@ fn models_and_data_of_other_kinds_are_refused() {
 #[test]
 fn a_flow_whose_field_has_another_name() {
     let folder = tempfile::tempdir().unwrap();
-    m4gn_train::sample::write_data(folder.path(), 1).unwrap();
+    m4gn_samples::training::write_data(folder.path(), 1).unwrap();
     let t = Trajectory::open(folder.path().join("000.h5")).unwrap();
-    let mut spec = m4gn_model::sample::spec();
+    let mut spec = m4gn_samples::model::spec();
     spec.segments.method = m4gn_model::SegmentMethod::Metis;
     spec.fields.reverse();
     let model = Model::random(spec, 3).unwrap();
@@ -367,7 +367,7 @@ fn a_flow_whose_field_has_another_name() {
     let case = go(&Model::random(scalar, 3).unwrap()).unwrap();
     assert_eq!(case.fields[0], ("p".to_string(), "m^2/s^2".to_string()));
     assert!(figures(&case, 0).iter().all(|v| v.is_finite()));
-    let spec = m4gn_model::sample::spec();
+    let spec = m4gn_samples::model::spec();
     let page = report("m.safetensors", &spec, &[case]).unwrap().html();
     assert!(page.contains("error of p [m^2/s^2]") && page.contains("Fields"));
 }
@@ -375,9 +375,9 @@ fn a_flow_whose_field_has_another_name() {
 #[test]
 fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
     let folder = tempfile::tempdir().unwrap();
-    m4gn_train::sample::write_data(folder.path(), 1).unwrap();
+    m4gn_samples::training::write_data(folder.path(), 1).unwrap();
     let t = Trajectory::open(folder.path().join("000.h5")).unwrap();
-    let mut spec = m4gn_model::sample::spec();
+    let mut spec = m4gn_samples::model::spec();
     let p = spec.fields.iter_mut().find(|f| f.name == "p").unwrap();
     p.output = m4gn_model::Output::None;
     let pace = Pace::new(t.times(), 0.01).unwrap();
@@ -422,7 +422,7 @@ fn the_page_and_the_series() {
         shift(u, t, 1e-4);
         Ok(())
     });
-    let spec = m4gn_model::sample::bodies();
+    let spec = m4gn_samples::model::bodies();
     let html = report("m.safetensors", &spec, std::slice::from_ref(&case))
         .unwrap()
         .html();

@@ -1,0 +1,350 @@
+//! A body in a host's run: an obstacle with prescribed motion, what the stride before says, and contact projection after the step.
+
+mod given;
+
+use super::Made;
+use super::correction::Correction;
+use super::graph::Body;
+use super::history::{History, Origin, State};
+use super::projection::{Projection, ProjectionReport, check_start};
+use crate::field::expect_shape;
+use crate::host::{Host, HostOptions, Hosted, Predict};
+use crate::{Domain, Field};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_model::{ModelSpec, SegmentSpec, Solid, cell_size};
+use m4gn_structure::Structure;
+
+/// A displacement beyond which no solver would take on, m; contact projection and search trees need not either.
+const FARTHEST: f64 = 1e6;
+
+/// A body whose points a host has.
+pub struct BodyHost {
+    body: Body,
+    /// Name of the displacement.
+    field: String,
+    /// For each of the host's own points its place among the body's.
+    place: Vec<usize>,
+    /// Own points of the body, as numbers of the whole body.
+    points: Vec<u32>,
+    n_points: usize,
+    n_obstacle: usize,
+    /// What the body's elements are made of.
+    solid: Solid,
+    /// Displacement of the obstacle's points now and after the step, once it is known.
+    motion: Option<[Vec<Vector>; 2]>,
+    /// Displacement of the local nodes `[n_local x 3]`, and, of a history, what it changed by over the stride before.
+    state: Vec<f32>,
+    /// The obstacle's displacement after the step, at its local nodes `[n_local x 3]`.
+    next: Vec<f32>,
+    /// Change of the displacement of the own points `[n x 3]`, as the network says.
+    outputs: Vec<f32>,
+    projection: Option<(Projection, ProjectionReport)>,
+    /// Where the model reads it, or is corrected by it.
+    history: Option<History>,
+    /// Of the network by what it was off by over the stride before a hand-over, where it does not read the change over that stride.
+    correction: Option<Correction>,
+}
+
+impl BodyHost {
+    /// As [`crate::open`].
+    pub(crate) fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -> Result<Hosted> {
+        let (whole, ranks) = mesh.whole_body(comm)?;
+        let obstacle = mesh.obstacle.as_ref();
+        let projection = match options.projection {
+            Some(settings) => {
+                let made = comm.agree(Projection::new(&whole, obstacle, settings))?;
+                Some((made, ProjectionReport::default()))
+            }
+            None => {
+                comm.agree(check_start(&whole, obstacle))?;
+                None
+            }
+        };
+        let made = Made::new(
+            (&whole, &ranks, obstacle),
+            spec,
+            options.segments,
+            None,
+            options.modes,
+            comm,
+        )?;
+        let Made {
+            part,
+            body,
+            structure,
+        } = made;
+        let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
+        let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();
+        let (n_segments, node_segment) = structure.segments.as_ref().map_or((0, Vec::new()), |s| {
+            // The obstacle is the last one, and none of the body's.
+            let count = s.count - usize::from(obstacle.is_some());
+            (count, place.iter().map(|&i| s.node_segment[i]).collect())
+        });
+        let size = cell_size(&part.mesh, comm);
+        let carried = spec.calibration.as_ref().and_then(|c| c.carried);
+        let carried = carried.filter(|&decay| decay > 0.0 && !spec.has_history());
+        let local = 3 * body.n_local();
+        let host = BodyHost {
+            field: spec.fields[0].name.clone(),
+            n_points: whole.positions.len(),
+            n_obstacle: part.obstacle.len(),
+            solid: Solid::of_body(&whole),
+            motion: None,
+            state: vec![0.0; local * if spec.has_history() { 2 } else { 1 }],
+            next: vec![0.0; local],
+            outputs: vec![0.0; 3 * part.points.len()],
+            points: part.points,
+            place,
+            body,
+            projection,
+            history: (spec.has_history() || carried.is_some()).then(|| History::new(size)),
+            correction: carried.map(Correction::new),
+        };
+        Ok(Hosted {
+            host: Box::new(host),
+            structure,
+            n_segments,
+            node_segment,
+            segment_record: String::new(),
+            cell_size: size,
+        })
+    }
+
+    /// One step of the displacement of the host's own points, m; held points stay. Collective; all ranks fail together,
+    /// and `displacement` is then as it was.
+    fn advance(&mut self, comm: &Comm, network: &mut dyn Predict, displacement: &mut [Vector]) -> Result<()> {
+        let motion = match self.motion.take() {
+            Some(motion) => Ok(motion),
+            None if self.n_obstacle == 0 => Ok([Vec::new(), Vec::new()]),
+            None => Err(Error::Input(
+                "the obstacle's motion in this step is not known: give it before every step (m4gn_session_set_obstacle)"
+                    .into(),
+            )),
+        };
+        let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
+        let [now, after] = comm.agree(checked)?;
+        // States are kept for a history alone.
+        let start = self.history.is_some().then(|| State {
+            body: displacement.to_vec(),
+            obstacle: now.clone(),
+        });
+        let mut correction = None;
+        if let (Some(history), Some(start)) = (&mut self.history, &start) {
+            if self.correction.is_some() {
+                let origin = history.origin(comm, start);
+                correction = self.correct(comm, network, origin, [start.body.as_slice(), &now, &after])?;
+            } else {
+                let before = history.before(comm, start)?;
+                self.set_change(&before, start);
+            }
+        }
+        self.predict(comm, network, displacement, [&now, &after])?;
+        let mut end = comm.agree(self.moved(displacement, correction.as_deref()))?;
+        self.project(comm, &mut end, &after)?;
+        displacement.copy_from_slice(&end);
+        if let (Some(history), Some(start)) = (&mut self.history, start) {
+            // What the projection corrected is part of the change.
+            let obstacle = after;
+            history.done(start, State { body: end, obstacle });
+        }
+        Ok(())
+    }
+
+    /// Takes the change over a step from a displacement of the host's own points into the outputs, as the network says. Collective;
+    /// all ranks fail together.
+    fn predict(
+        &mut self,
+        comm: &Comm,
+        network: &mut dyn Predict,
+        displacement: &[Vector],
+        motion: [&[Vector]; 2],
+    ) -> Result<()> {
+        let BodyHost {
+            body, state, next, ..
+        } = self;
+        fill(state, self.place.iter().copied(), displacement);
+        for (rows, values) in [(&mut *state, motion[0]), (next, motion[1])] {
+            fill(
+                rows,
+                body.obstacle_nodes().iter().map(|&node| node as usize),
+                values,
+            );
+        }
+        let outputs = network.predict(comm, body, state, next)?;
+        self.outputs.copy_from_slice(outputs);
+        Ok(())
+    }
+
+    /// What the network's change in a step from a state is to be corrected by, at the host's own points, m; None: by nothing. At a
+    /// hand-over this takes a step of the network, from the state one stride before. Collective; all ranks fail together.
+    fn correct(
+        &mut self,
+        comm: &Comm,
+        network: &mut dyn Predict,
+        origin: Origin,
+        [body, now, after]: [&[Vector]; 3],
+    ) -> Result<Option<Vec<Vector>>> {
+        let before = match origin {
+            Origin::Step(start) => start.obstacle,
+            Origin::Solver(before) => {
+                self.predict(comm, network, &before.body, [&before.obstacle, now])?;
+                let of_free = |p: usize, u: Vector| match self.body.is_held(self.place[p]) {
+                    true => [0.0; 3],
+                    false => u,
+                };
+                let changes = self.outputs.as_chunks::<3>().0;
+                let n = body.len();
+                let was = (0..n).map(|p| of_free(p, std::array::from_fn(|k| body[p][k] - before.body[p][k])));
+                let said = (0..n).map(|p| of_free(p, changes[self.place[p]].map(f64::from)));
+                let (was, said): (Vec<Vector>, Vec<Vector>) = (was.collect(), said.collect());
+                if let Some(correction) = &mut self.correction {
+                    correction.measure(comm, (&was, &said));
+                }
+                before.obstacle
+            }
+            Origin::Unknown => {
+                self.correction.iter_mut().for_each(Correction::forget);
+                return Ok(None);
+            }
+        };
+        let next = self
+            .correction
+            .as_mut()
+            .and_then(|c| c.next([&before, now, after]));
+        let scaled =
+            |(weight, error): (f64, &[Vector])| error.iter().map(|e| e.map(|v| weight * v)).collect();
+        Ok(next.map(scaled))
+    }
+
+    /// Takes into the state what the displacement changed by from a state to another one.
+    fn set_change(&mut self, before: &State, now: &State) {
+        let changes = |before: &[Vector], now: &[Vector]| -> Vec<Vector> {
+            let pairs = before.iter().zip(now);
+            pairs.map(|(a, b)| std::array::from_fn(|i| b[i] - a[i])).collect()
+        };
+        let change = &mut self.state[3 * self.body.n_local()..];
+        let own = self.place.iter().copied();
+        fill(change, own, &changes(&before.body, &now.body));
+        let obstacle = self.body.obstacle_nodes().iter().map(|&node| node as usize);
+        fill(change, obstacle, &changes(&before.obstacle, &now.obstacle));
+    }
+
+    /// The displacement of the host's own points after the change that the network says, and a correction of it; held points stay.
+    fn moved(&self, displacement: &[Vector], correction: Option<&[Vector]>) -> Result<Vec<Vector>> {
+        let changes = self.outputs.as_chunks::<3>().0;
+        let mut end = displacement.to_vec();
+        let own = self.place.iter().zip(&mut end).enumerate();
+        for (p, (&i, u)) in own.filter(|(_, (i, _))| !self.body.is_held(**i)) {
+            for k in 0..3 {
+                u[k] += f64::from(changes[i][k]) + correction.map_or(0.0, |c| c[p][k]);
+            }
+            if !u.iter().all(|v| v.abs() < FARTHEST) {
+                return Err(Error::Numerical(format!(
+                    "the model's displacement is {u:?} at point {}: the state has left what it was trained on; hand back \
+                     to the solver sooner",
+                    self.points[i]
+                )));
+            }
+        }
+        Ok(end)
+    }
+
+    /// Pushes the body out of the obstacle. Every rank does so with the whole body, and to the same effect.
+    fn project(&mut self, comm: &Comm, own: &mut [Vector], obstacle: &[Vector]) -> Result<()> {
+        let Some((projection, report)) = &mut self.projection else {
+            return Ok(());
+        };
+        let mut all = vec![0.0; 3 * self.n_points];
+        let number = |i: usize| 3 * self.points[i] as usize;
+        for (&i, u) in self.place.iter().zip(&*own) {
+            all[number(i)..][..3].copy_from_slice(u);
+        }
+        comm.sum_f64(&mut all);
+        let all = all.as_chunks_mut::<3>().0;
+        *report = comm.agree(projection.apply(all, obstacle))?;
+        for (&i, u) in self.place.iter().zip(own) {
+            *u = all[self.points[i] as usize];
+        }
+        Ok(())
+    }
+}
+
+/// Takes vectors into the rows of these nodes.
+fn fill(rows: &mut [f32], nodes: impl Iterator<Item = usize>, vectors: &[Vector]) {
+    let rows = rows.as_chunks_mut::<3>().0;
+    for (node, u) in nodes.zip(vectors) {
+        rows[node] = u.map(|v| v as f32);
+    }
+}
+
+impl Host for BodyHost {
+    fn domain(&self) -> &dyn Domain {
+        &self.body
+    }
+
+    fn step(
+        &mut self,
+        comm: &Comm,
+        network: &mut dyn Predict,
+        fields: &[Field],
+        checked: Result<()>,
+        result: &mut [f64],
+    ) -> Result<()> {
+        let name = &self.field;
+        let read = || -> Result<&[f64]> {
+            checked?;
+            let field = fields.iter().find(|f| f.name == name).ok_or_else(|| {
+                Error::Input(format!("input field '{name}' is missing; the model moves it"))
+            })?;
+            let (c, len) = (field.components, field.cells.len());
+            expect_shape(name, "cell", true, c, len, self.place.len())?;
+            Ok(field.cells)
+        };
+        let points = comm.agree(read())?;
+        result.copy_from_slice(points);
+        self.advance(comm, network, result.as_chunks_mut().0)
+    }
+
+    fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
+        self.take_obstacle(comm, motion)
+    }
+
+    fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
+        self.take_before(comm, body, obstacle)
+    }
+
+    fn structure(
+        &self,
+        comm: &Comm,
+        mesh: &Mesh,
+        spec: &ModelSpec,
+        cut: (&SegmentSpec, &[i32]),
+    ) -> Result<Structure> {
+        let (whole, ranks) = mesh.whole_body(comm)?;
+        let (settings, labels) = cut;
+        let mut own = vec![0; self.points.len()];
+        self.place.iter().zip(labels).for_each(|(&i, &k)| own[i] = k);
+        let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
+        let modes = &m4gn_model::modal::NoModes;
+        Ok(Made::new(whole, spec, settings, Some(&own), modes, comm)?.structure)
+    }
+
+    fn weights_changed(&mut self) {
+        // The error is that of the weights from before.
+        self.correction.iter_mut().for_each(Correction::forget);
+    }
+
+    fn projection(&self) -> Option<&ProjectionReport> {
+        self.projection.as_ref().map(|(_, report)| report)
+    }
+
+    fn solid(&self) -> Option<&Solid> {
+        Some(&self.solid)
+    }
+
+    fn seen(&self) -> &[f32] {
+        &self.state[..3 * self.points.len()]
+    }
+}

@@ -1,0 +1,81 @@
+//! What a host says before a step of a body.
+
+use super::BodyHost;
+use crate::body::history::State;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{Error, Result};
+
+impl BodyHost {
+    /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the
+    /// first rank counts. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for other lengths; [`Error::Numerical`] for values that are not finite.
+    pub(super) fn take_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
+        let checked = self.check_obstacle(motion[0], "now");
+        let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
+        comm.agree(checked)?;
+        self.motion = Some(motion.map(|values| of_root(comm, values)));
+        Ok(())
+    }
+
+    /// Takes the displacement one stride before the next step, m: of the host's own points, and of the obstacle's, of which that of
+    /// the first rank counts. Where the model neither reads it nor is corrected by it, it is checked and forgotten.
+    /// Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// As [`BodyHost::take_obstacle`].
+    pub(super) fn take_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
+        let when = "one stride before";
+        let checked = self.check(body, when);
+        comm.agree(checked.and_then(|()| self.check_obstacle(obstacle, when)))?;
+        let obstacle = of_root(comm, obstacle);
+        if let Some(history) = &mut self.history {
+            let body = body.to_vec();
+            history.give(State { body, obstacle });
+        }
+        Ok(())
+    }
+
+    fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
+        if values.len() != self.n_obstacle {
+            return Err(Error::Input(format!(
+                "displacement of the obstacle {when}: expected {} points, found {}",
+                self.n_obstacle,
+                values.len()
+            )));
+        }
+        match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the obstacle {when}: {:?} at point {i}",
+                values[i]
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn check(&self, displacement: &[Vector], when: &str) -> Result<()> {
+        if displacement.len() != self.place.len() {
+            return Err(Error::Input(format!(
+                "displacement of the body {when}: expected {} points, found {}",
+                self.place.len(),
+                displacement.len()
+            )));
+        }
+        match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the body {when}: {:?} at point {}",
+                displacement[i], self.points[self.place[i]]
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The first rank's values on all ranks. Collective.
+fn of_root(comm: &Comm, values: &[Vector]) -> Vec<Vector> {
+    let mut flat = values.as_flattened().to_vec();
+    comm.broadcast(&mut flat);
+    flat.as_chunks().0.to_vec()
+}

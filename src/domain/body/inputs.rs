@@ -1,0 +1,209 @@
+//! What a network of bodies is told at its nodes: how the obstacle moves until the next state, how near it comes to the skin, and how
+//! body and obstacle came here.
+
+use super::graph::Body;
+use m4gn_mesh::surface::Surface;
+use m4gn_mesh::vector::Vector;
+use m4gn_model::N_CONTACT_INPUTS;
+
+impl Body {
+    /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of all local nodes `[n_local x 3]`, and that of the
+    /// obstacle's points after the step, in rows of the same order. Of a model with a history the rows end with what the displacement of the
+    /// owned nodes changed by over the stride before, `change [n_owned x 3]`; none of one without.
+    ///
+    /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
+    /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
+    /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Where another part of the body, which
+    /// shares no point with the point's own, is nearer than the obstacle, the same of that part, which is taken to stay. Zeros of all
+    /// other points.
+    ///
+    /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
+    pub(super) fn inputs_at(
+        &self,
+        displacement: &[f32],
+        change: Option<&[f32]>,
+        next: &[f32],
+        inputs: &mut Vec<f32>,
+    ) {
+        let n_owned = self.n_owned();
+        let width = N_CONTACT_INPUTS + change.map_or(0, |_| 3);
+        inputs.clear();
+        inputs.resize(n_owned * width, 0.0);
+        let mut rows: Vec<&mut [f32]> = inputs.chunks_exact_mut(width).collect();
+        if let Some(change) = change {
+            for (row, change) in rows.iter_mut().zip(change.as_chunks::<3>().0) {
+                row[N_CONTACT_INPUTS..].copy_from_slice(change);
+            }
+        }
+        let n = self.n_points();
+        let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
+            let rows = rows.as_chunks::<3>().0;
+            self.obstacle_nodes()
+                .iter()
+                .map(|&node| rows[node as usize])
+                .collect()
+        };
+        let (now, after) = (&of_obstacle(displacement)[..], &of_obstacle(next)[..]);
+        // Only the first rank has rows of the obstacle.
+        for (row, (now, after)) in rows[n..].iter_mut().zip(now.iter().zip(after)) {
+            (0..3).for_each(|i| row[i] = after[i] - now[i]);
+        }
+        let surfaces = [self.surface(now), self.surface(after)];
+        let parts = self.skin_surfaces(displacement);
+        if surfaces[0].is_none() && parts.is_empty() {
+            return;
+        }
+        for &p in self.skin() {
+            let u = &displacement[3 * p as usize..][..3];
+            let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
+            let row = &mut rows[p as usize];
+            let own = self.part_of(p as usize);
+            let others = parts.iter().enumerate().filter(|(part, _)| *part != own);
+            let other = nearest(others.map(|(_, skin)| self.nearness(skin, x)));
+            let [now, after] = surfaces.each_ref().map(|surface| {
+                let obstacle = surface.as_ref().and_then(|s| self.nearness(s, x));
+                nearest([obstacle, other].into_iter())
+            });
+            row[3] = now.map_or(0.0, |(near, _)| near as f32);
+            if let Some((near, normal)) = after {
+                row[4] = near as f32;
+                (0..3).for_each(|i| row[5 + i] = (near * normal[i]) as f32);
+            }
+        }
+    }
+
+    /// How much nearer than the radius a place is to the obstacle, m, and the obstacle's normal there.
+    fn nearness(&self, obstacle: &Surface, x: Vector) -> Option<(f64, Vector)> {
+        if obstacle.beyond_box(x) >= self.radius() {
+            return None;
+        }
+        let foot = obstacle.foot(x)?;
+        let near = self.radius() - foot.distance;
+        (near > 0.0).then_some((near, foot.normal))
+    }
+}
+
+/// The nearer of what is near.
+fn nearest(near: impl Iterator<Item = Option<(f64, Vector)>>) -> Option<(f64, Vector)> {
+    near.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Domain;
+    use crate::body::part::BodyPart;
+    use m4gn_mesh::parallel::Comm;
+    use m4gn_samples::bodies as sample;
+
+    /// A cube of one brick; the lowest corner of an octahedron is 0.5 above the cube's corner (1, 1, 1), point 7.
+    fn cube(history: usize) -> Body {
+        let body = sample::block([1, 1, 1], [1.0; 3]);
+        touched(&body, [1.0, 1.0, 2.0], history)
+    }
+
+    fn touched(body: &m4gn_mesh::body::Body, obstacle: Vector, history: usize) -> Body {
+        let obstacle = sample::octahedron(obstacle, 0.5);
+        let part = BodyPart::whole(body, Some(&obstacle)).unwrap();
+        let mut spec = sample::spec(0.6);
+        spec.contact.as_mut().unwrap().history = history;
+        Body::new(&part, &spec, &Comm::serial()).unwrap().0
+    }
+
+    /// The points' displacement and the obstacle's.
+    fn state(displacement: &[f32], obstacle: [f32; 3]) -> Vec<f32> {
+        displacement.iter().copied().chain(obstacle.repeat(6)).collect()
+    }
+
+    fn inputs(body: &Body, displacement: &[f32], motion: [[f32; 3]; 2]) -> Vec<[f32; N_CONTACT_INPUTS]> {
+        let [now, next] = motion.map(|u| state(displacement, u));
+        let mut rows = Vec::new();
+        body.inputs(&now, &next, &mut rows);
+        rows.as_chunks().0.to_vec()
+    }
+
+    fn close(a: &[f32], b: &[f32]) {
+        let same = a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(same && a.len() == b.len(), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn a_point_is_told_how_near_the_obstacle_comes() {
+        let body = cube(0);
+        let rows = inputs(&body, &[0.0; 24], [[0.0; 3], [0.0, 0.0, -0.2]]);
+        close(&rows[7], &[0.0, 0.0, 0.0, 0.1, 0.3, 0.0, 0.0, -0.3]);
+        rows[..7]
+            .iter()
+            .for_each(|row| close(row, &[0.0; N_CONTACT_INPUTS]));
+        rows[8..]
+            .iter()
+            .for_each(|row| close(row, &[0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, 0.0]));
+    }
+
+    /// Two cubes of one brick, 0.4 apart, an obstacle far above: points of the one see the other, both ways.
+    #[test]
+    fn parts_are_told_how_near_they_come() {
+        let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
+        let touched = touched(&body, [1.0, 1.0, 5.0], 0);
+        // The upper one moves down by 0.1: the gap is 0.3, 0.3 nearer than the radius.
+        let mut u = vec![0.0; 3 * 16];
+        (8..16).for_each(|p| u[3 * p + 2] = -0.1);
+        let rows = inputs(&touched, &u, [[0.0; 3]; 2]);
+        for (p, row) in rows[..16].iter().enumerate() {
+            let x = body.positions[p];
+            let up = match x[2] {
+                1.0 => -1.0,
+                1.4 => 1.0,
+                _ => 0.0,
+            };
+            // Points at x = 0 are held.
+            let near = if x[0] == 0.0 || up == 0.0 { 0.0 } else { 0.3 };
+            close(row, &[0.0, 0.0, 0.0, near, near, 0.0, 0.0, near * up]);
+        }
+    }
+
+    #[test]
+    fn a_point_inside_is_nearer_than_the_radius() {
+        // The corner is 0.3 below the octahedron's centre, on its axis.
+        let rows = inputs(&cube(0), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
+        let depth = 0.2 / 3f32.sqrt();
+        close(&rows[7], &[0.0, 0.0, 0.0, 0.6 + depth, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_history_follows_what_the_obstacle_says() {
+        let change: Vec<f32> = (0..3 * 14).map(|i| i as f32).collect();
+        let [now, next] = [[0.0; 3], [0.0, 0.0, -0.2]].map(|u| state(&[0.0; 24], u));
+        let (mut without, mut with) = (Vec::new(), Vec::new());
+        cube(0).inputs(&now, &next, &mut without);
+        cube(1).inputs(&[&now[..], &change].concat(), &next, &mut with);
+        assert_eq!((without.len(), with.len()), (14 * 8, 14 * 11));
+        for (node, (row, old)) in with.chunks_exact(11).zip(without.chunks_exact(8)).enumerate() {
+            assert_eq!(row[..8], *old, "{node}");
+            assert_eq!(row[8..], change[3 * node..][..3], "{node}");
+        }
+    }
+
+    #[test]
+    fn a_reflection_is_told_the_same() {
+        let body = cube(0);
+        let displacement: Vec<f32> = (0..24).map(|i| 0.03 * (1.7 * i as f32).sin()).collect();
+        let motion = [[0.05, 0.02, -0.3], [0.1, -0.05, -0.45]];
+        let flip = |u: [f32; 3]| [u[0], -u[1], u[2]];
+        let flipped: Vec<f32> = displacement
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .flat_map(|u| flip(*u))
+            .collect();
+        let rows = inputs(&body, &displacement, motion);
+        let mirror = inputs(&body.mirrored(), &flipped, motion.map(flip));
+        assert!(rows[7][3] > 0.1 && rows[7][6].abs() > 1e-3, "{:?}", rows[7]);
+        for (a, b) in rows.iter().zip(&mirror) {
+            let mut a = *a;
+            a[1] = -a[1];
+            a[6] = -a[6];
+            close(&a, b);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! A body at points that deforms, touched by a rigid obstacle that moves as prescribed, and by others of its kind.
+//!
+//! [`Body`] is the domain: world edges that come and go, and what its points are told of the obstacle. [`segments`] cuts it into segments,
+//! [`gap`] is the distance between its skin and the obstacle, [`projection`] pushes it out of the obstacle and its parts out of one another,
+//! and [`quality`] has the paper's mesh metrics (appendix C.2). In a host's run the stride before is known as well: it is an input, or
+//! corrects the strides after a hand-over.
+
+mod correction;
+mod domain;
+pub mod gap;
+mod graph;
+mod history;
+mod host;
+mod inputs;
+mod part;
+pub mod projection;
+pub mod quality;
+mod segments;
+mod skins;
+
+pub use graph::{Body, MeshEdge, N_FEATURES, has_feature};
+pub use host::BodyHost;
+pub use part::BodyPart;
+
+use crate::Place;
+use m4gn_mesh::body::Body as Solid;
+use m4gn_mesh::body::Obstacle;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Mesh, Result};
+use m4gn_model::modal::ModalSource;
+use m4gn_model::{ModelSpec, SegmentSpec, cell_size};
+use m4gn_structure::Structure;
+
+/// This rank's part of a body as a domain, and what the network lives on.
+struct Made {
+    part: BodyPart,
+    body: Body,
+    structure: Structure,
+}
+
+impl Made {
+    /// The points p of a whole body with `ranks[p]` this rank. `labels` are the segments of this rank's points, found before. Collective;
+    /// all ranks fail together.
+    fn new(
+        (whole, ranks, obstacle): (&Solid, &[i32], Option<&Obstacle>),
+        spec: &ModelSpec,
+        settings: &SegmentSpec,
+        labels: Option<&[i32]>,
+        modes: &dyn ModalSource,
+        comm: &Comm,
+    ) -> Result<Self> {
+        let needed = spec.architecture.needs().segments;
+        // Every rank computes the same modes: bodies at points are small beside what ranks are for.
+        let modes = match needed && labels.is_none() && settings.method.uses_modes() && settings.count > 1 {
+            true => Some(comm.agree(modes.of_body(whole, settings.mode_count()))?),
+            false => None,
+        };
+        let part = comm.agree(BodyPart::of_rank(whole, obstacle, ranks, comm.rank()))?;
+        let (body, graph) = Body::new(&part, spec, comm)?;
+        let segments = match labels {
+            _ if !needed => None,
+            Some(labels) => Some(segments::of_labels(&part, &body, spec, settings, labels, comm)?),
+            None => Some(segments::segment(
+                &part,
+                &body,
+                spec,
+                settings,
+                modes.as_ref(),
+                comm,
+            )?),
+        };
+        Ok(Made {
+            part,
+            body,
+            structure: Structure { graph, segments },
+        })
+    }
+}
+
+/// As [`Place::whole`].
+pub(crate) fn place(
+    mesh: &Mesh,
+    spec: &ModelSpec,
+    settings: &SegmentSpec,
+    labels: Option<&[i32]>,
+    modes: &dyn ModalSource,
+) -> Result<Place> {
+    let comm = Comm::serial();
+    let (whole, ranks) = mesh.whole_body(&comm)?;
+    let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
+    let Made {
+        part,
+        body,
+        structure,
+    } = Made::new(whole, spec, settings, labels, modes, &comm)?;
+    Ok(Place {
+        cell_size: cell_size(&part.mesh, &comm),
+        domain: Box::new(body),
+        structure,
+        coarse: None,
+    })
+}

@@ -1,0 +1,122 @@
+//! Which kind of domain a model or a mesh is of, and what follows from it alone.
+
+use crate::body::has_feature;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::whole::{Place, whole_mesh};
+use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_model::{ContactSpec, ModalOperator, ModelSpec, N_CONTACT_INPUTS, SegmentSpec};
+
+/// A kind of domain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Fields at the cells of a mesh that stays.
+    Cells,
+    /// A body at points.
+    Body,
+}
+
+impl Kind {
+    /// Of the model that `spec` describes.
+    pub fn of_model(spec: &ModelSpec) -> Self {
+        Kind::of_contact(spec.contact)
+    }
+
+    /// By the contact that a model or a configuration has.
+    pub fn of_contact(contact: Option<ContactSpec>) -> Self {
+        match contact {
+            Some(_) => Kind::Body,
+            None => Kind::Cells,
+        }
+    }
+
+    /// Of a mesh.
+    pub fn of_mesh(mesh: &Mesh) -> Self {
+        match mesh.body {
+            Some(_) => Kind::Body,
+            None => Kind::Cells,
+        }
+    }
+
+    /// Whether its nodes move and may be touched.
+    pub fn moves(self) -> bool {
+        self == Kind::Body
+    }
+
+    /// Whose modes the segments of a training are made of. `mesh` is of this kind.
+    ///
+    /// # Errors
+    /// As [`SegmentSpec::is_elastic`].
+    pub fn operator(self, mesh: &Mesh, segments: &SegmentSpec) -> Result<Option<ModalOperator>> {
+        Ok(match self {
+            Kind::Body => segments.operator,
+            Kind::Cells if segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
+            Kind::Cells => Some(ModalOperator::Laplacian),
+        })
+    }
+
+    /// What a trajectory of this kind asks of the configuration of a training, for people.
+    pub fn asks_of_configuration(self) -> &'static str {
+        match self {
+            Kind::Body => {
+                "is a trajectory at points (a deforming body): give the configuration a table [contact] with a radius"
+            }
+            Kind::Cells => {
+                "is a trajectory at cells: [contact] is for deforming bodies at points; leave the table out, or give a folder \
+                 with trajectories at points only"
+            }
+        }
+    }
+
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Cells => "fields at cells (a flow)",
+            Kind::Body => "a body at points",
+        }
+    }
+}
+
+/// What the normalisers of a model see.
+pub struct Statistics {
+    /// Whether a row of node inputs has one of them.
+    pub node: fn(&[f32], usize) -> bool,
+    /// Whether a row of edge features has one of them.
+    pub edge: fn(&[f32], usize) -> bool,
+    /// Where the components of a vector have one deviation: of the outputs, and of node inputs from here on.
+    pub alike_from: Option<usize>,
+}
+
+impl Statistics {
+    /// Of the model that `spec` describes.
+    ///
+    /// Of a body, a feature of an edge is seen in the edges of its kind alone, and the three components of the displacement have one
+    /// deviation: a direction in which a body hardly moves is not worth more than another.
+    pub fn of(spec: &ModelSpec) -> Self {
+        match Kind::of_model(spec) {
+            Kind::Body => Statistics {
+                node: |row, i| row[i] != 0.0,
+                edge: has_feature,
+                alike_from: Some(N_CONTACT_INPUTS),
+            },
+            Kind::Cells => Statistics {
+                node: |_, _| true,
+                edge: |_, _| true,
+                alike_from: None,
+            },
+        }
+    }
+}
+
+/// The undecomposed mesh of all ranks' parts, on each of them. Collective; all ranks fail together.
+///
+/// # Errors
+/// [`Error::Mesh`] for parts that do not fit together.
+pub fn whole(mesh: &Mesh, comm: &Comm) -> Result<Mesh> {
+    match Kind::of_mesh(mesh) {
+        Kind::Body => Ok(mesh.whole_body(comm)?.0.mesh(mesh.obstacle.as_ref())),
+        Kind::Cells => {
+            let whole = whole_mesh(comm, mesh, Place::Everywhere);
+            comm.agree(whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into()))))
+        }
+    }
+}

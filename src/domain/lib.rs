@@ -1,0 +1,215 @@
+//! What a surrogate lives on: the fields at the cells of a mesh that stays ([`cells`]), or a body at points that deforms and is touched
+//! ([`body`]). This room alone knows which of the two it is; who learns, predicts or measures takes a [`Domain`], and a host's run a
+//! [`Host`].
+//!
+//! A state is a row of all components of the fields for each node, first of the nodes whose fields are predicted, then of the boundary.
+
+pub mod body;
+mod boundary;
+pub mod cells;
+mod components;
+mod field;
+mod host;
+mod kind;
+
+pub use boundary::{Boundary, faces_seen_as_their_cells, impose, see_as_cells};
+pub use components::Components;
+pub use field::{Field, FieldMut, OutputShape, expect_shape};
+pub use host::{Host, HostOptions, Hosted, Predict, open};
+pub use kind::{Kind, Statistics, whole};
+
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Mesh, Result};
+use m4gn_model::modal::ModalSource;
+use m4gn_model::{ModelSpec, SegmentSpec};
+use m4gn_structure::Structure;
+use m4gn_structure::coarse::Coarse;
+use m4gn_structure::graph::Graph;
+use std::fmt::Debug;
+
+/// One model step on physical fields: what goes into the network, on which edges, what is to come out, and the next state, each with
+/// its derivative.
+pub trait Domain: Debug + Send + Sync {
+    /// Components of its fields.
+    fn components(&self) -> &Components;
+
+    /// How its boundary values follow.
+    fn boundary(&self) -> &Boundary;
+
+    /// The same, to show it frames.
+    fn boundary_mut(&mut self) -> &mut Boundary;
+
+    /// Whether a node's fields are prescribed.
+    fn is_held(&self, _node: usize) -> bool {
+        false
+    }
+
+    /// Whether what the fields changed by over the stride before is an input too. A state is then followed by this change, row by row.
+    fn has_history(&self) -> bool {
+        false
+    }
+
+    /// Whether the edges are others in each state.
+    fn moves(&self) -> bool {
+        false
+    }
+
+    /// Gives the graph the edges of a state of its local nodes, whose ghosts are filled first. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`](m4gn_mesh::Error::Numerical) for a state that is not finite.
+    fn set_edges(&self, _comm: &Comm, _state: &mut [f32], _graph: &mut Graph) -> Result<()> {
+        Ok(())
+    }
+
+    /// Adds to the derivative by the state what the derivative by the features of the edges of [`Domain::set_edges`] makes of it.
+    fn edges_backward(&self, _edges: &Edges, _d_features: &[f32], _d_state: &mut [f32]) {}
+
+    /// Physical inputs of the network at a state. `next` holds what is prescribed at the end of the step.
+    fn inputs(&self, state: &[f32], next: &[f32], inputs: &mut Vec<f32>);
+
+    /// What the derivative by the inputs is by the state.
+    fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]);
+
+    /// The same domain reflected in the second direction.
+    fn reflected(&self) -> Box<dyn Domain>;
+
+    /// A copy.
+    fn boxed(&self) -> Box<dyn Domain>;
+
+    /// The rows of a frame whose ranges say what a model was trained on.
+    fn ranging<'a>(&self, frame: &'a [f32]) -> &'a [f32] {
+        frame
+    }
+
+    /// A body, for who builds its edges in tensors.
+    fn body(&self) -> Option<&body::Body> {
+        None
+    }
+
+    /// The rows of a state, and what follows them where there is a history.
+    fn parts<'a>(&self, state: &'a [f32]) -> (&'a [f32], Option<&'a [f32]>) {
+        match self.has_history() {
+            true => {
+                let (now, change) = state.split_at(state.len() / 2);
+                (now, Some(change))
+            }
+            false => (state, None),
+        }
+    }
+
+    /// Physical outputs that lead exactly to `next`: changes from the present state, with its noise, or values.
+    fn target(&self, state: &[f32], next: &[f32], target: &mut Vec<f32>) {
+        target.clear();
+        let c = self.components();
+        let rows = state.chunks_exact(c.count).zip(next.chunks_exact(c.count));
+        for (now, next) in rows.take(self.boundary().n_inner) {
+            let outputs = c.outputs.iter().zip(&c.delta);
+            target.extend(outputs.map(|(&i, delta)| if *delta { next[i] - now[i] } else { next[i] }));
+        }
+    }
+
+    /// What the derivative by the target is by the state.
+    fn target_backward(&self, d_target: &[f32], d_state: &mut [f32]) {
+        let c = self.components();
+        let rows = d_target.chunks_exact(c.outputs.len());
+        for (d, row) in d_state.chunks_exact_mut(c.count).zip(rows) {
+            let outputs = c.outputs.iter().zip(&c.delta).zip(row);
+            outputs
+                .filter(|((_, delta), _)| **delta)
+                .for_each(|((&i, _), x)| d[i] -= x);
+        }
+    }
+
+    /// The state one step later from physical outputs. `next` holds what is prescribed at the new time: of a history, what held nodes
+    /// and the boundary change by; that of the other nodes is the output.
+    fn advance(&self, state: &[f32], outputs: &[f32], next: &[f32]) -> Vec<f32> {
+        let c = self.components();
+        let mut new = next.to_vec();
+        let rows = outputs.chunks_exact(c.outputs.len()).enumerate();
+        for (node, row) in rows.filter(|(node, _)| !self.is_held(*node)) {
+            for ((&i, delta), y) in c.outputs.iter().zip(&c.delta).zip(row) {
+                let at = node * c.count + i;
+                new[at] = if *delta { state[at] + y } else { *y };
+                if self.has_history() {
+                    new[next.len() / 2 + at] = *y;
+                }
+            }
+        }
+        self.boundary().follow(&mut new, |i| !c.given.contains(&i));
+        new
+    }
+
+    /// From the derivative by the next state, which is spoilt, to that by the outputs, which is added to, and by the
+    /// present state.
+    fn advance_backward(&self, d_next: &mut [f32], d_outputs: &mut [f32]) -> Vec<f32> {
+        let c = self.components();
+        self.boundary().follow_backward(d_next, |i| !c.given.contains(&i));
+        let mut d_state = vec![0.0; d_next.len()];
+        let rows = d_outputs.chunks_exact_mut(c.outputs.len()).enumerate();
+        for (node, row) in rows.filter(|(node, _)| !self.is_held(*node)) {
+            for ((&i, delta), y) in c.outputs.iter().zip(&c.delta).zip(row) {
+                let at = node * c.count + i;
+                *y += d_next[at];
+                if *delta {
+                    d_state[at] = d_next[at];
+                }
+                if self.has_history() {
+                    *y += d_next[d_next.len() / 2 + at];
+                }
+            }
+        }
+        d_state
+    }
+}
+
+impl Clone for Box<dyn Domain> {
+    fn clone(&self) -> Self {
+        self.boxed()
+    }
+}
+
+/// The edges of a state, for the derivative by it.
+#[derive(Clone, Debug)]
+pub struct Edges {
+    /// Sending node of each edge.
+    pub senders: Vec<i32>,
+    /// Receiving node of each edge.
+    pub receivers: Vec<i32>,
+    /// Physical features, a row an edge.
+    pub features: Vec<f32>,
+}
+
+/// A domain and what its network lives on.
+#[derive(Debug)]
+pub struct Place {
+    /// The domain, whose nodes are the network's.
+    pub domain: Box<dyn Domain>,
+    /// What the network lives on; of a body at rest.
+    pub structure: Structure,
+    /// Mean distance of neighbouring nodes, m; of a body at rest.
+    pub cell_size: f64,
+    /// The way from the cells, where the nodes are groups of them.
+    pub coarse: Option<Coarse>,
+}
+
+impl Place {
+    /// The domain of the model that `spec` describes on an undecomposed mesh, at a resolution (m) or a node a cell. `settings` say how
+    /// segments are cut, by those of the cells or points if `labels` give them.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`](m4gn_mesh::Error::Mesh) for a mesh or a body that no graph can be made of; for segments that cannot be found.
+    pub fn whole(
+        mesh: &Mesh,
+        spec: &ModelSpec,
+        settings: &SegmentSpec,
+        resolution: Option<f64>,
+        labels: Option<&[i32]>,
+        modes: &dyn ModalSource,
+    ) -> Result<Self> {
+        match Kind::of_model(spec) {
+            Kind::Body => body::place(mesh, spec, settings, labels, modes),
+            Kind::Cells => cells::place(mesh, spec, settings, resolution, labels, modes),
+        }
+    }
+}

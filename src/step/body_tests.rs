@@ -1,0 +1,370 @@
+//! Sessions of bodies, in serial.
+
+use super::*;
+use m4gn_domain::Place;
+use m4gn_engine::plain;
+use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_mesh::vector::Vector;
+use m4gn_mesh::{Error, NodeType};
+use m4gn_model::Model;
+use m4gn_modes::Modal;
+use m4gn_samples::bodies as sample;
+use m4gn_samples::model::bodies;
+
+fn case() -> (Model, Body, Obstacle) {
+    let mut spec = bodies();
+    spec.segments.count = 3;
+    spec.segments.modes = 1;
+    let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
+    (
+        Model::random(spec, 5).unwrap(),
+        sample::block([6, 2, 2], [3.0, 1.0, 1.0]),
+        obstacle,
+    )
+}
+
+fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
+    let mesh = body.mesh(Some(obstacle));
+    Session::new(Comm::serial(), &mesh, model, &SessionOptions::default()).unwrap()
+}
+
+/// The whole body and what its network lives on, as a session on one rank makes them.
+fn place(model: &Model, body: &Body, obstacle: &Obstacle) -> Place {
+    let (spec, mesh) = (&model.spec, body.mesh(Some(obstacle)));
+    let modal = Modal(spec.segments.modal());
+    Place::whole(&mesh, spec, &spec.segments, None, None, &modal).unwrap()
+}
+
+fn narrow(rows: &[&[Vector]]) -> Vec<f32> {
+    rows.concat().iter().flatten().map(|v| *v as f32).collect()
+}
+
+/// Edges of a state, and what the plain network says there.
+fn plainly(model: &Model, place: &mut Place, mut state: Vec<f32>, next: &[f32]) -> (usize, Vec<f64>) {
+    let mut inputs = Vec::new();
+    place.domain.inputs(&state, next, &mut inputs);
+    let graph = &mut place.structure.graph;
+    place
+        .domain
+        .set_edges(&Comm::serial(), &mut state, graph)
+        .unwrap();
+    let edges = graph.senders.len();
+    (edges, plain::forward(model, &place.structure, &inputs))
+}
+
+/// The engine that takes new edges in each step against the plain loops on a graph made for that step.
+#[test]
+fn steps_are_those_of_the_plain_network() {
+    let (model, body, obstacle) = case();
+    let edges = steps_against_the_plain_network(&model, &body, &obstacle);
+    assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
+}
+
+/// The same of two bodies within reach of each other.
+#[test]
+fn steps_of_two_bodies_are_those_of_the_plain_network() {
+    let (model, ..) = case();
+    let body = sample::stack([6, 2, 2], [3.0, 1.0, 1.0], 0.3);
+    let obstacle = sample::octahedron([2.6, 0.5, 2.9], 0.5);
+    let edges = steps_against_the_plain_network(&model, &body, &obstacle);
+    let mesh = 2 * body.edges.len() + 2 * 12;
+    assert!(edges[0] > mesh + 20, "{edges:?} of {mesh}");
+}
+
+/// The number of edges in each step.
+fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstacle) -> Vec<usize> {
+    let n = body.positions.len();
+    let comm = Comm::serial();
+    let options = SessionOptions::default();
+    let mut session = Session::new(comm.clone(), &body.mesh(Some(obstacle)), model, &options).unwrap();
+    let mut place = place(model, body, obstacle);
+    let mut displacement = vec![[0.0; 3]; n];
+    let mut edges = Vec::new();
+    for step in 0..4 {
+        // Down until it touches, then away.
+        let at = |s: i32| [0.0, 0.0, -0.15 * f64::from(if s > 2 { 9 - 3 * s } else { s })];
+        let (now, next) = (vec![at(step); 6], vec![at(step + 1); 6]);
+        let state = narrow(&[&displacement, &now]);
+        let (count, plain) = plainly(model, &mut place, state, &narrow(&[&displacement, &next]));
+        edges.push(count);
+        let before = displacement.clone();
+        session.step_body(&mut displacement, [&now, &next]).unwrap();
+        for (p, (u, old)) in displacement.iter().zip(&before).enumerate() {
+            for i in 0..3 {
+                let expected = match body.types[p] {
+                    NodeType::Body => old[i] + plain[3 * p + i],
+                    _ => 0.0,
+                };
+                assert!((u[i] - expected).abs() < 1e-4, "{step} {p}: {} {expected}", u[i]);
+            }
+        }
+        // Random weights move points far: the next step starts from a small part of it.
+        displacement.iter_mut().flatten().for_each(|v| *v *= 0.01);
+    }
+    edges
+}
+
+/// What the network was off by over the stride that a host says is added to its next strides, less of it in each, as far as the obstacle
+/// goes on evenly.
+#[test]
+fn strides_after_a_hand_over_are_corrected() {
+    let (mut model, body, obstacle) = case();
+    let at = |z: f64| vec![[0.0, 0.0, z]; 6];
+    let free = |p: usize| body.types[p] == NodeType::Body;
+    let mut alone = session(&model, &body, &obstacle);
+    model.spec.calibration = Some(m4gn_model::Calibration::of_carried(0.5));
+    let mut session = session(&model, &body, &obstacle);
+    let step = |session: &mut Session, from: &[Vector], motion: [f64; 2]| {
+        let mut u = from.to_vec();
+        session
+            .step_body(&mut u, [&at(motion[0]), &at(motion[1])])
+            .unwrap();
+        u
+    };
+    let past: Vec<Vector> = (0..63).map(|p| [0.0, 0.0, -6e-4 * f64::from(p)]).collect();
+    // Before, after, and how much of the error is added: evenly on; half as far; back; from rest
+    for (before, after, part) in [
+        (-0.05, -0.15, 1.0),
+        (-0.05, -0.125, 0.5),
+        (-0.05, -0.05, 0.0),
+        (-0.1, -0.15, 0.0),
+    ] {
+        let said = step(&mut alone, &past, [before, -0.1]);
+        let error = |p: usize| if free(p) { 1e-3 * (p as f64).sin() } else { 0.0 };
+        let start: Vec<Vector> = (0..63)
+            .map(|p| [said[p][0], said[p][1], said[p][2] + error(p)])
+            .collect();
+        let square = |of: &dyn Fn(usize) -> f64| (0..63).map(|p| of(p).powi(2)).sum::<f64>();
+        let change = (0..3).map(|k| square(&|p| said[p][k] - past[p][k])).sum::<f64>();
+        let ratio = square(&error) / change;
+        let part = part * 0.0625 / (0.0625 + ratio * ratio);
+        assert!(ratio < 0.25, "{ratio}");
+        let expect = |found: &[Vector], network: &[Vector], part: f64| {
+            for p in 0..63 {
+                let expected = network[p][2] + part * error(p);
+                assert!((found[p][2] - expected).abs() < 1e-9, "{before} {after} {p}");
+            }
+        };
+        session.set_before(&past, &at(before)).unwrap();
+        let first = step(&mut session, &start, [-0.1, after]);
+        expect(&first, &step(&mut alone, &start, [-0.1, after]), part);
+        let on = [after, 2.0 * after + 0.1];
+        let second = step(&mut session, &first, on);
+        expect(&second, &step(&mut alone, &first, on), 0.5 * part);
+        // Of another state nothing is known.
+        let third = step(&mut session, &past, on);
+        expect(&third, &step(&mut alone, &past, on), 0.0);
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let (model, body, obstacle) = case();
+    let new = |model: &Model, options: &SessionOptions| {
+        Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), model, options).map(|_| ())
+    };
+    let cells = Model::random(m4gn_samples::model::spec(), 1).unwrap();
+    let says = |result: Result<()>, word: &str| {
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    };
+    says(new(&cells, &SessionOptions::default()), "contact");
+    let torch = SessionOptions {
+        backend: crate::Backend::Torch(None),
+        ..SessionOptions::default()
+    };
+    says(new(&model, &torch), "backend native");
+    let inside = sample::octahedron([2.6, 0.5, 1.2], 0.5);
+    let options = SessionOptions::default();
+    let overlap = Session::new(Comm::serial(), &body.mesh(Some(&inside)), &model, &options);
+    says(overlap.map(|_| ()), "overlaps the body at the start");
+    let mut session = session(&model, &body, &obstacle);
+    let still = vec![[0.0; 3]; 6];
+    says(
+        session.step_body(&mut vec![[0.0; 3]; 62], [&still, &still]),
+        "expected 189",
+    );
+    says(
+        session.step_body(&mut vec![[0.0; 3]; 63], [&still, &still[1..]]),
+        "after the step",
+    );
+    let mut broken = vec![[0.0; 3]; 63];
+    broken[7][1] = f64::NAN;
+    says(session.step_body(&mut broken, [&still, &still]), "point 7");
+}
+
+/// A network that throws points out of all bounds: what contact projection and searches would choke on is refused before.
+#[test]
+fn displacements_out_of_all_bounds_are_refused() {
+    let (mut model, body, obstacle) = case();
+    model.tensors.get_mut("norm.output.std").unwrap().data.fill(1e12);
+    let options = SessionOptions {
+        projection: Some(m4gn_domain::body::projection::ProjectionOptions::default()),
+        ..SessionOptions::default()
+    };
+    let mesh = body.mesh(Some(&obstacle));
+    let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
+    let still = vec![[0.0; 3]; 6];
+    let mut displacement = vec![[0.0; 3]; 63];
+    let error = session
+        .step_body(&mut displacement, [&still, &still])
+        .unwrap_err();
+    assert!(matches!(error, Error::Numerical(_)), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("the state has left what it was trained on"),
+        "{error}"
+    );
+    assert!(displacement.iter().all(|u| *u == [0.0; 3]));
+}
+
+#[test]
+fn what_a_body_was_trained_on_is_compared() {
+    let (mut model, body, obstacle) = case();
+    // The block's edges are half a metre long.
+    model.spec.trained_on = Some(m4gn_model::TrainedOn {
+        cell_size: [0.4, 0.6],
+        speed: None,
+        courant: None,
+        inputs: vec![m4gn_model::InputRange {
+            field: "D".into(),
+            range: [-0.1, 0.1],
+        }],
+        solid: Some(m4gn_model::Solid {
+            poisson: Some([0.1, 0.2]),
+            ..m4gn_model::Solid::default()
+        }),
+    });
+    let mut session = session(&model, &body, &obstacle);
+    // The material is known before any step, and the displacement is not.
+    let material = "Poisson's ratio is 4.000e-1, and the model was trained on 1.000e-1 to 2.000e-1";
+    assert_eq!(session.outside(), [material]);
+    let still = vec![[0.0; 3]; 6];
+    let mut from = |x: f64| {
+        session
+            .step_body(&mut vec![[x, 0.0, 0.0]; 63], [&still, &still])
+            .unwrap();
+        session.outside()
+    };
+    assert_eq!(from(0.1), [material]);
+    let far = from(0.5);
+    assert!(
+        far.len() == 2 && far[1].starts_with("D is 0.000e0 to 5.000e-1"),
+        "{far:?}"
+    );
+}
+
+/// The same network, told what the displacement changed by over the stride before.
+fn with_history() -> (Model, Body, Obstacle) {
+    let (model, body, obstacle) = case();
+    let mut spec = model.spec;
+    spec.contact.as_mut().unwrap().history = 1;
+    let mut model = Model::random(spec, 5).unwrap();
+    // Random weights move points far.
+    model.tensors.get_mut("norm.output.std").unwrap().data.fill(1e-3);
+    (model, body, obstacle)
+}
+
+/// A session that goes on by itself against the plain loops, to which each step's change is handed in; with projection the change is
+/// that of the projected states.
+#[test]
+fn a_session_remembers_the_change_of_its_last_step() {
+    let (model, body, obstacle) = with_history();
+    let comm = Comm::serial();
+    let projected = SessionOptions {
+        projection: Some(m4gn_domain::body::projection::ProjectionOptions::default()),
+        ..SessionOptions::default()
+    };
+    for options in [SessionOptions::default(), projected] {
+        let mut session = Session::new(comm.clone(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
+        let mut place = place(&model, &body, &obstacle);
+        let (mut u, mut before) = (vec![[0.0; 3]; 63], vec![[0.0; 3]; 63]);
+        let mut corrected = false;
+        for step in 0..4 {
+            // Down into the body, and away.
+            let at = |s: usize| vec![[0.0, 0.0, [0.0, -0.06, -0.12, -0.04, -0.03][s]]; 6];
+            let (now, next) = (at(step), at(step + 1));
+            let minus = |a: &[Vector], b: &[Vector]| -> Vec<f32> {
+                let pairs = a.as_flattened().iter().zip(b.as_flattened());
+                pairs.map(|(a, b)| (a - b) as f32).collect()
+            };
+            let mut change = minus(&u, &before);
+            change.extend(minus(&now, &at(step.saturating_sub(1))));
+            let state = [narrow(&[&u, &now]), change].concat();
+            let (_, plain) = plainly(&model, &mut place, state, &narrow(&[&u, &next]));
+            before.clone_from(&u);
+            session.step_body(&mut u, [&now, &next]).unwrap();
+            let moved = session.projection().is_some_and(|report| report.points_moved > 0);
+            corrected |= moved;
+            for (p, (u, old)) in u.iter().zip(&before).enumerate().filter(|_| !moved) {
+                for i in 0..3 {
+                    let expected = match body.types[p] {
+                        NodeType::Body => old[i] + plain[3 * p + i],
+                        _ => 0.0,
+                    };
+                    assert!((u[i] - expected).abs() < 1e-6, "{step} {p}: {} {expected}", u[i]);
+                }
+            }
+        }
+        assert_eq!(corrected, options.projection.is_some());
+    }
+}
+
+/// Answers known without a network: a session told the same past gives the same step, another past another one.
+#[test]
+fn a_state_that_does_not_follow_needs_its_past() {
+    let (model, body, obstacle) = with_history();
+    let mut session = session(&model, &body, &obstacle);
+    let says = |result: Result<()>, word: &str| {
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    };
+    let (still, down) = (vec![[0.0; 3]; 6], vec![[0.0, 0.0, -0.01]; 6]);
+    let rest = vec![[0.0; 3]; 63];
+    let mut first = rest.clone();
+    session.step_body(&mut first, [&still, &down]).unwrap();
+    let mut second = first.clone();
+    session.step_body(&mut second, [&down, &down]).unwrap();
+    // Back to the state between: its past is no longer the session's, and with it the step is the same to the bit.
+    let mut again = first.clone();
+    says(
+        session.step_body(&mut again, [&down, &down]),
+        "m4gn_session_set_before",
+    );
+    assert_eq!(again, first);
+    session.set_before(&rest, &still).unwrap();
+    session.step_body(&mut again, [&down, &down]).unwrap();
+    assert_eq!(again, second);
+    // Resting where it was.
+    let mut resting = first.clone();
+    session.set_before(&first, &down).unwrap();
+    session.step_body(&mut resting, [&down, &down]).unwrap();
+    assert_ne!(resting, second);
+
+    says(
+        session.set_before(&rest[1..], &still),
+        "expected 63 points, found 62",
+    );
+    says(
+        session.set_before(&rest, &still[1..]),
+        "expected 6 points, found 5",
+    );
+    let mut broken = rest.clone();
+    broken[7][1] = f64::NAN;
+    says(session.set_before(&broken, &still), "point 7");
+    says(
+        session.set_before(&rest, &[[f64::INFINITY; 3]; 6]),
+        "one stride before",
+    );
+
+    // A model that does not read it takes it and steps as it would.
+    let (model, ..) = case();
+    let [mut told, mut untold] = [first.clone(), first];
+    let mut one = self::session(&model, &body, &obstacle);
+    one.set_before(&rest, &still).unwrap();
+    one.step_body(&mut told, [&still, &down]).unwrap();
+    let mut other = self::session(&model, &body, &obstacle);
+    other.step_body(&mut untold, [&still, &down]).unwrap();
+    assert_eq!(told, untold);
+}

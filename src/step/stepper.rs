@@ -1,0 +1,74 @@
+//! A network on a domain, which sessions and rollouts of trainings step with.
+
+use m4gn_domain::{Domain, Predict};
+use m4gn_engine::Forward;
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
+use m4gn_model::ModelSpec;
+use m4gn_structure::Structure;
+use m4gn_structure::graph::Graph;
+
+/// A network on what it lives on.
+pub struct Stepper {
+    network: Box<dyn Forward>,
+    /// Of a domain whose edges move, with those of the last state.
+    graph: Option<Graph>,
+    inputs: Vec<f32>,
+    outputs: Vec<f32>,
+}
+
+impl Stepper {
+    /// Of a network that was made on the structure.
+    pub fn new(
+        domain: &dyn Domain,
+        structure: &Structure,
+        spec: &ModelSpec,
+        network: Box<dyn Forward>,
+    ) -> Self {
+        let graph = &structure.graph;
+        Stepper {
+            network,
+            inputs: Vec::with_capacity(graph.n_owned * spec.n_field_inputs()),
+            outputs: vec![0.0; graph.n_cells * spec.n_outputs()],
+            graph: domain.moves().then(|| graph.clone()),
+        }
+    }
+
+    /// Takes another network, which was made on the same structure.
+    pub fn set_network(&mut self, network: Box<dyn Forward>) {
+        self.network = network;
+    }
+
+    /// The network's outputs in the last step.
+    pub fn outputs(&self) -> &[f32] {
+        &self.outputs
+    }
+
+    /// The graph with the edges of the last state; none where they stay.
+    pub fn graph(&self) -> Option<&Graph> {
+        self.graph.as_ref()
+    }
+}
+
+impl Predict for Stepper {
+    fn predict(
+        &mut self,
+        comm: &Comm,
+        domain: &dyn Domain,
+        state: &mut [f32],
+        next: &[f32],
+    ) -> Result<&[f32]> {
+        if let Some(graph) = &mut self.graph {
+            domain.set_edges(comm, state, graph)?;
+            comm.agree(self.network.set_edges(graph))?;
+        }
+        domain.inputs(state, next, &mut self.inputs);
+        let done = self.network.forward(comm, &self.inputs, &mut self.outputs);
+        match &self.graph {
+            Some(_) => comm.agree(done)?,
+            // The ranks agree on it with what becomes of the outputs.
+            None => done?,
+        }
+        Ok(&self.outputs)
+    }
+}

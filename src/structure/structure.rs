@@ -1,0 +1,91 @@
+//! What a network lives on.
+
+use super::graph::Graph;
+use super::{Segmentation, segment};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_model::modal::ModalSource;
+use m4gn_model::{ModelSpec, Needs, SegmentSpec};
+
+/// A graph, and what else networks may need of it ([`Needs`]). What a kind of network needs beyond that, such as coarser graphs,
+/// is another field here and another of its needs; what takes a structure stays as it is.
+#[derive(Clone, Debug)]
+pub struct Structure {
+    /// This rank's part of the graph.
+    pub graph: Graph,
+    /// Segments of its nodes; none where the network needs none.
+    pub segments: Option<Segmentation>,
+}
+
+impl Structure {
+    /// Of the cells of a mesh, for the network that `spec` describes. `settings` say how segments are cut, by the segment of each of
+    /// this rank's cells if `labels` give it. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] for a mesh that no graph can be made of; as [`segment`].
+    pub fn new(
+        mesh: &Mesh,
+        spec: &ModelSpec,
+        settings: &SegmentSpec,
+        modes: &dyn ModalSource,
+        labels: Option<&[i32]>,
+        comm: &Comm,
+    ) -> Result<Self> {
+        let mut graph = Graph::new(mesh, comm)?;
+        let segments = match spec.architecture.needs().segments {
+            true => {
+                let mut segments = segment(mesh, &mut graph, settings, modes, comm, labels)?;
+                segments.encode(spec, mesh, comm);
+                Some(segments)
+            }
+            false => None,
+        };
+        Ok(Structure { graph, segments })
+    }
+
+    /// The segments, for a network that needs them; none for one that does not.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for segments that are needed and not there.
+    pub fn segments_for(&self, needs: Needs) -> Result<Option<&Segmentation>> {
+        match (needs.segments, &self.segments) {
+            (true, None) => Err(Error::Model("the model needs segments, none were given".into())),
+            (true, segments) => Ok(segments.as_ref()),
+            (false, _) => Ok(None),
+        }
+    }
+
+    /// Segments, 0 without them.
+    pub fn n_segments(&self) -> usize {
+        self.segments.as_ref().map_or(0, |s| s.count)
+    }
+
+    /// Reflected in the second direction, as the network that `spec` describes reads it: of edges that stay, in cells.
+    pub fn reflected(&self, spec: &ModelSpec) -> Self {
+        let mut reflected = self.clone();
+        negate(&mut reflected.graph.edge_features, spec.n_edge_features(), 1);
+        reflected.reflect_segments(spec);
+        reflected
+    }
+
+    /// As [`Structure::reflected`], of the segments alone.
+    pub fn reflect_segments(&mut self, spec: &ModelSpec) {
+        let (Some(segments), Some(stage)) = (&mut self.segments, spec.architecture.segment_transformer())
+        else {
+            return;
+        };
+        if stage.offsets {
+            negate(&mut segments.offsets, spec.n_offset_features(), 1);
+        }
+        if stage.centroids {
+            let width = spec.n_position_features();
+            negate(&mut segments.position, width, stage.rwse_steps + 1);
+        }
+    }
+}
+
+/// Changes the sign of a column of rows of `width` numbers.
+fn negate(values: &mut [f32], width: usize, column: usize) {
+    let column = values.iter_mut().skip(column).step_by(width.max(1));
+    column.for_each(|v| *v = -*v);
+}

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# A rank without cells, as a decomposition by hand or redistributePar may leave one: recording, observing and replacing work, and the
+# answer is that of one rank.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+record='record { type m4gnHarvest; libs (m4gnFoam); fields (U p); file "trajectory.h5"; }'
+observe="observe { type m4gnSurrogate; libs (m4gnFoam); mode observe; model \"$small_model\"; }"
+replace="replace { type m4gnSurrogate; libs (m4gnFoam); mode replace; model \"$small_model\"; solverSteps 10; surrogateSteps 2; }"
+
+echo "$replace" > system/functions
+runs icoFoam
+mv 0.06 ../serial
+clean_case
+
+cells=$(sed -n 's/.*nCells: *\([0-9]*\).*/\1/p' constant/polyMesh/owner | head -n 1)
+{
+    header decompositionByHand labelList
+    echo "$cells ("
+    for ((i = 0; i < cells; ++i)); do echo $((i < cells/2 ? 0 : 2)); done
+    echo ')'
+} > constant/decompositionByHand
+{
+    header decomposeParDict
+    echo 'numberOfSubdomains 3; method manual; manualCoeffs { dataFile "decompositionByHand"; }'
+} > system/decomposeParDict
+for functions in "$record" "$observe" "$replace"; do
+    echo "$functions" > system/functions
+    rm -rf processor*
+    runs decomposePar
+    grep -q 'Number of cells = 0' log.run || fail "no rank is without cells"
+    runs mpirun -np 3 icoFoam -parallel
+done
+m4gn info trajectory.h5 > info || fail "the recording cannot be read"
+grep -q 'frames' info || fail "the recording has no frames"
+reconstructPar -time 0.06 > log.reconstruct 2>&1 || fail "reconstructPar"
+below "$(difference 0.06/U ../serial/U)" 1e-5 "difference of U with a rank without cells"
+echo "empty-rank: passed"

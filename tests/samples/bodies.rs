@@ -1,0 +1,99 @@
+//! Sample bodies with an obstacle: a block of bricks held at one end, or two of them, under an octahedron.
+
+use m4gn_mesh::NodeType;
+use m4gn_mesh::body::{Body, Material, Obstacle};
+use m4gn_mesh::elements::{ElementKind, Elements};
+use m4gn_mesh::vector::Vector;
+use m4gn_model::{ContactSpec, ModelSpec};
+
+/// A block `[0, l0] x [0, l1] x [0, l2]` of `n` hexahedra in each direction, E 1 MPa, nu 0.4, rho 1000 kg/m^3, held at
+/// x = 0.
+pub fn block(n: [usize; 3], l: Vector) -> Body {
+    let at = |i: usize, j: usize, k: usize| (i + (n[0] + 1) * (j + (n[1] + 1) * k)) as i32;
+    let mut positions = Vec::new();
+    for k in 0..=n[2] {
+        for j in 0..=n[1] {
+            for i in 0..=n[0] {
+                positions.push([i, j, k].map(|v| v as f64));
+            }
+        }
+    }
+    for x in &mut positions {
+        *x = std::array::from_fn(|d| x[d] * l[d] / n[d] as f64);
+    }
+    let mut points = Vec::new();
+    for k in 0..n[2] {
+        for j in 0..n[1] {
+            for i in 0..n[0] {
+                for z in [k, k + 1] {
+                    points.extend([at(i, j, z), at(i + 1, j, z), at(i + 1, j + 1, z), at(i, j + 1, z)]);
+                }
+            }
+        }
+    }
+    let elements = Elements::of_kind(ElementKind::Hexahedron, points);
+    let material = Material {
+        young: 1e6,
+        poisson: 0.4,
+        density: 1000.0,
+    };
+    let kind = |x: &Vector| match x[0] == 0.0 {
+        true => NodeType::Handle,
+        false => NodeType::Body,
+    };
+    Body {
+        types: positions.iter().map(kind).collect(),
+        material: vec![material; elements.len()],
+        edges: elements.edges(),
+        elements,
+        positions,
+    }
+}
+
+/// Two such blocks in one body, the second above the first with a gap between them.
+pub fn stack(n: [usize; 3], l: Vector, gap: f64) -> Body {
+    let lower = block(n, l);
+    let count = lower.positions.len();
+    let mut body = lower.clone();
+    body.positions
+        .extend(lower.positions.iter().map(|x| [x[0], x[1], x[2] + l[2] + gap]));
+    body.types.extend(&lower.types);
+    body.material.extend(&lower.material);
+    let upper = lower.elements.points.iter().map(|p| p + count as i32);
+    let points = lower.elements.points.iter().copied().chain(upper).collect();
+    body.elements = Elements::of_kind(ElementKind::Hexahedron, points);
+    body.edges = body.elements.edges();
+    body
+}
+
+/// An octahedron around `centre` with corners at `radius` along the axes.
+pub fn octahedron(centre: Vector, radius: f64) -> Obstacle {
+    let mut positions = Vec::new();
+    for axis in 0..3 {
+        for side in [radius, -radius] {
+            let mut x = centre;
+            x[axis] += side;
+            positions.push(x);
+        }
+    }
+    // Corners +x -x +y -y +z -z are 0 to 5.
+    let triangles = vec![
+        [0, 2, 4],
+        [2, 1, 4],
+        [1, 3, 4],
+        [3, 0, 4],
+        [2, 0, 5],
+        [1, 2, 5],
+        [3, 1, 5],
+        [0, 3, 5],
+    ];
+    Obstacle { positions, triangles }
+}
+
+/// A small network for bodies whose points see the obstacle's within this radius, m.
+pub fn spec(radius: f64) -> ModelSpec {
+    ModelSpec {
+        contact: Some(ContactSpec { radius, history: 0 }),
+        ..m4gn_samples::model::bodies()
+    }
+}
