@@ -7,8 +7,6 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_step::{Field, FieldMut};
 
 const CELLS: usize = 12;
-/// Steps of the solver in a stride.
-const STEPS: usize = 4;
 const DELTA_T: f64 = 0.05;
 
 /// Waves of constant size; from `broken` on of another frequency.
