@@ -30,7 +30,12 @@ impl<S: DerefMut<Target = Session>> Network<S> {
     ///
     /// # Errors
     /// What making a file of the model may fail with: its digest is taken of that.
-    pub fn new(session: S, model: Arc<Model>, source: String, adapt: Option<(Mesh, Settings)>) -> Result<Self> {
+    pub fn new(
+        session: S,
+        model: Arc<Model>,
+        source: String,
+        adapt: Option<(Mesh, Settings)>,
+    ) -> Result<Self> {
         let spec = session.spec();
         let advanced = spec.fields.iter().filter(|f| f.output != Output::None);
         let advanced = advanced.map(|f| Advanced {
@@ -39,9 +44,12 @@ impl<S: DerefMut<Target = Session>> Network<S> {
             solved: f.components(spec.dim),
         });
         // FNV-1a
-        let digest = model.to_bytes()?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-        });
+        let digest = model
+            .to_bytes()?
+            .iter()
+            .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+                (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+            });
         Ok(Network {
             advanced: advanced.collect(),
             learning: adapt.map(|(mesh, settings)| Learning::Waiting(Box::new((mesh, model, settings)))),
