@@ -3,7 +3,6 @@
 #include "m4gnMeshAdapter.H"
 #include "m4gnAddressing.H"
 #include "m4gnDictionary.H"
-#include "pointFields.H"
 #include "m4gnNodeTypes.H"
 #include "cyclicFvPatch.H"
 #include "processorFvPatch.H"
@@ -288,7 +287,7 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
 
 Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes)
 :
-    m4gnNodes(mesh)
+    m4gnFieldNodes(mesh)
 {
     checkPatches();
     checkCells();
@@ -330,35 +329,11 @@ Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
     return "Gauss linear corrected";
 }
 
-bool Foam::m4gnMeshAdapter::registered(const word& name) const
-{
-    return
-        mesh_.foundObject<volScalarField>(name)
-     || mesh_.foundObject<volVectorField>(name);
-}
-
-Foam::string Foam::m4gnMeshAdapter::registered() const
-{
-    wordList names(mesh_.sortedNames<volScalarField>());
-    names.append(mesh_.sortedNames<volVectorField>());
-
-    wordList others(mesh_.sortedNames<pointScalarField>());
-    others.append(mesh_.sortedNames<pointVectorField>());
-
-    const std::string cells(m4gn::join(names));
-    return
-        others.empty()
-      ? cells
-      : cells + "; with location points: " + m4gn::join(others);
-}
-
 template<class Type>
 bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
 {
-    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
-
-    autoPtr<fieldType> owned;
-    const fieldType* field = find(name, mesh_, owned);
+    autoPtr<fieldOf<Type>> owned;
+    const fieldOf<Type>* field = find(name, mesh_, owned);
 
     if (!field)
     {
@@ -390,16 +365,10 @@ bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
     return true;
 }
 
-bool Foam::m4gnMeshAdapter::gather(const word& name, values& to) const
-{
-    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
-}
-
 template<class Type>
 void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
-    auto& field =
-        mesh_.lookupObjectRef<GeometricField<Type, fvPatchField, volMesh>>(name);
+    auto& field = mesh_.lookupObjectRef<fieldOf<Type>>(name);
 
     // Stores the old time before it gives access
     Field<Type>& imposed = field.primitiveFieldRef();
@@ -408,19 +377,8 @@ void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes)
     std::copy(of, of + imposed.size(), imposed.begin());
 }
 
-void Foam::m4gnMeshAdapter::impose
-(
-    const word& name,
-    const label components,
-    const scalarField& nodes
-) const
-{
-    if (components == 1)
-    {
-        imposeOf<scalar>(name, nodes);
-    }
-    else
-    {
-        imposeOf<vector>(name, nodes);
-    }
-}
+// For whoever instantiates Foam::m4gnFieldNodes
+template bool Foam::m4gnMeshAdapter::gatherOf<Foam::scalar>(const word&, values&) const;
+template bool Foam::m4gnMeshAdapter::gatherOf<Foam::vector>(const word&, values&) const;
+template void Foam::m4gnMeshAdapter::imposeOf<Foam::scalar>(const word&, const scalarField&) const;
+template void Foam::m4gnMeshAdapter::imposeOf<Foam::vector>(const word&, const scalarField&) const;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnNodes.H"
+#include "m4gnDictionary.H"
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnPointAdapter.H"
+#include "pointFields.H"
+#include "volFields.H"
 
 static_assert
 (
@@ -113,6 +116,26 @@ Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)
 
     data_.n_patches = patchNamePtrs_.size();
     data_.patch_names = patchNamePtrs_.data();
+}
+
+Foam::string Foam::m4gnNodes::registered() const
+{
+    wordList cells(mesh_.sortedNames<volScalarField>());
+    cells.append(mesh_.sortedNames<volVectorField>());
+    wordList points(mesh_.sortedNames<pointScalarField>());
+    points.append(mesh_.sortedNames<pointVectorField>());
+
+    const wordList& own = atPoints() ? points : cells;
+    const wordList& others = atPoints() ? cells : points;
+
+    std::string names(own.empty() ? "no field there" : m4gn::join(own));
+    if (others.size())
+    {
+        names += "; with location ";
+        names += atPoints() ? "cells: " : "points: ";
+        names += m4gn::join(others);
+    }
+    return names;
 }
 
 bool Foam::m4gnNodes::atPoints(const dictionary& dict)

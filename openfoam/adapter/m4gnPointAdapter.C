@@ -3,7 +3,6 @@
 #include "m4gnPointAdapter.H"
 #include "m4gnAddressing.H"
 #include "m4gnDictionary.H"
-#include "pointFields.H"
 #include "globalIndex.H"
 #include "processorFvPatch.H"
 #include "PstreamBuffers.H"
@@ -332,7 +331,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
 
 Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& nodeTypes)
 :
-    m4gnNodes(mesh)
+    m4gnFieldNodes(mesh)
 {
     checkMesh();
     setPoints();
@@ -340,34 +339,11 @@ Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& no
     setBoundary(nodeTypes);
 }
 
-bool Foam::m4gnPointAdapter::registered(const word& name) const
-{
-    return
-        mesh_.foundObject<pointScalarField>(name)
-     || mesh_.foundObject<pointVectorField>(name);
-}
-
-Foam::string Foam::m4gnPointAdapter::registered() const
-{
-    wordList names(mesh_.sortedNames<pointScalarField>());
-    names.append(mesh_.sortedNames<pointVectorField>());
-
-    wordList others(mesh_.sortedNames<volScalarField>());
-    others.append(mesh_.sortedNames<volVectorField>());
-
-    const std::string points(m4gn::join(names));
-    return
-        (points.empty() ? "no field of points" : points)
-      + "; with location cells: " + m4gn::join(others);
-}
-
 template<class Type>
 bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
 {
-    typedef GeometricField<Type, pointPatchField, pointMesh> fieldType;
-
-    autoPtr<fieldType> owned;
-    const fieldType* field = find(name, pointMesh::New(mesh_), owned);
+    autoPtr<fieldOf<Type>> owned;
+    const fieldOf<Type>* field = find(name, pointMesh::New(mesh_), owned);
 
     if (!field)
     {
@@ -380,11 +356,6 @@ bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
     to.cells = to.kept.cdata();
 
     return true;
-}
-
-bool Foam::m4gnPointAdapter::gather(const word& name, values& to) const
-{
-    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
 }
 
 template<class Type>
@@ -401,27 +372,15 @@ void Foam::m4gnPointAdapter::imposeOf(const word& name, const scalarField& nodes
     // One rank has the value, the others zero
     syncTools::syncPointList(mesh_, all, plusEqOp<Type>(), pTraits<Type>::zero);
 
-    auto& field =
-        mesh_.lookupObjectRef<GeometricField<Type, pointPatchField, pointMesh>>(name);
+    auto& field = mesh_.lookupObjectRef<fieldOf<Type>>(name);
 
     // Stores the old time before it gives access
     field.primitiveFieldRef() = all;
     field.correctBoundaryConditions();
 }
 
-void Foam::m4gnPointAdapter::impose
-(
-    const word& name,
-    const label components,
-    const scalarField& nodes
-) const
-{
-    if (components == 1)
-    {
-        imposeOf<scalar>(name, nodes);
-    }
-    else
-    {
-        imposeOf<vector>(name, nodes);
-    }
-}
+// For whoever instantiates Foam::m4gnFieldNodes
+template bool Foam::m4gnPointAdapter::gatherOf<Foam::scalar>(const word&, values&) const;
+template bool Foam::m4gnPointAdapter::gatherOf<Foam::vector>(const word&, values&) const;
+template void Foam::m4gnPointAdapter::imposeOf<Foam::scalar>(const word&, const scalarField&) const;
+template void Foam::m4gnPointAdapter::imposeOf<Foam::vector>(const word&, const scalarField&) const;

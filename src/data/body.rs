@@ -1,7 +1,6 @@
 //! A body at points and the obstacle that may touch it, as they are found in a file.
 
 use super::source::Source;
-use super::version2;
 use m4gn_mesh::body::{Body, Material, Obstacle};
 use m4gn_mesh::elements::{ElementKind, Elements};
 use m4gn_mesh::surface::check_closed;
@@ -9,14 +8,13 @@ use m4gn_mesh::{NodeType, Result};
 
 impl Source<'_> {
     /// The body at rest; none where the fields are at cells.
-    pub(super) fn body(&self, file: &hdf5::File, version: u32) -> Result<Option<Body>> {
+    pub(super) fn body(&self, file: &hdf5::File) -> Result<Option<Body>> {
         if !file.link_exists("elements") {
             return Ok(None);
         }
-        let [positions, types] = version2::points(version);
-        let types_at = types;
-        let positions = self.points(file, positions)?;
-        let types: Vec<i32> = self.values(file, types, &[Some(positions.len())])?;
+        let positions = self.points(file, "mesh/cell_centres")?;
+        let types_at = "mesh/point_type";
+        let types: Vec<i32> = self.values(file, types_at, &[Some(positions.len())])?;
         let types = types.iter().enumerate().map(|(i, &t)| match t {
             6 => Ok(NodeType::Body),
             7 => Ok(NodeType::Handle),

@@ -9,9 +9,6 @@ use std::path::{Path, PathBuf};
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.h5");
 
-/// The same recording in version 2 of the schema, with matrices, stresses and edges that are read no more.
-const OLD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid-version2.h5");
-
 /// Frames of the displacement, and motion of the obstacle.
 type All = (Vec<Frame>, Vec<Vec<[f32; 3]>>);
 
@@ -82,17 +79,6 @@ fn what_python_wrote_is_read() {
             .unwrap_err()
             .to_string()
             .contains("4 frames")
-    );
-}
-
-#[test]
-fn version_2_gives_the_same() {
-    let [new, old] = [FILE, OLD].map(|file| Trajectory::open(file).unwrap());
-    assert_eq!((new.mesh(), new.body()), (old.mesh(), old.body()));
-    assert_eq!((new.fields(), new.times()), (old.fields(), old.times()));
-    assert_eq!(
-        read_all(Path::new(FILE)).unwrap(),
-        read_all(Path::new(OLD)).unwrap()
     );
 }
 

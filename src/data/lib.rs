@@ -33,8 +33,7 @@
 //! ```
 //!
 //! Every array that holds values has HDF5's checksum (fletcher32); arrays of frames have one frame a chunk, shuffled and
-//! deflated. Version 1, of fields at cells, is the same without these promises; what version 2, of bodies at points, had
-//! elsewhere is in `version2`. Both are read.
+//! deflated. Files of other versions are refused.
 //!
 //! Files use the 1.10 file format (checksummed metadata), so that h5py, ParaView and any HDF5 since 2016 read
 //! them and flipped bytes are noticed.
@@ -42,14 +41,13 @@
 mod body;
 mod flow;
 mod layout;
-mod own;
 mod recorder;
 mod schema;
+mod self_contained;
 mod source;
 mod space;
 mod states;
 mod trajectory;
-mod version2;
 mod writer;
 
 #[cfg(test)]

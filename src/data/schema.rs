@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 /// Value of the root attribute `format`.
 pub(super) const FORMAT: &str = "m4gn-trajectory";
-/// Schema version that is written, and the highest that is read.
+/// Schema version that is written and read.
 pub(super) const VERSION: u32 = 3;
 
 /// What a trajectory is for.

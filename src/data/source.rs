@@ -1,7 +1,6 @@
 //! What is found in a file, checked before it is believed: sizes against the file's, labels against ranges.
 
 use super::schema::{FORMAT, FieldMeta, LONG, NAME, Split, Text, VERSION, h5_error, quiet};
-use super::version2;
 use hdf5::Dataset;
 use m4gn_mesh::{Error, Result};
 use ndarray::Ix2;
@@ -54,8 +53,8 @@ impl<'a> Source<'a> {
         Error::file(self.path, format!("{what}. The file is damaged, record it again"))
     }
 
-    /// The schema version of a whole recording.
-    pub(super) fn version(&self, root: &hdf5::Group) -> Result<u32> {
+    /// Whether it is a whole recording of this version of the schema.
+    pub(super) fn check_whole(&self, root: &hdf5::Group) -> Result<()> {
         let format = self.text::<NAME>(root, "format").map_err(|_| {
             Error::file(
                 self.path,
@@ -69,11 +68,11 @@ impl<'a> Source<'a> {
             ));
         }
         let version = self.number(root, "version")?;
-        if version == 0 || version > VERSION {
+        if version != VERSION {
             return Err(Error::file(
                 self.path,
                 format!(
-                    "schema version {version}, this m4gn reads up to {VERSION}: update m4gn or record again"
+                    "schema version {version}, this m4gn reads version {VERSION}: record again, or use the m4gn that wrote it"
                 ),
             ));
         }
@@ -83,7 +82,7 @@ impl<'a> Source<'a> {
                 "the recording was not finished (no attribute complete = 1): record it again",
             ));
         }
-        Ok(version)
+        Ok(())
     }
 
     /// Split and provenance.
@@ -233,10 +232,7 @@ impl<'a> Source<'a> {
     }
 
     /// The recorded fields, by name; their values are checked by [`Source::frames`].
-    pub(super) fn fields(&self, file: &hdf5::File, version: u32) -> Result<Vec<FieldMeta>> {
-        if version == version2::VERSION {
-            return Ok(vec![version2::displacement()]);
-        }
+    pub(super) fn fields(&self, file: &hdf5::File) -> Result<Vec<FieldMeta>> {
         let group = file
             .group("fields")
             .map_err(|e| self.damaged(format!("group /fields cannot be opened ({e})")))?;

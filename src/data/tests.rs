@@ -201,25 +201,6 @@ fn no_boundary_faces_is_a_mesh_too() {
     assert_eq!(trajectory.read_frame("U", 0).unwrap(), frame[0]);
 }
 
-/// Version 1 had the same layout.
-#[test]
-fn version_1_is_read() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
-    write(&path, 2);
-    let file = hdf5::File::open_rw(&path).unwrap();
-    file.attr("version").unwrap().write_scalar(&1u32).unwrap();
-    drop(file);
-    let trajectory = Trajectory::open(&path).unwrap();
-    assert_eq!(trajectory.mesh(), &square());
-    assert_eq!(trajectory.cells().unwrap(), trajectory.mesh());
-    assert_eq!(trajectory.read_frame("U", 1).unwrap(), frames(1)[0]);
-    assert_eq!(
-        trajectory.read_motion(0, 1, 2).unwrap(),
-        vec![Vec::<[f32; 3]>::new(); 2]
-    );
-}
-
 #[test]
 fn a_frame_that_is_not_there() {
     let dir = tempfile::tempdir().unwrap();

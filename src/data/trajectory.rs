@@ -2,7 +2,6 @@
 
 use super::schema::{FieldMeta, Frame, Split, h5_error};
 use super::source::{Source, open_file};
-use super::version2;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::{CELL_SIZE, Error, Mesh, NodeType, Result};
 use std::path::{Path, PathBuf};
@@ -48,7 +47,6 @@ impl Values {
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     path: PathBuf,
-    version: u32,
     mesh: Mesh,
     body: Option<Body>,
     times: Vec<f64>,
@@ -60,25 +58,25 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Opens a file and checks that it is a whole trajectory of a known version with consistent sizes.
+    /// Opens a file and checks that it is a whole trajectory of this version with consistent sizes.
     ///
     /// # Errors
-    /// [`Error::File`] when the file is missing, not HDF5, truncated, of another format or a newer version,
+    /// [`Error::File`] when the file is missing, not HDF5, truncated, of another format or version,
     /// incomplete, or inconsistent in itself.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let file = open_file(path)?;
         let source = Source::new(path)?;
         let root = file.group("/").map_err(h5_error(path, "no root group"))?;
-        let version = source.version(&root)?;
-        source.check_own(&root, version)?;
+        source.check_whole(&root)?;
+        source.check_self_contained(&root)?;
         let (split, provenance) = source.origin(&root)?;
-        let body = source.body(&file, version)?;
+        let body = source.body(&file)?;
         let mesh = match &body {
             Some(body) => body.mesh(source.obstacle(&file)?.as_ref()),
             None => source.mesh(&file)?,
         };
-        let fields = source.fields(&file, version)?;
+        let fields = source.fields(&file)?;
         let mut implied = Vec::new();
         if body.is_none() {
             implied.push(scalar(CELL_SIZE, [0, 1, 0, 0, 0, 0, 0]));
@@ -91,7 +89,6 @@ impl Trajectory {
         }
         let trajectory = Trajectory {
             path: path.to_path_buf(),
-            version,
             mesh,
             body,
             times: source.times(&file)?,
@@ -249,7 +246,7 @@ impl Trajectory {
         };
         Ok(Values::Recorded([
             open(
-                version2::values(self.version, &field.name),
+                format!("fields/{}/cells", field.name),
                 self.mesh.cell_global.len(),
             )?,
             open(

@@ -12,7 +12,7 @@
 #![allow(unsafe_code)]
 
 pub mod backward;
-mod ends;
+mod encoder_decoder;
 mod grid;
 mod kernels;
 mod linear;

@@ -3,7 +3,7 @@
 //! Segment sums are made over all ranks in fp64; from there on every rank computes the same K rows, in fp32 in either
 //! precision.
 
-use super::ends::Encoder;
+use super::encoder_decoder::Encoder;
 use super::kernels::{Addend, Buffer, Function, Isa, Normed, Output, Packed, padded, product};
 use super::linear::{self, Tail};
 use super::pool::{Parts, Pool};

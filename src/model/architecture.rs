@@ -161,15 +161,11 @@ impl Architecture {
 }
 
 /// A network's shape as it is written down: all keys of all kinds.
-///
-/// Without `kind` it is an M4GN where there is a macro stage and a MeshGraphNet of `layers_before` layers otherwise: files
-/// from before there were kinds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArchitectureKeys {
     /// Which network.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub kind: Option<KindName>,
+    pub kind: KindName,
     /// As [`Architecture::width`].
     pub width: usize,
     /// As [`Architecture::hidden_layers`].
@@ -195,13 +191,7 @@ impl TryFrom<ArchitectureKeys> for Architecture {
 
     fn try_from(keys: ArchitectureKeys) -> Result<Self> {
         let bad = |message: String| Err(Error::Model(message));
-        let kind = match (keys.kind, &keys.segment_transformer) {
-            (Some(kind), _) => kind,
-            (None, Some(_)) => KindName::M4gn,
-            (None, None) => KindName::MeshGraphNet,
-        };
-        let before_kinds = keys.kind.is_none();
-        let kind = match (kind, keys.segment_transformer) {
+        let kind = match (keys.kind, keys.segment_transformer) {
             (KindName::M4gn, Some(segment_transformer)) => {
                 if keys.layers.is_some() {
                     return bad("layers: an m4gn network has layers_before and layers_after".into());
@@ -237,7 +227,6 @@ impl TryFrom<ArchitectureKeys> for Architecture {
                 }
                 let layers = match (keys.layers, keys.layers_before) {
                     (Some(layers), None) => layers,
-                    (None, Some(layers)) if before_kinds => layers,
                     (_, Some(_)) => return bad(format!("layers_before: kind {name} has layers")),
                     (None, None) => return bad(format!("layers: missing; the layers of kind {name}")),
                 };
@@ -259,7 +248,7 @@ impl TryFrom<ArchitectureKeys> for Architecture {
 impl From<Architecture> for ArchitectureKeys {
     fn from(a: Architecture) -> Self {
         let mut keys = ArchitectureKeys {
-            kind: Some(a.name()),
+            kind: a.name(),
             width: a.width,
             hidden_layers: a.hidden_layers,
             activation: a.activation,
@@ -319,21 +308,10 @@ mod tests {
     }
 
     #[test]
-    fn files_from_before_there_were_kinds_mean_what_they_did() {
-        let shape = r#""width":8,"hidden_layers":1,"activation":"relu","layers_before":4,"layers_after""#;
-        let plain = read(&format!(r#"{{{shape}:0,"segment_transformer":null}}"#)).unwrap();
-        assert_eq!(plain.kind, Kind::MeshGraphNet { layers: 4 });
-        let stage =
-            r#"{"layers":1,"heads":2,"ffn_width":4,"rwse_steps":0,"centroids":false,"offsets":false}"#;
-        let m4gn = read(&format!(r#"{{{shape}:2,"segment_transformer":{stage}}}"#)).unwrap();
-        let m4gn = m4gn.m4gn().unwrap();
-        assert_eq!((m4gn.layers_before, m4gn.layers_after), (4, 2));
-    }
-
-    #[test]
     fn keys_of_another_kind_are_refused() {
         let shape = r#""width":8,"hidden_layers":1,"activation":"relu""#;
         for (rest, word) in [
+            (r#""layers":1"#, "missing field `kind`"),
             (r#""kind":"gat","layers":1"#, "mesh-graph-net"),
             (r#""kind":"gcn","layers_before":1"#, "gcn has layers"),
             (r#""kind":"gcn""#, "layers: missing"),

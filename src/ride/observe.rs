@@ -315,13 +315,11 @@ impl Observer {
 
 /// Boundary values of a field whose cells are these: the host's where they are held, else those of the face's cell.
 fn impose(field: &Field, held: Option<&[i32]>, cells: &[f64], owners: &[i32]) -> Vec<f64> {
-    let n = field.components;
     let mut values = field.boundary.to_vec();
-    let Some(held) = held else { return values };
-    for ((value, held), &owner) in values.chunks_exact_mut(n).zip(held).zip(owners) {
-        if *held == 0 {
-            value.copy_from_slice(&cells[owner as usize * n..][..n]);
-        }
+    if let Some(held) = held {
+        let faces = owners.iter().zip(held);
+        let faces = faces.map(|(&owner, &held)| (owner as usize, held == 0));
+        m4gn_domain::impose(field.components, faces, cells, field.boundary, &mut values);
     }
     values
 }

@@ -106,7 +106,10 @@ impl Config {
     pub fn architecture(&self) -> Result<Architecture> {
         let m = &self.model;
         let keys = ArchitectureKeys {
-            kind: m.kind,
+            kind: m.kind.unwrap_or(match self.segment_transformer {
+                Some(_) => KindName::M4gn,
+                None => KindName::MeshGraphNet,
+            }),
             width: m.width,
             hidden_layers: m.hidden_layers,
             activation: m.activation,

@@ -131,9 +131,3 @@ fn data_set_of_a_body() {
         std::fs::read(root().join("tests/data/solid.h5")).unwrap(),
     );
 }
-
-#[test]
-fn data_set_of_a_body_in_version_2() {
-    let good = std::fs::read(root().join("tests/data/solid-version2.h5")).unwrap();
-    damaged("data-body-2", good);
-}

@@ -2,7 +2,7 @@
 
 use super::Scales;
 use super::dispatch::Dispatch;
-use super::ends::{Encoder, EncoderTape};
+use super::encoder_decoder::{Encoder, EncoderTape};
 use super::graph::TrainGraph;
 use super::layer::{Layer, LayerTape};
 use super::mlp::fit;

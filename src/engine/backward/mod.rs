@@ -13,7 +13,7 @@
 mod attention;
 mod convolution;
 mod dispatch;
-mod ends;
+mod encoder_decoder;
 mod graph;
 mod layer;
 mod layout;

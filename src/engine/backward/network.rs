@@ -1,7 +1,7 @@
 //! The whole network in one precision: forward with what is kept, and backward.
 
 use super::dispatch::through_table;
-use super::ends::{Decoder, DecoderTape, Encoder, EncoderTape};
+use super::encoder_decoder::{Decoder, DecoderTape, Encoder, EncoderTape};
 use super::graph::TrainGraph;
 use super::layer::Shared;
 use super::layout::Layout;

@@ -4,7 +4,7 @@ mod passes;
 mod report;
 
 use super::EngineOptions;
-use super::ends::{Decoder, Encoder, Fixed, normaliser};
+use super::encoder_decoder::{Decoder, Encoder, Fixed, normaliser};
 use super::grid::Grid;
 use super::kernels::{Buffer, Isa, Number, padded};
 use super::order::Order;

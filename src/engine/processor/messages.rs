@@ -1,7 +1,7 @@
 //! Message passing (eq. 1 to 3), with the macro stage (eq. 9 to 13) where there is one.
 
 use super::Processor;
-use crate::ends::{Encoder, normaliser};
+use crate::encoder_decoder::{Encoder, normaliser};
 use crate::grid::Grid;
 use crate::kernels::{Addend, Buffer, Function, Normed, Number, Output, Packed, add_means, narrow, product};
 use crate::linear;

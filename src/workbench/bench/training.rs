@@ -129,7 +129,7 @@ impl Trial {
                 width: a.width,
                 hidden_layers: a.hidden_layers,
                 activation: a.activation,
-                kind: keys.kind,
+                kind: Some(keys.kind),
                 layers: keys.layers,
                 layers_before: keys.layers_before,
                 layers_after: keys.layers_after.unwrap_or(0),

@@ -4,14 +4,16 @@ use super::prediction::{FieldErrors, Prediction};
 use super::scene::Scene;
 use super::smoothing::Smoothing;
 use crate::errors::SquaredError;
+use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
 use m4gn_mesh::Result;
+use m4gn_mesh::parallel::Comm;
 use std::borrow::Cow;
 
 /// The row of a baseline on a scene; none where the scene has no use for it.
 type Baseline = fn(&Scene) -> Result<Option<Prediction>>;
 
 /// All of them, in the order of the tables.
-const BASELINES: [Baseline; 4] = [persistence, extrapolation, hold_first, smoothed];
+const BASELINES: [Baseline; 5] = [persistence, extrapolation, linear, hold_first, smoothed];
 
 /// The rows of all baselines.
 ///
@@ -61,6 +63,44 @@ fn extrapolation(scene: &Scene) -> Result<Option<Prediction>> {
         Cow::Owned(pairs.map(|(a, b)| 2.0 * a - b).collect())
     };
     Ok(Some(row(scene, ("extrapolation", "extrapolation"), &line, &line)))
+}
+
+/// A surrogate that is fitted to the frames before (higher-order dynamic mode decomposition), a stride ahead; where they are too few for
+/// a fit, the last one is held. A rollout from the first frame has no history to be fitted to.
+fn linear(scene: &Scene) -> Result<Option<Prediction>> {
+    let pace = scene.pace();
+    let stride = pace.interval * pace.frames as f64;
+    let settings = Settings {
+        interval: stride,
+        storage: Storage::Single,
+        fit: FitSettings::default(),
+    };
+    let every = settings.fit.tail;
+    let fields =
+        (0..scene.n_fields()).map(|k| Field::weighted(&k.to_string(), scene.width(k), scene.volumes()));
+    let mut fitted = Linear::new(&Comm::serial(), fields.collect(), settings)?;
+    let mut errors = vec![FieldErrors::default(); scene.n_fields()];
+    for i in 0..pace.steps {
+        let state: Vec<&[f64]> = (0..scene.n_fields()).map(|k| scene.truth(k, i)).collect();
+        fitted.offer(i as f64 * stride, stride, &state)?;
+        if i % every == 0 {
+            fitted.fit();
+        }
+        let next = fitted.predict(1.0);
+        for (k, errors) in errors.iter_mut().enumerate() {
+            let mut found = state[k].to_vec();
+            if let Some(next) = &next {
+                fitted.field(k, next, &mut found);
+            }
+            errors.single.push(scene.error(k, &found, i + 1));
+        }
+    }
+    Ok(Some(Prediction {
+        key: "linear",
+        name: "linear, fitted to the frames before",
+        fields: errors,
+        ..Prediction::default()
+    }))
 }
 
 /// The first frame; of single steps, which start anew each time, persistence.

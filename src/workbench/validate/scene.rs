@@ -148,6 +148,15 @@ impl<'a> Scene<'a> {
         self.tracks[k].width
     }
 
+    /// Weight of each node in sums over the domain: the volume of a cell, 1 of a body's point.
+    pub(super) fn volumes(&self) -> Vec<f64> {
+        let nodes = self.truth(0, 0).len() / self.width(0);
+        match &self.shape {
+            None if self.mesh.cell_volumes.len() == nodes => self.mesh.cell_volumes.clone(),
+            _ => vec![1.0; nodes],
+        }
+    }
+
     /// Number of the predicted fields.
     pub(super) fn n_fields(&self) -> usize {
         self.tracks.len()

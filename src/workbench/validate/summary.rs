@@ -1,13 +1,13 @@
 //! Figures of trajectories, together and one by one: tables for people, and the figures file.
 
-use super::{Case, Pace, Prediction};
-use crate::errors::{SquaredError, cumulative};
+use super::{Case, FieldErrors, Pace, Prediction};
+use crate::errors::cumulative;
 use m4gn_data::Split;
 use m4gn_domain::body::quality::Quality;
 use m4gn_report::{Table, number};
 use serde_json::{Map, Value, json};
 
-/// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before.
+/// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before, NaN where there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
     /// RMSE-1.
@@ -19,14 +19,19 @@ pub struct Figures {
 }
 
 impl Figures {
-    fn of(single: &[SquaredError], rollout: &[SquaredError], pace: Pace, horizon: f64) -> Self {
-        let over = cumulative(rollout);
+    /// `diverged`: whether a rollout ended early; one that is not there has no figures.
+    fn of(errors: &FieldErrors, diverged: bool, pace: Pace, horizon: f64) -> Self {
+        let over = cumulative(&errors.rollout);
         let at = |steps: usize| match steps.min(pace.steps) {
             n if n <= over.len() => over[n - 1],
+            _ if over.is_empty() && !diverged => f64::NAN,
             _ => f64::INFINITY,
         };
         Figures {
-            rmse_1: cumulative(single).last().copied().unwrap_or(f64::INFINITY),
+            rmse_1: cumulative(&errors.single)
+                .last()
+                .copied()
+                .unwrap_or(f64::INFINITY),
             rmse_50: at(pace.steps_within(horizon)),
             rmse_all: at(pace.steps),
         }
@@ -50,6 +55,7 @@ impl Figures {
     fn cells(self) -> [String; 3] {
         [self.rmse_1, self.rmse_50, self.rmse_all].map(|v| match v.is_finite() {
             true => number(v, 3),
+            false if v.is_nan() => "-".into(),
             false => "not finite".into(),
         })
     }
@@ -88,7 +94,7 @@ impl Row {
             key: p.key,
             name: p.name,
             figures: fields
-                .map(|f| Figures::of(&f.single, &f.rollout, pace, horizon))
+                .map(|f| Figures::of(f, p.diverged.is_some(), pace, horizon))
                 .collect(),
             quality: p.quality.as_ref().map(|all| match p.diverged {
                 None => Quality::mean(all),

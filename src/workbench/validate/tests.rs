@@ -259,6 +259,40 @@ fn a_prediction_that_blows_up_has_no_figures() {
     assert!(figures["model"]["gf_h"].is_null() && figures["diverged"] == 1);
 }
 
+/// Three frames are too few for a fit: single steps hold, and there is no rollout.
+#[test]
+fn a_fit_needs_a_history() {
+    let case = known(0.01, |_, _| Ok(()));
+    let rows = case.rows();
+    let row = |key: &str| rows.iter().find(|r| r.key == key).unwrap().figures[0];
+    assert_eq!(row("linear").rmse_1, row("persistence").rmse_1);
+    assert!(row("linear").rmse_all.is_nan());
+    assert!(json(&[case])["linear"]["rmse_all"].is_null());
+}
+
+/// A vortex that is carried along: once there are frames enough the fit knows the next one, where holding is off.
+#[test]
+fn a_fit_knows_what_is_carried_along() {
+    let folder = tempfile::tempdir().unwrap();
+    m4gn_samples::training::write_data(folder.path(), 1).unwrap();
+    let t = Trajectory::open(folder.path().join("000.h5")).unwrap();
+    let spec = m4gn_samples::model::spec();
+    let pace = Pace::new(t.times(), 0.01).unwrap();
+    let scene = Scene::read(&t, &spec.fields, pace).unwrap();
+    let case = Case::of(&t, &scene, &spec.fields, None, Vec::new()).unwrap();
+    let last = |key: &str| {
+        let row = case.predictions.iter().find(|p| p.key == key).unwrap();
+        row.fields[0].single.last().unwrap().rmse()
+    };
+    assert!(pace.steps > 26, "{}", pace.steps);
+    assert!(
+        last("linear") < 0.2 * last("persistence"),
+        "{} {}",
+        last("linear"),
+        last("persistence")
+    );
+}
+
 /// A model of bodies whose steps change next to nothing: the obstacle sinks into the body where nothing projects.
 fn still() -> Model {
     let mut spec = m4gn_samples::model::bodies();
@@ -287,12 +321,19 @@ fn a_session_projects_and_lifts_the_gap() {
     let keys: Vec<&str> = rows.iter().map(|r| r.key).collect();
     assert_eq!(
         keys,
-        ["model", "projected", "persistence", "extrapolation", "hold_first"]
+        [
+            "model",
+            "projected",
+            "persistence",
+            "extrapolation",
+            "linear",
+            "hold_first"
+        ]
     );
     let [model, projected] = [0, 1].map(|i: usize| rows[i].gap.unwrap());
     assert!(model < -0.1 && projected >= -0.02, "{model} {projected}");
     // Standing still is holding the first frame, to what such a step adds.
-    let [model, hold] = [0, 4].map(|i| figures(&case, i)[2]);
+    let [model, hold] = [0, 5].map(|i| figures(&case, i)[2]);
     assert!((model / hold - 1.0).abs() < 1e-3, "{model} {hold}");
     assert_eq!(calls, 2 * Way::steps(case.pace));
     // The rollout that projects is the one that is shown

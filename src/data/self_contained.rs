@@ -14,21 +14,13 @@ const DEEPEST: usize = 4;
 const MOST: usize = 10_000;
 
 impl Source<'_> {
-    /// Refuses links that are no hard links, arrays that are stored elsewhere, and, from version 3 on, arrays without a
-    /// checksum.
-    pub(super) fn check_own(&self, root: &Group, version: u32) -> Result<()> {
+    /// Refuses links that are no hard links, arrays that are stored elsewhere, and arrays without a checksum.
+    pub(super) fn check_self_contained(&self, root: &Group) -> Result<()> {
         let mut left = MOST;
-        self.check_group(root, version, "", DEEPEST, &mut left)
+        self.check_group(root, "", DEEPEST, &mut left)
     }
 
-    fn check_group(
-        &self,
-        group: &Group,
-        version: u32,
-        path: &str,
-        depth: usize,
-        left: &mut usize,
-    ) -> Result<()> {
+    fn check_group(&self, group: &Group, path: &str, depth: usize, left: &mut usize) -> Result<()> {
         let mut links: Vec<(String, LinkType)> = Vec::new();
         let room = *left;
         group
@@ -54,16 +46,16 @@ impl Source<'_> {
                 if depth == 0 {
                     return Err(self.damaged(format!("{path} is a group too deep for a trajectory")));
                 }
-                self.check_group(&inner, version, &path, depth - 1, left)?;
+                self.check_group(&inner, &path, depth - 1, left)?;
             } else if let Ok(dataset) = group.dataset(&name) {
-                self.check_stored_here(&dataset, version, &path)?;
+                self.check_stored_here(&dataset, &path)?;
             }
         }
         Ok(())
     }
 
-    /// Refuses an array whose values lie in other files, or that has no checksum though its version asks for one.
-    fn check_stored_here(&self, dataset: &Dataset, version: u32, path: &str) -> Result<()> {
+    /// Refuses an array whose values lie in other files, or that has no checksum.
+    fn check_stored_here(&self, dataset: &Dataset, path: &str) -> Result<()> {
         let created = dataset
             .create_plist()
             .map_err(|e| self.damaged(format!("dataset {path} cannot be opened ({e})")))?;
@@ -77,7 +69,7 @@ impl Source<'_> {
             )));
         }
         // HDF5 has no checksums for arrays without values.
-        match version < 3 || dataset.size() == 0 || created.filters().contains(&Filter::Fletcher32) {
+        match dataset.size() == 0 || created.filters().contains(&Filter::Fletcher32) {
             true => Ok(()),
             false => Err(Error::file(
                 self.path,
