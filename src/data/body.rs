@@ -3,7 +3,6 @@
 use super::source::Source;
 use m4gn_mesh::body::{Body, Material, Obstacle};
 use m4gn_mesh::elements::{ElementKind, Elements};
-use m4gn_mesh::surface::check_closed;
 use m4gn_mesh::{NodeType, Result};
 
 impl Source<'_> {
@@ -44,7 +43,7 @@ impl Source<'_> {
             positions,
             elements,
         };
-        body.check().map_err(|e| self.damaged(e.to_string()))?;
+        body.check().map_err(|e| self.wrong("/elements", &e))?;
         Ok(Some(body))
     }
 
@@ -75,15 +74,17 @@ impl Source<'_> {
         Ok(elements)
     }
 
-    /// The closed surface of the obstacle, where there is one.
-    pub(super) fn obstacle(&self, file: &hdf5::File) -> Result<Option<Obstacle>> {
+    /// The closed surface of the obstacle beside the body, where there is one.
+    pub(super) fn obstacle(&self, file: &hdf5::File, body: &Body) -> Result<Option<Obstacle>> {
         if !file.link_exists("obstacle") {
             return Ok(None);
         }
         let positions = self.points(file, "obstacle/positions")?;
         let triangles = self.label_rows(file, "obstacle/triangles", positions.len())?;
-        check_closed(&triangles).map_err(|e| self.damaged(format!("/obstacle/triangles: {e}")))?;
-        Ok(Some(Obstacle { positions, triangles }))
+        let obstacle = Obstacle { positions, triangles };
+        let checked = obstacle.check(body);
+        checked.map_err(|e| self.wrong("/obstacle", &e))?;
+        Ok(Some(obstacle))
     }
 
     /// Finite positions, m.

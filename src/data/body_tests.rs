@@ -100,6 +100,21 @@ fn arrays_without_a_checksum_are_refused() {
 }
 
 #[test]
+fn an_obstacle_that_deforms_is_refused() {
+    let text = message(|f| {
+        let data = f.dataset("obstacle/displacement").unwrap();
+        let mut values = data.read_raw::<f32>().unwrap();
+        let last = values.len() - 3;
+        values[last] += 1e-3;
+        data.as_writer().write_raw(&values).unwrap();
+    });
+    assert!(
+        text.contains("frame 3 of /obstacle/displacement") && text.contains("rigid body"),
+        "{text}"
+    );
+}
+
+#[test]
 fn what_is_inconsistent_is_named() {
     let labels = |name: &str, at: usize, value: i32| {
         let name = name.to_string();

@@ -53,6 +53,11 @@ impl<'a> Source<'a> {
         Error::file(self.path, format!("{what}. The file is damaged, record it again"))
     }
 
+    /// What a whole file holds is not what its schema says.
+    pub(super) fn wrong(&self, place: &str, error: &Error) -> Error {
+        Error::file(self.path, format!("{place}: {error}"))
+    }
+
     /// Whether it is a whole recording of this version of the schema.
     pub(super) fn check_whole(&self, root: &hdf5::Group) -> Result<()> {
         let format = self.text::<NAME>(root, "format").map_err(|_| {

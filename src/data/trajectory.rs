@@ -73,7 +73,7 @@ impl Trajectory {
         let (split, provenance) = source.origin(&root)?;
         let body = source.body(&file)?;
         let mesh = match &body {
-            Some(body) => body.mesh(source.obstacle(&file)?.as_ref()),
+            Some(body) => body.mesh(source.obstacle(&file, body)?.as_ref()),
             None => source.mesh(&file)?,
         };
         let fields = source.fields(&file)?;
@@ -100,7 +100,9 @@ impl Trajectory {
         for field in &trajectory.fields {
             trajectory.open_field(&source, &file, field)?;
         }
-        trajectory.open_motion(&source, &file)?;
+        if let Some(motion) = trajectory.open_motion(&source, &file)? {
+            trajectory.motion(&source, &motion, trajectory.times.len() - 1)?;
+        }
         Ok(trajectory)
     }
 
@@ -214,10 +216,16 @@ impl Trajectory {
         let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
         match self.open_motion(&source, &file)? {
             None => Ok(vec![Vec::new(); count]),
-            Some(motion) => frames
-                .map(|frame| Ok(source.frame(&motion, frame)?.as_chunks().0.to_vec()))
-                .collect(),
+            Some(motion) => frames.map(|frame| self.motion(&source, &motion, frame)).collect(),
         }
+    }
+
+    /// One frame of the obstacle's displacement, of a rigid body.
+    fn motion(&self, source: &Source, motion: &hdf5::Dataset, frame: usize) -> Result<Vec<[f32; 3]>> {
+        let displacement = source.frame(motion, frame)?.as_chunks().0.to_vec();
+        let checked = self.obstacle().map_or(Ok(()), |o| o.check_motion(&displacement));
+        checked.map_err(|e| source.wrong(&format!("frame {frame} of /obstacle/displacement"), &e))?;
+        Ok(displacement)
     }
 
     fn range(&self, first: usize, step: usize, count: usize) -> Result<impl Iterator<Item = usize>> {

@@ -2,6 +2,8 @@
 
 use crate::elements::{ElementKind, Elements};
 use crate::parallel::{Comm, everywhere};
+use crate::surface::Surface;
+use crate::vector::{Vector, cross, moved, norm, sub};
 use crate::{Error, Mesh, NodeType, Result};
 
 /// Isotropic material of an element.
@@ -53,10 +55,10 @@ pub struct BodyShare {
 }
 
 impl Body {
-    /// Checks types, materials, volumes at rest, and that the edges are those of the elements.
+    /// Checks types, materials, volumes at rest, that the edges are those of the elements, and that each part is held.
     ///
     /// # Errors
-    /// [`Error::Mesh`] naming the element or the point.
+    /// [`Error::Mesh`] naming the element, the point or the part.
     pub fn check(&self) -> Result<()> {
         let held = |t: &NodeType| matches!(t, NodeType::Body | NodeType::Handle);
         if let Some(p) = self.types.iter().position(|t| !held(t)) {
@@ -92,6 +94,36 @@ impl Body {
                 "the edges of the body are not the sorted edges of its elements".into(),
             ));
         }
+        self.check_held()
+    }
+
+    /// Each part, whose points share no element with others, needs handle points that do not all lie on a line: it could
+    /// turn around that line, or move as it likes.
+    fn check_held(&self) -> Result<()> {
+        let part = self.elements.parts(self.positions.len());
+        let count = part.iter().max().map_or(0, |k| *k as usize + 1);
+        let (mut first, mut size) = (vec![0; count], vec![0; count]);
+        let mut held: Vec<Vec<Vector>> = vec![Vec::new(); count];
+        for (p, &k) in part.iter().enumerate().rev() {
+            (first[k as usize], size[k as usize]) = (p, size[k as usize] + 1);
+            if self.types[p] == NodeType::Handle {
+                held[k as usize].push(self.positions[p]);
+            }
+        }
+        // A point without element is no part.
+        for k in (0..count).filter(|&k| size[k] > 1) {
+            let why = match held[k].len() {
+                0 => "no handle: nothing holds it",
+                1 => "one handle point: it turns around that",
+                _ if on_a_line(&held[k]) => "handle points on one line: it turns around that",
+                _ => continue,
+            };
+            return Err(Error::Mesh(format!(
+                "part {k} of {count} of the body, {} points of which the first is {}, has {why}; mark its held points (type \
+                 7), or join the points of parts that are one body",
+                size[k], first[k]
+            )));
+        }
         Ok(())
     }
 
@@ -121,6 +153,92 @@ impl Body {
             obstacle: obstacle.cloned(),
             ..Mesh::default()
         }
+    }
+}
+
+/// Relative length below which a distance is rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// A change of the distance between two of an obstacle's points, relative to its size, that recorded single precision
+/// does not explain.
+const GROWTH: f64 = 1e-4;
+
+/// Whether points all lie on a line, or in one place.
+fn on_a_line(points: &[Vector]) -> bool {
+    let Some([a, b, c]) = triangle(points) else {
+        return true;
+    };
+    let (along, beside) = (sub(points[b], points[a]), sub(points[c], points[a]));
+    norm(cross(along, beside)) <= ROUNDING * norm(along).powi(2)
+}
+
+/// Three points far apart: the first one, the farthest from it, and the farthest from the line through both.
+fn triangle(points: &[Vector]) -> Option<[usize; 3]> {
+    let farthest = |far: &dyn Fn(Vector) -> f64| {
+        (0..points.len()).max_by(|&i, &j| far(points[i]).total_cmp(&far(points[j])))
+    };
+    let a = *points.first()?;
+    let b = farthest(&|x| norm(sub(x, a)))?;
+    let along = sub(points[b], a);
+    let c = farthest(&|x| norm(cross(along, sub(x, a))))?;
+    Some([0, b, c])
+}
+
+impl Obstacle {
+    /// Checks that it is a closed surface, and that neither it nor the body is inside of the other.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] that says which.
+    pub fn check(&self, body: &Body) -> Result<()> {
+        let inside = |surface: &Surface, points: &[Vector]| {
+            !points.is_empty() && points.iter().all(|&x| surface.distance(x) < 0.0)
+        };
+        let own = Surface::new(&self.positions, &self.triangles)?;
+        if inside(&own, &body.positions) {
+            return Err(Error::Mesh(
+                "the body lies inside of the obstacle: expected an obstacle that touches it from outside"
+                    .into(),
+            ));
+        }
+        let skin = body.elements.skin();
+        let fan = |face: &Vec<i32>| -> Vec<[i32; 3]> {
+            face.windows(2).skip(1).map(|w| [face[0], w[0], w[1]]).collect()
+        };
+        let triangles: Vec<[i32; 3]> = skin.iter().flat_map(fan).collect();
+        if !triangles.is_empty() && inside(&Surface::open(&body.positions, &triangles), &self.positions) {
+            return Err(Error::Mesh(
+                "the obstacle lies inside of the body: expected an obstacle that touches it from outside"
+                    .into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Checks that a displacement of its points `[Q]`, m, keeps their distances: the obstacle is rigid.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] naming two points.
+    pub fn check_motion<T: Copy + Into<f64>>(&self, displacement: &[[T; 3]]) -> Result<()> {
+        let now = moved(&self.positions, displacement);
+        let Some(corners) = triangle(&self.positions) else {
+            return Ok(());
+        };
+        let between = |points: &[Vector], a: usize, b: usize| norm(sub(points[a], points[b]));
+        // Far from where it was, single precision holds less of its place.
+        let far = now.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+        let limit = GROWTH * between(&self.positions, corners[0], corners[1]) + ROUNDING * far;
+        for p in 0..now.len() {
+            for a in corners {
+                let (rest, is) = (between(&self.positions, p, a), between(&now, p, a));
+                if !((rest - is).abs() <= limit) {
+                    return Err(Error::Mesh(format!(
+                        "the distance between points {p} and {a} of the obstacle goes from {rest:e} to {is:e} m: expected a \
+                         rigid body, which moves and turns but does not deform"
+                    )));
+                }
+            }
+        }
+        Ok(())
     }
 }
 
@@ -267,5 +385,72 @@ mod tests {
         assert!(share(&|s| s.material[1].young = 0.0).contains("element 1 has E 0 Pa"));
         assert!(share(&|s| s.points[..8].rotate_left(4)).contains("m^3 at rest"));
         assert!(share(&|s| s.types.truncate(3)).contains("expected 12, found 3"));
+    }
+
+    #[test]
+    fn each_part_is_held_by_more_than_a_line() {
+        let held = |points: &[usize]| {
+            let mut body = sample::bar(2);
+            body.types.fill(NodeType::Body);
+            points.iter().for_each(|&p| body.types[p] = NodeType::Handle);
+            body.check().map_err(|e| e.to_string())
+        };
+        assert!(held(&[]).unwrap_err().contains("no handle"));
+        assert!(held(&[5]).unwrap_err().contains("one handle point"));
+        assert!(held(&[0, 4, 8]).unwrap_err().contains("on one line"));
+        held(&[0, 4, 1]).unwrap();
+        // Two cubes that share no point, one of them free.
+        let mut body = sample::bar(3);
+        body.elements = Elements::of_kind(
+            ElementKind::Hexahedron,
+            [body.elements.points_of(0), body.elements.points_of(2)].concat(),
+        );
+        (body.edges, body.material) = (body.elements.edges(), vec![body.material[0]; 2]);
+        let error = body.check().unwrap_err().to_string();
+        assert!(
+            error.contains("part 1 of 2") && error.contains("the first is 8"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn an_obstacle_is_rigid_and_outside() {
+        let body = sample::bar(3);
+        let obstacle = |size: f64, at: Vector| {
+            let (points, triangles) = sample::brick([size; 3]);
+            Obstacle {
+                positions: points
+                    .iter()
+                    .map(|p| std::array::from_fn(|i| p[i] + at[i]))
+                    .collect(),
+                triangles,
+            }
+        };
+        let place = |size, at| obstacle(size, at).check(&body).map_err(|e| e.to_string());
+        place(1.0, [0.0, 1.5, 0.0]).unwrap();
+        place(1.0, [2.5, 0.5, 0.5]).unwrap();
+        assert!(place(20.0, [-9.0; 3]).unwrap_err().contains("body lies inside"));
+        assert!(
+            place(0.2, [1.7, 0.4, 0.4])
+                .unwrap_err()
+                .contains("obstacle lies inside")
+        );
+
+        let given = obstacle(1.0, [3.0; 3]);
+        let motion = |to: &dyn Fn(Vector) -> Vector| -> Vec<Vector> {
+            given.positions.iter().map(|&x| sub(to(x), x)).collect()
+        };
+        let (s, c) = 0.7f64.sin_cos();
+        given
+            .check_motion(&motion(&|x| {
+                [c * x[0] - s * x[1] + 5.0, s * x[0] + c * x[1], x[2] - 2.0]
+            }))
+            .unwrap();
+        for grown in [1.01, 0.5, 0.0, f64::NAN] {
+            let error = given
+                .check_motion(&motion(&|x| x.map(|v| grown * v)))
+                .unwrap_err();
+            assert!(error.to_string().contains("rigid body"), "{error}");
+        }
     }
 }

@@ -10,6 +10,7 @@ use super::projection::{Projection, ProjectionReport, check_start};
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
+use m4gn_mesh::body::Obstacle;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Mesh, Result};
@@ -29,7 +30,7 @@ pub struct BodyHost {
     /// Own points of the body, as numbers of the whole body.
     points: Vec<u32>,
     n_points: usize,
-    n_obstacle: usize,
+    obstacle: Option<Obstacle>,
     /// What the body's elements are made of.
     solid: Solid,
     /// Displacement of the obstacle's points now and after the step, once it is known.
@@ -89,7 +90,7 @@ impl BodyHost {
         let host = BodyHost {
             field: spec.fields[0].name.clone(),
             n_points: whole.positions.len(),
-            n_obstacle: part.obstacle.len(),
+            obstacle: obstacle.cloned(),
             solid: Solid::of_body(&whole),
             motion: None,
             state: vec![0.0; local * if spec.has_history() { 2 } else { 1 }],
@@ -117,7 +118,7 @@ impl BodyHost {
     fn advance(&mut self, comm: &Comm, network: &mut dyn Predict, displacement: &mut [Vector]) -> Result<()> {
         let motion = match self.motion.take() {
             Some(motion) => Ok(motion),
-            None if self.n_obstacle == 0 => Ok([Vec::new(), Vec::new()]),
+            None if self.obstacle.is_none() => Ok([Vec::new(), Vec::new()]),
             None => Err(Error::Input(
                 "the obstacle's motion in this step is not known: give it before every step (m4gn_session_set_obstacle)"
                     .into(),

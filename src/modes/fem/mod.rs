@@ -39,6 +39,9 @@ use mesh::Cell;
 use numbering::Numbering;
 use strain::CellMass;
 
+/// Eigenvalues below this, relative to the shift, are those of rigid motions.
+const RIGID: f64 = 1e-4;
+
 /// How strains are made of displacements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Formulation {
@@ -227,6 +230,15 @@ pub fn modes(
 ) -> Result<SolidModes> {
     let system = assemble(mesh, materials, fixed, options, comm)?;
     let found = crate::solve(&system.problem, comm, &options.modal)?;
+    let zero = system.problem.shift.map_or(0.0, |s| RIGID * s.abs());
+    comm.agree(match found.eigenvalues.first() {
+        Some(&value) if value <= zero && !options.free_body => Err(Error::Input(format!(
+            "the body, or a part of it that shares no point with the rest, is not held: it moves without deforming \
+             (eigenvalue {value:e} 1/s^2). Hold points that do not all lie on a line of each part, or ask for a free body's \
+             modes"
+        ))),
+        _ => Ok(()),
+    })?;
     comm.agree(system.displacements(found, comm))
 }
 

@@ -137,6 +137,11 @@ fn bodies_that_nothing_or_everything_holds_are_refused() {
         found.contains("no displacement is held") && found.contains("patch"),
         "{found}"
     );
+    // At one point, and along a line: the body turns.
+    for n in [1, 2] {
+        let found = message(|_, _, f| f.truncate(n));
+        assert!(found.contains("is not held"), "{n} points: {found}");
+    }
     let found = message(|m, _, f| *f = (0..m.points.len() as i32).map(Fixed::all).collect());
     assert!(found.contains("all displacements"), "{found}");
     let found = message(|_, _, f| f.push(Fixed::all(36)));

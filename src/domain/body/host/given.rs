@@ -39,10 +39,10 @@ impl BodyHost {
     }
 
     fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
-        if values.len() != self.n_obstacle {
+        let n = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
+        if values.len() != n {
             return Err(Error::Input(format!(
-                "displacement of the obstacle {when}: expected {} points, found {}",
-                self.n_obstacle,
+                "displacement of the obstacle {when}: expected {n} points, found {}",
                 values.len()
             )));
         }
@@ -51,7 +51,10 @@ impl BodyHost {
                 "displacement of the obstacle {when}: {:?} at point {i}",
                 values[i]
             ))),
-            None => Ok(()),
+            None => self.obstacle.as_ref().map_or(Ok(()), |o| {
+                let rigid = o.check_motion(values);
+                rigid.map_err(|e| Error::Input(format!("displacement of the obstacle {when}: {e}")))
+            }),
         }
     }
 

@@ -115,6 +115,7 @@ fn check(body: &Body, obstacle: Option<&Obstacle>, samples: &Samples, skin: &Ski
     if let Some(obstacle) = obstacle {
         check_closed(&obstacle.triangles)?;
         check_apart(body, obstacle, samples, skin, cell)?;
+        obstacle.check(body)?;
     }
     check_parts(body, samples, skin, cell)
 }
