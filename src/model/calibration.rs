@@ -5,6 +5,9 @@
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// Largest growth over one stride that means anything: beyond it no tolerance allows a jump, and the data hold what is out of range.
+const MOST: f64 = 1e9;
+
 /// Errors of one field in a rollout.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutErrors {
@@ -86,12 +89,42 @@ impl Calibration {
             }
             Growth { field, factors }
         });
-        Ok(Calibration {
+        let calibration = Calibration {
             coverage,
             trajectories,
             rollouts,
             growth: growth.collect(),
             carried: None,
+        };
+        let first = |g: &&Growth| g.factors.first().is_some_and(|f| !(*f <= MOST));
+        match calibration.growth.iter().find(first) {
+            None => Ok(calibration),
+            Some(growth) => Err(Error::Numerical(format!(
+                "errors of {} grow {:e} times in one stride: look for values that are out of range in the data",
+                growth.field, growth.factors[0]
+            ))),
+        }
+    }
+
+    /// What is wrong in it, with the entry that it is about.
+    pub(super) fn fault(&self) -> Option<String> {
+        if let Some(part) = self.carried.filter(|part| !(0.0..=1.0).contains(part)) {
+            return Some(format!("carried: expected a part between 0 and 1, found {part}"));
+        }
+        if !(0.0..1.0).contains(&self.coverage) {
+            return Some(format!(
+                "coverage: expected a share of at least 0 and below 1, found {}",
+                self.coverage
+            ));
+        }
+        self.growth.iter().find_map(|growth| {
+            let factors = &growth.factors;
+            let bad = |(i, f): &(usize, &f64)| !(**f > 0.0 && f.is_finite()) || *i > 0 && **f < factors[i - 1];
+            let (i, factor) = factors.iter().enumerate().find(bad)?;
+            Some(format!(
+                "growth of {}, factor {i}: expected finite numbers above 0 that do not fall, found {factor:e}",
+                growth.field
+            ))
         })
     }
 
@@ -147,6 +180,38 @@ mod tests {
         }
     }
 
+    #[test]
+    fn growth_that_means_nothing_is_refused() {
+        let of = |factors: &[f64]| Calibration {
+            coverage: 0.9,
+            trajectories: 9,
+            rollouts: 9,
+            growth: vec![Growth {
+                field: "U".into(),
+                factors: factors.to_vec(),
+            }],
+            carried: None,
+        };
+        assert_eq!(of(&[0.5, 2.0, 2.0]).fault(), None);
+        for bad in [
+            &[0.0][..],
+            &[-1.0],
+            &[1.0, f64::INFINITY],
+            &[f64::NAN],
+            &[2.0, 1.0],
+        ] {
+            let fault = of(bad).fault().unwrap();
+            assert!(fault.contains("growth of U, factor"), "{fault}");
+        }
+        // One value of 1e38 in the data, whose square overflows.
+        let mut rollouts: Vec<Vec<RolloutErrors>> = (1..=9).map(|i| vec![rollout(f64::from(i))]).collect();
+        rollouts[8][0].after[0] = f64::INFINITY;
+        let error = Calibration::new(0.9, vec![("U".into(), rollouts)])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("errors of U grow"), "{error}");
+    }
+
     /// Nine trajectories with a rollout each, whose errors after one stride are 1 to 9 times that of the stride before, and after
     /// two twice that.
     fn nine() -> Vec<(String, Vec<Vec<RolloutErrors>>)> {
@@ -187,11 +252,13 @@ mod tests {
     #[test]
     fn factors_do_not_fall_and_what_is_not_finite_stays_a_number() {
         let mut cases = nine();
-        for case in cases[0].1.iter_mut().flatten() {
-            case.after = vec![f64::INFINITY, 0.1];
+        for (second, factor) in [(0.1, 18.0), (f64::INFINITY, f64::MAX)] {
+            for case in cases[0].1.iter_mut().flatten() {
+                case.after = vec![9.0, second];
+            }
+            let c = Calibration::new(0.5, cases.clone()).unwrap();
+            assert_eq!(c.factors("U"), Some(&[18.0, factor][..]));
         }
-        let c = Calibration::new(0.5, cases).unwrap();
-        assert_eq!(c.factors("U"), Some(&[f64::MAX, f64::MAX][..]));
     }
 
     #[test]

@@ -72,13 +72,10 @@ impl ModelSpec {
     }
 
     fn check_calibration(&self) -> Verdict {
-        let carried = self.calibration.as_ref().and_then(|c| c.carried);
-        expect(carried.is_none_or(|part| (0.0..=1.0).contains(&part)), || {
-            format!(
-                "calibration.carried: expected a part between 0 and 1, found {}",
-                carried.unwrap_or(f64::NAN)
-            )
-        })
+        match self.calibration.as_ref().and_then(|c| c.fault()) {
+            Some(fault) => Err(format!("calibration.{fault}")),
+            None => Ok(()),
+        }
     }
 
     fn check_fields(&self) -> Verdict {
