@@ -375,6 +375,7 @@ typedef struct m4gn_ride_answer
     int32_t last_but_one;       /* 1: one stride is left, whose state is handed back */
     int32_t fields;             /* 1: the next call needs the fields; 0: it may be given none */
     int32_t stepped;            /* 1: the model has taken a stride, beside the solver or in its place */
+    int32_t arrays;             /* 1: m4gn_ride_record is to be called before the next call */
 } m4gn_ride_answer;
 
 /* What a host tells of a jump, for the log and the table. */
@@ -435,6 +436,53 @@ int32_t m4gn_ride_new_own(
     const char* options,
     const m4gn_ride_step* start,
     m4gn_ride** ride);
+
+/* An array of a solver's state on this rank. A linear surrogate hands back one combination of the run's states for all of them: what is
+ * linear in the arrays (continuity of face fluxes, fixed values) is kept to rounding. */
+typedef struct m4gn_ride_array
+{
+    const char* name;           /* unique; of a field the name that it has in m4gn_ride_stride */
+    int64_t n;                  /* numbers: items times components, those of an item together */
+    int32_t components;         /* numbers an item */
+    int32_t solved;             /* components that are solved of a field at cells, 1 to components: it is measured, and advanced; 0: the
+                                   array is carried along (fluxes, boundary values) */
+    int32_t positive;           /* not 0: predictions are not below the least value of the run's states */
+    const double* weights;      /* [n/components] volumes of the cells where it is measured, else NULL */
+} m4gn_ride_array;
+
+/* Collective. A ride of a surrogate that is fitted to the run's own states (higher-order dynamic mode decomposition). The settings are
+ * those of m4gn_ride_new with "surrogates": ["linear"]; solver_steps, surrogate_steps and control have defaults. `linear` has
+ *
+ *   name            default     meaning
+ *   interval        null        time between states, the stride, s; null: 25 time steps
+ *   tolerance       0.025       most that a fit may be off on the held-back end of its window, and in a stride after a jump, over what
+ *                               holding would be off by
+ *   first           10          strides of the first jump of a fit
+ *   growth          1.5         how much longer the next may be
+ *   longest         60          strides of a jump at most
+ *   every           5           strides of the solver between tries of a fit
+ *   window          40          states in a fit at most
+ *   least           24          states without a gap that it needs
+ *   tail            5           states that are held back
+ *   delays          [5, 8, 12]  delays to choose from
+ *   ranks           [12, 30]    ranks to choose from
+ *   growing         null        whether modes may grow; null: the held-back states say
+ *   storage         "double"    or "single": how states are kept; sums are double with both
+ *   file            null        where states are kept for a restart, a file a rank; null: they are not
+ */
+int32_t m4gn_ride_new_linear(
+    int32_t comm,
+    const m4gn_ride_array* arrays,
+    int32_t n_arrays,
+    const char* options,
+    const m4gn_ride_step* start,
+    m4gn_ride** ride);
+
+/* Collective. The arrays of the state after a step of the solver, where the last answer asks for them: after m4gn_ride_solved. */
+int32_t m4gn_ride_record(m4gn_ride* ride, const double* const* arrays, int32_t n_arrays);
+
+/* The arrays of the state that was predicted, where the last answer is M4GN_RIDE_ADVANCE. No two places may overlap. */
+int32_t m4gn_ride_arrays(const m4gn_ride* ride, double* const* arrays, int32_t n_arrays);
 
 /* Collective. */
 void m4gn_ride_free(m4gn_ride* ride);

@@ -71,7 +71,7 @@ Foam::m4gnFlowState::m4gnFlowState
     const m4gnSession& session
 )
 :
-    m4gnSolverState(mesh, session),
+    m4gnModelState(mesh, session),
     UName_(dict.getOrDefault<word>("U", "U")),
     pName_(dict.getOrDefault<word>("p", "p")),
     phiName_(dict.getOrDefault<word>("phi", "phi")),
@@ -153,7 +153,7 @@ void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
 
 Foam::wordList Foam::m4gnFlowState::advanced() const
 {
-    wordList names(m4gnSolverState::advanced());
+    wordList names(m4gnModelState::advanced());
     names.append(UName_);
     names.append(phiName_);
     if (pressure_.solved())

@@ -49,7 +49,7 @@ Foam::m4gnDisplacementState::m4gnDisplacementState
     const m4gnSession& session
 )
 :
-    m4gnSolverState(mesh, session),
+    m4gnModelState(mesh, session),
     DName_(displacementName(dict)),
     dynamic_(false)
 {
@@ -138,7 +138,7 @@ void Foam::m4gnDisplacementState::complete(const scalar deltaT, const bool handO
 Foam::wordList Foam::m4gnDisplacementState::advanced() const
 {
     // sigmaD and divSigmaExp: of solidDisplacementFoam
-    wordList names(m4gnSolverState::advanced());
+    wordList names(m4gnModelState::advanced());
     names.append
     (
         wordList

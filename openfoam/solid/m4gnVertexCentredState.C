@@ -110,7 +110,7 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState
     const m4gnSession& session
 )
 :
-    m4gnSolverState(mesh, session),
+    m4gnModelState(mesh, session),
     DName_(displacementName(dict)),
     scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
     law_(m4gnSolidLaw::New(mesh)),
@@ -265,7 +265,7 @@ void Foam::m4gnVertexCentredState::beforeStep(const label n)
 
 Foam::wordList Foam::m4gnVertexCentredState::advanced() const
 {
-    wordList names(m4gnSolverState::advanced());
+    wordList names(m4gnModelState::advanced());
     names.append(wordList({DName_, "D"}));
     if (followed_)
     {

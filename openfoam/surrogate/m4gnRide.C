@@ -42,10 +42,14 @@ namespace
 using namespace Foam;
 
 //- Names of all fields of the model
-wordList names(const m4gnSession& session)
+wordList names(const m4gnSession* session)
 {
-    wordHashSet all(session.inputs());
-    all.insert(session.outputs());
+    wordHashSet all;
+    if (session)
+    {
+        all.insert(session->inputs());
+        all.insert(session->outputs());
+    }
     return all.sortedToc();
 }
 
@@ -142,15 +146,22 @@ Foam::label Foam::m4gnRide::correctors() const
     return solves.size() ? solves.size() : -1;
 }
 
-const std::vector<m4gn_field>& Foam::m4gnRide::gather(const bool wanted)
+std::vector<m4gn_field> Foam::m4gnRide::gather(const bool wanted)
 {
-    static const std::vector<m4gn_field> none;
-
     if (!wanted)
     {
-        return none;
+        return {};
     }
-    fields_.gather(session_.nodes());
+    if (run_)
+    {
+        if (!gathered_)
+        {
+            run_->gather();
+        }
+        gathered_ = true;
+        return run_->measured();
+    }
+    fields_.gather(session_->nodes());
     return fields_.view();
 }
 
@@ -168,17 +179,17 @@ std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
     for (label fieldi = 0; fieldi < fields_.size(); ++fieldi)
     {
         const word& name = fields_.name(fieldi);
-        if (!session_.outputs().found(name))
+        if (!session_->outputs().found(name))
         {
             continue;
         }
         if (fields_.components(fieldi) == 1)
         {
-            mark(mesh_.lookupObject<volScalarField>(name), session_.nodes(), held_[fieldi]);
+            mark(mesh_.lookupObject<volScalarField>(name), session_->nodes(), held_[fieldi]);
         }
         else
         {
-            mark(mesh_.lookupObject<volVectorField>(name), session_.nodes(), held_[fieldi]);
+            mark(mesh_.lookupObject<volVectorField>(name), session_->nodes(), held_[fieldi]);
         }
         marks[fieldi] = held_[fieldi].cdata();
     }
@@ -230,9 +241,9 @@ m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
     {
         FatalErrorInFunction << what << ": " << error.c_str() << exit(FatalError);
     }
-    if (answer.stepped)
+    if (answer.stepped && session_)
     {
-        session_.stepped();
+        session_->stepped();
     }
     return answer;
 }
@@ -240,7 +251,7 @@ m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
 template<class Type>
 void Foam::m4gnRide::writeError(const label outputi) const
 {
-    const word& name = session_.outputs()[outputi];
+    const word& name = session_->outputs()[outputi];
     tmp<GeometricField<Type, fvPatchField, volMesh>> tfield
     (
         m4gn::cellField<Type>(mesh_, "error(" + name + ')', mesh_.time().timeName())
@@ -271,9 +282,9 @@ void Foam::m4gnRide::writeErrors() const
         return;
     }
 
-    forAll(session_.outputs(), outputi)
+    forAll(session_->outputs(), outputi)
     {
-        if (session_.outputComponents(outputi) == 1)
+        if (session_->outputComponents(outputi) == 1)
         {
             writeError<scalar>(outputi);
         }
@@ -289,7 +300,8 @@ Foam::m4gnRide::m4gnRide
     const word& name,
     const fvMesh& mesh,
     const dictionary& dict,
-    m4gnSession& session
+    m4gnSession* session,
+    m4gnRunState* run
 )
 :
     name_(name),
@@ -297,17 +309,22 @@ Foam::m4gnRide::m4gnRide
     dict_(dict),
     observes_(dict.get<word>("mode") == "observe"),
     session_(session),
+    run_(run),
+    gathered_(false),
     fields_(mesh, names(session)),
     ride_(nullptr),
     tables_(4)
 {
     dictionary own(dict);
     own.set("name", name);
-    own.set("model", string(session.model()));
-    own.set("setupSeconds", session.setupSeconds());
-    if (!session.nodes().atPoints())
+    if (session)
     {
-        own.set("host", string(typesOf(mesh, session.nodes().data())));
+        own.set("model", string(session->model()));
+        own.set("setupSeconds", session->setupSeconds());
+        if (!session->nodes().atPoints())
+        {
+            own.set("host", string(typesOf(mesh, session->nodes().data())));
+        }
     }
     own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
     if (own.subOrEmptyDict("adapt").getOrDefault<bool>("writeModel", false))
@@ -317,13 +334,32 @@ Foam::m4gnRide::m4gnRide
         own.subDict("adapt").set("writeModel", string(dir/"adapted.safetensors"));
     }
 
+    if (run)
+    {
+        dictionary linear(own.subOrEmptyDict("linear"));
+        if (linear.getOrDefault<bool>("keep", true))
+        {
+            linear.set("file", string(mesh.time().globalPath()/"postProcessing"/name/"states"));
+        }
+        linear.remove("keep");
+        own.set("linear", linear);
+    }
+
     // It is made after the first step
     m4gn_ride_step start(now());
     start.time = mesh.time().startTime().value();
     start.index = mesh.time().startTimeIndex();
     m4gn::check
     (
-        m4gn_ride_new(session.handle(), &session.nodes().data(), settings(own).c_str(), &start, &ride_),
+        run
+      ? m4gn_ride_new_linear
+        (
+            m4gn::communicator(), run->layout().data(), run->layout().size(), settings(own).c_str(), &start, &ride_
+        )
+      : m4gn_ride_new
+        (
+            session->handle(), &session->nodes().data(), settings(own).c_str(), &start, &ride_
+        ),
         "m4gnSurrogate cannot start"
     );
     listen();
@@ -339,11 +375,16 @@ Foam::m4gnRide::~m4gnRide()
     m4gn_ride_free(ride_);
 }
 
+bool Foam::m4gnRide::has(const dictionary& dict, const word& kind)
+{
+    return dict.getOrDefault<wordList>("surrogates", wordList({"network"})).found(kind);
+}
+
 Foam::wordList Foam::m4gnRide::keys()
 {
     return
     {
-        "mode", "solverSteps", "surrogateSteps", "rolloutSteps", "writeErrors", "adapt", "control",
+        "mode", "surrogates", "linear", "solverSteps", "surrogateSteps", "rolloutSteps", "writeErrors", "adapt", "control",
         "writePrecision"
     };
 }
@@ -355,6 +396,11 @@ void Foam::m4gnRide::checkDictionary(const dictionary& dict)
     {
         own.subDict("adapt").get<bool>("writeModel");
         own.subDict("adapt").remove("writeModel");
+    }
+    if (own.subOrEmptyDict("linear").found("keep"))
+    {
+        own.subDict("linear").get<bool>("keep");
+        own.subDict("linear").remove("keep");
     }
     if (Pstream::parRun() && own.subOrEmptyDict("adapt").getOrDefault<bool>("overlap", false))
     {
@@ -372,16 +418,33 @@ void Foam::m4gnRide::checkDictionary(const dictionary& dict)
 m4gn_ride_answer Foam::m4gnRide::solved()
 {
     const m4gn_ride_step step(now(correctors()));
-    return ask
+    gathered_ = false;
+    const m4gn_ride_answer answer = ask
     (
         [&](m4gn_ride_answer* a) { return m4gn_ride_solved(ride_, &step, a); },
         "m4gnSurrogate cannot go on"
     );
+    record(answer);
+    return answer;
+}
+
+void Foam::m4gnRide::record(const m4gn_ride_answer& asked)
+{
+    if (asked.arrays)
+    {
+        const std::vector<const double*> arrays(run_->gather());
+        gathered_ = true;
+        m4gn::check
+        (
+            m4gn_ride_record(ride_, arrays.data(), arrays.size()), "m4gnSurrogate cannot go on"
+        );
+        listen();
+    }
 }
 
 m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
 {
-    const std::vector<m4gn_field>& fields = gather(asked.fields);
+    const std::vector<m4gn_field> fields(gather(asked.fields));
     const std::vector<const int32_t*> marks(held(asked.fields));
     const m4gn_ride_answer answer = ask
     (
@@ -400,18 +463,18 @@ m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
 
 m4gn_ride_answer Foam::m4gnRide::stride(List<scalarField>& predicted)
 {
-    const std::vector<m4gn_field>& fields = gather(true);
-    std::vector<m4gn_field_out> outputs(session_.outputs().size());
+    const std::vector<m4gn_field> fields(gather(true));
+    std::vector<m4gn_field_out> outputs(run_ ? fields.size() : session_->outputs().size());
     predicted.resize(outputs.size());
     forAll(predicted, i)
     {
-        const label n = session_.outputComponents(i);
-        predicted[i].resize(n*session_.nodes().size());
-        outputs[i].name = session_.outputs()[i].c_str();
+        const label n = run_ ? fields[i].components : session_->outputComponents(i);
+        predicted[i].resize(n*(run_ ? mesh_.nCells() : session_->nodes().size()));
+        outputs[i].name = run_ ? fields[i].name : session_->outputs()[i].c_str();
         outputs[i].components = n;
         outputs[i].cells = predicted[i].data();
     }
-    return ask
+    const m4gn_ride_answer answer = ask
     (
         [&](m4gn_ride_answer* a)
         {
@@ -422,6 +485,12 @@ m4gn_ride_answer Foam::m4gnRide::stride(List<scalarField>& predicted)
         },
         "m4gnSurrogate cannot step"
     );
+    if (run_ && answer.action == M4GN_RIDE_ADVANCE)
+    {
+        const std::vector<double*> places(run_->places());
+        m4gn::check(m4gn_ride_arrays(ride_, places.data(), places.size()), "m4gnSurrogate cannot step");
+    }
+    return answer;
 }
 
 m4gn_ride_answer Foam::m4gnRide::advanced()
@@ -446,7 +515,7 @@ m4gn_ride_answer Foam::m4gnRide::handedBack
 )
 {
     const m4gn_ride_step step(now());
-    const std::vector<m4gn_field>& fields = gather(asked.fields);
+    const std::vector<m4gn_field> fields(gather(asked.fields));
     std::vector<m4gn_ride_quantity> told;
     for (const quantity& q : quantities)
     {

@@ -8,6 +8,7 @@
 #include "m4gnFluxProjection.H"
 #include "m4gnJump.H"
 #include "m4gnOthers.H"
+#include "m4gnRide.H"
 #include "m4gnRun.H"
 #include "m4gnSettling.H"
 #include "Time.H"
@@ -56,13 +57,22 @@ void Foam::functionObjects::m4gnSurrogate::load()
     }
 
     checkOthers();
-    session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
     autoPtr<m4gnSolverState> state;
-    if (replaces_)
+    m4gnRunState* run = nullptr;
+    if (m4gnRide::has(dict_, "linear"))
     {
-        state = m4gnSolverState::New(mesh_, dict_, *session_);
+        run = new m4gnRunState(mesh_);
+        state.reset(run);
     }
-    ride_.reset(new m4gnRide(name(), mesh_, dict_, *session_));
+    else
+    {
+        session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
+        if (replaces_)
+        {
+            state = m4gnSolverState::New(mesh_, dict_, *session_);
+        }
+    }
+    ride_.reset(new m4gnRide(name(), mesh_, dict_, session_.get(), run));
     if (replaces_)
     {
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, std::move(state)));
@@ -194,7 +204,7 @@ Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
-    if (session_)
+    if (ride_)
     {
         Log << type() << ' ' << name() << ": goes on as it was begun; changes"
             << " to the dictionary take effect in the next run" << endl;
@@ -210,10 +220,19 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     ownKeys_ = m4gnRide::keys();
     ownKeys_.append(wordList({"phi", "state", "executeOthers", "writeToFile", "useUserTime"}));
     ownKeys_.append(m4gnSolverState::keys(dict));
-    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control"});
+    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "linear"});
     m4gnOthers::checkDictionary(dict);
-    m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
     m4gnRide::checkDictionary(dict);
+    if (!m4gnRide::has(dict, "linear"))
+    {
+        m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
+    }
+    else if (m4gnRide::has(dict, "network"))
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry surrogates is (network linear), which this host does not"
+            << " measure beside each other; expected one of them" << exit(FatalIOError);
+    }
     replaces_ = dict.get<word>("mode") == "replace";
 
     if (replaces_)

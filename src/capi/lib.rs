@@ -9,6 +9,7 @@
 mod door;
 mod fields;
 mod fit;
+mod linear;
 mod model;
 mod modes;
 mod options;

@@ -2,13 +2,14 @@
 
 use super::door;
 use super::fields::{read_fields, read_outputs};
+use super::linear::{self, ArrayData};
 use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
 use m4gn_adapt as adapt;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_ride::{Action, Answer, Given, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
+use m4gn_ride::{Action, Answer, Fitted, Given, Kind, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
 use m4gn_step::{Field, FieldMut, Session};
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
@@ -45,6 +46,7 @@ pub struct RideAnswer {
     pub last_but_one: i32,
     pub fields: i32,
     pub stepped: i32,
+    pub arrays: i32,
 }
 
 /// `m4gn_ride_quantity`
@@ -84,6 +86,8 @@ pub struct RideHandle {
     n_boundary: usize,
     /// The cell of each boundary face.
     owners: Vec<i32>,
+    /// Lengths of the state's arrays.
+    arrays: Vec<usize>,
     /// What was taken last.
     text: CString,
     /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
@@ -139,6 +143,7 @@ fn put(found: Answer, answer: *mut RideAnswer) -> Result<i32> {
         last_but_one: i32::from(found.last_but_one),
         fields: i32::from(found.fields),
         stepped: i32::from(found.stepped),
+        arrays: i32::from(found.arrays),
     };
     Ok(0)
 }
@@ -334,8 +339,55 @@ fn handle(
         n_cells: mesh.cell_global.len(),
         n_boundary: boundary_values(mesh),
         owners: mesh.boundary.iter().map(|face| face.owner).collect(),
+        arrays: Vec::new(),
         text: CString::default(),
         broken: false,
+    })
+}
+
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+unsafe fn new_linear(
+    comm: i32,
+    place: Result<()>,
+    arrays: *const ArrayData,
+    n_arrays: i32,
+    options: *const c_char,
+    start: *const RideStep,
+) -> Result<RideHandle> {
+    let comm = Comm::from_fortran(comm)?;
+    let read = || {
+        place?;
+        // SAFETY: passed on to the caller.
+        let ((fields, advanced), (settings, _), (start, same)) =
+            unsafe { (linear::layout(arrays, n_arrays)?, settings(raw::options(options)?)?, step(start)?) };
+        if settings.surrogates != [Kind::Linear] {
+            return Err(Error::Input("surrogates: expected linear alone, as there is no session".into()));
+        }
+        let alike = RideSettings {
+            setup_seconds: 0.0,
+            ..settings.clone()
+        };
+        Ok(((fields, advanced, settings, start), format!("{same}\n{alike:?}")))
+    };
+    door::together("m4gn_ride_new_linear", &comm, read, |(fields, advanced, settings, start)| {
+        let lengths: Vec<usize> = fields.iter().map(|f| f.len).collect();
+        let first = fields.iter().find(|f| f.measured());
+        let n_cells = first.map_or(0, |f| f.len / f.components.max(1));
+        let begin = comm.exclusive_scan_i64(n_cells as i64);
+        let global: Vec<i64> = (begin..begin + n_cells as i64).collect();
+        let own = settings.linear.clone().unwrap_or_default();
+        let fitted = Fitted::new(&comm, fields, advanced, own, &start)?;
+        Ok(RideHandle {
+            ride: Ride::new(comm.clone(), vec![Box::new(fitted)], settings, global, start)?,
+            comm: comm.clone(),
+            n_cells,
+            n_boundary: 0,
+            owners: Vec::new(),
+            arrays: lengths,
+            text: CString::default(),
+            broken: false,
+        })
     })
 }
 
@@ -374,6 +426,46 @@ exports! {
                 new_own(comm, place, surrogate, mesh, options, start)
             })
         }
+    }
+
+    /// Begins a ride of a surrogate that is fitted to the run.
+    fn m4gn_ride_new_linear(
+        comm: i32,
+        arrays: *const ArrayData,
+        n_arrays: i32,
+        options: *const c_char,
+        start: *const RideStep,
+        ride: *mut *mut RideHandle,
+    ) -> i32, or |status| status; {
+        // SAFETY: the host's pointers, as the header says.
+        unsafe {
+            door::create(raw::reference_mut("ride", ride), |place| {
+                new_linear(comm, place, arrays, n_arrays, options, start)
+            })
+        }
+    }
+
+    /// The arrays of the state after a step of the solver.
+    fn m4gn_ride_record(ride: *mut RideHandle, arrays: *const *const f64, n_arrays: i32) -> i32, or |s| s; {
+        // SAFETY: a ride of ours, or null.
+        let handle = unsafe { raw::reference_mut("ride", ride)? };
+        handle.guarded(|handle| {
+            let comm = handle.comm.clone();
+            // SAFETY: the host's arrays, as the header says.
+            let read = || Ok((unsafe { linear::read(arrays, n_arrays, &handle.arrays)? }, String::new()));
+            door::together("m4gn_ride_record", &comm, read, |arrays| handle.ride.record(&arrays))?;
+            Ok(0)
+        })
+    }
+
+    /// The arrays of the state that was predicted.
+    fn m4gn_ride_arrays(ride: *const RideHandle, arrays: *const *mut f64, n_arrays: i32) -> i32, or |s| s; {
+        // SAFETY: a ride of ours and the host's arrays, as the header says.
+        unsafe {
+            let handle = raw::reference("ride", ride)?;
+            handle.ride.arrays(&mut linear::places(arrays, n_arrays, &handle.arrays)?)?;
+        }
+        Ok(0)
     }
 
     /// Frees a ride; null is none.

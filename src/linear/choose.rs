@@ -35,7 +35,7 @@ impl Default for FitSettings {
             window: 40,
             least: 24,
             tail: 5,
-            delays: vec![5, 8],
+            delays: vec![5, 8, 12],
             ranks: vec![12, 30],
             growing: None,
         }

@@ -9,6 +9,7 @@ use crate::store::Store;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::Path;
 
@@ -56,7 +57,7 @@ pub struct Linear {
     /// The last step of the solver where a sample may lie between it and the next one.
     last: Option<(f64, Vec<Vec<f64>>)>,
     /// Where the snapshots are on disk.
-    store: Option<Store>,
+    store: RefCell<Option<Store>>,
 }
 
 impl Linear {
@@ -79,7 +80,7 @@ impl Linear {
             snapshots,
             state: State::default(),
             last: None,
-            store: None,
+            store: RefCell::default(),
         })
     }
 
@@ -104,6 +105,10 @@ impl Linear {
         let Some(grid) = self.state.grid else {
             return true;
         };
+        // A state that is there already, in a run that is carried on.
+        if self.state.present.is_some_and(|n| grid.at(time).is_some_and(|at| at <= n)) {
+            return false;
+        }
         let passed = |(before, _): &(f64, Vec<Vec<f64>>)| grid.after(*before) < grid.after(time);
         grid.at(time).is_some()
             || self.last.as_ref().is_some_and(passed)
@@ -116,10 +121,11 @@ impl Linear {
     /// # Errors
     /// [`Error::Input`] for values that are no state, or a time that is not later than the last one.
     pub fn offer(&mut self, time: f64, delta_t: f64, fields: &[&[f64]]) -> Result<usize> {
+        // Multiples of the interval: times to write are most often among them.
         let first = Grid {
             interval: self.settings.interval,
             number: 0,
-            time,
+            time: 0.0,
         };
         let mut grid = *self.state.grid.get_or_insert(first);
         let last = self.last.take();
@@ -200,6 +206,23 @@ impl Linear {
     pub fn fit(&mut self) -> Option<&Fit> {
         self.state.fit = choose(&self.snapshots, &self.settings.fit);
         self.state.fit.as_ref()
+    }
+
+    /// Strides from the present sample to a time; none: there is no sample yet.
+    pub fn since(&self, time: f64) -> Option<f64> {
+        Some(self.state.grid?.position(time) - self.state.present? as f64)
+    }
+
+    /// The snapshots without a gap up to the present one.
+    pub fn stretch(&self) -> usize {
+        let numbers: Vec<i64> = self.snapshots.numbers().collect();
+        let last = numbers.last().copied().unwrap_or(0);
+        let missing = numbers.iter().rev().zip(0..).take_while(|(n, i)| **n == last - i);
+        if self.state.present == Some(last) {
+            missing.count()
+        } else {
+            0
+        }
     }
 
     /// Drops the fit: the states that it kept can go.
@@ -336,12 +359,12 @@ impl Linear {
     ///
     /// # Errors
     /// [`Error::File`]: the file is then begun anew next time.
-    pub fn save(&mut self, path: &Path) -> Result<State> {
+    pub fn save(&self, path: &Path) -> Result<State> {
         let saved = match self.snapshots.entries.is_empty() {
             true => Ok(None),
-            false => Store::save(self.store.take(), path, &self.snapshots).map(Some),
+            false => Store::save(self.store.borrow_mut().take(), path, &self.snapshots).map(Some),
         };
-        self.store = self.snapshots.comm().agree(saved)?;
+        *self.store.borrow_mut() = self.snapshots.comm().agree(saved)?;
         Ok(State {
             kept: self.snapshots.numbers().collect(),
             ..self.state.clone()
@@ -401,7 +424,7 @@ impl Linear {
             {
                 self.snapshots.add(entry);
             }
-            self.store = whole.then_some(stored.store);
+            *self.store.borrow_mut() = whole.then_some(stored.store);
         }
         self.state = match whole {
             true => State {

@@ -230,7 +230,8 @@ impl Obstacle {
         for p in 0..now.len() {
             for a in corners {
                 let (rest, is) = (between(&self.positions, p, a), between(&now, p, a));
-                if !((rest - is).abs() <= limit) {
+                let off = (rest - is).abs();
+                if off.is_nan() || off > limit {
                     return Err(Error::Mesh(format!(
                         "the distance between points {p} and {a} of the obstacle goes from {rest:e} to {is:e} m: expected a \
                          rigid body, which moves and turns but does not deform"

@@ -55,6 +55,17 @@ fn patience() -> usize {
 }
 
 impl ControlSettings {
+    /// The defaults with this tolerance.
+    pub fn of(tolerance: f64) -> Self {
+        ControlSettings {
+            tolerance,
+            rel_tol: rel_tol(),
+            fields: None,
+            on_failure: OnFailure::default(),
+            patience: patience(),
+        }
+    }
+
     /// Parses and checks a JSON object.
     ///
     /// # Errors

@@ -6,6 +6,9 @@
 //! rollouts, the state of a run that is carried on, and what is told of all that in tables, messages and a summary.
 
 pub mod control;
+mod linear;
+#[cfg(test)]
+mod linear_tests;
 mod log;
 mod network;
 mod observe;
@@ -27,11 +30,12 @@ mod toy;
 mod values;
 mod watch;
 
+pub use linear::{Fitted, LinearSettings};
 pub use log::Text;
 pub use network::Network;
 pub use ride::{Action, Answer, Ride};
 pub use schedule::Step;
-pub use settings::{AdaptEntries, Mode, RideSettings};
+pub use settings::{AdaptEntries, Kind, Mode, RideSettings};
 pub use state::host_of;
 pub use surrogate::{Advanced, Lesson, Surrogate};
 pub use values::Given;

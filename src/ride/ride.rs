@@ -48,6 +48,8 @@ pub struct Answer {
     pub last_but_one: bool,
     /// Whether the next call is to be given the fields.
     pub fields: bool,
+    /// Whether the arrays of the state are wanted by [`Ride::record`] first.
+    pub arrays: bool,
     /// Steps of the solver since the last jump; -1: there was none.
     pub since: i64,
     /// Within a jump the solver's time step, s; else 0.
@@ -250,6 +252,7 @@ impl<'a> Ride<'a> {
     pub(crate) fn deciding(&self) -> Answer {
         Answer {
             fields: self.wants_fields(),
+            arrays: self.riders.iter().any(|r| r.surrogate.records(&self.step)),
             ..self.answer(Action::Decide)
         }
     }
@@ -269,6 +272,7 @@ impl<'a> Ride<'a> {
             duration: 0.0,
             solver_steps: 0,
             last_but_one: false,
+            arrays: false,
             fields: action == Action::Stride || action == Action::HandBack && self.wants_fields_after(),
             since: match self.totals.jumps {
                 0 => -1,
@@ -280,10 +284,8 @@ impl<'a> Ride<'a> {
     fn wants_fields(&self) -> bool {
         let step = &self.step;
         let frame = self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns());
-        let due = self
-            .riders
-            .iter()
-            .any(|r| !r.shadow.waiting || r.has_arrived(step));
+        let due = |r: &Rider| r.can_begin(step) || r.has_arrived(step) || r.surrogate.records(step);
+        let due = self.riders.iter().any(due);
         let observed = self.settings.mode == Mode::Observe && self.is_on();
         frame || due && (observed || self.is_controlled())
     }
@@ -359,6 +361,33 @@ impl<'a> Ride<'a> {
         Ok(self.answer(Action::Solve))
     }
 
+    /// The arrays of the state after the solver's step, where an answer asked for them. Collective; all ranks fail together.
+    ///
+    /// # Errors
+    /// [`Error::Input`] in a jump, and for arrays that do not fit.
+    pub fn record(&mut self, arrays: &[&[f64]]) -> Result<()> {
+        if self.phase != Phase::Deciding {
+            return Err(self.out_of_turn("record"));
+        }
+        for rider in &mut self.riders {
+            if rider.surrogate.records(&self.step) {
+                self.log.text += &rider.surrogate.record(&self.step, arrays)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The arrays of the state that was predicted: what the host advances to.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing was predicted, or the surrogate that jumps has no arrays.
+    pub fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
+        match &self.phase {
+            Phase::Advancing(jump) => self.riders[jump.surrogate].surrogate.arrays(out),
+            _ => Err(self.out_of_turn("arrays")),
+        }
+    }
+
     /// The present fields are a frame. Collective.
     fn frame(&mut self, begins: bool, given: &Given) -> Result<()> {
         if self.is_learning() {
@@ -384,7 +413,8 @@ impl<'a> Ride<'a> {
     /// The solver goes on from here: strides beside it begin. `anew`: from another state than it arrived at. Collective.
     fn begin_shadows(&mut self, anew: bool, given: &Given) -> Result<()> {
         for rider in &mut self.riders {
-            if anew || !rider.shadow.waiting {
+            rider.shadow.waiting &= !anew;
+            if rider.can_begin(&self.step) {
                 let bad = rider.shadow.begin(rider.surrogate.as_mut(), &self.step, given)?;
                 self.stepped = true;
                 self.log.not_finite(&self.step.name, bad);
@@ -613,7 +643,9 @@ impl<'a> Ride<'a> {
             delta_t: jump.delta_t,
             ..step
         };
-        let stride = self.riders[jump.surrogate].surrogate.stride();
+        let surrogate = &mut self.riders[jump.surrogate].surrogate;
+        surrogate.advanced();
+        let stride = surrogate.stride();
         let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
         jump.over = jump.done == jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
@@ -651,6 +683,9 @@ impl<'a> Ride<'a> {
             ..step
         };
         self.handed_back = self.step.index;
+        for (i, rider) in self.riders.iter_mut().enumerate() {
+            rider.surrogate.handed_back(self.step.time, i == jump.surrogate);
+        }
         self.watch.handed_back(self.totals.steps);
         if jump.done > 0 || !jump.over {
             self.log_jump(&jump, quantities);

@@ -56,6 +56,11 @@ impl<'a> Rider<'a> {
         })
     }
 
+    /// Whether a stride beside the solver may begin here.
+    pub fn can_begin(&self, step: &Step) -> bool {
+        !self.shadow.waiting && self.surrogate.is_ready(step.time)
+    }
+
     pub fn has_arrived(&self, step: &Step) -> bool {
         self.shadow.has_arrived(step, self.surrogate.stride())
     }
@@ -112,6 +117,7 @@ impl<'a> Rider<'a> {
 
     /// Strides of a jump that may begin now, `most` at most; with control none before another stride was measured.
     pub fn allowed(&mut self, most: usize) -> usize {
+        let most = self.surrogate.allows(most);
         let Some(control) = &self.control else {
             return most;
         };

@@ -1,6 +1,7 @@
 //! What a case sets of a ride: one JSON object, with one check.
 
 use crate::control::ControlSettings;
+use crate::linear::LinearSettings;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
 use serde::{Deserialize, Serialize};
@@ -9,6 +10,9 @@ use std::path::PathBuf;
 
 /// Strides of a rollout where nothing else is said.
 const ROLLOUT: usize = 50;
+
+/// Tolerance of control where a surrogate needs it and nothing is said.
+const TOLERANCE: f64 = 0.05;
 
 /// Significant digits where nothing else is said.
 const PRECISION: usize = 6;
@@ -32,6 +36,12 @@ pub enum Mode {
 pub struct RideSettings {
     /// What the surrogates do.
     pub mode: Mode,
+    /// Which surrogates there are; none: a network.
+    #[serde(default = "network")]
+    pub surrogates: Vec<Kind>,
+    /// Settings of the linear one.
+    #[serde(default)]
+    pub linear: Option<LinearSettings>,
     /// Name of the ride in messages.
     #[serde(default)]
     pub name: String,
@@ -73,6 +83,20 @@ pub struct RideSettings {
     pub setup_seconds: f64,
 }
 
+/// A kind of surrogate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A trained network.
+    Network,
+    /// One that is fitted to the run's own states.
+    Linear,
+}
+
+fn network() -> Vec<Kind> {
+    vec![Kind::Network]
+}
+
 fn rollout() -> usize {
     ROLLOUT
 }
@@ -102,13 +126,38 @@ impl RideSettings {
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
-        let read: Self = settings::parse("ride", text, &["adapt"])?;
+        let mut read: Self = settings::parse("ride", text, &["adapt"])?;
+        if read.has(Kind::Linear) {
+            let linear = read.linear.get_or_insert_default();
+            // It knows itself how far it goes, once it is measured beside the solver.
+            if read.mode == Mode::Replace {
+                read.control.get_or_insert_with(|| ControlSettings::of(TOLERANCE));
+                read.solver_steps.get_or_insert(1);
+                read.surrogate_steps.get_or_insert(linear.longest);
+            }
+        }
         read.check()?;
         Ok(read)
     }
 
+    /// Whether there is a surrogate of this kind.
+    pub fn has(&self, kind: Kind) -> bool {
+        self.surrogates.contains(&kind)
+    }
+
     fn check(&self) -> Result<()> {
         let bad = |what: String| Err(Error::Input(format!("ride: {what}")));
+        let twice = |kind: &Kind| self.surrogates.iter().filter(|k| *k == kind).count() > 1;
+        if self.surrogates.is_empty() || self.surrogates.iter().any(twice) {
+            return bad("surrogates: expected network, linear, or both, each once".into());
+        }
+        if self.linear.is_some() && !self.has(Kind::Linear) {
+            return bad("linear: its settings are given, and surrogates does not name it".into());
+        }
+        if self.has(Kind::Linear) && self.mode == Mode::Observe {
+            return bad("surrogates: mode observe compares networks; expected mode replace for linear".into());
+        }
+        self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
         let counts = [
             ("solverSteps", self.solver_steps),
             ("surrogateSteps", self.surrogate_steps),

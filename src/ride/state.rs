@@ -207,8 +207,11 @@ impl Ride<'_> {
             .zip(&found.riders)
             .zip(shadows.into_iter().zip(controls))
         {
-            if let Some(part) = ridden.learned.filter(|_| self.adapt.wanted) {
+            let learns = rider.surrogate.can_learn();
+            if let Some(part) = ridden.learned.filter(|_| self.adapt.wanted || !learns) {
                 rider.surrogate.restore(&parts[part])?;
+            }
+            if ridden.learned.is_some() && learns && self.adapt.wanted {
                 self.log.text += &format!(
                     "m4gn: the adaptation of the model is carried on from {}\n\n",
                     path.display()

@@ -1,5 +1,6 @@
 //! What may take the solver's place for a while: a network, or anything else that advances fields by strides.
 
+use crate::schedule::Step;
 use m4gn_mesh::{Error, Result};
 use m4gn_step::{Field, FieldMut};
 use std::path::Path;
@@ -58,6 +59,49 @@ pub trait Surrogate {
     /// # Errors
     /// [`Error::Numerical`] for a result that is not finite: `out` is then as it was. What else may fail, for fields that do not fit.
     fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()>;
+
+    /// Whether a stride can be taken from the state at this time, s.
+    fn is_ready(&self, time: f64) -> bool {
+        let _ = time;
+        true
+    }
+
+    /// Strides that it lets itself jump, `most` at most, beside what control allows.
+    fn allows(&self, most: usize) -> usize {
+        most
+    }
+
+    /// Whether the arrays of the state after this step of the solver are wanted by [`record`](Self::record).
+    fn records(&self, step: &Step) -> bool {
+        let _ = step;
+        false
+    }
+
+    /// Takes the arrays of the state after a step of the solver. Says what came of it, for people.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for arrays that do not fit.
+    fn record(&mut self, step: &Step, arrays: &[&[f64]]) -> Result<String> {
+        let _ = (step, arrays);
+        Ok(String::new())
+    }
+
+    /// The arrays of the state that the last step predicted.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where it has none.
+    fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
+        let _ = out;
+        Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
+    }
+
+    /// Time and fields have been advanced by what the last step predicted.
+    fn advanced(&mut self) {}
+
+    /// A jump has ended at this time, s; `own`: it was this one that jumped.
+    fn handed_back(&mut self, time: f64, own: bool) {
+        let _ = (time, own);
+    }
 
     /// Segments K, and the segment of each of this rank's cells: errors are told for each of them. (0, []): none.
     fn segments(&self) -> (usize, &[i32]) {

@@ -2,6 +2,7 @@
 // A solver state of another library: fields as predicted, the flux left as it is, with an entry of its own, "share".
 
 #include "m4gnDictionary.H"
+#include "m4gnModelState.H"
 #include "m4gnSolverStateType.H"
 
 namespace Foam
@@ -9,7 +10,7 @@ namespace Foam
 
 class bareFlowState
 :
-    public m4gnSolverState
+    public m4gnModelState
 {
     const scalar share_;
 
@@ -30,7 +31,7 @@ public:
 
     bareFlowState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
     :
-        m4gnSolverState(mesh, session),
+        m4gnModelState(mesh, session),
         share_(dict.getOrDefault<scalar>("share", 1))
     {}
 

@@ -1,0 +1,412 @@
+//! The surrogate that is fitted to the run's own states: when it is fitted, and how far it lets itself jump.
+//!
+//! A fit is used if it predicts the held-back end of its window to a share of what holding the last state would be off by. A jump has
+//! `first` strides; while a stride beside the solver after the jump agrees to the same share, the next one is longer, else the solver goes
+//! on until a new fit holds.
+
+use crate::schedule::Step;
+use crate::surrogate::{Advanced, Surrogate};
+use m4gn_linear::{Combination, Field as Array, FitSettings, Linear, Settings, State, Storage, relative};
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_step::{Field, FieldMut};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Strides of the solver that an interval has where nothing is said.
+const STEPS: f64 = 25.0;
+
+/// Settings of a linear surrogate in a run. All have defaults.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinearSettings {
+    /// Time between snapshots, s; none: 25 of the solver's steps at the start.
+    pub interval: Option<f64>,
+    /// Largest error of the held-back tail, and of a stride after a jump, over what holding would be off by.
+    pub tolerance: f64,
+    /// Strides of the first jump of a fit.
+    pub first: usize,
+    /// How much longer the next jump may be.
+    pub growth: f64,
+    /// Strides of a jump at most.
+    pub longest: usize,
+    /// Strides of the solver between tries of a fit.
+    pub every: usize,
+    /// Snapshots in a fit at most.
+    pub window: usize,
+    /// Snapshots without a gap that a fit needs.
+    pub least: usize,
+    /// Snapshots that are held back.
+    pub tail: usize,
+    /// Delays to choose from.
+    pub delays: Vec<usize>,
+    /// Ranks to choose from.
+    pub ranks: Vec<usize>,
+    /// Whether modes may grow; none: the tail says.
+    pub growing: Option<bool>,
+    /// How snapshots are kept: double or single.
+    pub storage: Storage,
+    /// Where the snapshots are kept for a run that is carried on, a file a rank; none: they are not.
+    pub file: Option<PathBuf>,
+}
+
+impl Default for LinearSettings {
+    fn default() -> Self {
+        let fit = FitSettings::default();
+        LinearSettings {
+            interval: None,
+            tolerance: 0.025,
+            first: 10,
+            growth: 1.5,
+            longest: 60,
+            every: 5,
+            window: fit.window,
+            least: fit.least,
+            tail: fit.tail,
+            delays: fit.delays,
+            ranks: fit.ranks,
+            growing: fit.growing,
+            storage: Storage::default(),
+            file: None,
+        }
+    }
+}
+
+impl LinearSettings {
+    fn fit(&self) -> FitSettings {
+        FitSettings {
+            window: self.window,
+            least: self.least,
+            tail: self.tail,
+            delays: self.delays.clone(),
+            ranks: self.ranks.clone(),
+            growing: self.growing,
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        let bad = |text: String| Err(Error::Input(format!("linear: {text}")));
+        let above = |v: f64| v.is_finite() && v > 0.0;
+        if let Some(interval) = self.interval.filter(|v| !above(*v)) {
+            return bad(format!("interval {interval}: expected a time above 0, s"));
+        }
+        if !above(self.tolerance) {
+            return bad(format!(
+                "tolerance {}: expected an error above 0, such as 0.025",
+                self.tolerance
+            ));
+        }
+        if !(self.growth.is_finite() && self.growth >= 1.0) {
+            return bad(format!("growth {}: expected at least 1", self.growth));
+        }
+        if self.first == 0 || self.longest < self.first || self.every == 0 {
+            return bad(format!(
+                "first {}, longest {}, every {}: expected at least 1 stride each, and longest not below first",
+                self.first, self.longest, self.every
+            ));
+        }
+        self.fit().check()
+    }
+}
+
+/// What is kept for a run that is carried on, beside the snapshots.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    linear: State,
+    /// Strides of the jump that is going on.
+    ahead: usize,
+    /// Time from which predictions begin, s, and how long after the present sample that is, in strides.
+    begin: f64,
+    offset: f64,
+    /// Strides that the next jump may have.
+    length: f64,
+    /// What the next sample is compared with, and whether it follows a jump.
+    trial: Option<(Combination, bool)>,
+    /// Samples since the last try of a fit.
+    tried: usize,
+}
+
+/// A linear surrogate in a run.
+pub struct Fitted {
+    linear: Linear,
+    settings: LinearSettings,
+    advanced: Vec<Advanced>,
+    /// Which array each advanced field is.
+    places: Vec<usize>,
+    interval: f64,
+    kept: Kept,
+    /// What the last step predicted.
+    predicted: Option<Combination>,
+    /// What is still to be said.
+    note: String,
+}
+
+impl Fitted {
+    /// Of the state's arrays on this rank. `advanced`: those that are fields at the mesh's rows. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings and arrays that cannot be.
+    pub fn new(
+        comm: &Comm,
+        arrays: Vec<Array>,
+        advanced: Vec<Advanced>,
+        settings: LinearSettings,
+        start: &Step,
+    ) -> Result<Self> {
+        let place = |a: &Advanced| {
+            let found = arrays.iter().position(|f| f.name == a.name);
+            found.ok_or_else(|| Error::Input(format!("linear: no array {} among those of the state", a.name)))
+        };
+        let places: Vec<usize> = comm.agree(advanced.iter().map(place).collect::<Result<_>>())?;
+        let interval = settings.interval.unwrap_or(STEPS * start.delta_t);
+        let own = Settings {
+            interval,
+            storage: settings.storage,
+            fit: settings.fit(),
+        };
+        Ok(Fitted {
+            linear: Linear::new(comm, arrays, own)?,
+            kept: Kept {
+                length: settings.first as f64,
+                ..Kept::default()
+            },
+            settings,
+            advanced,
+            places,
+            interval,
+            predicted: None,
+            note: String::new(),
+        })
+    }
+
+    /// The memory of all snapshots on this rank, for people.
+    pub fn said(&self) -> String {
+        let mib = self.linear.snapshots().memory() as f64 / f64::from(1 << 20);
+        format!(
+            "m4gn: the linear surrogate keeps up to {} states {} s apart: {mib:.1} MiB on the first rank\n\n",
+            self.settings.window, self.interval
+        )
+    }
+
+    /// Tries a fit. Says what came of it.
+    fn fit(&mut self, step: &Step) -> String {
+        self.kept.tried = 0;
+        let tolerance = self.settings.tolerance;
+        let Some(fit) = self.linear.fit() else {
+            return String::new();
+        };
+        let (error, shape, n) = (fit.tail_error(), fit.dmd.shape, fit.numbers.len());
+        let (tail, modes) = (self.settings.tail, if shape.growing { "kept" } else { "clipped" });
+        let fields: Vec<String> = fit
+            .tail
+            .iter()
+            .map(|e| format!("{} {:.2e}", e.name, e.error))
+            .collect();
+        let holds = error < tolerance;
+        if !holds {
+            self.linear.forget();
+        }
+        self.kept.length = self.settings.first as f64;
+        format!(
+            "m4gn: time {}: fit of {n} states, {} delays, rank {}, growth {modes}: its last {tail} states, held back, are off by {error:.3} of \
+             what holding would be (of the variation: {}); {}\n\n",
+            step.name,
+            shape.delays,
+            shape.rank,
+            fields.join(", "),
+            if holds { "it is used" } else { "the solver goes on" }
+        )
+    }
+
+    /// Compares the present sample with what was predicted of it. Says what came of it.
+    fn compare(&mut self, step: &Step) -> String {
+        let Some((prediction, jumped)) = self.kept.trial.take() else {
+            return String::new();
+        };
+        let error = self
+            .linear
+            .errors(&prediction, 1)
+            .map_or(f64::INFINITY, |e| relative(&e));
+        let mut said = format!(
+            "m4gn: time {}: a stride of the fit beside the solver was off by {error:.3} of what holding would be",
+            step.name
+        );
+        if error >= self.settings.tolerance {
+            self.linear.forget();
+            said += "; the fit is dropped";
+        } else if jumped {
+            self.kept.length = (self.kept.length * self.settings.growth).min(self.settings.longest as f64);
+            let _ = write!(
+                said,
+                "; the next jump may have {} strides",
+                self.kept.length as usize
+            );
+        }
+        said + "\n\n"
+    }
+}
+
+impl Surrogate for Fitted {
+    fn name(&self) -> &str {
+        "linear"
+    }
+
+    fn source(&self) -> String {
+        "linear, fitted to the run's own states".into()
+    }
+
+    fn digest(&self) -> String {
+        let own = LinearSettings {
+            file: None,
+            ..self.settings.clone()
+        };
+        format!(
+            "{:08x}",
+            crc32fast::hash(format!("{own:?} {}", self.interval).as_bytes())
+        )
+    }
+
+    fn stride(&self) -> f64 {
+        self.interval
+    }
+
+    fn advances(&self) -> &[Advanced] {
+        &self.advanced
+    }
+
+    /// How far it goes it says itself.
+    fn growth(&self, _: &str) -> Option<Vec<f64>> {
+        Some(vec![1.0; self.settings.longest])
+    }
+
+    /// At the step at which a sample came, or that a jump ended with: predictions begin from there.
+    fn is_ready(&self, time: f64) -> bool {
+        let here = (time - self.kept.begin).abs() < 1e-6 * self.interval;
+        here && self.linear.fitted().is_some() && self.linear.predict(1.0).is_some()
+    }
+
+    fn allows(&self, most: usize) -> usize {
+        match self.linear.fitted() {
+            Some(_) => most.min(self.kept.length as usize),
+            None => 0,
+        }
+    }
+
+    fn records(&self, step: &Step) -> bool {
+        self.linear.wants(step.time, step.delta_t)
+    }
+
+    fn record(&mut self, step: &Step, arrays: &[&[f64]]) -> Result<String> {
+        let samples = self.linear.offer(step.time, step.delta_t, arrays)?;
+        let mut said = std::mem::take(&mut self.note);
+        if samples == 0 {
+            return Ok(said);
+        }
+        self.kept.begin = step.time;
+        self.kept.offset = self.linear.since(step.time).unwrap_or(0.0).max(0.0);
+        said += &self.compare(step);
+        self.kept.tried += samples;
+        let due = self.kept.tried >= self.settings.every || self.linear.stretch() == self.settings.least;
+        if due && self.linear.stretch() >= self.settings.least {
+            said += &self.fit(step);
+        }
+        self.kept.trial = self.linear.predict(1.0).map(|p| (p, false));
+        Ok(said)
+    }
+
+    fn step(&mut self, _: &[Field], out: &mut [FieldMut]) -> Result<()> {
+        let strides = self.kept.offset + (self.kept.ahead + 1) as f64;
+        let prediction = self.linear.predict(strides);
+        let prediction = prediction
+            .ok_or_else(|| Error::Numerical("the linear surrogate has no fit to predict with".into()))?;
+        let mut values: Vec<Vec<f64>> = out.iter().map(|o| vec![0.0; o.cells.len()]).collect();
+        for (v, &place) in values.iter_mut().zip(&self.places) {
+            self.linear.field(place, &prediction, v);
+        }
+        let finite = values.iter().flatten().all(|v| v.is_finite());
+        let finite = finite
+            .then_some(())
+            .ok_or_else(|| Error::Numerical("the linear surrogate's prediction is not finite".into()));
+        self.linear.snapshots().comm().agree(finite)?;
+        for (o, v) in out.iter_mut().zip(&values) {
+            o.cells.copy_from_slice(v);
+        }
+        self.predicted = Some(prediction);
+        Ok(())
+    }
+
+    fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
+        let Some(prediction) = &self.predicted else {
+            return Err(Error::Input("linear: nothing was predicted".into()));
+        };
+        let fields = self.linear.snapshots().fields();
+        if out.len() != fields.len() || out.iter().zip(fields).any(|(o, f)| o.len() != f.len) {
+            return Err(Error::Input(
+                "linear: the arrays are not those of the state".into(),
+            ));
+        }
+        for (f, o) in out.iter_mut().enumerate() {
+            self.linear.field(f, prediction, o);
+        }
+        Ok(())
+    }
+
+    fn advanced(&mut self) {
+        self.kept.ahead += 1;
+    }
+
+    fn handed_back(&mut self, time: f64, own: bool) {
+        self.kept.begin = time;
+        let strides = std::mem::take(&mut self.kept.ahead);
+        // What another surrogate has made is no state of the solver.
+        if !(own && self.linear.jump(strides)) {
+            self.linear.forget();
+        }
+        self.kept.trial = self.linear.predict(1.0).map(|p| (p, true));
+    }
+
+    fn state(&self) -> Result<Option<Vec<u8>>> {
+        let Some(file) = self.file() else {
+            return Ok(None);
+        };
+        let kept = Kept {
+            linear: self.linear.save(&file)?,
+            ..self.kept.clone()
+        };
+        let bytes = serde_json::to_vec(&kept);
+        bytes
+            .map(Some)
+            .map_err(|e| Error::Internal(format!("the state of the linear surrogate as JSON: {e}")))
+    }
+
+    fn restore(&mut self, state: &[u8]) -> Result<()> {
+        let kept: Kept = serde_json::from_slice(state)
+            .map_err(|e| Error::Input(format!("the state of the linear surrogate: {e}")))?;
+        let Some(file) = self.file() else {
+            return Ok(());
+        };
+        let said = self.linear.restore(&file, kept.linear)?;
+        self.kept = Kept {
+            linear: State::default(),
+            ..kept
+        };
+        if !said.is_empty() {
+            return Err(Error::File {
+                path: file,
+                message: said,
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Fitted {
+    /// This rank's file of snapshots.
+    fn file(&self) -> Option<PathBuf> {
+        let mut name = self.settings.file.as_ref()?.clone().into_os_string();
+        name.push(format!(".{}", self.linear.snapshots().comm().rank()));
+        Some(name.into())
+    }
+}

@@ -1,0 +1,233 @@
+//! The linear surrogate in a ride: two waves that a fit knows exactly, and what happens where it does not.
+
+use crate::schedule::Step;
+use crate::{Action, Advanced, Fitted, Given, LinearSettings, Ride, RideSettings, Text};
+use m4gn_linear::Field as Array;
+use m4gn_mesh::parallel::Comm;
+use m4gn_step::{Field, FieldMut};
+
+const CELLS: usize = 12;
+const DELTA_T: f64 = 0.05;
+
+/// Waves of constant size; from `broken` on of another frequency.
+fn solver(time: f64, broken: f64) -> Vec<f64> {
+    let late = (time - broken).max(0.0);
+    let x = |i: usize| i as f64 * 0.5;
+    (0..CELLS).map(|i| 3.0 + (x(i) + 1.9 * time + 2.0 * late).sin() + 0.3 * (2.0 * x(i) - 3.1 * time).cos()).collect()
+}
+
+/// A flux: differences of the field.
+fn flux(u: &[f64]) -> Vec<f64> {
+    (0..CELLS).map(|i| u[i] - u[(i + 1) % CELLS]).collect()
+}
+
+struct Host {
+    ride: Ride<'static>,
+    time: f64,
+    index: i64,
+    end: f64,
+    u: Vec<f64>,
+    phi: Vec<f64>,
+    /// Strides of each jump, and the time at which it ended.
+    jumps: Vec<(usize, f64)>,
+    solved: usize,
+    log: String,
+}
+
+fn step(time: f64, index: i64, end: f64) -> Step {
+    Step {
+        time,
+        delta_t: DELTA_T,
+        end_time: end,
+        index,
+        name: format!("{time:.3}"),
+        shown: time,
+        correctors: None,
+        wall: 0.0,
+    }
+}
+
+impl Host {
+    fn new(settings: &str, start: f64, index: i64, end: f64, u: Vec<f64>) -> Self {
+        let settings = RideSettings::parse(settings).unwrap();
+        let arrays = vec![Array::weighted("u", 1, vec![1.0; CELLS]), Array::carried("phi", CELLS)];
+        let advanced = vec![Advanced { name: "u".into(), components: 1, solved: 1 }];
+        let comm = Comm::serial();
+        let begin = step(start, index, end);
+        let own: LinearSettings = settings.linear.clone().unwrap();
+        let fitted = Fitted::new(&comm, arrays, advanced, own, &begin).unwrap();
+        let ride = Ride::new(comm, vec![Box::new(fitted)], settings, (0..CELLS as i64).collect(), begin).unwrap();
+        let phi = flux(&u);
+        Host { ride, time: start, index, end, u, phi, jumps: Vec::new(), solved: 0, log: String::new() }
+    }
+
+    fn now(&self) -> Step {
+        step(self.time, self.index, self.end)
+    }
+
+    fn with<T>(&mut self, call: impl FnOnce(&mut Ride<'static>, &Given) -> T) -> T {
+        let fields = [Field { name: "u", components: 1, cells: &self.u, boundary: &[] }];
+        call(&mut self.ride, &Given { fields: &fields, held: &[], owners: &[] })
+    }
+
+    /// Until the end, or until `stop` says so behind a step or a stride.
+    fn run(&mut self, broken: f64, stop: impl Fn(&Self) -> bool) {
+        while self.time < self.end - 0.5 * DELTA_T {
+            self.index += 1;
+            self.time += DELTA_T;
+            // The solver goes on from where it is: its waves have no memory but the time.
+            self.u = solver(self.time, broken);
+            self.phi = flux(&self.u);
+            self.solved += 1;
+            let answer = self.ride.solved(self.now()).unwrap();
+            if answer.arrays {
+                let (u, phi) = (self.u.clone(), self.phi.clone());
+                self.ride.record(&[&u, &phi]).unwrap();
+            }
+            if stop(self) {
+                return;
+            }
+            let answer = self.with(|ride, given| ride.decide(given)).unwrap();
+            if answer.action == Action::Stride && self.jump(&stop) {
+                return;
+            }
+        }
+    }
+
+    /// Whether it was stopped.
+    fn jump(&mut self, stop: &impl Fn(&Self) -> bool) -> bool {
+        let mut strides = 0;
+        loop {
+            let mut out = vec![0.0; CELLS];
+            let places = &mut [FieldMut { name: "u", components: 1, cells: &mut out }];
+            let answer = self.with(|ride, given| ride.stride(given, places)).unwrap();
+            assert_eq!(answer.action, Action::Advance);
+            self.ride.arrays(&mut [&mut self.u, &mut self.phi]).unwrap();
+            assert_eq!(out, self.u);
+            (self.time, self.index) = (self.time + answer.duration, self.index + answer.solver_steps);
+            strides += 1;
+            let answer = self.ride.advanced(self.now()).unwrap();
+            if stop(self) {
+                return true;
+            }
+            if answer.action == Action::HandBack {
+                break;
+            }
+        }
+        self.jumps.push((strides, self.time));
+        let now = self.now();
+        self.with(|ride, given| ride.handed_back(now, &[], given)).unwrap();
+        self.log += &self.ride.take(Text::Log);
+        false
+    }
+}
+
+const SETTINGS: &str =
+    r#"{"mode": "replace", "surrogates": ["linear"], "linear": {"interval": 0.2, "first": 5, "growth": 2, "longest": 40}}"#;
+
+fn largest(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    let strides: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
+    assert_eq!(strides[..4], [5, 10, 20, 40], "{}", host.log);
+    // 24 states, the first at 0.2 s; one stride beside the solver.
+    let (first, end) = host.jumps[0];
+    assert!((end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
+    assert!(host.solved < 220, "{}", host.solved);
+    assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
+    assert!(host.log.contains("it is used") && host.log.contains("the next jump may have 20 strides"), "{}", host.log);
+}
+
+#[test]
+fn what_is_handed_out_is_one_combination_for_all_arrays() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    host.run(1e9, |h| h.jumps.len() == 1);
+    assert!(largest(&host.phi, &flux(&host.u)) < 1e-13);
+}
+
+#[test]
+fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 7.0));
+    host.run(7.0, |_| false);
+    assert!(host.log.contains("the fit is dropped"), "{}", host.log);
+    assert!(host.jumps.len() > 3, "{:?}", host.jumps);
+    let (_, dropped) = host.jumps[1];
+    let again = host.jumps.iter().find(|j| j.1 > dropped + 24.0 * 0.2 && j.0 == 5);
+    assert!(again.is_some(), "{:?}\n{}", host.jumps, host.log);
+}
+
+#[test]
+fn noise_is_never_jumped() {
+    let settings = SETTINGS.replace("\"first\"", "\"tolerance\": 1e-12, \"first\"");
+    let mut host = Host::new(&settings, 0.0, 0, 30.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    assert_eq!((host.jumps.len(), host.solved), (0, 600));
+    host.log += &host.ride.take(Text::Log);
+    assert!(host.log.contains("the solver goes on"), "{}", host.log);
+}
+
+#[test]
+fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("states");
+    let settings = SETTINGS.replace("\"first\"", &format!("\"file\": {:?}, \"first\"", file));
+    let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, 1e9));
+    whole.run(1e9, |_| false);
+    // In the second jump, and between two samples of the solver.
+    for at in [7.65, 9.05, 4.9] {
+        let path = folder.path().join("ride.state");
+        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, 1e9));
+        first.run(1e9, |h| h.time > at - 1e-9);
+        first.ride.save(&path).unwrap();
+        let mut second = Host::new(&settings, first.time, first.index, 25.0, first.u.clone());
+        let now = second.now();
+        let answer = second.ride.load(&path, now).unwrap();
+        let stopped = match answer.action {
+            Action::Decide => {
+                if answer.arrays {
+                    let (u, phi) = (second.u.clone(), second.phi.clone());
+                    second.ride.record(&[&u, &phi]).unwrap();
+                }
+                let answer = second.with(|ride, given| ride.decide(given)).unwrap();
+                answer.action == Action::Stride && second.jump(&|_| false)
+            }
+            Action::Stride => second.jump(&|_| false),
+            _ => false,
+        };
+        assert!(!stopped);
+        second.run(1e9, |_| false);
+        let bits = |h: &Host| h.u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
+        assert_eq!(whole.jumps.last(), second.jumps.last());
+    }
+}
+
+#[test]
+fn settings_that_cannot_be_are_named() {
+    for (linear, words) in [
+        (r#"{"interval": 0}"#, "interval"),
+        (r#"{"tolerance": -1}"#, "tolerance"),
+        (r#"{"growth": 0.5}"#, "growth"),
+        (r#"{"longest": 3}"#, "longest"),
+        (r#"{"least": 3}"#, "least"),
+        (r#"{"windo": 3}"#, "window"),
+    ] {
+        let text = format!(r#"{{"mode": "replace", "surrogates": ["linear"], "linear": {linear}}}"#);
+        let error = RideSettings::parse(&text).unwrap_err().to_string();
+        assert!(error.contains(words), "{linear}: {error}");
+    }
+    for (text, words) in [
+        (r#"{"mode": "observe", "surrogates": ["linear"]}"#, "mode replace"),
+        (r#"{"mode": "replace", "surrogates": ["linear", "linear"]}"#, "each once"),
+        (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "linear": {}}"#, "does not name it"),
+        (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "linear"),
+    ] {
+        let error = RideSettings::parse(text).unwrap_err().to_string();
+        assert!(error.contains(words), "{text}: {error}");
+    }
+}
