@@ -180,7 +180,7 @@ fn difference(spec: &ModelSpec) -> f64 {
         .unwrap()
         .forward(&comm, &inputs, &mut native)
         .unwrap();
-    Inference::with_model(&model, &structure, Device::Cpu)
+    Inference::new(&model, &structure, Device::Cpu)
         .unwrap()
         .step(&inputs, &mut torch)
         .unwrap();
