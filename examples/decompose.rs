@@ -14,8 +14,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("usage: decompose FILE STATES DELAYS RANK".into());
     };
     let (states, delays, rank): (usize, usize, usize) = (states.parse()?, delays.parse()?, rank.parse()?);
-    let values: Vec<f64> =
-        std::fs::read(file)?.chunks_exact(8).filter_map(|c| Some(f64::from_le_bytes(c.try_into().ok()?))).collect();
+    let values: Vec<f64> = std::fs::read(file)?
+        .chunks_exact(8)
+        .filter_map(|c| Some(f64::from_le_bytes(c.try_into().ok()?)))
+        .collect();
     let n = values.len() / states.max(1);
     let fields = vec![Field::weighted("x", 1, vec![1.0; n])];
     let fit = FitSettings {
@@ -26,8 +28,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ranks: vec![rank],
         growing: Some(true),
     };
-    let mut linear =
-        Linear::new(&Comm::serial(), fields, Settings { interval: 1.0, storage: Storage::Double, fit })?;
+    let mut linear = Linear::new(
+        &Comm::serial(),
+        fields,
+        Settings {
+            interval: 1.0,
+            storage: Storage::Double,
+            fit,
+        },
+    )?;
     let begun = Instant::now();
     for (k, state) in values.chunks_exact(n).enumerate() {
         linear.offer(k as f64, 1.0, &[state])?;
@@ -36,7 +45,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let begun = Instant::now();
     let fit = linear.fit().ok_or("no fit: too few states, or nothing varies")?;
     let small = begun.elapsed().as_secs_f64();
-    let eigenvalues: Vec<String> = fit.dmd.eigenvalues().iter().map(|e| format!("[{:?}, {:?}]", e[0], e[1])).collect();
+    let eigenvalues: Vec<String> = fit
+        .dmd
+        .eigenvalues()
+        .iter()
+        .map(|e| format!("[{:?}, {:?}]", e[0], e[1]))
+        .collect();
     let prediction = linear.predict(100.0).ok_or("no prediction")?;
     let mut out = vec![0.0; n];
     let begun = Instant::now();

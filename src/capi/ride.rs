@@ -9,7 +9,9 @@ use super::session::SessionHandle;
 use m4gn_adapt as adapt;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_ride::{Action, Answer, Fitted, Given, Kind, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
+use m4gn_ride::{
+    Action, Answer, Fitted, Given, Kind, Network, Ride, RideSettings, Step, Surrogate, Text, host_of,
+};
 use m4gn_step::{Field, FieldMut, Session};
 use std::ffi::{CString, c_char};
 use std::ops::{Deref, DerefMut};
@@ -359,10 +361,17 @@ unsafe fn new_linear(
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
-        let ((fields, advanced), (settings, _), (start, same)) =
-            unsafe { (linear::layout(arrays, n_arrays)?, settings(raw::options(options)?)?, step(start)?) };
+        let ((fields, advanced), (settings, _), (start, same)) = unsafe {
+            (
+                linear::layout(arrays, n_arrays)?,
+                settings(raw::options(options)?)?,
+                step(start)?,
+            )
+        };
         if settings.surrogates != [Kind::Linear] {
-            return Err(Error::Input("surrogates: expected linear alone, as there is no session".into()));
+            return Err(Error::Input(
+                "surrogates: expected linear alone, as there is no session".into(),
+            ));
         }
         let alike = RideSettings {
             setup_seconds: 0.0,
@@ -370,25 +379,30 @@ unsafe fn new_linear(
         };
         Ok(((fields, advanced, settings, start), format!("{same}\n{alike:?}")))
     };
-    door::together("m4gn_ride_new_linear", &comm, read, |(fields, advanced, settings, start)| {
-        let lengths: Vec<usize> = fields.iter().map(|f| f.len).collect();
-        let first = fields.iter().find(|f| f.measured());
-        let n_cells = first.map_or(0, |f| f.len / f.components.max(1));
-        let begin = comm.exclusive_scan_i64(n_cells as i64);
-        let global: Vec<i64> = (begin..begin + n_cells as i64).collect();
-        let own = settings.linear.clone().unwrap_or_default();
-        let fitted = Fitted::new(&comm, fields, advanced, own, &start)?;
-        Ok(RideHandle {
-            ride: Ride::new(comm.clone(), vec![Box::new(fitted)], settings, global, start)?,
-            comm: comm.clone(),
-            n_cells,
-            n_boundary: 0,
-            owners: Vec::new(),
-            arrays: lengths,
-            text: CString::default(),
-            broken: false,
-        })
-    })
+    door::together(
+        "m4gn_ride_new_linear",
+        &comm,
+        read,
+        |(fields, advanced, settings, start)| {
+            let lengths: Vec<usize> = fields.iter().map(|f| f.len).collect();
+            let first = fields.iter().find(|f| f.measured());
+            let n_cells = first.map_or(0, |f| f.len / f.components.max(1));
+            let begin = comm.exclusive_scan_i64(n_cells as i64);
+            let global: Vec<i64> = (begin..begin + n_cells as i64).collect();
+            let own = settings.linear.clone().unwrap_or_default();
+            let fitted = Fitted::new(&comm, fields, advanced, own, &start)?;
+            Ok(RideHandle {
+                ride: Ride::new(comm.clone(), vec![Box::new(fitted)], settings, global, start)?,
+                comm: comm.clone(),
+                n_cells,
+                n_boundary: 0,
+                owners: Vec::new(),
+                arrays: lengths,
+                text: CString::default(),
+                broken: false,
+            })
+        },
+    )
 }
 
 fn boundary_values(mesh: &Mesh) -> usize {

@@ -106,7 +106,11 @@ impl Linear {
             return true;
         };
         // A state that is there already, in a run that is carried on.
-        if self.state.present.is_some_and(|n| grid.at(time).is_some_and(|at| at <= n)) {
+        if self
+            .state
+            .present
+            .is_some_and(|n| grid.at(time).is_some_and(|at| at <= n))
+        {
             return false;
         }
         let passed = |(before, _): &(f64, Vec<Vec<f64>>)| grid.after(*before) < grid.after(time);

@@ -155,7 +155,9 @@ impl RideSettings {
             return bad("linear: its settings are given, and surrogates does not name it".into());
         }
         if self.has(Kind::Linear) && self.mode == Mode::Observe {
-            return bad("surrogates: mode observe compares networks; expected mode replace for linear".into());
+            return bad(
+                "surrogates: mode observe compares networks; expected mode replace for linear".into(),
+            );
         }
         self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
         let counts = [

@@ -92,7 +92,10 @@ pub trait Surrogate {
     /// [`Error::Input`] where it has none.
     fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
         let _ = out;
-        Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
+        Err(Error::Input(format!(
+            "a surrogate of kind {} has no arrays",
+            self.name()
+        )))
     }
 
     /// Time and fields have been advanced by what the last step predicted.
