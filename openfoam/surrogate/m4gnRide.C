@@ -107,11 +107,6 @@ std::string typesOf(const fvMesh& mesh, const m4gn_mesh_data& data)
     return text;
 }
 
-fileName stateFile(const word& name, const Time& time)
-{
-    return time.path()/time.timeName()/"uniform"/(name + ".state");
-}
-
 } // End anonymous namespace
 
 m4gn_ride_step Foam::m4gnRide::now(const label correctors) const
@@ -534,20 +529,29 @@ m4gn_ride_answer Foam::m4gnRide::handedBack
     );
 }
 
+Foam::fileName Foam::m4gnRide::stateFile(const word& name, const Time& time, const word& at)
+{
+    // A file handler that collates has the times of all ranks in one folder
+    const fileName ranks(fileHandler().filePath(time.path()/at));
+
+    return (ranks.empty() ? time.path()/at : ranks)/"uniform"/(name + ".state");
+}
+
 bool Foam::m4gnRide::stored(const word& name, const Time& time)
 {
-    bool found = Pstream::master() && isFile(stateFile(name, time), false);
+    const fileName path(stateFile(name, time, time.timeName()));
+    bool found = Pstream::master() && isFile(path, false);
     reduce(found, orOp<bool>());
     return found;
 }
 
 Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
 {
+    const fileName path(stateFile(name, time, time.timeName()));
     string text;
     if (Pstream::master())
     {
         char found[8192] = "";
-        const fileName path(stateFile(name, time));
         // What is damaged is refused when it is taken up
         if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK)
         {
@@ -568,7 +572,7 @@ void Foam::m4gnRide::save()
     }
 
     // The first rank writes when the fields of all ranks are there
-    const fileName path(stateFile(name_, mesh_.time()));
+    const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
     if (Pstream::master())
     {
         mkDir(path.path());
@@ -580,7 +584,7 @@ void Foam::m4gnRide::save()
 bool Foam::m4gnRide::load(m4gn_ride_answer& answer)
 {
     const m4gn_ride_step step(now());
-    const fileName path(stateFile(name_, mesh_.time()));
+    const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
     const int32_t status = m4gn_ride_load(ride_, path.c_str(), &step, &answer);
 
     if (status == M4GN_ERROR_MODEL)

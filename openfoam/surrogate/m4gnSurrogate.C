@@ -112,7 +112,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         word last;
         for (const instant& at : time_.times())
         {
-            const fileName file(time_.path()/at.name()/"uniform"/(name() + ".state"));
+            const fileName file(m4gnRide::stateFile(name(), time_, at.name()));
             if (replaces_ && Pstream::master() && at.value() < time_.value() && isFile(file))
             {
                 last = at.name();

@@ -96,7 +96,7 @@ impl Calibration {
             growth: growth.collect(),
             carried: None,
         };
-        let first = |g: &&Growth| g.factors.first().is_some_and(|f| !(*f <= MOST));
+        let first = |g: &&Growth| g.factors.first().is_some_and(|f| f.is_nan() || *f > MOST);
         match calibration.growth.iter().find(first) {
             None => Ok(calibration),
             Some(growth) => Err(Error::Numerical(format!(

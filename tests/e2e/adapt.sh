@@ -96,7 +96,7 @@ runs decomposePar
 refused 'overlap of adapt is for runs on one rank' mpirun -np 2 icoFoam -parallel
 clean_case
 function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; adapt { overlap yes; }"
-refused 'overlap of adapt is for mode replace' icoFoam
+refused 'adapt: overlap is for mode replace' icoFoam
 # Observed, it learns before it is compared
 function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; timeStart 0.5; adapt { start 0.1; steps 10; }"
 runs icoFoam

@@ -8,7 +8,7 @@ good="mode replace; solverSteps 5; surrogateSteps 2;"
 surrogate() { function_object m4gnSurrogate "$*"; }
 
 surrogate "$good model \"$small_model\"; tua 3;"
-refused 'tua: unknown entry, expected one of model,' icoFoam
+refused 'tua: unknown entry, expected one of backend,' icoFoam
 grep -q 'Other entries that it may have: .*solverSteps' log.run || fail "the valid entries are not named"
 surrogate "$good model \"$small_model\"; segments { cuont 3; }"
 refused 'segments.cuont: unknown entry, .*is count meant?' icoFoam
