@@ -93,6 +93,10 @@ pub struct Delayed {
     mean: f64,
 }
 
+/// Growth a stride up to which a mode is part of a trend: a linear one is two modes next to 1, on either side, and without one of them
+/// half of it would be lost. It grows by a thousandth over 1000 strides.
+const TREND: f64 = 1e-6;
+
 impl Delayed {
     /// None where the window has too few delayed states, or does not vary.
     pub fn new(window: &Window, delays: usize, most: usize) -> Option<Self> {
@@ -162,7 +166,7 @@ impl Delayed {
         }
         let eigenvalues = order.iter().map(|&i| [found[i].re, found[i].im]).map(|[re, im]| {
             let size = re.hypot(im);
-            if size > 1.0 && !growing {
+            if size > 1.0 + TREND && !growing {
                 [re / size, im / size]
             } else {
                 [re, im]

@@ -131,7 +131,7 @@ impl Observer {
         let mut control = control;
         if shadow.waiting {
             let fraction = shadow.fraction(step, surrogate.stride());
-            let solver = given.values(surrogate.advances())?;
+            let solver = given.values(comm, surrogate.advances())?;
             let one_step = shadow.compare(comm, surrogate, &solver, fraction);
             if let Some(control) = control.as_deref_mut() {
                 control.measure(&one_step)?;
@@ -151,7 +151,7 @@ impl Observer {
                 self.steps = 0;
             }
         }
-        found.bad.extend(shadow.begin(surrogate, step, given)?);
+        found.bad.extend(shadow.begin(comm, surrogate, step, given)?);
         self.go_on(surrogate, shadow, control.as_deref(), given, &mut found)?;
         Ok(found)
     }

@@ -415,7 +415,9 @@ impl<'a> Ride<'a> {
         for rider in &mut self.riders {
             rider.shadow.waiting &= !anew;
             if rider.can_begin(&self.step) {
-                let bad = rider.shadow.begin(rider.surrogate.as_mut(), &self.step, given)?;
+                let bad = rider
+                    .shadow
+                    .begin(&self.comm, rider.surrogate.as_mut(), &self.step, given)?;
                 self.stepped = true;
                 self.log.not_finite(&self.step.name, bad);
             }
@@ -565,15 +567,17 @@ impl<'a> Ride<'a> {
             return self.end_early(jump, given);
         }
         let advanced = rider.surrogate.advances().to_vec();
-        let old = given.values(&advanced)?;
+        let old = given.values(&self.comm, &advanced)?;
         let shapes = out.iter().map(|o| (o.name, o.cells.len()));
         let own = advanced.iter().zip(&old).map(|(a, v)| (a.name.as_str(), v.len()));
-        if !shapes.eq(own) {
-            return Err(Error::Input(
+        let checked = match shapes.eq(own) {
+            true => Ok(()),
+            false => Err(Error::Input(
                 "ride: the places for the prediction are not those of the fields that the surrogate advances"
                     .into(),
-            ));
-        }
+            )),
+        };
+        self.comm.agree(checked)?;
         let mut predicted = old.clone();
         let bad = predict(rider.surrogate.as_mut(), given, &mut predicted)?;
         let mut used = bad.is_none();

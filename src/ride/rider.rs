@@ -75,7 +75,7 @@ impl<'a> Rider<'a> {
         log: &mut Log,
     ) -> Result<()> {
         let fraction = self.shadow.fraction(step, self.surrogate.stride());
-        let now = given.values(self.surrogate.advances())?;
+        let now = given.values(comm, self.surrogate.advances())?;
         let errors = self.shadow.compare(comm, self.surrogate.as_ref(), &now, fraction);
         let Some(control) = &mut self.control else {
             return Ok(());

@@ -45,11 +45,12 @@ impl Shadow {
     /// Predicts from the solver's present fields. Says what is to be said of a result that is not finite. Collective.
     pub fn begin(
         &mut self,
+        comm: &Comm,
         surrogate: &mut dyn Surrogate,
         step: &Step,
         given: &Given,
     ) -> Result<Option<String>> {
-        self.start = given.values(surrogate.advances())?;
+        self.start = given.values(comm, surrogate.advances())?;
         self.predicted = self.start.clone();
         let bad = predict(surrogate, given, &mut self.predicted)?;
         (self.finite, self.begun, self.waiting) = (bad.is_none(), step.time, true);
@@ -127,7 +128,7 @@ mod tests {
         );
         let given = toy::given(1.0);
         let bad = given
-            .with(|g| shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), g))
+            .with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.2, 9.0, 0), g))
             .unwrap();
         assert_eq!(bad, None);
         // Steps of 0.2: that of 1.4 is nearest to 1.5, and 4/5 of the way.
@@ -138,7 +139,7 @@ mod tests {
         assert!(shadow.has_arrived(&step, 0.5));
         let fraction = shadow.fraction(&step, 0.5);
         assert!((fraction - 1.2).abs() < 1e-12);
-        let now = toy::given(1.6).with(|g| g.values(toy.advances())).unwrap();
+        let now = toy::given(1.6).with(|g| g.values(&comm, toy.advances())).unwrap();
         let rows = shadow.compare(&comm, &toy, &now, fraction);
         // On paper: from the start along the chord to what was predicted, extended, against where the solver is.
         let chord = |i: usize| {
@@ -164,22 +165,22 @@ mod tests {
 
     #[test]
     fn errors_are_relative_to_what_varies_and_not_to_a_level() {
-        let mut toy = Toy::new(0.5);
+        let (comm, mut toy) = (Comm::serial(), Toy::new(0.5));
         let mut shadow = Shadow::default();
         // 300 K, and a tenth of a kelvin more in one of the cells.
         let warm = toy::of([300.0, 300.1]);
-        warm.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
+        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g))
             .unwrap();
-        let now = warm.with(|g| g.values(toy.advances())).unwrap();
-        let rows = shadow.compare(&Comm::serial(), &toy, &now, 1.0);
+        let now = warm.with(|g| g.values(&comm, toy.advances())).unwrap();
+        let rows = shadow.compare(&comm, &toy, &now, 1.0);
         assert!(
             (rows[0].variation - 0.05).abs() < 1e-9 && rows[0].size > 300.0,
             "{rows:?}"
         );
         // A field that is the same everywhere varies by what it changes.
-        warm.with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
+        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g))
             .unwrap();
-        let rows = shadow.compare(&Comm::serial(), &toy, &vec![vec![302.0, 302.0]], 1.0);
+        let rows = shadow.compare(&comm, &toy, &vec![vec![302.0, 302.0]], 1.0);
         assert!(
             (rows[0].variation - rows[0].change).abs() < 1e-12 && rows[0].change > 1.9,
             "{rows:?}"
@@ -188,30 +189,33 @@ mod tests {
 
     #[test]
     fn a_prediction_that_is_not_finite_has_an_infinite_error() {
-        let mut toy = Toy::new(0.5).broken_above(f64::NEG_INFINITY);
+        let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).broken_above(f64::NEG_INFINITY));
         let mut shadow = Shadow::default();
         let given = toy::given(1.0);
         let bad = given
-            .with(|g| shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), g))
+            .with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g))
             .unwrap();
         assert!(bad.is_some_and(|what| what.contains("not finite")));
-        let now = toy::given(1.5).with(|g| g.values(toy.advances())).unwrap();
-        let rows = shadow.compare(&Comm::serial(), &toy, &now, 1.0);
+        let now = toy::given(1.5).with(|g| g.values(&comm, toy.advances())).unwrap();
+        let rows = shadow.compare(&comm, &toy, &now, 1.0);
         assert_eq!(rows[0].error, f64::INFINITY);
         assert!(rows[0].change > 0.0);
     }
 
     #[test]
     fn fields_that_do_not_fit_are_named() {
-        let mut toy = Toy::new(0.5);
+        let (comm, mut toy) = (Comm::serial(), Toy::new(0.5));
         let (mut shadow, step) = (Shadow::default(), at(1.0, 0.1, 9.0, 0));
         let none = Given::default();
-        let missing = shadow.begin(&mut toy, &step, &none).unwrap_err().to_string();
+        let missing = shadow
+            .begin(&comm, &mut toy, &step, &none)
+            .unwrap_err()
+            .to_string();
         assert!(missing.contains("field 'a' is missing"), "{missing}");
         let mut given = toy::given(1.0);
         given.components = 3;
         let other = given
-            .with(|g| shadow.begin(&mut toy, &step, g))
+            .with(|g| shadow.begin(&comm, &mut toy, &step, g))
             .unwrap_err()
             .to_string();
         assert!(

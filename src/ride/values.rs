@@ -21,10 +21,10 @@ pub struct Given<'a> {
 }
 
 impl Given<'_> {
-    /// Copies the advanced fields out of those that were given.
-    pub(crate) fn values(&self, advanced: &[Advanced]) -> Result<Values> {
+    /// Copies the advanced fields out of those that were given. Collective; all ranks fail together.
+    pub(crate) fn values(&self, comm: &Comm, advanced: &[Advanced]) -> Result<Values> {
         let one = |a: &Advanced| self.field(a).map(|field| field.cells.to_vec());
-        advanced.iter().map(one).collect()
+        comm.agree(advanced.iter().map(one).collect())
     }
 
     fn field(&self, advanced: &Advanced) -> Result<&Field<'_>> {

@@ -97,6 +97,7 @@ runs icoFoam
 
 # A stride of 25 steps does not end at each seventh
 begin
-function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; executeControl timeStep; executeInterval 7;"
+function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; writeControl writeTime;
+    executeControl timeStep; executeInterval 7;"
 refused 'executeInterval 1' icoFoam
 echo "others-times: passed"

@@ -18,7 +18,6 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
         "session_new" => &[
             "null",
             "no mesh",
-            "no options",
             "no model",
             "volume",
             "owner",
@@ -50,7 +49,6 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
         "session_new_of_body" => &[
             "null",
             "no mesh",
-            "no options",
             "type",
             "element",
             "inverted",
@@ -144,7 +142,6 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "no settings",
             "no start",
             "time",
-            "volume",
             "json",
             "mode",
             "steps",
