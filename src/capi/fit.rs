@@ -3,7 +3,7 @@
 use super::door;
 use super::model::ModelHandle;
 use super::raw::{self, MeshData};
-use super::segments::Request;
+use super::segments::{Asked, Request};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -24,7 +24,7 @@ unsafe fn misfit<P>(
     record: *const c_char,
 ) -> Result<(Option<String>, P)> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((P, Mesh, Option<&ModelHandle>, Request, String), String)> {
+    let read = || -> Result<((P, Asked, String), String)> {
         let places = places?;
         // SAFETY: passed on to the caller.
         unsafe {
@@ -38,14 +38,14 @@ unsafe fn misfit<P>(
                 ));
             }
             let same = request.shared(model)?;
-            Ok(((places, mesh, model, request, record), same))
+            Ok(((places, (mesh, model, request), record), same))
         }
     };
     door::together(
         "m4gn_segments_fit",
         &comm,
         read,
-        |(places, mesh, model, request, record)| {
+        |(places, (mesh, model, request), record)| {
             Ok((compare(&comm, &mesh, model, &request, record)?, places))
         },
     )

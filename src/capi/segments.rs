@@ -85,6 +85,9 @@ impl Request {
     }
 }
 
+/// What a host asks segments of: its mesh, the model that they are for, and how.
+pub(super) type Asked<'a> = (Mesh, Option<&'a ModelHandle>, Request);
+
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
 unsafe fn new(
@@ -96,7 +99,7 @@ unsafe fn new(
     cell_segment: *const i32,
 ) -> Result<SegmentsHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((Mesh, Option<&ModelHandle>, Request), String)> {
+    let read = || -> Result<(Asked, String)> {
         place?;
         // SAFETY: passed on to the caller.
         unsafe {

@@ -3,7 +3,10 @@ use crate::toy::{Toy, at};
 use crate::{Action, Given, host_of};
 use m4gn_mesh::Error;
 
-fn schedules() -> Vec<(String, fn() -> Vec<Toy>)> {
+/// Makes the surrogates of a run.
+type Makes = fn() -> Vec<Toy>;
+
+fn schedules() -> Vec<(String, Makes)> {
     let base = r#""mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 3, "timeStart": 1"#;
     vec![
         (format!("{{{base}}}"), || vec![Toy::new(0.5).biased(0.01)]),
