@@ -653,18 +653,20 @@ impl<'a> Ride<'a> {
         let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
         jump.over = jump.done == jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
-        let action = match jump.over {
-            true => Action::HandBack,
-            false => Action::Stride,
-        };
-        self.phase = match jump.over {
-            true => Phase::HandingBack(jump),
-            false => Phase::Jumping(jump),
-        };
         Ok(Answer {
             last_but_one,
-            ..self.answer(action)
+            ..self.behind_stride(jump)
         })
+    }
+
+    /// What follows a stride: the next one, or the way back to the solver.
+    pub(crate) fn behind_stride(&mut self, jump: Jump) -> Answer {
+        let (action, phase) = match jump.over {
+            true => (Action::HandBack, Phase::HandingBack(jump)),
+            false => (Action::Stride, Phase::Jumping(jump)),
+        };
+        self.phase = phase;
+        self.answer(action)
     }
 
     /// Wall time that went into strides, and into handing over, since the last time that it was told, s.

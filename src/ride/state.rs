@@ -2,7 +2,7 @@
 
 use crate::control::StrideError;
 use crate::restart;
-use crate::ride::{Action, Answer, Jump, Phase, Ride};
+use crate::ride::{Answer, Jump, Phase, Ride};
 use crate::schedule::Step;
 use crate::shadow::Shadow;
 use crate::totals::Totals;
@@ -264,15 +264,7 @@ impl Ride<'_> {
                 .as_ref()
                 .map(|c| [c.error(), c.estimate(1)]),
         };
-        let action = match jump.over {
-            true => Action::HandBack,
-            false => Action::Stride,
-        };
-        self.phase = match jump.over {
-            true => Phase::HandingBack(jump),
-            false => Phase::Jumping(jump),
-        };
-        Ok(self.answer(action))
+        Ok(self.behind_stride(jump))
     }
 
     /// What each surrogate goes on from; nothing is changed. The ranks have all of the state.
