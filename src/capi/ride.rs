@@ -226,6 +226,31 @@ pub(super) fn settings(text: &str) -> Result<(RideSettings, Option<adapt::Settin
     Ok((settings, learning.filter(|_| entries.wanted)))
 }
 
+/// What a ride on a mesh begins with: the mesh, the settings, and the time with its text for the other ranks.
+type Setup = (Mesh, (RideSettings, Option<adapt::Settings>), (Step, String));
+
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+unsafe fn setup(mesh: *const MeshData, options: *const c_char, start: *const RideStep) -> Result<Setup> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        Ok((
+            raw::mesh(raw::reference("mesh", mesh)?)?,
+            settings(raw::options(options)?)?,
+            step(start)?,
+        ))
+    }
+}
+
+/// What all ranks must be given alike: not the host's text and the clock of a rank.
+fn shared(settings: &RideSettings) -> RideSettings {
+    RideSettings {
+        host: String::new(),
+        setup_seconds: 0.0,
+        ..settings.clone()
+    }
+}
+
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
 unsafe fn new(
@@ -243,26 +268,18 @@ unsafe fn new(
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
-        let (mesh, (settings, learning), (start, same)) = unsafe {
-            (
-                raw::mesh(raw::reference("mesh", mesh)?)?,
-                settings(raw::options(options)?)?,
-                step(start)?,
-            )
-        };
-        // Each rank has threads and a clock of its own.
+        let (mesh, (settings, learning), (start, same)) = unsafe { setup(mesh, options, start)? };
+        // Each rank has threads of its own.
         let alike = RideSettings {
             adapt: None,
             model: String::new(),
-            host: String::new(),
-            setup_seconds: 0.0,
-            ..settings.clone()
+            ..shared(&settings)
         };
-        let shared = learning.clone().map(|learning| adapt::Settings {
+        let learned = learning.clone().map(|learning| adapt::Settings {
             threads: None,
             ..learning
         });
-        let same = format!("{same}\n{alike:?}\n{shared:?}");
+        let same = format!("{same}\n{alike:?}\n{learned:?}");
         Ok(((mesh, settings, learning, start), same))
     };
     door::together(
@@ -296,13 +313,7 @@ unsafe fn new_own(
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
-        let (mesh, (settings, learning), (start, same)) = unsafe {
-            (
-                raw::mesh(raw::reference("mesh", mesh)?)?,
-                settings(raw::options(options)?)?,
-                step(start)?,
-            )
-        };
+        let (mesh, (settings, learning), (start, same)) = unsafe { setup(mesh, options, start)? };
         // SAFETY: passed on to the caller.
         let own = unsafe { Own::new(surrogate, comm.clone(), mesh.dim())? };
         if learning.is_some() {
@@ -311,12 +322,7 @@ unsafe fn new_own(
                 own.name()
             )));
         }
-        let alike = RideSettings {
-            host: String::new(),
-            setup_seconds: 0.0,
-            ..settings.clone()
-        };
-        let same = format!("{same}\n{alike:?}\n{}", own.shared());
+        let same = format!("{same}\n{:?}\n{}", shared(&settings), own.shared());
         Ok(((mesh, settings, own, start), same))
     };
     door::together(
