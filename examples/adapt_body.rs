@@ -58,23 +58,14 @@ fn main() -> Result<()> {
             None => "-".into(),
         }
     };
-    println!(
-        "| median (worst) | {}, {} | {}, {} | |",
-        figure(0),
-        figure(1),
-        figure(2),
-        figure(3)
-    );
+    println!("| median (worst) | {}, {} | {}, {} | |", figure(0), figure(1), figure(2), figure(3));
     Ok(())
 }
 
 fn one(model: &Model, share: f64, settings: Settings, file: &Path) -> Result<(Errors, Errors, f64)> {
     let trajectory = Trajectory::open(file)?;
     let (Some(body), Some(_)) = (trajectory.body(), model.spec.contact) else {
-        return Err(Error::file(
-            file,
-            "expected a deforming body, and a model of such bodies",
-        ));
+        return Err(Error::file(file, "expected a deforming body, and a model of such bodies"));
     };
     let mesh = body.mesh(trajectory.obstacle());
     let name = &model.spec.fields[0].name;
@@ -102,10 +93,7 @@ fn one(model: &Model, share: f64, settings: Settings, file: &Path) -> Result<(Er
 
 fn read(trajectory: &Trajectory, field: &str) -> Result<Recorded> {
     let states = trajectory.states(&[field])?;
-    let mut recorded = Recorded {
-        body: Vec::new(),
-        obstacle: Vec::new(),
-    };
+    let mut recorded = Recorded { body: Vec::new(), obstacle: Vec::new() };
     let wide = |rows: &[[f32; 3]]| rows.iter().map(|row| row.map(f64::from)).collect();
     for frame in 0..trajectory.times().len() {
         let (values, obstacle) = states.read(frame)?;
@@ -139,10 +127,7 @@ fn errors(session: &mut Session, recorded: &Recorded, cut: usize, stride: usize)
         single += square(&one, &body[next]);
         kept += square(&body[now], &body[next]);
     }
-    Ok(Errors {
-        rollout: (rolled / held).sqrt(),
-        stride: (single / kept).sqrt(),
-    })
+    Ok(Errors { rollout: (rolled / held).sqrt(), stride: (single / kept).sqrt() })
 }
 
 fn square(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {

@@ -22,10 +22,7 @@ fn main() -> Result<()> {
     let (mesh, comm) = (trajectory.cells()?, Comm::serial());
     let size = m4gn_model::cell_size(mesh, &comm);
     let count = trajectory.times().len();
-    println!(
-        "{} cells, {size:.5} m apart; changes over {stride} frames",
-        mesh.n_cells()
-    );
+    println!("{} cells, {size:.5} m apart; changes over {stride} frames", mesh.n_cells());
     for cells_a_group in [2.0, 4.0, 8.0, 12.0f64] {
         let length = size * cells_a_group.powf(1.0 / mesh.dim() as f64);
         let Some(coarse) = Coarse::new(mesh, length, &comm)? else {
@@ -57,10 +54,8 @@ fn main() -> Result<()> {
                 let linear = coarse.transfer.prolong(&groups, &vec![0.0; walls.len()], &comm);
                 let back = coarse.transfer.prolong(&groups, &walls, &comm);
                 for (i, (linear, back)) in linear.iter().zip(&back).enumerate() {
-                    let (x, constant) = (
-                        f64::from(change[i]),
-                        groups[coarse.group[i / n] as usize * n + i % n],
-                    );
+                    let (x, constant) =
+                        (f64::from(change[i]), groups[coarse.group[i / n] as usize * n + i % n]);
                     let off = [x, x - constant, x - linear, x - back];
                     for sums in &mut sums[..=usize::from(at_walls[i / n])] {
                         sums.iter_mut().zip(off).for_each(|(sum, off)| *sum += off * off);
@@ -75,12 +70,7 @@ fn main() -> Result<()> {
                 let [constant, linear, back] = lost.map(|x| x / all);
                 format!("constant {constant:.3}, linear {linear:.3}, as prolonged {back:.3}")
             };
-            println!(
-                "{:>6} groups, {:>4}: {}",
-                coarse.n_groups,
-                field.name,
-                of(sums[0])
-            );
+            println!("{:>6} groups, {:>4}: {}", coarse.n_groups, field.name, of(sums[0]));
             if any {
                 println!("{:>20}: {}", "at walls", of(sums[1]));
             }

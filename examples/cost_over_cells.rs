@@ -72,11 +72,8 @@ fn measure(arguments: &Arguments, model: &Model, path: &Path) -> Result<Cost> {
     let pace = fits(model, &trajectory)?;
     let scene = Scene::read(&trajectory, &model.spec.fields, pace)?;
     let session = |resolution| {
-        let options = SessionOptions {
-            precision: arguments.precision,
-            resolution,
-            ..SessionOptions::default()
-        };
+        let options =
+            SessionOptions { precision: arguments.precision, resolution, ..SessionOptions::default() };
         Session::new(Comm::serial(), trajectory.mesh(), model, &options)
     };
     let mut both = [session(Resolution::Off)?, session(Resolution::Auto)?];
@@ -105,12 +102,7 @@ fn measure(arguments: &Arguments, model: &Model, path: &Path) -> Result<Cost> {
         t.sort_by(f64::total_cmp);
         t[t.len() / 2]
     });
-    Ok(Cost {
-        cells: trajectory.mesh().n_cells(),
-        groups,
-        on_cells,
-        on_groups,
-    })
+    Ok(Cost { cells: trajectory.mesh().n_cells(), groups, on_cells, on_groups })
 }
 
 fn chart(costs: &[Cost], stride: f64) -> Chart {

@@ -21,8 +21,7 @@ fn read(path: &Path) -> Result<Value> {
 /// The rows of a coverage table: tolerance and one of its columns in percent.
 fn column(coverage: &Value, name: &str) -> Vec<(f64, f64)> {
     let rows = coverage["tolerances"].as_array().into_iter().flatten();
-    rows.filter_map(|r| Some((r["tolerance"].as_f64()?, 100.0 * r[name].as_f64()?)))
-        .collect()
+    rows.filter_map(|r| Some((r["tolerance"].as_f64()?, 100.0 * r[name].as_f64()?))).collect()
 }
 
 /// The tolerance in a variant's entries, such as `control { tolerance 0.05; }`.
@@ -37,10 +36,7 @@ fn times(sweep: &Value) -> Vec<(f64, f64)> {
     let mut times: Vec<(f64, f64)> = variants
         .filter_map(|variant| {
             let run = &sweep["summary"][0]["runs"][variant["name"].as_str()?];
-            Some((
-                tolerance(variant["entries"].as_str()?)?,
-                run["time"]["median"].as_f64()?,
-            ))
+            Some((tolerance(variant["entries"].as_str()?)?, run["time"]["median"].as_f64()?))
         })
         .collect();
     times.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -50,9 +46,7 @@ fn times(sweep: &Value) -> Vec<(f64, f64)> {
 fn main() -> Result<()> {
     let arguments: Vec<_> = std::env::args_os().skip(1).collect();
     let [coverage, sweep, out] = arguments.as_slice() else {
-        return Err(Error::Input(
-            "usage: coverage_chart COVERAGE.json SWEEP.json OUT.svg".into(),
-        ));
+        return Err(Error::Input("usage: coverage_chart COVERAGE.json SWEEP.json OUT.svg".into()));
     };
     let (coverage, sweep) = (read(Path::new(coverage))?, read(Path::new(sweep))?);
     let curve = |name: &str, points: Vec<(f64, f64)>, colour| {

@@ -28,15 +28,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ranks: vec![rank],
         growing: Some(true),
     };
-    let mut linear = Linear::new(
-        &Comm::serial(),
-        fields,
-        Settings {
-            interval: 1.0,
-            storage: Storage::Double,
-            fit,
-        },
-    )?;
+    let mut linear =
+        Linear::new(&Comm::serial(), fields, Settings { interval: 1.0, storage: Storage::Double, fit })?;
     let begun = Instant::now();
     for (k, state) in values.chunks_exact(n).enumerate() {
         linear.offer(k as f64, 1.0, &[state])?;
@@ -45,12 +38,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let begun = Instant::now();
     let fit = linear.fit().ok_or("no fit: too few states, or nothing varies")?;
     let small = begun.elapsed().as_secs_f64();
-    let eigenvalues: Vec<String> = fit
-        .dmd
-        .eigenvalues()
-        .iter()
-        .map(|e| format!("[{:?}, {:?}]", e[0], e[1]))
-        .collect();
+    let eigenvalues: Vec<String> =
+        fit.dmd.eigenvalues().iter().map(|e| format!("[{:?}, {:?}]", e[0], e[1])).collect();
     let prediction = linear.predict(100.0).ok_or("no prediction")?;
     let mut out = vec![0.0; n];
     let begun = Instant::now();

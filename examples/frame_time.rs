@@ -18,10 +18,7 @@ fn main() {
 fn run() -> Result<()> {
     let usage = || Error::Input("expected a trajectory (*.h5) and a model (*.safetensors)".into());
     let mut arguments = std::env::args().skip(1);
-    let (path, model) = (
-        arguments.next().ok_or_else(usage)?,
-        arguments.next().ok_or_else(usage)?,
-    );
+    let (path, model) = (arguments.next().ok_or_else(usage)?, arguments.next().ok_or_else(usage)?);
     let sample = read_within(&Trajectory::open(&path)?, &Model::read(&model)?.spec, 0)?;
     // Frames in an order in which none follows the one before.
     let mut times = Vec::new();

@@ -77,30 +77,12 @@ impl Flow {
     fn step(&mut self, session: &mut Session) -> Result<()> {
         let (cells, p) = (self.velocity.clone(), self.pressure.clone());
         let fields = [
-            Field {
-                name: "U",
-                components: 3,
-                cells: &cells,
-                boundary: &self.boundary_velocity,
-            },
-            Field {
-                name: "p",
-                components: 1,
-                cells: &p,
-                boundary: &self.boundary_pressure,
-            },
+            Field { name: "U", components: 3, cells: &cells, boundary: &self.boundary_velocity },
+            Field { name: "p", components: 1, cells: &p, boundary: &self.boundary_pressure },
         ];
         let mut out = [
-            FieldMut {
-                name: "U",
-                components: 3,
-                cells: &mut self.velocity,
-            },
-            FieldMut {
-                name: "p",
-                components: 1,
-                cells: &mut self.pressure,
-            },
+            FieldMut { name: "U", components: 3, cells: &mut self.velocity },
+            FieldMut { name: "p", components: 1, cells: &mut self.pressure },
         ];
         session.step(&fields, &mut out)
     }
@@ -128,10 +110,7 @@ fn measure(arguments: &Arguments, comm: &Comm) -> Result<()> {
     let (mesh, n) = {
         let whole = hexahedra(arguments.cells)?;
         let n = whole.n_cells();
-        (
-            sample::part(&whole, &sample::strips(n, comm.size()), comm.rank()),
-            n,
-        )
+        (sample::part(&whole, &sample::strips(n, comm.size()), comm.rank()), n)
     };
     let shape = Shape {
         dim: 3,
@@ -208,30 +187,15 @@ fn in_order(comm: &Comm, mesh: &Mesh, values: &[f64], n: usize) -> Option<Vec<f6
 
 fn compare(path: &Path, all: &[f64]) -> Result<()> {
     let bytes = std::fs::read(path).map_err(|e| Error::file(path, e.to_string()))?;
-    let other: Vec<f64> = bytes
-        .as_chunks::<8>()
-        .0
-        .iter()
-        .map(|b| f64::from_le_bytes(*b))
-        .collect();
+    let other: Vec<f64> = bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
     if other.len() != all.len() {
         return Err(Error::file(
             path,
-            format!(
-                "{} values: expected {}, of a run on as many cells",
-                other.len(),
-                all.len()
-            ),
+            format!("{} values: expected {}, of a run on as many cells", other.len(), all.len()),
         ));
     }
     let largest = all.iter().fold(0f64, |m, x| m.max(x.abs()));
-    let off = all
-        .iter()
-        .zip(&other)
-        .fold(0f64, |m, (a, b)| m.max((a - b).abs()));
-    println!(
-        "largest difference {off:.3e}, of a largest value of {largest:.3e}: {:.1e}",
-        off / largest
-    );
+    let off = all.iter().zip(&other).fold(0f64, |m, (a, b)| m.max((a - b).abs()));
+    println!("largest difference {off:.3e}, of a largest value of {largest:.3e}: {:.1e}", off / largest);
     Ok(())
 }

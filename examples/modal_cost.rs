@@ -67,11 +67,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             serde_json::json!({ "eigenvalues": modes.eigenvalues })
         }
         count => {
-            let spec = SegmentSpec {
-                count,
-                modes: arguments.modes,
-                ..Default::default()
-            };
+            let spec = SegmentSpec { count, modes: arguments.modes, ..Default::default() };
             let segments = segment(&mesh, &mut graph, &spec, &Modal::default(), &comm, None)?;
             serde_json::json!({ "segments": segments.count })
         }

@@ -24,13 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn field(name: &str, vector: bool, dimensions: [i32; 7], output: Output) -> FieldSpec {
-    FieldSpec {
-        name: name.into(),
-        vector,
-        dimensions,
-        input: true,
-        output,
-    }
+    FieldSpec { name: name.into(), vector, dimensions, input: true, output }
 }
 
 fn solid() -> ModelSpec {
@@ -40,12 +34,7 @@ fn solid() -> ModelSpec {
             field("D", true, [0, 1, 0, 0, 0, 0, 0], Output::Delta),
             field("ddt(D)", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
         ],
-        node_types: vec![
-            NodeType::Fluid,
-            NodeType::Symmetry,
-            NodeType::Handle,
-            NodeType::Free,
-        ],
+        node_types: vec![NodeType::Fluid, NodeType::Symmetry, NodeType::Handle, NodeType::Free],
         segments: SegmentSpec {
             count: 8,
             modes: 4,
@@ -64,10 +53,7 @@ fn scalar() -> ModelSpec {
             field("p_rgh", false, [0, 2, -2, 0, 0, 0, 0], Output::Value),
             field("T", false, [0, 0, 0, 1, 0, 0, 0], Output::Delta),
         ],
-        architecture: Architecture {
-            kind: Kind::Gcn { layers: 2 },
-            ..flow.architecture
-        },
+        architecture: Architecture { kind: Kind::Gcn { layers: 2 }, ..flow.architecture },
         ..flow
     }
 }
@@ -101,11 +87,7 @@ fn flow() -> ModelSpec {
         },
         contact: None,
         resolution: None,
-        segments: SegmentSpec {
-            count: 4,
-            modes: 3,
-            ..SegmentSpec::default()
-        },
+        segments: SegmentSpec { count: 4, modes: 3, ..SegmentSpec::default() },
         precision: m4gn_model::Precision::Fp32,
         trained_on: None,
         calibration: None,

@@ -12,10 +12,7 @@ use m4gn_samples::points::Kind;
 use std::time::Instant;
 
 fn main() -> Result<()> {
-    let across: Vec<usize> = std::env::args()
-        .skip(1)
-        .map(|a| count(&a))
-        .collect::<Result<_>>()?;
+    let across: Vec<usize> = std::env::args().skip(1).map(|a| count(&a)).collect::<Result<_>>()?;
     let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * std::f64::consts::PI * 0.36)
         * 0.06
         * (1000f64 / 12.0).sqrt();
@@ -45,30 +42,18 @@ fn main() -> Result<()> {
 fn count(word: &str) -> Result<usize> {
     match word.parse() {
         Ok(n) if (1..=16).contains(&n) => Ok(n),
-        _ => Err(Error::Input(format!(
-            "'{word}': expected the number of cells across, 1 to 16"
-        ))),
+        _ => Err(Error::Input(format!("'{word}': expected the number of cells across, 1 to 16"))),
     }
 }
 
 fn beam(kind: Kind, n: usize, poisson: f64, formulation: Formulation) -> Result<Vec<f64>> {
     let mesh = sample::block(kind, [15 * n, n, n], [0.6, 0.06, 0.06]);
-    let materials = vec![
-        Material {
-            young: 1e6,
-            poisson,
-            density: 1000.0,
-        };
-        mesh.n_cells
-    ];
+    let materials = vec![Material { young: 1e6, poisson, density: 1000.0 }; mesh.n_cells];
     let clamped = (0..mesh.points.len()).filter(|&p| mesh.points[p][0] < 1e-9);
     let fixed: Vec<Fixed> = clamped.map(|p| Fixed::all(p as i32)).collect();
     let options = Options {
         formulation,
-        modal: ModalOptions {
-            count: ModeCount::Fixed(2),
-            ..Default::default()
-        },
+        modal: ModalOptions { count: ModeCount::Fixed(2), ..Default::default() },
         ..Default::default()
     };
     Ok(modes(&mesh, &materials, &fixed, &options, &Comm::serial())?.frequencies())

@@ -108,10 +108,7 @@ fn what_differs_from_the_table_of_src_is_named() {
     assert!(found("model and what it imports", real).is_empty());
     assert_eq!(found("model", real), ["step imports mesh"]);
     let renamed = [("mesh", ""), ("models", ""), ("step", "mesh")];
-    assert_eq!(
-        found("mesh", renamed),
-        ["models is not in the table", "model has no folder"]
-    );
+    assert_eq!(found("mesh", renamed), ["models is not in the table", "model has no folder"]);
 }
 
 /// `libm4gn.so` is loaded by solvers: it has no charts, pages, progress bars or configuration files.
@@ -119,11 +116,7 @@ fn what_differs_from_the_table_of_src_is_named() {
 fn what_the_solver_loads_draws_nothing() {
     let rooms = crates();
     let mut inside = BTreeSet::from(["capi".to_owned()]);
-    while let Some(next) = inside
-        .iter()
-        .flat_map(|room| &rooms[room])
-        .find(|room| !inside.contains(*room))
-    {
+    while let Some(next) = inside.iter().flat_map(|room| &rooms[room]).find(|room| !inside.contains(*room)) {
         inside.insert(next.clone());
     }
     for room in &inside {
@@ -153,9 +146,7 @@ fn openfoam_rooms() -> Rooms {
         } else if folder.join("build.rs").exists() {
             let text = read(folder.join("build.rs"));
             let includes = names(between(&text, ".includes([", "])"), &[',']);
-            let ours = includes
-                .iter()
-                .filter_map(|i| i.trim_matches('"').strip_prefix("../"));
+            let ours = includes.iter().filter_map(|i| i.trim_matches('"').strip_prefix("../"));
             let imports = ours.filter(|i| !i.contains('/')).map(str::to_owned).collect();
             rooms.insert(room, imports);
         }
@@ -165,10 +156,7 @@ fn openfoam_rooms() -> Rooms {
 
 #[test]
 fn rooms_of_openfoam_import_what_the_table_says() {
-    assert_eq!(
-        table(&read("ARCHITECTURE.md"), "## Rooms of openfoam/"),
-        openfoam_rooms()
-    );
+    assert_eq!(table(&read("ARCHITECTURE.md"), "## Rooms of openfoam/"), openfoam_rooms());
 }
 
 #[test]
@@ -176,17 +164,10 @@ fn no_room_of_openfoam_imports_itself_through_others() {
     let rooms = openfoam_rooms();
     for room in rooms.keys() {
         let mut reached = rooms[room].clone();
-        while let Some(next) = reached
-            .iter()
-            .flat_map(|r| &rooms[r])
-            .find(|r| !reached.contains(*r))
-        {
+        while let Some(next) = reached.iter().flat_map(|r| &rooms[r]).find(|r| !reached.contains(*r)) {
             reached.insert(next.clone());
         }
-        assert!(
-            !reached.contains(room),
-            "{room} imports itself through {reached:?}"
-        );
+        assert!(!reached.contains(room), "{room} imports itself through {reached:?}");
     }
 }
 
@@ -195,9 +176,7 @@ fn no_room_of_openfoam_imports_itself_through_others() {
 fn headers_of_openfoam_have_one_room() {
     let mut seen = BTreeMap::new();
     for room in openfoam_rooms().into_keys() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("../../openfoam")
-            .join(&room);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam").join(&room);
         for entry in fs::read_dir(folder).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
             if name.ends_with(".H") {

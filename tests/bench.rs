@@ -4,16 +4,11 @@ use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Output, Stdio};
 
 fn m4gn(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .args(args)
-        .output()
-        .unwrap()
+    Command::new(env!("CARGO_BIN_EXE_m4gn")).args(args).output().unwrap()
 }
 
 /// A network small enough for a test.
-const SMALL: [&str; 9] = [
-    "bench", "--nodes", "60", "--layers", "2", "--width", "16", "--hidden", "1",
-];
+const SMALL: [&str; 9] = ["bench", "--nodes", "60", "--layers", "2", "--width", "16", "--hidden", "1"];
 
 fn success(output: &Output) -> String {
     let error = String::from_utf8_lossy(&output.stderr);
@@ -25,17 +20,12 @@ fn success(output: &Output) -> String {
 fn figures_of_a_small_network() {
     let dir = tempfile::tempdir().unwrap();
     let json = dir.path().join("bench.json");
-    for extra in [
-        &["--precision", "fp32"][..],
-        &["--precision", "bf16", "--threads", "2"],
-        &["--segments", "5"],
-    ] {
+    for extra in
+        [&["--precision", "fp32"][..], &["--precision", "bf16", "--threads", "2"], &["--segments", "5"]]
+    {
         let options = ["--steps", "3", "--json", json.to_str().unwrap()];
         let text = success(&m4gn(&[&SMALL[..], &options[..], extra].concat()));
-        assert!(
-            text.contains("edge blocks") && text.contains("encode nodes"),
-            "{text}"
-        );
+        assert!(text.contains("edge blocks") && text.contains("encode nodes"), "{text}");
         let found: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
         for key in [
@@ -62,13 +52,7 @@ fn figures_of_a_small_network() {
             assert!((found["gflop_per_step"].as_f64().unwrap() * 1e9 - flops).abs() < 1e-3);
             let share = found["gflops"].as_f64().unwrap() / found["gemm_peak_gflops"].as_f64().unwrap();
             assert!((found["peak_share"].as_f64().unwrap() - share).abs() < 1e-9);
-            assert!(
-                found["phases"]
-                    .as_array()
-                    .unwrap()
-                    .iter()
-                    .all(|p| p["ms"].as_f64().unwrap() > 0.0)
-            );
+            assert!(found["phases"].as_array().unwrap().iter().all(|p| p["ms"].as_f64().unwrap() > 0.0));
         }
     }
 }
@@ -87,9 +71,7 @@ fn hexahedra_and_a_model_file() {
     assert_eq!(graph.tensor("edge_features").unwrap().shape(), [344, 3]);
 
     let model = format!("{folder}/model.safetensors");
-    let text = success(&m4gn(&[
-        "bench", "--model", &model, "--nodes", "60", "--steps", "1",
-    ]));
+    let text = success(&m4gn(&["bench", "--model", &model, "--nodes", "60", "--steps", "1"]));
     assert!(text.contains("2 layers, width 16"), "{text}");
     let text = success(&m4gn(&[
         "bench", "--hex", "--nodes", "64", "--layers", "1", "--width", "16", "--steps", "1",
@@ -131,10 +113,7 @@ fn bad_usage_is_told() {
         (&["bench", "--precision", "fp8"], "expected fp32 or bf16"),
         (&["bench", "--nodes", "2"], "expected 9 to"),
         (&["bench", "--model", "/nonexistent"], "/nonexistent"),
-        (
-            &["bench", "--nodes", "60", "--segments", "100"],
-            "100 segments for 60 nodes",
-        ),
+        (&["bench", "--nodes", "60", "--segments", "100"], "100 segments for 60 nodes"),
         (&["bench", "--worker", "--json", "x"], "cannot be used with"),
     ] {
         let output = m4gn(args);

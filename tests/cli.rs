@@ -21,10 +21,7 @@ fn m4gn() -> Command {
 fn fails(run: &Output, words: &str) {
     let text = String::from_utf8_lossy(&run.stderr);
     assert_eq!(run.status.code(), Some(1), "{text}");
-    assert!(
-        text.starts_with("m4gn: ") && text.contains(words),
-        "expected '{words}' in '{text}'"
-    );
+    assert!(text.starts_with("m4gn: ") && text.contains(words), "expected '{words}' in '{text}'");
 }
 
 #[test]
@@ -32,19 +29,10 @@ fn a_full_device_is_an_error_with_a_message() {
     let full = || Stdio::from(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
     let run = m4gn().arg("info").arg(model()).stdout(full()).output().unwrap();
     fails(&run, "standard output cannot be written");
-    let run = m4gn()
-        .args(["info", "--json", "/dev/full"])
-        .arg(model())
-        .output()
-        .unwrap();
+    let run = m4gn().args(["info", "--json", "/dev/full"]).arg(model()).output().unwrap();
     fails(&run, "/dev/full: cannot be written: No space left");
     // Nowhere to say it either.
-    let run = m4gn()
-        .arg("info")
-        .arg("/nowhere")
-        .stderr(full())
-        .output()
-        .unwrap();
+    let run = m4gn().arg("info").arg("/nowhere").stderr(full()).output().unwrap();
     assert_eq!(run.status.code(), Some(1));
 }
 
@@ -54,13 +42,8 @@ fn a_reader_that_has_seen_enough_is_no_error() {
     let json = folder.path().join("figures.json");
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    let run = m4gn()
-        .args(["info", "--json"])
-        .arg(&json)
-        .arg(model())
-        .stdout(Stdio::from(writer))
-        .output()
-        .unwrap();
+    let run =
+        m4gn().args(["info", "--json"]).arg(&json).arg(model()).stdout(Stdio::from(writer)).output().unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     assert!(run.stderr.is_empty(), "{}", String::from_utf8_lossy(&run.stderr));
     assert!(json.is_file(), "the figures are written all the same");
@@ -69,11 +52,7 @@ fn a_reader_that_has_seen_enough_is_no_error() {
 #[test]
 fn devices_and_standard_output_are_written_to() {
     let before = fs::metadata("/dev/null").unwrap();
-    let run = m4gn()
-        .args(["info", "--json", "/dev/null"])
-        .arg(model())
-        .output()
-        .unwrap();
+    let run = m4gn().args(["info", "--json", "/dev/null"]).arg(model()).output().unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let after = fs::metadata("/dev/null").unwrap();
     assert_eq!(before.file_type(), after.file_type(), "the device is still one");
@@ -81,11 +60,7 @@ fn devices_and_standard_output_are_written_to() {
     // Into a pipe, and into a file, where the figures follow what was printed.
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("out");
-    let piped = m4gn()
-        .args(["info", "--json", "/dev/stdout"])
-        .arg(model())
-        .output()
-        .unwrap();
+    let piped = m4gn().args(["info", "--json", "/dev/stdout"]).arg(model()).output().unwrap();
     let mut command = m4gn();
     command.args(["info", "--json", "/dev/stdout"]).arg(model());
     let status = command.stdout(fs::File::create(&file).unwrap()).status().unwrap();
@@ -108,27 +83,16 @@ fn a_file_that_may_not_grow_is_an_error_with_a_message() {
     );
     let run = Command::new("bash").args(["-c", &script]).output().unwrap();
     fails(&run, "File too large");
-    assert_eq!(
-        fs::read_dir(folder.path()).unwrap().count(),
-        0,
-        "nothing is left behind"
-    );
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
 }
 
 #[test]
 fn names_may_be_anything() {
     let folder = tempfile::tempdir().unwrap();
-    let odd = folder
-        .path()
-        .join(std::ffi::OsStr::from_bytes(b"m\xff\xfe.safetensors"));
+    let odd = folder.path().join(std::ffi::OsStr::from_bytes(b"m\xff\xfe.safetensors"));
     fs::copy(model(), &odd).unwrap();
     let json = folder.path().join("figures.json");
-    let run = m4gn()
-        .args(["info", "--json"])
-        .arg(&json)
-        .arg(&odd)
-        .output()
-        .unwrap();
+    let run = m4gn().args(["info", "--json"]).arg(&json).arg(&odd).output().unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let run = m4gn()
         .args(["train", "--data", "/nowhere", "--config", "/nowhere", "--out"])
@@ -141,10 +105,7 @@ fn names_may_be_anything() {
     let bytes = fs::read(root().join("tests/cabi/small.safetensors")).unwrap();
     let end = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let header = String::from_utf8(bytes[8..end].to_vec()).unwrap();
-    let evil = header.replace(
-        "\\\"name\\\":\\\"p\\\"",
-        "\\\"name\\\":\\\"p\\\\u001b[31m\\\\u0007\\\"",
-    );
+    let evil = header.replace("\\\"name\\\":\\\"p\\\"", "\\\"name\\\":\\\"p\\\\u001b[31m\\\\u0007\\\"");
     assert_ne!(header, evil);
     let mut file = (evil.len() as u64).to_le_bytes().to_vec();
     file.extend(evil.as_bytes());
@@ -165,11 +126,7 @@ fn outputs_are_checked_before_anything_is_computed() {
         ("compare", &["/no/case", "/no/case"][..]),
         ("validate", &["--model", "/no/model", "--data", "/no/data"]),
     ] {
-        let run = m4gn()
-            .args([command, "--html", nowhere])
-            .args(rest)
-            .output()
-            .unwrap();
+        let run = m4gn().args([command, "--html", nowhere]).args(rest).output().unwrap();
         fails(&run, "/nowhere/report.html: cannot be written");
     }
 }

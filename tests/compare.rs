@@ -42,28 +42,14 @@ fn compare_gives_the_errors_on_paper() {
     let file = |n: &str| dir.path().join(n).to_str().unwrap().to_string();
     let (json, html, png) = (file("c.json"), file("c.html"), file("c.png"));
     let outputs = ["--json", &json, "--html", &html, "--png", &png];
-    let run = m4gn(
-        &[
-            &["compare", &a, &b, "--patch", "body", "--wall-a", "9"],
-            &outputs[..],
-        ]
-        .concat(),
-    );
+    let run = m4gn(&[&["compare", &a, &b, "--patch", "body", "--wall-a", "9"], &outputs[..]].concat());
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let found = figures(&json);
     let list = |key: &str| -> Vec<f64> {
-        found[key]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|v| v.as_f64().unwrap())
-            .collect()
+        found[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
     };
     // One of two components is wrong by 1/2 at the first horizon, none at the second. Held: 1 against 2 and 3.
-    let expected = [
-        (0.5_f64 / 2.0_f64.sqrt(), 1.0 / 2.0_f64.sqrt()),
-        (0.25, (5.0_f64 / 4.0).sqrt()),
-    ];
+    let expected = [(0.5_f64 / 2.0_f64.sqrt(), 1.0 / 2.0_f64.sqrt()), (0.25, (5.0_f64 / 4.0).sqrt())];
     // p is the same in both runs and at all times.
     assert_eq!(found["fields"]["p"]["rmse"], serde_json::json!([0.0, 0.0]));
     let text = String::from_utf8_lossy(&run.stdout);
@@ -72,20 +58,10 @@ fn compare_gives_the_errors_on_paper() {
         assert!((list("velocity_rmse")[i] - model).abs() < 1e-12, "{found}");
         assert!((list("hold_last_rmse")[i] - hold).abs() < 1e-12, "{found}");
     }
-    assert_eq!(
-        (list("times"), found["takeover"].as_f64()),
-        (vec![2.0, 3.0], Some(1.0))
-    );
-    assert_eq!(
-        (found["wall_a"].as_f64(), found["wall_b"].as_f64()),
-        (Some(9.0), None)
-    );
+    assert_eq!((list("times"), found["takeover"].as_f64()), (vec![2.0, 3.0], Some(1.0)));
+    assert_eq!((found["wall_a"].as_f64(), found["wall_b"].as_f64()), (Some(9.0), None));
     assert!(found["replaced_fraction"].is_null() && found["strouhal_error"].is_null());
-    assert!(
-        fs::read_to_string(&html)
-            .unwrap()
-            .contains("data:image/png;base64,")
-    );
+    assert!(fs::read_to_string(&html).unwrap().contains("data:image/png;base64,"));
     assert!(fs::read(&png).unwrap().starts_with(b"\x89PNG"));
 
     // A surrogate that says when it took over.
@@ -96,10 +72,7 @@ fn compare_gives_the_errors_on_paper() {
     let run = m4gn(&["compare", &a, &b, "--json", &json]);
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let found = figures(&json);
-    assert_eq!(
-        (found["times"][0].as_f64(), found["replaced_fraction"].as_f64()),
-        (Some(3.0), Some(0.5))
-    );
+    assert_eq!((found["times"][0].as_f64(), found["replaced_fraction"].as_f64()), (Some(3.0), Some(0.5)));
 }
 
 /// A temperature in both cells of the full run 300, 301, 302 K, of the hybrid 300, 302, 302 K at t = 1, 2, 3.
@@ -119,10 +92,7 @@ fn a_temperature_is_compared_where_both_runs_have_it() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let found = figures(&json);
     // The errors are 1 and 0 K, those of holding 300 K are 1 and 2 K; a horizon has all times before it too.
-    for (key, expected) in [
-        ("rmse", [1.0, 0.5_f64.sqrt()]),
-        ("hold_last_rmse", [1.0, 2.5_f64.sqrt()]),
-    ] {
+    for (key, expected) in [("rmse", [1.0, 0.5_f64.sqrt()]), ("hold_last_rmse", [1.0, 2.5_f64.sqrt()])] {
         for (horizon, value) in expected.into_iter().enumerate() {
             let found = found["fields"]["T"][key][horizon].as_f64().unwrap();
             assert!((found - value).abs() < 1e-9, "{key}: {found}, expected {value}");
@@ -155,10 +125,7 @@ fn a_lift_of_many_times_the_full_runs_is_said_so() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let text = String::from_utf8_lossy(&run.stdout);
     let row = text.lines().find(|l| l.contains("rms lift")).unwrap();
-    assert!(
-        row.contains("221 times the full run's") && !row.contains('%'),
-        "{row}"
-    );
+    assert!(row.contains("221 times the full run's") && !row.contains('%'), "{row}");
 }
 
 /// As in `m4gn compare A B | head -1`.
@@ -189,26 +156,13 @@ fn times_are_those_of_the_same_span_and_of_runs_that_ended() {
     let json = dir.path().join("c.json").to_str().unwrap().to_string();
     let log = |case: &str, seconds: &[f64], end: &str| {
         let step = |(i, s): (usize, &f64)| {
-            format!(
-                "Time = {}\n\nExecutionTime = {s} s  ClockTime = {s:.0} s\n\n",
-                i + 1
-            )
+            format!("Time = {}\n\nExecutionTime = {s} s  ClockTime = {s:.0} s\n\n", i + 1)
         };
         let steps: String = seconds.iter().enumerate().map(step).collect();
         let control = fs::read_to_string(Path::new(case).join("system/controlDict")).unwrap();
-        let application = control
-            .split("application")
-            .nth(1)
-            .unwrap()
-            .split(';')
-            .next()
-            .unwrap();
+        let application = control.split("application").nth(1).unwrap().split(';').next().unwrap();
         let file = format!("log.{}", application.trim());
-        fs::write(
-            Path::new(case).join(file),
-            format!("Create mesh for time = 0\n\n{steps}{end}"),
-        )
-        .unwrap();
+        fs::write(Path::new(case).join(file), format!("Create mesh for time = 0\n\n{steps}{end}")).unwrap();
     };
     let compared = || {
         let run = m4gn(&["compare", &a, &b, "--json", &json]);
@@ -219,30 +173,15 @@ fn times_are_those_of_the_same_span_and_of_runs_that_ended() {
     log(&b, &[10.0, 20.0], "End\n");
     let (found, text) = compared();
     assert_eq!(found["span"], serde_json::json!([0.0, 2.0]));
-    assert_eq!(
-        (&found["processor_a"], &found["processor_b"]),
-        (&80.0.into(), &20.0.into())
-    );
-    assert_eq!(
-        (&found["processor_after_a"], &found["processor_after_b"]),
-        (&40.0.into(), &10.0.into())
-    );
-    let row = text
-        .lines()
-        .find(|l| l.contains("whole run: processor time"))
-        .unwrap();
+    assert_eq!((&found["processor_a"], &found["processor_b"]), (&80.0.into(), &20.0.into()));
+    assert_eq!((&found["processor_after_a"], &found["processor_after_b"]), (&40.0.into(), &10.0.into()));
+    let row = text.lines().find(|l| l.contains("whole run: processor time")).unwrap();
     assert!(row.ends_with("25.0 %, 4.00 x as fast"), "{text}");
     assert!(text.find("whole run").unwrap() < text.find("RMSE-1").unwrap());
     log(&b, &[0.7], "");
     let (found, text) = compared();
-    assert!(
-        found["processor_a"].is_null() && found["wall_b"].is_null(),
-        "{found}"
-    );
-    assert!(
-        text.contains("no line 'End'") && !text.contains(" x as fast"),
-        "{text}"
-    );
+    assert!(found["processor_a"].is_null() && found["wall_b"].is_null(), "{found}");
+    assert!(text.contains("no line 'End'") && !text.contains(" x as fast"), "{text}");
 }
 
 #[test]
@@ -261,10 +200,7 @@ fn compare_refuses_what_cannot_be_compared() {
     };
     fails(&[&a, "/nowhere"], "is not an OpenFOAM case");
     fails(&[&a, "/tmp/my case"], "has the character ' '");
-    fails(
-        &[&a, &b, "--patch", "wing"],
-        "its patches are inlet, outlet, body, sides",
-    );
+    fails(&[&a, &b, "--patch", "wing"], "its patches are inlet, outlet, body, sides");
     fails(&[&a, &b, "--follow", "outlet"], "of a solid");
     fails(&[&a, &b, "--from", "0.5"], "took over at 0.5 s");
     fails(&[&a, &b, "--from", "3"], "took over at 3 s");
@@ -310,10 +246,7 @@ fn the_motion_of_a_solid_is_compared() {
         // From 2 to 24: two whole periods and seven of the eight samples of another; cos^2 sums to 4 a period.
         let mean_square = (12.0 - 0.5) / 23.0_f64;
         assert!((number("amplitude") - most).abs() < 1e-9, "{found}");
-        assert!(
-            (number("point_error_rms") - 0.1 * mean_square.sqrt()).abs() < 1e-6,
-            "{found}"
-        );
+        assert!((number("point_error_rms") - 0.1 * mean_square.sqrt()).abs() < 1e-6, "{found}");
         assert!((number("point_error_max") - 0.1).abs() < 1e-6, "{found}");
         assert_eq!(found["component"], 1);
         for frequency in found["frequency"].as_array().unwrap() {
@@ -325,10 +258,7 @@ fn the_motion_of_a_solid_is_compared() {
         // The errors of the cells are 0.1 and 0.05 where they are largest, of a range of 1
         let worst = (0.5 * (0.01 + 0.0025_f64)).sqrt();
         assert!((number("displacement_range") - 1.0).abs() < 1e-9, "{found}");
-        assert!(
-            (number("displacement_error_of_range") - worst).abs() < 1e-9,
-            "{found}"
-        );
+        assert!((number("displacement_error_of_range") - worst).abs() < 1e-9, "{found}");
         assert!(found["reaction"].is_null());
         let last = found["displacement_rmse"].as_array().unwrap().last().unwrap();
         assert!((last.as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
@@ -343,10 +273,7 @@ fn the_motion_of_a_solid_is_compared() {
     };
     fails(&["--png", &path("c.png")], "--png");
     fails(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
-    fails(
-        &["--follow", "wing"],
-        "its patches are inlet, outlet, body, sides",
-    );
+    fails(&["--follow", "wing"], "its patches are inlet, outlet, body, sides");
     sways(Path::new(&a), 0.0);
     fails(&[], "does not move");
     fs::remove_file(Path::new(&b).join("24/D")).unwrap();
@@ -380,17 +307,12 @@ fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
     let note = "format ascii; note \"m4gn: not advanced by the surrogate, values of time 3\";";
     fs::write(&file, text.replacen("format ascii;", note, 1)).unwrap();
 
-    let run = m4gn(&[
-        "compare", &a, &b, "--patch", "outlet", "--json", &json, "--html", &html,
-    ]);
+    let run = m4gn(&["compare", &a, &b, "--patch", "outlet", "--json", &json, "--html", &html]);
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let found = figures(&json);
     let reaction = &found["reaction"];
     assert_eq!(reaction["times"], serde_json::json!([2.0, 3.0]));
-    assert_eq!(
-        reaction["force_a"],
-        serde_json::json!([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
-    );
+    assert_eq!(reaction["force_a"], serde_json::json!([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0]]));
     let number = |key: &str| reaction[key].as_f64().unwrap();
     assert!((number("error_rms") - 0.2).abs() < 1e-12, "{reaction}");
     assert!((number("error_max") - 0.25).abs() < 1e-12, "{reaction}");
@@ -410,8 +332,5 @@ fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
         line.unwrap_or_else(|| panic!("{text}"))
     };
     assert!(row("rms reaction force on outlet").ends_with("20.0 %"), "{text}");
-    assert!(
-        row("largest reaction force on outlet").ends_with("25.0 %"),
-        "{text}"
-    );
+    assert!(row("largest reaction force on outlet").ends_with("25.0 %"), "{text}");
 }

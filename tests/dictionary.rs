@@ -18,10 +18,7 @@ fn texts(folder: &str, endings: &[&str]) -> Vec<(PathBuf, String)> {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 open.push(path);
-            } else if path
-                .extension()
-                .is_some_and(|e| endings.iter().any(|end| e == *end))
-            {
+            } else if path.extension().is_some_and(|e| endings.iter().any(|end| e == *end)) {
                 let text = fs::read_to_string(&path).unwrap();
                 found.push((path, text));
             }
@@ -33,9 +30,7 @@ fn texts(folder: &str, endings: &[&str]) -> Vec<(PathBuf, String)> {
 
 /// What stands between two marks, each time.
 fn between<'a>(text: &'a str, open: &'a str, close: &'a str) -> impl Iterator<Item = &'a str> {
-    text.split(open)
-        .skip(1)
-        .filter_map(move |rest| Some(rest.split_once(close)?.0))
+    text.split(open).skip(1).filter_map(move |rest| Some(rest.split_once(close)?.0))
 }
 
 /// Entries of the tables whose first column is one, and of the others (`state`, node types) none.
@@ -72,11 +67,7 @@ fn what_the_code_takes_is_documented() {
                 continue;
             }
             let names: Vec<String> = list.split('"').skip(1).step_by(2).map(str::to_string).collect();
-            assert!(
-                names.iter().all(|n| !n.contains(' ')),
-                "{}: {names:?}",
-                path.display()
-            );
+            assert!(names.iter().all(|n| !n.contains(' ')), "{}: {names:?}", path.display());
             taken.extend(names);
         }
     }
@@ -86,11 +77,7 @@ fn what_the_code_takes_is_documented() {
             let Some((names, _)) = row.split_once('|') else {
                 continue;
             };
-            taken.extend(
-                names
-                    .split(',')
-                    .filter_map(|n| Some(n.trim().rsplit('/').next()?.to_string())),
-            );
+            taken.extend(names.split(',').filter_map(|n| Some(n.trim().rsplit('/').next()?.to_string())));
         }
     }
     // Of every function object, boundary condition or linear solver; of a material, which docs/solids.md has; of decomposePar
@@ -113,10 +100,8 @@ fn what_the_code_takes_is_documented() {
         "zeta",
         "processorWeights",
     ];
-    let missing: Vec<&String> = taken
-        .iter()
-        .filter(|name| !others.contains(&name.as_str()) && !documented.contains(*name))
-        .collect();
+    let missing: Vec<&String> =
+        taken.iter().filter(|name| !others.contains(&name.as_str()) && !documented.contains(*name)).collect();
     assert!(taken.len() > 20, "{taken:?}");
     assert!(missing.is_empty(), "docs/dictionary.md lacks {missing:?}");
 }
@@ -125,17 +110,11 @@ fn what_the_code_takes_is_documented() {
 fn what_is_documented_is_taken() {
     let mut known = Words::new();
     for (_, text) in texts("openfoam", &["C", "H"]) {
-        known.extend(
-            text.lines()
-                .flat_map(|line| line.split('"').skip(1).step_by(2).map(str::to_string)),
-        );
+        known.extend(text.lines().flat_map(|line| line.split('"').skip(1).step_by(2).map(str::to_string)));
     }
     for (_, text) in texts("src", &["rs"]) {
         known.extend(between(&text, "pub ", ":").map(camel));
-        known.extend(
-            text.lines()
-                .flat_map(|line| line.split('"').skip(1).step_by(2).map(camel)),
-        );
+        known.extend(text.lines().flat_map(|line| line.split('"').skip(1).step_by(2).map(camel)));
     }
     // OpenFOAM reads these itself, and `any dictionary` is a heading
     let openfoam = [
@@ -151,10 +130,7 @@ fn what_is_documented_is_taken() {
         .into_iter()
         .filter(|name| !openfoam.contains(&name.as_str()) && !known.contains(name))
         .collect();
-    assert!(
-        unknown.is_empty(),
-        "docs/dictionary.md has entries that nothing takes: {unknown:?}"
-    );
+    assert!(unknown.is_empty(), "docs/dictionary.md has entries that nothing takes: {unknown:?}");
 }
 
 /// `distance_scale` as a dictionary has it.

@@ -16,68 +16,21 @@ use std::path::Path;
 /// Model, case, digest of two steps, and the last of the predicted values for people.
 const EXPECTED: [(&str, &str, u64, f64); 10] = [
     ("beam", "cells", 0xf929_2ec3_f931_4d14, 0.06006156456125669),
-    (
-        "cylinder-flow",
-        "cells",
-        0x2e10_1e6b_c9e5_c4ea,
-        -0.7605371475219727,
-    ),
-    (
-        "cylinder-flow",
-        "groups",
-        0x6f52_5b73_3460_e344,
-        -0.15268969535827637,
-    ),
-    (
-        "pressed-beam",
-        "cells",
-        0x7e6d_7eca_1512_bb22,
-        0.07002612828346325,
-    ),
-    (
-        "pressed-rubber",
-        "cells",
-        0x3859_ce91_ac07_5565,
-        0.44769463585948355,
-    ),
-    (
-        "vibrating-points",
-        "cells",
-        0x2069_fc77_8f6b_ba62,
-        -1.438423991203308,
-    ),
-    (
-        "vibrating-rubber",
-        "cells",
-        0x3e6c_df6e_4abd_f53e,
-        0.10366823234491879,
-    ),
-    (
-        "deforming-beam",
-        "body",
-        0xdfc0_d05e_5082_badc,
-        -0.0001539868892419338,
-    ),
-    (
-        "deforming-plate",
-        "body",
-        0x082e_7b41_57cc_b02e,
-        -0.0009817163380489917,
-    ),
-    (
-        "stacked-beams",
-        "bodies",
-        0x37ba_f0d0_4fc4_ce15,
-        -3.489813432366873e-5,
-    ),
+    ("cylinder-flow", "cells", 0x2e10_1e6b_c9e5_c4ea, -0.7605371475219727),
+    ("cylinder-flow", "groups", 0x6f52_5b73_3460_e344, -0.15268969535827637),
+    ("pressed-beam", "cells", 0x7e6d_7eca_1512_bb22, 0.07002612828346325),
+    ("pressed-rubber", "cells", 0x3859_ce91_ac07_5565, 0.44769463585948355),
+    ("vibrating-points", "cells", 0x2069_fc77_8f6b_ba62, -1.438423991203308),
+    ("vibrating-rubber", "cells", 0x3e6c_df6e_4abd_f53e, 0.10366823234491879),
+    ("deforming-beam", "body", 0xdfc0_d05e_5082_badc, -0.0001539868892419338),
+    ("deforming-plate", "body", 0x082e_7b41_57cc_b02e, -0.0009817163380489917),
+    ("stacked-beams", "bodies", 0x37ba_f0d0_4fc4_ce15, -3.489813432366873e-5),
 ];
 
 /// FNV-1a of the values' bits.
 fn digest(values: &[f64]) -> u64 {
     let bytes = values.iter().flat_map(|v| v.to_bits().to_le_bytes());
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-    })
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
 /// From 0 to 1 and back over `period` steps of i. It is made of products alone, which every processor rounds alike.
@@ -87,11 +40,7 @@ fn wave(i: usize, period: usize) -> f64 {
 }
 
 fn options(resolution: Resolution) -> SessionOptions {
-    SessionOptions {
-        isa: Some(Isa::portable()),
-        resolution,
-        ..SessionOptions::default()
-    }
+    SessionOptions { isa: Some(Isa::portable()), resolution, ..SessionOptions::default() }
 }
 
 /// A mesh with about the cells of the training, whose boundary faces are of the model's types.
@@ -148,12 +97,7 @@ fn steps_of_cells(model: &Model, resolution: Resolution) -> Vec<f64> {
             .iter()
             .zip(&components)
             .zip(&before)
-            .map(|((f, &components), [cells, boundary])| Field {
-                name: &f.name,
-                components,
-                cells,
-                boundary,
-            })
+            .map(|((f, &components), [cells, boundary])| Field { name: &f.name, components, cells, boundary })
             .collect();
         let mut out: Vec<FieldMut> = spec
             .fields
@@ -161,11 +105,7 @@ fn steps_of_cells(model: &Model, resolution: Resolution) -> Vec<f64> {
             .zip(&components)
             .zip(&mut state)
             .filter(|((f, _), _)| f.output != Output::None)
-            .map(|((f, &components), [cells, _])| FieldMut {
-                name: &f.name,
-                components,
-                cells,
-            })
+            .map(|((f, &components), [cells, _])| FieldMut { name: &f.name, components, cells })
             .collect();
         session.step(&fields, &mut out).unwrap();
         out.iter().for_each(|o| all.extend_from_slice(o.cells));
@@ -195,11 +135,7 @@ fn steps_of_body(model: &Model, body: &Body, obstacle: &Obstacle) -> Vec<f64> {
     for step in 0..3 {
         if step == 2 {
             let before = u.clone();
-            for (i, u) in u
-                .iter_mut()
-                .enumerate()
-                .filter(|(i, _)| body.types[*i] == NodeType::Body)
-            {
+            for (i, u) in u.iter_mut().enumerate().filter(|(i, _)| body.types[*i] == NodeType::Body) {
                 u[2] -= 3e-4 * wave(i, 31);
             }
             session.set_before(&before, &at(step - 1)).unwrap();
@@ -218,35 +154,20 @@ fn shipped_models_predict_the_same_bits() {
         let model = Model::read(folder.join(format!("{name}.safetensors"))).unwrap();
         let block = || uneven(bodies::block([3, 2, 2], [0.012, 0.0085, 0.0075]));
         let values = match case {
-            "body" => steps_of_body(
-                &model,
-                &block(),
-                &bodies::octahedron([0.009, 0.004, 0.0135], 0.004),
-            ),
+            "body" => steps_of_body(&model, &block(), &bodies::octahedron([0.009, 0.004, 0.0135], 0.004)),
             "bodies" => {
                 let stack = uneven(bodies::stack([3, 1, 1], [0.0135, 0.0045, 0.0042], 0.0018));
-                steps_of_body(
-                    &model,
-                    &stack,
-                    &bodies::octahedron([0.0095, 0.002, 0.0165], 0.004),
-                )
+                steps_of_body(&model, &stack, &bodies::octahedron([0.0095, 0.002, 0.0165], 0.004))
             }
             "groups" => steps_of_cells(&model, Resolution::Auto),
             _ => steps_of_cells(&model, Resolution::Off),
         };
         let found = (digest(&values), values[values.len() - 1]);
         if found != (expected, last) {
-            differing.push(format!(
-                "(\"{name}\", \"{case}\", {:#018x}, {:?}),",
-                found.0, found.1
-            ));
+            differing.push(format!("(\"{name}\", \"{case}\", {:#018x}, {:?}),", found.0, found.1));
         }
     }
-    assert!(
-        differing.is_empty(),
-        "other bits than before:\n{}",
-        differing.join("\n")
-    );
+    assert!(differing.is_empty(), "other bits than before:\n{}", differing.join("\n"));
 }
 
 /// All shipped models are held.
@@ -257,10 +178,7 @@ fn every_shipped_model_is_here() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|e| e == "safetensors") {
             let name = path.file_stem().unwrap().to_str().unwrap();
-            assert!(
-                EXPECTED.iter().any(|e| e.0 == name),
-                "{name}: add it with its digest"
-            );
+            assert!(EXPECTED.iter().any(|e| e.0 == name), "{name}: add it with its digest");
         }
     }
 }

@@ -26,24 +26,9 @@ fn mesh_and_fields_of_a_cube() {
         (2, &[0.5][..], &[0, 1][..], 0)
     );
     assert_eq!((d.application.as_str(), d.delta_t), ("icoFoam", 0.5));
-    let names: Vec<(&str, &str)> = d
-        .patches
-        .iter()
-        .map(|p| (p.name.as_str(), p.kind.as_str()))
-        .collect();
-    assert_eq!(
-        names,
-        [
-            ("inlet", "patch"),
-            ("outlet", "patch"),
-            ("body", "wall"),
-            ("sides", "empty")
-        ]
-    );
-    assert_eq!(
-        (d.patches[1].lower, d.patches[1].upper),
-        ([1.0, 0.0, 0.0], [1.0, 1.0, 1.0])
-    );
+    let names: Vec<(&str, &str)> = d.patches.iter().map(|p| (p.name.as_str(), p.kind.as_str())).collect();
+    assert_eq!(names, [("inlet", "patch"), ("outlet", "patch"), ("body", "wall"), ("sides", "empty")]);
+    assert_eq!((d.patches[1].lower, d.patches[1].upper), ([1.0, 0.0, 0.0], [1.0, 1.0, 1.0]));
     assert_eq!(case.cell_volumes().unwrap(), [0.5, 0.5]);
     assert!(near(case.cell_centres().unwrap()[1], [0.75, 0.5, 0.5]));
     let polygons = case.polygons().unwrap();
@@ -83,47 +68,20 @@ fn forces_on_a_closed_body() {
     ];
     let list = |kind: &str, of: &dyn Fn([f64; 3]) -> String| {
         let values: Vec<String> = centres.iter().map(|c| of(*c)).collect();
-        format!(
-            "body{{type fixedValue; value nonuniform List<{kind}> 10({});}}",
-            values.join(" ")
-        )
+        format!("body{{type fixedValue; value nonuniform List<{kind}> 10({});}}", values.join(" "))
     };
     // Uniform pressure and a fluid at rest.
-    field(
-        dir.path(),
-        "1",
-        "p",
-        ["3", "3"],
-        "body{type fixedValue; value uniform 3;}",
-    );
+    field(dir.path(), "1", "p", ["3", "3"], "body{type fixedValue; value uniform 3;}");
     field(dir.path(), "1", "U", ["(0 0 0)", "(0 0 0)"], "body{type noSlip;}");
     // Hydrostatic pressure p = 7 z: by Gauss, the sum of p S is grad p times the volume of 1.
-    field(
-        dir.path(),
-        "2",
-        "p",
-        ["3.5", "3.5"],
-        &list("scalar", &|c| (7.0 * c[2]).to_string()),
-    );
+    field(dir.path(), "2", "p", ["3.5", "3.5"], &list("scalar", &|c| (7.0 * c[2]).to_string()));
     // Shear U = (y, 0, 0): the stress is the same on opposite faces, and their areas cancel.
-    field(
-        dir.path(),
-        "2",
-        "U",
-        ["(0.5 0 0)", "(0.5 0 0)"],
-        &list("vector", &|c| format!("({} 0 0)", c[1])),
-    );
+    field(dir.path(), "2", "U", ["(0.5 0 0)", "(0.5 0 0)"], &list("vector", &|c| format!("({} 0 0)", c[1])));
     let mut case = open(dir.path()).unwrap();
     let rest = case.force("body", 0).unwrap();
-    assert!(
-        near(rest.pressure, [0.0; 3]) && near(rest.viscous, [0.0; 3]),
-        "{rest:?}"
-    );
+    assert!(near(rest.pressure, [0.0; 3]) && near(rest.viscous, [0.0; 3]), "{rest:?}");
     let shear = case.force("body", 1).unwrap();
-    assert!(
-        near(shear.pressure, [0.0, 0.0, 7.0]) && near(shear.viscous, [0.0; 3]),
-        "{shear:?}"
-    );
+    assert!(near(shear.pressure, [0.0, 0.0, 7.0]) && near(shear.viscous, [0.0; 3]), "{shear:?}");
 
     // Fluid of velocity 1 at distance 1/2 from walls at rest, y = 0 and y = 1: stress 0.25 * 2 on an area of 2.
     let dir = TempDir::new().unwrap();
@@ -133,10 +91,7 @@ fn forces_on_a_closed_body() {
     let p = "inlet{type zeroGradient;} outlet{type zeroGradient;} body{type zeroGradient;} sides{type zeroGradient;}";
     field(dir.path(), "1", "p", ["0", "0"], p);
     let drag = open(dir.path()).unwrap().force("body", 0).unwrap();
-    assert!(
-        near(drag.viscous, [1.0, 0.0, 0.0]) && near(drag.total(), [1.0, 0.0, 0.0]),
-        "{drag:?}"
-    );
+    assert!(near(drag.viscous, [1.0, 0.0, 0.0]) && near(drag.total(), [1.0, 0.0, 0.0]), "{drag:?}");
 }
 
 #[test]
@@ -151,58 +106,31 @@ fn openfoams_own_messages_become_errors() {
     );
     cube(dir.path(), false, "empty");
     uniform(dir.path(), "1", 1.0);
-    fs::rename(
-        dir.path().join("constant/polyMesh/faces"),
-        dir.path().join("faces"),
-    )
-    .unwrap();
+    fs::rename(dir.path().join("constant/polyMesh/faces"), dir.path().join("faces")).unwrap();
     assert!(message(open(dir.path())).contains("has no mesh"));
-    fs::rename(
-        dir.path().join("faces"),
-        dir.path().join("constant/polyMesh/faces"),
-    )
-    .unwrap();
+    fs::rename(dir.path().join("faces"), dir.path().join("constant/polyMesh/faces")).unwrap();
 
     let mut case = open(dir.path()).unwrap();
     let error = case.vector_field("V", 0).unwrap_err().to_string();
-    assert!(
-        error.contains("expected a volVectorField") && error.contains("1/V"),
-        "{error}"
-    );
+    assert!(error.contains("expected a volVectorField") && error.contains("1/V"), "{error}");
     let error = case.vector_field("p", 0).unwrap_err().to_string();
     assert!(error.contains("another class"), "{error}");
     let error = case.force("wing", 0).unwrap_err().to_string();
     assert!(error.contains("wing") && error.contains("body"), "{error}");
-    assert!(
-        case.vector_field("U", 9)
-            .unwrap_err()
-            .to_string()
-            .contains("there are 1 times")
-    );
+    assert!(case.vector_field("U", 9).unwrap_err().to_string().contains("there are 1 times"));
 
     // A truncated field: OpenFOAM's own words, with file and line.
     let path = dir.path().join("1/U");
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, &text[..text.find("inlet").unwrap()]).unwrap();
-    let error = open(dir.path())
-        .unwrap()
-        .vector_field("U", 0)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("OpenFOAM") && error.contains("1/U") && error.contains("line"),
-        "{error}"
-    );
+    let error = open(dir.path()).unwrap().vector_field("U", 0).unwrap_err().to_string();
+    assert!(error.contains("OpenFOAM") && error.contains("1/U") && error.contains("line"), "{error}");
     // The next case is read as if nothing had happened.
     fs::write(&path, &text).unwrap();
     assert_eq!(open(dir.path()).unwrap().vector_field("U", 0).unwrap().len(), 2);
     // A list that is shorter than the mesh.
     fs::write(&path, text.replace("2((1 0 0) (1 0 0))", "1((1 0 0))")).unwrap();
-    let error = open(dir.path())
-        .unwrap()
-        .vector_field("U", 0)
-        .unwrap_err()
-        .to_string();
+    let error = open(dir.path()).unwrap().vector_field("U", 0).unwrap_err().to_string();
     assert!(error.contains("size 1 is not equal to"), "{error}");
 }
 
@@ -234,24 +162,15 @@ fn a_decomposed_case_is_read_without_reconstructing_it() {
     fs::remove_dir_all(dir.path().join("1")).unwrap();
 
     let mut case = open(dir.path()).unwrap();
-    assert_eq!(
-        (case.description().processors, case.description().times.as_slice()),
-        (2, &[0.0, 1.0][..])
-    );
-    assert_eq!(
-        case.vector_field("U", 1).unwrap(),
-        [[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]
-    );
+    assert_eq!((case.description().processors, case.description().times.as_slice()), (2, &[0.0, 1.0][..]));
+    assert_eq!(case.vector_field("U", 1).unwrap(), [[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
     assert_eq!(case.scalar_field("p", 1).unwrap(), [1.0, 2.0]);
     let force = case.force("body", 1).unwrap();
     assert!(
         near(force.pressure, whole.pressure) && near(force.viscous, whole.viscous),
         "{force:?}, {whole:?}"
     );
-    assert_eq!(
-        case.reaction("outlet", 1).unwrap(),
-        Reaction::Force([7.0, 2.0, 3.0])
-    );
+    assert_eq!(case.reaction("outlet", 1).unwrap(), Reaction::Force([7.0, 2.0, 3.0]));
     let stale = "m4gn: not advanced by the surrogate, values of time 0";
     note(dir.path(), "processor0/1/sigma", stale);
     let found = || open(dir.path()).unwrap().reaction("outlet", 1).unwrap();
@@ -260,10 +179,5 @@ fn a_decomposed_case_is_read_without_reconstructing_it() {
     field(dir.path(), "1", "sigma", ["(7 2 3 -1 0.5 4)"; 2], stress);
     assert_eq!(open(dir.path()).unwrap().description().processors, 0);
     assert_eq!(found(), Reaction::Unknown(Unknown::Stale));
-    assert!(
-        case.vector_field("V", 1)
-            .unwrap_err()
-            .to_string()
-            .contains("processor0/1/V")
-    );
+    assert!(case.vector_field("V", 1).unwrap_err().to_string().contains("processor0/1/V"));
 }

@@ -17,24 +17,8 @@ fn open(case: &Path) -> m4gn_mesh::Result<FoamCase> {
 const CENTRES: [(&str, &[[f64; 3]]); 4] = [
     ("inlet", &[[0.0, 0.5, 0.5]]),
     ("outlet", &[[1.0, 0.5, 0.5]]),
-    (
-        "body",
-        &[
-            [0.25, 0.0, 0.5],
-            [0.75, 0.0, 0.5],
-            [0.25, 1.0, 0.5],
-            [0.75, 1.0, 0.5],
-        ],
-    ),
-    (
-        "sides",
-        &[
-            [0.25, 0.5, 0.0],
-            [0.75, 0.5, 0.0],
-            [0.25, 0.5, 1.0],
-            [0.75, 0.5, 1.0],
-        ],
-    ),
+    ("body", &[[0.25, 0.0, 0.5], [0.75, 0.0, 0.5], [0.25, 1.0, 0.5], [0.75, 1.0, 0.5]]),
+    ("sides", &[[0.25, 0.5, 0.0], [0.75, 0.5, 0.0], [0.25, 0.5, 1.0], [0.75, 0.5, 1.0]]),
 ];
 
 /// Writes a field of a solid with these values at its places.
@@ -42,10 +26,7 @@ fn solid_field(case: &Path, time: &str, name: &str, kind: &str, of: &dyn Fn([f64
     let patches = CENTRES.map(|(patch, centres)| {
         let values: Vec<String> = centres.iter().map(|c| of(*c)).collect();
         let n = values.len();
-        format!(
-            "{patch}{{type calculated; value nonuniform List<{kind}> {n}({});}} ",
-            values.join(" ")
-        )
+        format!("{patch}{{type calculated; value nonuniform List<{kind}> {n}({});}} ", values.join(" "))
     });
     let cells = [of([0.25, 0.5, 0.5]), of([0.75, 0.5, 0.5])];
     field(case, time, name, [&cells[0], &cells[1]], &patches.concat());
@@ -82,10 +63,7 @@ fn reaction_of_a_uniform_stress() {
     let linear = "solidModel linearGeometryTotalDisplacement;";
     put(dir.path(), "constant/solidProperties", "dictionary", linear);
     solid_field(dir.path(), "1", "D", "vector", &|c| format!("({} 0 0)", c[0]));
-    assert!(near(
-        force(&mut open(dir.path()).unwrap(), "outlet"),
-        [7.0, 2.0, 3.0]
-    ));
+    assert!(near(force(&mut open(dir.path()).unwrap(), "outlet"), [7.0, 2.0, 3.0]));
 }
 
 /// x is stretched by 1.5, sheared by 0.25 along y and 0.5 along z; z is doubled. F has no symmetry, so that a transpose in the wrong
@@ -110,38 +88,22 @@ fn reaction_on_deformed_areas() {
         3.0 * 2.0 + 0.5 * -0.5 + 4.0 * -0.5,
     ];
     let by_gradient = force(&mut open(dir.path()).unwrap(), "outlet");
-    assert!(
-        near(by_gradient, expected),
-        "{by_gradient:?}, expected {expected:?}"
-    );
+    assert!(near(by_gradient, expected), "{by_gradient:?}, expected {expected:?}");
 
     // The stored F goes before the gradient of D, here that of no displacement at all
-    solid_field(dir.path(), "1", "F", "tensor", &|_| {
-        "(1.5 0.25 0.5 0 1 0 0 0 2)".into()
-    });
+    solid_field(dir.path(), "1", "F", "tensor", &|_| "(1.5 0.25 0.5 0 1 0 0 0 2)".into());
     solid_field(dir.path(), "1", "D", "vector", &|_| "(0 0 0)".into());
     let by_f = force(&mut open(dir.path()).unwrap(), "outlet");
     assert!(near(by_f, expected), "{by_f:?}, expected {expected:?}");
 
     // An F that the surrogate did not advance does not
-    note(
-        dir.path(),
-        "1/F",
-        "m4gn: not advanced by the surrogate, values of time 0.5",
-    );
+    note(dir.path(), "1/F", "m4gn: not advanced by the surrogate, values of time 0.5");
     let found = force(&mut open(dir.path()).unwrap(), "outlet");
     assert!(near(found, [7.0, 2.0, 3.0]), "{found:?}");
 
     solid_field(dir.path(), "1", "F", "tensor", &|_| "(-1 0 0 0 1 0 0 0 1)".into());
-    let error = open(dir.path())
-        .unwrap()
-        .reaction("outlet", 0)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("inside out") && error.contains("outlet"),
-        "{error}"
-    );
+    let error = open(dir.path()).unwrap().reaction("outlet", 0).unwrap_err().to_string();
+    assert!(error.contains("inside out") && error.contains("outlet"), "{error}");
 }
 
 #[test]
@@ -155,11 +117,7 @@ fn a_force_that_is_not_known_is_not_guessed() {
     stressed(dir.path());
     let path = dir.path().join("1/sigma");
     let whole = fs::read_to_string(&path).unwrap();
-    note(
-        dir.path(),
-        "1/sigma",
-        "m4gn: not advanced by the surrogate, values of time 0.5",
-    );
+    note(dir.path(), "1/sigma", "m4gn: not advanced by the surrogate, values of time 0.5");
     assert_eq!(unknown(), Reaction::Unknown(Unknown::Stale));
     // A note of somebody else says nothing of that
     fs::write(&path, &whole).unwrap();
@@ -168,15 +126,8 @@ fn a_force_that_is_not_known_is_not_guessed() {
     fs::write(&path, whole.replace("[1 -1 -2 0 0 0 0]", "[0 2 -2 0 0 0 0]")).unwrap();
     assert_eq!(unknown(), Reaction::Unknown(Unknown::Kinematic));
     fs::write(&path, whole.replace("[1 -1 -2 0 0 0 0]", "[0 0 0 0 0 0 0]")).unwrap();
-    let error = open(dir.path())
-        .unwrap()
-        .reaction("outlet", 0)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("expected a stress") || error.contains("needs a stress"),
-        "{error}"
-    );
+    let error = open(dir.path()).unwrap().reaction("outlet", 0).unwrap_err().to_string();
+    assert!(error.contains("expected a stress") || error.contains("needs a stress"), "{error}");
     fs::write(&path, &whole).unwrap();
     let updated = "solidModel nonLinearGeometryUpdatedLagrangian;";
     put(dir.path(), "constant/solidProperties", "dictionary", updated);
@@ -200,11 +151,6 @@ fn where_correctors_end() {
     put(dir.path(), "constant/solidProperties", "dictionary", model);
     assert_eq!(limits(), (Some(700), None));
     // What solids4foam takes where nothing is said
-    put(
-        dir.path(),
-        "constant/solidProperties",
-        "dictionary",
-        "solidModel linearGeometry;",
-    );
+    put(dir.path(), "constant/solidProperties", "dictionary", "solidModel linearGeometry;");
     assert_eq!(limits(), (Some(10_000), None));
 }

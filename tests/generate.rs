@@ -15,11 +15,7 @@ const M4GN: &str = env!("CARGO_BIN_EXE_m4gn");
 fn m4gn(arguments: &str, out: &Path) -> Command {
     let home = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
     let library = Path::new(home).join("lib/libm4gnFoam.so");
-    assert!(
-        library.is_file(),
-        "{} is missing: run setup/build.sh before the tests",
-        library.display()
-    );
+    assert!(library.is_file(), "{} is missing: run setup/build.sh before the tests", library.display());
     let mut command = Command::new(M4GN);
     command
         .env("M4GN_HOME", home)
@@ -34,19 +30,13 @@ fn m4gn(arguments: &str, out: &Path) -> Command {
 const QUICK: &str = "generate cylinder-flow --set mesh=coarse --frames 2 --spin-up 0.02 --seed 3";
 
 fn text(output: &Output) -> String {
-    format!(
-        "{}{}",
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    )
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 /// Names in a folder.
 fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(folder)
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -68,27 +58,16 @@ fn cases_are_made_once_and_resumed() {
     let out = tempfile::tempdir().unwrap();
     let json = out.path().join("figures.json");
     let run = |extra: &str| {
-        m4gn(&format!("{QUICK} {extra}"), out.path())
-            .arg("--json")
-            .arg(&json)
-            .output()
-            .unwrap()
+        m4gn(&format!("{QUICK} {extra}"), out.path()).arg("--json").arg(&json).output().unwrap()
     };
     let first = run("--count 3 --jobs 2");
     assert!(first.status.success(), "{}", text(&first));
-    assert_eq!(
-        names(out.path()),
-        ["0000.h5", "0001.h5", "0002.h5", "figures.json"]
-    );
+    assert_eq!(names(out.path()), ["0000.h5", "0001.h5", "0002.h5", "figures.json"]);
     for (i, split) in [Split::Train, Split::Valid, Split::Test].into_iter().enumerate() {
         let t = Trajectory::open(out.path().join(format!("000{i}.h5"))).unwrap();
         assert_eq!(t.split(), split);
         assert_eq!(t.times().len(), 3);
-        let errors = t
-            .times()
-            .iter()
-            .zip([0.02, 0.03, 0.04])
-            .map(|(a, b)| (a - b).abs());
+        let errors = t.times().iter().zip([0.02, 0.03, 0.04]).map(|(a, b)| (a - b).abs());
         assert!(errors.fold(0.0, f64::max) < 1e-9, "{:?}", t.times());
         assert_eq!(t.provenance()["index"], i);
         assert_eq!(t.provenance()["application"], "icoFoam");
@@ -97,12 +76,8 @@ fn cases_are_made_once_and_resumed() {
         let u0 = t.provenance()["u0"].as_f64().unwrap();
         let u = t.read_frame("U", 2).unwrap();
         let inlet = t.mesh().patches.iter().position(|p| p == "inlet").unwrap() as i32;
-        let faces = t
-            .mesh()
-            .boundary
-            .iter()
-            .zip(u.boundary.chunks_exact(2))
-            .filter(|(f, _)| f.patch == inlet);
+        let faces =
+            t.mesh().boundary.iter().zip(u.boundary.chunks_exact(2)).filter(|(f, _)| f.patch == inlet);
         let worst = faces
             .map(|(f, u)| {
                 (f64::from(u[0]) - 4.0 * u0 * f.centre[1] * (0.41 - f.centre[1]) / (0.41 * 0.41)).abs()
@@ -117,28 +92,16 @@ fn cases_are_made_once_and_resumed() {
     let old = fs::read(out.path().join("0001.h5")).unwrap();
     fs::remove_file(out.path().join("0001.h5")).unwrap();
     let again = run("--count 3");
-    assert!(
-        again.status.success() && text(&again).contains("1 trajectories made"),
-        "{}",
-        text(&again)
-    );
+    assert!(again.status.success() && text(&again).contains("1 trajectories made"), "{}", text(&again));
     let values = |bytes: &[u8]| {
         let file = out.path().join("copy");
         fs::write(&file, bytes).unwrap();
         Trajectory::open(&file).unwrap().read_frame("U", 2).unwrap()
     };
-    assert_eq!(
-        values(&old),
-        values(&fs::read(out.path().join("0001.h5")).unwrap())
-    );
+    assert_eq!(values(&old), values(&fs::read(out.path().join("0001.h5")).unwrap()));
 
     let other = run("--count 3 --seed 4");
-    assert_eq!(
-        other.status.code(),
-        Some(2),
-        "an option given twice is bad usage: {}",
-        text(&other)
-    );
+    assert_eq!(other.status.code(), Some(2), "an option given twice is bad usage: {}", text(&other));
     let other = m4gn(
         "generate cylinder-flow --set mesh=coarse --frames 9 --spin-up 0.02 --seed 3 --count 3",
         out.path(),
@@ -165,11 +128,7 @@ fn a_vibrating_beam_moves_as_it_was_drawn() {
     let mesh = t.mesh();
     let kinds = |patch: &str| {
         let number = mesh.patches.iter().position(|p| p == patch).unwrap() as i32;
-        mesh.boundary
-            .iter()
-            .filter(|f| f.patch == number)
-            .map(|f| f.kind)
-            .collect::<Vec<_>>()
+        mesh.boundary.iter().filter(|f| f.patch == number).map(|f| f.kind).collect::<Vec<_>>()
     };
     assert_eq!(kinds("clamp"), [NodeType::Handle; 8]);
     assert_eq!(kinds("sides"), [NodeType::Free; 80]);
@@ -183,28 +142,18 @@ fn a_vibrating_beam_moves_as_it_was_drawn() {
             .map(|b: f64| (b / 0.6).powi(2) * (1e3f64 * 0.06 * 0.06 / 12.0).sqrt());
         let expected: f64 = (0..3)
             .map(|k| {
-                let (a, phase) = (
-                    number(format!("amplitude{}", k + 1)),
-                    number(format!("phase{}", k + 1)),
-                );
+                let (a, phase) = (number(format!("amplitude{}", k + 1)), number(format!("phase{}", k + 1)));
                 a * (modes[k] * time + phase).cos()
             })
             .sum();
         let found = f64::from(t.read_frame("D", frame).unwrap().cells[2 * tip + 1]);
         // Half a cell from the tip, with shear and Euler's damping
-        assert!(
-            (found - expected).abs() < 1e-3,
-            "{found} m at {time} s, expected {expected}"
-        );
+        assert!((found - expected).abs() < 1e-3, "{found} m at {time} s, expected {expected}");
     }
     // The rate is that of the solver's last step: nearly the change between frames
     let [d0, d1, v1] = [("D", 0), ("D", 2), ("ddt(D)", 1)]
         .map(|(name, frame)| f64::from(t.read_frame(name, frame).unwrap().cells[2 * tip + 1]));
-    assert!(
-        ((d1 - d0) / 0.02 - v1).abs() < 0.02,
-        "{} and {v1} m/s",
-        (d1 - d0) / 0.02
-    );
+    assert!(((d1 - d0) / 0.02 - v1).abs() < 0.02, "{} and {v1} m/s", (d1 - d0) / 0.02);
 
     let other = make("3");
     assert_eq!(other.status.code(), Some(1));
@@ -218,10 +167,7 @@ fn failed_cases_are_reported_and_skipped() {
     let script = "#!/bin/sh\ncase $PWD in *0001) printf -- '--> FOAM FATAL ERROR: \\nthe flux is wrong\\n'; exit 1;; esac\nexec /usr/bin/icoFoam\n";
     let solver = m4gn_solver();
     let (_folder, path) = stand_in("icoFoam", &script.replace("/usr/bin/icoFoam", &solver));
-    let run = m4gn(&format!("{QUICK} --count 2"), out.path())
-        .env("PATH", &path)
-        .output()
-        .unwrap();
+    let run = m4gn(&format!("{QUICK} --count 2"), out.path()).env("PATH", &path).output().unwrap();
     assert_eq!(run.status.code(), Some(1), "{}", text(&run));
     assert!(
         text(&run).contains("the flux is wrong") && text(&run).contains("1 of 2 cases failed:\n  0001: "),
@@ -234,33 +180,21 @@ fn failed_cases_are_reported_and_skipped() {
     // All of them: the command fails.
     let out = tempfile::tempdir().unwrap();
     let (_folder, path) = stand_in("gmsh", "#!/bin/sh\nkill -9 $$\n");
-    let run = m4gn(&format!("{QUICK} --count 2"), out.path())
-        .env("PATH", &path)
-        .output()
-        .unwrap();
+    let run = m4gn(&format!("{QUICK} --count 2"), out.path()).env("PATH", &path).output().unwrap();
     assert_eq!(run.status.code(), Some(1), "{}", text(&run));
-    assert!(
-        text(&run).contains("signal: 9") && text(&run).contains("log.gmsh"),
-        "{}",
-        text(&run)
-    );
+    assert!(text(&run).contains("signal: 9") && text(&run).contains("log.gmsh"), "{}", text(&run));
 }
 
 fn m4gn_solver() -> String {
-    m4gn_workbench::generate::process::find_program("icoFoam")
-        .expect("icoFoam in PATH")
-        .display()
-        .to_string()
+    m4gn_workbench::generate::process::find_program("icoFoam").expect("icoFoam in PATH").display().to_string()
 }
 
 #[test]
 fn a_solver_that_hangs_is_ended() {
     let out = tempfile::tempdir().unwrap();
     let (_folder, path) = stand_in("icoFoam", "#!/bin/sh\nexec sleep 600\n");
-    let run = m4gn(&format!("{QUICK} --count 1 --timeout 2"), out.path())
-        .env("PATH", &path)
-        .output()
-        .unwrap();
+    let run =
+        m4gn(&format!("{QUICK} --count 1 --timeout 2"), out.path()).env("PATH", &path).output().unwrap();
     assert_eq!(run.status.code(), Some(1));
     assert!(text(&run).contains("--timeout"), "{}", text(&run));
 }
@@ -272,13 +206,7 @@ fn interruption_leaves_nothing_half_written() {
     let mut run = m4gn(long, out.path()).spawn().unwrap();
     let partial = out.path().join("cases/0000/.trajectory.h5.partial");
     wait_for("the recording never began", || partial.exists());
-    assert!(
-        Command::new("kill")
-            .args(["-TERM", &run.id().to_string()])
-            .status()
-            .unwrap()
-            .success()
-    );
+    assert!(Command::new("kill").args(["-TERM", &run.id().to_string()]).status().unwrap().success());
     assert_eq!(run.wait().unwrap().code(), Some(1));
     assert_eq!(names(out.path()), [] as [&str; 0]);
     // No tool goes on in the folder.
@@ -349,10 +277,7 @@ fn a_folder_of_data_is_a_family() {
     assert!((2e-3..=3e-3).contains(&provenance["nu"].as_f64().unwrap()));
     // The square: no face of the obstacle looks anywhere but along x or y
     let wall = t.mesh().patches.iter().position(|p| p == "cylinder").unwrap() as i32;
-    let (x, y) = (
-        provenance["x"].as_f64().unwrap(),
-        provenance["y"].as_f64().unwrap(),
-    );
+    let (x, y) = (provenance["x"].as_f64().unwrap(), provenance["y"].as_f64().unwrap());
     let radius = provenance["radius"].as_f64().unwrap();
     for f in t.mesh().boundary.iter().filter(|f| f.patch == wall) {
         let far = (f.centre[0] - x).abs().max((f.centre[1] - y).abs());
@@ -381,19 +306,10 @@ fn a_folder_of_data_is_a_family() {
     let ends = mesh.face_owner.iter().chain(&mesh.face_neighbour);
     ends.for_each(|&cell| faces[cell as usize] += 1);
     let hanging = faces.iter().filter(|&&n| n > 4).count();
-    assert!(
-        hanging > 20 && excess.abs() < 4e-4,
-        "{hanging} cells, {excess} m^2"
-    );
+    assert!(hanging > 20 && excess.abs() < 4e-4, "{hanging} cells, {excess} m^2");
 
-    let other = m4gn(&command.replace("cells=0.5", "cells=0.6"), &data)
-        .output()
-        .unwrap();
-    assert!(
-        text(&other).contains("cells 0.5 instead of 0.6"),
-        "{}",
-        text(&other)
-    );
+    let other = m4gn(&command.replace("cells=0.5", "cells=0.6"), &data).output().unwrap();
+    assert!(text(&other).contains("cells 0.5 instead of 0.6"), "{}", text(&other));
 
     // One that is broken
     fs::write(own.join("family.toml"), "about = 1").unwrap();
@@ -413,10 +329,7 @@ fn a_folder_of_data_is_a_family() {
 #[test]
 fn a_full_disk_is_told() {
     let out = tempfile::tempdir().unwrap();
-    let command = m4gn(
-        &format!("{QUICK} --frames 500 --count 1").replace("--frames 2 ", ""),
-        out.path(),
-    );
+    let command = m4gn(&format!("{QUICK} --frames 500 --count 1").replace("--frames 2 ", ""), out.path());
     let mut limited = Command::new("bash");
     limited
         .args(["-c", "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\""])
@@ -430,11 +343,7 @@ fn a_full_disk_is_told() {
     }
     let run = limited.output().unwrap();
     assert_eq!(run.status.code(), Some(1), "{}", text(&run));
-    assert!(
-        text(&run).contains("file size limit is reached"),
-        "{}",
-        text(&run)
-    );
+    assert!(text(&run).contains("file size limit is reached"), "{}", text(&run));
     let case = names(&out.path().join("cases/0000"));
     assert!(!case.iter().any(|n| n.contains("trajectory")), "{case:?}");
 }
@@ -442,19 +351,10 @@ fn a_full_disk_is_told() {
 #[test]
 fn what_cannot_work_is_refused_at_once() {
     let out = tempfile::tempdir().unwrap();
-    let run = m4gn(&format!("{QUICK} --count 1"), out.path())
-        .env("PATH", "/nowhere")
-        .output()
-        .unwrap();
+    let run = m4gn(&format!("{QUICK} --count 1"), out.path()).env("PATH", "/nowhere").output().unwrap();
     assert_eq!(run.status.code(), Some(1));
-    assert!(
-        text(&run).contains("gmsh, gmshToFoam, changeDictionary, icoFoam not found"),
-        "{}",
-        text(&run)
-    );
-    let blank = m4gn(&format!("{QUICK} --count 1"), &out.path().join("my data"))
-        .output()
-        .unwrap();
+    assert!(text(&run).contains("gmsh, gmshToFoam, changeDictionary, icoFoam not found"), "{}", text(&run));
+    let blank = m4gn(&format!("{QUICK} --count 1"), &out.path().join("my data")).output().unwrap();
     assert_eq!(blank.status.code(), Some(1));
     assert!(text(&blank).contains("blanks"), "{}", text(&blank));
     for bad in [
@@ -464,9 +364,7 @@ fn what_cannot_work_is_refused_at_once() {
         "--count 1 --split x",
         "",
     ] {
-        let run = m4gn(&format!("generate cylinder-flow {bad}"), out.path())
-            .output()
-            .unwrap();
+        let run = m4gn(&format!("generate cylinder-flow {bad}"), out.path()).output().unwrap();
         assert_eq!(run.status.code(), Some(2), "{bad}: {}", text(&run));
     }
     assert_eq!(names(out.path()), [] as [&str; 0]);
@@ -476,9 +374,7 @@ fn what_cannot_work_is_refused_at_once() {
 #[test]
 fn two_ranks_record_the_undecomposed_mesh() {
     let out = tempfile::tempdir().unwrap();
-    let run = m4gn(&format!("{QUICK} --count 1 --keep-cases"), out.path())
-        .output()
-        .unwrap();
+    let run = m4gn(&format!("{QUICK} --count 1 --keep-cases"), out.path()).output().unwrap();
     assert!(run.status.success(), "{}", text(&run));
     let case = out.path().join("cases/0000");
     let dictionary = "FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }\n\
@@ -488,31 +384,15 @@ fn two_ranks_record_the_undecomposed_mesh() {
         let output = Command::new(program)
             .args(arguments)
             .current_dir(&case)
-            .env(
-                "LD_LIBRARY_PATH",
-                Path::new(env!("CARGO_MANIFEST_DIR")).join("../../lib"),
-            )
-            .env(
-                "WM_PROJECT_DIR",
-                std::env::var_os("WM_PROJECT_DIR").unwrap_or("/usr/share/openfoam".into()),
-            )
+            .env("LD_LIBRARY_PATH", Path::new(env!("CARGO_MANIFEST_DIR")).join("../../lib"))
+            .env("WM_PROJECT_DIR", std::env::var_os("WM_PROJECT_DIR").unwrap_or("/usr/share/openfoam".into()))
             .env("OMPI_MCA_btl_vader_single_copy_mechanism", "none")
             .output()
             .unwrap();
         assert!(output.status.success(), "{program}: {}", text(&output));
     };
     tool("decomposePar", &[]);
-    tool(
-        "mpirun",
-        &[
-            "--allow-run-as-root",
-            "--oversubscribe",
-            "-np",
-            "2",
-            "icoFoam",
-            "-parallel",
-        ],
-    );
+    tool("mpirun", &["--allow-run-as-root", "--oversubscribe", "-np", "2", "icoFoam", "-parallel"]);
     let serial = Trajectory::open(out.path().join("0000.h5")).unwrap();
     let parallel = Trajectory::open(case.join("trajectory.h5")).unwrap();
     assert_eq!(parallel.provenance()["ranks"], 2);
@@ -525,18 +405,11 @@ fn two_ranks_record_the_undecomposed_mesh() {
         let scale = x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let worst = x.iter().zip(y).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
         // Geometry is computed again from the same points.
-        assert!(
-            x.len() == y.len() && worst <= 1e-9 * scale,
-            "{what}: {worst} of {scale}"
-        );
+        assert!(x.len() == y.len() && worst <= 1e-9 * scale, "{what}: {worst} of {scale}");
     };
     close(&a.cell_volumes, &b.cell_volumes, "volumes");
     close(&a.face_coeff, &b.face_coeff, "coefficients");
-    close(
-        a.cell_centres.as_flattened(),
-        b.cell_centres.as_flattened(),
-        "centres",
-    );
+    close(a.cell_centres.as_flattened(), b.cell_centres.as_flattened(), "centres");
     assert!(
         a.boundary
             .iter()
@@ -544,15 +417,8 @@ fn two_ranks_record_the_undecomposed_mesh() {
             .all(|(f, g)| (f.owner, f.kind, f.patch) == (g.owner, g.kind, g.patch))
     );
     for frame in 0..3 {
-        let (x, y) = (
-            serial.read_frame("U", frame).unwrap(),
-            parallel.read_frame("U", frame).unwrap(),
-        );
-        let pairs = x
-            .cells
-            .iter()
-            .zip(&y.cells)
-            .chain(x.boundary.iter().zip(&y.boundary));
+        let (x, y) = (serial.read_frame("U", frame).unwrap(), parallel.read_frame("U", frame).unwrap());
+        let pairs = x.cells.iter().zip(&y.cells).chain(x.boundary.iter().zip(&y.boundary));
         let worst = pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
         // p is solved to 1e-6 relative of its own, U to 1e-6; a wrong order would show in metres a second.
         assert!(worst < 1e-3, "frame {frame}: {worst} m/s apart");

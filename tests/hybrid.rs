@@ -26,11 +26,7 @@ fn hybrid(folder: &Path, options: &str) -> Output {
 }
 
 fn text(output: &Output) -> String {
-    format!(
-        "{}{}",
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    )
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 #[test]
@@ -60,10 +56,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     assert!((0.6..0.9).contains(&number("short", "replaced")));
     assert!(number("short", "replaced") < number("hybrid", "replaced"));
     // No jump is within that tolerance: the solver goes on alone, which is a result
-    assert_eq!(
-        (number("strict", "replaced"), number("strict", "end")),
-        (0.0, 0.0)
-    );
+    assert_eq!((number("strict", "replaced"), number("strict", "end")), (0.0, 0.0));
     for name in ["hybrid", "short", "strict", "loose", "half"] {
         for key in ["first", "jump", "end", "drag", "cells"] {
             assert!(number(name, key).is_finite());
@@ -88,32 +81,17 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     });
     assert!(times.iter().all(|t| *t > 0.0), "{times:?}");
     let heading = text(&first);
-    assert!(
-        heading.find("whole %").unwrap() < heading.find("first stride").unwrap(),
-        "{heading}"
-    );
+    assert!(heading.find("whole %").unwrap() < heading.find("first stride").unwrap(), "{heading}");
     let page = fs::read_to_string(path("f.html")).unwrap();
     assert_eq!(page.matches("<circle").count(), 5);
     // Results stay, the runs themselves do not.
     let names = || {
         let all = fs::read_dir(path("runs/0000")).unwrap();
-        let mut names: Vec<_> = all
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
+        let mut names: Vec<_> = all.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
     };
-    assert_eq!(
-        names(),
-        [
-            "full.json",
-            "half.json",
-            "hybrid.json",
-            "loose.json",
-            "short.json",
-            "strict.json"
-        ]
-    );
+    assert_eq!(names(), ["full.json", "half.json", "hybrid.json", "loose.json", "short.json", "strict.json"]);
 
     // The same command runs nothing.
     let again = hybrid(dir.path(), &options);
@@ -128,14 +106,8 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let failed = hybrid(dir.path(), &options);
     assert_eq!(failed.status.code(), Some(1), "{}", text(&failed));
     let told = text(&failed);
-    assert!(
-        told.contains("1 runs failed:\n  0000 short:") && told.contains("noSuchEntry"),
-        "{told}"
-    );
-    assert!(
-        told.contains("0000  full  ") && !told.contains("0000  hybrid  "),
-        "{told}"
-    );
+    assert!(told.contains("1 runs failed:\n  0000 short:") && told.contains("noSuchEntry"), "{told}");
+    assert!(told.contains("0000  full  ") && !told.contains("0000  hybrid  "), "{told}");
     assert_eq!(figures()["cases"][0]["failed"][0][0], "short");
     assert!(path("runs/0000/short/log.icoFoam").is_file());
 
@@ -147,11 +119,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     fs::remove_dir_all(path("runs/0000/full").join(last)).unwrap();
     fs::write(path("short"), "surrogateSteps 5;\n").unwrap();
     let cut = hybrid(dir.path(), &options);
-    assert!(
-        text(&cut).contains("the last time that both runs have"),
-        "{}",
-        text(&cut)
-    );
+    assert!(text(&cut).contains("the last time that both runs have"), "{}", text(&cut));
     assert!(!path("runs/0000/short.json").is_file());
     fs::remove_dir_all(path("runs/0000")).unwrap();
     let whole = hybrid(dir.path(), &options);
@@ -164,30 +132,15 @@ fn a_family_that_was_edited_is_run_anew() {
     let dir = tempfile::tempdir().unwrap();
     let own = dir.path().join("own");
     let templates = Path::new(HOME).join("openfoam/templates/cylinder-flow");
-    assert!(
-        Command::new("cp")
-            .arg("-r")
-            .arg(templates)
-            .arg(&own)
-            .status()
-            .unwrap()
-            .success()
-    );
+    assert!(Command::new("cp").arg("-r").arg(templates).arg(&own).status().unwrap().success());
     let json = dir.path().join("f.json");
-    let options = format!(
-        "--family {} --plain none --json {}",
-        own.display(),
-        json.display()
-    );
+    let options = format!("--family {} --plain none --json {}", own.display(), json.display());
     let run = || {
         let done = hybrid(dir.path(), &options);
         assert!(done.status.success(), "{}", text(&done));
         let found: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
         let case = &found["cases"][0];
-        (
-            text(&done).contains("0000  hybrid  "),
-            case["runs"]["hybrid"]["made_with"].clone(),
-        )
+        (text(&done).contains("0000  hybrid  "), case["runs"]["hybrid"]["made_with"].clone())
     };
     let first = run();
     assert!(first.0 && run() == (false, first.1.clone()));
@@ -205,15 +158,8 @@ fn a_family_that_was_edited_is_run_anew() {
     edit("constant/transportProperties", "@nu@", "2e-3");
     let thicker = run();
     assert!(thicker.0 && thicker.1 != slower.1);
-    let inside = hybrid(
-        dir.path(),
-        &format!("{options} --stretches {}", own.join("pool").display()),
-    );
-    assert!(
-        text(&inside).contains("inside of the family's folder"),
-        "{}",
-        text(&inside)
-    );
+    let inside = hybrid(dir.path(), &format!("{options} --stretches {}", own.join("pool").display()));
+    assert!(text(&inside).contains("inside of the family's folder"), "{}", text(&inside));
 }
 
 #[test]
@@ -235,11 +181,7 @@ fn solids_are_compared_by_their_displacement() {
         .output()
         .unwrap();
     assert!(run.status.success(), "{}", text(&run));
-    assert!(
-        text(&run).contains("D %") && !text(&run).contains("drag"),
-        "{}",
-        text(&run)
-    );
+    assert!(text(&run).contains("D %") && !text(&run).contains("drag"), "{}", text(&run));
     for column in ["D/range %", "force %", "at cap", "full's"] {
         assert!(text(&run).contains(column), "{column}: {}", text(&run));
     }
@@ -247,23 +189,15 @@ fn solids_are_compared_by_their_displacement() {
     // The case of the full run never comes to the cap of 400 correctors; 0.6 s are 600 steps
     let full = &found["cases"][0]["full"]["correctors"];
     let steps = full["steps"].as_u64().unwrap();
-    assert_eq!(
-        (full["at_cap"].as_u64(), full["at_cap_alone"].as_u64()),
-        (Some(0), None)
-    );
+    assert_eq!((full["at_cap"].as_u64(), full["at_cap_alone"].as_u64()), (Some(0), None));
     assert!(steps == 600 && full["mean"].as_f64().unwrap() > 1.0, "{full}");
     for name in ["hybrid", "loose"] {
         let score = &found["cases"][0]["runs"][name]["score"];
         let worked = &found["cases"][0]["runs"][name]["correctors"];
         // The clamp's force is known at all times: solidDisplacementFoam's sigma is written at the surrogate's too
         let reaction = score["reaction"].as_f64().unwrap_or_else(|| panic!("{score}"));
-        assert!(
-            reaction > 0.0 && score["reaction_left_out"].is_null(),
-            "{name}: {score}"
-        );
-        let of_solver = score["reaction_of_solver"]
-            .as_f64()
-            .unwrap_or_else(|| panic!("{score}"));
+        assert!(reaction > 0.0 && score["reaction_left_out"].is_null(), "{name}: {score}");
+        let of_solver = score["reaction_of_solver"].as_f64().unwrap_or_else(|| panic!("{score}"));
         if name == "hybrid" {
             // Within a jump the stress is that of an unsmoothed displacement; the solver's first steps mend it
             assert!(of_solver > 0.0 && of_solver < reaction, "{score}");
@@ -271,10 +205,7 @@ fn solids_are_compared_by_their_displacement() {
             assert!(of_solver == reaction && reaction < 0.7, "{score}");
         }
         let range = score["range"].as_f64().unwrap();
-        assert!(
-            range > 0.0 && range < score["displacement"].as_f64().unwrap(),
-            "{name}: {score}"
-        );
+        assert!(range > 0.0 && range < score["displacement"].as_f64().unwrap(), "{name}: {score}");
         assert_eq!(
             (worked["cap"].as_u64(), worked["at_cap_alone"].as_u64()),
             (full["cap"].as_u64(), Some(0))
@@ -285,22 +216,12 @@ fn solids_are_compared_by_their_displacement() {
             let [after, of_full] = ["after", "after_in_full"].map(|k| worked[k].as_f64().unwrap());
             assert!(after > of_full && of_full > 1.0, "{worked}");
         } else {
-            assert_eq!(
-                (worked["steps"].as_u64(), worked["hand_backs"].as_u64()),
-                (Some(steps), Some(0))
-            );
+            assert_eq!((worked["steps"].as_u64(), worked["hand_backs"].as_u64()), (Some(steps), Some(0)));
             assert!(worked["mean"].as_f64() < full["mean"].as_f64(), "{worked}");
         }
-        let number = |key: &str| {
-            score[key]
-                .as_f64()
-                .unwrap_or_else(|| panic!("{name} {key}: {score}"))
-        };
+        let number = |key: &str| score[key].as_f64().unwrap_or_else(|| panic!("{name} {key}: {score}"));
         assert!(number("end") < 0.2, "{score}");
-        assert!(
-            number("displacement") > 0.0 && number("displacement") < 0.2,
-            "{score}"
-        );
+        assert!(number("displacement") > 0.0 && number("displacement") < 0.2, "{score}");
         assert!(score["drag"].is_null() && number("cells") == 320.0, "{score}");
         let cost = &found["cases"][0]["runs"][name]["cost"];
         let [whole, after] = ["processor", "after_takeover"].map(|k| cost[k].as_f64().unwrap());
@@ -312,10 +233,7 @@ fn solids_are_compared_by_their_displacement() {
     let names: Vec<_> = pool.into_iter().map(|e| e.unwrap().path()).collect();
     let first = names.iter().find(|p| p.ends_with("7-0000-hybrid-0.01.h5"));
     let first = first.unwrap_or_else(|| panic!("{names:?}"));
-    let info = Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .arg("info")
-        .arg(first)
-        .output();
+    let info = Command::new(env!("CARGO_BIN_EXE_m4gn")).arg("info").arg(first).output();
     let info = text(&info.unwrap());
     assert!(info.contains("ddt(D)") && info.contains("hybrid"), "{info}");
 }
@@ -332,10 +250,7 @@ fn what_cannot_be_is_refused_before_anything_runs() {
     let own = format!("--family {}", dir.path().join("own").display());
     for (options, words) in [
         (own.as_str(), "[hybrid]"),
-        (
-            "--family none-such",
-            "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam",
-        ),
+        ("--family none-such", "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam"),
         ("--set u0=-1", "above 0"),
         ("--plain fast", "loose, coarse"),
         ("--variant hybrid=/dev/null", "'hybrid' cannot be"),

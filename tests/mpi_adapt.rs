@@ -28,12 +28,7 @@ fn show(a: &mut Adaptation, mesh: &Mesh, steps: std::ops::Range<usize>, step: f6
     for i in steps {
         let time = step * i as f64;
         let [u, p] = vortex(mesh, time);
-        let field = |name, components, cells, boundary| Field {
-            name,
-            components,
-            cells,
-            boundary,
-        };
+        let field = |name, components, cells, boundary| Field { name, components, cells, boundary };
         let fields = [field("U", 3, &u.0[..], &u.1[..]), field("p", 1, &p.0, &p.1)];
         a.frame(time, i == first, &fields)?;
     }
@@ -79,12 +74,7 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     if comm.rank() == size - 1 {
         u.0[0] = f64::NAN;
     }
-    let field = |name, components, cells, boundary| Field {
-        name,
-        components,
-        cells,
-        boundary,
-    };
+    let field = |name, components, cells, boundary| Field { name, components, cells, boundary };
     let fields = [field("U", 3, &u.0[..], &u.1[..]), field("p", 1, &p.0, &p.1)];
     match a.frame(0.0, true, &fields) {
         Err(Error::Numerical(_) | Error::OtherRank { .. }) if a.frames() == 0 => {}
@@ -122,9 +112,7 @@ fn compare(comm: &Comm, mesh: &Mesh, model: &Model, method: &str, failures: &mut
         }
         let off = distance(&together, &alone);
         if off > TOLERANCE {
-            failures.push(format!(
-                "{method}, {how}: weights are {off:e} from those of one rank"
-            ));
+            failures.push(format!("{method}, {how}: weights are {off:e} from those of one rank"));
         }
     }
     Ok(())
@@ -152,12 +140,7 @@ fn time(comm: &Comm, mesh: &Mesh, model: &Model, failures: &mut Vec<String>) -> 
 
 /// Distance of all weights, relative to how far they are from the start.
 fn distance(a: &Model, b: &Model) -> f64 {
-    let numbers = |m: &Model| {
-        m.tensors
-            .values()
-            .flat_map(|t| t.data.clone())
-            .collect::<Vec<f32>>()
-    };
+    let numbers = |m: &Model| m.tensors.values().flat_map(|t| t.data.clone()).collect::<Vec<f32>>();
     let (a, b) = (numbers(a), numbers(b));
     let square = |x: f32| f64::from(x).powi(2);
     let apart: f64 = a.iter().zip(&b).map(|(a, b)| square(a - b)).sum();

@@ -59,20 +59,13 @@ fn main() -> ExitCode {
     drop(checks);
     drop(comm);
     finalize();
-    if failed[0] == 0 {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    }
+    if failed[0] == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
 fn meshes() -> Vec<(&'static str, Mesh)> {
     vec![
         ("rectangle 20 x 12", sample::rectangle(20, 12, 2.0, 1.0)),
-        (
-            "square 14 x 14 with repeated eigenvalues",
-            sample::rectangle(14, 14, 1.0, 1.0),
-        ),
+        ("square 14 x 14 with repeated eigenvalues", sample::rectangle(14, 14, 1.0, 1.0)),
         ("triangles 12 x 10", sample::triangles(12, 10, 1.6, 1.0)),
         ("block 7 x 6 x 5", sample::block([7, 6, 5], [1.0, 0.9, 0.7])),
         ("small rectangle 6 x 4", sample::rectangle(6, 4, 1.5, 1.0)),
@@ -109,42 +102,17 @@ impl Whole {
             .iter()
             .map(|spec| segment(mesh, &mut graph, spec, &Modal::default(), &serial, None))
             .collect::<Result<_>>()?;
-        Ok(Whole {
-            n_edges: graph.senders.len(),
-            modes,
-            segments,
-        })
+        Ok(Whole { n_edges: graph.senders.len(), modes, segments })
     }
 }
 
 fn specs(mesh: &Mesh) -> Vec<SegmentSpec> {
     vec![
-        SegmentSpec {
-            method: SegmentMethod::Metis,
-            count: 7,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: 7,
-            modes: 4,
-            overlap: 1,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: 12,
-            modes: 2,
-            tau: 0.5,
-            overlap: 2,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: 1,
-            ..Default::default()
-        },
-        SegmentSpec {
-            count: mesh.n_cells(),
-            ..Default::default()
-        },
+        SegmentSpec { method: SegmentMethod::Metis, count: 7, ..Default::default() },
+        SegmentSpec { count: 7, modes: 4, overlap: 1, ..Default::default() },
+        SegmentSpec { count: 12, modes: 2, tau: 0.5, overlap: 2, ..Default::default() },
+        SegmentSpec { count: 1, ..Default::default() },
+        SegmentSpec { count: mesh.n_cells(), ..Default::default() },
     ]
 }
 
@@ -153,10 +121,9 @@ fn decompositions(checks: &mut Checks, name: &str, mesh: &Mesh) {
     let Some(expected) = checks.value(Whole::new(mesh), name) else {
         return;
     };
-    if let Some(dense) = checks.value(
-        laplacian_reference(mesh, &Comm::serial(), &ModalOptions::default()),
-        name,
-    ) {
+    if let Some(dense) =
+        checks.value(laplacian_reference(mesh, &Comm::serial(), &ModalOptions::default()), name)
+    {
         compare_modes(checks, &format!("{name}, dense"), mesh, &expected.modes, &dense);
     }
     for (deal, ranks) in deals(mesh.n_cells(), checks.comm.size()) {
@@ -172,21 +139,12 @@ fn joined(checks: &mut Checks) {
     let Some(guest) = checks.value(Comm::from_fortran(host.fortran()), "from_fortran") else {
         return;
     };
-    checks.that(
-        (guest.rank(), guest.size()) == (host.rank(), host.size()),
-        "joined ranks",
-    );
-    checks.that(
-        guest.fortran() != host.fortran(),
-        "the communicator is a duplicate",
-    );
+    checks.that((guest.rank(), guest.size()) == (host.rank(), host.size()), "joined ranks");
+    checks.that(guest.fortran() != host.fortran(), "the communicator is a duplicate");
     drop(guest);
     let mut one = [1];
     host.sum_i64(&mut one);
-    checks.that(
-        one[0] == host.size() as i64,
-        "the host's communicator outlives its guest",
-    );
+    checks.that(one[0] == host.size() as i64, "the host's communicator outlives its guest");
     checks.that(Comm::from_fortran(123_456_789).is_err(), "a handle of nothing");
 }
 
@@ -203,10 +161,7 @@ fn collectives(checks: &mut Checks) {
     comm.max_i64(&mut high);
     comm.min_i64(&mut low);
     checks.that((high, low) == ([p - 1], [0]), "max_i64, min_i64");
-    checks.that(
-        comm.exclusive_scan_i64(me + 1) == me * (me + 1) / 2,
-        "exclusive_scan_i64",
-    );
+    checks.that(comm.exclusive_scan_i64(me + 1) == me * (me + 1) / 2, "exclusive_scan_i64");
     // Rank r sends r + s numbers r * 100 + s to rank s.
     let send: Vec<Vec<i64>> = (0..p).map(|s| vec![me * 100 + s; (me + s) as usize]).collect();
     let expected: Vec<Vec<i64>> = (0..p).map(|r| vec![r * 100 + me; (me + r) as usize]).collect();
@@ -245,20 +200,13 @@ fn halo(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32]) {
     let mut global = vec![-1i64; graph.n_local];
     global[..graph.n_cells].copy_from_slice(&part.cell_global);
     graph.halo.exchange_i64(&comm, &mut global, 1);
-    let mut ghosts: Vec<(i32, i64)> = part
-        .coupled
-        .iter()
-        .filter(|c| c.rank != comm.rank())
-        .map(|c| (c.rank, c.global))
-        .collect();
+    let mut ghosts: Vec<(i32, i64)> =
+        part.coupled.iter().filter(|c| c.rank != comm.rank()).map(|c| (c.rank, c.global)).collect();
     ghosts.sort_unstable();
     ghosts.dedup();
     let found: Vec<i64> = global[graph.n_owned..].to_vec();
     let expected: Vec<i64> = ghosts.iter().map(|g| g.1).collect();
-    checks.that(
-        found == expected,
-        format!("{name}: ghosts are ordered by (rank, global)"),
-    );
+    checks.that(found == expected, format!("{name}: ghosts are ordered by (rank, global)"));
 
     let value = |g: i64, w: usize| (g as f32) * 0.5 + w as f32;
     let mut values = vec![f32::NAN; graph.n_local * 3];
@@ -289,10 +237,7 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
     };
     let mut edges = [graph.senders.len() as i64];
     comm.sum_i64(&mut edges);
-    checks.that(
-        edges[0] as usize == expected.n_edges,
-        format!("{name}: number of edges"),
-    );
+    checks.that(edges[0] as usize == expected.n_edges, format!("{name}: number of edges"));
     let modes = laplacian_modes(&part, &comm, &ModalOptions::default());
     let Some(modes) = checks.value(modes, name) else {
         return;
@@ -334,12 +279,8 @@ fn broken_meshes(checks: &mut Checks) {
         ("a negative volume", |m| m.cell_volumes[0] = -1.0),
         ("a number twice", |m| m.cell_global[0] = 3),
         ("a wrong owner", |m| m.boundary[0].owner = 1000),
-        ("a rank that does not exist", |m| {
-            m.coupled.iter_mut().take(1).for_each(|c| c.rank = 99)
-        }),
-        ("a cell that its rank does not own", |m| {
-            m.coupled.iter_mut().take(1).for_each(|c| c.global = 47)
-        }),
+        ("a rank that does not exist", |m| m.coupled.iter_mut().take(1).for_each(|c| c.rank = 99)),
+        ("a cell that its rank does not own", |m| m.coupled.iter_mut().take(1).for_each(|c| c.global = 47)),
     ];
     for (name, damage) in damages {
         let mut part = good.clone();
@@ -348,10 +289,7 @@ fn broken_meshes(checks: &mut Checks) {
             damage(&mut part);
         }
         let result = Graph::new(&part, &comm);
-        checks.that(
-            result.is_err() != harmless,
-            format!("{name} is an error on every rank"),
-        );
+        checks.that(result.is_err() != harmless, format!("{name} is an error on every rank"));
         let mine = matches!(result, Err(Error::Mesh(_)));
         let told = matches!(result, Err(Error::OtherRank { .. }));
         checks.that(harmless || mine || told, format!("{name}: class of the error"));
@@ -360,17 +298,11 @@ fn broken_meshes(checks: &mut Checks) {
         Some(graph) => graph,
         None => return,
     };
-    let spec = SegmentSpec {
-        count: 49,
-        ..Default::default()
-    };
+    let spec = SegmentSpec { count: 49, ..Default::default() };
     let many = segment(&good, &mut graph, &spec, &Modal::default(), &comm, None);
     checks.that(matches!(many, Err(Error::Input(_))), "more segments than cells");
     let labels = vec![if last { 9 } else { 0 }; good.n_cells()];
-    let spec = SegmentSpec {
-        count: 2,
-        ..Default::default()
-    };
+    let spec = SegmentSpec { count: 2, ..Default::default() };
     checks.that(
         segment(&good, &mut graph, &spec, &Modal::default(), &comm, Some(&labels)).is_err(),
         "a preset label out of range",

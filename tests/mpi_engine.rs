@@ -68,10 +68,7 @@ fn run(comm: &Comm) -> Vec<String> {
                         resolution,
                         ..SessionOptions::default()
                     };
-                    let name = format!(
-                        "{name}, {}, {n_threads} threads, {resolution:?}",
-                        precision.name()
-                    );
+                    let name = format!("{name}, {}, {n_threads} threads, {resolution:?}", precision.name());
                     match compare(comm, mesh, &ranks, spec.clone(), &options) {
                         Ok(error) if error < tolerance => {}
                         Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
@@ -106,18 +103,12 @@ fn compare(
         expected.step(&mut serial)?;
         found.step(&mut session)?;
     }
-    let largest = expected
-        .u
-        .iter()
-        .chain(&expected.p)
-        .fold(0f64, |m, v| m.max(v.abs()));
+    let largest = expected.u.iter().chain(&expected.p).fold(0f64, |m, v| m.max(v.abs()));
     let mut error = 0f64;
     for (c, &global) in part.cell_global.iter().enumerate() {
         let g = global as usize;
         if session.cell_segment().get(c) != serial.cell_segment().get(g) {
-            return Err(Error::Internal(format!(
-                "cell {g} has another segment than in serial"
-            )));
+            return Err(Error::Internal(format!("cell {g} has another segment than in serial")));
         }
         for i in 0..3 {
             error = error.max((found.u[3 * c + i] - expected.u[3 * g + i]).abs());
@@ -158,10 +149,7 @@ impl State {
         let cells = mesh.cell_global.iter();
         let faces = mesh.boundary.iter().map(|b| b.global);
         State {
-            u: cells
-                .clone()
-                .flat_map(|&g| [wave(g, 0.3), wave(g, 0.7), wave(g, 0.9)])
-                .collect(),
+            u: cells.clone().flat_map(|&g| [wave(g, 0.3), wave(g, 0.7), wave(g, 0.9)]).collect(),
             u_boundary: faces.clone().flat_map(|g| [wave(g, 0.2), 0.0, 0.0]).collect(),
             p: cells.map(|&g| wave(g, 1.1)).collect(),
             p_boundary: faces.map(|g| wave(g, 0.4)).collect(),
@@ -171,30 +159,12 @@ impl State {
     fn step(&mut self, session: &mut Session) -> Result<()> {
         let (u, p) = (self.u.clone(), self.p.clone());
         let fields = [
-            Field {
-                name: "U",
-                components: 3,
-                cells: &u,
-                boundary: &self.u_boundary,
-            },
-            Field {
-                name: "p",
-                components: 1,
-                cells: &p,
-                boundary: &self.p_boundary,
-            },
+            Field { name: "U", components: 3, cells: &u, boundary: &self.u_boundary },
+            Field { name: "p", components: 1, cells: &p, boundary: &self.p_boundary },
         ];
         let mut out = [
-            FieldMut {
-                name: "p",
-                components: 1,
-                cells: &mut self.p,
-            },
-            FieldMut {
-                name: "U",
-                components: 3,
-                cells: &mut self.u,
-            },
+            FieldMut { name: "p", components: 1, cells: &mut self.p },
+            FieldMut { name: "U", components: 3, cells: &mut self.u },
         ];
         session.step(&fields, &mut out)
     }
@@ -233,12 +203,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
         },
         contact: None,
         resolution: None,
-        segments: SegmentSpec {
-            count: 6,
-            modes: 3,
-            overlap,
-            ..SegmentSpec::default()
-        },
+        segments: SegmentSpec { count: 6, modes: 3, overlap, ..SegmentSpec::default() },
         precision: Precision::Fp32,
         trained_on: None,
         calibration: None,

@@ -17,11 +17,7 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
-    let mut checks = Checks {
-        comm: comm.clone(),
-        count: 0,
-        failures: Vec::new(),
-    };
+    let mut checks = Checks { comm: comm.clone(), count: 0, failures: Vec::new() };
     for body in bodies() {
         decompositions(&mut checks, &body);
     }
@@ -68,40 +64,21 @@ struct Body {
 }
 
 fn first(n: usize) -> Options {
-    Options {
-        modal: ModalOptions {
-            count: ModeCount::Fixed(n),
-            ..Default::default()
-        },
-        ..Default::default()
-    }
+    Options { modal: ModalOptions { count: ModeCount::Fixed(n), ..Default::default() }, ..Default::default() }
 }
 
-const SOFT: Material = Material {
-    young: 1e6,
-    poisson: 0.3,
-    density: 1000.0,
-};
+const SOFT: Material = Material { young: 1e6, poisson: 0.3, density: 1000.0 };
 
 /// Stiffer and nearly incompressible.
-const RUBBER: Material = Material {
-    young: 3e6,
-    poisson: 0.49,
-    density: 1200.0,
-};
+const RUBBER: Material = Material { young: 3e6, poisson: 0.49, density: 1200.0 };
 
 /// Points at x = 0 held in all directions, those at the other end along `other`.
 fn held(mesh: &PointMesh, length: f64, other: [bool; 3]) -> Vec<Fixed> {
     let at = |p: usize| mesh.points[p][0];
     let points = 0..mesh.points.len();
-    let clamped = points
-        .clone()
-        .filter(|&p| at(p) < 1e-9)
-        .map(|p| Fixed::all(p as i32));
-    let guided = points.filter(|&p| at(p) > length - 1e-9).map(|p| Fixed {
-        point: p as i32,
-        components: other,
-    });
+    let clamped = points.clone().filter(|&p| at(p) < 1e-9).map(|p| Fixed::all(p as i32));
+    let guided =
+        points.filter(|&p| at(p) > length - 1e-9).map(|p| Fixed { point: p as i32, components: other });
     clamped.chain(guided).collect()
 }
 
@@ -110,9 +87,7 @@ fn bodies() -> Vec<Body> {
     for kind in Kind::ALL {
         let mut mesh = sample::block(kind, [7, 3, 3], [1.0, 0.4, 0.3]);
         sample::distort(&mut mesh, 0.01);
-        let materials = (0..mesh.n_cells)
-            .map(|c| if c % 5 < 3 { SOFT } else { RUBBER })
-            .collect();
+        let materials = (0..mesh.n_cells).map(|c| if c % 5 < 3 { SOFT } else { RUBBER }).collect();
         list.push(Body {
             name: format!("{kind:?}"),
             fixed: held(&mesh, 1.0, [false, true, false]),
@@ -130,16 +105,8 @@ fn bodies() -> Vec<Body> {
             materials: vec![RUBBER; mesh.n_cells],
             mesh,
             options: Options {
-                plane: if kind == Flat::Triangles {
-                    Plane::Stress
-                } else {
-                    Plane::Strain
-                },
-                mass: if kind == Flat::Polygons {
-                    MassKind::Lumped
-                } else {
-                    MassKind::Consistent
-                },
+                plane: if kind == Flat::Triangles { Plane::Stress } else { Plane::Strain },
+                mass: if kind == Flat::Polygons { MassKind::Lumped } else { MassKind::Consistent },
                 ..first(6)
             },
         });
@@ -150,10 +117,7 @@ fn bodies() -> Vec<Body> {
         materials: vec![SOFT; mesh.n_cells],
         fixed: Vec::new(),
         mesh,
-        options: Options {
-            free_body: true,
-            ..first(9)
-        },
+        options: Options { free_body: true, ..first(9) },
     });
     list
 }
@@ -181,10 +145,7 @@ fn part(body: &Body, ranks: &[i32], rank: i32) -> (PointMesh, Vec<Material>, Vec
     }
     let local = |f: &Fixed| {
         let at = mesh.point_global.iter().position(|&g| g == i64::from(f.point))?;
-        (teller[f.point as usize] == rank).then_some(Fixed {
-            point: at as i32,
-            components: f.components,
-        })
+        (teller[f.point as usize] == rank).then_some(Fixed { point: at as i32, components: f.components })
     };
     let fixed = body.fixed.iter().filter_map(local).collect();
     (mesh, materials, fixed)
@@ -192,13 +153,7 @@ fn part(body: &Body, ranks: &[i32], rank: i32) -> (PointMesh, Vec<Material>, Vec
 
 fn decompositions(checks: &mut Checks, body: &Body) {
     let comm = checks.comm.clone();
-    let serial = modes(
-        &body.mesh,
-        &body.materials,
-        &body.fixed,
-        &body.options,
-        &Comm::serial(),
-    );
+    let serial = modes(&body.mesh, &body.materials, &body.fixed, &body.options, &Comm::serial());
     let whole = match comm.agree(serial) {
         Ok(whole) => whole,
         Err(e) => return checks.that(false, format!("{}: {e}", body.name)),
@@ -224,10 +179,7 @@ fn compare(checks: &mut Checks, name: &str, mesh: &PointMesh, found: &SolidModes
     for (i, (f, e)) in found.eigenvalues.iter().zip(&whole.eigenvalues).enumerate() {
         // Rigid motions have 0 to rounding.
         let bound = 1e-8 * e.abs().max(1e-3 * largest);
-        checks.that(
-            (f - e).abs() < bound,
-            format!("{name}: eigenvalue {i}: {f}, expected {e}"),
-        );
+        checks.that((f - e).abs() < bound, format!("{name}: eigenvalue {i}: {f}, expected {e}"));
     }
     for (i, (f, e)) in found.vectors.iter().zip(&whole.vectors).enumerate() {
         let off = mesh
@@ -289,9 +241,7 @@ fn errors_are_shared(checks: &mut Checks) {
         ("density", |_, m, _| m[0].density = -1.0),
         ("not finite", |mesh, _, _| mesh.points[2][0] = f64::NAN),
         ("label", |mesh, _, _| mesh.face_points[0] = 1 << 20),
-        ("inverted", |mesh, _, _| {
-            mesh.points.iter_mut().for_each(|x| x[2] = -x[2])
-        }),
+        ("inverted", |mesh, _, _| mesh.points.iter_mut().for_each(|x| x[2] = -x[2])),
         ("global numbers", |mesh, _, _| mesh.point_global[0] = 1 << 40),
         ("fixed", |_, _, f| f.push(Fixed::all(1 << 20))),
     ];

@@ -21,9 +21,7 @@ fn state(k: f64) -> Vec<f64> {
         0.1f64.powf(n - 1.0) * (n * x(i) - 0.37 * n.sqrt() * k).sin() * 0.9995f64.powf(k * n)
     };
     let chirp = |i: usize| 1e-3 * (2.0 * x(i) + 4e-3 * k * k).sin();
-    (0..CELLS)
-        .map(|i| 20.0 + chirp(i) + (1..4).map(|n| wave(i, n as f64)).sum::<f64>())
-        .collect()
+    (0..CELLS).map(|i| 20.0 + chirp(i) + (1..4).map(|n| wave(i, n as f64)).sum::<f64>()).collect()
 }
 
 fn part(all: &[f64], mine: &[usize]) -> Vec<f64> {
@@ -32,19 +30,8 @@ fn part(all: &[f64], mine: &[usize]) -> Vec<f64> {
 
 fn surrogate(comm: &Comm, mine: &[usize], storage: Storage) -> m4gn_mesh::Result<Linear> {
     let volumes: Vec<f64> = mine.iter().map(|i| 1.0 + (i % 7) as f64).collect();
-    let fields = vec![
-        Field::weighted("U", 1, volumes),
-        Field::carried("phi", mine.len()),
-    ];
-    Linear::new(
-        comm,
-        fields,
-        Settings {
-            interval: 0.1,
-            storage,
-            fit: FitSettings::default(),
-        },
-    )
+    let fields = vec![Field::weighted("U", 1, volumes), Field::carried("phi", mine.len())];
+    Linear::new(comm, fields, Settings { interval: 0.1, storage, fit: FitSettings::default() })
 }
 
 fn run(comm: &Comm) -> Vec<String> {
@@ -81,19 +68,15 @@ fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn
         if from == 0 {
             let tail = |l: &mut Linear| l.fit().map(|f| (f.dmd.shape, f.tail_error()));
             let (a, b) = (tail(&mut here), tail(&mut alone));
-            let same = a
-                .zip(b)
-                .is_some_and(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < TOLERANCE);
+            let same = a.zip(b).is_some_and(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < TOLERANCE);
             if !same {
                 return Err(m4gn_mesh::Error::Numerical(format!("fits differ: {a:?}, {b:?}")));
             }
         }
         for strides in [1.0, 2.5, 90.0] {
             let missing = || m4gn_mesh::Error::Numerical("no prediction".into());
-            let (a, b) = (
-                here.predict(strides).ok_or_else(missing)?,
-                alone.predict(strides).ok_or_else(missing)?,
-            );
+            let (a, b) =
+                (here.predict(strides).ok_or_else(missing)?, alone.predict(strides).ok_or_else(missing)?);
             let (mut own, mut whole) = (vec![0.0; mine.len()], vec![0.0; CELLS]);
             here.field(1, &a, &mut own);
             alone.field(1, &b, &mut whole);

@@ -47,11 +47,8 @@ fn checks(comm: &Comm) -> Result<()> {
 }
 
 fn options() -> WriteOptions {
-    let field = |name: &str, vector| FieldMeta {
-        name: name.into(),
-        vector,
-        dimensions: [0, 1, -1, 0, 0, 0, 0],
-    };
+    let field =
+        |name: &str, vector| FieldMeta { name: name.into(), vector, dimensions: [0, 1, -1, 0, 0, 0, 0] };
     WriteOptions {
         fields: vec![field("U", true), field("p", false)],
         provenance: serde_json::json!({"test": true}),
@@ -71,10 +68,7 @@ impl Values {
         let faces: Vec<i64> = mesh.boundary.iter().map(|f| f.global).collect();
         let make = |numbers: &[i64], c: usize, offset: f64| -> Vec<f64> {
             let value = |g: i64, k: usize| offset + 1000.0 * frame as f64 + g as f64 + 0.25 * k as f64;
-            numbers
-                .iter()
-                .flat_map(|&g| (0..c).map(move |k| value(g, k)))
-                .collect()
+            numbers.iter().flat_map(|&g| (0..c).map(move |k| value(g, k))).collect()
         };
         Values {
             u: [make(&mesh.cell_global, 3, 0.0), make(&faces, 3, 0.5)],
@@ -85,18 +79,8 @@ impl Values {
     fn fields(&self) -> [FieldValues<'_>; 2] {
         // Not in the order of the declaration: fields go by name.
         [
-            FieldValues {
-                name: "p",
-                components: 1,
-                cells: &self.p[0],
-                boundary: &self.p[1],
-            },
-            FieldValues {
-                name: "U",
-                components: 3,
-                cells: &self.u[0],
-                boundary: &self.u[1],
-            },
+            FieldValues { name: "p", components: 1, cells: &self.p[0], boundary: &self.p[1] },
+            FieldValues { name: "U", components: 3, cells: &self.u[0], boundary: &self.u[1] },
         ]
     }
 }
@@ -110,11 +94,7 @@ fn record(comm: &Comm, mesh: &Mesh, path: &Path) -> Result<()> {
 }
 
 fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<()> {
-    if holds {
-        Ok(())
-    } else {
-        Err(Error::Internal(what()))
-    }
+    if holds { Ok(()) } else { Err(Error::Internal(what())) }
 }
 
 fn same_file(comm: &Comm, name: &str, whole: &Mesh, folder: &Path) -> Result<()> {
@@ -127,23 +107,13 @@ fn same_file(comm: &Comm, name: &str, whole: &Mesh, folder: &Path) -> Result<()>
         let alone = folder.join(format!("{name}-alone.h5"));
         record(&Comm::serial(), whole, &alone)?;
         let (a, b) = (Trajectory::open(&path)?, Trajectory::open(&alone)?);
-        ensure(a.mesh() == b.mesh(), || {
-            format!("{name}: another mesh than on one rank")
-        })?;
-        ensure(a.mesh().n_cells() == whole.n_cells(), || {
-            format!("{name}: cells were lost")
-        })?;
-        ensure(a.mesh().face_owner.len() == whole.face_owner.len(), || {
-            format!("{name}: faces were lost")
-        })?;
-        ensure(a.mesh().coupled.len() == whole.coupled.len(), || {
-            format!("{name}: cyclic faces were lost")
-        })?;
+        ensure(a.mesh() == b.mesh(), || format!("{name}: another mesh than on one rank"))?;
+        ensure(a.mesh().n_cells() == whole.n_cells(), || format!("{name}: cells were lost"))?;
+        ensure(a.mesh().face_owner.len() == whole.face_owner.len(), || format!("{name}: faces were lost"))?;
+        ensure(a.mesh().coupled.len() == whole.coupled.len(), || format!("{name}: cyclic faces were lost"))?;
         for field in ["U", "p"] {
             let (x, y) = (a.read_frames(field, 0, 1, 3)?, b.read_frames(field, 0, 1, 3)?);
-            ensure(x == y, || {
-                format!("{name}: other values of {field} than on one rank")
-            })?;
+            ensure(x == y, || format!("{name}: other values of {field} than on one rank"))?;
         }
         let u = a.read_frame("U", 2)?;
         let width = whole.directions.len();
@@ -178,14 +148,10 @@ fn errors(comm: &Comm, whole: &Mesh, folder: &Path) -> Result<()> {
     if last {
         values.p[0][0] = f64::NAN;
     }
-    ensure(recorder.append(1.0, &values.fields()).is_err(), || {
-        "NaN was recorded".into()
-    })?;
+    ensure(recorder.append(1.0, &values.fields()).is_err(), || "NaN was recorded".into())?;
     let fields = values.fields();
     let given = if last { &fields[..1] } else { &fields[..] };
-    ensure(recorder.append(1.0, given).is_err(), || {
-        "a missing field went unnoticed".into()
-    })?;
+    ensure(recorder.append(1.0, given).is_err(), || "a missing field went unnoticed".into())?;
     ensure(recorder.n_frames() == 1, || "a refused frame was counted".into())?;
     // Dropped unfinished: nothing stays.
     drop(recorder);

@@ -27,9 +27,8 @@ fn folder(comm: &Comm) -> Result<(Option<tempfile::TempDir>, PathBuf)> {
         true => Some(tempfile::tempdir().map_err(|e| Error::file("temporary folder", e.to_string()))?),
         false => None,
     };
-    let mut path = own
-        .as_ref()
-        .map_or_else(Vec::new, |f| f.path().to_string_lossy().into_owned().into_bytes());
+    let mut path =
+        own.as_ref().map_or_else(Vec::new, |f| f.path().to_string_lossy().into_owned().into_bytes());
     comm.broadcast(&mut path);
     Ok((own, PathBuf::from(String::from_utf8_lossy(&path).into_owned())))
 }
@@ -73,10 +72,7 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     if comm.is_root() {
         let alone = request("alone", 12);
         train_native(&alone, &go, &Comm::serial())?;
-        let (a, b) = (
-            Checkpoint::read(&together.checkpoint())?,
-            Checkpoint::read(&alone.checkpoint())?,
-        );
+        let (a, b) = (Checkpoint::read(&together.checkpoint())?, Checkpoint::read(&alone.checkpoint())?);
         let off = distance(&a.weights, &b.weights);
         if comm.size() == 1 && off > 0.0 || off > TOLERANCE {
             failures.push(format!("weights are {off:e} from those of one rank"));
@@ -100,33 +96,23 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     parts.steps = Some(12);
     train_native(&parts, &go, comm)?;
     if comm.is_root() {
-        let (a, b) = (
-            Checkpoint::read(&together.checkpoint())?,
-            Checkpoint::read(&parts.checkpoint())?,
-        );
+        let (a, b) = (Checkpoint::read(&together.checkpoint())?, Checkpoint::read(&parts.checkpoint())?);
         if (&a.weights, &a.first, &a.second, &a.average) != (&b.weights, &b.first, &b.second, &b.average) {
             failures.push("resumed weights differ".into());
         }
     }
 
     // With frames read from the files, on some ranks or on all: bit for bit as from memory.
-    for (name, memory) in [
-        ("disk", Some(0.0)),
-        ("some", (comm.rank() % 2 == 0).then_some(0.0)),
-    ] {
+    for (name, memory) in [("disk", Some(0.0)), ("some", (comm.rank() % 2 == 0).then_some(0.0))] {
         let mut streamed = request(name, 12);
         streamed.memory = memory;
         train_native(&streamed, &go, comm)?;
         if comm.is_root() {
-            let (a, b) = (
-                Checkpoint::read(&together.checkpoint())?,
-                Checkpoint::read(&streamed.checkpoint())?,
-            );
+            let (a, b) =
+                (Checkpoint::read(&together.checkpoint())?, Checkpoint::read(&streamed.checkpoint())?);
             if (&a.weights, &a.first, &a.second, &a.average) != (&b.weights, &b.first, &b.second, &b.average)
             {
-                failures.push(format!(
-                    "{name}: weights of frames that were read from files differ"
-                ));
+                failures.push(format!("{name}: weights of frames that were read from files differ"));
             }
         }
     }

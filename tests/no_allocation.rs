@@ -77,11 +77,7 @@ fn a_step_allocates_nothing() {
             },
             contact: None,
             resolution: None,
-            segments: SegmentSpec {
-                count: 12,
-                overlap,
-                ..SegmentSpec::default()
-            },
+            segments: SegmentSpec { count: 12, overlap, ..SegmentSpec::default() },
             precision: Precision::Fp32,
             trained_on: None,
             calibration: None,
@@ -89,41 +85,19 @@ fn a_step_allocates_nothing() {
         };
         let mesh = sample::triangles(30, 12, 1.6, 0.41);
         let model = Model::random(spec, 1).unwrap();
-        let options = SessionOptions {
-            precision: precision.into(),
-            n_threads,
-            ..SessionOptions::default()
-        };
+        let options = SessionOptions { precision: precision.into(), n_threads, ..SessionOptions::default() };
         let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
         let (n, b) = (mesh.n_cells(), mesh.boundary.len());
         let (u, ub, p, pb) = (vec![0.1; 3 * n], vec![0.2; 3 * b], vec![0.3; n], vec![0.4; b]);
         let (mut u_new, mut p_new) = (vec![0.0; 3 * n], vec![0.0; n]);
         let mut step = || {
             let fields = [
-                Field {
-                    name: "U",
-                    components: 3,
-                    cells: &u,
-                    boundary: &ub,
-                },
-                Field {
-                    name: "p",
-                    components: 1,
-                    cells: &p,
-                    boundary: &pb,
-                },
+                Field { name: "U", components: 3, cells: &u, boundary: &ub },
+                Field { name: "p", components: 1, cells: &p, boundary: &pb },
             ];
             let mut out = [
-                FieldMut {
-                    name: "U",
-                    components: 3,
-                    cells: &mut u_new,
-                },
-                FieldMut {
-                    name: "p",
-                    components: 1,
-                    cells: &mut p_new,
-                },
+                FieldMut { name: "U", components: 3, cells: &mut u_new },
+                FieldMut { name: "p", components: 1, cells: &mut p_new },
             ];
             let before = COUNT.get();
             session.step(&fields, &mut out).unwrap();

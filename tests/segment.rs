@@ -40,10 +40,8 @@ fn accepted(case: &Path, arguments: &str) -> String {
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(folder)
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -66,44 +64,25 @@ fn two_cells_on_paper() {
     // Between the cells 1/0.5, to each end 1/0.25, to each of two walls 0.5/0.5: K = [8 -2; -2 8], V = 1/2. The mode with
     // eigenvalue (8 - 2)/0.5 = 12.
     let found = json["eigenvalues"].as_array().unwrap();
-    assert!(
-        found.len() == 1 && (found[0].as_f64().unwrap() - 12.0).abs() < 1e-9,
-        "{json}"
-    );
+    assert!(found.len() == 1 && (found[0].as_f64().unwrap() - 12.0).abs() < 1e-9, "{json}");
     for m in json["methods"].as_array().unwrap() {
         assert_eq!((&m["k"], &m["edge_cut_ratio"]), (&2.into(), &1.0.into()), "{m}");
-        assert_eq!(
-            (&m["conductance"], &m["silhouette"]),
-            (&1.0.into(), &0.0.into()),
-            "{m}"
-        );
+        assert_eq!((&m["conductance"], &m["silhouette"]), (&1.0.into(), &0.0.into()), "{m}");
     }
     assert_eq!(json["methods"].as_array().unwrap().len(), 4, "{json}");
-    assert_eq!(
-        (&json["plan"][1]["ghosts_max"], &json["plan"][1]["cut_faces"]),
-        (&1.0.into(), &1.into())
-    );
+    assert_eq!((&json["plan"][1]["ghosts_max"], &json["plan"][1]["cut_faces"]), (&1.0.into(), &1.into()));
     assert!(text.contains("m4gnSegment, m4gnMode1 in "), "{text}");
-    assert_eq!(
-        names(&case.join("0")),
-        ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]
-    );
+    assert_eq!(names(&case.join("0")), ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]);
     let field = fs::read_to_string(case.join("0/m4gnSegment")).unwrap();
     assert!(
         field.contains("volScalarField") && field.contains("note        \"m4gn segment: method slic-md, K 2")
     );
     let values = field.split("internalField").nth(1).unwrap();
-    assert!(
-        values.contains("2(0 1)") || values.contains("2\n(\n0\n1\n)"),
-        "{values}"
-    );
+    assert!(values.contains("2(0 1)") || values.contains("2\n(\n0\n1\n)"), "{values}");
 
     // Again, with one segment: our own fields are replaced, and modes that are no longer there go.
     accepted(&case, "--segments 1 --modes 0");
-    assert_eq!(
-        names(&case.join("0")),
-        ["U", "m4gnSegment", "m4gnSegmentDict", "p"]
-    );
+    assert_eq!(names(&case.join("0")), ["U", "m4gnSegment", "m4gnSegmentDict", "p"]);
     let field = fs::read_to_string(case.join("0/m4gnSegment")).unwrap();
     assert!(field.contains("internalField   uniform 0"), "{field}");
 }
@@ -113,28 +92,12 @@ fn the_cases_own_format() {
     let (_dir, case) = duct();
     let control =
         "application icoFoam; startFrom startTime; startTime 0; deltaT 0.5; writeInterval 1; endTime 3; ";
-    put(
-        &case,
-        "system/controlDict",
-        "dictionary",
-        &format!("{control} writeCompression on;"),
-    );
+    put(&case, "system/controlDict", "dictionary", &format!("{control} writeCompression on;"));
     accepted(&case, "--segments 2");
-    assert_eq!(
-        names(&case.join("0")),
-        ["U", "m4gnMode1.gz", "m4gnSegment.gz", "m4gnSegmentDict", "p"]
-    );
-    put(
-        &case,
-        "system/controlDict",
-        "dictionary",
-        &format!("{control} writeFormat binary;"),
-    );
+    assert_eq!(names(&case.join("0")), ["U", "m4gnMode1.gz", "m4gnSegment.gz", "m4gnSegmentDict", "p"]);
+    put(&case, "system/controlDict", "dictionary", &format!("{control} writeFormat binary;"));
     accepted(&case, "--segments 2");
-    assert_eq!(
-        names(&case.join("0")),
-        ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]
-    );
+    assert_eq!(names(&case.join("0")), ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]);
     let field = fs::read(case.join("0/m4gnMode1")).unwrap();
     assert!(String::from_utf8_lossy(&field).contains("format      binary"));
 }
@@ -146,40 +109,15 @@ fn bad_input_writes_nothing() {
     refused(&dir.path().join("none"), "", 1, "does not exist");
     refused(dir.path(), "", 1, "is neither an OpenFOAM case");
     refused(&case, "--segments 0", 2, "expected a number from 1");
-    refused(
-        &case,
-        "--segments 3",
-        1,
-        "3 segments for 2 cells: expected 1 to 2",
-    );
+    refused(&case, "--segments 3", 1, "3 segments for 2 cells: expected 1 to 2");
     refused(&case, "--segments 2 --modes 2", 1, "2 modes of 2 cells");
-    refused(
-        &case,
-        "--segments 2 --plan 3",
-        1,
-        "a plan for 3 ranks: expected 1 to 2",
-    );
+    refused(&case, "--segments 2 --plan 3", 1, "a plan for 3 ranks: expected 1 to 2");
     refused(&case, "--segments 2 --tau nan", 1, "tau");
-    refused(
-        &case,
-        "--segments 2 --json none/figures.json",
-        1,
-        "none/figures.json: cannot be written",
-    );
-    refused(
-        &case,
-        "--segments 2 --picture none/p.png",
-        1,
-        "none/p.png: cannot be written",
-    );
+    refused(&case, "--segments 2 --json none/figures.json", 1, "none/figures.json: cannot be written");
+    refused(&case, "--segments 2 --picture none/p.png", 1, "none/p.png: cannot be written");
     refused(&case, "--segments 2 --obstacle wing", 1, "wing is no patch");
     refused(&case, "--segments 2 --node-type wing=wall", 1, "fit no patch");
-    refused(
-        &case,
-        "--segments 2 --model none.safetensors",
-        1,
-        "none.safetensors",
-    );
+    refused(&case, "--segments 2 --model none.safetensors", 1, "none.safetensors");
     assert_eq!(names(&case.join("0")), before);
     assert_eq!(names(dir.path()), ["case"]);
 
@@ -194,12 +132,7 @@ fn bad_input_writes_nothing() {
     uniform(&case, "1", 2.0);
     fs::copy(case.join("0/p"), case.join("1/m4gnSegment")).unwrap();
     let theirs = fs::read(case.join("1/m4gnSegment")).unwrap();
-    refused(
-        &case,
-        "--segments 2 --json figures.json",
-        1,
-        "was not written by m4gn",
-    );
+    refused(&case, "--segments 2 --json figures.json", 1, "was not written by m4gn");
     assert_eq!(fs::read(case.join("1/m4gnSegment")).unwrap(), theirs);
     assert_eq!((names(&case.join("1")).len(), names(dir.path()).len()), (3, 1));
     accepted(&case, "--segments 2 --no-write");
@@ -222,10 +155,7 @@ fn patches_that_are_not_understood_are_named() {
     let (_dir, case) = duct();
     fs::remove_dir_all(case.join("0")).unwrap();
     refused(&case, "--segments 2", 1, "what is patch inlet");
-    accepted(
-        &case,
-        "--segments 2 --node-type inlet=inlet --node-type outlet=outlet --no-write",
-    );
+    accepted(&case, "--segments 2 --node-type inlet=inlet --node-type outlet=outlet --no-write");
     // From the function object, and from the boundary conditions.
     let functions = "functions { harvest { type m4gnHarvest; nodeTypes { inlet inlet; outlet outlet; } } }";
     let control = format!("application icoFoam; deltaT 0.5; writeInterval 1; endTime 3; {functions}");
@@ -237,10 +167,7 @@ fn patches_that_are_not_understood_are_named() {
     fs::write(&boundary, text.replace("type empty", "type wedge")).unwrap();
     let output = segment(&case, "--segments 2");
     assert_eq!(output.status.code(), Some(1));
-    assert!(
-        String::from_utf8_lossy(&output.stderr).contains("sides"),
-        "{output:?}"
-    );
+    assert!(String::from_utf8_lossy(&output.stderr).contains("sides"), "{output:?}");
 }
 
 #[test]
@@ -256,16 +183,6 @@ fn entries_of_the_function_object_are_the_defaults() {
     assert_eq!(json["written"], serde_json::json!({ "method": "metis", "k": 2 }));
     let text = accepted(&case, "--segments 1 --method slic-md --modes 1");
     assert!(text.contains("method slic-md, K 1, 1 modes"), "{text}");
-    put(
-        &case,
-        "system/controlDict",
-        "dictionary",
-        &control.replace("count 2", "count two"),
-    );
-    refused(
-        &case,
-        "",
-        1,
-        "the case's function object: segments.count: expected a whole number",
-    );
+    put(&case, "system/controlDict", "dictionary", &control.replace("count 2", "count two"));
+    refused(&case, "", 1, "the case's function object: segments.count: expected a whole number");
 }

@@ -30,11 +30,7 @@ fn train(folder: &Path, name: &str, extra: &[&str]) -> Output {
 /// What a command prints.
 fn m4gn(folder: &Path, arguments: &[&str]) -> String {
     let program = env!("CARGO_BIN_EXE_m4gn");
-    let output = Command::new(program)
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .unwrap();
+    let output = Command::new(program).current_dir(folder).args(arguments).output().unwrap();
     assert!(output.status.success(), "{output:?}");
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
@@ -47,22 +43,14 @@ fn message(output: &Output) -> String {
 #[test]
 fn a_model_is_trained_carried_on_and_trained_further() {
     let folder = folder();
-    let first = train(
-        folder.path(),
-        "a.safetensors",
-        &["--steps", "4", "--html", "a.html"],
-    );
+    let first = train(folder.path(), "a.safetensors", &["--steps", "4", "--html", "a.html"]);
     assert!(first.status.success(), "{first:?}");
     // Three trajectories of 30 frames, 68 nodes and 3 components in 4 bytes.
     let said = String::from_utf8_lossy(&first.stderr);
     assert!(said.contains("frames: 0.0734 MB in memory"), "{said}");
     // The same 50 recorded frames as in `m4gn validate`, with their time
     assert!(said.contains("(RMSE-50 over "), "{said}");
-    let streamed = train(
-        folder.path(),
-        "s.safetensors",
-        &["--steps", "4", "--memory", "5e-5"],
-    );
+    let streamed = train(folder.path(), "s.safetensors", &["--steps", "4", "--memory", "5e-5"]);
     let said = String::from_utf8_lossy(&streamed.stderr);
     let expected =
         "frames: 0.0734 MB in all, 0.0490 MB of 2 trajectories in memory; 1 are read frame by frame";
@@ -107,10 +95,7 @@ fn of_kind(config: &str, kind: &str) -> String {
     let (before, rest) = config.split_once("[macro]").unwrap();
     let (_, after) = rest.split_once("[segments]").unwrap();
     let before = before
-        .replace(
-            "layers_before = 1",
-            &format!("kind = \"{kind}\"\n        layers = 2"),
-        )
+        .replace("layers_before = 1", &format!("kind = \"{kind}\"\n        layers = 2"))
         .replace("layers_after = 1", "");
     format!("{before}[segments]{after}")
 }
@@ -118,35 +103,18 @@ fn of_kind(config: &str, kind: &str) -> String {
 #[test]
 fn every_kind_is_trained_saved_and_validated() {
     let folder = folder();
-    for (kind, layers) in [
-        ("gcn", "2 graph convolutions"),
-        ("mesh-graph-net", "2 message-passing layers"),
-    ] {
+    for (kind, layers) in [("gcn", "2 graph convolutions"), ("mesh-graph-net", "2 message-passing layers")] {
         let config = of_kind(&sample::config(""), kind);
         std::fs::write(folder.path().join("config.toml"), config).unwrap();
         let name = format!("{kind}.safetensors");
         let trained = train(folder.path(), &name, &["--steps", "12"]);
         assert!(trained.status.success(), "{trained:?}");
         let said = m4gn(folder.path(), &["info", &name]);
-        assert!(
-            said.contains(&format!("network     {kind}: width 16, {layers}")),
-            "{said}"
-        );
+        assert!(said.contains(&format!("network     {kind}: width 16, {layers}")), "{said}");
         assert!(said.contains("macro       none"), "{said}");
         let figures = folder.path().join("figures.json");
         let _ = std::fs::remove_file(&figures);
-        m4gn(
-            folder.path(),
-            &[
-                "validate",
-                "--model",
-                &name,
-                "--data",
-                "data",
-                "--json",
-                "figures.json",
-            ],
-        );
+        m4gn(folder.path(), &["validate", "--model", &name, "--data", "data", "--json", "figures.json"]);
         assert!(std::fs::read_to_string(figures).unwrap().contains("rmse"));
     }
 }
@@ -168,18 +136,11 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
 
     model.spec.trained_on = None;
     model.write(folder.path().join("old.safetensors")).unwrap();
-    let told = train(
-        folder.path(),
-        "new.safetensors",
-        &["--from", "old.safetensors", "--steps", "0"],
-    );
+    let told = train(folder.path(), "new.safetensors", &["--from", "old.safetensors", "--steps", "0"]);
     assert!(told.status.success(), "{told:?}");
     let new = Model::read(folder.path().join("new.safetensors")).unwrap();
     assert_eq!(new.spec.trained_on, Some(ranges));
-    assert_eq!(
-        (&new.tensors, &new.spec.training),
-        (&model.tensors, &model.spec.training)
-    );
+    assert_eq!((&new.tensors, &new.spec.training), (&model.tensors, &model.spec.training));
     assert!(!folder.path().join("new.checkpoint").exists());
     let said = message(&train(folder.path(), "b.safetensors", &["--steps", "0"]));
     assert!(said.contains("--from MODEL"), "{said}");
@@ -193,17 +154,7 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     let calibrate = |model: &str, extra: &[&str]| {
         Command::new(env!("CARGO_BIN_EXE_m4gn"))
             .current_dir(folder.path())
-            .args([
-                "calibrate",
-                "--data",
-                "data",
-                "--split",
-                "all",
-                "--starts",
-                "2",
-                "--model",
-                model,
-            ])
+            .args(["calibrate", "--data", "data", "--split", "all", "--starts", "2", "--model", model])
             .args(extra)
             .output()
             .unwrap()
@@ -217,16 +168,7 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     let said = message(&calibrate("a.safetensors", &["--strides", "1000"]));
     assert!(said.contains("ask for fewer"), "{said}");
 
-    let options = [
-        "--strides",
-        "2",
-        "--coverage",
-        "0.5",
-        "--out",
-        "b.safetensors",
-        "--json",
-        "b.json",
-    ];
+    let options = ["--strides", "2", "--coverage", "0.5", "--out", "b.safetensors", "--json", "b.json"];
     let done = calibrate("a.safetensors", &options);
     assert!(done.status.success(), "{done:?}");
     let [a, b] =
@@ -236,10 +178,7 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     assert_eq!((found.coverage, found.trajectories, found.rollouts), (0.5, 3, 6));
     for (growth, field) in found.growth.iter().zip(["U", "p"]) {
         assert_eq!((growth.field.as_str(), growth.factors.len()), (field, 2));
-        assert!(
-            0.0 < growth.factors[0] && growth.factors[0] <= growth.factors[1],
-            "{growth:?}"
-        );
+        assert!(0.0 < growth.factors[0] && growth.factors[0] <= growth.factors[1], "{growth:?}");
     }
     let figures = std::fs::read_to_string(folder.path().join("b.json")).unwrap();
     let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
@@ -299,10 +238,8 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
         command
     };
     // Ctrl-C, once the first row of the journal shows that it learns
-    let running = torch("stopped.safetensors", "", "1000000")
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let running =
+        torch("stopped.safetensors", "", "1000000").stderr(std::process::Stdio::piped()).spawn().unwrap();
     let journal = path.join("stopped.csv");
     let started = Instant::now();
     while std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 2 {
@@ -310,27 +247,15 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
         std::thread::sleep(Duration::from_millis(50));
     }
     let id = running.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args(["-INT", &id])
-            .status()
-            .unwrap()
-            .success()
-    );
+    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
     let said = message(&running.wait_with_output().unwrap());
-    assert!(
-        said.contains("interrupted at step") && said.contains("--resume"),
-        "{said}"
-    );
+    assert!(said.contains("interrupted at step") && said.contains("--resume"), "{said}");
     assert!(path.join("stopped.checkpoint").is_file());
 
     // Files may have 8 KiB: the first checkpoint does not fit
     let full = torch("full.safetensors", "ulimit -f 8;", "4").output().unwrap();
     let said = message(&full);
-    assert!(
-        said.contains("full.") && said.contains("File too large"),
-        "{said}"
-    );
+    assert!(said.contains("full.") && said.contains("File too large"), "{said}");
     let left: Vec<_> = std::fs::read_dir(path)
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -363,10 +288,7 @@ fn a_training_on_libtorch_that_diverges_keeps_what_was_good() {
     std::fs::write(&config, tame.replace("learning_rate = 2e-3", wild)).unwrap();
     let carried_on = ["--resume", "--backend", "torch", "--steps", "400"];
     let said = message(&train(folder.path(), "a.safetensors", &carried_on));
-    assert!(
-        said.contains("diverged") && said.contains("Lower learning_rate"),
-        "{said}"
-    );
+    assert!(said.contains("diverged") && said.contains("Lower learning_rate"), "{said}");
     assert!(files() == good, "what was good was overwritten");
 }
 

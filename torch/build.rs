@@ -21,12 +21,7 @@ fn main() {
     };
     for (name, machine) in sets {
         let mut build = cc::Build::new();
-        build
-            .cpp(true)
-            .std("c++17")
-            .opt_level(3)
-            .file("cpp/kernels.cpp")
-            .define("M4GN_ISA", *name);
+        build.cpp(true).std("c++17").opt_level(3).file("cpp/kernels.cpp").define("M4GN_ISA", *name);
         // Sums may be reordered, so that they become vectors; NaN and infinity stay what they are.
         for flag in ["-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math"] {
             build.flag(flag);
@@ -43,8 +38,6 @@ fn main() {
         build.define("M4GN_X86", None);
     }
     let include = Path::new(&libtorch).join("include");
-    build
-        .include(&include)
-        .include(include.join("torch/csrc/api/include"));
+    build.include(&include).include(include.join("torch/csrc/api/include"));
     build.compile("m4gn_fused");
 }

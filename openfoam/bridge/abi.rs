@@ -81,9 +81,8 @@ fn guarded(f: impl FnOnce() -> Result<(), String>) -> i32 {
         Ok(Err(message)) => message,
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
-            let text = text
-                .or_else(|| panic.downcast_ref::<&str>().copied())
-                .unwrap_or("a panic without a message");
+            let text =
+                text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message");
             format!("internal error of the OpenFOAM bridge: {text}")
         }
     };
@@ -98,9 +97,7 @@ unsafe fn utf8<'a>(text: *const c_char) -> Result<&'a str, String> {
         return Err("expected a string, found a null pointer".into());
     }
     // SAFETY: not null, and a C string by this function's contract.
-    unsafe { CStr::from_ptr(text) }
-        .to_str()
-        .map_err(|_| "expected UTF-8 text".into())
+    unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| "expected UTF-8 text".into())
 }
 
 /// Version of the interface that this library was built with.
@@ -130,11 +127,7 @@ pub unsafe extern "C" fn m4gn_foam_open(path: *const c_char, case: *mut *mut Cas
         // SAFETY: this function's contract.
         let path = unsafe { utf8(path) }?;
         let foam = foam::open_case(path).map_err(|e| e.to_string())?;
-        let opened = Box::new(Case {
-            foam,
-            json: CString::default(),
-            data: Vec::new(),
-        });
+        let opened = Box::new(Case { foam, json: CString::default(), data: Vec::new() });
         // SAFETY: as above.
         unsafe { *case = Box::into_raw(opened) };
         Ok(())
@@ -265,12 +258,8 @@ pub unsafe extern "C" fn m4gn_foam_write(
             (false, _) => unsafe { std::slice::from_raw_parts(data, count) },
         };
         let done = || -> Result<(), cxx::Exception> {
-            case.foam
-                .write_start_fields(&write.fields, &write.note, values, &write.segment_record)?;
-            write
-                .remove
-                .iter()
-                .try_for_each(|name| case.foam.remove_start_field(name))
+            case.foam.write_start_fields(&write.fields, &write.note, values, &write.segment_record)?;
+            write.remove.iter().try_for_each(|name| case.foam.remove_start_field(name))
         };
         done().map_err(|e| e.to_string())
     })

@@ -12,14 +12,8 @@ const HINT: &str = "Type\n    eval \"$(setup/openfoam.sh --export)\"\nbefore car
 /// Debian's libOpenFOAM is v1912 with 32-bit labels and doubles.
 const DEFINES: &str = "OPENFOAM=1912 WM_DP WM_LABEL_SIZE=32 NoRepository";
 
-const LIBRARIES: [&str; 6] = [
-    "OpenFOAM",
-    "finiteVolume",
-    "meshTools",
-    "reconstruct",
-    "genericPatchFields",
-    "Pstream",
-];
+const LIBRARIES: [&str; 6] =
+    ["OpenFOAM", "finiteVolume", "meshTools", "reconstruct", "genericPatchFields", "Pstream"];
 
 /// Sources of the bridge, and those that it shares with the function objects: one way to turn an fvMesh into arrays.
 const SOURCES: &[&str] = &[
@@ -43,12 +37,8 @@ const SOURCES: &[&str] = &[
 ];
 
 /// What they include, beside the header of each.
-const HEADERS: &[&str] = &[
-    "FoamData.H",
-    "../../include/m4gn.h",
-    "../adapter/m4gnFieldNodes.H",
-    "../adapter/m4gnStaleNote.H",
-];
+const HEADERS: &[&str] =
+    &["FoamData.H", "../../include/m4gn.h", "../adapter/m4gnFieldNodes.H", "../adapter/m4gnStaleNote.H"];
 
 fn stop(message: &str) -> ! {
     eprintln!("error: the OpenFOAM bridge cannot be built: {message}.\n{HINT}");
@@ -95,27 +85,19 @@ fn main() {
     }
 
     let mut build = cxx_build::bridge("lib.rs");
-    build
-        .files(SOURCES)
-        .includes([".", "../adapter", "../../include"])
-        .warnings(false);
+    build.files(SOURCES).includes([".", "../adapter", "../../include"]).warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {
         build.flag(format!("-isystem{dir}"));
     }
     for define in defines.split_whitespace() {
         let define = define.strip_prefix("-D").unwrap_or(define);
-        let (name, value) = define
-            .split_once('=')
-            .map_or((define, None), |(n, v)| (n, Some(v)));
+        let (name, value) = define.split_once('=').map_or((define, None), |(n, v)| (n, Some(v)));
         build.define(name, value);
     }
     // ListLoopM.H of v1912 puts __restrict__ on pointers that do alias: with it, GCC 12 gives wrong tensor products.
     build.define("__restrict__", "");
-    build
-        .flag(format!("-std=c++{standard}"))
-        .flag("-Wno-old-style-cast")
-        .flag("-fno-math-errno");
+    build.flag(format!("-std=c++{standard}")).flag("-Wno-old-style-cast").flag("-fno-math-errno");
     // It copies numbers, and is the last to be built.
     build.opt_level(1).debug(false);
     build.compile("m4gn_foam_case");

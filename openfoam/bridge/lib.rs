@@ -8,12 +8,7 @@
 mod abi;
 
 // The macro writes the calls across; its declarations are safe functions on our side.
-#[allow(
-    unsafe_code,
-    clippy::undocumented_unsafe_blocks,
-    missing_docs,
-    non_camel_case_types
-)]
+#[allow(unsafe_code, clippy::undocumented_unsafe_blocks, missing_docs, non_camel_case_types)]
 #[cxx::bridge(namespace = "m4gn")]
 mod foam {
     unsafe extern "C++" {

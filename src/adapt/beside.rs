@@ -26,12 +26,7 @@ pub(super) struct Beside {
 impl Learner {
     /// A copy that learns from frames of its own.
     pub(super) fn with(&self, sample: Sample, window: Window) -> Self {
-        Learner {
-            sample: Arc::new(sample),
-            window,
-            stop: Arc::default(),
-            ..self.clone()
-        }
+        Learner { sample: Arc::new(sample), window, stop: Arc::default(), ..self.clone() }
     }
 
     /// Begins a round on its frames, divided like this for jumps of so many model steps.
@@ -47,13 +42,7 @@ impl Learner {
         };
         let thread = std::thread::Builder::new().name("m4gn adapt".into()).spawn(learn);
         let thread = thread.map_err(|e| Error::Internal(format!("adapt: no thread to learn on: {e}")))?;
-        Ok(Beside {
-            sample,
-            window,
-            strides,
-            stop,
-            thread: Some(thread),
-        })
+        Ok(Beside { sample, window, strides, stop, thread: Some(thread) })
     }
 }
 

@@ -54,12 +54,7 @@ impl Clock {
         let rate = |lag: &Lag, strides: usize| (lag.ahead / strides as f64, lag.weight);
         let (first, _) = mean(lags.iter().map(|[half, _]| rate(half, strides / 2)), stride);
         let (later, spread) = mean(lags.iter().map(|[_, whole]| rate(whole, strides)), stride);
-        Clock {
-            ahead: Ahead { first, later },
-            spread,
-            rollouts: lags.len(),
-            strides,
-        }
+        Clock { ahead: Ahead { first, later }, spread, rollouts: lags.len(), strides }
     }
 
     /// For people.
@@ -76,10 +71,7 @@ impl Clock {
                 percent(first) * first.signum()
             ),
         };
-        format!(
-            "the clock by {} rollouts of {} strides: {what}",
-            self.rollouts, self.strides
-        )
+        format!("the clock by {} rollouts of {} strides: {what}", self.rollouts, self.strides)
     }
 }
 
@@ -110,20 +102,13 @@ impl Learner {
         let own = own_share(comm, plan);
         let model = backend.model(&self.knowledge.optimiser.weights, &self.normaliser);
         let interval = self.spec.stride / n as f64;
-        let found = backend.on_threads(own.len(), |i| {
-            backend.lags(&model, &own[i], [strides / 2, strides], interval)
-        });
+        let found = backend
+            .on_threads(own.len(), |i| backend.lags(&model, &own[i], [strides / 2, strides], interval));
         let numbers = |lags: [Lag; 2]| lags.iter().flat_map(|lag| [lag.ahead, lag.weight]).collect();
         let found = comm.agree(found)?.into_iter().map(numbers);
         let flat = gather_shares(comm, plan.iter().map(|_| 4), found);
-        let lag = |f: &[f64]| Lag {
-            ahead: f[0],
-            weight: f[1],
-        };
-        let lags: Vec<[Lag; 2]> = flat
-            .chunks_exact(4)
-            .map(|f| [lag(&f[..2]), lag(&f[2..])])
-            .collect();
+        let lag = |f: &[f64]| Lag { ahead: f[0], weight: f[1] };
+        let lags: Vec<[Lag; 2]> = flat.chunks_exact(4).map(|f| [lag(&f[..2]), lag(&f[2..])]).collect();
         Ok(Some(Clock::new(&lags, strides, self.spec.stride)))
     }
 }
@@ -131,27 +116,18 @@ impl Learner {
 /// At most so many rollouts of twice so many strides, evenly apart over stretches of frames, each with a stride and a frame
 /// behind its end. None where not even two strides fit.
 pub(super) fn plan(stretches: &[Range<usize>], strides: usize, frames_a_step: usize) -> Vec<Rollout> {
-    let longest = stretches
-        .iter()
-        .map(|r| r.len().saturating_sub(2) / frames_a_step);
+    let longest = stretches.iter().map(|r| r.len().saturating_sub(2) / frames_a_step);
     let longest = longest.max().unwrap_or(0).saturating_sub(1);
     if longest < 2 {
         return Vec::new();
     }
     // With a third to spare, so that several rollouts begin at different frames.
     let steps = (2 * strides).clamp(2, (2 * longest / 3).max(2));
-    let starts = stretches
-        .iter()
-        .flat_map(|r| r.start..r.end.saturating_sub((steps + 1) * frames_a_step + 1));
+    let starts =
+        stretches.iter().flat_map(|r| r.start..r.end.saturating_sub((steps + 1) * frames_a_step + 1));
     let starts: Vec<usize> = starts.collect();
     let count = starts.len().min(ROLLOUTS);
-    (1..=count)
-        .map(|i| Rollout {
-            sample: 0,
-            frame: starts[i * (starts.len() - 1) / count],
-            steps,
-        })
-        .collect()
+    (1..=count).map(|i| Rollout { sample: 0, frame: starts[i * (starts.len() - 1) / count], steps }).collect()
 }
 
 #[cfg(test)]
@@ -168,24 +144,14 @@ mod tests {
     fn a_lag_is_told_by_rollouts_that_agree() {
         let clock = Clock::new(&[lags(0.001, 0.002, 1.0), lags(0.002, 0.006, 3.0)], 10, 0.05);
         let Ahead { first, later } = clock.ahead;
-        assert!(
-            (first - 0.00175).abs() < 1e-12 && (later - 0.005).abs() < 1e-12,
-            "{clock:?}"
-        );
+        assert!((first - 0.00175).abs() < 1e-12 && (later - 0.005).abs() < 1e-12, "{clock:?}");
         // 3/4 of 0.001 and 1/4 of 0.003, squares
         assert!((clock.spread - 3e-6f64.sqrt()).abs() < 1e-12, "{clock:?}");
         let note = clock.note(0.05);
-        assert!(
-            note.contains("10.00 % more") && note.contains("+3.50 % in the first"),
-            "{note}"
-        );
+        assert!(note.contains("10.00 % more") && note.contains("+3.50 % in the first"), "{note}");
         let slow = Clock::new(&[lags(-0.001, -0.0015, 1.0); 2], 10, 0.05);
         assert!(slow.note(0.05).contains("3.00 % less"), "{}", slow.note(0.05));
-        assert!(
-            slow.note(0.05).contains("-2.00 % in the first"),
-            "{}",
-            slow.note(0.05)
-        );
+        assert!(slow.note(0.05).contains("-2.00 % in the first"), "{}", slow.note(0.05));
     }
 
     #[test]
@@ -217,10 +183,7 @@ mod tests {
         let one = |frames: usize| std::iter::once(0..frames).collect::<Vec<_>>();
         assert!(plan(&one(13), 10, 4).is_empty());
         let found = plan(&one(14), 10, 4);
-        assert_eq!(
-            found.iter().map(|r| (r.frame, r.steps)).collect::<Vec<_>>(),
-            [(0, 2)]
-        );
+        assert_eq!(found.iter().map(|r| (r.frame, r.steps)).collect::<Vec<_>>(), [(0, 2)]);
         let found = plan(&one(401), 10, 10);
         assert_eq!(found.last().map(|r| (r.frame, r.steps)), Some((189, 20)));
     }

@@ -45,12 +45,7 @@ impl Learner {
         let (mut best, mut steps) = ((f64::INFINITY, ridges[0]), 0);
         for ridge in ridges {
             steps += 1;
-            if later.solve(
-                &layer,
-                ridge,
-                &self.shipped,
-                &mut self.knowledge.optimiser.weights,
-            )? {
+            if later.solve(&layer, ridge, &self.shipped, &mut self.knowledge.optimiser.weights)? {
                 let score = self.score(comm, backend, split)?;
                 if score < best.0 {
                     best = (score, ridge);
@@ -67,24 +62,14 @@ impl Learner {
             // Those that were not held back are the first of them.
             fresh.add(&self.sums(comm, backend, all_new, new.len(), 1)?, 1.0);
             steps += 1;
-            with(&sums, &fresh).solve(
-                &layer,
-                ridge,
-                &self.shipped,
-                &mut self.knowledge.optimiser.weights,
-            )?
+            with(&sums, &fresh).solve(&layer, ridge, &self.shipped, &mut self.knowledge.optimiser.weights)?
         };
         if !used {
             self.knowledge.optimiser.weights = weights;
         }
         self.knowledge.fitted = Some((sums, ridge));
         self.knowledge.steps += steps;
-        Ok(Learned {
-            steps,
-            before,
-            after: if used { after } else { before },
-            ended: "",
-        })
+        Ok(Learned { steps, before, after: if used { after } else { before }, ended: "" })
     }
 
     /// The sums of every so many of the examples that begin at these frames, without the first ones of these.

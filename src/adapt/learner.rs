@@ -47,13 +47,7 @@ pub(super) struct Knowledge {
 impl Knowledge {
     /// Of weights that have learned nothing yet.
     pub fn of(optimiser: Optimiser) -> Self {
-        Knowledge {
-            optimiser,
-            fitted: None,
-            clock: None,
-            steps: 0,
-            seconds: 0.0,
-        }
+        Knowledge { optimiser, fitted: None, clock: None, steps: 0, seconds: 0.0 }
     }
 }
 
@@ -149,12 +143,7 @@ impl Learner {
         match self.settings.method {
             Method::Gradient => self.descend(comm, backend, split, before, began),
             Method::Ridge => self.fit(comm, backend, split, before),
-            Method::Clock => Ok(Learned {
-                steps: 0,
-                before,
-                after: before,
-                ended: "",
-            }),
+            Method::Clock => Ok(Learned { steps: 0, before, after: before, ended: "" }),
         }
     }
 
@@ -168,11 +157,7 @@ impl Learner {
         began: Instant,
     ) -> Result<Learned> {
         let first = self.knowledge.steps == 0;
-        let steps = if first {
-            self.settings.steps
-        } else {
-            self.settings.steps_each
-        };
+        let steps = if first { self.settings.steps } else { self.settings.steps_each };
         let interval = match first {
             true => steps.div_ceil(CHECKS).max(BETWEEN),
             false => steps,
@@ -201,12 +186,7 @@ impl Learner {
         }
         let (after, optimiser) = best;
         self.knowledge.optimiser = optimiser;
-        Ok(Learned {
-            steps: made,
-            before,
-            after,
-            ended,
-        })
+        Ok(Learned { steps: made, before, after, ended })
     }
 
     /// Whether the budget of wall time is spent, by the first rank's clock. Collective.
@@ -261,13 +241,8 @@ impl Learner {
             accumulate: false,
             learn: true,
         };
-        let learned = learn_together(
-            comm,
-            backend,
-            &self.knowledge.optimiser.weights,
-            &self.normaliser,
-            &batch,
-        )?;
+        let learned =
+            learn_together(comm, backend, &self.knowledge.optimiser.weights, &self.normaliser, &batch)?;
         let mut gradient = learned.gradient.unwrap_or_default();
         self.mask(&mut gradient);
         let length = norm(&gradient);
@@ -278,9 +253,7 @@ impl Learner {
             Some(at) => t.learning_rate_at(at),
             None => LATER_RATE * t.learning_rate,
         };
-        self.knowledge
-            .optimiser
-            .update(&gradient, length, rate, t.gradient_clip, 0.0);
+        self.knowledge.optimiser.update(&gradient, length, rate, t.gradient_clip, 0.0);
         let pull = (rate * self.settings.pull).min(1.0) as f32;
         if pull > 0.0 {
             let pairs = self.knowledge.optimiser.weights.iter_mut().zip(&self.shipped);

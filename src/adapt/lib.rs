@@ -61,13 +61,7 @@ impl Adaptation {
         let whole = m4gn_domain::whole(mesh, &comm)?;
         let (segments, labels) = segments(session, mesh);
         let (spec, resolution) = (&model.spec, session.resolution());
-        let sample = comm.agree(Sample::of_mesh(
-            &whole,
-            spec,
-            &segments,
-            resolution,
-            Some(&labels),
-        ))?;
+        let sample = comm.agree(Sample::of_mesh(&whole, spec, &segments, resolution, Some(&labels)))?;
         let n_cells = whole.cell_global.len() as i64;
         let boundary = own_boundary(mesh, comm.is_root()).map(|face| n_cells + face);
         let nodes: Vec<i64> = mesh.cell_global.iter().copied().chain(boundary).collect();
@@ -76,11 +70,7 @@ impl Adaptation {
         let shipped = comm.agree(layout.flatten(model))?;
         let precision = settings.precision.agreed(model.spec.precision_of_runs(), &comm);
         let training = settings.training(&model.spec, &normaliser.scales().node.std, precision);
-        let window = Window::new(
-            &settings,
-            model.spec.stride,
-            sample.structure.graph.n_owned * sample.width,
-        );
+        let window = Window::new(&settings, model.spec.stride, sample.structure.graph.n_owned * sample.width);
         let threads = settings.threads.unwrap_or_else(|| session.threads());
         let optimiser = Optimiser::new(shipped.clone(), training.betas, false).with_rule(
             training.optimiser,
@@ -89,10 +79,7 @@ impl Adaptation {
             threads,
         );
         Ok(Adaptation {
-            places: everywhere(&comm, &nodes)
-                .into_iter()
-                .map(|node| node as usize)
-                .collect(),
+            places: everywhere(&comm, &nodes).into_iter().map(|node| node as usize).collect(),
             mesh: mesh.clone(),
             learner: Learner {
                 threads,
@@ -151,9 +138,7 @@ impl Adaptation {
             let kept = stays.iter().enumerate().filter(|(_, stays)| **stays);
             let mut n = 0;
             for (frame, _) in kept {
-                sample
-                    .frames
-                    .copy_within(frame * size..(frame + 1) * size, n * size);
+                sample.frames.copy_within(frame * size..(frame + 1) * size, n * size);
                 n += 1;
             }
             sample.frames.truncate(n * size);
@@ -166,10 +151,7 @@ impl Adaptation {
     /// This rank's values, cells and then boundary faces, all components of a node together.
     fn rows(&self, fields: &[Field]) -> Result<Vec<f32>> {
         let (width, cells) = (self.learner.sample.width, self.n_cells());
-        let (boundary, own) = (
-            self.n_boundary(),
-            own_boundary(&self.mesh, self.comm.is_root()).count(),
-        );
+        let (boundary, own) = (self.n_boundary(), own_boundary(&self.mesh, self.comm.is_root()).count());
         let mut rows = vec![0f32; (cells + own) * width];
         let mut column = 0;
         for spec in &self.learner.spec.fields {
@@ -187,11 +169,7 @@ impl Adaptation {
                 )));
             }
             let scalar = [0];
-            let directions = if spec.vector {
-                &self.mesh.directions[..]
-            } else {
-                &scalar
-            };
+            let directions = if spec.vector { &self.mesh.directions[..] } else { &scalar };
             let values = field.cells.chunks_exact(c).chain(field.boundary.chunks_exact(c));
             for (row, value) in rows.chunks_exact_mut(width).zip(values) {
                 for (i, &d) in directions.iter().enumerate() {
@@ -202,9 +180,7 @@ impl Adaptation {
         }
         match rows.iter().all(|v| v.is_finite()) {
             true => Ok(rows),
-            false => Err(Error::Numerical(
-                "adapt: a frame holds a value that is not finite".into(),
-            )),
+            false => Err(Error::Numerical("adapt: a frame holds a value that is not finite".into())),
         }
     }
 
@@ -300,11 +276,7 @@ fn segments(session: &Session, mesh: &Mesh) -> (SegmentSpec, Vec<i32>) {
     let labels = everywhere(session.comm(), session.cell_segment());
     let mut ordered = vec![0; cells.len()];
     if session.n_segments() == 0 {
-        let one = SegmentSpec {
-            count: 1,
-            overlap: 0,
-            ..SegmentSpec::default()
-        };
+        let one = SegmentSpec { count: 1, overlap: 0, ..SegmentSpec::default() };
         return (one, ordered);
     }
     for (&cell, label) in cells.iter().zip(labels) {

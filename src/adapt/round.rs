@@ -76,10 +76,7 @@ impl Adaptation {
             }
             return Ok(outcome);
         }
-        let mut outcome = Outcome {
-            frames: self.frames(),
-            ..Outcome::default()
-        };
+        let mut outcome = Outcome { frames: self.frames(), ..Outcome::default() };
         match self.learner.split(strides) {
             Err(why) => outcome.note = format!("not adapted: {why}"),
             Ok(split) if self.learner.settings.overlap => {
@@ -205,9 +202,7 @@ impl Learner {
         let clock = clock::plan(&ranges, strides, n);
         // With a third to spare, so that several rollouts begin at different frames.
         let strides = strides.clamp(1, (2 * longest / 3).max(1));
-        let held = ranges
-            .iter()
-            .flat_map(|r| cut.max(r.start)..r.end.saturating_sub(strides * n));
+        let held = ranges.iter().flat_map(|r| cut.max(r.start)..r.end.saturating_sub(strides * n));
         let held: Vec<usize> = held.collect();
         let count = held.len().min(ROLLOUTS);
         let pick = |i: usize| match count {
@@ -218,13 +213,7 @@ impl Learner {
             frames_a_step: n,
             starts: [old, new],
             all: starts(frames),
-            rollouts: (0..count)
-                .map(|i| Rollout {
-                    sample: 0,
-                    frame: pick(i),
-                    steps: strides,
-                })
-                .collect(),
+            rollouts: (0..count).map(|i| Rollout { sample: 0, frame: pick(i), steps: strides }).collect(),
             strides,
             fresh: clock.last().is_some_and(|r| r.frame >= newest.start),
             clock,

@@ -144,31 +144,11 @@ impl Settings {
         let positive = |x: f64| x.is_finite() && x > 0.0;
         let not_negative = |x: f64| x.is_finite() && x >= 0.0;
         for (key, value, fits, expected) in [
-            (
-                "window",
-                self.window,
-                self.window.is_none_or(positive),
-                "a time above 0",
-            ),
-            (
-                "budget",
-                self.budget,
-                self.budget.is_none_or(not_negative),
-                "seconds, 0 or more",
-            ),
-            (
-                "learningRate",
-                Some(self.learning_rate),
-                positive(self.learning_rate),
-                "above 0",
-            ),
+            ("window", self.window, self.window.is_none_or(positive), "a time above 0"),
+            ("budget", self.budget, self.budget.is_none_or(not_negative), "seconds, 0 or more"),
+            ("learningRate", Some(self.learning_rate), positive(self.learning_rate), "above 0"),
             ("noise", Some(self.noise), not_negative(self.noise), "0 or more"),
-            (
-                "smoothLoss",
-                Some(self.smooth_loss),
-                not_negative(self.smooth_loss),
-                "0 or more",
-            ),
+            ("smoothLoss", Some(self.smooth_loss), not_negative(self.smooth_loss), "0 or more"),
             ("pull", Some(self.pull), not_negative(self.pull), "0 or more"),
             (
                 "heldBack",
@@ -225,26 +205,14 @@ impl Settings {
         if let Some(trained) = own("noise").and_then(|n| n.as_object()) {
             // What is read and no input by itself: as much noise as the model was trained with.
             let usable = |v: &serde_json::Value| v.as_f64().filter(|v| v.is_finite() && *v >= 0.0);
-            let moved = |name: &str| {
-                spec.fields
-                    .iter()
-                    .any(|f| f.name == name && spec.reads(f) && !f.input)
-            };
+            let moved = |name: &str| spec.fields.iter().any(|f| f.name == name && spec.reads(f) && !f.input);
             let known = trained.iter().filter(|(name, _)| moved(name));
             noise.extend(known.filter_map(|(name, v)| Some((name.clone(), usable(v)?))));
         }
         let of_losses = own("loss_weights");
-        let weights = |name: &str| {
-            of_losses
-                .and_then(|w| w.get(name))
-                .and_then(serde_json::Value::as_f64)
-        };
-        let weight = |name: &String| {
-            Some((
-                name.clone(),
-                weights(name).filter(|w| w.is_finite() && *w >= 0.0)?,
-            ))
-        };
+        let weights = |name: &str| of_losses.and_then(|w| w.get(name)).and_then(serde_json::Value::as_f64);
+        let weight =
+            |name: &String| Some((name.clone(), weights(name).filter(|w| w.is_finite() && *w >= 0.0)?));
         // What it was taught of the stride before it is taught here.
         let share = |key: &str| {
             let value = own(key).and_then(serde_json::Value::as_f64);
@@ -262,9 +230,7 @@ impl Settings {
             decay_steps: self.steps,
             betas: [0.9, 0.99],
             gradient_clip: 1.0,
-            mirror: own("mirror")
-                .and_then(serde_json::Value::as_bool)
-                .unwrap_or(false),
+            mirror: own("mirror").and_then(serde_json::Value::as_bool).unwrap_or(false),
             noise,
             history_pace: share("history_pace"),
             history_noise: share("history_noise"),
@@ -277,9 +243,7 @@ impl Settings {
 }
 
 fn bad<T>(key: &str, found: impl std::fmt::Display, expected: &str) -> Result<T> {
-    Err(Error::Input(format!(
-        "adapt, {key}: found {found}, expected {expected}"
-    )))
+    Err(Error::Input(format!("adapt, {key}: found {found}, expected {expected}")))
 }
 
 #[cfg(test)]
@@ -288,10 +252,7 @@ mod tests {
 
     #[test]
     fn a_mode_suffices_and_what_is_wrong_is_named() {
-        assert_eq!(
-            Settings::parse(r#"{"mode": "before"}"#).unwrap(),
-            Settings::default()
-        );
+        assert_eq!(Settings::parse(r#"{"mode": "before"}"#).unwrap(), Settings::default());
         for (text, named) in [
             (r#"{"mode": "after"}"#, "before"),
             (r#"{"learning_rate": 1}"#, "learningRate"),

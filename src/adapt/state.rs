@@ -48,9 +48,7 @@ struct Round {
 /// FNV-1a of the weights' bits.
 fn digest(weights: &[f32]) -> u64 {
     let bytes = weights.iter().flat_map(|w| w.to_le_bytes());
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-    })
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
 impl Adaptation {
@@ -75,16 +73,8 @@ impl Adaptation {
     /// # Errors
     /// [`Error::Internal`] where it cannot be written down.
     pub fn bytes(&self) -> Result<Vec<u8>> {
-        let Learner {
-            knowledge,
-            sample,
-            window,
-            shipped,
-            ..
-        } = &self.learner;
-        let Knowledge {
-            optimiser, fitted, ..
-        } = knowledge;
+        let Learner { knowledge, sample, window, shipped, .. } = &self.learner;
+        let Knowledge { optimiser, fitted, .. } = knowledge;
         let description = Description {
             version: 1,
             model: digest(shipped),
@@ -96,10 +86,10 @@ impl Adaptation {
             ridge: fitted.as_ref().map(|(_, ridge)| *ridge),
             clock: knowledge.clock,
             window: window.clone(),
-            beside: self.beside.as_ref().map(|round| Round {
-                strides: round.strides,
-                window: round.window.clone(),
-            }),
+            beside: self
+                .beside
+                .as_ref()
+                .map(|round| Round { strides: round.strides, window: round.window.clone() }),
         };
         let mut arrays = Arrays::default();
         // Before anything was learned the weights are those of the model's file, and there are no moments.
@@ -125,9 +115,7 @@ impl Adaptation {
     /// [`Error::Input`] for bytes that are damaged, or of another model or mesh.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<()> {
         let taken = self.take(bytes).map_err(|what| {
-            Error::Input(format!(
-                "not a usable state of this adaptation ({what}); delete it to adapt anew"
-            ))
+            Error::Input(format!("not a usable state of this adaptation ({what}); delete it to adapt anew"))
         });
         self.comm.agree(taken)
     }
@@ -172,9 +160,7 @@ impl Adaptation {
         let stride = learner.spec.stride;
         let ahead = found.clock.unwrap_or_default().ahead;
         if ![ahead.first, ahead.later].iter().all(|a| a.abs() < stride) {
-            return Err(format!(
-                "a clock that is {ahead:?} s off in a stride of {stride} s"
-            ));
+            return Err(format!("a clock that is {ahead:?} s off in a stride of {stride} s"));
         }
         let array = |name: &str, size: usize| {
             let values = file.floats(name).ok_or_else(|| format!("no tensor `{name}`"))?;
@@ -217,13 +203,8 @@ impl Adaptation {
         let mut optimiser = learner.knowledge.optimiser.clone();
         (optimiser.weights, optimiser.first, optimiser.second) = (weights, first, second);
         optimiser.updates = found.updates;
-        let knowledge = Knowledge {
-            optimiser,
-            fitted,
-            clock: found.clock,
-            steps: found.steps,
-            seconds: found.seconds,
-        };
+        let knowledge =
+            Knowledge { optimiser, fitted, clock: found.clock, steps: found.steps, seconds: found.seconds };
         // The round begins again, and comes to the same end.
         let beside = match found.beside {
             Some(Round { strides, mut window }) => {

@@ -57,11 +57,7 @@ fn a_case_is_learned_and_the_session_takes_it_over() {
     show(&mut a, 0..60);
     let outcome = a.run(10).unwrap();
     println!("{}", outcome.note);
-    assert!(
-        outcome.used && outcome.after < 0.5 * outcome.before,
-        "{}",
-        outcome.note
-    );
+    assert!(outcome.used && outcome.after < 0.5 * outcome.before, "{}", outcome.note);
     assert_eq!(outcome.strides, 1, "two thirds of the two strides held back");
     // The session's step is now that of the adapted model.
     let model = a.model();
@@ -69,26 +65,12 @@ fn a_case_is_learned_and_the_session_takes_it_over() {
         let [u, p] = vortex(&a.mesh, 0.0);
         let expected = vortex(&a.mesh, 2.0 * STEP);
         let fields = [
-            Field {
-                name: "U",
-                components: 3,
-                cells: &u.0,
-                boundary: &u.1,
-            },
-            Field {
-                name: "p",
-                components: 1,
-                cells: &p.0,
-                boundary: &p.1,
-            },
+            Field { name: "U", components: 3, cells: &u.0, boundary: &u.1 },
+            Field { name: "p", components: 1, cells: &p.0, boundary: &p.1 },
         ];
         session.advance(&fields, Ok(())).unwrap();
         let mut found = u.0.clone();
-        session.write(&mut m4gn_step::FieldMut {
-            name: "U",
-            components: 3,
-            cells: &mut found,
-        });
+        session.write(&mut m4gn_step::FieldMut { name: "U", components: 3, cells: &mut found });
         let square = found.iter().zip(&expected[0].0).map(|(a, b)| (a - b).powi(2));
         square.sum::<f64>().sqrt()
     };
@@ -108,35 +90,17 @@ fn the_last_layer_is_fitted_in_closed_form() {
     show(&mut a, 0..60);
     let outcome = a.run(10).unwrap();
     println!("{}", outcome.note);
-    assert!(
-        outcome.used && outcome.after < 0.5 * outcome.before,
-        "{}",
-        outcome.note
-    );
+    assert!(outcome.used && outcome.after < 0.5 * outcome.before, "{}", outcome.note);
     assert_eq!(outcome.steps, 6, "five ridges, and the regression on all frames");
-    let changed: usize = a
-        .learner
-        .knowledge
-        .optimiser
-        .weights
-        .iter()
-        .zip(&shipped)
-        .filter(|(a, b)| a != b)
-        .count();
+    let changed: usize =
+        a.learner.knowledge.optimiser.weights.iter().zip(&shipped).filter(|(a, b)| a != b).count();
     let layer = 3 * (a.learner.spec.architecture.width + 1);
-    assert!(
-        changed <= layer && changed > layer / 2,
-        "{changed} weights of {layer}"
-    );
+    assert!(changed <= layer && changed > layer / 2, "{changed} weights of {layer}");
     // Later stretches join the sums; the ridge stays.
     for first in [80, 100] {
         show(&mut a, first..first + 7);
         let outcome = a.run(4).unwrap();
-        assert!(
-            outcome.steps <= 2 && outcome.after <= outcome.before,
-            "{}",
-            outcome.note
-        );
+        assert!(outcome.steps <= 2 && outcome.after <= outcome.before, "{}", outcome.note);
     }
 }
 
@@ -159,11 +123,7 @@ fn the_clock_of_a_model_that_goes_too_fast_is_told() {
         println!("{}", outcome.note);
         assert!(!outcome.used && outcome.steps == 0 && timed.is_done());
         for ahead in [timed.ahead().first, timed.ahead().later] {
-            assert!(
-                (ahead / stride - expected).abs() < 0.05,
-                "{speed}: {}",
-                outcome.note
-            );
+            assert!((ahead / stride - expected).abs() < 0.05, "{speed}: {}", outcome.note);
         }
         timed.save(&path).unwrap();
         let (_, mut next) = adaptation_of(&learned, r#"{"method": "clock"}"#);
@@ -174,10 +134,7 @@ fn the_clock_of_a_model_that_goes_too_fast_is_told() {
     let (_, mut few) = adaptation_of(&learned, r#"{"method": "clock"}"#);
     show(&mut few, 0..60);
     let note = few.run(3).unwrap().note;
-    assert!(
-        note.contains("too far apart") && few.ahead() == Ahead::default(),
-        "{note}"
-    );
+    assert!(note.contains("too far apart") && few.ahead() == Ahead::default(), "{note}");
 }
 
 #[test]
@@ -186,11 +143,7 @@ fn weights_that_are_no_better_are_not_used() {
     let shipped = a.learner.shipped.clone();
     show(&mut a, 0..40);
     let outcome = a.run(4).unwrap();
-    assert!(
-        !outcome.used && outcome.after == outcome.before,
-        "{}",
-        outcome.note
-    );
+    assert!(!outcome.used && outcome.after == outcome.before, "{}", outcome.note);
     assert!(outcome.note.contains("stay as they were"), "{}", outcome.note);
     assert_eq!(a.learner.knowledge.optimiser.weights, shipped);
 }
@@ -214,18 +167,11 @@ fn too_few_frames_and_a_spent_budget_are_said() {
     let (_, mut a) = adaptation("{}");
     show(&mut a, 0..4);
     let note = a.run(4).unwrap().note;
-    assert!(
-        note.contains("4 frames") && note.contains("start earlier"),
-        "{note}"
-    );
+    assert!(note.contains("4 frames") && note.contains("start earlier"), "{note}");
     let (_, mut a) = adaptation(r#"{"budget": 0}"#);
     show(&mut a, 0..40);
     let outcome = a.run(4).unwrap();
-    assert!(
-        outcome.note.contains("budget") && outcome.steps == 0,
-        "{}",
-        outcome.note
-    );
+    assert!(outcome.note.contains("budget") && outcome.steps == 0, "{}", outcome.note);
 }
 
 #[test]
@@ -249,11 +195,7 @@ fn later_stretches_are_judged_by_the_newest_one() {
 fn a_round_beside_the_run_is_used_a_jump_later() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("state");
-    for (mode, method) in [
-        ("during", "gradient"),
-        ("during", "ridge"),
-        ("before", "gradient"),
-    ] {
+    for (mode, method) in [("during", "gradient"), ("during", "ridge"), ("before", "gradient")] {
         let settings = |overlap| {
             format!(
                 r#"{{"mode": "{mode}", "method": "{method}", "learningRate": 3e-3, "steps": 30, "stepsEach": 20, "overlap": {overlap}}}"#
@@ -342,10 +284,7 @@ fn is_the_uninterrupted_one(settings: &str, path: &std::path::Path) {
                 assert_eq!((a.before, a.after), (b.before, b.after), "round {number}");
             }
         }
-        assert_eq!(
-            whole.learner.knowledge.optimiser,
-            parts.learner.knowledge.optimiser
-        );
+        assert_eq!(whole.learner.knowledge.optimiser, parts.learner.knowledge.optimiser);
         assert_eq!(
             (&whole.learner.window, &whole.learner.sample.frames),
             (&parts.learner.window, &parts.learner.sample.frames)
@@ -362,13 +301,7 @@ fn is_the_uninterrupted_one(settings: &str, path: &std::path::Path) {
     assert_eq!(parts.learner.knowledge.optimiser, before);
     std::fs::write(path, &good).unwrap();
     parts.learner.shipped[0] += 1.0;
-    assert!(
-        parts
-            .load(path)
-            .unwrap_err()
-            .to_string()
-            .contains("another model")
-    );
+    assert!(parts.load(path).unwrap_err().to_string().contains("another model"));
 }
 
 #[test]
@@ -376,18 +309,8 @@ fn frames_that_do_not_fit_change_nothing() {
     let (_, mut a) = adaptation("{}");
     show(&mut a, 0..3);
     let [u, p] = vortex(&a.mesh, 0.0);
-    let field = |cells| Field {
-        name: "U",
-        components: 3,
-        cells,
-        boundary: &u.1,
-    };
-    let p = Field {
-        name: "p",
-        components: 1,
-        cells: &p.0,
-        boundary: &p.1,
-    };
+    let field = |cells| Field { name: "U", components: 3, cells, boundary: &u.1 };
+    let p = Field { name: "p", components: 1, cells: &p.0, boundary: &p.1 };
     let mut infinite = u.0.clone();
     infinite[4] = f64::INFINITY;
     let time = 3.0 * STEP;
@@ -399,10 +322,7 @@ fn frames_that_do_not_fit_change_nothing() {
         let error = a.frame(time, false, &fields).unwrap_err().to_string();
         assert!(error.contains(said), "{error}");
     }
-    assert!(
-        a.frame(STEP, false, &[field(&u.0), p]).is_err(),
-        "a time that was there before"
-    );
+    assert!(a.frame(STEP, false, &[field(&u.0), p]).is_err(), "a time that was there before");
     assert_eq!(a.frames(), 3);
     a.frame(time, false, &[field(&u.0), p]).unwrap();
     assert_eq!(a.frames(), 4);

@@ -65,12 +65,7 @@ impl Window {
             )));
         }
         let step = last.map_or(f64::NAN, |last| time - last);
-        let fresh = Stretch {
-            first: 0,
-            kept: 1,
-            steps: 0,
-            time,
-        };
+        let fresh = Stretch { first: 0, kept: 1, steps: 0, time };
         if begins || last.is_none() {
             self.stretches.push(fresh);
             return Ok(true);
@@ -188,10 +183,7 @@ impl Window {
 
     /// Without its frames.
     pub fn emptied(&self) -> Self {
-        Window {
-            stretches: Vec::new(),
-            ..self.clone()
-        }
+        Window { stretches: Vec::new(), ..self.clone() }
     }
 
     /// Frames in memory.
@@ -220,11 +212,7 @@ mod tests {
     use super::*;
 
     fn window(max_frames: usize, length: Option<f64>) -> Window {
-        let settings = Settings {
-            max_frames,
-            window: length,
-            ..Settings::default()
-        };
+        let settings = Settings { max_frames, window: length, ..Settings::default() };
         Window::new(&settings, 0.6, 10)
     }
 
@@ -250,22 +238,13 @@ mod tests {
         fill(&mut w, 0..10, true, &mut held);
         assert_eq!((w.frames_a_stride(), held.len()), (Some(6), 10));
         fill(&mut w, 10..11, false, &mut held);
-        assert_eq!(
-            (w.frames_a_stride(), &held[..]),
-            (Some(3), &[0, 2, 4, 6, 8, 10][..])
-        );
+        assert_eq!((w.frames_a_stride(), &held[..]), (Some(3), &[0, 2, 4, 6, 8, 10][..]));
         fill(&mut w, 11..40, false, &mut held);
-        assert_eq!(
-            (w.frames_a_stride(), &held[..]),
-            (Some(1), &[0, 6, 12, 18, 24, 30, 36][..])
-        );
+        assert_eq!((w.frames_a_stride(), &held[..]), (Some(1), &[0, 6, 12, 18, 24, 30, 36][..]));
         // No coarser interval is left: the oldest ones go.
         fill(&mut w, 40..70, false, &mut held);
         assert_eq!(held.last(), Some(&66));
-        assert!(
-            held.len() <= 10 && held.windows(2).all(|p| p[1] - p[0] == 6),
-            "{held:?}"
-        );
+        assert!(held.len() <= 10 && held.windows(2).all(|p| p[1] - p[0] == 6), "{held:?}");
     }
 
     #[test]

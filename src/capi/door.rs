@@ -28,9 +28,7 @@ pub fn enter<T>(name: &str, failed: impl FnOnce(i32) -> T, body: impl FnOnce() -
 /// `m4gn_last_error`.
 pub fn last_error() -> *const c_char {
     // A thread that is being torn down has no message any more.
-    LAST_ERROR
-        .try_with(|m| m.borrow().as_ptr())
-        .unwrap_or(c"".as_ptr())
+    LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }
 
 fn keep(message: &str) {
@@ -73,10 +71,7 @@ pub fn create<T>(place: Result<&mut *mut T>, make: impl FnOnce(Result<()>) -> Re
 
 /// The last part of a path: folders may differ between ranks (distributed roots), the file is the same.
 pub fn file_name(path: &std::path::Path) -> String {
-    path.file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned()
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Defines exports whose bodies run behind the door. `or` says what is returned for a status after a failure.
@@ -100,9 +95,7 @@ mod tests {
 
     fn message() -> String {
         // SAFETY: the string of this thread lives until the next call.
-        unsafe { CStr::from_ptr(last_error()) }
-            .to_string_lossy()
-            .into_owned()
+        unsafe { CStr::from_ptr(last_error()) }.to_string_lossy().into_owned()
     }
 
     #[test]

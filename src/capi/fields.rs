@@ -47,14 +47,7 @@ pub(super) unsafe fn read_outputs<'a>(
                 "output '{name}': expected an array of {len}, found a null pointer"
             )));
         }
-        Ok((
-            OutputShape {
-                name,
-                components,
-                len,
-            },
-            f.cells,
-        ))
+        Ok((OutputShape { name, components, len }, f.cells))
     };
     list.iter().map(read).collect()
 }
@@ -62,8 +55,6 @@ pub(super) unsafe fn read_outputs<'a>(
 fn components(name: &str, n: i32) -> Result<usize> {
     match n {
         1 | 3 => Ok(n as usize),
-        _ => Err(Error::Input(format!(
-            "field '{name}': expected 1 or 3 components, found {n}"
-        ))),
+        _ => Err(Error::Input(format!("field '{name}': expected 1 or 3 components, found {n}"))),
     }
 }

@@ -33,22 +33,15 @@ unsafe fn misfit<P>(
             let request = Request::read(options, cell_segment, mesh.n_cells())?;
             let record = raw::optional_text("record", record)?.unwrap_or("").to_owned();
             if request.labels.is_none() {
-                return Err(Error::Input(
-                    "cell_segment: expected labels, found a null pointer".into(),
-                ));
+                return Err(Error::Input("cell_segment: expected labels, found a null pointer".into()));
             }
             let same = request.shared(model)?;
             Ok(((places, (mesh, model, request), record), same))
         }
     };
-    door::together(
-        "m4gn_segments_fit",
-        &comm,
-        read,
-        |(places, (mesh, model, request), record)| {
-            Ok((compare(&comm, &mesh, model, &request, record)?, places))
-        },
-    )
+    door::together("m4gn_segments_fit", &comm, read, |(places, (mesh, model, request), record)| {
+        Ok((compare(&comm, &mesh, model, &request, record)?, places))
+    })
 }
 
 /// Collective.
@@ -70,14 +63,7 @@ fn compare(
         None => Some(request.segments.names()),
     };
     let labels = request.labels.as_deref().unwrap_or_default();
-    Ok(segments::misfit(
-        mesh,
-        labels,
-        &record,
-        &wanted,
-        only.as_deref(),
-        comm,
-    ))
+    Ok(segments::misfit(mesh, labels, &record, &wanted, only.as_deref(), comm))
 }
 
 exports! {

@@ -33,28 +33,15 @@ pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<(Vec<Fie
                 usize::try_from(v)
                     .map_err(|_| Error::Input(format!("array {name}: {what} {v}: expected 0 or more")))
             };
-            let (len, components) = (
-                count("n", given.n)?,
-                count("components", given.components.into())?,
-            );
+            let (len, components) = (count("n", given.n)?, count("components", given.components.into())?);
             let solved = count("solved", given.solved.into())?;
             let mut weight = Weight::Carried;
             if solved > 0 {
                 let items = len / components.max(1);
                 weight = Weight::Items(raw::slice("arrays.weights", given.weights, items)?.to_vec());
-                advanced.push(Advanced {
-                    name: name.clone(),
-                    components,
-                    solved,
-                });
+                advanced.push(Advanced { name: name.clone(), components, solved });
             }
-            fields.push(Field {
-                name,
-                len,
-                components,
-                weight,
-                positive: given.positive != 0,
-            });
+            fields.push(Field { name, len, components, weight, positive: given.positive != 0 });
         }
     }
     Ok((fields, advanced))
@@ -73,9 +60,7 @@ pub(super) unsafe fn read<'a>(
     let given = unsafe { raw::slice("arrays", arrays, expected(n, lengths)?)? };
     let pairs = given.iter().zip(lengths);
     // SAFETY: passed on to the caller.
-    pairs
-        .map(|(&a, &len)| unsafe { raw::slice("arrays", a, len) })
-        .collect()
+    pairs.map(|(&a, &len)| unsafe { raw::slice("arrays", a, len) }).collect()
 }
 
 /// The same, to be written.
@@ -91,17 +76,12 @@ pub(super) unsafe fn places<'a>(
     let given = unsafe { raw::slice("arrays", arrays, expected(n, lengths)?)? };
     let pairs = given.iter().zip(lengths);
     // SAFETY: passed on to the caller; no two are the same.
-    pairs
-        .map(|(&a, &len)| unsafe { raw::slice_mut("arrays", a, len) })
-        .collect()
+    pairs.map(|(&a, &len)| unsafe { raw::slice_mut("arrays", a, len) }).collect()
 }
 
 fn expected(n: i32, lengths: &[usize]) -> Result<usize> {
     match raw::count("n_arrays", n)? {
         n if n == lengths.len() => Ok(n),
-        n => Err(Error::Input(format!(
-            "{n} arrays: expected {}, those of the ride's start",
-            lengths.len()
-        ))),
+        n => Err(Error::Input(format!("{n} arrays: expected {}, those of the ride's start", lengths.len()))),
     }
 }

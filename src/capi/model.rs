@@ -36,10 +36,7 @@ fn open(comm: i32, place: Result<()>, path: Result<PathBuf>) -> Result<ModelHand
         let model = read_model(&comm, &path)?;
         let mut hasher = DefaultHasher::new();
         hasher.write(&comm.agree(model.to_bytes())?);
-        Ok(ModelHandle {
-            model: Arc::new(model),
-            digest: hasher.finish(),
-        })
+        Ok(ModelHandle { model: Arc::new(model), digest: hasher.finish() })
     })
 }
 

@@ -44,22 +44,8 @@ pub(super) struct ModesOptions {
 
 impl Default for ModesOptions {
     fn default() -> Self {
-        let SegmentSpec {
-            modes,
-            energy,
-            modal_solver,
-            petsc_options,
-            ..
-        } = SegmentSpec::default();
-        ModesOptions {
-            modes,
-            energy,
-            modal_solver,
-            petsc_options,
-            symmetric: true,
-            block: 1,
-            shift: None,
-        }
+        let SegmentSpec { modes, energy, modal_solver, petsc_options, .. } = SegmentSpec::default();
+        ModesOptions { modes, energy, modal_solver, petsc_options, symmetric: true, block: 1, shift: None }
     }
 }
 
@@ -77,10 +63,7 @@ impl CsrData {
         let what = |part: &str| format!("{name}, {part}");
         // SAFETY: passed on to the caller.
         let offsets = unsafe { raw::slice(&what("row"), self.row, n + 1)? };
-        let row = offsets
-            .iter()
-            .map(|&r| usize::try_from(r))
-            .collect::<std::result::Result<Vec<_>, _>>();
+        let row = offsets.iter().map(|&r| usize::try_from(r)).collect::<std::result::Result<Vec<_>, _>>();
         let row = row.map_err(|_| Error::Input(format!("{}: an offset is negative", what("row"))))?;
         let entries = row.last().copied().unwrap_or(0);
         // SAFETY: as above; the header gives the length.
@@ -118,10 +101,7 @@ impl ModesOptions {
         ModalOptions {
             count: match self.energy {
                 None => ModeCount::Fixed(self.modes),
-                Some(share) => ModeCount::Energy {
-                    share,
-                    most: self.modes,
-                },
+                Some(share) => ModeCount::Energy { share, most: self.modes },
             },
             solver: self.modal_solver,
             petsc: self.petsc_options.clone(),
@@ -182,10 +162,7 @@ unsafe fn new(
     };
     door::together("m4gn_modes_new", &comm, read, |(mut problem, options)| {
         problem.simplify(&comm);
-        Ok(ModesHandle {
-            modes: modes::solve(&problem, &comm, &options)?,
-            n_rows: problem.stiffness.n(),
-        })
+        Ok(ModesHandle { modes: modes::solve(&problem, &comm, &options)?, n_rows: problem.stiffness.n() })
     })
 }
 

@@ -40,37 +40,17 @@ mod tests {
     #[test]
     fn each_kind_has_its_own_settings() {
         for (kind, good, bad, message) in [
-            (
-                "session",
-                r#"{"nThreads": 2}"#,
-                r#"{"n_threads": 0}"#,
-                "n_threads: expected 1 to",
-            ),
+            ("session", r#"{"nThreads": 2}"#, r#"{"n_threads": 0}"#, "n_threads: expected 1 to"),
             ("session", "{}", r#"{"projection": {"radius": 0}}"#, "radius 0"),
-            (
-                "session",
-                "{}",
-                r#"{"backend": "abacus"}"#,
-                "backend: backend 'abacus': expected native",
-            ),
+            ("session", "{}", r#"{"backend": "abacus"}"#, "backend: backend 'abacus': expected native"),
             (
                 "segments",
                 r#"{"segments": {"count": 3}}"#,
                 r#"{"segments": {"count": 0}}"#,
                 "segments.count: expected",
             ),
-            (
-                "modes",
-                r#"{"block": 2}"#,
-                r#"{"block": -1}"#,
-                "block: expected a whole number",
-            ),
-            (
-                "solid_modes",
-                r#"{"modes": 2}"#,
-                r#"{"block": 2}"#,
-                "block and shift are for matrices",
-            ),
+            ("modes", r#"{"block": 2}"#, r#"{"block": -1}"#, "block: expected a whole number"),
+            ("solid_modes", r#"{"modes": 2}"#, r#"{"block": 2}"#, "block and shift are for matrices"),
             (
                 "ride",
                 r#"{"mode": "observe", "adapt": {"mode": "off"}}"#,
@@ -89,12 +69,7 @@ mod tests {
                 r#"{"path": "a", "split": "tset"}"#,
                 "is test meant",
             ),
-            (
-                "recorder",
-                r#"{"path": "a", "provenance": {"aB": 1}}"#,
-                "{}",
-                "path: expected",
-            ),
+            ("recorder", r#"{"path": "a", "provenance": {"aB": 1}}"#, "{}", "path: expected"),
             (
                 "recorder",
                 r#"{"path": "a"}"#,

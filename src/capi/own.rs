@@ -56,11 +56,7 @@ impl Own {
                         )));
                     }
                 };
-                advanced.push(Advanced {
-                    name,
-                    components: components as usize,
-                    solved,
-                });
+                advanced.push(Advanced { name, components: components as usize, solved });
             }
             if advanced.is_empty() || !(given.stride.is_finite() && given.stride > 0.0) {
                 return Err(Error::Input(format!(
@@ -138,25 +134,13 @@ impl Surrogate for Own {
             .collect();
         // SAFETY: arrays of these lengths, which live through the call; the host's function and data, as the header says.
         let status = unsafe {
-            (self.step)(
-                self.data,
-                given.as_ptr(),
-                given.len() as i32,
-                filled.as_ptr(),
-                filled.len() as i32,
-            )
+            (self.step)(self.data, given.as_ptr(), given.len() as i32, filled.as_ptr(), filled.len() as i32)
         };
         let finite = out.iter().all(|f| f.cells.iter().all(|v| v.is_finite()));
         let found = match status {
             0 if finite => Ok(()),
-            0 | 5 => Err(Error::Numerical(format!(
-                "the surrogate {} has no finite result",
-                self.name
-            ))),
-            status => Err(Error::Input(format!(
-                "the surrogate {} failed with status {status}",
-                self.name
-            ))),
+            0 | 5 => Err(Error::Numerical(format!("the surrogate {} has no finite result", self.name))),
+            status => Err(Error::Input(format!("the surrogate {} failed with status {status}", self.name))),
         };
         let found = self.comm.agree(found);
         if found.is_err() {

@@ -102,9 +102,9 @@ impl RecorderOptions {
     pub(super) fn parse(text: &str) -> Result<Self> {
         let options: Self = settings::parse("recorder", text, &["provenance"])?;
         match options.path.as_os_str().is_empty() {
-            true => Err(Error::Input(
-                "recorder: path: expected the name of the file to write, found none".into(),
-            )),
+            true => {
+                Err(Error::Input("recorder: path: expected the name of the file to write, found none".into()))
+            }
             false => Ok(options),
         }
     }
@@ -126,9 +126,7 @@ unsafe fn read_metas((fields, n): (*const RecorderField, i32)) -> Result<Vec<Fie
     // SAFETY: passed on to the caller.
     let fields = unsafe { raw::slice("fields", fields, raw::count("n_fields", n)?)? };
     if fields.is_empty() {
-        return Err(Error::Input(
-            "n_fields: expected at least one field to record".into(),
-        ));
+        return Err(Error::Input("n_fields: expected at least one field to record".into()));
     }
     let mut list: Vec<FieldMeta> = Vec::with_capacity(fields.len());
     for f in fields {
@@ -141,16 +139,10 @@ unsafe fn read_metas((fields, n): (*const RecorderField, i32)) -> Result<Vec<Fie
             1 => false,
             3 => true,
             n => {
-                return Err(Error::Input(format!(
-                    "field '{name}': expected 1 or 3 components, found {n}"
-                )));
+                return Err(Error::Input(format!("field '{name}': expected 1 or 3 components, found {n}")));
             }
         };
-        list.push(FieldMeta {
-            name: name.to_owned(),
-            vector,
-            dimensions: f.dimensions,
-        });
+        list.push(FieldMeta { name: name.to_owned(), vector, dimensions: f.dimensions });
     }
     Ok(list)
 }
@@ -159,9 +151,9 @@ impl RecorderHandle {
     fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
         let broken = std::mem::replace(&mut self.broken, true);
         let result = self.comm.clone().guarded(|| match broken {
-            true => Err(Error::Internal(
-                "the recorder broke in an earlier call and can only be freed".into(),
-            )),
+            true => {
+                Err(Error::Internal("the recorder broke in an earlier call and can only be freed".into()))
+            }
             false => work(self),
         });
         self.broken = matches!(result, Err(Error::Internal(_)));

@@ -99,9 +99,7 @@ pub struct RideHandle {
 impl RideHandle {
     fn guarded<T>(&mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
         let result = match std::mem::replace(&mut self.broken, true) {
-            true => Err(Error::Internal(
-                "the ride broke in an earlier call and can only be freed".into(),
-            )),
+            true => Err(Error::Internal("the ride broke in an earlier call and can only be freed".into())),
             false => work(self),
         };
         self.broken = matches!(result, Err(Error::Internal(_)));
@@ -173,10 +171,7 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         // Each rank has a clock of its own.
         wall: given.wall,
     };
-    let same = format!(
-        "time {:?} {:?} {:?} {}",
-        step.time, step.delta_t, step.end_time, step.index
-    );
+    let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);
     Ok((step, same))
 }
 
@@ -234,21 +229,13 @@ type Setup = (Mesh, (RideSettings, Option<adapt::Settings>), (Step, String));
 unsafe fn setup(mesh: *const MeshData, options: *const c_char, start: *const RideStep) -> Result<Setup> {
     // SAFETY: passed on to the caller.
     unsafe {
-        Ok((
-            raw::mesh(raw::reference("mesh", mesh)?)?,
-            settings(raw::options(options)?)?,
-            step(start)?,
-        ))
+        Ok((raw::mesh(raw::reference("mesh", mesh)?)?, settings(raw::options(options)?)?, step(start)?))
     }
 }
 
 /// What all ranks must be given alike: not the host's text and the clock of a rank.
 fn shared(settings: &RideSettings) -> RideSettings {
-    RideSettings {
-        host: String::new(),
-        setup_seconds: 0.0,
-        ..settings.clone()
-    }
+    RideSettings { host: String::new(), setup_seconds: 0.0, ..settings.clone() }
 }
 
 /// # Safety
@@ -261,40 +248,25 @@ unsafe fn new(
     start: *const RideStep,
 ) -> Result<RideHandle> {
     // SAFETY: passed on to the caller.
-    let comm = unsafe { raw::reference("session", session)? }
-        .session
-        .comm()
-        .clone();
+    let comm = unsafe { raw::reference("session", session)? }.session.comm().clone();
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
         let (mesh, (settings, learning), (start, same)) = unsafe { setup(mesh, options, start)? };
         // Each rank has threads of its own.
-        let alike = RideSettings {
-            adapt: None,
-            model: String::new(),
-            ..shared(&settings)
-        };
-        let learned = learning.clone().map(|learning| adapt::Settings {
-            threads: None,
-            ..learning
-        });
+        let alike = RideSettings { adapt: None, model: String::new(), ..shared(&settings) };
+        let learned = learning.clone().map(|learning| adapt::Settings { threads: None, ..learning });
         let same = format!("{same}\n{alike:?}\n{learned:?}");
         Ok(((mesh, settings, learning, start), same))
     };
-    door::together(
-        "m4gn_ride_new",
-        &comm,
-        read,
-        |(mesh, settings, learning, start)| {
-            // SAFETY: passed on to the caller.
-            let model = unsafe { raw::reference("session", session)? }.model.clone();
-            let learning = learning.map(|learning| (mesh.clone(), learning));
-            let network = Network::new(Borrowed(session), model, settings.model.clone(), learning);
-            let network = comm.agree(network)?;
-            handle(&comm, Box::new(network), settings, &mesh, start)
-        },
-    )
+    door::together("m4gn_ride_new", &comm, read, |(mesh, settings, learning, start)| {
+        // SAFETY: passed on to the caller.
+        let model = unsafe { raw::reference("session", session)? }.model.clone();
+        let learning = learning.map(|learning| (mesh.clone(), learning));
+        let network = Network::new(Borrowed(session), model, settings.model.clone(), learning);
+        let network = comm.agree(network)?;
+        handle(&comm, Box::new(network), settings, &mesh, start)
+    })
 }
 
 /// Of a surrogate of the host's own.
@@ -317,20 +289,14 @@ unsafe fn new_own(
         // SAFETY: passed on to the caller.
         let own = unsafe { Own::new(surrogate, comm.clone(), mesh.dim())? };
         if learning.is_some() {
-            return Err(Error::Input(format!(
-                "adapt: the surrogate {} does not learn",
-                own.name()
-            )));
+            return Err(Error::Input(format!("adapt: the surrogate {} does not learn", own.name())));
         }
         let same = format!("{same}\n{:?}\n{}", shared(&settings), own.shared());
         Ok(((mesh, settings, own, start), same))
     };
-    door::together(
-        "m4gn_ride_new_own",
-        &comm,
-        read,
-        |(mesh, settings, own, start)| handle(&comm, Box::new(own), settings, &mesh, start),
-    )
+    door::together("m4gn_ride_new_own", &comm, read, |(mesh, settings, own, start)| {
+        handle(&comm, Box::new(own), settings, &mesh, start)
+    })
 }
 
 fn handle(
@@ -367,48 +333,33 @@ unsafe fn new_linear(
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
-        let ((fields, advanced), (settings, _), (start, same)) = unsafe {
-            (
-                linear::layout(arrays, n_arrays)?,
-                settings(raw::options(options)?)?,
-                step(start)?,
-            )
-        };
+        let ((fields, advanced), (settings, _), (start, same)) =
+            unsafe { (linear::layout(arrays, n_arrays)?, settings(raw::options(options)?)?, step(start)?) };
         if settings.surrogates != [Kind::Linear] {
-            return Err(Error::Input(
-                "surrogates: expected linear alone, as there is no session".into(),
-            ));
+            return Err(Error::Input("surrogates: expected linear alone, as there is no session".into()));
         }
-        let alike = RideSettings {
-            setup_seconds: 0.0,
-            ..settings.clone()
-        };
+        let alike = RideSettings { setup_seconds: 0.0, ..settings.clone() };
         Ok(((fields, advanced, settings, start), format!("{same}\n{alike:?}")))
     };
-    door::together(
-        "m4gn_ride_new_linear",
-        &comm,
-        read,
-        |(fields, advanced, settings, start)| {
-            let lengths: Vec<usize> = fields.iter().map(|f| f.len).collect();
-            let first = fields.iter().find(|f| f.measured());
-            let n_cells = first.map_or(0, |f| f.len / f.components.max(1));
-            let begin = comm.exclusive_scan_i64(n_cells as i64);
-            let global: Vec<i64> = (begin..begin + n_cells as i64).collect();
-            let own = settings.linear.clone().unwrap_or_default();
-            let fitted = Fitted::new(&comm, fields, advanced, own, &start)?;
-            Ok(RideHandle {
-                ride: Ride::new(comm.clone(), vec![Box::new(fitted)], settings, global, start)?,
-                comm: comm.clone(),
-                n_cells,
-                n_boundary: 0,
-                owners: Vec::new(),
-                arrays: lengths,
-                text: CString::default(),
-                broken: false,
-            })
-        },
-    )
+    door::together("m4gn_ride_new_linear", &comm, read, |(fields, advanced, settings, start)| {
+        let lengths: Vec<usize> = fields.iter().map(|f| f.len).collect();
+        let first = fields.iter().find(|f| f.measured());
+        let n_cells = first.map_or(0, |f| f.len / f.components.max(1));
+        let begin = comm.exclusive_scan_i64(n_cells as i64);
+        let global: Vec<i64> = (begin..begin + n_cells as i64).collect();
+        let own = settings.linear.clone().unwrap_or_default();
+        let fitted = Fitted::new(&comm, fields, advanced, own, &start)?;
+        Ok(RideHandle {
+            ride: Ride::new(comm.clone(), vec![Box::new(fitted)], settings, global, start)?,
+            comm: comm.clone(),
+            n_cells,
+            n_boundary: 0,
+            owners: Vec::new(),
+            arrays: lengths,
+            text: CString::default(),
+            broken: false,
+        })
+    })
 }
 
 fn boundary_values(mesh: &Mesh) -> usize {

@@ -142,10 +142,7 @@ fn cut(comm: &Comm, mesh: &Mesh, spec: &SegmentSpec, request: &Request) -> Resul
     Ok(SegmentsHandle {
         record: CString::new(record).map_err(|e| Error::Internal(format!("record of the segments: {e}")))?,
         segmentation,
-        modes: modes.unwrap_or(Modes {
-            eigenvalues: Vec::new(),
-            vectors: Vec::new(),
-        }),
+        modes: modes.unwrap_or(Modes { eigenvalues: Vec::new(), vectors: Vec::new() }),
         n_cells: mesh.n_cells(),
     })
 }

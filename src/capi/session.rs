@@ -95,20 +95,9 @@ fn shared(mesh: &Mesh) -> String {
 fn handle(session: Session, model: Arc<Model>) -> Result<SessionHandle> {
     let name =
         |n: &str| CString::new(n).map_err(|_| Error::Model(format!("field name {n:?} has a zero byte")));
-    let names = session
-        .spec()
-        .fields
-        .iter()
-        .map(|f| name(&f.name))
-        .collect::<Result<_>>()?;
+    let names = session.spec().fields.iter().map(|f| name(&f.name)).collect::<Result<_>>()?;
     let segment_record = name(session.segment_record())?;
-    Ok(SessionHandle {
-        session,
-        model,
-        segment_record,
-        names,
-        broken: false,
-    })
+    Ok(SessionHandle { session, model, segment_record, names, broken: false })
 }
 
 impl SessionHandle {
@@ -117,9 +106,7 @@ impl SessionHandle {
         let broken = std::mem::replace(&mut self.broken, true);
         let comm = self.session.comm().clone();
         let result = comm.guarded(|| match broken {
-            true => Err(Error::Internal(
-                "the session broke in an earlier call and can only be freed".into(),
-            )),
+            true => Err(Error::Internal("the session broke in an earlier call and can only be freed".into())),
             false => work(self),
         });
         self.broken = matches!(result, Err(Error::Internal(_)));
@@ -132,32 +119,21 @@ impl SessionHandle {
         let (n_cells, n_boundary) = (self.session.n_cells(), self.session.n_boundary());
         // SAFETY: as above; outputs are not turned into references before the inputs are no longer needed, since
         // the host may name the same arrays.
-        let read = || unsafe {
-            Ok((
-                read_fields(fields, n_cells, n_boundary)?,
-                read_outputs(out, n_cells)?,
-            ))
-        };
+        let read = || unsafe { Ok((read_fields(fields, n_cells, n_boundary)?, read_outputs(out, n_cells)?)) };
         let (fields, outputs, problem) = match read() {
             Ok((fields, outputs)) => (fields, outputs, None),
             Err(e) => (Vec::new(), Vec::new(), Some(e)),
         };
         let checked = match problem {
             Some(e) => Err(e),
-            None => self
-                .session
-                .check_outputs(outputs.iter().map(|(shape, _)| *shape)),
+            None => self.session.check_outputs(outputs.iter().map(|(shape, _)| *shape)),
         };
         self.session.advance(&fields, checked)?;
         drop(fields);
         for (shape, cells) in outputs {
             // SAFETY: not null (checked in read_outputs), of this length by the header; no other reference lives.
             let cells = unsafe { raw::slice_mut(shape.name, cells, shape.len)? };
-            self.session.write(&mut FieldMut {
-                name: shape.name,
-                components: shape.components,
-                cells,
-            });
+            self.session.write(&mut FieldMut { name: shape.name, components: shape.components, cells });
         }
         Ok(())
     }

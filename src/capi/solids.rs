@@ -48,11 +48,7 @@ fn solve(comm: &Comm, body: &HostBody) -> Result<ModesHandle> {
         n_rows: 3 * body.mesh.points.len(),
         modes: Modes {
             eigenvalues: found.eigenvalues,
-            vectors: found
-                .vectors
-                .into_iter()
-                .map(|v| v.into_iter().flatten().collect())
-                .collect(),
+            vectors: found.vectors.into_iter().map(|v| v.into_iter().flatten().collect()).collect(),
         },
     })
 }

@@ -9,34 +9,12 @@ use std::mem::{offset_of, size_of};
 #[test]
 fn layouts_are_those_of_the_header() {
     // Sizes and offsets as the x86-64 and AArch64 ABIs of C lay out m4gn.h.
-    assert_eq!(
-        (size_of::<MeshData>(), offset_of!(MeshData, cell_global)),
-        (304, 24)
-    );
-    assert_eq!(
-        (
-            offset_of!(MeshData, n_boundary),
-            offset_of!(MeshData, patch_names)
-        ),
-        (80, 200)
-    );
-    assert_eq!(
-        (
-            size_of::<FieldData>(),
-            size_of::<FieldOut>(),
-            offset_of!(FieldData, cells)
-        ),
-        (32, 24, 16)
-    );
-    assert_eq!(
-        (size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)),
-        (48, 12)
-    );
+    assert_eq!((size_of::<MeshData>(), offset_of!(MeshData, cell_global)), (304, 24));
+    assert_eq!((offset_of!(MeshData, n_boundary), offset_of!(MeshData, patch_names)), (80, 200));
+    assert_eq!((size_of::<FieldData>(), size_of::<FieldOut>(), offset_of!(FieldData, cells)), (32, 24, 16));
+    assert_eq!((size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)), (48, 12));
     assert_eq!((size_of::<RecorderField>(), size_of::<RankReport>()), (40, 16));
-    assert_eq!(
-        (size_of::<SolidData>(), offset_of!(SolidData, fixed_components)),
-        (152, 128)
-    );
+    assert_eq!((size_of::<SolidData>(), offset_of!(SolidData, fixed_components)), (152, 128));
 }
 
 /// A mesh's arrays as a host has them.
@@ -52,11 +30,7 @@ struct Host {
 fn host() -> Host {
     let mesh = sample::chain(4, 1.0);
     let centres: Vec<f64> = mesh.cell_centres.iter().flatten().copied().collect();
-    let names: Vec<_> = mesh
-        .patches
-        .iter()
-        .map(|p| std::ffi::CString::new(p.as_str()).unwrap())
-        .collect();
+    let names: Vec<_> = mesh.patches.iter().map(|p| std::ffi::CString::new(p.as_str()).unwrap()).collect();
     let pointers: Vec<_> = names.iter().map(|n| n.as_ptr()).collect();
     let data = MeshData {
         n_directions: 2,
@@ -98,13 +72,7 @@ fn host() -> Host {
         n_obstacle_triangles: 0,
         obstacle_triangles: std::ptr::null(),
     };
-    Host {
-        data,
-        _names: names,
-        _pointers: pointers,
-        _mesh: mesh,
-        _centres: centres,
-    }
+    Host { data, _names: names, _pointers: pointers, _mesh: mesh, _centres: centres }
 }
 
 #[test]
@@ -117,55 +85,13 @@ fn meshes_are_copied_and_checked() {
     assert_eq!((mesh.patches.len(), mesh.directions), (3, vec![0, 1]));
     let null = std::ptr::null();
     let broken = [
-        (
-            MeshData {
-                n_cells: -1,
-                ..h.data
-            },
-            "n_cells: expected a count",
-        ),
-        (
-            MeshData {
-                cell_centres: null,
-                ..h.data
-            },
-            "cell_centres: expected an array of 12, found a null",
-        ),
-        (
-            MeshData {
-                n_directions: 4,
-                ..h.data
-            },
-            "n_directions: expected 2 or 3, found 4",
-        ),
-        (
-            MeshData {
-                directions: [0, 7, 0],
-                ..h.data
-            },
-            "directions: expected 0 (x), 1 (y) or 2 (z), found 7",
-        ),
-        (
-            MeshData {
-                n_boundary: 2,
-                ..h.data
-            },
-            "boundary_owner: expected an array of 2",
-        ),
-        (
-            MeshData {
-                n_coupled: i32::MIN,
-                ..h.data
-            },
-            "n_coupled",
-        ),
-        (
-            MeshData {
-                cell_volumes: h.data.cell_volumes.wrapping_byte_add(1),
-                ..h.data
-            },
-            "not aligned",
-        ),
+        (MeshData { n_cells: -1, ..h.data }, "n_cells: expected a count"),
+        (MeshData { cell_centres: null, ..h.data }, "cell_centres: expected an array of 12, found a null"),
+        (MeshData { n_directions: 4, ..h.data }, "n_directions: expected 2 or 3, found 4"),
+        (MeshData { directions: [0, 7, 0], ..h.data }, "directions: expected 0 (x), 1 (y) or 2 (z), found 7"),
+        (MeshData { n_boundary: 2, ..h.data }, "boundary_owner: expected an array of 2"),
+        (MeshData { n_coupled: i32::MIN, ..h.data }, "n_coupled"),
+        (MeshData { cell_volumes: h.data.cell_volumes.wrapping_byte_add(1), ..h.data }, "not aligned"),
     ];
     for (data, message) in broken {
         let found = read(&data).unwrap_err().to_string();
@@ -178,46 +104,21 @@ fn null_handles_and_pointers_are_errors() {
     // SAFETY: null pointers, which the exports accept as bad input.
     unsafe {
         use std::ptr::{null, null_mut};
-        assert_eq!(
-            session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), null_mut()),
-            1
-        );
-        assert!(
-            CStr::from_ptr(m4gn_last_error())
-                .to_str()
-                .unwrap()
-                .contains("session: expected")
-        );
+        assert_eq!(session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), null_mut()), 1);
+        assert!(CStr::from_ptr(m4gn_last_error()).to_str().unwrap().contains("session: expected"));
         let mut model = null_mut();
         assert_eq!(model::m4gn_model_open(i32::MIN, null(), &mut model), 1);
-        assert_eq!(
-            model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), null_mut()),
-            1
-        );
-        assert_eq!(
-            model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), &mut model),
-            2
-        );
+        assert_eq!(model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), null_mut()), 1);
+        assert_eq!(model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), &mut model), 2);
         assert!(model.is_null());
         assert_eq!(model::m4gn_model_elastic_modes(model), -1);
         model::m4gn_model_free(model);
         let mut handle = std::ptr::null_mut();
-        assert_eq!(
-            session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), &mut handle),
-            1
-        );
-        assert!(
-            CStr::from_ptr(m4gn_last_error())
-                .to_str()
-                .unwrap()
-                .contains("mesh: expected")
-        );
+        assert_eq!(session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), &mut handle), 1);
+        assert!(CStr::from_ptr(m4gn_last_error()).to_str().unwrap().contains("mesh: expected"));
         assert!(handle.is_null());
         assert_eq!(session::m4gn_session_step(null_mut(), null(), 0, null(), 0), 1);
-        assert_eq!(
-            session::m4gn_session_set_before(null_mut(), null(), 0, null(), 0),
-            1
-        );
+        assert_eq!(session::m4gn_session_set_before(null_mut(), null(), 0, null(), 0), 1);
         assert_eq!(session::m4gn_session_field(null(), 0, null_mut()), 1);
         assert_eq!(session::m4gn_session_segments(null(), null_mut()), 1);
         assert_eq!(session::m4gn_session_n_fields(null()), -1);
@@ -232,10 +133,7 @@ fn null_handles_and_pointers_are_errors() {
         assert_eq!(recorder::m4gn_recorder_finish(null_mut()), 1);
         assert_eq!(recorder::m4gn_recorder_n_frames(null()), -1);
         recorder::m4gn_recorder_free(null_mut());
-        assert_eq!(
-            CStr::from_ptr(m4gn_version()).to_str().unwrap(),
-            env!("CARGO_PKG_VERSION")
-        );
+        assert_eq!(CStr::from_ptr(m4gn_version()).to_str().unwrap(), env!("CARGO_PKG_VERSION"));
         assert_eq!(m4gn_abi_version(), ABI_VERSION);
     }
 }

@@ -97,10 +97,7 @@ const MAX_THREADS: usize = 1024;
 /// For options that do not go together, a model that does not fit the mesh, or a file that cannot be read or written.
 pub fn run(args: Args) -> Result<()> {
     if !(1..=MAX_THREADS).contains(&args.threads) {
-        return Err(Error::Input(format!(
-            "--threads {}: expected 1 to {MAX_THREADS}",
-            args.threads
-        )));
+        return Err(Error::Input(format!("--threads {}: expected 1 to {MAX_THREADS}", args.threads)));
     }
     if args.steps == Some(0) {
         return Err(Error::Input("--steps 0: expected a positive number".into()));
@@ -130,9 +127,7 @@ pub fn run(args: Args) -> Result<()> {
     };
     match (args.worker, backend) {
         (true, None) => serve(&workload, |structure| workload.engine(structure, &options)),
-        (true, Some(device)) => serve(&workload, |structure| {
-            workload.torch(structure, device, args.threads)
-        }),
+        (true, Some(device)) => serve(&workload, |structure| workload.torch(structure, device, args.threads)),
         (false, None) => measure(&workload, &args, &options),
         (false, Some(device)) => measure_torch(&workload, &args, device),
     }
@@ -174,19 +169,12 @@ fn workload(args: &Args) -> Result<Workload> {
             Model::random(shape.spec(), 1)?
         }
     };
-    Ok(Workload {
-        model,
-        source,
-        comm: Comm::serial(),
-    })
+    Ok(Workload { model, source, comm: Comm::serial() })
 }
 
 /// Everything about the native engine.
 fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<()> {
-    let options = EngineOptions {
-        profile: true,
-        ..*options
-    };
+    let options = EngineOptions { profile: true, ..*options };
     let before = Memory::read();
     memory::restart_peak();
     let structure = workload.structure()?;
@@ -216,15 +204,8 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     }
     let bandwidth = machine::bandwidth(args.threads, 10);
 
-    let encoded = held
-        .iter()
-        .any(|(what, bytes)| *what == "encoded edges" && *bytes > 0);
-    let work = work::step(
-        &workload.model.spec,
-        sizes,
-        work::Storage::of(options.precision),
-        encoded,
-    );
+    let encoded = held.iter().any(|(what, bytes)| *what == "encoded edges" && *bytes > 0);
+    let work = work::step(&workload.model.spec, sizes, work::Storage::of(options.precision), encoded);
     let gflop = work.iter().map(|w| w.flops).sum::<f64>() * 1e-9;
     let gbytes = work.iter().map(|w| w.bytes).sum::<f64>() * 1e-9;
     let seconds = step.median() * 1e-3;
@@ -245,10 +226,8 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         .collect();
     let edges = phases.iter().find(|p| p["phase"] == Phase::Edges.name());
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
-    let held: Vec<Value> = held
-        .iter()
-        .map(|(what, bytes)| json!({ "what": what, "mib": mib(*bytes as u64) }))
-        .collect();
+    let held: Vec<Value> =
+        held.iter().map(|(what, bytes)| json!({ "what": what, "mib": mib(*bytes as u64) })).collect();
     let figures = json!({
         "network": description, "precision": options.precision.name(), "threads": args.threads,
         "instructions": options.isa.unwrap_or_else(Isa::detect).name(), "steps": step.count(),
@@ -347,9 +326,7 @@ fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Structure) -> Result<N>
     let (inputs, mut outputs) = workload.values(&structure.graph)?;
     let mut network = make(&structure)?;
     network.forward(&workload.comm, &inputs, &mut outputs)?;
-    answer(workload.describe(&structure.graph), || {
-        network.forward(&workload.comm, &inputs, &mut outputs)
-    })
+    answer(workload.describe(&structure.graph), || network.forward(&workload.comm, &inputs, &mut outputs))
 }
 
 /// Says the description, then answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
@@ -362,10 +339,7 @@ pub(super) fn answer(description: Value, mut step: impl FnMut() -> Result<()>) -
     let mut say = |line: String| writeln!(out, "{line}").and_then(|()| out.flush()).map_err(failed);
     say(description.to_string())?;
     for line in std::io::stdin().lock().lines() {
-        match line
-            .map_err(|e| Error::file("standard input", e.to_string()))?
-            .trim()
-        {
+        match line.map_err(|e| Error::file("standard input", e.to_string()))?.trim() {
             "run" => {
                 let (began, processor) = (Instant::now(), bench::processor_time());
                 step()?;

@@ -49,9 +49,7 @@ fn device(backend: &str) -> Result<&str> {
     match backend.split_once(':') {
         None if backend == "native" || backend == "torch" => Ok("cpu"),
         Some(("torch", device)) => Ok(device),
-        _ => Err(Error::Input(format!(
-            "--backend {backend}: expected native, torch or torch:DEVICE"
-        ))),
+        _ => Err(Error::Input(format!("--backend {backend}: expected native, torch or torch:DEVICE"))),
     }
 }
 
@@ -71,9 +69,7 @@ pub fn serve(trial: &Trial, backend: &str) -> Result<()> {
         let training = &prepared.config.training;
         let mut native = NativeBackend::new(training, &prepared.spec, &prepared.work, trial.threads)?;
         prepared.step(&mut native, &mut optimiser)?;
-        return answer(description, || {
-            prepared.step(&mut native, &mut optimiser).map(|_| ())
-        });
+        return answer(description, || prepared.step(&mut native, &mut optimiser).map(|_| ()));
     }
     let described = serde_json::to_value(trial).map_err(|e| Error::Internal(e.to_string()))?;
     let mut torch = TorchTrial::new(&described, device)?;
@@ -87,11 +83,8 @@ pub fn serve(trial: &Trial, backend: &str) -> Result<()> {
 /// For sizes out of range, or a file that cannot be written.
 pub fn run(trial: &Trial, steps: Option<usize>, backend: &str, json: Option<&Path>) -> Result<()> {
     let device = device(backend)?;
-    let options = EngineOptions {
-        n_threads: trial.threads,
-        precision: trial.precision(),
-        ..EngineOptions::default()
-    };
+    let options =
+        EngineOptions { n_threads: trial.threads, precision: trial.precision(), ..EngineOptions::default() };
     let prepared = trial.prepare()?;
     let graph = &prepared.work.train[0].structure.graph;
     let described = serde_json::to_value(trial).map_err(|e| Error::Internal(e.to_string()))?;

@@ -77,20 +77,11 @@ pub fn run(args: Args) -> Result<()> {
         (false, _) => None,
     };
     let strides = match &known {
-        Some(c) => c
-            .growth
-            .iter()
-            .map(|g| g.factors.len())
-            .min()
-            .unwrap_or(0)
-            .min(args.strides),
+        Some(c) => c.growth.iter().map(|g| g.factors.len()).min().unwrap_or(0).min(args.strides),
         None => args.strides,
     };
-    let options = SessionOptions {
-        n_threads: args.threads,
-        resolution: args.resolution,
-        ..SessionOptions::default()
-    };
+    let options =
+        SessionOptions { n_threads: args.threads, resolution: args.resolution, ..SessionOptions::default() };
     let found = trajectories(&args.data, args.split, &model)?;
     let candidates: Vec<Option<Calibration>> = match &known {
         Some(known) => vec![Some(known.clone())],
@@ -121,35 +112,19 @@ pub fn run(args: Args) -> Result<()> {
         measured.push(all);
     }
     let best = calibrate::best(&measured);
-    let (all, carried) = (
-        measured.swap_remove(best),
-        candidates[best].as_ref().and_then(|c| c.carried),
-    );
+    let (all, carried) = (measured.swap_remove(best), candidates[best].as_ref().and_then(|c| c.carried));
     progress.finish();
 
     let asked = args.coverage.unwrap_or(0.95);
     let calibration = match &known {
         Some(known) => known.clone(),
-        None => Calibration {
-            carried,
-            ..calibrate::calibration(&model, asked, &all)?
-        },
+        None => Calibration { carried, ..calibrate::calibration(&model, asked, &all)? },
     };
     let rollouts: Vec<Rollout> = all.iter().flatten().cloned().collect();
-    let names: Vec<&str> = predicted(&model.spec.fields)
-        .iter()
-        .map(|f| f.name.as_str())
-        .collect();
-    let covered: Vec<Vec<Option<f64>>> = (0..names.len())
-        .map(|k| calibrate::covered(&calibration, &model, k, &rollouts))
-        .collect();
-    print(
-        &calibration,
-        &rollouts,
-        (&names, &covered),
-        known.is_some(),
-        found.len(),
-    );
+    let names: Vec<&str> = predicted(&model.spec.fields).iter().map(|f| f.name.as_str()).collect();
+    let covered: Vec<Vec<Option<f64>>> =
+        (0..names.len()).map(|k| calibrate::covered(&calibration, &model, k, &rollouts)).collect();
+    print(&calibration, &rollouts, (&names, &covered), known.is_some(), found.len());
     let figures = json!({
         "calibration": calibration,
         "checked": known.is_some(),

@@ -44,18 +44,11 @@ pub fn run(args: Args) -> Result<()> {
     }
     let value = serde_json::to_value(&findings).map_err(|e| Error::Internal(e.to_string()))?;
     write_json(args.json.as_deref(), &value)?;
-    let missing: Vec<_> = findings
-        .iter()
-        .filter(|f| f.needed && f.found.is_none())
-        .map(|f| f.what)
-        .collect();
+    let missing: Vec<_> = findings.iter().filter(|f| f.needed && f.found.is_none()).map(|f| f.what).collect();
     if missing.is_empty() {
         return Ok(());
     }
-    Err(Error::Input(format!(
-        "missing: {}. The lines above say how to get them",
-        missing.join(", ")
-    )))
+    Err(Error::Input(format!("missing: {}. The lines above say how to get them", missing.join(", "))))
 }
 
 fn findings() -> Vec<Finding> {
@@ -66,12 +59,7 @@ fn findings() -> Vec<Finding> {
     };
     let missing_programs = PROGRAMS.iter().any(|p| find_program(p).is_none());
     let list = [
-        (
-            "m4gn",
-            Some(format!("{} ({})", env!("CARGO_PKG_VERSION"), processor())),
-            true,
-            "",
-        ),
+        ("m4gn", Some(format!("{} ({})", env!("CARGO_PKG_VERSION"), processor())), true, ""),
         (
             "OpenFOAM",
             openfoam(),
@@ -84,18 +72,8 @@ fn findings() -> Vec<Finding> {
             true,
             "gmshToFoam, changeDictionary or icoFoam is not in PATH: source your OpenFOAM's etc/bashrc, or 'apt-get install openfoam'",
         ),
-        (
-            "libm4gn.so",
-            library("libm4gn.so"),
-            true,
-            "the core that solvers load: './Allrun' builds it",
-        ),
-        (
-            "libm4gnFoam.so",
-            library("libm4gnFoam.so"),
-            true,
-            "the function objects: './Allrun' builds them",
-        ),
+        ("libm4gn.so", library("libm4gn.so"), true, "the core that solvers load: './Allrun' builds it"),
+        ("libm4gnFoam.so", library("libm4gnFoam.so"), true, "the function objects: './Allrun' builds them"),
         (
             "libm4gnAccelerators.so",
             library("libm4gnAccelerators.so"),
@@ -120,25 +98,10 @@ fn findings() -> Vec<Finding> {
             false,
             "only 'm4gn train' on a GPU and backend torch need it (libm4gn_torch.so): docs/training.md",
         ),
-        (
-            "MPI",
-            mpi(),
-            true,
-            "Open MPI did not answer: 'apt-get install libopenmpi-dev openmpi-bin'",
-        ),
-        (
-            "mpirun",
-            program("mpirun"),
-            false,
-            "only parallel runs need it: 'apt-get install openmpi-bin'",
-        ),
+        ("MPI", mpi(), true, "Open MPI did not answer: 'apt-get install libopenmpi-dev openmpi-bin'"),
+        ("mpirun", program("mpirun"), false, "only parallel runs need it: 'apt-get install openmpi-bin'"),
         ("HDF5", Some(hdf5_version()), true, ""),
-        (
-            "gmsh",
-            program("gmsh"),
-            false,
-            "only 'm4gn generate' needs it: 'apt-get install gmsh'",
-        ),
+        ("gmsh", program("gmsh"), false, "only 'm4gn generate' needs it: 'apt-get install gmsh'"),
         (
             "FElupe",
             m4gn_workbench::generate::solids::find_python().ok(),
@@ -146,14 +109,7 @@ fn findings() -> Vec<Finding> {
             "only 'm4gn generate deforming-plate', 'deforming-beam' and 'stacked-beams' need it: 'setup/solids.sh' makes its environment",
         ),
     ];
-    list.into_iter()
-        .map(|(what, found, needed, mend)| Finding {
-            what,
-            found,
-            needed,
-            mend,
-        })
-        .collect()
+    list.into_iter().map(|(what, found, needed, mend)| Finding { what, found, needed, mend }).collect()
 }
 
 /// OpenFOAM's folder, from the environment or Debian's.
@@ -161,16 +117,10 @@ fn openfoam() -> Option<String> {
     let set = m4gn_mesh::plugin::folder_variable("WM_PROJECT_DIR");
     let (folder, how) = match set {
         Some(folder) => (folder, "WM_PROJECT_DIR"),
-        None => (
-            PathBuf::from(DEBIAN_OPENFOAM),
-            "Debian's; export WM_PROJECT_DIR to run solvers yourself",
-        ),
+        None => (PathBuf::from(DEBIAN_OPENFOAM), "Debian's; export WM_PROJECT_DIR to run solvers yourself"),
     };
     let version = std::env::var("WM_PROJECT_VERSION").map_or(String::new(), |v| format!(" {v}"));
-    folder
-        .join("etc/controlDict")
-        .is_file()
-        .then(|| format!("{}{version} ({how})", folder.display()))
+    folder.join("etc/controlDict").is_file().then(|| format!("{}{version} ({how})", folder.display()))
 }
 
 fn mpi() -> Option<String> {
@@ -195,10 +145,6 @@ fn processor() -> String {
     let features: [(&str, bool); 0] = [];
     let has: Vec<&str> = features.iter().filter(|f| f.1).map(|f| f.0).collect();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let has = if has.is_empty() {
-        "no vector extensions known".to_string()
-    } else {
-        has.join(", ")
-    };
+    let has = if has.is_empty() { "no vector extensions known".to_string() } else { has.join(", ") };
     format!("{cores} cores, {has}")
 }

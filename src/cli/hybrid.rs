@@ -85,9 +85,7 @@ pub fn run(args: Args) -> Result<()> {
     let names: Vec<String> = plan.variants.iter().map(|v| v.name.clone()).collect();
     let results = hybrid::run(&plan, |event| match event {
         Event::Done { before: true, .. } => {}
-        Event::Done {
-            index, name, record, ..
-        } => eprintln!("{index:04}  {name}{}", figures_text(&record)),
+        Event::Done { index, name, record, .. } => eprintln!("{index:04}  {name}{}", figures_text(&record)),
         Event::Failed { index, name, message } => eprintln!("{index:04}  {name} failed: {message}"),
     })?;
 
@@ -108,29 +106,20 @@ pub fn run(args: Args) -> Result<()> {
     let failed: Vec<String> = results
         .iter()
         .flat_map(|d| {
-            d.failed
-                .iter()
-                .map(move |(name, message)| format!("\n  {:04} {name}: {message}", d.index))
+            d.failed.iter().map(move |(name, message)| format!("\n  {:04} {name}: {message}", d.index))
         })
         .collect();
     match failed.is_empty() {
         true => Ok(()),
-        false => Err(Error::Input(format!(
-            "{} runs failed:{}",
-            failed.len(),
-            failed.concat()
-        ))),
+        false => Err(Error::Input(format!("{} runs failed:{}", failed.len(), failed.concat()))),
     }
 }
 
 /// What came of a run, in a line: the times of the whole run, and the error at its end over that of holding.
 fn figures_text(record: &RunRecord) -> String {
     let cost = &record.cost;
-    let mut text = format!(
-        "  {} s of processor time, {} s in all",
-        number(cost.processor, 3),
-        number(cost.wall, 3)
-    );
+    let mut text =
+        format!("  {} s of processor time, {} s in all", number(cost.processor, 3), number(cost.wall, 3));
     if let Some(score) = &record.score {
         let end = score.end.map_or("-".into(), |e| number(e, 3));
         text += &format!(", error at the end {end} of holding");
@@ -154,10 +143,7 @@ fn plan(args: &Args) -> Result<Plan> {
     schedule.check()?;
     let model = plain_path(&args.model)?;
     if !model.is_file() {
-        return Err(Error::file(
-            model,
-            "there is no such file: expected a model (*.safetensors)",
-        ));
+        return Err(Error::file(model, "there is no such file: expected a model (*.safetensors)"));
     }
     let variants = variants(&family, &schedule, &args.variant, &args.plain)?;
     let settings: Settings = args.set.set.iter().cloned().collect();
@@ -186,9 +172,7 @@ fn figures(plan: &Plan, results: &[DrawResult], names: &[String]) -> Result<Valu
     let s = &plan.schedule;
     let variant = |v: &Variant| {
         let settings = v.kind.settings().iter();
-        let settings: Vec<String> = settings
-            .map(|(name, setting)| format!("{name}={setting}"))
-            .collect();
+        let settings: Vec<String> = settings.map(|(name, setting)| format!("{name}={setting}")).collect();
         match &v.kind {
             Kind::Hybrid { entries, .. } => {
                 json!({ "name": v.name, "entries": entries, "settings": settings })

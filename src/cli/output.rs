@@ -35,18 +35,14 @@ pub(super) fn say(text: std::fmt::Arguments) {
     let mut state = OUTPUT.lock().unwrap_or_else(|e| e.into_inner());
     if state.is_none() {
         let mut out = std::io::stdout().lock();
-        let done = out
-            .write_all(plain(&text.to_string()).as_bytes())
-            .and_then(|()| out.flush());
+        let done = out.write_all(plain(&text.to_string()).as_bytes()).and_then(|()| out.flush());
         *state = done.err().map(|e| e.kind());
     }
 }
 
 /// Prints a line on standard error, if there is one.
 pub(super) fn complain(text: std::fmt::Arguments) {
-    let _ = std::io::stderr()
-        .lock()
-        .write_all(format!("{}\n", plain(&text.to_string())).as_bytes());
+    let _ = std::io::stderr().lock().write_all(format!("{}\n", plain(&text.to_string())).as_bytes());
 }
 
 /// Whether all that was said was printed. A reader that has closed its pipe (`| head`) has seen enough.
@@ -115,10 +111,7 @@ pub fn write_json(path: Option<&Path>, figures: &Value) -> Result<()> {
 /// # Errors
 /// [`Error::File`] naming it.
 pub fn check_outputs<'a>(paths: impl IntoIterator<Item = Option<&'a Path>>) -> Result<()> {
-    paths
-        .into_iter()
-        .flatten()
-        .try_for_each(m4gn_mesh::files::check_writable)
+    paths.into_iter().flatten().try_for_each(m4gn_mesh::files::check_writable)
 }
 
 /// A progress bar over `length` things on a terminal; None where stderr is no terminal: print plain lines then.
@@ -147,9 +140,6 @@ mod tests {
 
     #[test]
     fn a_terminal_is_told_nothing() {
-        assert_eq!(
-            plain("U\u{1b}[31m\u{7}\r\u{202e}x\n\tö"),
-            "U\\u{1b}[31m\\u{7}\\u{d}\\u{202e}x\n\tö"
-        );
+        assert_eq!(plain("U\u{1b}[31m\u{7}\r\u{202e}x\n\tö"), "U\\u{1b}[31m\\u{7}\\u{d}\\u{202e}x\n\tö");
     }
 }

@@ -68,9 +68,7 @@ pub fn run(args: Args) -> Result<()> {
         }
         (Some("torch") | None, _) => false,
         (Some(other), _) => {
-            return Err(Error::Input(format!(
-                "--backend {other}: expected native or torch"
-            )));
+            return Err(Error::Input(format!("--backend {other}: expected native or torch")));
         }
     };
     let comm = match n_ranks() > 1 {
@@ -111,10 +109,9 @@ fn one_message(comm: &Comm, result: Result<()>) -> Result<()> {
     let mut first = [i64::from(if own { comm.rank() } else { i32::MAX })];
     comm.min_i64(&mut first);
     match result {
-        Err(_) if first[0] != i64::from(comm.rank()) => Err(Error::OtherRank {
-            rank: first[0] as i32,
-            message: String::new(),
-        }),
+        Err(_) if first[0] != i64::from(comm.rank()) => {
+            Err(Error::OtherRank { rank: first[0] as i32, message: String::new() })
+        }
         result => result,
     }
 }

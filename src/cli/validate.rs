@@ -108,9 +108,7 @@ pub fn run(args: Args) -> Result<()> {
         ..SessionOptions::default()
     };
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
-        return Err(Error::Input(format!(
-            "--horizon {h}: expected a positive time in s"
-        )));
+        return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
     }
     crate::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
     let model = Model::read(&args.model)?;
@@ -131,14 +129,7 @@ pub fn run(args: Args) -> Result<()> {
     for (i, (trajectory, _)) in trajectories.iter().enumerate() {
         let keep = if i == shown { keep } else { Keep::Nothing };
         let mut advance = || progress.advance();
-        let case = validate::run(
-            &model,
-            trajectory,
-            &options,
-            &ways,
-            (args.horizon, keep),
-            &mut advance,
-        );
+        let case = validate::run(&model, trajectory, &options, &ways, (args.horizon, keep), &mut advance);
         let case = name_file(case, trajectory.path())?;
         progress.say(|| format!("{}/{total} {}", i + 1, line(&case)));
         progress.note(trajectory.path(), &case.outside);
@@ -158,9 +149,7 @@ pub fn run(args: Args) -> Result<()> {
         validate::write_series(folder, &cases[shown])?;
     }
     let diverged = cases.iter();
-    let diverged: Vec<_> = diverged
-        .filter_map(|c| Some((c.path.as_path(), c.diverged()?)))
-        .collect();
+    let diverged: Vec<_> = diverged.filter_map(|c| Some((c.path.as_path(), c.diverged()?))).collect();
     match diverged.first() {
         None => Ok(()),
         Some((path, why)) => Err(Error::Numerical(format!(
@@ -184,9 +173,7 @@ fn line(case: &Case) -> String {
         number(figures.rmse_50, 3),
         number(figures.rmse_all, 3)
     );
-    let gaps = rows
-        .iter()
-        .filter_map(|r| Some(format!("{} {:+.3}", r.name, r.gap?)));
+    let gaps = rows.iter().filter_map(|r| Some(format!("{} {:+.3}", r.name, r.gap?)));
     let gaps: Vec<String> = gaps.collect();
     if !gaps.is_empty() {
         text += &format!(", worst gap of {} cells", gaps.join(", "));
@@ -243,10 +230,7 @@ pub fn trajectories(data: &Path, split: Choice, model: &Model) -> Result<Vec<(Tr
         }
     }
     if trajectories.is_empty() {
-        return Err(Error::Input(format!(
-            "{}: no trajectory of this split",
-            data.display()
-        )));
+        return Err(Error::Input(format!("{}: no trajectory of this split", data.display())));
     }
     Ok(trajectories)
 }
@@ -263,10 +247,7 @@ impl Progress {
     /// # Errors
     /// When Ctrl-C cannot be caught.
     pub fn new(steps: usize) -> Result<Self> {
-        Ok(Progress {
-            bar: super::progress_bar(steps as u64, "steps"),
-            stop: super::stop_flag()?,
-        })
+        Ok(Progress { bar: super::progress_bar(steps as u64, "steps"), stop: super::stop_flag()? })
     }
 
     /// One step more.

@@ -17,9 +17,7 @@ impl Source<'_> {
         let types = types.iter().enumerate().map(|(i, &t)| match t {
             6 => Ok(NodeType::Body),
             7 => Ok(NodeType::Handle),
-            _ => Err(self.damaged(format!(
-                "/{types_at}[{i}] is {t}, expected 6 (body) or 7 (handle)"
-            ))),
+            _ => Err(self.damaged(format!("/{types_at}[{i}] is {t}, expected 6 (body) or 7 (handle)"))),
         });
         let types = types.collect::<Result<_>>()?;
         let elements = self.elements(file, positions.len())?;
@@ -31,18 +29,8 @@ impl Source<'_> {
             Ok(values)
         };
         let (young, poisson, density) = (value("young")?, value("poisson")?, value("density")?);
-        let material = (0..n).map(|e| Material {
-            young: young[e],
-            poisson: poisson[e],
-            density: density[e],
-        });
-        let body = Body {
-            types,
-            material: material.collect(),
-            edges: elements.edges(),
-            positions,
-            elements,
-        };
+        let material = (0..n).map(|e| Material { young: young[e], poisson: poisson[e], density: density[e] });
+        let body = Body { types, material: material.collect(), edges: elements.edges(), positions, elements };
         body.check().map_err(|e| self.wrong("/elements", &e))?;
         Ok(Some(body))
     }

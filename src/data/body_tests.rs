@@ -36,10 +36,7 @@ fn message(change: impl FnOnce(&hdf5::File)) -> String {
 #[test]
 fn what_python_wrote_is_read() {
     let t = Trajectory::open(FILE).unwrap();
-    assert_eq!(
-        (t.split(), t.times()),
-        (Split::Test, &[0.0, 0.01, 0.02, 0.03][..])
-    );
+    assert_eq!((t.split(), t.times()), (Split::Test, &[0.0, 0.01, 0.02, 0.03][..]));
     assert_eq!(t.provenance()["family"], "bar");
     let body = t.body().unwrap();
     assert_eq!((body.positions.len(), body.elements.len()), (12, 4));
@@ -48,11 +45,7 @@ fn what_python_wrote_is_read() {
     assert!((body.elements.measures(&body.positions).iter().sum::<f64>() - 2e-6).abs() < 1e-18);
     let handles: Vec<usize> = (0..12).filter(|&p| body.types[p] == NodeType::Handle).collect();
     assert_eq!(handles, [0, 3, 6, 9]);
-    let rubber = Material {
-        young: 1e6,
-        poisson: 0.4,
-        density: 1000.0,
-    };
+    let rubber = Material { young: 1e6, poisson: 0.4, density: 1000.0 };
     assert_eq!(body.material, [rubber; 4]);
     assert_eq!(t.mesh(), &body.mesh(t.obstacle()));
     for kind in [NodeType::Body, NodeType::Handle, NodeType::Obstacle] {
@@ -67,19 +60,10 @@ fn what_python_wrote_is_read() {
     // Pressed down, held at the handle; the obstacle goes down 1 mm a frame
     assert!((0..12).any(|p| at(3, p)[1] < -5e-4));
     assert!((0..4).all(|k| handles.iter().all(|&p| at(k, p) == [0.0; 3])));
-    assert!(
-        motion[2]
-            .iter()
-            .all(|u| (u[1] + 2e-3).abs() < 1e-9 && u[0] == 0.0)
-    );
+    assert!(motion[2].iter().all(|u| (u[1] + 2e-3).abs() < 1e-9 && u[0] == 0.0));
     assert_eq!(t.read_frame("D", 3).unwrap(), frames[3]);
     assert!(t.read_frame("D", 4).unwrap_err().to_string().contains("4 frames"));
-    assert!(
-        t.read_motion(4, 1, 1)
-            .unwrap_err()
-            .to_string()
-            .contains("4 frames")
-    );
+    assert!(t.read_motion(4, 1, 1).unwrap_err().to_string().contains("4 frames"));
 }
 
 #[test]
@@ -108,10 +92,7 @@ fn an_obstacle_that_deforms_is_refused() {
         values[last] += 1e-3;
         data.as_writer().write_raw(&values).unwrap();
     });
-    assert!(
-        text.contains("frame 3 of /obstacle/displacement") && text.contains("rigid body"),
-        "{text}"
-    );
+    assert!(text.contains("frame 3 of /obstacle/displacement") && text.contains("rigid body"), "{text}");
 }
 
 #[test]
@@ -151,12 +132,7 @@ fn what_is_inconsistent_is_named() {
     assert!(message(|f| f.unlink("fields/D/cells").unwrap()).contains("/fields/D/cells cannot be opened"));
     assert!(message(|f| f.delete_attr("complete").unwrap()).contains("not finished"));
     assert!(message(|f| f.dataset("times").unwrap().resize(0).unwrap()).contains("no frames"));
-    let short = message(|f| {
-        f.dataset("obstacle/displacement")
-            .unwrap()
-            .resize((2, 26, 3))
-            .unwrap()
-    });
+    let short = message(|f| f.dataset("obstacle/displacement").unwrap().resize((2, 26, 3)).unwrap());
     assert!(short.contains("[2, 26, 3], expected [4, 26, 3]"), "{short}");
     let nan = message(|f| {
         let data = f.dataset("obstacle/displacement").unwrap();
@@ -183,11 +159,7 @@ fn every_truncation_is_an_error() {
     let path = dir.path().join("a.h5");
     for length in (0..whole.len()).step_by(1777) {
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(
-            read_all(&path).is_err(),
-            "truncated to {length} of {} bytes",
-            whole.len()
-        );
+        assert!(read_all(&path).is_err(), "truncated to {length} of {} bytes", whole.len());
     }
 }
 

@@ -42,25 +42,12 @@ fn files_that_are_no_trajectories() {
     }
     let gone = make(&|f| f.unlink("mesh/face_owner").unwrap());
     assert!(gone.contains("mesh/face_owner"), "{gone}");
-    let label = make(&|f| {
-        f.dataset("mesh/face_owner")
-            .unwrap()
-            .write_raw(&[0, 1, 2, 4])
-            .unwrap()
-    });
+    let label = make(&|f| f.dataset("mesh/face_owner").unwrap().write_raw(&[0, 1, 2, 4]).unwrap());
     assert!(label.contains("face_owner[3] is 4"), "{label}");
-    let kind = make(&|f| {
-        f.dataset("mesh/boundary_type")
-            .unwrap()
-            .write_raw(&[1, 2, 77])
-            .unwrap()
-    });
+    let kind = make(&|f| f.dataset("mesh/boundary_type").unwrap().write_raw(&[1, 2, 77]).unwrap());
     assert!(kind.contains("node type code 77"), "{kind}");
     let frames = make(&|f| f.dataset("fields/p/cells").unwrap().resize((3, 4, 1)).unwrap());
-    assert!(
-        frames.contains("/fields/p/cells") && frames.contains("[3, 4, 1]"),
-        "{frames}"
-    );
+    assert!(frames.contains("/fields/p/cells") && frames.contains("[3, 4, 1]"), "{frames}");
 }
 
 #[test]
@@ -71,11 +58,7 @@ fn every_truncation_is_an_error() {
     let whole = std::fs::read(&path).unwrap();
     for length in (0..whole.len()).step_by(97) {
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(
-            read_all(&path).is_err(),
-            "truncated to {length} of {} bytes",
-            whole.len()
-        );
+        assert!(read_all(&path).is_err(), "truncated to {length} of {} bytes", whole.len());
     }
 }
 
@@ -113,8 +96,7 @@ fn links_out_of_the_file_are_refused() {
     refused("soft.h5", &soft, "/mesh/cell_volumes is a link to another place");
     let external = |f: &hdf5::File| {
         f.unlink("times").unwrap();
-        f.link_external(other.to_str().unwrap(), "/times", "times")
-            .unwrap();
+        f.link_external(other.to_str().unwrap(), "/times", "times").unwrap();
     };
     refused("external.h5", &external, "/times is a link to another place");
     let bytes = dir.path().join("bytes");
@@ -122,15 +104,9 @@ fn links_out_of_the_file_are_refused() {
     let stored = |f: &hdf5::File| {
         f.unlink("times").unwrap();
         let new = f.new_dataset::<f64>().shape((2,));
-        new.external(bytes.to_str().unwrap(), 0, 16)
-            .create("times")
-            .unwrap();
+        new.external(bytes.to_str().unwrap(), 0, 16).create("times").unwrap();
     };
-    refused(
-        "stored.h5",
-        &stored,
-        "the values of /times are stored in other files",
-    );
+    refused("stored.h5", &stored, "the values of /times are stored in other files");
 
     let pipe = dir.path().join("pipe.h5");
     let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();

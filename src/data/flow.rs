@@ -8,15 +8,14 @@ use m4gn_mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType, Result}
 impl Source<'_> {
     /// The mesh: cells, faces between them, boundary faces, cyclic faces, elastic modes.
     pub(super) fn mesh(&self, file: &hdf5::File) -> Result<Mesh> {
-        let group = file
-            .group("mesh")
-            .map_err(|e| self.damaged(format!("group /mesh cannot be opened ({e})")))?;
+        let group =
+            file.group("mesh").map_err(|e| self.damaged(format!("group /mesh cannot be opened ({e})")))?;
         let directions = self.numbers(&group, "directions", 3)?;
         let increasing = directions.windows(2).all(|w| w[0] < w[1]);
         if directions.len() < 2 || !increasing || directions.iter().any(|d| !(0..3).contains(d)) {
-            return Err(self.damaged(format!(
-                "solved directions {directions:?}, expected two or three of 0, 1, 2"
-            )));
+            return Err(
+                self.damaged(format!("solved directions {directions:?}, expected two or three of 0, 1, 2"))
+            );
         }
         let cell_volumes: Vec<f64> = self.values(file, "mesh/cell_volumes", &[None])?;
         let n = cell_volumes.len();
@@ -37,8 +36,7 @@ impl Source<'_> {
             elastic: self.elastic(file, n)?,
             ..Mesh::default()
         };
-        mesh.check(&Comm::serial())
-            .map_err(|e| self.damaged(e.to_string()))?;
+        mesh.check(&Comm::serial()).map_err(|e| self.damaged(e.to_string()))?;
         Ok(mesh)
     }
 
@@ -92,10 +90,7 @@ impl Source<'_> {
         let c = Some(coeff.len());
         let owner = self.labels(file, "mesh/coupled_owner", c, n_cells)?;
         let neighbour: Vec<i64> = self.values(file, "mesh/coupled_neighbour", &[c])?;
-        if let Some(g) = neighbour
-            .iter()
-            .find(|&&g| usize::try_from(g).map_or(true, |g| g >= n_cells))
-        {
+        if let Some(g) = neighbour.iter().find(|&&g| usize::try_from(g).map_or(true, |g| g >= n_cells)) {
             return Err(self.damaged(format!("a cyclic face leads to cell {g} of {n_cells}")));
         }
         let delta = self.vectors(file, "mesh/coupled_delta", c)?;
@@ -119,9 +114,7 @@ impl Source<'_> {
         let cells: Vec<f64> = self.values(file, "mesh/mode_cells", &[Some(m), Some(n_cells), Some(3)])?;
         let cells = cells.as_chunks::<3>().0;
         Ok(Some(ElasticModes {
-            vectors: (0..m)
-                .map(|i| cells[i * n_cells..(i + 1) * n_cells].to_vec())
-                .collect(),
+            vectors: (0..m).map(|i| cells[i * n_cells..(i + 1) * n_cells].to_vec()).collect(),
             eigenvalues,
         }))
     }

@@ -9,15 +9,9 @@ use std::path::Path;
 /// Size of the mesh's datasets, bytes (generously); fails for meshes whose labels do not fit.
 pub(super) fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
     let canonical = mesh.cell_global.iter().enumerate().all(|(i, &g)| g == i as i64);
-    let boundary = mesh
-        .boundary
-        .iter()
-        .enumerate()
-        .all(|(i, f)| f.global == i as i64);
+    let boundary = mesh.boundary.iter().enumerate().all(|(i, f)| f.global == i as i64);
     if !canonical || !boundary {
-        return Err(Error::Internal(
-            "a mesh is written that is not in global order".into(),
-        ));
+        return Err(Error::Internal("a mesh is written that is not in global order".into()));
     }
     let rows = mesh.n_cells() + mesh.face_coeff.len() + mesh.boundary.len() + mesh.coupled.len();
     let modes = mesh.elastic.as_ref().map_or(0, |e| e.eigenvalues.len());
@@ -61,18 +55,11 @@ pub(super) fn number(path: &Path, at: &hdf5::Location, name: &str, value: u32) -
 }
 
 pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
-    let names = mesh
-        .patches
-        .iter()
-        .map(|p| h5_text(p))
-        .collect::<Result<Vec<Text<NAME>>>>()?;
+    let names = mesh.patches.iter().map(|p| h5_text(p)).collect::<Result<Vec<Text<NAME>>>>()?;
     let directions: Vec<i32> = mesh.directions.iter().map(|&d| d as i32).collect();
     let write = || -> hdf5::Result<()> {
         let group = file.create_group("mesh")?;
-        group
-            .new_attr_builder()
-            .with_data(&directions)
-            .create("directions")?;
+        group.new_attr_builder().with_data(&directions).create("directions")?;
         group.new_attr_builder().with_data(&names).create("patch_names")?;
         vectors(&group, "cell_centres", mesh.cell_centres.iter())?;
         scalars(&group, "cell_volumes", &mesh.cell_volumes)?;
@@ -80,26 +67,10 @@ pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<
         scalars(&group, "face_neighbour", &mesh.face_neighbour)?;
         scalars(&group, "face_coeff", &mesh.face_coeff)?;
         let b = &mesh.boundary;
-        scalars(
-            &group,
-            "boundary_owner",
-            &b.iter().map(|f| f.owner).collect::<Vec<_>>(),
-        )?;
-        scalars(
-            &group,
-            "boundary_type",
-            &b.iter().map(|f| f.kind as i32).collect::<Vec<_>>(),
-        )?;
-        scalars(
-            &group,
-            "boundary_patch",
-            &b.iter().map(|f| f.patch).collect::<Vec<_>>(),
-        )?;
-        scalars(
-            &group,
-            "boundary_coeff",
-            &b.iter().map(|f| f.coeff).collect::<Vec<_>>(),
-        )?;
+        scalars(&group, "boundary_owner", &b.iter().map(|f| f.owner).collect::<Vec<_>>())?;
+        scalars(&group, "boundary_type", &b.iter().map(|f| f.kind as i32).collect::<Vec<_>>())?;
+        scalars(&group, "boundary_patch", &b.iter().map(|f| f.patch).collect::<Vec<_>>())?;
+        scalars(&group, "boundary_coeff", &b.iter().map(|f| f.coeff).collect::<Vec<_>>())?;
         vectors(&group, "boundary_centres", b.iter().map(|f| &f.centre))?;
         vectors(&group, "boundary_area", b.iter().map(|f| &f.area))?;
         if let Some(elastic) = &mesh.elastic {
@@ -110,21 +81,9 @@ pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<
         }
         let c = &mesh.coupled;
         if !c.is_empty() {
-            scalars(
-                &group,
-                "coupled_owner",
-                &c.iter().map(|f| f.owner).collect::<Vec<_>>(),
-            )?;
-            scalars(
-                &group,
-                "coupled_neighbour",
-                &c.iter().map(|f| f.global).collect::<Vec<_>>(),
-            )?;
-            scalars(
-                &group,
-                "coupled_coeff",
-                &c.iter().map(|f| f.coeff).collect::<Vec<_>>(),
-            )?;
+            scalars(&group, "coupled_owner", &c.iter().map(|f| f.owner).collect::<Vec<_>>())?;
+            scalars(&group, "coupled_neighbour", &c.iter().map(|f| f.global).collect::<Vec<_>>())?;
+            scalars(&group, "coupled_coeff", &c.iter().map(|f| f.coeff).collect::<Vec<_>>())?;
             vectors(&group, "coupled_delta", c.iter().map(|f| &f.delta))?;
         }
         Ok(())

@@ -62,13 +62,7 @@ impl Recorder {
                 .and_then(|whole| {
                     let writer = Writer::create(path, &whole, options)?;
                     let (n_cells, n_boundary) = (whole.n_cells(), whole.boundary.len());
-                    Ok(Root {
-                        writer,
-                        cells,
-                        boundary,
-                        n_cells,
-                        n_boundary,
-                    })
+                    Ok(Root { writer, cells, boundary, n_cells, n_boundary })
                 })
                 .map(Some),
             _ => Ok(None),
@@ -94,13 +88,9 @@ impl Recorder {
         let gathered = self.comm.gather(&local);
         let result = match (&mut self.root, gathered) {
             (Some(root), Some(ranks)) => {
-                let widths: Vec<usize> = self
-                    .fields
-                    .iter()
-                    .map(|f| f.components(self.directions.len()))
-                    .collect();
-                root.frames(&ranks, &widths)
-                    .and_then(|frames| root.writer.append(time, &frames))
+                let widths: Vec<usize> =
+                    self.fields.iter().map(|f| f.components(self.directions.len())).collect();
+                root.frames(&ranks, &widths).and_then(|frames| root.writer.append(time, &frames))
             }
             _ => Ok(()),
         };
@@ -145,8 +135,7 @@ impl Recorder {
             for part in [given.cells, given.boundary] {
                 if field.vector {
                     local.extend(
-                        part.chunks_exact(3)
-                            .flat_map(|v| self.directions.iter().map(|&d| v[d] as f32)),
+                        part.chunks_exact(3).flat_map(|v| self.directions.iter().map(|&d| v[d] as f32)),
                     );
                 } else {
                     local.extend(part.iter().map(|&v| v as f32));
@@ -162,23 +151,16 @@ impl Root {
     fn frames(&self, ranks: &[Vec<f32>], widths: &[usize]) -> Result<Vec<Frame>> {
         let mut frames: Vec<Frame> = widths
             .iter()
-            .map(|c| Frame {
-                cells: vec![0.0; self.n_cells * c],
-                boundary: vec![0.0; self.n_boundary * c],
-            })
+            .map(|c| Frame { cells: vec![0.0; self.n_cells * c], boundary: vec![0.0; self.n_boundary * c] })
             .collect();
         for (rank, values) in ranks.iter().enumerate() {
             let mut rest = values.as_slice();
             for (frame, &c) in frames.iter_mut().zip(widths) {
-                for (target, rows) in [
-                    (&mut frame.cells, &self.cells[rank]),
-                    (&mut frame.boundary, &self.boundary[rank]),
-                ] {
+                for (target, rows) in
+                    [(&mut frame.cells, &self.cells[rank]), (&mut frame.boundary, &self.boundary[rank])]
+                {
                     let Some((part, after)) = rest.split_at_checked(rows.len() * c) else {
-                        return Err(Error::Internal(format!(
-                            "rank {rank} sent {} values",
-                            values.len()
-                        )));
+                        return Err(Error::Internal(format!("rank {rank} sent {} values", values.len())));
                     };
                     for (row, value) in rows.iter().zip(part.chunks_exact(c)) {
                         let start = *row as usize * c;

@@ -41,9 +41,7 @@ impl FromStr for Split {
             "train" => Ok(Split::Train),
             "valid" => Ok(Split::Valid),
             "test" => Ok(Split::Test),
-            _ => Err(Error::Input(format!(
-                "split '{name}': expected train, valid or test"
-            ))),
+            _ => Err(Error::Input(format!("split '{name}': expected train, valid or test"))),
         }
     }
 }
@@ -92,10 +90,8 @@ pub(super) fn h5_error(path: &Path, doing: &str) -> impl FnOnce(hdf5::Error) -> 
     move |e| {
         let text = e.to_string();
         // Where the system refused, its reason says more than HDF5's path to it.
-        let errno = text
-            .split("errno = ")
-            .nth(1)
-            .and_then(|rest| rest.split(',').next()?.trim().parse().ok());
+        let errno =
+            text.split("errno = ").nth(1).and_then(|rest| rest.split(',').next()?.trim().parse().ok());
         match errno {
             Some(n) => Error::file(path, format!("{doing}: {}", std::io::Error::from_raw_os_error(n))),
             None => Error::file(path, format!("{doing}: {text}")),

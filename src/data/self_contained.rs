@@ -34,13 +34,10 @@ impl Source<'_> {
             .map_err(|e| self.damaged(format!("group {path}/ cannot be read ({e})")))?;
         for (name, kind) in links {
             let path = format!("{path}/{name}");
-            *left = left
-                .checked_sub(1)
-                .ok_or_else(|| self.damaged("it has too many objects".into()))?;
+            *left = left.checked_sub(1).ok_or_else(|| self.damaged("it has too many objects".into()))?;
             if kind != LinkType::Hard {
-                return Err(self.damaged(format!(
-                    "{path} is a link to another place, expected an object of this file"
-                )));
+                return Err(self
+                    .damaged(format!("{path} is a link to another place, expected an object of this file")));
             }
             if let Ok(inner) = group.group(&name) {
                 if depth == 0 {
@@ -59,10 +56,7 @@ impl Source<'_> {
         let created = dataset
             .create_plist()
             .map_err(|e| self.damaged(format!("dataset {path} cannot be opened ({e})")))?;
-        let here = matches!(
-            created.layout(),
-            Layout::Compact | Layout::Contiguous | Layout::Chunked
-        );
+        let here = matches!(created.layout(), Layout::Compact | Layout::Contiguous | Layout::Chunked);
         if !here || !created.external().is_empty() {
             return Err(self.damaged(format!(
                 "the values of {path} are stored in other files, expected them in this one"

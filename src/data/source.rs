@@ -13,20 +13,14 @@ pub(super) fn open_file(path: &Path) -> Result<hdf5::File> {
     quiet();
     let is_file = path.metadata().map(|m| m.is_file());
     if !is_file.map_err(|e| Error::file(path, format!("cannot be read: {e}")))? {
-        return Err(Error::file(
-            path,
-            "is no plain file; expected a trajectory (*.h5) of m4gn",
-        ));
+        return Err(Error::file(path, "is no plain file; expected a trajectory (*.h5) of m4gn"));
     }
     let mut head = Vec::with_capacity(8);
     std::fs::File::open(path)
         .and_then(|f| f.take(8).read_to_end(&mut head))
         .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
     if head != SIGNATURE {
-        return Err(Error::file(
-            path,
-            "is not an HDF5 file; expected a trajectory (*.h5) of m4gn",
-        ));
+        return Err(Error::file(path, "is not an HDF5 file; expected a trajectory (*.h5) of m4gn"));
     }
     hdf5::FileBuilder::new()
         .with_fapl(|p| p.file_locking(false).libver_v110())
@@ -107,9 +101,7 @@ impl<'a> Source<'a> {
         let times: Vec<f64> = self.values(file, "times", &[None])?;
         if let Some(i) = (1..times.len()).find(|&i| times[i] <= times[i - 1]) {
             let (a, b) = (times[i - 1], times[i]);
-            return Err(self.damaged(format!(
-                "times must increase, but frame {i} is at {b} s after {a} s"
-            )));
+            return Err(self.damaged(format!("times must increase, but frame {i} is at {b} s after {a} s")));
         }
         if times.iter().any(|t| !t.is_finite()) {
             return Err(self.damaged("a time is not finite".into()));
@@ -121,8 +113,7 @@ impl<'a> Source<'a> {
     }
 
     pub(super) fn attribute(&self, at: &hdf5::Location, name: &str) -> Result<hdf5::Attribute> {
-        at.attr(name)
-            .map_err(|_| self.damaged(format!("attribute {name} of {} is missing", at.name())))
+        at.attr(name).map_err(|_| self.damaged(format!("attribute {name} of {} is missing", at.name())))
     }
 
     pub(super) fn text<const N: usize>(&self, at: &hdf5::Location, name: &str) -> Result<String> {
@@ -170,14 +161,11 @@ impl<'a> Source<'a> {
             found.len() == shape.len() && found.iter().zip(shape).all(|(f, s)| s.is_none_or(|s| s == *f));
         let size = found.iter().try_fold(size_of::<T>(), |a, &n| a.checked_mul(n));
         if !fits || size.is_none_or(|s| s as u64 > self.bytes) {
-            return Err(self.damaged(format!(
-                "dataset /{name} has shape {found:?}, expected {}",
-                shown(shape)
-            )));
+            return Err(
+                self.damaged(format!("dataset /{name} has shape {found:?}, expected {}", shown(shape)))
+            );
         }
-        dataset
-            .read_raw()
-            .map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
+        dataset.read_raw().map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
     }
 
     pub(super) fn vectors(
@@ -213,14 +201,8 @@ impl<'a> Source<'a> {
     }
 
     fn in_range(&self, name: &str, labels: Vec<i32>, end: usize) -> Result<Vec<i32>> {
-        match labels
-            .iter()
-            .position(|&l| usize::try_from(l).map_or(true, |l| l >= end))
-        {
-            Some(i) => Err(self.damaged(format!(
-                "/{name}[{i}] is {}, expected 0 to below {end}",
-                labels[i]
-            ))),
+        match labels.iter().position(|&l| usize::try_from(l).map_or(true, |l| l >= end)) {
+            Some(i) => Err(self.damaged(format!("/{name}[{i}] is {}, expected 0 to below {end}", labels[i]))),
             None => Ok(labels),
         }
     }
@@ -228,10 +210,9 @@ impl<'a> Source<'a> {
     /// Refuses values that are not finite.
     pub(super) fn check_finite(&self, name: &str, values: &[f64]) -> Result<()> {
         match values.iter().position(|v| !v.is_finite()) {
-            Some(i) => Err(self.damaged(format!(
-                "value {i} of /{name} is {}, expected a finite one",
-                values[i]
-            ))),
+            Some(i) => {
+                Err(self.damaged(format!("value {i} of /{name} is {}, expected a finite one", values[i])))
+            }
             None => Ok(()),
         }
     }
@@ -254,11 +235,7 @@ impl<'a> Source<'a> {
             let dimensions = <[i32; 7]>::try_from(dimensions).map_err(|d| {
                 self.damaged(format!("field {name} has dimensions {d:?}, expected 7 exponents"))
             })?;
-            Ok(FieldMeta {
-                name,
-                vector,
-                dimensions,
-            })
+            Ok(FieldMeta { name, vector, dimensions })
         };
         names.into_iter().map(field).collect()
     }
@@ -280,10 +257,7 @@ impl<'a> Source<'a> {
         let name = dataset.name();
         let values = dataset
             .read_slice::<f32, _, Ix2>((frame, .., ..))
-            .map_err(h5_error(
-                self.path,
-                &format!("frame {frame} of {name} is damaged"),
-            ))?
+            .map_err(h5_error(self.path, &format!("frame {frame} of {name} is damaged")))?
             .into_raw_vec_and_offset()
             .0;
         match values.iter().all(|v| v.is_finite()) {
@@ -297,9 +271,6 @@ impl<'a> Source<'a> {
 }
 
 fn shown(shape: &[Option<usize>]) -> String {
-    let parts: Vec<_> = shape
-        .iter()
-        .map(|s| s.map_or("any".to_string(), |n| n.to_string()))
-        .collect();
+    let parts: Vec<_> = shape.iter().map(|s| s.map_or("any".to_string(), |n| n.to_string())).collect();
     format!("[{}]", parts.join(", "))
 }

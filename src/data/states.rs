@@ -22,9 +22,7 @@ impl Trajectory {
     /// [`Trajectory::open`].
     pub fn states(&self, fields: &[&str]) -> Result<States<'_>> {
         let (file, source) = (open_file(self.path())?, Source::new(self.path())?);
-        let opened = fields
-            .iter()
-            .map(|name| self.open_field(&source, &file, self.field(name)?));
+        let opened = fields.iter().map(|name| self.open_field(&source, &file, self.field(name)?));
         Ok(States {
             fields: opened.collect::<Result<_>>()?,
             motion: self.open_motion(&source, &file)?,

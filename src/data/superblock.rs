@@ -21,10 +21,7 @@ pub fn clear_open_mark(path: &Path) -> io::Result<()> {
     file.read_exact_at(&mut block, 0)?;
     let known = block[..8] == SIGNATURE && block[8..11] == [3, 8, 8];
     if !known || block[44..] != checksum(&block[..44]).to_le_bytes() {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            "no superblock of version 3 at its start",
-        ));
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "no superblock of version 3 at its start"));
     }
     if block[11] == 0 {
         return Ok(());
@@ -50,28 +47,17 @@ fn checksum(bytes: &[u8]) -> u32 {
         c = c.wrapping_add(word(8));
         rest = &rest[n..];
         if rest.is_empty() {
-            for (x, y, bits) in [
-                (2, 1, 14),
-                (0, 2, 11),
-                (1, 0, 25),
-                (2, 1, 16),
-                (0, 2, 4),
-                (1, 0, 14),
-                (2, 1, 24),
-            ] {
+            for (x, y, bits) in
+                [(2, 1, 14), (0, 2, 11), (1, 0, 25), (2, 1, 16), (0, 2, 4), (1, 0, 14), (2, 1, 24)]
+            {
                 let mut words = [a, b, c];
                 words[x] = (words[x] ^ words[y]).wrapping_sub(words[y].rotate_left(bits));
                 [a, b, c] = words;
             }
         } else {
-            for (x, y, z, bits) in [
-                (0, 2, 1, 4),
-                (1, 0, 2, 6),
-                (2, 1, 0, 8),
-                (0, 2, 1, 16),
-                (1, 0, 2, 19),
-                (2, 1, 0, 4),
-            ] {
+            for (x, y, z, bits) in
+                [(0, 2, 1, 4), (1, 0, 2, 6), (2, 1, 0, 8), (0, 2, 1, 16), (1, 0, 2, 19), (2, 1, 0, 4)]
+            {
                 let mut words = [a, b, c];
                 words[x] = words[x].wrapping_sub(words[y]) ^ words[y].rotate_left(bits);
                 words[y] = words[y].wrapping_add(words[z]);

@@ -12,12 +12,7 @@ pub(super) fn square() -> Mesh {
         owner,
         global,
         centre: [x, y, 0.5],
-        area: [
-            x - centres[owner as usize][0],
-            y - centres[owner as usize][1],
-            0.0,
-        ]
-        .map(|a| 2.0 * a),
+        area: [x - centres[owner as usize][0], y - centres[owner as usize][1], 0.0].map(|a| 2.0 * a),
         coeff: 2.0,
         kind,
         patch: i32::from(kind == NodeType::Inlet),
@@ -36,27 +31,13 @@ pub(super) fn square() -> Mesh {
             face(1, 2, 1.5, 0.0, NodeType::Wall),
         ],
         coupled: vec![
-            CoupledFace {
-                owner: 1,
-                rank: 0,
-                global: 0,
-                delta: [1.0, 0.0, 0.0],
-                coeff: 1.0,
-            },
-            CoupledFace {
-                owner: 0,
-                rank: 0,
-                global: 1,
-                delta: [-1.0, 0.0, 0.0],
-                coeff: 1.0,
-            },
+            CoupledFace { owner: 1, rank: 0, global: 0, delta: [1.0, 0.0, 0.0], coeff: 1.0 },
+            CoupledFace { owner: 0, rank: 0, global: 1, delta: [-1.0, 0.0, 0.0], coeff: 1.0 },
         ],
         patches: vec!["walls".into(), "inlet".into()],
         elastic: Some(ElasticModes {
             eigenvalues: vec![2.5, 7.0],
-            vectors: (0..2)
-                .map(|k| (0..4).map(|c| [c as f64, 0.1 * f64::from(k), -1.5]).collect())
-                .collect(),
+            vectors: (0..2).map(|k| (0..4).map(|c| [c as f64, 0.1 * f64::from(k), -1.5]).collect()).collect(),
         }),
         ..Mesh::default()
     }
@@ -64,30 +45,16 @@ pub(super) fn square() -> Mesh {
 
 pub(super) fn fields() -> Vec<FieldMeta> {
     vec![
-        FieldMeta {
-            name: "U".into(),
-            vector: true,
-            dimensions: [0, 1, -1, 0, 0, 0, 0],
-        },
-        FieldMeta {
-            name: "p".into(),
-            vector: false,
-            dimensions: [0, 2, -2, 0, 0, 0, 0],
-        },
+        FieldMeta { name: "U".into(), vector: true, dimensions: [0, 1, -1, 0, 0, 0, 0] },
+        FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] },
     ]
 }
 
 pub(super) fn frames(i: usize) -> Vec<Frame> {
     let ramp = |n: usize, offset: f32| (0..n).map(|k| offset + i as f32 + 0.25 * k as f32).collect();
     vec![
-        Frame {
-            cells: ramp(8, 0.0),
-            boundary: ramp(6, 100.0),
-        },
-        Frame {
-            cells: ramp(4, 200.0),
-            boundary: ramp(3, 300.0),
-        },
+        Frame { cells: ramp(8, 0.0), boundary: ramp(6, 100.0) },
+        Frame { cells: ramp(4, 200.0), boundary: ramp(3, 300.0) },
     ]
 }
 
@@ -121,11 +88,7 @@ fn the_mesh_says_how_large_its_cells_are() {
     let states = trajectory.states(&["p", "cellSize"]).unwrap();
     for (frame, of_mesh) in read.iter().enumerate() {
         assert_eq!(of_mesh.cells, sizes);
-        let behind = square()
-            .boundary
-            .iter()
-            .map(|b| sizes[b.owner as usize])
-            .collect::<Vec<_>>();
+        let behind = square().boundary.iter().map(|b| sizes[b.owner as usize]).collect::<Vec<_>>();
         assert_eq!(of_mesh.boundary, behind);
         assert_eq!(&states.read(frame).unwrap().0[1], of_mesh);
     }
@@ -137,11 +100,7 @@ fn the_provenance_says_the_viscosity() {
     let path = dir.path().join("0000.h5");
     write(&path, 1);
     assert!(Trajectory::open(&path).unwrap().field("nu").is_err());
-    let options = WriteOptions {
-        provenance: serde_json::json!({"nu": 1e-3}),
-        overwrite: true,
-        ..options()
-    };
+    let options = WriteOptions { provenance: serde_json::json!({"nu": 1e-3}), overwrite: true, ..options() };
     let mut writer = Writer::create(&path, &square(), &options).unwrap();
     writer.append(1.0, &frames(0)).unwrap();
     writer.finish().unwrap();
@@ -162,16 +121,10 @@ fn what_is_written_is_read() {
     assert_eq!(trajectory.fields(), fields());
     assert_eq!(trajectory.split(), Split::Test);
     assert_eq!(trajectory.provenance()["seed"], 7);
-    assert_eq!(
-        trajectory.times(),
-        [0, 1, 2, 3, 4].map(|i| 1.0 + 0.01 * f64::from(i))
-    );
+    assert_eq!(trajectory.times(), [0, 1, 2, 3, 4].map(|i| 1.0 + 0.01 * f64::from(i)));
     assert_eq!(trajectory.read_frame("U", 3).unwrap(), frames(3)[0]);
     let every_second = trajectory.read_frames("p", 0, 2, 3).unwrap();
-    assert_eq!(
-        every_second,
-        [frames(0)[1].clone(), frames(2)[1].clone(), frames(4)[1].clone()]
-    );
+    assert_eq!(every_second, [frames(0)[1].clone(), frames(2)[1].clone(), frames(4)[1].clone()]);
     assert_eq!(list(path.parent().unwrap()).unwrap(), std::slice::from_ref(&path));
     assert_eq!(list(&path).unwrap(), std::slice::from_ref(&path));
     // Only the file itself is there, of the size that HDF5 needs.
@@ -183,18 +136,9 @@ fn what_is_written_is_read() {
 fn no_boundary_faces_is_a_mesh_too() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.h5");
-    let mesh = Mesh {
-        boundary: vec![],
-        ..square()
-    };
+    let mesh = Mesh { boundary: vec![], ..square() };
     let mut writer = Writer::create(&path, &mesh, &options()).unwrap();
-    let frame: Vec<_> = frames(0)
-        .into_iter()
-        .map(|f| Frame {
-            boundary: vec![],
-            ..f
-        })
-        .collect();
+    let frame: Vec<_> = frames(0).into_iter().map(|f| Frame { boundary: vec![], ..f }).collect();
     writer.append(0.0, &frame).unwrap();
     writer.finish().unwrap();
     let trajectory = Trajectory::open(&path).unwrap();
@@ -207,13 +151,7 @@ fn a_frame_that_is_not_there() {
     let path = dir.path().join("a.h5");
     write(&path, 2);
     let trajectory = Trajectory::open(&path).unwrap();
-    assert!(
-        trajectory
-            .read_frame("U", 2)
-            .unwrap_err()
-            .to_string()
-            .contains("2 frames")
-    );
+    assert!(trajectory.read_frame("U", 2).unwrap_err().to_string().contains("2 frames"));
     assert!(trajectory.read_frames("U", 1, usize::MAX, 3).is_err());
     // Of a file that was opened once as of one that is opened for each read.
     let states = trajectory.states(&["p", "U"]).unwrap();
@@ -223,13 +161,7 @@ fn a_frame_that_is_not_there() {
     let message = states.read(last + 1).unwrap_err().to_string();
     assert!(message.contains("the trajectory has"), "{message}");
     assert!(trajectory.states(&["p", "T"]).is_err());
-    assert!(
-        trajectory
-            .read_frame("T", 0)
-            .unwrap_err()
-            .to_string()
-            .contains("recorded are U, p")
-    );
+    assert!(trajectory.read_frame("T", 0).unwrap_err().to_string().contains("recorded are U, p"));
 }
 
 #[test]
@@ -238,12 +170,7 @@ fn unfinished_recordings_leave_nothing_and_are_not_listed() {
     let path = dir.path().join("a.h5");
     let mut writer = Writer::create(&path, &square(), &options()).unwrap();
     writer.append(0.0, &frames(0)).unwrap();
-    assert!(
-        list(dir.path())
-            .unwrap_err()
-            .to_string()
-            .contains("holds no trajectories")
-    );
+    assert!(list(dir.path()).unwrap_err().to_string().contains("holds no trajectories"));
     drop(writer);
     assert_eq!(dir.path().read_dir().unwrap().count(), 0);
     // A killed process leaves its partial file: not listed, and no obstacle to the next recording.
@@ -301,29 +228,16 @@ fn an_existing_file_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.h5");
     write(&path, 1);
-    let refused = Writer::create(&path, &square(), &options())
-        .unwrap_err()
-        .to_string();
+    let refused = Writer::create(&path, &square(), &options()).unwrap_err().to_string();
     assert!(refused.contains("exists already"), "{refused}");
-    let mut writer = Writer::create(
-        &path,
-        &square(),
-        &WriteOptions {
-            overwrite: true,
-            ..options()
-        },
-    )
-    .unwrap();
+    let mut writer =
+        Writer::create(&path, &square(), &WriteOptions { overwrite: true, ..options() }).unwrap();
     assert_eq!(Trajectory::open(&path).unwrap().times().len(), 1);
     assert!(writer.finish().unwrap_err().to_string().contains("no frame"));
     assert_eq!(Trajectory::open(&path).unwrap().times().len(), 1);
-    let folder = Writer::create(dir.path(), &square(), &options())
-        .unwrap_err()
-        .to_string();
+    let folder = Writer::create(dir.path(), &square(), &options()).unwrap_err().to_string();
     assert!(folder.contains("is a folder"), "{folder}");
-    let nowhere = Writer::create("/proc/none/a.h5", &square(), &options())
-        .unwrap_err()
-        .to_string();
+    let nowhere = Writer::create("/proc/none/a.h5", &square(), &options()).unwrap_err().to_string();
     assert!(nowhere.contains("/proc/none"), "{nowhere}");
 }
 
@@ -342,28 +256,14 @@ fn a_full_disk_leaves_nothing() {
         let noise = |i: usize, n: usize| (0..n).map(|k| ((k * 7919 + i) as f32).sin()).collect::<Vec<_>>();
         let frame = |i| {
             vec![
-                Frame {
-                    cells: noise(i, 40_000),
-                    boundary: noise(i, 6),
-                },
-                Frame {
-                    cells: noise(i, 20_000),
-                    boundary: noise(i, 3),
-                },
+                Frame { cells: noise(i, 40_000), boundary: noise(i, 6) },
+                Frame { cells: noise(i, 20_000), boundary: noise(i, 3) },
             ]
         };
         let mut writer = Writer::create(path, &mesh, &options()).unwrap();
-        let error = (0..1000)
-            .find_map(|i| writer.append(i as f64, &frame(i)).err())
-            .unwrap();
+        let error = (0..1000).find_map(|i| writer.append(i as f64, &frame(i)).err()).unwrap();
         assert!(error.to_string().contains("file size limit"), "{error}");
-        assert!(
-            writer
-                .append(2000.0, &frame(0))
-                .unwrap_err()
-                .to_string()
-                .contains("given up")
-        );
+        assert!(writer.append(2000.0, &frame(0)).unwrap_err().to_string().contains("given up"));
         assert!(writer.finish().is_err());
         return;
     }
@@ -389,13 +289,8 @@ fn two_recordings_of_one_name() {
     let options = options();
     let mut first = Writer::create(&path, &square(), &options).unwrap();
     first.append(0.0, &frames(0)).unwrap();
-    let second = Writer::create(&path, &square(), &options)
-        .map(|_| ())
-        .unwrap_err();
-    assert!(
-        second.to_string().contains("being written by another recording"),
-        "{second}"
-    );
+    let second = Writer::create(&path, &square(), &options).map(|_| ()).unwrap_err();
+    assert!(second.to_string().contains("being written by another recording"), "{second}");
     first.append(1.0, &frames(1)).unwrap();
     first.finish().unwrap();
     drop(first);

@@ -10,11 +10,7 @@ use std::path::{Path, PathBuf};
 const VISCOSITY: &str = "nu";
 
 fn scalar(name: &str, dimensions: [i32; 7]) -> FieldMeta {
-    FieldMeta {
-        name: name.into(),
-        vector: false,
-        dimensions,
-    }
+    FieldMeta { name: name.into(), vector: false, dimensions }
 }
 
 /// Values of a field.
@@ -31,10 +27,9 @@ impl Values {
         let rows =
             |part: &Option<hdf5::Dataset>| part.as_ref().map_or(Ok(Vec::new()), |p| source.frame(p, frame));
         match self {
-            Values::Recorded([cells, boundary]) => Ok(Frame {
-                cells: rows(cells)?,
-                boundary: rows(boundary)?,
-            }),
+            Values::Recorded([cells, boundary]) => {
+                Ok(Frame { cells: rows(cells)?, boundary: rows(boundary)? })
+            }
             Values::Implied(values) => Ok(values.clone()),
         }
     }
@@ -177,10 +172,7 @@ impl Trajectory {
         let mut known = self.fields.iter().chain(&self.implied);
         known.find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<_> = self.fields.iter().map(|f| f.name.as_str()).collect();
-            Error::file(
-                &self.path,
-                format!("no field '{name}'; recorded are {}", names.join(", ")),
-            )
+            Error::file(&self.path, format!("no field '{name}'; recorded are {}", names.join(", ")))
         })
     }
 
@@ -190,9 +182,7 @@ impl Trajectory {
     /// [`Error::Input`] for a frame that is not there; [`Error::File`] for a damaged or vanished file.
     pub fn read_frame(&self, field: &str, frame: usize) -> Result<Frame> {
         let mut frames = self.read_frames(field, frame, 1, 1)?;
-        frames
-            .pop()
-            .ok_or_else(|| Error::Internal("one frame asked for, none read".into()))
+        frames.pop().ok_or_else(|| Error::Internal("one frame asked for, none read".into()))
     }
 
     /// Values of one field at frames `first`, `first + step`, ... (`count` of them).
@@ -253,14 +243,8 @@ impl Trajectory {
             opened.transpose()
         };
         Ok(Values::Recorded([
-            open(
-                format!("fields/{}/cells", field.name),
-                self.mesh.cell_global.len(),
-            )?,
-            open(
-                format!("fields/{}/boundary", field.name),
-                self.mesh.boundary.len(),
-            )?,
+            open(format!("fields/{}/cells", field.name), self.mesh.cell_global.len())?,
+            open(format!("fields/{}/boundary", field.name), self.mesh.boundary.len())?,
         ]))
     }
 
@@ -277,9 +261,7 @@ impl Trajectory {
     /// Opens the obstacle's displacement, where there is one.
     pub(super) fn open_motion(&self, source: &Source, file: &hdf5::File) -> Result<Option<hdf5::Dataset>> {
         let shape = |o: &Obstacle| [self.times.len(), o.positions.len(), 3];
-        let opened = self
-            .obstacle()
-            .map(|o| source.frames(file, "obstacle/displacement", shape(o)));
+        let opened = self.obstacle().map(|o| source.frames(file, "obstacle/displacement", shape(o)));
         opened.transpose()
     }
 }

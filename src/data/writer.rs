@@ -73,10 +73,7 @@ impl Writer {
         quiet();
         let path = path.as_ref();
         let name = path.file_name().ok_or_else(|| {
-            Error::file(
-                path,
-                "is not the name of a file; expected a path that ends in .h5",
-            )
+            Error::file(path, "is not the name of a file; expected a path that ends in .h5")
         })?;
         options.fields.iter().try_for_each(FieldMeta::check)?;
         check_absent(path, options.overwrite)?;
@@ -152,13 +149,7 @@ impl Writer {
         }
         file.flush().map_err(error())?;
         let values: usize = fields.iter().map(|f| f.components * (n + b)).sum();
-        self.open = Some(Open {
-            file,
-            times,
-            fields,
-            space,
-            frame_bytes: 4 * values as u64,
-        });
+        self.open = Some(Open { file, times, fields, space, frame_bytes: 4 * values as u64 });
         Ok(())
     }
 
@@ -200,10 +191,7 @@ impl Writer {
         let open = self.open.take().ok_or_else(|| closed(&self.path))?;
         let result = if self.n_frames == 0 {
             drop(open);
-            Err(Error::file(
-                &self.path,
-                "no frame was recorded: check the time span of the recording",
-            ))
+            Err(Error::file(&self.path, "no frame was recorded: check the time span of the recording"))
         } else {
             open.finish(&self.path).and_then(|()| self.rename())
         };
@@ -216,11 +204,7 @@ impl Writer {
             |e: std::io::Error| Error::file(&self.path, format!("cannot be given its final name: {e}"));
         std::fs::rename(&self.partial, &self.path).map_err(failed)?;
         // The new name is only safe once the folder itself is on the disk; some file systems cannot do this.
-        let folder = self
-            .path
-            .parent()
-            .filter(|p| !p.as_os_str().is_empty())
-            .unwrap_or(Path::new("."));
+        let folder = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let _ = std::fs::File::open(folder).and_then(|f| f.sync_all());
         Ok(())
     }
@@ -252,10 +236,7 @@ impl Open {
         }
         for (field, frame) in self.fields.iter().zip(frames) {
             let name = &field.name;
-            let (n, b) = (
-                field.n_cells * field.components,
-                field.n_boundary * field.components,
-            );
+            let (n, b) = (field.n_cells * field.components, field.n_boundary * field.components);
             if frame.cells.len() != n || frame.boundary.len() != b {
                 return Err(Error::Input(format!(
                     "field {name}: {} cell and {} boundary values given, expected {n} and {b}",
@@ -318,13 +299,8 @@ fn claim(partial: &Path, path: &Path) -> Result<std::fs::File> {
     let failed = |e: std::io::Error| Error::file(partial, format!("cannot be written: {e}"));
     loop {
         let mut options = std::fs::OpenOptions::new();
-        let file = options
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(partial)
-            .map_err(failed)?;
+        let file =
+            options.read(true).write(true).create(true).truncate(false).open(partial).map_err(failed)?;
         match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) => {
@@ -339,10 +315,7 @@ fn claim(partial: &Path, path: &Path) -> Result<std::fs::File> {
         }
         // Another one may have given it its final name between opening and locking: that file is not ours.
         let own = file.metadata().map_err(failed)?;
-        if partial
-            .metadata()
-            .is_ok_and(|m| (m.dev(), m.ino()) == (own.dev(), own.ino()))
-        {
+        if partial.metadata().is_ok_and(|m| (m.dev(), m.ino()) == (own.dev(), own.ino())) {
             if own.len() == 0 {
                 return Ok(file);
             }
@@ -371,9 +344,7 @@ fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
 /// Makes a recording of the whole frames of a file that was not finished.
 fn complete(partial: &Path) -> hdf5::Result<()> {
     clear_open_mark(partial).map_err(|e| hdf5::Error::Internal(e.to_string()))?;
-    let file = hdf5::FileBuilder::new()
-        .with_fapl(|p| p.file_locking(false))
-        .open_rw(partial)?;
+    let file = hdf5::FileBuilder::new().with_fapl(|p| p.file_locking(false)).open_rw(partial)?;
     let times = file.dataset("times")?;
     let mut values = Vec::new();
     for field in file.group("fields")?.groups()? {
@@ -399,10 +370,7 @@ fn closed(path: &Path) -> Error {
 
 fn check_absent(path: &Path, overwrite: bool) -> Result<()> {
     if path.is_dir() {
-        return Err(Error::file(
-            path,
-            "is a folder; expected the name of a file to write",
-        ));
+        return Err(Error::file(path, "is a folder; expected the name of a file to write"));
     }
     if !overwrite && path.exists() {
         return Err(Error::file(

@@ -16,9 +16,7 @@ pub fn impose<T: Copy>(
     prescribed: &[T],
     boundary: &mut [T],
 ) {
-    let rows = boundary
-        .chunks_exact_mut(width)
-        .zip(prescribed.chunks_exact(width));
+    let rows = boundary.chunks_exact_mut(width).zip(prescribed.chunks_exact(width));
     for ((owner, follows), (to, prescribed)) in faces.zip(rows) {
         to.copy_from_slice(match follows {
             true => &cells[owner * width..][..width],
@@ -74,12 +72,7 @@ impl Boundary {
         let columns = |field: &FieldSpec| {
             let (first, count) = (width, field.components(dim));
             width += count;
-            Columns {
-                first,
-                count,
-                vector: field.vector,
-                same: vec![true; patches],
-            }
+            Columns { first, count, vector: field.vector, same: vec![true; patches] }
         };
         let fields = fields.iter().map(columns).collect();
         Boundary {
@@ -93,11 +86,7 @@ impl Boundary {
 
     /// Of so many values, all of them prescribed.
     pub fn prescribed(n_inner: usize, n: usize, fields: &[FieldSpec], dim: usize) -> Self {
-        let face = Face {
-            owner: 0,
-            patch: 0,
-            kind: NodeType::Obstacle,
-        };
+        let face = Face { owner: 0, patch: 0, kind: NodeType::Obstacle };
         let mut boundary = Boundary::new(&Mesh::default(), fields, dim);
         (boundary.n_inner, boundary.faces) = (n_inner, vec![face; n]);
         boundary.follows = vec![false; n * boundary.width];
@@ -111,9 +100,7 @@ impl Boundary {
 
     /// Looks at a frame: rows of all components, cells and then boundary.
     pub fn see(&mut self, frame: &[f32]) {
-        let scalars: Vec<usize> = (0..self.fields.len())
-            .filter(|&k| !self.fields[k].vector)
-            .collect();
+        let scalars: Vec<usize> = (0..self.fields.len()).filter(|&k| !self.fields[k].vector).collect();
         for k in scalars {
             let first = self.fields[k].first;
             let mut column = frame.chunks_exact(self.width).map(|row| row[first]);
@@ -182,12 +169,7 @@ impl Boundary {
     /// Places in a state of each value that follows, and of its owner's.
     fn pairs(&self, counts: impl Fn(usize) -> bool, mut with: impl FnMut(usize, usize)) {
         let width = self.width;
-        for (f, (face, row)) in self
-            .faces
-            .iter()
-            .zip(self.follows.chunks_exact(width.max(1)))
-            .enumerate()
-        {
+        for (f, (face, row)) in self.faces.iter().zip(self.follows.chunks_exact(width.max(1))).enumerate() {
             for i in (0..width).filter(|&i| row[i] && counts(i)) {
                 with((self.n_inner + f) * width + i, face.owner as usize * width + i);
             }
@@ -286,10 +268,7 @@ mod tests {
         alone.settle();
         for (i, face) in mesh.boundary.iter().enumerate() {
             let expected = face.kind != NodeType::Outlet;
-            assert_eq!(
-                (rule.follows()[3 * i + 2], alone.follows()[i]),
-                (expected, expected)
-            );
+            assert_eq!((rule.follows()[3 * i + 2], alone.follows()[i]), (expected, expected));
         }
     }
 }

@@ -54,9 +54,7 @@ pub trait Host: Send {
     /// # Errors
     /// [`Error::Input`] for other lengths, or a domain without obstacle; [`Error::Numerical`] for values that are not finite.
     fn set_obstacle(&mut self, _comm: &Comm, _motion: [&[Vector]; 2]) -> Result<()> {
-        Err(Error::Input(
-            "the model is of fields at cells: it knows no obstacle that moves".into(),
-        ))
+        Err(Error::Input("the model is of fields at cells: it knows no obstacle that moves".into()))
     }
 
     /// Takes the displacement one stride before the next step, m: of this rank's points, and of an obstacle's. Collective; all ranks
@@ -65,9 +63,7 @@ pub trait Host: Send {
     /// # Errors
     /// As [`Host::set_obstacle`].
     fn set_before(&mut self, _comm: &Comm, _body: &[Vector], _obstacle: &[Vector]) -> Result<()> {
-        Err(Error::Input(
-            "the model is of fields at cells: it reads nothing of the stride before".into(),
-        ))
+        Err(Error::Input("the model is of fields at cells: it reads nothing of the stride before".into()))
     }
 
     /// What the network lives on, cut by the segments of the host's nodes. `mesh` is the host's. Collective; all ranks fail together.
@@ -172,11 +168,8 @@ fn fits(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions) -> Result<()> {
         _ => {}
     }
     if mesh.dim() != spec.dim {
-        let names: Vec<_> = mesh
-            .directions
-            .iter()
-            .map(|&d| ["x", "y", "z"].get(d).copied().unwrap_or("?"))
-            .collect();
+        let names: Vec<_> =
+            mesh.directions.iter().map(|&d| ["x", "y", "z"].get(d).copied().unwrap_or("?")).collect();
         return Err(Error::Model(format!(
             "the model was trained in {} dimensions; this case solves {} ({}): use a model of this dimension, or \
              empty patches for a 2-D case",

@@ -98,11 +98,7 @@ impl Statistics {
                 edge: has_feature,
                 alike_from: Some(N_CONTACT_INPUTS),
             },
-            Kind::Cells => Statistics {
-                node: |_, _| true,
-                edge: |_, _| true,
-                alike_from: None,
-            },
+            Kind::Cells => Statistics { node: |_, _| true, edge: |_, _| true, alike_from: None },
         }
     }
 }

@@ -115,9 +115,7 @@ pub trait Domain: Debug + Send + Sync {
         let rows = d_target.chunks_exact(c.outputs.len());
         for (d, row) in d_state.chunks_exact_mut(c.count).zip(rows) {
             let outputs = c.outputs.iter().zip(&c.delta).zip(row);
-            outputs
-                .filter(|((_, delta), _)| **delta)
-                .for_each(|((&i, _), x)| d[i] -= x);
+            outputs.filter(|((_, delta), _)| **delta).for_each(|((&i, _), x)| d[i] -= x);
         }
     }
 

@@ -84,11 +84,7 @@ impl Fixed {
     pub fn new(model: &Model, structure: &Structure) -> Result<Self> {
         let graph = &structure.graph;
         let offsets = structure.segments.as_ref().map_or(&[][..], |s| &s.offsets);
-        let ModelSpec {
-            node_types,
-            architecture,
-            ..
-        } = &model.spec;
+        let ModelSpec { node_types, architecture, .. } = &model.spec;
         let (k, columns) = (model.spec.n_field_inputs(), padded(architecture.width));
         let tensor = model.tensor("encoder.node.0.weight")?;
         let bias = linear::bias(model, "encoder.node.0")?;
@@ -105,40 +101,24 @@ impl Fixed {
             known.map(|t| t as u32).ok_or_else(|| {
                 let known: Vec<_> = node_types.iter().map(|t| t.name()).collect();
                 let found = m4gn_mesh::NodeType::from_code(*code).map_or("unknown", |t| t.name());
-                Error::Model(format!(
-                    "the model knows {}; the mesh has a {found} node",
-                    known.join(", ")
-                ))
+                Error::Model(format!("the model knows {}; the mesh has a {found} node", known.join(", ")))
             })
         };
-        let kinds: Vec<u32> = graph.node_types[..graph.n_owned]
-            .iter()
-            .map(kind)
-            .collect::<Result<_>>()?;
+        let kinds: Vec<u32> = graph.node_types[..graph.n_owned].iter().map(kind).collect::<Result<_>>()?;
         let n = model.spec.n_offset_features();
         if n == 0 {
-            return Ok(Fixed {
-                rows: types,
-                row: kinds,
-            });
+            return Ok(Fixed { rows: types, row: kinds });
         }
         let first = k + node_types.len();
         let mut rows = Vec::with_capacity(kinds.len() * columns);
         for (t, offset) in kinds.iter().zip(offsets.chunks_exact(n)) {
             let own = &types[*t as usize * columns..][..columns];
             rows.extend(own.iter().enumerate().map(|(o, own)| {
-                let shift: f32 = offset
-                    .iter()
-                    .enumerate()
-                    .map(|(i, x)| weight(o, first + i) * x)
-                    .sum();
+                let shift: f32 = offset.iter().enumerate().map(|(i, x)| weight(o, first + i) * x).sum();
                 own + shift
             }));
         }
-        Ok(Fixed {
-            rows,
-            row: (0..kinds.len() as u32).collect(),
-        })
+        Ok(Fixed { rows, row: (0..kinds.len() as u32).collect() })
     }
 
     /// Bytes.
@@ -178,10 +158,7 @@ impl<T: Number> Decoder<T> {
             last: Linear::new(isa, model, &format!("decoder.{h}"))?,
             function: linear::activation(model),
             bias,
-            segment: a
-                .m4gn()
-                .map(|_| linear::columns(isa, model, "decoder.0", d..2 * d))
-                .transpose()?,
+            segment: a.m4gn().map(|_| linear::columns(isa, model, "decoder.0", d..2 * d)).transpose()?,
             mean: model.tensor("norm.output.mean")?.data.clone(),
             std: model.tensor("norm.output.std")?.data.clone(),
         })
@@ -202,15 +179,7 @@ impl<T: Number> Decoder<T> {
     /// rows of physical outputs in `scratch.raw`; returns how far apart they stand.
     pub fn run(&self, scratch: &mut Scratch<T>, n: usize) -> usize {
         let isa = self.isa;
-        let Scratch {
-            x,
-            a,
-            b,
-            c,
-            sums,
-            raw,
-            ..
-        } = scratch;
+        let Scratch { x, a, b, c, sums, raw, .. } = scratch;
         let columns = self.first.columns();
         let size = n * columns;
         narrow(isa, &c[..size], &mut x[..size]);

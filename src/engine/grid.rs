@@ -43,12 +43,7 @@ impl<T: Number> Grid<T> {
             let rows = &tiles[i].nodes;
             // SAFETY: tiles are disjoint.
             let values = unsafe { values.rows(rows, columns) };
-            work(
-                s,
-                &tiles[i],
-                &nodes[rows.start * columns..rows.end * columns],
-                values,
-            );
+            work(s, &tiles[i], &nodes[rows.start * columns..rows.end * columns], values);
         };
         self.pool.run(&mut self.scratch, tiles.len(), task, || ());
     }
@@ -67,24 +62,16 @@ impl<T: Number> Grid<T> {
         let nodes = Parts::new(&mut self.nodes);
         let sweep = |values: &[V], tile: &Tile, s: &mut Scratch<T>| {
             // SAFETY: tiles are disjoint.
-            sweep(s, tile, order, values, unsafe {
-                nodes.rows(&tile.nodes, columns)
-            });
+            sweep(s, tile, order, values, unsafe { nodes.rows(&tile.nodes, columns) });
         };
         let (interior, rest) = self.tiles.split_at(self.n_interior);
         let start = self.timed.then(Instant::now);
         let mut busy = 0.0;
-        self.halo
-            .exchange_during(comm, values, columns, message, |values, progress| {
-                let start = start.map(|_| Instant::now());
-                pool.run(
-                    scratch,
-                    interior.len(),
-                    |s, i| sweep(values, &interior[i], s),
-                    progress,
-                );
-                busy = start.map_or(0.0, |s| s.elapsed().as_secs_f64());
-            });
+        self.halo.exchange_during(comm, values, columns, message, |values, progress| {
+            let start = start.map(|_| Instant::now());
+            pool.run(scratch, interior.len(), |s, i| sweep(values, &interior[i], s), progress);
+            busy = start.map_or(0.0, |s| s.elapsed().as_secs_f64());
+        });
         if let (Some(start), Some(own)) = (start, scratch.first_mut()) {
             own.clock.phases[Phase::Halo as usize] += start.elapsed().as_secs_f64() - busy;
         }

@@ -9,9 +9,7 @@ use std::ops::Range;
 pub fn columns<T: Number>(isa: Isa, model: &Model, name: &str, columns: Range<usize>) -> Result<Packed<T>> {
     let tensor = model.tensor(&format!("{name}.weight"))?;
     let (outputs, all) = (tensor.shape[0], tensor.shape[1]);
-    Ok(Packed::new(isa, columns.len(), outputs, |i, o| {
-        tensor.data[o * all + columns.start + i]
-    }))
+    Ok(Packed::new(isa, columns.len(), outputs, |i, o| tensor.data[o * all + columns.start + i]))
 }
 
 /// All columns.
@@ -67,10 +65,7 @@ pub struct Linear<T> {
 impl<T: Number> Linear<T> {
     /// Tensors `NAME.weight` and `NAME.bias`.
     pub fn new(isa: Isa, model: &Model, name: &str) -> Result<Self> {
-        Ok(Linear {
-            weight: whole(isa, model, name)?,
-            bias: bias(model, name)?,
-        })
+        Ok(Linear { weight: whole(isa, model, name)?, bias: bias(model, name)? })
     }
 }
 
@@ -119,14 +114,6 @@ impl<T: Number> Tail<T> {
         let stride = padded(last.weight.inputs());
         let addend = Addend::Bias(&last.bias);
         let out = Output::Wide(c);
-        product(
-            isa,
-            &last.weight,
-            (from, stride),
-            n,
-            addend,
-            Function::Identity,
-            out,
-        );
+        product(isa, &last.weight, (from, stride), n, addend, Function::Identity, out);
     }
 }

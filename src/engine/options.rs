@@ -33,9 +33,7 @@ impl PrecisionChoice {
             "auto" => Ok(PrecisionChoice::Auto),
             "fp32" => Ok(PrecisionChoice::Fp32),
             "bf16" => Ok(PrecisionChoice::Bf16),
-            _ => Err(Error::Input(format!(
-                "precision '{word}': expected model, auto, fp32 or bf16"
-            ))),
+            _ => Err(Error::Input(format!("precision '{word}': expected model, auto, fp32 or bf16"))),
         }
     }
 
@@ -142,17 +140,10 @@ impl Isa {
     /// [`Error::Input`] for a name that is none of these, or an instruction set that this processor lacks.
     pub fn parse(name: &str) -> Result<Self> {
         let available = Self::available();
-        available
-            .iter()
-            .find(|isa| isa.name() == name)
-            .copied()
-            .ok_or_else(|| {
-                let names: Vec<_> = available.iter().map(|isa| isa.name()).collect();
-                Error::Input(format!(
-                    "instruction set '{name}': this processor has {}",
-                    names.join(", ")
-                ))
-            })
+        available.iter().find(|isa| isa.name() == name).copied().ok_or_else(|| {
+            let names: Vec<_> = available.iter().map(|isa| isa.name()).collect();
+            Error::Input(format!("instruction set '{name}': this processor has {}", names.join(", ")))
+        })
     }
 
     /// Its name.

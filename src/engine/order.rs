@@ -56,15 +56,7 @@ impl Order {
             }
             row.push(edge.len() as u32);
         }
-        Order {
-            search: search.to_vec(),
-            node: order,
-            n_interior,
-            row,
-            senders,
-            receivers,
-            edge,
-        }
+        Order { search: search.to_vec(), node: order, n_interior, row, senders, receivers, edge }
     }
 
     /// Place of each owned node of the graph.

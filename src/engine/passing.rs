@@ -62,12 +62,7 @@ impl<T: Number> Layer<T> {
 
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
-        let parts = [
-            &self.edge_edge,
-            &self.edge_sender,
-            &self.edge_receiver,
-            &self.node_first,
-        ];
+        let parts = [&self.edge_edge, &self.edge_sender, &self.edge_receiver, &self.node_first];
         parts.map(|p| p.bytes()).iter().sum::<usize>() + self.edge_tail.bytes() + self.node_tail.bytes()
     }
 
@@ -107,16 +102,7 @@ impl<T: Number> Layer<T> {
     ) {
         scratch.clock.start();
         let (isa, columns, n) = (self.isa, self.columns, tile.nodes.len());
-        let Scratch {
-            x,
-            a,
-            b,
-            c,
-            receivers,
-            sums,
-            clock,
-            ..
-        } = scratch;
+        let Scratch { x, a, b, c, receivers, sums, clock, .. } = scratch;
         // Latents left, sums right.
         for (x, h) in x.chunks_exact_mut(2 * columns).zip(h.chunks_exact(columns)) {
             narrow(isa, h, &mut x[..columns]);
@@ -149,23 +135,12 @@ impl<T: Number> Layer<T> {
             let (f, out) = (self.edge_tail.function(), Output::Narrow(a));
             product(isa, &self.edge_edge, from, m, ends, f, out);
             self.edge_tail.run(isa, m, a, b, c);
-            let out = Normed::Edges {
-                before,
-                edges,
-                keep,
-                sums,
-                owner,
-                first,
-            };
+            let out = Normed::Edges { before, edges, keep, sums, owner, first };
             layer_norm(isa, &self.edge_norm, c, m, out);
         }
         clock.stop(Phase::Edges);
 
-        for (x, sum) in x
-            .chunks_exact_mut(2 * columns)
-            .zip(sums.chunks_exact(columns))
-            .take(n)
-        {
+        for (x, sum) in x.chunks_exact_mut(2 * columns).zip(sums.chunks_exact(columns)).take(n) {
             narrow(isa, sum, &mut x[columns..]);
         }
         let bias = Addend::Bias(&self.node_bias);

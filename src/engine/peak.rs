@@ -36,22 +36,12 @@ fn measure<T: Number>(isa: Isa) -> Peak {
     let (rows, d) = SHAPE;
     let weight: Packed<T> = Packed::new(isa, d, d, |i, o| ((i * 7 + o) % 13) as f32 * 0.01);
     let mut x: Buffer<T> = Buffer::new(rows * d);
-    x.iter_mut()
-        .enumerate()
-        .for_each(|(i, x)| *x = T::from_f32((i % 17) as f32 * 0.1));
+    x.iter_mut().enumerate().for_each(|(i, x)| *x = T::from_f32((i % 17) as f32 * 0.1));
     let mut out: Buffer<T> = Buffer::new(rows * d);
     let units = best(|| registers::<T>(isa, ROUNDS));
     let product = best(|| {
         let out = Output::Narrow(&mut out[..]);
-        product(
-            isa,
-            &weight,
-            (&x, d),
-            rows,
-            Addend::Nothing,
-            Function::Identity,
-            out,
-        );
+        product(isa, &weight, (&x, d), rows, Addend::Nothing, Function::Identity, out);
         2.0 * (rows * d * d) as f64
     });
     Peak { units, product }

@@ -10,13 +10,7 @@ struct Plain<'a>(&'a Model);
 
 impl Plain<'_> {
     fn tensor(&self, name: &str) -> Vec<f64> {
-        self.0
-            .tensor(name)
-            .unwrap()
-            .data
-            .iter()
-            .map(|&v| v as f64)
-            .collect()
+        self.0.tensor(name).unwrap().data.iter().map(|&v| v as f64).collect()
     }
 
     fn activate(&self, x: f64) -> f64 {
@@ -29,9 +23,7 @@ impl Plain<'_> {
     /// W x, without bias.
     fn project(&self, name: &str, x: &[f64]) -> Vec<f64> {
         let w = self.tensor(&format!("{name}.weight"));
-        w.chunks(x.len())
-            .map(|row| row.iter().zip(x).map(|(w, x)| w * x).sum())
-            .collect()
+        w.chunks(x.len()).map(|row| row.iter().zip(x).map(|(w, x)| w * x).sum()).collect()
     }
 
     fn linear(&self, name: &str, x: &[f64]) -> Vec<f64> {
@@ -40,17 +32,10 @@ impl Plain<'_> {
     }
 
     fn norm(&self, name: &str, x: &[f64]) -> Vec<f64> {
-        let (g, b) = (
-            self.tensor(&format!("{name}.weight")),
-            self.tensor(&format!("{name}.bias")),
-        );
+        let (g, b) = (self.tensor(&format!("{name}.weight")), self.tensor(&format!("{name}.bias")));
         let mean = x.iter().sum::<f64>() / x.len() as f64;
         let variance = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64;
-        x.iter()
-            .zip(g)
-            .zip(b)
-            .map(|((v, g), b)| (v - mean) / (variance + 1e-5).sqrt() * g + b)
-            .collect()
+        x.iter().zip(g).zip(b).map(|((v, g), b)| (v - mean) / (variance + 1e-5).sqrt() * g + b).collect()
     }
 
     fn mlp(&self, name: &str, x: &[f64], norm: bool) -> Vec<f64> {
@@ -62,23 +47,13 @@ impl Plain<'_> {
                 x = x.into_iter().map(|v| self.activate(v)).collect();
             }
         }
-        if norm {
-            self.norm(&format!("{name}.norm"), &x)
-        } else {
-            x
-        }
+        if norm { self.norm(&format!("{name}.norm"), &x) } else { x }
     }
 
     fn normalise(&self, name: &str, x: &[f32]) -> Vec<f64> {
-        let (mean, std) = (
-            self.tensor(&format!("norm.{name}.mean")),
-            self.tensor(&format!("norm.{name}.std")),
-        );
-        x.iter()
-            .zip(mean)
-            .zip(std)
-            .map(|((x, m), s)| (*x as f64 - m) / s)
-            .collect()
+        let (mean, std) =
+            (self.tensor(&format!("norm.{name}.mean")), self.tensor(&format!("norm.{name}.std")));
+        x.iter().zip(mean).zip(std).map(|((x, m), s)| (*x as f64 - m) / s).collect()
     }
 
     /// eq. 3, then eq. 2.
@@ -100,9 +75,7 @@ impl Plain<'_> {
     /// eq. 1 of the edges.
     fn edges(&self, graph: &Graph) -> Rows {
         let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
-        features
-            .map(|x| self.mlp("encoder.edge", &self.normalise("edge", x), true))
-            .collect()
+        features.map(|x| self.mlp("encoder.edge", &self.normalise("edge", x), true)).collect()
     }
 
     /// All layers and the macro stage; what a node's segments add to what the decoder reads.
@@ -165,12 +138,8 @@ impl Plain<'_> {
         for l in 0..spec.layers {
             let name = format!("segment.transformer.{l}");
             let normed: Rows = x.iter().map(|x| self.norm(&format!("{name}.norm1"), x)).collect();
-            let [q, k, v] = ["q", "k", "v"].map(|p| {
-                normed
-                    .iter()
-                    .map(|x| self.project(&format!("{name}.{p}"), x))
-                    .collect::<Rows>()
-            });
+            let [q, k, v] = ["q", "k", "v"]
+                .map(|p| normed.iter().map(|x| self.project(&format!("{name}.{p}"), x)).collect::<Rows>());
             let mut out = vec![vec![0.0; d]; view.count];
             for (i, out) in out.iter_mut().enumerate() {
                 for c in (0..d).step_by(head) {
@@ -209,9 +178,7 @@ fn segment_of(view: &Segmentation, x: &Rows, node: usize) -> Vec<f64> {
     let list = members(view, node);
     let mut mean = vec![0.0; x[0].len()];
     for s in &list {
-        mean.iter_mut()
-            .zip(&x[*s])
-            .for_each(|(m, x)| *m += x / list.len() as f64);
+        mean.iter_mut().zip(&x[*s]).for_each(|(m, x)| *m += x / list.len() as f64);
     }
     mean
 }
@@ -225,11 +192,7 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
     let mut h: Rows = (0..graph.n_owned)
         .map(|i| {
             let mut x = net.normalise("node", &inputs[i * k..(i + 1) * k]);
-            x.extend(
-                spec.node_types
-                    .iter()
-                    .map(|t| f64::from(*t as i32 == graph.node_types[i])),
-            );
+            x.extend(spec.node_types.iter().map(|t| f64::from(*t as i32 == graph.node_types[i])));
             let n = spec.n_offset_features();
             if let Some(view) = segments {
                 x.extend(view.offsets[i * n..(i + 1) * n].iter().map(|&v| f64::from(v)));
@@ -254,11 +217,7 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
         .flat_map(|i| {
             let x = [&h[i][..], &context[i]].concat();
             let y = net.mlp("decoder", &x, false);
-            y.into_iter()
-                .zip(&std)
-                .zip(&mean)
-                .map(|((y, s), m)| y * s + m)
-                .collect::<Vec<_>>()
+            y.into_iter().zip(&std).zip(&mean).map(|((y, s), m)| y * s + m).collect::<Vec<_>>()
         })
         .collect()
 }

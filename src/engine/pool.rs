@@ -50,10 +50,7 @@ impl Pool {
         let spawn = |i: usize| {
             let shared = shared.clone();
             let name = format!("m4gn-{i}");
-            std::thread::Builder::new()
-                .name(name)
-                .spawn(move || work(&shared, i))
-                .ok()
+            std::thread::Builder::new().name(name).spawn(move || work(&shared, i)).ok()
         };
         let workers = (1..n_threads.max(1)).map_while(spawn).collect();
         Pool { isa, shared, workers }
@@ -110,10 +107,7 @@ impl Pool {
         if let Err(panic) = own {
             std::panic::resume_unwind(panic);
         }
-        assert!(
-            !self.shared.panicked.swap(false, Ordering::Relaxed),
-            "a thread of the engine panicked"
-        );
+        assert!(!self.shared.panicked.swap(false, Ordering::Relaxed), "a thread of the engine panicked");
     }
 
     fn start(&self, job: &(dyn Fn(usize) + Sync)) {
@@ -217,11 +211,7 @@ unsafe impl<T: Send> Sync for Parts<'_, T> {}
 impl<'a, T> Parts<'a, T> {
     /// Of a whole slice.
     pub fn new(slice: &'a mut [T]) -> Self {
-        Parts {
-            start: slice.as_mut_ptr(),
-            len: slice.len(),
-            owner: std::marker::PhantomData,
-        }
+        Parts { start: slice.as_mut_ptr(), len: slice.len(), owner: std::marker::PhantomData }
     }
 
     /// Rows `range` of `width` numbers.

@@ -87,11 +87,7 @@ pub struct Clock {
 impl Clock {
     /// Stopped; it never starts unless `on`.
     pub fn new(on: bool) -> Self {
-        Clock {
-            on,
-            last: Instant::now(),
-            phases: [0.0; 8],
-        }
+        Clock { on, last: Instant::now(), phases: [0.0; 8] }
     }
 
     /// Starts a phase.

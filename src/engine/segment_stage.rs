@@ -68,9 +68,8 @@ impl SegmentStage {
         check(segments, node.len(), &model.spec)?;
         let (k, d) = (segments.count, model.spec.architecture.width);
         let columns = padded(d);
-        let layers: Vec<_> = (0..spec.layers)
-            .map(|l| TransformerLayer::new(isa, model, l))
-            .collect::<Result<_>>()?;
+        let layers: Vec<_> =
+            (0..spec.layers).map(|l| TransformerLayer::new(isa, model, l)).collect::<Result<_>>()?;
         let dispatch = match m4gn.layers_after {
             0 => None,
             _ => Some(Dispatch {
@@ -101,9 +100,7 @@ impl SegmentStage {
             means: Buffer::new(k * columns),
             latents: Buffer::new(k * columns),
             heads: transformer::Heads::new(isa, k, d, spec.heads),
-            scratch: (0..n_threads)
-                .map(|_| transformer::Scratch::new(k, d, spec))
-                .collect(),
+            scratch: (0..n_threads).map(|_| transformer::Scratch::new(k, d, spec)).collect(),
         })
     }
 
@@ -137,10 +134,7 @@ impl SegmentStage {
         let table = self.dispatch.as_ref().map_or(0, |d| d.table.bytes());
         let position = self.position.as_ref().map_or(0, |p| 4 * p.len());
         let scratch: usize = self.scratch.iter().map(|s| s.bytes()).sum();
-        (
-            weights,
-            lists + rows + table + position + scratch + self.heads.bytes(),
-        )
+        (weights, lists + rows + table + position + scratch + self.heads.bytes())
     }
 
     /// From node latents, in the engine's order, to h_S. Collective.
@@ -161,9 +155,7 @@ impl SegmentStage {
         comm.sum_f64(&mut self.sums);
         let rows = self.means.chunks_exact_mut(columns);
         for ((mean, sum), inverse) in rows.zip(self.sums.chunks_exact(columns)).zip(&self.inverse_sizes) {
-            mean.iter_mut()
-                .zip(sum)
-                .for_each(|(m, s)| *m = (s * inverse) as f32);
+            mean.iter_mut().zip(sum).for_each(|(m, s)| *m = (s * inverse) as f32);
         }
 
         let (means, position) = (&self.means, self.position.as_deref());
@@ -175,13 +167,7 @@ impl SegmentStage {
             let out = unsafe { latents.rows(&rows, columns) };
             let transformer::Scratch { a, b, c, .. } = scratch;
             let from = (&means[rows.start * columns..], columns);
-            encoder.run(
-                from,
-                rows.len(),
-                Addend::Bias(bias),
-                (a, b, c),
-                Normed::Wide(&mut *out),
-            );
+            encoder.run(from, rows.len(), Addend::Bias(bias), (a, b, c), Normed::Wide(&mut *out));
             if let Some(position) = position {
                 let own = &position[rows.start * columns..rows.end * columns];
                 out.iter_mut().zip(own).for_each(|(x, p)| *x += p);
@@ -269,10 +255,7 @@ pub(super) fn check(segments: &Segmentation, n_owned: usize, spec: &ModelSpec) -
         && segments.member_row[0] == 0
         && segments.member_row.windows(2).all(|w| w[0] < w[1])
         && segments.member_row[n_owned] as usize == segments.member.len();
-    let members_fit = segments
-        .member
-        .iter()
-        .all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
+    let members_fit = segments.member.iter().all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
     if !rows_fit
         || !members_fit
         || segments.sizes.len() != k

@@ -40,11 +40,7 @@ impl Case {
         let n = graph.n_owned * spec.n_field_inputs();
         Case {
             structure: Structure {
-                segments: spec
-                    .architecture
-                    .needs()
-                    .segments
-                    .then(|| segments(&spec, &graph, overlap)),
+                segments: spec.architecture.needs().segments.then(|| segments(&spec, &graph, overlap)),
                 graph,
             },
             model: Model::random(spec, 5).unwrap(),
@@ -56,10 +52,7 @@ impl Case {
         let expected = plain::forward(&self.model, &self.structure, &self.inputs);
         let largest = expected.iter().fold(0f64, |m, v| m.max(v.abs()));
         let least = expected.iter().fold(f64::MAX, |m, v| m.min(*v));
-        assert!(
-            largest - least > 1e-2 * largest,
-            "the network gives the same everywhere: nothing is tested"
-        );
+        assert!(largest - least > 1e-2 * largest, "the network gives the same everywhere: nothing is tested");
         expected
     }
 
@@ -69,9 +62,7 @@ impl Case {
         // Twice: nothing of the first step may leak into the second.
         for _ in 0..2 {
             outputs.fill(f32::NAN);
-            engine
-                .forward(&Comm::serial(), &self.inputs, &mut outputs)
-                .unwrap();
+            engine.forward(&Comm::serial(), &self.inputs, &mut outputs).unwrap();
         }
         outputs
     }
@@ -85,11 +76,7 @@ fn difference(found: &[f32], expected: &[f64]) -> f64 {
 }
 
 fn options(isa: Isa, precision: Precision) -> EngineOptions {
-    EngineOptions {
-        isa: Some(isa),
-        precision,
-        ..EngineOptions::default()
-    }
+    EngineOptions { isa: Some(isa), precision, ..EngineOptions::default() }
 }
 
 pub(super) fn instruction_sets() -> Vec<Isa> {
@@ -177,11 +164,7 @@ fn bf16_is_the_plain_network_to_its_rounding_on_every_instruction_set() {
             // The instruction sets round the same numbers; where sums differ in the last place, few round apart.
             let error = difference(&found, &reference);
             apart = apart.max(error);
-            assert!(
-                error < 0.02,
-                "{} from portable: {error:e} with {shape:?}",
-                isa.name()
-            );
+            assert!(error < 0.02, "{} from portable: {error:e} with {shape:?}", isa.name());
         }
     }
     println!("worst {worst:e}, apart {apart:e}");
@@ -196,10 +179,7 @@ fn threads_and_the_place_of_encoded_edges_do_not_change_a_bit() {
             let expected = case.run(&one, usize::MAX);
             assert_eq!(case.run(&one, 0), expected);
             for n_threads in [2, 3] {
-                assert_eq!(
-                    case.run(&EngineOptions { n_threads, ..one }, usize::MAX),
-                    expected
-                );
+                assert_eq!(case.run(&EngineOptions { n_threads, ..one }, usize::MAX), expected);
             }
         }
     }
@@ -208,16 +188,11 @@ fn threads_and_the_place_of_encoded_edges_do_not_change_a_bit() {
 #[test]
 fn memory_and_profile_add_up() {
     let case = Case::new(spec(), true);
-    let options = EngineOptions {
-        profile: true,
-        ..options(Isa::detect(), Precision::Bf16)
-    };
+    let options = EngineOptions { profile: true, ..options(Isa::detect(), Precision::Bf16) };
     let mut engine = Engine::new(&case.model, &case.structure, &options).unwrap();
     let mut outputs = vec![0f32; case.structure.graph.n_cells * case.model.spec.n_outputs()];
     for _ in 0..3 {
-        engine
-            .forward(&Comm::serial(), &case.inputs, &mut outputs)
-            .unwrap();
+        engine.forward(&Comm::serial(), &case.inputs, &mut outputs).unwrap();
     }
     let profile = engine.profile().unwrap();
     assert_eq!(profile.steps, 3);
@@ -225,16 +200,8 @@ fn memory_and_profile_add_up() {
     assert!(sum > 0.0 && sum <= profile.seconds, "{profile:?}");
     assert!(profile.gflops(Phase::Edges) > 0.0);
     // Width 8 is padded to 16; bf16.
-    let edges = engine
-        .memory()
-        .iter()
-        .find(|(n, _)| *n == "edge latents")
-        .unwrap()
-        .1;
-    assert_eq!(
-        edges,
-        (case.structure.graph.senders.len() * 16 * 2).next_multiple_of(64)
-    );
+    let edges = engine.memory().iter().find(|(n, _)| *n == "edge latents").unwrap().1;
+    assert_eq!(edges, (case.structure.graph.senders.len() * 16 * 2).next_multiple_of(64));
 }
 
 #[test]
@@ -242,26 +209,11 @@ fn graphs_and_lengths_that_do_not_fit_are_refused() {
     let mut case = Case::new(spec(), false);
     let options = EngineOptions::default();
     let mut engine = Engine::new(&case.model, &case.structure, &options).unwrap();
-    assert!(matches!(
-        engine.forward(&Comm::serial(), &case.inputs[1..], &mut []),
-        Err(Error::Input(_))
-    ));
-    let bare = Structure {
-        segments: None,
-        ..case.structure.clone()
-    };
-    assert!(matches!(
-        Engine::new(&case.model, &bare, &options),
-        Err(Error::Model(_))
-    ));
+    assert!(matches!(engine.forward(&Comm::serial(), &case.inputs[1..], &mut []), Err(Error::Input(_))));
+    let bare = Structure { segments: None, ..case.structure.clone() };
+    assert!(matches!(Engine::new(&case.model, &bare, &options), Err(Error::Model(_))));
     case.structure.graph.senders[0] = case.structure.graph.n_local as i32;
-    assert!(matches!(
-        Engine::new(&case.model, &case.structure, &options),
-        Err(Error::Internal(_))
-    ));
+    assert!(matches!(Engine::new(&case.model, &case.structure, &options), Err(Error::Internal(_))));
     case.structure.graph.edge_features.pop();
-    assert!(matches!(
-        Engine::new(&case.model, &case.structure, &options),
-        Err(Error::Model(_))
-    ));
+    assert!(matches!(Engine::new(&case.model, &case.structure, &options), Err(Error::Model(_))));
 }

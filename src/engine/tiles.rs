@@ -17,10 +17,7 @@ impl Tile {
     /// The edges, so many at a time as suits this kind of number.
     pub fn chunks<T: Number>(&self) -> impl Iterator<Item = Range<usize>> + use<T> {
         let end = self.edges.end;
-        self.edges
-            .clone()
-            .step_by(T::ROWS)
-            .map(move |start| start..(start + T::ROWS).min(end))
+        self.edges.clone().step_by(T::ROWS).map(move |start| start..(start + T::ROWS).min(end))
     }
 }
 
@@ -31,10 +28,7 @@ pub fn cut<T: Number>(row: &[u32], border: usize) -> Vec<Tile> {
     for part in [0..border.min(n), border.min(n)..n] {
         for start in part.clone().step_by(T::ROWS) {
             let end = (start + T::ROWS).min(part.end);
-            tiles.push(Tile {
-                nodes: start..end,
-                edges: row[start] as usize..row[end] as usize,
-            });
+            tiles.push(Tile { nodes: start..end, edges: row[start] as usize..row[end] as usize });
         }
     }
     tiles
@@ -90,14 +84,8 @@ impl<T: Number> Scratch<T> {
 
     /// Bytes.
     pub fn bytes(&self) -> usize {
-        [&self.x, &self.a, &self.b]
-            .map(|x| x.bytes())
-            .iter()
-            .sum::<usize>()
-            + [&self.c, &self.receivers, &self.sums, &self.raw]
-                .map(|x| x.bytes())
-                .iter()
-                .sum::<usize>()
+        [&self.x, &self.a, &self.b].map(|x| x.bytes()).iter().sum::<usize>()
+            + [&self.c, &self.receivers, &self.sums, &self.raw].map(|x| x.bytes()).iter().sum::<usize>()
     }
 }
 

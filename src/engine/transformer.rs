@@ -53,9 +53,7 @@ impl Heads {
         Heads {
             width,
             projections: Buffer::new(k * 3 * padded(d)),
-            packed: (0..heads)
-                .map(|_| (Packed::zero(isa, width, k), Packed::zero(isa, k, width)))
-                .collect(),
+            packed: (0..heads).map(|_| (Packed::zero(isa, width, k), Packed::zero(isa, k, width))).collect(),
         }
     }
 
@@ -111,12 +109,7 @@ impl TransformerLayer {
 
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
-        let parts = [
-            &self.projection,
-            &self.output.weight,
-            &self.first.weight,
-            &self.second.weight,
-        ];
+        let parts = [&self.projection, &self.output.weight, &self.first.weight, &self.second.weight];
         parts.map(|p| p.bytes()).iter().sum()
     }
 
@@ -184,30 +177,11 @@ impl TransformerLayer {
             let scores = &mut scores[..n * keys.columns()];
             let none = Function::Identity;
             let from = (queries, 3 * columns);
-            product(
-                isa,
-                keys,
-                from,
-                n,
-                Addend::Nothing,
-                none,
-                Output::Wide(&mut *scores),
-            );
+            product(isa, keys, from, n, Addend::Nothing, none, Output::Wide(&mut *scores));
             softmax(isa, scores, keys.columns(), k, 1.0 / (width as f32).sqrt());
             let out = Output::Wide(&mut *b);
-            product(
-                isa,
-                values,
-                (scores, keys.columns()),
-                n,
-                Addend::Nothing,
-                none,
-                out,
-            );
-            let rows = a
-                .chunks_exact_mut(columns)
-                .zip(b.chunks_exact(values.columns()))
-                .take(n);
+            product(isa, values, (scores, keys.columns()), n, Addend::Nothing, none, out);
+            let rows = a.chunks_exact_mut(columns).zip(b.chunks_exact(values.columns())).take(n);
             for (to, from) in rows {
                 to[h * width..(h + 1) * width].copy_from_slice(&from[..width]);
             }

@@ -167,11 +167,7 @@ impl Default for TrainingConfig {
 impl TrainingConfig {
     /// Learning rate of step `step` (0-based).
     pub fn learning_rate_at(&self, step: u64) -> f64 {
-        let warm = if step < self.warmup_steps {
-            (step + 1) as f64 / self.warmup_steps as f64
-        } else {
-            1.0
-        };
+        let warm = if step < self.warmup_steps { (step + 1) as f64 / self.warmup_steps as f64 } else { 1.0 };
         let next = self.restarts.partition_point(|r| r.step <= step);
         let (first, from, steps) = match next.checked_sub(1) {
             Some(current) => {
@@ -194,12 +190,7 @@ impl TrainingConfig {
 
     /// Model steps unrolled in the loss of step `step`.
     pub fn unroll_at(&self, step: u64) -> usize {
-        self.unroll
-            .iter()
-            .filter(|u| u[0] <= step)
-            .map(|u| u[1] as usize)
-            .next_back()
-            .unwrap_or(1)
+        self.unroll.iter().filter(|u| u[0] <= step).map(|u| u[1] as usize).next_back().unwrap_or(1)
     }
 
     /// What of the schedule lies behind the last step, in words: `steps` moves none of it.
@@ -207,9 +198,7 @@ impl TrainingConfig {
         let mut found = Vec::new();
         let first_decay = self.decay_start + self.decay_steps;
         if self.restarts.is_empty() && first_decay > self.steps {
-            found.push(format!(
-                "the decay of the learning rate ends at step {first_decay}"
-            ));
+            found.push(format!("the decay of the learning rate ends at step {first_decay}"));
         }
         let stage = self.unroll.iter().find(|u| u[0] >= self.steps && u[0] > 0);
         found.extend(stage.map(|u| format!("unroll has {} strides from step {} on", u[1], u[0])));

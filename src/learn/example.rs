@@ -58,11 +58,7 @@ impl NativeBackend<'_> {
         }
         let mut losses = vec![0.0; self.groups.len()];
         if !batch.learn {
-            return Ok(Piece {
-                gradient: None,
-                losses,
-                moments,
-            });
+            return Ok(Piece { gradient: None, losses, moments });
         }
         let m = self.spec.n_outputs();
         let mut outputs = vec![0.0; sample.n_cells() * m];
@@ -75,8 +71,7 @@ impl NativeBackend<'_> {
             domain.inputs(&state, &next, &mut inputs);
             let here = graph.as_ref().map_or(base, |g| &g.0);
             let tape = if step <= keep { step - 1 } else { 0 };
-            self.network
-                .forward(worker, tape, here, scales, &inputs, &mut outputs);
+            self.network.forward(worker, tape, here, scales, &inputs, &mut outputs);
             if step == 1 && batch.unroll > 1 && batch.unroll * self.network.memory(worker).2 > KEEP {
                 keep = 1;
             }
@@ -93,10 +88,7 @@ impl NativeBackend<'_> {
                 }
                 false => Vec::new(),
             };
-            applied.push(Applied {
-                state: std::mem::replace(&mut state, new),
-                graph: graph.take(),
-            });
+            applied.push(Applied { state: std::mem::replace(&mut state, new), graph: graph.take() });
             if step < batch.unroll {
                 graph = live.at(&mut state)?;
             }
@@ -106,11 +98,7 @@ impl NativeBackend<'_> {
         let mut gradient = vec![0.0; self.network.layout().len()];
         self.network.flush(worker, &mut gradient);
         self.lap(2, began);
-        Ok(Piece {
-            gradient: Some(gradient),
-            losses,
-            moments,
-        })
+        Ok(Piece { gradient: Some(gradient), losses, moments })
     }
 
     /// Through all applications, last to first.
@@ -146,19 +134,13 @@ impl NativeBackend<'_> {
                 let next = sample.state(example.frame + (step + 1) * stride, stride, example.mirror)?;
                 domain.inputs(&application.state, &next, &mut inputs);
                 unread.resize(d.len(), 0.0);
-                self.network
-                    .forward(worker, 0, graph, scales, &inputs, &mut unread);
+                self.network.forward(worker, 0, graph, scales, &inputs, &mut unread);
             }
             let tape = if keep < unroll { 0 } else { step };
             let wanted = step > 0 && self.through_unroll;
             if wanted {
-                by_inputs
-                    .nodes
-                    .resize(graph.n_nodes() * self.spec.n_field_inputs(), 0.0);
-                by_inputs.edges = application
-                    .graph
-                    .as_ref()
-                    .map(|_| vec![0.0; graph.edge_features().len()]);
+                by_inputs.nodes.resize(graph.n_nodes() * self.spec.n_field_inputs(), 0.0);
+                by_inputs.edges = application.graph.as_ref().map(|_| vec![0.0; graph.edge_features().len()]);
             }
             let by = wanted.then_some(&mut by_inputs);
             self.network.backward(worker, tape, graph, scales, &d, by);
@@ -196,10 +178,7 @@ impl NativeBackend<'_> {
         let cells = outputs.len() / m;
         let mut d = vec![0.0; outputs.len()];
         let mut sums = vec![0.0; self.groups.len()];
-        for ((d, y), target) in d
-            .chunks_exact_mut(m)
-            .zip(outputs.chunks_exact(m))
-            .zip(target.chunks_exact(m))
+        for ((d, y), target) in d.chunks_exact_mut(m).zip(outputs.chunks_exact(m)).zip(target.chunks_exact(m))
         {
             for (&(first, n, weight), sum) in self.groups.iter().zip(&mut sums) {
                 let factor = (2.0 * weight * share / (unroll * cells * n) as f64) as f32;

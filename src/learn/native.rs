@@ -48,11 +48,8 @@ impl Live {
         let mut graph = graph.clone();
         self.domain.set_edges(&Comm::serial(), state, &mut graph)?;
         let moved = self.graph.with_edges(&graph);
-        let edges = Edges {
-            senders: graph.senders,
-            receivers: graph.receivers,
-            features: graph.edge_features,
-        };
+        let edges =
+            Edges { senders: graph.senders, receivers: graph.receivers, features: graph.edge_features };
         Ok(Some((moved, edges)))
     }
 }
@@ -179,10 +176,7 @@ impl<'a> NativeBackend<'a> {
     pub fn model(&self, weights: &[f32], normaliser: &Normaliser) -> Model {
         let mut tensors = self.network.layout().unflatten(weights);
         tensors.extend(normaliser.tensors());
-        Model {
-            spec: self.spec.clone(),
-            tensors,
-        }
+        Model { spec: self.spec.clone(), tensors }
     }
 
     pub(crate) fn lap(&self, phase: usize, since: Instant) -> Instant {
@@ -209,9 +203,7 @@ fn share_out<S: Send, R: Send>(
             let result = catch_unwind(AssertUnwindSafe(|| task(worker, i))).unwrap_or_else(|panic| {
                 let text = panic.downcast_ref::<String>().map(String::as_str);
                 let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
-                Err(Error::Internal(
-                    text.unwrap_or("a panic without a message").into(),
-                ))
+                Err(Error::Internal(text.unwrap_or("a panic without a message").into()))
             });
             if let Ok(mut done) = done.lock() {
                 done[i] = Some(result);
@@ -243,11 +235,7 @@ impl Backend for NativeBackend<'_> {
             true => "; fp32 is faster on this processor",
             false => "",
         };
-        format!(
-            "{} threads of the native engine ({precision}, {}{advice})",
-            self.workers.len(),
-            isa.name()
-        )
+        format!("{} threads of the native engine ({precision}, {}{advice})", self.workers.len(), isa.name())
     }
 
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned> {
@@ -281,10 +269,7 @@ impl Backend for NativeBackend<'_> {
             if let (Some(sum), Some(gradient)) = (&mut sum.gradient, piece.gradient) {
                 sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += g);
             }
-            sum.losses
-                .iter_mut()
-                .zip(piece.losses)
-                .for_each(|(sum, l)| *sum += l);
+            sum.losses.iter_mut().zip(piece.losses).for_each(|(sum, l)| *sum += l);
             if let (Some(sum), Some(moments)) = (&mut sum.moments, piece.moments) {
                 sum.add(&moments);
             }

@@ -21,11 +21,7 @@ pub struct Moments {
 impl Moments {
     /// No rows of `channels` channels.
     pub fn new(channels: usize) -> Self {
-        Moments {
-            count: vec![0.0; channels],
-            sum: vec![0.0; channels],
-            square: vec![0.0; channels],
-        }
+        Moments { count: vec![0.0; channels], sum: vec![0.0; channels], square: vec![0.0; channels] }
     }
 
     /// The rows of `rows [n x channels]`.
@@ -71,8 +67,7 @@ impl Moments {
         self.count.extend(&last.count);
         self.count[first..].fill(last.count.iter().sum::<f64>() / n);
         self.sum.resize(first + last.sum.len(), 0.0);
-        self.square
-            .resize(first + last.square.len(), last.square.iter().sum::<f64>() / n);
+        self.square.resize(first + last.square.len(), last.square.iter().sum::<f64>() / n);
         self
     }
 
@@ -82,21 +77,14 @@ impl Moments {
         Moments {
             count: vec![1.0; mean.len()],
             sum: mean.iter().map(wide).collect(),
-            square: mean
-                .iter()
-                .zip(std)
-                .map(|(m, s)| wide(m).powi(2) + wide(s).powi(2))
-                .collect(),
+            square: mean.iter().zip(std).map(|(m, s)| wide(m).powi(2) + wide(s).powi(2)).collect(),
         }
     }
 
     /// Adds other rows.
     pub fn add(&mut self, other: &Moments) {
-        let pairs = [
-            (&mut self.count, &other.count),
-            (&mut self.sum, &other.sum),
-            (&mut self.square, &other.square),
-        ];
+        let pairs =
+            [(&mut self.count, &other.count), (&mut self.sum, &other.sum), (&mut self.square, &other.square)];
         for (own, other) in pairs {
             own.iter_mut().zip(other).for_each(|(a, b)| *a += b);
         }
@@ -108,11 +96,7 @@ impl Moments {
         let mean: Vec<f64> = self.sum.iter().zip(count()).map(|(s, n)| s / n).collect();
         let std = mean.iter().zip(&self.square).zip(count()).map(|((m, q), n)| {
             let variance = (q / n - m * m).max(0.0);
-            if variance <= 1e-12 * (m * m + f64::MIN_POSITIVE) {
-                1.0
-            } else {
-                variance.sqrt() as f32
-            }
+            if variance <= 1e-12 * (m * m + f64::MIN_POSITIVE) { 1.0 } else { variance.sqrt() as f32 }
         });
         (mean.iter().map(|&m| m as f32).collect(), std.collect())
     }
@@ -163,11 +147,7 @@ impl Normaliser {
         let node = Moments::of_present(inputs, spec.n_field_inputs(), statistics.node);
         let edge = Moments::of_present(edges, spec.n_edge_features(), statistics.edge);
         match statistics.alike_from {
-            Some(first) => Normaliser {
-                node: node.alike_from(first),
-                edge,
-                output: output.alike(),
-            },
+            Some(first) => Normaliser { node: node.alike_from(first), edge, output: output.alike() },
             None => Normaliser { node, edge, output },
         }
     }
@@ -182,11 +162,7 @@ impl Normaliser {
             let std = &model.tensor(&format!("norm.{name}.std"))?.data;
             Ok(Moments::standing_for(mean, std))
         };
-        Ok(Normaliser {
-            node: moments("node")?,
-            edge: moments("edge")?,
-            output: moments("output")?,
-        })
+        Ok(Normaliser { node: moments("node")?, edge: moments("edge")?, output: moments("output")? })
     }
 
     /// Adds what another one has seen.
@@ -198,11 +174,7 @@ impl Normaliser {
 
     /// The three by the names of the model's tensors.
     pub fn named(&self) -> [(&'static str, &Moments); 3] {
-        [
-            ("norm.node", &self.node),
-            ("norm.edge", &self.edge),
-            ("norm.output", &self.output),
-        ]
+        [("norm.node", &self.node), ("norm.edge", &self.edge), ("norm.output", &self.output)]
     }
 
     /// Whether these can be the moments of a model.
@@ -212,9 +184,7 @@ impl Normaliser {
     pub fn check(&self, spec: &ModelSpec) -> Result<()> {
         let counts = [spec.n_field_inputs(), spec.n_edge_features(), spec.n_outputs()];
         for ((name, moments), channels) in self.named().into_iter().zip(counts) {
-            moments
-                .check(channels)
-                .map_err(|what| Error::Input(format!("{name}: {what}")))?;
+            moments.check(channels).map_err(|what| Error::Input(format!("{name}: {what}")))?;
         }
         Ok(())
     }
@@ -259,11 +229,7 @@ impl Normaliser {
             let (mean, std) = m.mean_std();
             Scale::new(mean, std)
         };
-        Scales {
-            node: scale(&self.node),
-            edge: scale(&self.edge),
-            output: scale(&self.output),
-        }
+        Scales { node: scale(&self.node), edge: scale(&self.edge), output: scale(&self.output) }
     }
 }
 
@@ -317,10 +283,7 @@ mod tests {
         assert_eq!((mean[0], std[0]), (3.0, 1.0));
         // (9 + 16 + 25) / 3
         assert_eq!(mean[8..], [0.0; 3]);
-        assert!(
-            std[8..].iter().all(|s| (s - (50f32 / 3.0).sqrt()).abs() < 1e-5),
-            "{std:?}"
-        );
+        assert!(std[8..].iter().all(|s| (s - (50f32 / 3.0).sqrt()).abs() < 1e-5), "{std:?}");
         let alone = Moments::of_changes(&[3.0, 4.0, 0.0, 0.0, 0.0, 5.0]);
         assert_eq!(alone.mean_std().1, std[8..]);
     }

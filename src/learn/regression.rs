@@ -35,11 +35,7 @@ impl Regression {
     /// Of no rows.
     pub fn new(spec: &ModelSpec) -> Self {
         let (inputs, outputs) = (spec.architecture.width + 1, spec.n_outputs());
-        Regression {
-            inputs,
-            outputs,
-            sums: vec![0.0; inputs * (inputs + outputs)],
-        }
+        Regression { inputs, outputs, sums: vec![0.0; inputs * (inputs + outputs)] }
     }
 
     /// Adds rows of x without the 1, and of y, where `counts` says so of the row.
@@ -82,9 +78,7 @@ impl Regression {
             false => layer.weight.start + o * (k - 1) + i,
         };
         let matrix = Mat::from_fn(k, k, |i, j| g(i, j) + if i == j { held(i) } else { 0.0 });
-        let right = Mat::from_fn(k, m, |i, o| {
-            moment[i * m + o] + held(i) * f64::from(start[place(i, o)])
-        });
+        let right = Mat::from_fn(k, m, |i, o| moment[i * m + o] + held(i) * f64::from(start[place(i, o)]));
         let Ok(factor) = matrix.llt(Side::Lower) else {
             return Ok(false);
         };
@@ -117,10 +111,7 @@ impl Layer {
             let (start, shape) = layout.find(&name)?;
             Ok(start..start + shape.iter().product::<usize>())
         };
-        Ok(Layer {
-            weight: range("weight")?,
-            bias: range("bias")?,
-        })
+        Ok(Layer { weight: range("weight")?, bias: range("bias")? })
     }
 }
 
@@ -141,9 +132,8 @@ impl NativeBackend<'_> {
         self.network.load(weights);
         let scales = normaliser.scales();
         let own = own_share(comm, examples);
-        let pieces = self.each(own.len(), |backend, worker, i| {
-            backend.regress_one(worker, &scales, &own[i], unroll)
-        });
+        let pieces =
+            self.each(own.len(), |backend, worker, i| backend.regress_one(worker, &scales, &own[i], unroll));
         let mut sum = Regression::new(&self.spec);
         comm.agree(pieces)?.iter().for_each(|piece| sum.add(piece, 1.0));
         comm.sum_f64(&mut sum.sums);
@@ -170,8 +160,7 @@ impl NativeBackend<'_> {
             domain.inputs(&state, &next, &mut inputs);
             let moved = live.at(&mut state)?;
             let graph = moved.as_ref().map_or(&live.graph, |(graph, ..)| graph);
-            self.network
-                .forward(worker, 0, graph, scales, &inputs, &mut outputs);
+            self.network.forward(worker, 0, graph, scales, &inputs, &mut outputs);
             self.network.last_inputs(worker, 0, graph, &mut rows);
             domain.target(&state, &next, &mut target);
             scales.output.to_normalised(&mut target);
@@ -189,16 +178,9 @@ mod tests {
 
     /// One input and one output: x = 1, 2, 3 with a 1, y = 2 x - 1.
     fn line() -> (Regression, Layer) {
-        let mut sums = Regression {
-            inputs: 2,
-            outputs: 1,
-            sums: vec![0.0; 6],
-        };
+        let mut sums = Regression { inputs: 2, outputs: 1, sums: vec![0.0; 6] };
         sums.add_rows(&[1.0, 2.0, 3.0, 50.0], &[1.0, 3.0, 5.0, 0.0], |row| row < 3);
-        let layer = Layer {
-            weight: 1..2,
-            bias: 0..1,
-        };
+        let layer = Layer { weight: 1..2, bias: 0..1 };
         (sums, layer)
     }
 
@@ -209,15 +191,9 @@ mod tests {
         assert_eq!(sums.sums, [14.0, 6.0, 0.0, 3.0, 22.0, 9.0]);
         let mut weights = [0f32; 2];
         assert!(sums.solve(&layer, 1e-9, &[0.0; 2], &mut weights).unwrap());
-        assert!(
-            (weights[0] + 1.0).abs() < 1e-4 && (weights[1] - 2.0).abs() < 1e-4,
-            "{weights:?}"
-        );
+        assert!((weights[0] + 1.0).abs() < 1e-4 && (weights[1] - 2.0).abs() < 1e-4, "{weights:?}");
         assert!(sums.solve(&layer, 1e9, &[7.0, 5.0], &mut weights).unwrap());
-        assert!(
-            (weights[0] - 7.0).abs() < 1e-4 && (weights[1] - 5.0).abs() < 1e-4,
-            "{weights:?}"
-        );
+        assert!((weights[0] - 7.0).abs() < 1e-4 && (weights[1] - 5.0).abs() < 1e-4, "{weights:?}");
         // (28 6; 6 6) (w b) = (22 + 14, 9 + 3) for a ridge of 1 near w = b = 1.
         assert!(sums.solve(&layer, 1.0, &[1.0, 1.0], &mut weights).unwrap());
         assert!(
@@ -235,20 +211,11 @@ mod tests {
         let mut weights = [3f32, 4.0];
         let mut bad = sums.clone();
         bad.sums[0] = f64::NAN;
-        for unusable in [
-            bad,
-            Regression {
-                sums: vec![0.0; 6],
-                ..sums.clone()
-            },
-        ] {
+        for unusable in [bad, Regression { sums: vec![0.0; 6], ..sums.clone() }] {
             assert!(!unusable.solve(&layer, 1e-3, &[0.0; 2], &mut weights).unwrap());
             assert_eq!(weights, [3.0, 4.0]);
         }
-        let other = Layer {
-            weight: 0..3,
-            bias: 3..4,
-        };
+        let other = Layer { weight: 0..3, bias: 3..4 };
         assert!(sums.solve(&other, 1e-3, &[0.0; 4], &mut [0.0; 4]).is_err());
     }
 }

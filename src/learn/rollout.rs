@@ -65,10 +65,7 @@ impl NativeBackend<'_> {
                     let nearest = (frames as f64 + rest).round().clamp(-most, most) as isize;
                     let ahead = (frames as f64 + rest) * interval;
                     let further = (nearest - frames).signum();
-                    *lag = Lag {
-                        ahead,
-                        weight: square / (2.0 * interval).powi(2),
-                    };
+                    *lag = Lag { ahead, weight: square / (2.0 * interval).powi(2) };
                     // Only on in the first direction, so that it ends.
                     if further == 0 || further * frames.signum() < 0 {
                         break;

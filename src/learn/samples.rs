@@ -76,13 +76,7 @@ impl Sample {
     /// `[(C + B) x components]`. Faces that the network sees as their cells get the cells' vectors.
     pub fn push(&mut self, mesh: &Mesh, spec: &ModelSpec, mut frame: Vec<f32>) {
         let as_cells = faces_seen_as_their_cells(mesh);
-        see_as_cells(
-            &as_cells,
-            &spec.fields,
-            spec.dim,
-            mesh.cell_global.len(),
-            &mut frame,
-        );
+        see_as_cells(&as_cells, &spec.fields, spec.dim, mesh.cell_global.len(), &mut frame);
         let frame = self.at_nodes(frame);
         self.frames.extend(frame);
         self.n_frames += 1;
@@ -91,12 +85,7 @@ impl Sample {
     /// A frame of the cells at the nodes of the network, which may be groups of cells.
     pub fn at_nodes(&self, frame: Vec<f32>) -> Vec<f32> {
         match &self.coarse {
-            Some(coarse) => {
-                coarse
-                    .transfer
-                    .restrict(&frame, self.width, &Comm::serial())
-                    .values
-            }
+            Some(coarse) => coarse.transfer.restrict(&frame, self.width, &Comm::serial()).values,
             None => frame,
         }
     }
@@ -106,9 +95,7 @@ impl Sample {
         let size = self.structure.graph.n_owned * self.width;
         let boundary = self.domain.boundary_mut();
         boundary.restart();
-        self.frames
-            .chunks_exact(size)
-            .for_each(|frame| boundary.see(frame));
+        self.frames.chunks_exact(size).for_each(|frame| boundary.see(frame));
         boundary.settle();
     }
 

@@ -34,13 +34,7 @@ impl Smoother {
             most = most.max(neighbours.len() - before);
             row.push(neighbours.len() as u32);
         }
-        Smoother {
-            row,
-            neighbours,
-            share: 1.0 / (most + 1) as f32,
-            hops,
-            weight: weight as f32,
-        }
+        Smoother { row, neighbours, share: 1.0 / (most + 1) as f32, hops, weight: weight as f32 }
     }
 
     /// `S^hops x` in place, x `[nodes x n]`.
@@ -77,13 +71,7 @@ mod tests {
 
     /// Three nodes in a row: S = [2/3 1/3 0; 1/3 1/3 1/3; 0 1/3 2/3].
     fn three(hops: usize) -> Smoother {
-        Smoother {
-            row: vec![0, 1, 3, 4],
-            neighbours: vec![1, 0, 2, 1],
-            share: 1.0 / 3.0,
-            hops,
-            weight: 9.0,
-        }
+        Smoother { row: vec![0, 1, 3, 4], neighbours: vec![1, 0, 2, 1], share: 1.0 / 3.0, hops, weight: 9.0 }
     }
 
     #[test]

@@ -43,17 +43,11 @@ fn bending(body: Body, spec: &ModelSpec) -> (Workload, Body) {
         let points = body.positions.iter().flat_map(|x| displacement(*x, frame));
         sample.frames.extend(points);
         let t = 0.1 * frame as f32;
-        sample
-            .frames
-            .extend([0.0, 0.1 * t, -t].repeat(obstacle.positions.len()));
+        sample.frames.extend([0.0, 0.1 * t, -t].repeat(obstacle.positions.len()));
     }
     let sample = std::sync::Arc::new(sample);
-    let work = Workload {
-        train: vec![sample.clone()],
-        valid: vec![sample],
-        frames_a_step: STRIDE,
-        names: vec![],
-    };
+    let work =
+        Workload { train: vec![sample.clone()], valid: vec![sample], frames_a_step: STRIDE, names: vec![] };
     (work, body)
 }
 
@@ -114,14 +108,8 @@ fn a_step_leaves_its_change_behind() {
             assert_eq!(new[i], expected);
         }
     }
-    assert_eq!(
-        new[3 * body.positions.len()..half],
-        next[3 * body.positions.len()..half]
-    );
-    assert_eq!(
-        new[half + 3 * body.positions.len()..],
-        next[half + 3 * body.positions.len()..]
-    );
+    assert_eq!(new[3 * body.positions.len()..half], next[3 * body.positions.len()..half]);
+    assert_eq!(new[half + 3 * body.positions.len()..], next[half + 3 * body.positions.len()..]);
     // What the network is told of it then.
     let mut inputs = Vec::new();
     sample.domain.inputs(&new, &next, &mut inputs);
@@ -131,10 +119,7 @@ fn a_step_leaves_its_change_behind() {
 }
 
 fn training() -> TrainingConfig {
-    TrainingConfig {
-        noise: [("D".to_string(), 0.01)].into(),
-        ..TrainingConfig::default()
-    }
+    TrainingConfig { noise: [("D".to_string(), 0.01)].into(), ..TrainingConfig::default() }
 }
 
 /// Loss and gradient of two examples, one of them reflected, from which normalisers are made as well.
@@ -144,32 +129,15 @@ fn learn(
     weights: &[f32],
     unroll: usize,
 ) -> (f64, Vec<f32>, Normaliser) {
-    let example = |frame, mirror, seed| Example {
-        sample: 0,
-        frame,
-        mirror,
-        seed,
-        weight: 1.0,
-    };
+    let example = |frame, mirror, seed| Example { sample: 0, frame, mirror, seed, weight: 1.0 };
     let examples = [example(1, false, 11), example(4, true, 12)];
-    let batch = Batch {
-        examples: &examples,
-        micro: 1,
-        total: 2,
-        unroll,
-        accumulate: true,
-        learn: false,
-    };
+    let batch = Batch { examples: &examples, micro: 1, total: 2, unroll, accumulate: true, learn: false };
     let none = Normaliser::new(&backend.spec);
     let normaliser = match normaliser {
         Some(normaliser) => normaliser.clone(),
         None => backend.learn(weights, &none, &batch).unwrap().moments.unwrap(),
     };
-    let batch = Batch {
-        accumulate: false,
-        learn: true,
-        ..batch
-    };
+    let batch = Batch { accumulate: false, learn: true, ..batch };
     let learned = backend.learn(weights, &normaliser, &batch).unwrap();
     (learned.losses.iter().sum(), learned.gradient.unwrap(), normaliser)
 }
@@ -197,24 +165,14 @@ fn the_gradient_through_an_unroll_is_that_of_differences() {
             }
         }
         for direction in [along, change] {
-            let expected: f64 = gradient
-                .iter()
-                .zip(&direction)
-                .map(|(a, b)| f64::from(*a) * f64::from(*b))
-                .sum();
+            let expected: f64 =
+                gradient.iter().zip(&direction).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
             let mut at = |size: f32| {
-                let moved: Vec<f32> = weights
-                    .iter()
-                    .zip(&direction)
-                    .map(|(w, d)| w + size * d)
-                    .collect();
+                let moved: Vec<f32> = weights.iter().zip(&direction).map(|(w, d)| w + size * d).collect();
                 learn(&mut backend, Some(&normaliser), &moved, unroll).0
             };
             let found = (at(1e-2) - at(-1e-2)) / 2e-2;
-            assert!(
-                (found / expected - 1.0).abs() < 1e-2,
-                "{unroll} strides: {found} and {expected}"
-            );
+            assert!((found / expected - 1.0).abs() < 1e-2, "{unroll} strides: {found} and {expected}");
         }
     }
 }
@@ -225,10 +183,7 @@ fn the_gradient_through_an_unroll_is_that_of_differences() {
 fn the_gradient_goes_from_body_to_body() {
     let mut spec = spec(0);
     spec.contact.as_mut().unwrap().radius = 0.5;
-    let (work, body) = bending(
-        m4gn_samples::bodies::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2),
-        &spec,
-    );
+    let (work, body) = bending(m4gn_samples::bodies::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2), &spec);
     let edges = work.train[0].structure.graph.senders.len();
     // Corners across the gap, both ways: eight of the free points of each.
     assert_eq!(edges, 2 * body.edges.len() + 2 * 12 + 2 * 8);
@@ -236,23 +191,16 @@ fn the_gradient_goes_from_body_to_body() {
     let layout = Layout::new(&spec);
     let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     let (start, shape) = layout.find("encoder.node.0.weight").unwrap();
-    let nearness: Vec<usize> = (0..shape[0])
-        .flat_map(|row| (3..8).map(move |column| start + row * shape[1] + column))
-        .collect();
+    let nearness: Vec<usize> =
+        (0..shape[0]).flat_map(|row| (3..8).map(move |column| start + row * shape[1] + column)).collect();
     nearness.iter().for_each(|&i| weights[i] = 0.0);
     let (_, gradient, normaliser) = learn(&mut backend, None, &weights, 3);
     let mut direction = gradient;
     nearness.iter().for_each(|&i| direction[i] = 0.0);
-    let length = direction
-        .iter()
-        .map(|g| f64::from(*g).powi(2))
-        .sum::<f64>()
-        .sqrt();
+    let length = direction.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
     let mut at = |size: f64| {
         let pairs = weights.iter().zip(&direction);
-        let moved: Vec<f32> = pairs
-            .map(|(w, d)| w + (size * f64::from(*d) / length) as f32)
-            .collect();
+        let moved: Vec<f32> = pairs.map(|(w, d)| w + (size * f64::from(*d) / length) as f32).collect();
         learn(&mut backend, Some(&normaliser), &moved, 3).0
     };
     let found = (at(1e-2) - at(-1e-2)) / 2e-2;
@@ -269,10 +217,7 @@ fn a_history_that_is_added_changes_nothing_at_first() {
     let model = Model::random(old.clone(), 3).unwrap();
     let extended = inputs::extend(model.clone(), &new, &work_new).unwrap();
     assert_eq!(extended.spec.contact, new.contact);
-    let (mean, std) = (
-        &extended.tensors["norm.node.mean"].data,
-        &extended.tensors["norm.node.std"].data,
-    );
+    let (mean, std) = (&extended.tensors["norm.node.mean"].data, &extended.tensors["norm.node.std"].data);
     assert_eq!((mean.len(), &mean[8..]), (11, &[0.0; 3][..]));
     assert!(std[8] > 0.0 && std[8] != 1.0 && std[8..].iter().all(|s| *s == std[8]));
     let losses = |spec: &ModelSpec, work: &Workload, model: &Model| {
@@ -281,10 +226,7 @@ fn a_history_that_is_added_changes_nothing_at_first() {
         let normaliser = Normaliser::of_model(model).unwrap();
         learn(&mut backend, Some(&normaliser), &weights, 2).0
     };
-    let (before, after) = (
-        losses(&old, &work_old, &model),
-        losses(&new, &work_new, &extended),
-    );
+    let (before, after) = (losses(&old, &work_old, &model), losses(&new, &work_new, &extended));
     assert!((after / before - 1.0).abs() < 1e-6, "{before} {after}");
 }
 
@@ -299,13 +241,7 @@ fn an_example_came_at_another_pace_and_its_change_is_off() {
         t.noise.clear();
         (t.history_pace, t.history_noise) = (pace, noise);
         let backend = NativeBackend::new(&t, &spec, &work, 1).unwrap();
-        let example = Example {
-            sample: 0,
-            frame: 5,
-            mirror: false,
-            seed,
-            weight: 1.0,
-        };
+        let example = Example { sample: 0, frame: 5, mirror: false, seed, weight: 1.0 };
         backend.start(sample, &example).unwrap()
     };
     let frame = sample.state(5, STRIDE, false).unwrap();
@@ -313,12 +249,7 @@ fn an_example_came_at_another_pace_and_its_change_is_off() {
     let tip = body.positions.iter().position(|x| x[0] == 3.0).unwrap();
     let half = frame.len() / 2;
     // The factor of the change, and how far the obstacle came.
-    let of_change = |state: &[f32]| {
-        (
-            state[half + 3 * tip + 2] / (0.3 * 9.0),
-            -10.0 * state[frame.len() - 1],
-        )
-    };
+    let of_change = |state: &[f32]| (state[half + 3 * tip + 2] / (0.3 * 9.0), -10.0 * state[frame.len() - 1]);
     let mut seen = [false; 2 * STRIDE + 1];
     for seed in 0..60 {
         let state = start(1.0, 0.0, seed);

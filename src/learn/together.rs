@@ -22,10 +22,7 @@ pub fn learn_together(
     // Whole pieces to a rank, so that the mean over a piece is the same on any number of ranks.
     let pieces = batch.examples.len().div_ceil(batch.micro);
     let bound = |rank: usize| (pieces * rank / size * batch.micro).min(batch.examples.len());
-    let share = Batch {
-        examples: &batch.examples[bound(rank)..bound(rank + 1)],
-        ..*batch
-    };
+    let share = Batch { examples: &batch.examples[bound(rank)..bound(rank + 1)], ..*batch };
     let mut learned = comm.agree(backend.learn(weights, normaliser, &share))?;
     comm.sum_f64(&mut learned.losses);
     if let Some(moments) = &mut learned.moments {
@@ -52,12 +49,8 @@ pub fn roll_out_together(
     plan: &[Rollout],
 ) -> Result<Vec<Vec<(f64, f64)>>> {
     let outcomes = comm.agree(backend.roll_out(weights, normaliser, &own_share(comm, plan)))?;
-    let numbers = |errors: Vec<(f64, f64)>| {
-        errors
-            .into_iter()
-            .flat_map(|(model, held)| [model, held])
-            .collect()
-    };
+    let numbers =
+        |errors: Vec<(f64, f64)>| errors.into_iter().flat_map(|(model, held)| [model, held]).collect();
     let own = outcomes.into_iter().map(numbers);
     let flat = gather_shares(comm, plan.iter().map(|rollout| 2 * rollout.steps), own);
     let mut rows = flat.chunks_exact(2).map(|pair| (pair[0], pair[1]));

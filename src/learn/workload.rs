@@ -40,10 +40,7 @@ impl Workload {
         if mean == 0.0 {
             return Ok(vec![1.0; count]);
         }
-        let weights: Vec<f64> = changes
-            .iter()
-            .map(|c| (c / mean + LEAST_CHANGE).powf(-balance))
-            .collect();
+        let weights: Vec<f64> = changes.iter().map(|c| (c / mean + LEAST_CHANGE).powf(-balance)).collect();
         let all = weights.iter().sum::<f64>() / count as f64;
         Ok(weights.iter().map(|w| w / all).collect())
     }
@@ -65,11 +62,7 @@ impl Workload {
     pub fn sizes(&self) -> (u64, u64, usize) {
         let mut samples: Vec<&Arc<Sample>> = self.train.iter().collect();
         // Without trajectories of split `valid` those of `train` stand in both lists.
-        samples.extend(
-            self.valid
-                .iter()
-                .filter(|v| !self.train.iter().any(|t| Arc::ptr_eq(t, v))),
-        );
+        samples.extend(self.valid.iter().filter(|v| !self.train.iter().any(|t| Arc::ptr_eq(t, v))));
         let all = samples.iter().map(|s| s.frame_bytes()).sum();
         let (streamed, kept): (Vec<_>, Vec<_>) = samples.into_iter().partition(|s| s.is_streamed());
         (all, kept.iter().map(|s| s.frame_bytes()).sum(), streamed.len())

@@ -53,16 +53,10 @@ impl FitSettings {
             return bad("tail 0: expected at least 1 snapshot".into());
         }
         if self.delays.is_empty() || self.delays.contains(&0) {
-            return bad(format!(
-                "delays {:?}: expected numbers of states, at least 1",
-                self.delays
-            ));
+            return bad(format!("delays {:?}: expected numbers of states, at least 1", self.delays));
         }
         if self.ranks.is_empty() || self.ranks.contains(&0) {
-            return bad(format!(
-                "ranks {:?}: expected numbers of directions, at least 1",
-                self.ranks
-            ));
+            return bad(format!("ranks {:?}: expected numbers of directions, at least 1", self.ranks));
         }
         let fewest = self.tail + 2 + self.delays.iter().min().copied().unwrap_or(1);
         if self.least < fewest {
@@ -72,10 +66,7 @@ impl FitSettings {
             ));
         }
         if self.window < self.least || self.window > 1000 {
-            return bad(format!(
-                "window {}: expected least ({}) to 1000 snapshots",
-                self.window, self.least
-            ));
+            return bad(format!("window {}: expected least ({}) to 1000 snapshots", self.window, self.least));
         }
         Ok(())
     }
@@ -130,12 +121,7 @@ pub fn relative(errors: &[FieldError]) -> f64 {
 pub(crate) fn window(snapshots: &Snapshots, slots: &[usize], numbers: &[i64], variation: &[f64]) -> Window {
     let c = snapshots.capacity();
     let mut products = vec![0.0; slots.len() * slots.len()];
-    for (table, v) in snapshots
-        .products
-        .iter()
-        .zip(variation)
-        .filter(|(_, v)| **v > 0.0)
-    {
+    for (table, v) in snapshots.products.iter().zip(variation).filter(|(_, v)| **v > 0.0) {
         for (row, a) in products.chunks_exact_mut(slots.len()).zip(slots) {
             for (p, b) in row.iter_mut().zip(slots) {
                 *p += table[a * c + b] / v;
@@ -148,9 +134,7 @@ pub(crate) fn window(snapshots: &Snapshots, slots: &[usize], numbers: &[i64], va
 /// Squares of prediction minus state and of holding over the tail: the first `window.len() - tail` snapshots predict the others.
 fn score(window: &Window, dmd: &Dmd, tail: usize) -> (f64, Vec<Vec<f64>>) {
     let first = window.len() - tail;
-    let history: Vec<&[f64]> = (first - dmd.shape.delays..first)
-        .map(|i| &window.row(i)[..first])
-        .collect();
+    let history: Vec<&[f64]> = (first - dmd.shape.delays..first).map(|i| &window.row(i)[..first]).collect();
     let amplitudes = dmd.amplitudes(&history);
     let mut sum = 0.0;
     let predictions = (0..tail).map(|s| {
@@ -184,10 +168,7 @@ struct Candidate {
 /// The best fit of the last snapshots; a later candidate must be clearly better than the ones before, so that rounding chooses none; none where there are too few without a gap, or nothing varies.
 pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fit> {
     let all: Vec<(i64, usize)> = snapshots.entries.iter().map(|e| (e.number, e.slot)).collect();
-    let gap = all
-        .windows(2)
-        .rposition(|p| p[1].0 - p[0].0 != 1)
-        .map_or(0, |i| i + 1);
+    let gap = all.windows(2).rposition(|p| p[1].0 - p[0].0 != 1).map_or(0, |i| i + 1);
     let stretch = all.len() - gap;
     if stretch < settings.least {
         return None;
@@ -201,11 +182,7 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
         // Squares of windows of another length are over another variation.
         let scale = 1.0 / hold(&whole, settings.tail);
         let most = settings.ranks.iter().copied().max()?;
-        for &delays in settings
-            .delays
-            .iter()
-            .filter(|q| *q + 2 + settings.tail <= length)
-        {
+        for &delays in settings.delays.iter().filter(|q| *q + 2 + settings.tail <= length) {
             let Some(delayed) = Delayed::new(&part, delays, most) else {
                 continue;
             };
@@ -223,43 +200,20 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
                     let (sum, predictions) = score(&whole, &dmd, settings.tail);
                     let score = (sum * scale).max(SAME * SAME);
                     if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
-                        let shape = Shape {
-                            delays,
-                            rank,
-                            growing,
-                        };
-                        best = Some(Candidate {
-                            score,
-                            shape,
-                            length,
-                            dmd,
-                            predictions,
-                        });
+                        let shape = Shape { delays, rank, growing };
+                        best = Some(Candidate { score, shape, length, dmd, predictions });
                     }
                 }
             }
         }
     }
-    let Candidate {
-        shape,
-        length,
-        dmd: earlier,
-        predictions,
-        ..
-    } = best?;
+    let Candidate { shape, length, dmd: earlier, predictions, .. } = best?;
     let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
     let variation = variations(snapshots, &slots);
     let whole = window(snapshots, &slots, &numbers, &variation);
     let dmd = Delayed::new(&whole, shape.delays, shape.rank)?.modes(shape.rank, shape.growing)?;
     let tail = tail_errors(snapshots, &slots, &variation, &predictions);
-    Some(Fit {
-        dmd,
-        numbers,
-        slots,
-        variation,
-        tail,
-        earlier,
-    })
+    Some(Fit { dmd, numbers, slots, variation, tail, earlier })
 }
 
 /// Windows to choose from.
@@ -274,19 +228,14 @@ fn lengths(stretch: usize, settings: &FitSettings) -> Vec<usize> {
 }
 
 fn variations(snapshots: &Snapshots, slots: &[usize]) -> Vec<f64> {
-    (0..snapshots.fields().len())
-        .map(|f| snapshots.variation(f, slots))
-        .collect()
+    (0..snapshots.fields().len()).map(|f| snapshots.variation(f, slots)).collect()
 }
 
 /// Square of what holding the last state before the tail is off by.
 fn hold(window: &Window, tail: usize) -> f64 {
     let a = window.len() - tail - 1;
     let square = |b: usize| window.row(a)[a] - 2.0 * window.row(a)[b] + window.row(b)[b];
-    (a + 1..window.len())
-        .map(square)
-        .sum::<f64>()
-        .max(f64::MIN_POSITIVE)
+    (a + 1..window.len()).map(square).sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
 fn tail_errors(

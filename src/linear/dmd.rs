@@ -36,20 +36,13 @@ pub struct Window {
 impl Window {
     /// Of the products of the snapshots with these sample numbers, in their order.
     pub fn new(numbers: Vec<i64>, products: Vec<f64>) -> Self {
-        Window {
-            m: numbers.len(),
-            products,
-            numbers,
-        }
+        Window { m: numbers.len(), products, numbers }
     }
 
     /// Its first or last snapshots.
     pub fn part(&self, range: std::ops::Range<usize>) -> Window {
         let rows = range.clone().map(|i| &self.products[i * self.m..][range.clone()]);
-        Window::new(
-            self.numbers[range.clone()].to_vec(),
-            rows.flatten().copied().collect(),
-        )
+        Window::new(self.numbers[range.clone()].to_vec(), rows.flatten().copied().collect())
     }
 
     /// Snapshots.
@@ -104,13 +97,9 @@ impl Delayed {
         if starts.len() < 2 || delays == 0 {
             return None;
         }
-        let means: Vec<f64> = (0..m)
-            .map(|i| window.row(i).iter().sum::<f64>() / m as f64)
-            .collect();
+        let means: Vec<f64> = (0..m).map(|i| window.row(i).iter().sum::<f64>() / m as f64).collect();
         let mean = means.iter().sum::<f64>() / m as f64;
-        let centred = Mat::from_fn(m, m, |i, j| {
-            window.products[i * m + j] - means[i] - means[j] + mean
-        });
+        let centred = Mat::from_fn(m, m, |i, j| window.products[i * m + j] - means[i] - means[j] + mean);
         let sum = |i: usize, j: usize| (0..delays).map(|l| centred[(i + l, j + l)]).sum::<f64>();
         let n = starts.len();
         let own = Mat::from_fn(n, n, |a, b| sum(starts[a.max(b)], starts[a.min(b)]));
@@ -128,15 +117,7 @@ impl Delayed {
         }
         let lift = Mat::from_fn(n, r, |i, k| vectors[(i, n - 1 - k)] / values[n - 1 - k].sqrt());
         let operator = lift.transpose() * &next * &lift;
-        Some(Delayed {
-            delays,
-            m,
-            starts,
-            lift,
-            operator,
-            means,
-            mean,
-        })
+        Some(Delayed { delays, m, starts, lift, operator, means, mean })
     }
 
     /// Directions that are there.
@@ -153,10 +134,7 @@ impl Delayed {
         let key = |i: usize| (found[i].re.hypot(found[i].im), found[i].im.atan2(found[i].re));
         order.sort_by(|&a, &b| {
             let ((size_a, angle_a), (size_b, angle_b)) = (key(a), key(b));
-            let angles = angle_a
-                .abs()
-                .total_cmp(&angle_b.abs())
-                .then(angle_b.total_cmp(&angle_a));
+            let angles = angle_a.abs().total_cmp(&angle_b.abs()).then(angle_b.total_cmp(&angle_a));
             size_b.total_cmp(&size_a).then(angles)
         });
         let modes = Mat::from_fn(r, r, |i, k| eigen.U()[(i, order[k])]);
@@ -166,21 +144,13 @@ impl Delayed {
         }
         let eigenvalues = order.iter().map(|&i| [found[i].re, found[i].im]).map(|[re, im]| {
             let size = re.hypot(im);
-            if size > 1.0 + TREND && !growing {
-                [re / size, im / size]
-            } else {
-                [re, im]
-            }
+            if size > 1.0 + TREND && !growing { [re / size, im / size] } else { [re, im] }
         });
         let lift = self.lift.submatrix(0, 0, self.starts.len(), r);
         // From amplitudes to the weights of the delayed states, and back from products with them.
         let lift = Mat::from_fn(lift.nrows(), r, |i, k| c64::new(lift[(i, k)], 0.0));
         Some(Dmd {
-            shape: Shape {
-                delays: self.delays,
-                rank: r,
-                growing,
-            },
+            shape: Shape { delays: self.delays, rank: r, growing },
             m: self.m,
             starts: self.starts.clone(),
             eigenvalues: eigenvalues.collect(),
@@ -227,16 +197,12 @@ impl Dmd {
     /// Amplitudes of the modes at present. `history`: products of the last `delays` states with the window's snapshots, oldest first.
     pub fn amplitudes(&self, history: &[&[f64]]) -> Vec<[f64; 2]> {
         let r = self.eigenvalues.len();
-        let offsets: Vec<f64> = history
-            .iter()
-            .map(|row| row.iter().sum::<f64>() / self.m as f64)
-            .collect();
+        let offsets: Vec<f64> = history.iter().map(|row| row.iter().sum::<f64>() / self.m as f64).collect();
         let mut amplitudes = vec![[0.0; 2]; r];
         for (a, &start) in self.starts.iter().enumerate() {
             let terms = history.iter().zip(&offsets).enumerate();
-            let product: f64 = terms
-                .map(|(l, (row, o))| row[start + l] - o - self.means[start + l] + self.mean)
-                .sum();
+            let product: f64 =
+                terms.map(|(l, (row, o))| row[start + l] - o - self.means[start + l] + self.mean).sum();
             for (k, amplitude) in amplitudes.iter_mut().enumerate() {
                 let [re, im] = self.lower[k * self.starts.len() + a];
                 amplitude[0] += re * product;

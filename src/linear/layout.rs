@@ -42,13 +42,7 @@ impl Field {
 
     /// A field that is carried along.
     pub fn carried(name: &str, len: usize) -> Self {
-        Field {
-            name: name.to_string(),
-            len,
-            components: 1,
-            weight: Weight::Carried,
-            positive: false,
-        }
+        Field { name: name.to_string(), len, components: 1, weight: Weight::Carried, positive: false }
     }
 
     /// Whether it takes part in the inner product.
@@ -67,28 +61,18 @@ pub(crate) fn check(fields: &[Field]) -> Result<()> {
         if f.components == 0 || !f.len.is_multiple_of(f.components.max(1)) {
             return bad(
                 &f.name,
-                format!(
-                    "{} values of {} components: expected whole items",
-                    f.len, f.components
-                ),
+                format!("{} values of {} components: expected whole items", f.len, f.components),
             );
         }
         if let Weight::Items(w) = &f.weight {
             if w.len() * f.components != f.len {
                 return bad(
                     &f.name,
-                    format!(
-                        "{} weights: expected {}, one an item",
-                        w.len(),
-                        f.len / f.components
-                    ),
+                    format!("{} weights: expected {}, one an item", w.len(), f.len / f.components),
                 );
             }
             if let Some(w) = w.iter().find(|w| !(w.is_finite() && **w >= 0.0)) {
-                return bad(
-                    &f.name,
-                    format!("weight {w}: expected a finite number, not below 0"),
-                );
+                return bad(&f.name, format!("weight {w}: expected a finite number, not below 0"));
             }
         }
     }

@@ -41,10 +41,7 @@ impl Values {
         let pairs = values.iter().zip(reference);
         match self {
             Values::Double(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = x - r),
-            Values::Single(to) => to
-                .iter_mut()
-                .zip(pairs)
-                .for_each(|(d, (x, r))| *d = (x - r) as f32),
+            Values::Single(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = (x - r) as f32),
         }
     }
 
@@ -53,10 +50,7 @@ impl Values {
         let to = from + out.len();
         match self {
             Values::Double(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * d),
-            Values::Single(v) => out
-                .iter_mut()
-                .zip(&v[from..to])
-                .for_each(|(o, d)| *o += c * f64::from(*d)),
+            Values::Single(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * f64::from(*d)),
         }
     }
 
@@ -238,17 +232,8 @@ impl Snapshots {
             true => {
                 let used = |slot: &usize| self.entries.iter().any(|e| e.slot == *slot);
                 let slot = (0..self.capacity).find(|s| !used(s)).unwrap_or(0);
-                let values = self
-                    .fields
-                    .iter()
-                    .map(|f| Values::zeros(self.storage, f.len))
-                    .collect();
-                Entry {
-                    number,
-                    slot,
-                    values,
-                    least: Vec::new(),
-                }
+                let values = self.fields.iter().map(|f| Values::zeros(self.storage, f.len)).collect();
+                Entry { number, slot, values, least: Vec::new() }
             }
             false => self.entries.remove(spare(self).min(self.entries.len() - 1)),
         };
@@ -369,11 +354,8 @@ impl Snapshots {
             return 0.0;
         }
         let squares: f64 = slots.iter().map(|s| t[s * c + s]).sum::<f64>() / m;
-        let mean: f64 = slots
-            .iter()
-            .map(|a| slots.iter().map(|b| t[a * c + b]).sum::<f64>())
-            .sum::<f64>()
-            / (m * m);
+        let mean: f64 =
+            slots.iter().map(|a| slots.iter().map(|b| t[a * c + b]).sum::<f64>()).sum::<f64>() / (m * m);
         let rounding = f64::EPSILON * f64::EPSILON * 1e4 * self.level[f] + 16.0 * f64::EPSILON * squares;
         match squares - mean {
             v if v > rounding => v,
@@ -387,14 +369,8 @@ impl Snapshots {
         if t.is_empty() {
             return 0.0;
         }
-        let d: Vec<(usize, f64)> = (0..c)
-            .map(|s| (s, a.0[s] - b.0[s]))
-            .filter(|(_, d)| *d != 0.0)
-            .collect();
-        let sum: f64 = d
-            .iter()
-            .map(|(i, x)| x * d.iter().map(|(j, y)| y * t[i * c + j]).sum::<f64>())
-            .sum();
+        let d: Vec<(usize, f64)> = (0..c).map(|s| (s, a.0[s] - b.0[s])).filter(|(_, d)| *d != 0.0).collect();
+        let sum: f64 = d.iter().map(|(i, x)| x * d.iter().map(|(j, y)| y * t[i * c + j]).sum::<f64>()).sum();
         sum.max(0.0)
     }
 
@@ -408,12 +384,8 @@ impl Snapshots {
 
     /// Field `f` of a combination of kept states. Values of a positive field are not below the least of these states.
     pub(crate) fn combine(&self, f: usize, combination: &Combination, out: &mut [f64]) {
-        let used: Vec<(&Entry, f64)> = self
-            .entries
-            .iter()
-            .map(|e| (e, combination.0[e.slot]))
-            .filter(|(_, c)| *c != 0.0)
-            .collect();
+        let used: Vec<(&Entry, f64)> =
+            self.entries.iter().map(|e| (e, combination.0[e.slot])).filter(|(_, c)| *c != 0.0).collect();
         for (b, block) in out.chunks_mut(BLOCK).enumerate() {
             block.fill(0.0);
             for (e, c) in &used {
@@ -435,10 +407,7 @@ fn weigh(field: &Field, from: usize, values: &mut [f64]) {
     if let Weight::Items(w) = &field.weight {
         match field.components {
             1 => values.iter_mut().zip(&w[from..]).for_each(|(v, w)| *v *= w),
-            n => values
-                .iter_mut()
-                .enumerate()
-                .for_each(|(i, v)| *v *= w[(from + i) / n]),
+            n => values.iter_mut().enumerate().for_each(|(i, v)| *v *= w[(from + i) / n]),
         }
     }
 }

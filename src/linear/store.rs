@@ -45,12 +45,7 @@ impl Store {
                 let mut bytes = MAGIC.to_vec();
                 block(&mut bytes, &header(snapshots)).map_err(failed)?;
                 files::write_whole(path, &bytes)?;
-                let store = Store {
-                    path: path.into(),
-                    end: bytes.len() as u64,
-                    records: 0,
-                    last: i64::MIN,
-                };
+                let store = Store { path: path.into(), end: bytes.len() as u64, records: 0, last: i64::MIN };
                 store.append(snapshots).map_err(failed)
             }
         }
@@ -67,9 +62,7 @@ impl Store {
             self.records += 1;
         }
         self.last = snapshots.entries.last().map_or(self.last, |e| e.number);
-        out.into_inner()
-            .map_err(io::IntoInnerError::into_error)?
-            .sync_data()?;
+        out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_data()?;
         Ok(self)
     }
 
@@ -82,9 +75,7 @@ impl Store {
         let mut file = File::open(path).map_err(|e| bad(format!("cannot be read: {e}")))?;
         let mut magic = [0; 8];
         if file.read_exact(&mut magic).is_err() || &magic != MAGIC {
-            return Err(bad(
-                "expected snapshots of a linear surrogate, found another format".into(),
-            ));
+            return Err(bad("expected snapshots of a linear surrogate, found another format".into()));
         }
         let longest: usize = 64 + snapshots.fields().iter().map(|f| 16 + f.len * 8).sum::<usize>();
         let described = header(snapshots);
@@ -93,29 +84,15 @@ impl Store {
             .ok_or_else(|| bad("its header is missing".into()))?;
         let fields = text(&described).len();
         if head.len() < fields || head[..fields] != described[..fields] {
-            return Err(bad(
-                "expected the fields, interval and storage of this run, found others".into(),
-            ));
+            return Err(bad("expected the fields, interval and storage of this run, found others".into()));
         }
         let mut values = doubles(&head[fields..]);
-        let reference: Vec<Vec<f64>> = snapshots
-            .fields()
-            .iter()
-            .map(|f| values.by_ref().take(f.len).collect())
-            .collect();
-        if reference
-            .iter()
-            .zip(snapshots.fields())
-            .any(|(r, f)| r.len() != f.len)
-        {
+        let reference: Vec<Vec<f64>> =
+            snapshots.fields().iter().map(|f| values.by_ref().take(f.len).collect()).collect();
+        if reference.iter().zip(snapshots.fields()).any(|(r, f)| r.len() != f.len) {
             return Err(bad("its reference state is not as long as the fields".into()));
         }
-        let mut store = Store {
-            path: path.into(),
-            end: 8 + found,
-            records: 0,
-            last: i64::MIN,
-        };
+        let mut store = Store { path: path.into(), end: 8 + found, records: 0, last: i64::MIN };
         let (mut entries, mut damage) = (Vec::new(), String::new());
         loop {
             match next(&mut file, longest) {
@@ -135,12 +112,7 @@ impl Store {
                 break;
             }
         }
-        Ok(Stored {
-            reference,
-            entries,
-            store,
-            damage,
-        })
+        Ok(Stored { reference, entries, store, damage })
     }
 }
 
@@ -151,19 +123,12 @@ fn header(snapshots: &Snapshots) -> Vec<u8> {
         .flat_map(|f| format!("{} {} {} {}\n", f.name, f.len, f.components, f.positive).into_bytes())
         .collect();
     bytes.extend(format!("{:?}\0", snapshots.storage()).bytes());
-    snapshots
-        .reference
-        .iter()
-        .flatten()
-        .for_each(|v| bytes.extend(v.to_le_bytes()));
+    snapshots.reference.iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
     bytes
 }
 
 fn text(header: &[u8]) -> &[u8] {
-    let end = header
-        .iter()
-        .position(|b| *b == 0)
-        .map_or(header.len(), |i| i + 1);
+    let end = header.iter().position(|b| *b == 0).map_or(header.len(), |i| i + 1);
     &header[..end]
 }
 
@@ -189,9 +154,7 @@ fn entry(bytes: &[u8], snapshots: &Snapshots) -> Option<Entry> {
         return None;
     }
     let whole = |i: usize| head[8 * i..].first_chunk::<8>().copied().unwrap_or_default();
-    let slot = usize::try_from(u64::from_le_bytes(whole(1)))
-        .ok()
-        .filter(|s| *s < snapshots.capacity())?;
+    let slot = usize::try_from(u64::from_le_bytes(whole(1))).ok().filter(|s| *s < snapshots.capacity())?;
     let mut at = 0;
     let values = fields.iter().map(|f| {
         let part = &rest[at..at + f.len * width];
@@ -199,9 +162,7 @@ fn entry(bytes: &[u8], snapshots: &Snapshots) -> Option<Entry> {
         match storage {
             Storage::Double => Values::Double(doubles(part).collect()),
             Storage::Single => {
-                let singles = part
-                    .chunks_exact(4)
-                    .map(|c| c.first_chunk::<4>().copied().unwrap_or_default());
+                let singles = part.chunks_exact(4).map(|c| c.first_chunk::<4>().copied().unwrap_or_default());
                 Values::Single(singles.map(f32::from_le_bytes).collect())
             }
         }
@@ -215,9 +176,7 @@ fn entry(bytes: &[u8], snapshots: &Snapshots) -> Option<Entry> {
 }
 
 fn doubles(bytes: &[u8]) -> impl Iterator<Item = f64> + '_ {
-    bytes
-        .chunks_exact(8)
-        .map(|c| f64::from_le_bytes(c.first_chunk::<8>().copied().unwrap_or_default()))
+    bytes.chunks_exact(8).map(|c| f64::from_le_bytes(c.first_chunk::<8>().copied().unwrap_or_default()))
 }
 
 /// Bytes written.
@@ -237,9 +196,7 @@ fn next(file: &mut File, longest: usize) -> io::Result<Option<(Vec<u8>, u64)>> {
     file.read_exact(&mut length[1..])?;
     let length = u64::from_le_bytes(length);
     if length > longest as u64 {
-        return Err(io::Error::other(format!(
-            "{length} bytes where at most {longest} are expected"
-        )));
+        return Err(io::Error::other(format!("{length} bytes where at most {longest} are expected")));
     }
     let mut bytes = vec![0; length as usize];
     file.read_exact(&mut bytes)?;

@@ -75,13 +75,7 @@ impl Linear {
         };
         comm.agree_with(checked, &format!("linear {settings:?}"))?;
         let snapshots = Snapshots::new(comm, fields, settings.storage, settings.fit.window + BESIDE)?;
-        Ok(Linear {
-            settings,
-            snapshots,
-            state: State::default(),
-            last: None,
-            store: RefCell::default(),
-        })
+        Ok(Linear { settings, snapshots, state: State::default(), last: None, store: RefCell::default() })
     }
 
     /// The settings.
@@ -106,11 +100,7 @@ impl Linear {
             return true;
         };
         // A state that is there already, in a run that is carried on.
-        if self
-            .state
-            .present
-            .is_some_and(|n| grid.at(time).is_some_and(|at| at <= n))
-        {
+        if self.state.present.is_some_and(|n| grid.at(time).is_some_and(|at| at <= n)) {
             return false;
         }
         let passed = |(before, _): &(f64, Vec<Vec<f64>>)| grid.after(*before) < grid.after(time);
@@ -126,17 +116,10 @@ impl Linear {
     /// [`Error::Input`] for values that are no state, or a time that is not later than the last one.
     pub fn offer(&mut self, time: f64, delta_t: f64, fields: &[&[f64]]) -> Result<usize> {
         // Multiples of the interval: times to write are most often among them.
-        let first = Grid {
-            interval: self.settings.interval,
-            number: 0,
-            time: 0.0,
-        };
+        let first = Grid { interval: self.settings.interval, number: 0, time: 0.0 };
         let mut grid = *self.state.grid.get_or_insert(first);
         let last = self.last.take();
-        let before = last
-            .as_ref()
-            .map(|l| l.0)
-            .or(self.state.present.map(|n| grid.time_of(n)));
+        let before = last.as_ref().map(|l| l.0).or(self.state.present.map(|n| grid.time_of(n)));
         let mut next = match before {
             None => 0,
             Some(before) if before >= time => {
@@ -149,11 +132,7 @@ impl Linear {
         if last.is_none() && before.is_some() && next < grid.after(time) && grid.at(time).is_none() {
             // A sample was passed without the fields beside it: the grid begins anew here, after a gap.
             next = grid.after(time) + 1;
-            grid = Grid {
-                number: next,
-                time,
-                ..grid
-            };
+            grid = Grid { number: next, time, ..grid };
             self.state.grid = Some(grid);
         }
         let (mut samples, here) = (0, grid.at(time));
@@ -179,18 +158,8 @@ impl Linear {
     }
 
     fn push(&mut self, number: i64, state: &[&[f64]]) -> Result<()> {
-        let pinned = self
-            .state
-            .fit
-            .as_ref()
-            .map(|f| f.slots.clone())
-            .unwrap_or_default();
-        let spare = |s: &Snapshots| {
-            s.entries
-                .iter()
-                .position(|e| !pinned.contains(&e.slot))
-                .unwrap_or(0)
-        };
+        let pinned = self.state.fit.as_ref().map(|f| f.slots.clone()).unwrap_or_default();
+        let spare = |s: &Snapshots| s.entries.iter().position(|e| !pinned.contains(&e.slot)).unwrap_or(0);
         if self.snapshots.entries.len() == self.snapshots.capacity() {
             let goes = self.snapshots.entries[spare(&self.snapshots)].slot;
             self.state.predicted.retain(|p| p.state.0[goes] == 0.0);
@@ -222,11 +191,7 @@ impl Linear {
         let numbers: Vec<i64> = self.snapshots.numbers().collect();
         let last = numbers.last().copied().unwrap_or(0);
         let missing = numbers.iter().rev().zip(0..).take_while(|(n, i)| **n == last - i);
-        if self.state.present == Some(last) {
-            missing.count()
-        } else {
-            0
-        }
+        if self.state.present == Some(last) { missing.count() } else { 0 }
     }
 
     /// Drops the fit: the states that it kept can go.
@@ -247,9 +212,7 @@ impl Linear {
         let a = self.predict_by(fit, &fit.dmd, strides)?;
         let b = self.predict_by(fit, &fit.earlier, strides)?;
         let fields = fit.variation.iter().enumerate().filter(|(_, v)| **v > 0.0);
-        let squares: Vec<f64> = fields
-            .map(|(f, v)| self.snapshots.distance(f, &a, &b) / v)
-            .collect();
+        let squares: Vec<f64> = fields.map(|(f, v)| self.snapshots.distance(f, &a, &b) / v).collect();
         Some((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt())
     }
 
@@ -257,9 +220,8 @@ impl Linear {
         let present = self.state.present?;
         let slots = &fit.slots[..];
         let own = dmd_slots(dmd, fit);
-        let rows: Option<Vec<Vec<f64>>> = (present - dmd.shape.delays as i64 + 1..=present)
-            .map(|n| self.products(n, fit, own))
-            .collect();
+        let rows: Option<Vec<Vec<f64>>> =
+            (present - dmd.shape.delays as i64 + 1..=present).map(|n| self.products(n, fit, own)).collect();
         let rows = rows?;
         let history: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
         let weights = dmd.weights(&dmd.amplitudes(&history), strides);
@@ -270,30 +232,13 @@ impl Linear {
     fn products(&self, number: i64, fit: &Fit, n: usize) -> Option<Vec<f64>> {
         let state = match self.snapshots.single(number) {
             Some(state) => state,
-            None => self
-                .state
-                .predicted
-                .iter()
-                .find(|p| p.number == number)?
-                .state
-                .clone(),
+            None => self.state.predicted.iter().find(|p| p.number == number)?.state.clone(),
         };
         let c = self.snapshots.capacity();
-        let used: Vec<(usize, f64)> = state
-            .0
-            .iter()
-            .copied()
-            .enumerate()
-            .filter(|(_, w)| *w != 0.0)
-            .collect();
+        let used: Vec<(usize, f64)> =
+            state.0.iter().copied().enumerate().filter(|(_, w)| *w != 0.0).collect();
         let mut products = vec![0.0; n];
-        for (table, v) in self
-            .snapshots
-            .products
-            .iter()
-            .zip(&fit.variation)
-            .filter(|(_, v)| **v > 0.0)
-        {
+        for (table, v) in self.snapshots.products.iter().zip(&fit.variation).filter(|(_, v)| **v > 0.0) {
             for (p, slot) in products.iter_mut().zip(&fit.slots) {
                 *p += used.iter().map(|(s, w)| w * table[s * c + slot]).sum::<f64>() / v;
             }
@@ -310,10 +255,7 @@ impl Linear {
         let states: Option<Vec<Predicted>> = (first..=strides)
             .map(|s| {
                 let state = self.predict(s as f64)?;
-                Some(Predicted {
-                    number: present + s as i64,
-                    state,
-                })
+                Some(Predicted { number: present + s as i64, state })
             })
             .collect();
         let Some(states) = states else {
@@ -335,27 +277,16 @@ impl Linear {
         let state = self.snapshots.single(present)?;
         let from = self.at(present - before as i64)?;
         let fields = self.snapshots.fields().iter().enumerate().zip(&fit.variation);
-        let errors = fields
-            .filter(|(_, v)| **v > 0.0)
-            .map(|((f, field), v)| FieldError {
-                name: field.name.clone(),
-                error: (self.snapshots.distance(f, prediction, &state) / v).sqrt(),
-                hold: (self.snapshots.distance(f, &from, &state) / v).sqrt(),
-            });
+        let errors = fields.filter(|(_, v)| **v > 0.0).map(|((f, field), v)| FieldError {
+            name: field.name.clone(),
+            error: (self.snapshots.distance(f, prediction, &state) / v).sqrt(),
+            hold: (self.snapshots.distance(f, &from, &state) / v).sqrt(),
+        });
         Some(errors.collect())
     }
 
     fn at(&self, number: i64) -> Option<Combination> {
-        let predicted = || {
-            Some(
-                self.state
-                    .predicted
-                    .iter()
-                    .find(|p| p.number == number)?
-                    .state
-                    .clone(),
-            )
-        };
+        let predicted = || Some(self.state.predicted.iter().find(|p| p.number == number)?.state.clone());
         self.snapshots.single(number).or_else(predicted)
     }
 
@@ -369,10 +300,7 @@ impl Linear {
             false => Store::save(self.store.borrow_mut().take(), path, &self.snapshots).map(Some),
         };
         *self.store.borrow_mut() = self.snapshots.comm().agree(saved)?;
-        Ok(State {
-            kept: self.snapshots.numbers().collect(),
-            ..self.state.clone()
-        })
+        Ok(State { kept: self.snapshots.numbers().collect(), ..self.state.clone() })
     }
 
     /// Goes on from what [`save`](Self::save) gave and wrote. Says what could not be read; empty: nothing. Where snapshots are missing, the
@@ -382,9 +310,7 @@ impl Linear {
     /// [`Error::Input`] where there are snapshots already.
     pub fn restore(&mut self, path: &Path, state: State) -> Result<String> {
         if !self.snapshots.entries.is_empty() {
-            return Err(Error::Input(
-                "linear: a state is restored before the first snapshot".into(),
-            ));
+            return Err(Error::Input("linear: a state is restored before the first snapshot".into()));
         }
         let Some(&last) = state.kept.last() else {
             self.state = state;
@@ -394,52 +320,28 @@ impl Linear {
         match Store::read(path, &self.snapshots, last) {
             Ok(stored) => {
                 if !stored.damage.is_empty() {
-                    said = format!(
-                        "{}: {}; it and what follows are dropped",
-                        path.display(),
-                        stored.damage
-                    );
+                    said = format!("{}: {}; it and what follows are dropped", path.display(), stored.damage);
                 }
                 found = Some(stored);
             }
             Err(e) => said = e.to_string(),
         }
-        let number = |n: &i64| {
-            found
-                .as_ref()
-                .is_some_and(|f| f.entries.iter().any(|e| e.number == *n))
-        };
+        let number = |n: &i64| found.as_ref().is_some_and(|f| f.entries.iter().any(|e| e.number == *n));
         let mut there: Vec<i64> = state.kept.iter().map(|n| i64::from(number(n))).collect();
         self.snapshots.comm().min_i64(&mut there);
         let whole = !there.contains(&0);
-        let kept: Vec<i64> = state
-            .kept
-            .iter()
-            .zip(&there)
-            .filter(|(_, t)| **t == 1)
-            .map(|(n, _)| *n)
-            .collect();
+        let kept: Vec<i64> =
+            state.kept.iter().zip(&there).filter(|(_, t)| **t == 1).map(|(n, _)| *n).collect();
         if let Some(stored) = found.filter(|_| !kept.is_empty()) {
             self.snapshots.set_reference(stored.reference);
-            for entry in stored
-                .entries
-                .into_iter()
-                .filter(|e| kept.binary_search(&e.number).is_ok())
-            {
+            for entry in stored.entries.into_iter().filter(|e| kept.binary_search(&e.number).is_ok()) {
                 self.snapshots.add(entry);
             }
             *self.store.borrow_mut() = whole.then_some(stored.store);
         }
         self.state = match whole {
-            true => State {
-                kept: Vec::new(),
-                ..state
-            },
-            false => State {
-                grid: state.grid,
-                present: state.present,
-                ..State::default()
-            },
+            true => State { kept: Vec::new(), ..state },
+            false => State { grid: state.grid, present: state.present, ..State::default() },
         };
         Ok(said)
     }

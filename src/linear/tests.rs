@@ -17,11 +17,7 @@ struct Waves {
 impl Waves {
     fn new(waves: &[(f64, f64)]) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(5);
-        let mut pattern = || {
-            (0..N)
-                .map(|_| random.random_range(-1.0..1.0))
-                .collect::<Vec<f64>>()
-        };
+        let mut pattern = || (0..N).map(|_| random.random_range(-1.0..1.0)).collect::<Vec<f64>>();
         Waves {
             patterns: waves.iter().map(|_| [pattern(), pattern()]).collect(),
             base: pattern(),
@@ -32,38 +28,21 @@ impl Waves {
     fn at(&self, k: f64) -> Vec<f64> {
         let mut x = self.base.clone();
         for ((decay, angle), [a, b]) in self.waves.iter().zip(&self.patterns) {
-            let (c, s) = (
-                decay.powf(k) * (angle * k).cos(),
-                decay.powf(k) * (angle * k).sin(),
-            );
-            x.iter_mut()
-                .zip(a.iter().zip(b))
-                .for_each(|(x, (a, b))| *x += c * a + s * b);
+            let (c, s) = (decay.powf(k) * (angle * k).cos(), decay.powf(k) * (angle * k).sin());
+            x.iter_mut().zip(a.iter().zip(b)).for_each(|(x, (a, b))| *x += c * a + s * b);
         }
         x
     }
 }
 
 fn settings(fit: FitSettings) -> Settings {
-    Settings {
-        interval: 0.5,
-        storage: Storage::Double,
-        fit,
-    }
+    Settings { interval: 0.5, storage: Storage::Double, fit }
 }
 
 fn two(storage: Storage) -> Linear {
     let volumes = (0..N).map(|i| 1.0 + (i % 3) as f64).collect();
     let fields = vec![Field::weighted("U", 1, volumes), Field::carried("phi", N + 1)];
-    Linear::new(
-        &Comm::serial(),
-        fields,
-        Settings {
-            storage,
-            ..settings(FitSettings::default())
-        },
-    )
-    .unwrap()
+    Linear::new(&Comm::serial(), fields, Settings { storage, ..settings(FitSettings::default()) }).unwrap()
 }
 
 /// `phi` is a linear function of U: differences, and a last value that never changes.
@@ -95,10 +74,7 @@ fn largest(a: &[f64], b: &[f64]) -> f64 {
 
 fn window_of(states: &[Vec<f64>]) -> Window {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let products = states
-        .iter()
-        .flat_map(|a| states.iter().map(move |b| product(a, b)))
-        .collect();
+    let products = states.iter().flat_map(|a| states.iter().map(move |b| product(a, b))).collect();
     Window::new((0..states.len() as i64).collect(), products)
 }
 
@@ -107,26 +83,15 @@ fn eigenvalues_of_damped_waves_are_known() {
     let known = [(0.999, 0.6), (0.98, 1.3), (1.0, 0.25)];
     let waves = Waves::new(&known);
     let mut states: Vec<Vec<f64>> = (0..40).map(|k| waves.at(k as f64)).collect();
-    states
-        .iter_mut()
-        .for_each(|s| s.iter_mut().zip(&waves.base).for_each(|(x, b)| *x -= b));
-    let dmd = Delayed::new(&window_of(&states), 4, 30)
-        .unwrap()
-        .modes(30, true)
-        .unwrap();
+    states.iter_mut().for_each(|s| s.iter_mut().zip(&waves.base).for_each(|(x, b)| *x -= b));
+    let dmd = Delayed::new(&window_of(&states), 4, 30).unwrap().modes(30, true).unwrap();
     // Three pairs, and 1 of the mean that was taken.
-    let mut found: Vec<(f64, f64)> = dmd
-        .eigenvalues()
-        .iter()
-        .map(|e| (e[0].hypot(e[1]), e[1].atan2(e[0])))
-        .collect();
+    let mut found: Vec<(f64, f64)> =
+        dmd.eigenvalues().iter().map(|e| (e[0].hypot(e[1]), e[1].atan2(e[0]))).collect();
     assert!(found.len() <= 7, "{found:?}");
     found.retain(|(_, angle)| *angle > 1e-6);
     for (decay, angle) in known {
-        let nearest = found
-            .iter()
-            .map(|f| (f.0 - decay).abs().max((f.1 - angle).abs()))
-            .fold(1.0, f64::min);
+        let nearest = found.iter().map(|f| (f.0 - decay).abs().max((f.1 - angle).abs())).fold(1.0, f64::min);
         assert!(nearest < 1e-10, "{decay} {angle}: {nearest:e} of {found:?}");
     }
     // Of a pair the one above the real axis comes first, and sizes fall.
@@ -147,16 +112,8 @@ fn far_states_of_waves_are_predicted_in_one_go_and_conserve_what_is_linear() {
         let [u, flux] = predicted(&linear, strides);
         let exact = waves.at(39.0 + strides);
         assert!(largest(&u, &exact) < 2e-6, "{strides}: {:e}", largest(&u, &exact));
-        assert!(
-            largest(&flux, &phi(&u)) < 1e-13,
-            "{strides}: {:e}",
-            largest(&flux, &phi(&u))
-        );
-        assert_eq!(
-            flux[N].to_bits(),
-            std::f64::consts::PI.to_bits(),
-            "what never changes stays to the bit"
-        );
+        assert!(largest(&flux, &phi(&u)) < 1e-13, "{strides}: {:e}", largest(&flux, &phi(&u)));
+        assert_eq!(flux[N].to_bits(), std::f64::consts::PI.to_bits(), "what never changes stays to the bit");
     }
     assert!(linear.doubt(50.0).unwrap() < 1e-4);
 }
@@ -197,23 +154,14 @@ fn trends_go_on() {
 fn growth_is_kept_where_the_tail_says_so_and_clipped_where_it_is_told() {
     let waves = Waves::new(&[(1.03, 0.6)]);
     for (growing, expected) in [(None, 1.03), (Some(true), 1.03), (Some(false), 1.0)] {
-        let fields = vec![Field {
-            weight: Weight::One,
-            ..Field::weighted("U", 1, vec![1.0; N])
-        }];
-        let fit = FitSettings {
-            growing,
-            ..FitSettings::default()
-        };
+        let fields = vec![Field { weight: Weight::One, ..Field::weighted("U", 1, vec![1.0; N]) }];
+        let fit = FitSettings { growing, ..FitSettings::default() };
         let mut linear = Linear::new(&Comm::serial(), fields, settings(fit)).unwrap();
         for k in 0..30 {
             linear.offer(k as f64 * 0.5, 0.5, &[&waves.at(k as f64)]).unwrap();
         }
         let first = linear.fit().unwrap().dmd.eigenvalues()[0];
-        assert!(
-            (first[0].hypot(first[1]) - expected).abs() < 1e-7,
-            "{growing:?}: {first:?}"
-        );
+        assert!((first[0].hypot(first[1]) - expected).abs() < 1e-7, "{growing:?}: {first:?}");
     }
 }
 
@@ -223,24 +171,15 @@ fn noise_is_seen_in_the_tail() {
     let mut errors = Vec::new();
     for level in [1e-6, 1e-3, 10.0] {
         let mut random = ChaCha8Rng::seed_from_u64(9);
-        let noise: Vec<Vec<f64>> = (0..40)
-            .map(|_| (0..N).map(|_| random.random_range(-level..level)).collect())
-            .collect();
+        let noise: Vec<Vec<f64>> =
+            (0..40).map(|_| (0..N).map(|_| random.random_range(-level..level)).collect()).collect();
         let mut linear = two(Storage::Double);
         feed(&mut linear, 0..40, |k| {
-            waves
-                .at(k)
-                .iter()
-                .zip(&noise[k as usize])
-                .map(|(x, n)| x + n)
-                .collect()
+            waves.at(k).iter().zip(&noise[k as usize]).map(|(x, n)| x + n).collect()
         });
         errors.push(linear.fit().unwrap().tail_error());
     }
-    assert!(
-        errors[0] < 1e-5 && errors[1] < 1e-2 && errors[1] > 1e-5 && errors[2] > 0.3,
-        "{errors:?}"
-    );
+    assert!(errors[0] < 1e-5 && errors[1] < 1e-2 && errors[1] > 1e-5 && errors[2] > 0.3, "{errors:?}");
 }
 
 #[test]
@@ -314,25 +253,13 @@ fn samples_between_steps_are_interpolated() {
         assert!(largest(&u, &state(n as f64 * 0.5)) < 1e-12, "{n}");
     }
     let u = state(9.0);
-    assert!(
-        linear
-            .offer(1.0, 0.1, &[&u, &phi(&u)])
-            .unwrap_err()
-            .to_string()
-            .contains("later")
-    );
+    assert!(linear.offer(1.0, 0.1, &[&u, &phi(&u)]).unwrap_err().to_string().contains("later"));
 }
 
 #[test]
 fn positive_fields_stay_above_the_least_of_the_window() {
-    let fields = vec![Field {
-        positive: true,
-        ..Field::weighted("k", 1, vec![1.0; 2])
-    }];
-    let fit = FitSettings {
-        growing: Some(true),
-        ..FitSettings::default()
-    };
+    let fields = vec![Field { positive: true, ..Field::weighted("k", 1, vec![1.0; 2]) }];
+    let fit = FitSettings { growing: Some(true), ..FitSettings::default() };
     let mut linear = Linear::new(&Comm::serial(), fields, settings(fit)).unwrap();
     let state = |k: f64| [2.0 + 1.02f64.powf(k) * (0.4 * k).cos(), 5.0 + (0.4 * k).sin()];
     let mut least = f64::INFINITY;
@@ -377,11 +304,7 @@ fn a_run_that_is_carried_on_has_the_same_bits() {
             assert_eq!(bits(&linear), bits(&other));
         }
         other.save(&path).unwrap();
-        assert_eq!(
-            std::fs::metadata(&path).unwrap().len(),
-            size,
-            "each snapshot is there once"
-        );
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), size, "each snapshot is there once");
         // A damaged tail is dropped, and said.
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bytes.len() - 40;
@@ -411,75 +334,18 @@ fn what_is_wrong_is_named() {
     assert!(of(vec![Field::carried("phi", 2)], good()).contains("weight"));
     assert!(of(vec![Field { len: 4, ..field() }], good()).contains("weights"));
     assert!(of(vec![Field::weighted("U", 1, vec![-1.0])], good()).contains("not below 0"));
-    assert!(
-        of(
-            vec![field()],
-            Settings {
-                interval: 0.0,
-                ..good()
-            }
-        )
-        .contains("interval")
-    );
+    assert!(of(vec![field()], Settings { interval: 0.0, ..good() }).contains("interval"));
     for (fit, words) in [
-        (
-            FitSettings {
-                tail: 0,
-                ..FitSettings::default()
-            },
-            "tail",
-        ),
-        (
-            FitSettings {
-                least: 4,
-                ..FitSettings::default()
-            },
-            "least",
-        ),
-        (
-            FitSettings {
-                window: 10,
-                ..FitSettings::default()
-            },
-            "window",
-        ),
-        (
-            FitSettings {
-                delays: vec![],
-                ..FitSettings::default()
-            },
-            "delays",
-        ),
-        (
-            FitSettings {
-                ranks: vec![0],
-                ..FitSettings::default()
-            },
-            "ranks",
-        ),
+        (FitSettings { tail: 0, ..FitSettings::default() }, "tail"),
+        (FitSettings { least: 4, ..FitSettings::default() }, "least"),
+        (FitSettings { window: 10, ..FitSettings::default() }, "window"),
+        (FitSettings { delays: vec![], ..FitSettings::default() }, "delays"),
+        (FitSettings { ranks: vec![0], ..FitSettings::default() }, "ranks"),
     ] {
         assert!(of(vec![field()], settings(fit)).contains(words), "{words}");
     }
     let mut linear = Linear::new(&comm, vec![field()], good()).unwrap();
-    assert!(
-        linear
-            .offer(0.0, 0.1, &[&[1.0, 2.0]])
-            .unwrap_err()
-            .to_string()
-            .contains("expected 3")
-    );
-    assert!(
-        linear
-            .offer(0.0, 0.1, &[&[1.0, 2.0, f64::NAN]])
-            .unwrap_err()
-            .to_string()
-            .contains("finite")
-    );
-    assert!(
-        linear
-            .offer(0.0, 0.1, &[])
-            .unwrap_err()
-            .to_string()
-            .contains("expected 1")
-    );
+    assert!(linear.offer(0.0, 0.1, &[&[1.0, 2.0]]).unwrap_err().to_string().contains("expected 3"));
+    assert!(linear.offer(0.0, 0.1, &[&[1.0, 2.0, f64::NAN]]).unwrap_err().to_string().contains("finite"));
+    assert!(linear.offer(0.0, 0.1, &[]).unwrap_err().to_string().contains("expected 1"));
 }

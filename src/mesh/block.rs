@@ -46,11 +46,7 @@ pub fn block(n: [usize; 3], l: [f64; 3]) -> Mesh {
 
 /// No cells yet, with the patches inlet, outlet and walls.
 pub fn empty(directions: Vec<usize>) -> Mesh {
-    Mesh {
-        directions,
-        patches: PATCHES.map(String::from).to_vec(),
-        ..Default::default()
-    }
+    Mesh { directions, patches: PATCHES.map(String::from).to_vec(), ..Default::default() }
 }
 
 /// Adds a face between two cells.
@@ -64,13 +60,5 @@ pub fn face(mesh: &mut Mesh, owner: usize, neighbour: usize, coeff: f64) {
 pub fn boundary(mesh: &mut Mesh, owner: usize, centre: [f64; 3], area: [f64; 3], coeff: f64, patch: i32) {
     let kind = [NodeType::Inlet, NodeType::Outlet, NodeType::Wall][patch as usize];
     let global = mesh.boundary.len() as i64;
-    mesh.boundary.push(BoundaryFace {
-        owner: owner as i32,
-        global,
-        centre,
-        area,
-        coeff,
-        kind,
-        patch,
-    });
+    mesh.boundary.push(BoundaryFace { owner: owner as i32, global, centre, area, coeff, kind, patch });
 }

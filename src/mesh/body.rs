@@ -68,11 +68,7 @@ impl Body {
             )));
         }
         for (e, m) in self.material.iter().enumerate() {
-            let Material {
-                young,
-                poisson,
-                density,
-            } = m;
+            let Material { young, poisson, density } = m;
             let positive = |v: f64| v.is_finite() && v > 0.0;
             if !positive(*young) || !positive(*density) || !(-1.0..0.5).contains(poisson) {
                 return Err(Error::Mesh(format!(
@@ -84,15 +80,11 @@ impl Body {
         for e in 0..self.elements.len() {
             let volume = self.elements.kind[e].measure(&self.elements.corners(e, &self.positions));
             if !(volume.is_finite() && volume > 0.0) {
-                return Err(Error::Mesh(format!(
-                    "element {e} has the volume {volume} m^3 at rest"
-                )));
+                return Err(Error::Mesh(format!("element {e} has the volume {volume} m^3 at rest")));
             }
         }
         if self.edges != self.elements.edges() {
-            return Err(Error::Mesh(
-                "the edges of the body are not the sorted edges of its elements".into(),
-            ));
+            return Err(Error::Mesh("the edges of the body are not the sorted edges of its elements".into()));
         }
         self.check_held()
     }
@@ -274,11 +266,7 @@ impl Mesh {
         let kinds: Vec<i32> = share.kind.iter().map(|&k| k as i32).collect();
         let kinds = everywhere(comm, &kinds);
         let corners = everywhere(comm, &share.points);
-        let values: Vec<f64> = share
-            .material
-            .iter()
-            .flat_map(|m| [m.young, m.poisson, m.density])
-            .collect();
+        let values: Vec<f64> = share.material.iter().flat_map(|m| [m.young, m.poisson, m.density]).collect();
         let values = everywhere(comm, &values);
         let mut rest = &corners[..];
         let mut all = Vec::with_capacity(kinds.len());
@@ -298,18 +286,8 @@ impl Mesh {
             elements.points.extend(points.iter().map(|&p| p as i32));
             elements.start.push(elements.points.len());
         }
-        let material = all.iter().map(|(_, _, v)| Material {
-            young: v[0],
-            poisson: v[1],
-            density: v[2],
-        });
-        let body = Body {
-            positions,
-            types,
-            material: material.collect(),
-            edges: elements.edges(),
-            elements,
-        };
+        let material = all.iter().map(|(_, _, v)| Material { young: v[0], poisson: v[1], density: v[2] });
+        let body = Body { positions, types, material: material.collect(), edges: elements.edges(), elements };
         comm.agree(body.check())?;
         Ok((body, ranks))
     }
@@ -324,9 +302,7 @@ impl BodyShare {
         expect("types of the body's points", self.types.len(), own)?;
         expect("materials of the elements", self.material.len(), self.kind.len())?;
         if let Some(e) = self.kind.iter().position(|k| k.dim() != 3) {
-            return Err(Error::Mesh(format!(
-                "element {e} is flat: expected elements in space"
-            )));
+            return Err(Error::Mesh(format!("element {e} is flat: expected elements in space")));
         }
         let corners = self.kind.iter().map(|k| k.n_points()).sum();
         expect("points of the elements", self.points.len(), corners)?;
@@ -348,10 +324,7 @@ mod tests {
     #[test]
     fn a_body_comes_back_whole() {
         let body = sample::bar(3);
-        let obstacle = Obstacle {
-            positions: vec![[0.0; 3]; 3],
-            triangles: vec![[0, 1, 2]],
-        };
+        let obstacle = Obstacle { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]] };
         let mesh = body.mesh(Some(&obstacle));
         assert_eq!(mesh.obstacle.as_ref(), Some(&obstacle));
         let (whole, ranks) = mesh.whole_body(&Comm::serial()).unwrap();
@@ -362,9 +335,7 @@ mod tests {
     fn each_element_has_one_rank() {
         let body = sample::bar(3);
         let ranks: Vec<i32> = (0..16).map(|p| p / 6).collect();
-        let parts: Vec<BodyShare> = (0..3)
-            .map(|r| body.share(None, &ranks, r).body.unwrap())
-            .collect();
+        let parts: Vec<BodyShare> = (0..3).map(|r| body.share(None, &ranks, r).body.unwrap()).collect();
         assert_eq!(parts.iter().map(|p| p.types.len()).collect::<Vec<_>>(), [6, 6, 4]);
         assert_eq!(parts.iter().map(|p| p.kind.len()).sum::<usize>(), 3);
     }
@@ -408,10 +379,7 @@ mod tests {
         );
         (body.edges, body.material) = (body.elements.edges(), vec![body.material[0]; 2]);
         let error = body.check().unwrap_err().to_string();
-        assert!(
-            error.contains("part 1 of 2") && error.contains("the first is 8"),
-            "{error}"
-        );
+        assert!(error.contains("part 1 of 2") && error.contains("the first is 8"), "{error}");
     }
 
     #[test]
@@ -420,10 +388,7 @@ mod tests {
         let obstacle = |size: f64, at: Vector| {
             let (points, triangles) = sample::brick([size; 3]);
             Obstacle {
-                positions: points
-                    .iter()
-                    .map(|p| std::array::from_fn(|i| p[i] + at[i]))
-                    .collect(),
+                positions: points.iter().map(|p| std::array::from_fn(|i| p[i] + at[i])).collect(),
                 triangles,
             }
         };
@@ -431,11 +396,7 @@ mod tests {
         place(1.0, [0.0, 1.5, 0.0]).unwrap();
         place(1.0, [2.5, 0.5, 0.5]).unwrap();
         assert!(place(20.0, [-9.0; 3]).unwrap_err().contains("body lies inside"));
-        assert!(
-            place(0.2, [1.7, 0.4, 0.4])
-                .unwrap_err()
-                .contains("obstacle lies inside")
-        );
+        assert!(place(0.2, [1.7, 0.4, 0.4]).unwrap_err().contains("obstacle lies inside"));
 
         let given = obstacle(1.0, [3.0; 3]);
         let motion = |to: &dyn Fn(Vector) -> Vector| -> Vec<Vector> {
@@ -443,14 +404,10 @@ mod tests {
         };
         let (s, c) = 0.7f64.sin_cos();
         given
-            .check_motion(&motion(&|x| {
-                [c * x[0] - s * x[1] + 5.0, s * x[0] + c * x[1], x[2] - 2.0]
-            }))
+            .check_motion(&motion(&|x| [c * x[0] - s * x[1] + 5.0, s * x[0] + c * x[1], x[2] - 2.0]))
             .unwrap();
         for grown in [1.01, 0.5, 0.0, f64::NAN] {
-            let error = given
-                .check_motion(&motion(&|x| x.map(|v| grown * v)))
-                .unwrap_err();
+            let error = given.check_motion(&motion(&|x| x.map(|v| grown * v))).unwrap_err();
             assert!(error.to_string().contains("rigid body"), "{error}");
         }
     }

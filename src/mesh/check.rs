@@ -37,9 +37,8 @@ impl Mesh {
         };
         comm.agree(same)?;
         let values = self.elastic.iter().flat_map(|e| e.eigenvalues.iter().copied());
-        let own: Vec<f64> = std::iter::once(if self.elastic.is_some() { 1.0 } else { 0.0 })
-            .chain(values)
-            .collect();
+        let own: Vec<f64> =
+            std::iter::once(if self.elastic.is_some() { 1.0 } else { 0.0 }).chain(values).collect();
         let mut of_root = own.clone();
         comm.broadcast(&mut of_root);
         comm.agree(match of_root == own {
@@ -56,12 +55,7 @@ impl Mesh {
     /// ranks; returns N. Collective; all ranks fail together.
     pub(crate) fn check_points(&self, comm: &Comm) -> Result<usize> {
         let local = || {
-            length(
-                "cell_centres",
-                self.cell_centres.len(),
-                "cells",
-                self.cell_global.len(),
-            )?;
+            length("cell_centres", self.cell_centres.len(), "cells", self.cell_global.len())?;
             let mut centres = self.cell_centres.iter().enumerate();
             centres.try_for_each(|(i, centre)| finite("cell_centres", i, centre))
         };
@@ -147,12 +141,7 @@ impl Mesh {
 
 impl ElasticModes {
     fn check(&self, n_cells: usize) -> Result<()> {
-        length(
-            "mode_cells",
-            self.vectors.len(),
-            "mode_eigenvalues",
-            self.eigenvalues.len(),
-        )?;
+        length("mode_cells", self.vectors.len(), "mode_eigenvalues", self.eigenvalues.len())?;
         for (i, pair) in self.eigenvalues.windows(2).enumerate() {
             if pair[1] < pair[0] {
                 return Err(Error::Mesh(format!(
@@ -167,9 +156,7 @@ impl ElasticModes {
             length("mode_cells", vector.len(), "cells", n_cells)?;
             let finite = self.eigenvalues[i].is_finite() && vector.iter().flatten().all(|v| v.is_finite());
             if !finite {
-                return Err(Error::Mesh(format!(
-                    "elastic mode {i} holds a number that is not finite"
-                )));
+                return Err(Error::Mesh(format!("elastic mode {i} holds a number that is not finite")));
             }
         }
         Ok(())
@@ -180,9 +167,7 @@ fn length(name: &str, found: usize, of: &str, expected: usize) -> Result<()> {
     if found == expected {
         return Ok(());
     }
-    Err(Error::Mesh(format!(
-        "{name} has {found} entries, but there are {expected} {of}"
-    )))
+    Err(Error::Mesh(format!("{name} has {found} entries, but there are {expected} {of}")))
 }
 
 fn label(name: &str, i: usize, value: i32, n: usize) -> Result<()> {
@@ -199,18 +184,14 @@ fn finite(name: &str, i: usize, v: &[f64; 3]) -> Result<()> {
     if v.iter().all(|x| x.is_finite()) {
         return Ok(());
     }
-    Err(Error::Mesh(format!(
-        "{name}[{i}] is {v:?}: expected finite numbers"
-    )))
+    Err(Error::Mesh(format!("{name}[{i}] is {v:?}: expected finite numbers")))
 }
 
 fn positive(name: &str, i: usize, v: f64) -> Result<()> {
     if v.is_finite() && v > 0.0 {
         return Ok(());
     }
-    Err(Error::Mesh(format!(
-        "{name}[{i}] is {v}: expected a positive finite number"
-    )))
+    Err(Error::Mesh(format!("{name}[{i}] is {v}: expected a positive finite number")))
 }
 
 /// Checks that the ranks' numbers are 0..N, each once; returns N. Collective.
@@ -262,25 +243,15 @@ mod tests {
     use proptest::prelude::*;
 
     fn message(mesh: &Mesh) -> String {
-        mesh.check(&Comm::serial())
-            .expect_err("a broken mesh")
-            .to_string()
+        mesh.check(&Comm::serial()).expect_err("a broken mesh").to_string()
     }
 
     #[test]
     fn sample_meshes_are_whole() {
         let sizes = sample::rectangle(4, 3, 1.0, 1.0).check(&Comm::serial()).unwrap();
-        assert_eq!(
-            sizes,
-            GlobalSizes {
-                cells: 12,
-                boundary: 14
-            }
-        );
+        assert_eq!(sizes, GlobalSizes { cells: 12, boundary: 14 });
         sample::triangles(3, 3, 1.0, 1.0).check(&Comm::serial()).unwrap();
-        sample::block([2, 3, 2], [1.0, 1.0, 1.0])
-            .check(&Comm::serial())
-            .unwrap();
+        sample::block([2, 3, 2], [1.0, 1.0, 1.0]).check(&Comm::serial()).unwrap();
     }
 
     #[test]
@@ -301,13 +272,7 @@ mod tests {
         let mut m = good.clone();
         m.boundary[0].patch = 9;
         assert!(message(&m).contains("boundary_patch[0]"));
-        assert!(
-            message(&Mesh {
-                directions: vec![0, 1],
-                ..Default::default()
-            })
-            .contains("no cells")
-        );
+        assert!(message(&Mesh { directions: vec![0, 1], ..Default::default() }).contains("no cells"));
     }
 
     proptest! {

@@ -24,12 +24,8 @@ impl Ghosts {
     /// [`Error::Mesh`] for a coupled face whose other side is not found or has no coupled face back.
     pub fn of(mesh: &Mesh, comm: &Comm) -> Result<Self> {
         let me = comm.rank();
-        let mut cells: Vec<(i32, i64)> = mesh
-            .coupled
-            .iter()
-            .filter(|c| c.rank != me)
-            .map(|c| (c.rank, c.global))
-            .collect();
+        let mut cells: Vec<(i32, i64)> =
+            mesh.coupled.iter().filter(|c| c.rank != me).map(|c| (c.rank, c.global)).collect();
         cells.sort_unstable();
         cells.dedup();
         let halo = Halo::new(comm, &mesh.cell_global, &cells, mesh.n_nodes())?;
@@ -46,21 +42,13 @@ impl Ghosts {
 
 fn behind(mesh: &Mesh, ghosts: &[(i32, i64)], me: i32) -> Result<Vec<i32>> {
     let own: HashMap<i64, i32> = match mesh.coupled.iter().any(|c| c.rank == me) {
-        true => mesh
-            .cell_global
-            .iter()
-            .enumerate()
-            .map(|(i, &g)| (g, i as i32))
-            .collect(),
+        true => mesh.cell_global.iter().enumerate().map(|(i, &g)| (g, i as i32)).collect(),
         false => HashMap::new(),
     };
     let n_owned = mesh.n_nodes();
     let node = |c: &CoupledFace| match c.rank == me {
         true => own.get(&c.global).copied(),
-        false => ghosts
-            .binary_search(&(c.rank, c.global))
-            .ok()
-            .map(|i| (n_owned + i) as i32),
+        false => ghosts.binary_search(&(c.rank, c.global)).ok().map(|i| (n_owned + i) as i32),
     };
     mesh.coupled
         .iter()

@@ -56,10 +56,7 @@ impl ElementKind {
     pub fn from_code(code: i32) -> Result<Self> {
         Self::ALL.into_iter().find(|k| *k as i32 == code).ok_or_else(|| {
             let known = Self::ALL.map(|k| format!("{} ({})", k as i32, k.name()));
-            Error::Mesh(format!(
-                "element code {code}, expected one of {}",
-                known.join(", ")
-            ))
+            Error::Mesh(format!("element code {code}, expected one of {}", known.join(", ")))
         })
     }
 
@@ -89,21 +86,10 @@ impl ElementKind {
             ElementKind::Quadrilateral => &[&[0, 1], &[1, 2], &[2, 3], &[3, 0]],
             ElementKind::Tetrahedron => &[&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]],
             ElementKind::Pyramid => &[&[0, 3, 2, 1], &[0, 1, 4], &[1, 2, 4], &[2, 3, 4], &[3, 0, 4]],
-            ElementKind::Wedge => &[
-                &[0, 2, 1],
-                &[3, 4, 5],
-                &[0, 1, 4, 3],
-                &[1, 2, 5, 4],
-                &[2, 0, 3, 5],
-            ],
-            ElementKind::Hexahedron => &[
-                &[0, 3, 2, 1],
-                &[4, 5, 6, 7],
-                &[0, 1, 5, 4],
-                &[1, 2, 6, 5],
-                &[2, 3, 7, 6],
-                &[3, 0, 4, 7],
-            ],
+            ElementKind::Wedge => &[&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]],
+            ElementKind::Hexahedron => {
+                &[&[0, 3, 2, 1], &[4, 5, 6, 7], &[0, 1, 5, 4], &[1, 2, 6, 5], &[2, 3, 7, 6], &[3, 0, 4, 7]]
+            }
         }
     }
 
@@ -177,11 +163,7 @@ impl Elements {
     pub fn of_kind(kind: ElementKind, points: Vec<i32>) -> Self {
         let n = kind.n_points();
         let count = points.len() / n;
-        Elements {
-            kind: vec![kind; count],
-            start: (0..=count).map(|i| i * n).collect(),
-            points,
-        }
+        Elements { kind: vec![kind; count], start: (0..=count).map(|i| i * n).collect(), points }
     }
 
     /// Number of elements.
@@ -206,9 +188,7 @@ impl Elements {
 
     /// Volumes (or areas) of all elements, see [`ElementKind::measure`].
     pub fn measures(&self, positions: &[Vector]) -> Vec<f64> {
-        (0..self.len())
-            .map(|e| self.kind[e].measure(&self.corners(e, positions)))
-            .collect()
+        (0..self.len()).map(|e| self.kind[e].measure(&self.corners(e, positions))).collect()
     }
 
     /// Sides of all elements: the elements at each (one or two where the mesh is sound) and its points, outward from
@@ -323,12 +303,7 @@ mod tests {
             assert!((kind.measure(&mirrored) - sign * size).abs() < 1e-15, "{kind:?}");
             assert_eq!(ElementKind::from_code(kind as i32).unwrap(), kind);
         }
-        assert!(
-            ElementKind::from_code(4)
-                .unwrap_err()
-                .to_string()
-                .contains("13 (wedges)")
-        );
+        assert!(ElementKind::from_code(4).unwrap_err().to_string().contains("13 (wedges)"));
     }
 
     /// A hexahedron whose top is twisted by bilinear faces: the volume is the integral of its Jacobian.
@@ -359,12 +334,7 @@ mod tests {
         assert_eq!(wedges.skin().len(), 8);
         assert_eq!(wedges.edges().len(), 14);
         let positions = unit(ElementKind::Hexahedron);
-        assert!(
-            wedges
-                .measures(&positions)
-                .iter()
-                .all(|v| (v - 0.5).abs() < 1e-15)
-        );
+        assert!(wedges.measures(&positions).iter().all(|v| (v - 0.5).abs() < 1e-15));
         // Outward normals: the skin's volume is the brick's
         let mut volume = 0.0;
         for face in wedges.skin() {

@@ -47,10 +47,7 @@ pub enum Error {
 impl Error {
     /// A file error with its path.
     pub fn file(path: impl AsRef<Path>, message: impl Into<String>) -> Self {
-        Error::File {
-            path: path.as_ref().to_path_buf(),
-            message: message.into(),
-        }
+        Error::File { path: path.as_ref().to_path_buf(), message: message.into() }
     }
 
     /// Status code of the C ABI: positive, the object is still usable; negative, it is not.

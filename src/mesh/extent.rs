@@ -29,9 +29,6 @@ impl Extent {
             }
         }
         comm.max_f64(&mut high);
-        Extent {
-            low: [-high[3], -high[4], -high[5]],
-            high: [high[0], high[1], high[2]],
-        }
+        Extent { low: [-high[3], -high[4], -high[5]], high: [high[0], high[1], high[2]] }
     }
 }

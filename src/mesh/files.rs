@@ -97,10 +97,7 @@ fn replace(path: &Path, before: Option<Metadata>, bytes: &[u8]) -> io::Result<()
     // The process's mask takes from these.
     let new = fs::Permissions::from_mode(0o666);
     let mut builder = tempfile::Builder::new();
-    let mut temporary = builder
-        .prefix(".m4gn-")
-        .permissions(new)
-        .tempfile_in(folder(path))?;
+    let mut temporary = builder.prefix(".m4gn-").permissions(new).tempfile_in(folder(path))?;
     temporary.write_all(bytes)?;
     if let Some(before) = before {
         temporary.as_file().set_permissions(before.permissions())?;
@@ -125,25 +122,11 @@ mod tests {
         write_whole(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o640);
-        assert_eq!(
-            fs::read_dir(dir.path()).unwrap().count(),
-            1,
-            "nothing is left beside it"
-        );
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "nothing is left beside it");
         let nowhere = dir.path().join("none/a.json");
-        assert!(
-            write_whole(&nowhere, b"x")
-                .unwrap_err()
-                .to_string()
-                .contains("cannot be written")
-        );
+        assert!(write_whole(&nowhere, b"x").unwrap_err().to_string().contains("cannot be written"));
         assert!(check_writable(&nowhere).is_err());
-        assert!(
-            write_whole(dir.path(), b"x")
-                .unwrap_err()
-                .to_string()
-                .contains("it is a folder")
-        );
+        assert!(write_whole(dir.path(), b"x").unwrap_err().to_string().contains("it is a folder"));
     }
 
     #[test]

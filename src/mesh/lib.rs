@@ -92,15 +92,9 @@ impl NodeType {
 
     /// The type with this code.
     pub fn from_code(code: i32) -> Result<Self> {
-        usize::try_from(code)
-            .ok()
-            .and_then(|c| Self::ALL.get(c).copied())
-            .ok_or_else(|| {
-                Error::Mesh(format!(
-                    "node type code {code}: expected 0 to {}",
-                    Self::ALL.len() - 1
-                ))
-            })
+        usize::try_from(code).ok().and_then(|c| Self::ALL.get(c).copied()).ok_or_else(|| {
+            Error::Mesh(format!("node type code {code}: expected 0 to {}", Self::ALL.len() - 1))
+        })
     }
 }
 

@@ -12,10 +12,7 @@ pub struct Nearest {
 impl Nearest {
     /// Builds the tree.
     pub fn new(points: &[Vector]) -> Self {
-        let mut tree = Nearest {
-            points: points.to_vec(),
-            axis: vec![0; points.len()],
-        };
+        let mut tree = Nearest { points: points.to_vec(), axis: vec![0; points.len()] };
         let mut ranges = vec![(0, points.len())];
         while let Some((from, to)) = ranges.pop() {
             if to - from < 2 {
@@ -60,14 +57,10 @@ impl Nearest {
 pub(crate) fn widest(points: &[Vector]) -> usize {
     let extent = |axis: usize| {
         let values = points.iter().map(|p| p[axis]);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
-            (a.min(v), b.max(v))
-        });
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         high - low
     };
-    (0..3)
-        .max_by(|&a, &b| extent(a).total_cmp(&extent(b)))
-        .unwrap_or(0)
+    (0..3).max_by(|&a, &b| extent(a).total_cmp(&extent(b))).unwrap_or(0)
 }
 
 #[cfg(test)]

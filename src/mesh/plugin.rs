@@ -123,11 +123,7 @@ impl Description {
         }
         // SAFETY: as above.
         let last_error = unsafe { symbol(&library, &path, &format!("{}_last_error", self.prefix))? };
-        Ok(Plugin {
-            library,
-            path,
-            last_error,
-        })
+        Ok(Plugin { library, path, last_error })
     }
 }
 
@@ -208,11 +204,7 @@ fn own_file() -> Option<PathBuf> {
     let name = Path::new(name.to_str().ok()?);
     let is_library = name.extension().is_some_and(|e| e == "so");
     // Of a program the loader has only the word by which it was called.
-    let file = if is_library {
-        std::path::absolute(name).ok()?
-    } else {
-        std::env::current_exe().ok()?
-    };
+    let file = if is_library { std::path::absolute(name).ok()? } else { std::env::current_exe().ok()? };
     Some(file.canonicalize().unwrap_or(file))
 }
 
@@ -232,10 +224,7 @@ mod tests {
     fn a_library_that_is_not_there_is_explained() {
         let message = NONE.load().unwrap_err().to_string();
         let own = std::env::current_exe().unwrap().canonicalize().unwrap();
-        assert!(
-            message.contains(own.parent().unwrap().to_str().unwrap()),
-            "{message}"
-        );
+        assert!(message.contains(own.parent().unwrap().to_str().unwrap()), "{message}");
         assert!(message.contains("Build it"), "{message}");
     }
 
@@ -251,10 +240,7 @@ mod tests {
     #[test]
     fn a_library_of_somebody_else_is_refused() {
         let message = NONE.load_from("libc.so.6".into()).unwrap_err().to_string();
-        assert!(
-            message.contains("has no function m4gn_none_abi_version"),
-            "{message}"
-        );
+        assert!(message.contains("has no function m4gn_none_abi_version"), "{message}");
         let own = std::env::current_exe().unwrap();
         assert!(NONE.load_from(own).is_err());
     }

@@ -70,11 +70,7 @@ pub fn check_closed(triangles: &[[i32; 3]]) -> Result<()> {
             *entry += 1000 + sign;
         }
     }
-    let mut open: Vec<_> = edges
-        .into_iter()
-        .filter(|(_, n)| *n != 2000)
-        .map(|(e, _)| e)
-        .collect();
+    let mut open: Vec<_> = edges.into_iter().filter(|(_, n)| *n != 2000).map(|(e, _)| e).collect();
     open.sort_unstable();
     match open.first() {
         _ if triangles.is_empty() => Err(Error::Mesh("a surface has no triangles".into())),
@@ -93,10 +89,8 @@ impl Surface {
     pub fn new(points: &[Vector], triangles: &[[i32; 3]]) -> Result<Self> {
         check_closed(triangles)?;
         let end = points.len();
-        if let Some(bad) = triangles
-            .as_flattened()
-            .iter()
-            .find(|&&p| usize::try_from(p).map_or(true, |p| p >= end))
+        if let Some(bad) =
+            triangles.as_flattened().iter().find(|&&p| usize::try_from(p).map_or(true, |p| p >= end))
         {
             return Err(Error::Mesh(format!("a triangle has the point {bad} of {end}")));
         }
@@ -198,11 +192,8 @@ impl Surface {
         let distance = sign * square.sqrt();
         // Too near to tell a direction from rounding: the surface's own.
         let size = at.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let (from, length) = if distance.abs() > 1e-12 * size {
-            (away, distance)
-        } else {
-            (side, norm(side))
-        };
+        let (from, length) =
+            if distance.abs() > 1e-12 * size { (away, distance) } else { (side, norm(side)) };
         Some(Foot {
             distance,
             normal: from.map(|v| if length == 0.0 { 0.0 } else { v / length }),
@@ -246,19 +237,13 @@ fn build(
 /// Smallest and largest components.
 fn bounds(vectors: impl Iterator<Item = Vector>) -> [Vector; 2] {
     vectors.fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], v| {
-        [
-            std::array::from_fn(|i| low[i].min(v[i])),
-            std::array::from_fn(|i| high[i].max(v[i])),
-        ]
+        [std::array::from_fn(|i| low[i].min(v[i])), std::array::from_fn(|i| high[i].max(v[i]))]
     })
 }
 
 /// Squared distance from x to a box.
 fn beyond(x: Vector, node: &Node) -> f64 {
-    (0..3)
-        .map(|i| (node.low[i] - x[i]).max(x[i] - node.high[i]).max(0.0))
-        .map(|d| d * d)
-        .sum()
+    (0..3).map(|i| (node.low[i] - x[i]).max(x[i] - node.high[i]).max(0.0)).map(|d| d * d).sum()
 }
 
 /// The point of a triangle nearest to x, and where it lies: 0 inside, 1 to 3 edges, 4 to 6 corners.
@@ -348,22 +333,12 @@ mod tests {
         let (points, mut triangles) = brick([1.0; 3]);
         assert!(check_closed(&triangles).is_ok());
         triangles[0].swap(0, 1);
-        assert!(
-            Surface::new(&points, &triangles)
-                .unwrap_err()
-                .to_string()
-                .contains("between points")
-        );
+        assert!(Surface::new(&points, &triangles).unwrap_err().to_string().contains("between points"));
         triangles.remove(0);
         assert!(check_closed(&triangles).is_err());
         assert!(check_closed(&[]).is_err());
         let (points, triangles) = brick([1.0; 3]);
-        assert!(
-            Surface::new(&points[..7], &triangles)
-                .unwrap_err()
-                .to_string()
-                .contains("point 7 of 7")
-        );
+        assert!(Surface::new(&points[..7], &triangles).unwrap_err().to_string().contains("point 7 of 7"));
     }
 
     proptest! {

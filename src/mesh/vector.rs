@@ -15,11 +15,7 @@ pub fn dot(a: Vector, b: Vector) -> f64 {
 
 /// Vector product.
 pub fn cross(a: Vector, b: Vector) -> Vector {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Length.
@@ -29,8 +25,5 @@ pub fn norm(a: Vector) -> f64 {
 
 /// Positions of points that moved from `rest` by `displacement`, m.
 pub fn moved<T: Copy + Into<f64>>(rest: &[[f64; 3]], displacement: &[[T; 3]]) -> Vec<[f64; 3]> {
-    rest.iter()
-        .zip(displacement)
-        .map(|(x, u)| std::array::from_fn(|i| x[i] + u[i].into()))
-        .collect()
+    rest.iter().zip(displacement).map(|(x, u)| std::array::from_fn(|i| x[i] + u[i].into())).collect()
 }

@@ -44,35 +44,19 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh, place: Place) -> Option<Result<Mesh>
     let pairs = place.collect(comm, &pairs);
     let coeff = place.collect(comm, &mesh.face_coeff);
     let b = &mesh.boundary;
-    let labels: Vec<i64> = b
-        .iter()
-        .flat_map(|f| [f.global, global(f.owner), f.kind as i64, i64::from(f.patch)])
-        .collect();
+    let labels: Vec<i64> =
+        b.iter().flat_map(|f| [f.global, global(f.owner), f.kind as i64, i64::from(f.patch)]).collect();
     let labels = place.collect(comm, &labels);
-    let reals: Vec<f64> = b
-        .iter()
-        .flat_map(|f| f.centre.into_iter().chain(f.area).chain([f.coeff]))
-        .collect();
+    let reals: Vec<f64> =
+        b.iter().flat_map(|f| f.centre.into_iter().chain(f.area).chain([f.coeff])).collect();
     let reals = place.collect(comm, &reals);
-    let coupled: Vec<i64> = mesh
-        .coupled
-        .iter()
-        .flat_map(|f| [global(f.owner), f.global])
-        .collect();
+    let coupled: Vec<i64> = mesh.coupled.iter().flat_map(|f| [global(f.owner), f.global]).collect();
     let coupled = place.collect(comm, &coupled);
-    let deltas: Vec<f64> = mesh
-        .coupled
-        .iter()
-        .flat_map(|f| f.delta.into_iter().chain([f.coeff]))
-        .collect();
+    let deltas: Vec<f64> = mesh.coupled.iter().flat_map(|f| f.delta.into_iter().chain([f.coeff])).collect();
     let deltas = place.collect(comm, &deltas);
     // Cell by cell, all modes of each.
     let modes: Vec<f64> = (0..mesh.n_cells())
-        .flat_map(|c| {
-            mesh.elastic
-                .iter()
-                .flat_map(move |e| e.vectors.iter().flat_map(move |v| v[c]))
-        })
+        .flat_map(|c| mesh.elastic.iter().flat_map(move |e| e.vectors.iter().flat_map(move |v| v[c])))
         .collect();
     let modes = place.collect(comm, &modes);
 
@@ -103,31 +87,21 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh, place: Place) -> Option<Result<Mesh>
         let (m, modes) = (elastic.eigenvalues.len(), rows::<3>(&modes?));
         whole.elastic = Some(ElasticModes {
             eigenvalues: elastic.eigenvalues.clone(),
-            vectors: (0..m)
-                .map(|k| order.iter().map(|&i| modes[i * m + k]).collect())
-                .collect(),
+            vectors: (0..m).map(|k| order.iter().map(|&i| modes[i * m + k]).collect()).collect(),
         });
     }
 
-    let mut faces: Vec<(i64, i64, f64)> = pairs?
-        .chunks_exact(2)
-        .zip(coeff?)
-        .map(|(p, c)| (p[0].min(p[1]), p[0].max(p[1]), c))
-        .collect();
+    let mut faces: Vec<(i64, i64, f64)> =
+        pairs?.chunks_exact(2).zip(coeff?).map(|(p, c)| (p[0].min(p[1]), p[0].max(p[1]), c)).collect();
     for (pair, d) in rows_i::<2>(&coupled?).into_iter().zip(rows::<4>(&deltas?)) {
         let [owner, neighbour] = pair;
-        let outside = [owner, neighbour]
-            .iter()
-            .any(|&g| usize::try_from(g).map_or(true, |g| g >= n));
+        let outside = [owner, neighbour].iter().any(|&g| usize::try_from(g).map_or(true, |g| g >= n));
         if outside {
             return Some(Err(Error::Mesh(format!(
                 "a coupled face joins cells {owner} and {neighbour} of {n}"
             ))));
         }
-        let (from, to) = (
-            whole.cell_centres[owner as usize],
-            whole.cell_centres[neighbour as usize],
-        );
+        let (from, to) = (whole.cell_centres[owner as usize], whole.cell_centres[neighbour as usize]);
         let length = d[..3].iter().map(|x| x * x).sum::<f64>().sqrt();
         let straight = (0..3).all(|k| (to[k] - from[k] - d[k]).abs() <= 1e-5 * length);
         if !straight {
@@ -146,15 +120,8 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh, place: Place) -> Option<Result<Mesh>
     }
     faces.sort_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
     whole.coupled.sort_by(|a, b| {
-        let deltas = a
-            .delta
-            .iter()
-            .zip(&b.delta)
-            .map(|(a, b)| a.total_cmp(b))
-            .find(|o| o.is_ne());
-        (a.owner, a.global)
-            .cmp(&(b.owner, b.global))
-            .then(deltas.unwrap_or(std::cmp::Ordering::Equal))
+        let deltas = a.delta.iter().zip(&b.delta).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne());
+        (a.owner, a.global).cmp(&(b.owner, b.global)).then(deltas.unwrap_or(std::cmp::Ordering::Equal))
     });
     whole.face_owner = faces.iter().map(|f| f.0 as i32).collect();
     whole.face_neighbour = faces.iter().map(|f| f.1 as i32).collect();

@@ -18,11 +18,7 @@ impl Within {
         for (i, x) in points.iter().enumerate() {
             cubes.entry(cube(x, radius)).or_default().push(i as u32);
         }
-        Within {
-            radius,
-            points: points.to_vec(),
-            cubes,
-        }
+        Within { radius, points: points.to_vec(), cubes }
     }
 
     /// The points nearer to `x` than the radius, ascending, appended to `found`.
@@ -58,9 +54,8 @@ mod tests {
     #[test]
     fn finds_what_a_plain_search_finds() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
-        let points: Vec<Vector> = (0..400)
-            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
-            .collect();
+        let points: Vec<Vector> =
+            (0..400).map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0))).collect();
         for radius in [0.05, 0.3, 5.0] {
             let grid = Within::new(&points, radius);
             for x in &points[..60] {

@@ -292,17 +292,10 @@ mod tests {
     #[test]
     fn kinds_survive_json() {
         let mut a = spec().architecture;
-        for kind in [
-            a.kind.clone(),
-            Kind::MeshGraphNet { layers: 3 },
-            Kind::Gcn { layers: 2 },
-        ] {
+        for kind in [a.kind.clone(), Kind::MeshGraphNet { layers: 3 }, Kind::Gcn { layers: 2 }] {
             a.kind = kind;
             let text = serde_json::to_string(&a).unwrap();
-            assert!(
-                text.contains(&format!("\"kind\":\"{}\"", a.name().name())),
-                "{text}"
-            );
+            assert!(text.contains(&format!("\"kind\":\"{}\"", a.name().name())), "{text}");
             assert_eq!(read(&text).unwrap(), a);
         }
     }
@@ -316,10 +309,7 @@ mod tests {
             (r#""kind":"gcn","layers_before":1"#, "gcn has layers"),
             (r#""kind":"gcn""#, "layers: missing"),
             (r#""kind":"m4gn","layers_before":1"#, "macro stage"),
-            (
-                r#""kind":"mesh-graph-net","layers":1,"layers_after":1"#,
-                "layers_after",
-            ),
+            (r#""kind":"mesh-graph-net","layers":1,"layers_after":1"#, "layers_after"),
             (r#""kind":"gcn","layers":1,"width_":1"#, "width_"),
         ] {
             let message = read(&format!("{{{shape},{rest}}}")).unwrap_err();

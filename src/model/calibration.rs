@@ -20,9 +20,7 @@ pub struct RolloutErrors {
 impl RolloutErrors {
     /// Error after `i + 1` strides over that of the stride before; none for more strides than there are.
     pub fn growth(&self, i: usize) -> Option<f64> {
-        self.after
-            .get(i)
-            .map(|error| error / self.before.max(f64::MIN_POSITIVE))
+        self.after.get(i).map(|error| error / self.before.max(f64::MIN_POSITIVE))
     }
 }
 
@@ -68,9 +66,7 @@ impl Calibration {
     /// [`Error::Input`] for a coverage outside of 0 to 1, and where there is no rollout.
     pub fn new(coverage: f64, fields: Vec<(String, Vec<Vec<RolloutErrors>>)>) -> Result<Self> {
         if !(coverage > 0.0 && coverage < 1.0) {
-            return Err(Error::Input(format!(
-                "coverage {coverage}: expected a share above 0 and below 1"
-            )));
+            return Err(Error::Input(format!("coverage {coverage}: expected a share above 0 and below 1")));
         }
         let all = fields.first().map_or(&[][..], |f| &f.1[..]);
         let (trajectories, rollouts) = (all.len(), all.iter().map(Vec::len).sum());
@@ -89,13 +85,8 @@ impl Calibration {
             }
             Growth { field, factors }
         });
-        let calibration = Calibration {
-            coverage,
-            trajectories,
-            rollouts,
-            growth: growth.collect(),
-            carried: None,
-        };
+        let calibration =
+            Calibration { coverage, trajectories, rollouts, growth: growth.collect(), carried: None };
         let first = |g: &&Growth| g.factors.first().is_some_and(|f| f.is_nan() || *f > MOST);
         match calibration.growth.iter().find(first) {
             None => Ok(calibration),
@@ -130,13 +121,7 @@ impl Calibration {
 
     /// With what is carried on alone: what a measurement of growth begins from.
     pub fn of_carried(part: f64) -> Self {
-        Calibration {
-            coverage: 0.0,
-            trajectories: 0,
-            rollouts: 0,
-            growth: Vec::new(),
-            carried: Some(part),
-        }
+        Calibration { coverage: 0.0, trajectories: 0, rollouts: 0, growth: Vec::new(), carried: Some(part) }
     }
 
     /// The largest coverage that so many trajectories can tell of.
@@ -174,10 +159,7 @@ mod tests {
     use super::*;
 
     fn rollout(growth: f64) -> RolloutErrors {
-        RolloutErrors {
-            before: 0.5,
-            after: vec![0.5 * growth, growth],
-        }
+        RolloutErrors { before: 0.5, after: vec![0.5 * growth, growth] }
     }
 
     #[test]
@@ -186,29 +168,18 @@ mod tests {
             coverage: 0.9,
             trajectories: 9,
             rollouts: 9,
-            growth: vec![Growth {
-                field: "U".into(),
-                factors: factors.to_vec(),
-            }],
+            growth: vec![Growth { field: "U".into(), factors: factors.to_vec() }],
             carried: None,
         };
         assert_eq!(of(&[0.5, 2.0, 2.0]).fault(), None);
-        for bad in [
-            &[0.0][..],
-            &[-1.0],
-            &[1.0, f64::INFINITY],
-            &[f64::NAN],
-            &[2.0, 1.0],
-        ] {
+        for bad in [&[0.0][..], &[-1.0], &[1.0, f64::INFINITY], &[f64::NAN], &[2.0, 1.0]] {
             let fault = of(bad).fault().unwrap();
             assert!(fault.contains("growth of U, factor"), "{fault}");
         }
         // One value of 1e38 in the data, whose square overflows.
         let mut rollouts: Vec<Vec<RolloutErrors>> = (1..=9).map(|i| vec![rollout(f64::from(i))]).collect();
         rollouts[8][0].after[0] = f64::INFINITY;
-        let error = Calibration::new(0.9, vec![("U".into(), rollouts)])
-            .unwrap_err()
-            .to_string();
+        let error = Calibration::new(0.9, vec![("U".into(), rollouts)]).unwrap_err().to_string();
         assert!(error.contains("errors of U grow"), "{error}");
     }
 
@@ -232,11 +203,7 @@ mod tests {
     #[test]
     fn rollouts_on_one_trajectory_weigh_as_one() {
         // Three trajectories: 1/4 each. Below 1 lie 1/4, below 2 lie 1/2, and of the third half below 3
-        let groups = vec![
-            vec![rollout(1.0); 100],
-            vec![rollout(2.0)],
-            vec![rollout(3.0), rollout(4.0)],
-        ];
+        let groups = vec![vec![rollout(1.0); 100], vec![rollout(2.0)], vec![rollout(3.0), rollout(4.0)]];
         for (coverage, factor) in [(0.25, 1.0), (0.5, 2.0), (0.6, 3.0), (0.7, 4.0)] {
             let c = Calibration::new(coverage, vec![("U".into(), groups.clone())]).unwrap();
             assert_eq!(c.factors("U").unwrap()[0], factor, "{coverage}");

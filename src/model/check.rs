@@ -28,8 +28,7 @@ impl ModelSpec {
     /// # Errors
     /// [`Error::Model`] naming the entry, what was expected and what was found.
     pub fn check(&self) -> Result<()> {
-        self.verify()
-            .map_err(|e| Error::Model(format!("model description: {e}")))
+        self.verify().map_err(|e| Error::Model(format!("model description: {e}")))
     }
 
     /// The same, for a caller that knows where the description stands: the one check of model files, training
@@ -39,14 +38,9 @@ impl ModelSpec {
     /// The entry, what was expected and what was found.
     pub fn verify(&self) -> Verdict {
         expect(self.format == FORMAT, || {
-            format!(
-                "format: expected {FORMAT}, found {}: written by another version of m4gn",
-                self.format
-            )
+            format!("format: expected {FORMAT}, found {}: written by another version of m4gn", self.format)
         })?;
-        expect(matches!(self.dim, 2 | 3), || {
-            format!("dim: expected 2 or 3, found {}", self.dim)
-        })?;
+        expect(matches!(self.dim, 2 | 3), || format!("dim: expected 2 or 3, found {}", self.dim))?;
         expect(self.stride.is_finite() && self.stride > 0.0, || {
             format!("stride: expected a positive time in s, found {}", self.stride)
         })?;
@@ -97,13 +91,9 @@ impl ModelSpec {
                 )
             })?;
         }
-        expect(self.fields.len() <= MAX_LAYERS, || {
-            format!("fields: {} are too many", self.fields.len())
-        })?;
+        expect(self.fields.len() <= MAX_LAYERS, || format!("fields: {} are too many", self.fields.len()))?;
         expect(self.n_outputs() > 0, || "fields: no field is an output".into())?;
-        expect(self.n_field_inputs() > 0, || {
-            "fields: no field is an input".into()
-        })
+        expect(self.n_field_inputs() > 0, || "fields: no field is an input".into())
     }
 
     fn check_contact(&self) -> Verdict {
@@ -111,10 +101,7 @@ impl ModelSpec {
             return Ok(());
         };
         expect(contact.radius.is_finite() && contact.radius > 0.0, || {
-            format!(
-                "contact.radius: expected a positive length in m, found {}",
-                contact.radius
-            )
+            format!("contact.radius: expected a positive length in m, found {}", contact.radius)
         })?;
         expect(contact.history <= MAX_HISTORY, || {
             format!(
@@ -123,10 +110,7 @@ impl ModelSpec {
             )
         })?;
         expect(self.dim == 3, || {
-            format!(
-                "contact: bodies are three-dimensional, found {} directions; {WITHOUT_CONTACT}",
-                self.dim
-            )
+            format!("contact: bodies are three-dimensional, found {} directions; {WITHOUT_CONTACT}", self.dim)
         })?;
         let first = self.fields.first();
         let carries =
@@ -178,13 +162,7 @@ impl Architecture {
         match &self.kind {
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => within("layers", *layers, 0, MAX_LAYERS),
             Kind::M4gn(m) => {
-                let MacroSpec {
-                    layers,
-                    heads,
-                    ffn_width,
-                    rwse_steps,
-                    ..
-                } = &m.segment_transformer;
+                let MacroSpec { layers, heads, ffn_width, rwse_steps, .. } = &m.segment_transformer;
                 within("layers_before", m.layers_before, 0, MAX_LAYERS)?;
                 within("layers_after", m.layers_after, 0, MAX_LAYERS)?;
                 within("macro stage, layers", *layers, 0, MAX_LAYERS)?;
@@ -192,10 +170,7 @@ impl Architecture {
                 within("macro stage, ffn_width", *ffn_width, 1, 4 * MAX_WIDTH)?;
                 within("macro stage, rwse_steps", *rwse_steps, 0, MAX_LAYERS)?;
                 expect(self.width.is_multiple_of(*heads), || {
-                    format!(
-                        "macro stage, heads: {heads} does not divide the width {}",
-                        self.width
-                    )
+                    format!("macro stage, heads: {heads} does not divide the width {}", self.width)
                 })
             }
         }
@@ -231,21 +206,15 @@ mod tests {
                 s.fields[1].input = false;
             }),
             ("fluid", |s| s.node_types.retain(|t| *t != NodeType::Fluid)),
-            ("heads", |s| {
-                s.architecture.m4gn_mut().unwrap().segment_transformer.heads = 3
-            }),
-            ("layers: expected", |s| {
-                s.architecture.kind = Kind::Gcn { layers: 1025 }
-            }),
+            ("heads", |s| s.architecture.m4gn_mut().unwrap().segment_transformer.heads = 3),
+            ("layers: expected", |s| s.architecture.kind = Kind::Gcn { layers: 1025 }),
             ("hidden_layers", |s| s.architecture.hidden_layers = 0),
             ("no field is an input", |s| {
                 s.fields.truncate(1);
                 (s.fields[0].input, s.fields[0].output) = (false, Output::Value);
             }),
             ("width", |s| s.architecture.width = 0),
-            ("calibration.carried", |s| {
-                s.calibration = Some(Calibration::of_carried(1.5))
-            }),
+            ("calibration.carried", |s| s.calibration = Some(Calibration::of_carried(1.5))),
             ("segments.count", |s| s.segments.count = 0),
         ];
         for (word, change) in broken {
@@ -265,10 +234,7 @@ mod tests {
             ("radius", contact(0.0, false)),
             ("contact.history", {
                 let mut s = bodies();
-                s.contact = Some(ContactSpec {
-                    radius: 0.01,
-                    history: 2,
-                });
+                s.contact = Some(ContactSpec { radius: 0.01, history: 2 });
                 s
             }),
             ("edges carry", contact(0.01, true)),
@@ -281,21 +247,11 @@ mod tests {
             let message = s.check().unwrap_err().to_string();
             assert!(message.contains(word), "{message}");
             let remedy = message.contains("delete the table [contact]");
-            assert_eq!(
-                remedy,
-                !["radius", "contact.history"].contains(&word),
-                "{message}"
-            );
+            assert_eq!(remedy, !["radius", "contact.history"].contains(&word), "{message}");
         }
         let mut s = spec();
-        s.architecture.m4gn_mut().unwrap().segment_transformer = MacroSpec {
-            layers: 0,
-            heads: 1,
-            ffn_width: 1,
-            rwse_steps: 0,
-            centroids: false,
-            offsets: false,
-        };
+        s.architecture.m4gn_mut().unwrap().segment_transformer =
+            MacroSpec { layers: 0, heads: 1, ffn_width: 1, rwse_steps: 0, centroids: false, offsets: false };
         assert!(s.check().is_ok());
     }
 }

@@ -42,11 +42,7 @@ impl Model {
         let unreadable = |e| Error::file(path, format!("the model cannot be read: {e}; {expected}"));
         let kind = std::fs::metadata(path).map_err(unreadable)?;
         if !kind.is_file() {
-            let found = if kind.is_dir() {
-                "a folder"
-            } else {
-                "a pipe or a device"
-            };
+            let found = if kind.is_dir() { "a folder" } else { "a pipe or a device" };
             return Err(Error::file(path, format!("found {found}, {expected}")));
         }
         let mut file = File::open(path).map_err(unreadable)?;
@@ -85,20 +81,8 @@ impl Model {
         let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(&e, bytes.len() as u64))?;
         let mut tensors = BTreeMap::new();
         for (name, view) in file.iter() {
-            let data = view
-                .data()
-                .as_chunks::<4>()
-                .0
-                .iter()
-                .map(|b| f32::from_le_bytes(*b))
-                .collect();
-            tensors.insert(
-                name.to_owned(),
-                Tensor {
-                    shape: view.shape().to_vec(),
-                    data,
-                },
-            );
+            let data = view.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+            tensors.insert(name.to_owned(), Tensor { shape: view.shape().to_vec(), data });
         }
         Model::new(spec, tensors)
     }
@@ -114,12 +98,7 @@ impl Model {
         let bytes: BTreeMap<&str, Vec<u8>> = self
             .tensors
             .iter()
-            .map(|(name, t)| {
-                (
-                    name.as_str(),
-                    t.data.iter().flat_map(|v| v.to_le_bytes()).collect(),
-                )
-            })
+            .map(|(name, t)| (name.as_str(), t.data.iter().flat_map(|v| v.to_le_bytes()).collect()))
             .collect();
         let views: Vec<(&str, TensorView)> = self
             .tensors
@@ -176,30 +155,16 @@ fn description(bytes: &[u8], length: u64) -> Result<ModelSpec> {
         .map_err(|e| damaged(SafeTensorError::InvalidHeaderDeserialization(e)))?;
     let json = header.metadata().as_ref().and_then(|m| m.get(KEY));
     let json = json.ok_or_else(|| {
-        Error::Model(format!(
-            "the safetensors header has no '{KEY}' entry: not written by `m4gn train`"
-        ))
+        Error::Model(format!("the safetensors header has no '{KEY}' entry: not written by `m4gn train`"))
     })?;
-    let spec: ModelSpec = serde_json::from_str(json).map_err(|e| {
-        Error::Model(format!(
-            "the '{KEY}' entry of the header cannot be understood: {e}"
-        ))
-    })?;
+    let spec: ModelSpec = serde_json::from_str(json)
+        .map_err(|e| Error::Model(format!("the '{KEY}' entry of the header cannot be understood: {e}")))?;
     spec.check()?;
     let tensors = header.tensors();
     if let Some((name, info)) = tensors.iter().find(|(_, info)| info.dtype != Dtype::F32) {
-        return Err(Error::Model(format!(
-            "tensor '{name}': expected F32, found {:?}",
-            info.dtype
-        )));
+        return Err(Error::Model(format!("tensor '{name}': expected F32, found {:?}", info.dtype)));
     }
-    Model::check_shapes(
-        &spec,
-        tensors
-            .iter()
-            .map(|(name, info)| (&name[..], &info.shape[..]))
-            .collect(),
-    )?;
+    Model::check_shapes(&spec, tensors.iter().map(|(name, info)| (&name[..], &info.shape[..])).collect())?;
     match (N_LENGTH as u64 + n as u64).checked_add(header.data_len() as u64) {
         Some(whole) if whole == length => Ok(spec),
         _ => Err(damaged(SafeTensorError::MetadataIncompleteBuffer)),
@@ -236,11 +201,7 @@ mod tests {
         model.write(&path).unwrap();
         assert_eq!(Model::read(&path).unwrap(), model);
         assert_eq!(std::fs::read(&path).unwrap(), model.to_bytes().unwrap());
-        assert_eq!(
-            std::fs::read_dir(folder.path()).unwrap().count(),
-            1,
-            "a temporary file is left"
-        );
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file is left");
     }
 
     #[test]
@@ -264,10 +225,7 @@ mod tests {
         std::fs::write(&path, other.to_bytes().unwrap()).unwrap();
         assert!(message(&path).contains("expected"), "{}", message(&path));
         let nowhere = folder.path().join("no/such/folder.safetensors");
-        assert!(matches!(
-            Model::random(spec(), 3).unwrap().write(&nowhere),
-            Err(Error::File { .. })
-        ));
+        assert!(matches!(Model::random(spec(), 3).unwrap().write(&nowhere), Err(Error::File { .. })));
         other.spec.stride = f64::INFINITY;
         assert!(matches!(other.write(&path), Err(Error::Model(_))));
     }
@@ -289,24 +247,16 @@ mod tests {
         file.write_all(&(header.len() as u64).to_le_bytes()).unwrap();
         file.write_all(header.as_bytes()).unwrap();
         file.write_all(&bytes[N_LENGTH + n..]).unwrap();
-        file.set_len((N_LENGTH + header.len() + data) as u64 + (4u64 << 30))
-            .unwrap();
+        file.set_len((N_LENGTH + header.len() + data) as u64 + (4u64 << 30)).unwrap();
         let message = Model::read_bytes(&path).unwrap_err().to_string();
-        assert!(
-            message.contains("tensor 'zzz' is not part of this network"),
-            "{message}"
-        );
+        assert!(message.contains("tensor 'zzz' is not part of this network"), "{message}");
     }
 
     #[test]
     fn folders_and_pipes_are_no_models() {
         let folder = tempfile::tempdir().unwrap();
         let message = |path: &Path| Model::read(path).unwrap_err().to_string();
-        assert!(
-            message(folder.path()).contains("found a folder"),
-            "{}",
-            message(folder.path())
-        );
+        assert!(message(folder.path()).contains("found a folder"), "{}", message(folder.path()));
         let pipe = folder.path().join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
         assert!(made.success());
@@ -317,11 +267,8 @@ mod tests {
     /// `cargo run -p m4gn-workbench --example random_model -- tests/cabi/small.safetensors 1`.
     #[test]
     fn the_model_of_the_abi_tests_is_current() {
-        let model = Model::read(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../../tests/cabi/small.safetensors"
-        ))
-        .unwrap();
+        let model =
+            Model::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/cabi/small.safetensors")).unwrap();
         assert_eq!(model.spec.segments.count, 4);
     }
 

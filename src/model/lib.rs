@@ -89,9 +89,7 @@ impl FieldSpec {
         let names = ["kg", "m", "s", "K", "mol", "A", "cd"];
         let all = || names.into_iter().zip(self.dimensions);
         let above: Vec<String> = all().filter(|d| d.1 > 0).map(|(n, d)| power(n, d)).collect();
-        let below = all()
-            .filter(|d| d.1 < 0)
-            .map(|(n, d)| format!("/{}", power(n, -d)));
+        let below = all().filter(|d| d.1 < 0).map(|(n, d)| format!("/{}", power(n, -d)));
         let above = match above.is_empty() {
             true => "1".to_string(),
             false => above.join(" "),
@@ -209,9 +207,7 @@ impl ModelSpec {
 
     /// Positional features a segment.
     pub fn n_position_features(&self) -> usize {
-        self.architecture
-            .segment_transformer()
-            .map_or(0, |m| m.n_position_features(self.dim))
+        self.architecture.segment_transformer().map_or(0, |m| m.n_position_features(self.dim))
     }
 
     /// Edge features: displacement from receiver to sender in the solved directions, and its length. With contact that of an edge of
@@ -236,11 +232,7 @@ impl ModelSpec {
 
     /// Outputs a node, in the order of the fields that are predicted.
     pub fn n_outputs(&self) -> usize {
-        self.fields
-            .iter()
-            .filter(|f| f.output != Output::None)
-            .map(|f| f.components(self.dim))
-            .sum()
+        self.fields.iter().filter(|f| f.output != Output::None).map(|f| f.components(self.dim)).sum()
     }
 }
 

@@ -50,9 +50,7 @@ impl ModalSolver {
             "auto" => Ok(ModalSolver::Auto),
             "direct" => Ok(ModalSolver::Direct),
             "iterative" => Ok(ModalSolver::Iterative),
-            _ => Err(Error::Input(format!(
-                "modal solver '{word}': expected auto, direct or iterative"
-            ))),
+            _ => Err(Error::Input(format!("modal solver '{word}': expected auto, direct or iterative"))),
         }
     }
 }
@@ -79,11 +77,7 @@ impl Default for ModalOptions {
 impl ModalOptions {
     /// The first `n` modes, all else by default.
     pub fn fixed(n: usize) -> Self {
-        ModalOptions {
-            count: ModeCount::Fixed(n),
-            solver: ModalSolver::Auto,
-            petsc: String::new(),
-        }
+        ModalOptions { count: ModeCount::Fixed(n), solver: ModalSolver::Auto, petsc: String::new() }
     }
 
     /// An input error unless all ranks have the same. Collective.
@@ -155,7 +149,5 @@ impl ModalSource for NoModes {
 }
 
 fn none(count: ModeCount) -> Result<Modes> {
-    Err(Error::Internal(format!(
-        "{count:?} modes were asked for where none were expected"
-    )))
+    Err(Error::Internal(format!("{count:?} modes were asked for where none were expected")))
 }

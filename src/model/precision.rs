@@ -28,10 +28,7 @@ impl Precision {
     }
 
     /// Whether it is [`Precision::Fp32`].
-    #[expect(
-        clippy::trivially_copy_pass_by_ref,
-        reason = "serde passes what it may skip by reference"
-    )]
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes what it may skip by reference")]
     pub(crate) fn is_fp32(&self) -> bool {
         *self == Precision::Fp32
     }

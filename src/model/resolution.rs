@@ -64,9 +64,7 @@ impl std::str::FromStr for Resolution {
 }
 
 fn refused(found: &str) -> Error {
-    Error::Input(format!(
-        "resolution: expected auto, off or a positive length in m, found {found}"
-    ))
+    Error::Input(format!("resolution: expected auto, off or a positive length in m, found {found}"))
 }
 
 impl Resolution {
@@ -91,10 +89,7 @@ mod tests {
         assert_eq!((of("auto"), of("off"), of("0.5")), (Some(0.25), None, Some(0.5)));
         for word in ["", "fine", "-1", "0", "nan", "inf"] {
             let error = word.parse::<Resolution>().unwrap_err().to_string();
-            assert!(
-                error.contains("expected auto, off or a positive length"),
-                "{error}"
-            );
+            assert!(error.contains("expected auto, off or a positive length"), "{error}");
         }
     }
 
@@ -108,10 +103,7 @@ mod tests {
         assert_eq!(switch, Resolution::Off);
         for text in ["-2.0", "true", "[]", "\"fine\""] {
             let error = serde_json::from_str::<Resolution>(text).unwrap_err().to_string();
-            assert!(
-                error.contains("expected auto, off or a positive length"),
-                "{error}"
-            );
+            assert!(error.contains("expected auto, off or a positive length"), "{error}");
         }
     }
 }

@@ -34,12 +34,8 @@ pub enum SegmentMethod {
 
 impl SegmentMethod {
     /// All methods, in the paper's order.
-    pub const ALL: [SegmentMethod; 4] = [
-        SegmentMethod::Metis,
-        SegmentMethod::Slic,
-        SegmentMethod::SlicLog,
-        SegmentMethod::SlicExp,
-    ];
+    pub const ALL: [SegmentMethod; 4] =
+        [SegmentMethod::Metis, SegmentMethod::Slic, SegmentMethod::SlicLog, SegmentMethod::SlicExp];
 
     /// The name used in dictionaries, configurations and models.
     pub fn name(self) -> &'static str {
@@ -102,9 +98,7 @@ impl ModalOperator {
         match word {
             "laplacian" => Ok(ModalOperator::Laplacian),
             "elastic" => Ok(ModalOperator::Elastic),
-            _ => Err(Error::Input(format!(
-                "modal operator '{word}': expected laplacian or elastic"
-            ))),
+            _ => Err(Error::Input(format!("modal operator '{word}': expected laplacian or elastic"))),
         }
     }
 }
@@ -230,10 +224,7 @@ impl SegmentSpec {
     /// The number of modes as a modal solution takes it.
     pub fn mode_count(&self) -> ModeCount {
         match self.energy {
-            Some(share) => ModeCount::Energy {
-                share,
-                most: self.modes,
-            },
+            Some(share) => ModeCount::Energy { share, most: self.modes },
             None => ModeCount::Fixed(self.modes),
         }
     }
@@ -244,19 +235,13 @@ impl SegmentSpec {
     /// [`Error::Input`] naming the entry, what was expected and what was found.
     pub fn check(&self) -> Result<()> {
         let bad = |what: &str, expected: &str, found: f64| {
-            Err(Error::Input(format!(
-                "segments.{what}: expected {expected}, found {found}"
-            )))
+            Err(Error::Input(format!("segments.{what}: expected {expected}, found {found}")))
         };
         if !(1..=MOST).contains(&self.count) {
             return bad("count", &format!("1 to {MOST}"), self.count as f64);
         }
         if self.iterations > MOST_SWEEPS {
-            return bad(
-                "iterations",
-                &format!("0 to {MOST_SWEEPS}"),
-                self.iterations as f64,
-            );
+            return bad("iterations", &format!("0 to {MOST_SWEEPS}"), self.iterations as f64);
         }
         if !(self.tau.is_finite() && self.tau >= 0.0) {
             return bad("tau", "a finite number that is not negative", self.tau);
@@ -363,11 +348,7 @@ mod tests {
         let read: ModelSpec = serde_json::from_value(model.clone()).unwrap();
         assert_eq!(
             read.segments,
-            SegmentSpec {
-                connected: false,
-                operator: Some(ModalOperator::Laplacian),
-                ..new
-            }
+            SegmentSpec { connected: false, operator: Some(ModalOperator::Laplacian), ..new }
         );
         model["segments"]["conected"] = true.into();
         assert!(serde_json::from_value::<ModelSpec>(model).is_err());
@@ -377,11 +358,7 @@ mod tests {
     #[test]
     fn entries_go_over_a_description() {
         let entries = |text: &str| crate::settings::parse::<SegmentEntries>("segments", text, &[]).unwrap();
-        let base = SegmentSpec {
-            tau: 0.5,
-            size: Some(0.1),
-            ..SegmentSpec::default()
-        };
+        let base = SegmentSpec { tau: 0.5, size: Some(0.1), ..SegmentSpec::default() };
         assert_eq!(entries("{}").over(&base).unwrap(), base);
         let given = entries(r#"{"count": 9, "size": null, "modalSolver": "direct"}"#);
         let found = given.over(&base).unwrap();
@@ -390,10 +367,7 @@ mod tests {
         assert_eq!(given.names(), ["count", "size"]);
         assert!(!found.entries().contains_key("modal_solver"));
         let message = entries(r#"{"energy": 2}"#).over(&base).unwrap_err().to_string();
-        assert!(
-            message.contains("segments.energy: expected a share above 0"),
-            "{message}"
-        );
+        assert!(message.contains("segments.energy: expected a share above 0"), "{message}");
         let mut unknown = SegmentEntries::default();
         unknown.set("cuont", 3);
         let message = unknown.over(&base).unwrap_err().to_string();
@@ -401,10 +375,7 @@ mod tests {
         let mut wrong = SegmentEntries::default();
         wrong.set("tau", f64::NAN);
         let message = wrong.over(&base).unwrap_err().to_string();
-        assert!(
-            message.contains("segments.tau: expected a number, found null"),
-            "{message}"
-        );
+        assert!(message.contains("segments.tau: expected a number, found null"), "{message}");
     }
 
     #[test]

@@ -28,10 +28,8 @@ pub fn parse<T: DeserializeOwned>(what: &str, text: &str, free: &[&str]) -> Resu
     rename(&mut whole, free, &mut given).map_err(bad)?;
     T::deserialize(&whole).map_err(|e| {
         let (path, problem) = culprit::<T>(&whole, &e);
-        let spelt: Vec<&str> = path
-            .iter()
-            .map(|name| given.get(name).map_or(name.as_str(), String::as_str))
-            .collect();
+        let spelt: Vec<&str> =
+            path.iter().map(|name| given.get(name).map_or(name.as_str(), String::as_str)).collect();
         bad(match spelt.is_empty() {
             true => problem,
             false => format!("{}: {problem}", spelt.join(".")),
@@ -43,9 +41,7 @@ pub fn parse<T: DeserializeOwned>(what: &str, text: &str, free: &[&str]) -> Resu
 pub(crate) fn read<T: DeserializeOwned>(name: &str, entries: &Value) -> Result<T> {
     T::deserialize(entries).map_err(|e| {
         let (path, problem) = culprit::<T>(entries, &e);
-        let whole: Vec<&str> = std::iter::once(name)
-            .chain(path.iter().map(String::as_str))
-            .collect();
+        let whole: Vec<&str> = std::iter::once(name).chain(path.iter().map(String::as_str)).collect();
         Error::Input(format!("{}: {problem}", whole.join(".")))
     })
 }
@@ -222,9 +218,7 @@ mod tests {
         assert_eq!(theirs.notes["deltaT"], 1);
         let spec = theirs.segments.over(&SegmentSpec::default()).unwrap();
         assert_eq!(spec.distance_scale, Some(0.1));
-        let twice = whole(r#"{"nThreads": 2, "n_threads": 3}"#)
-            .unwrap_err()
-            .to_string();
+        let twice = whole(r#"{"nThreads": 2, "n_threads": 3}"#).unwrap_err().to_string();
         assert!(twice.contains("n_threads is given twice"), "{twice}");
     }
 
@@ -254,10 +248,7 @@ mod tests {
                 r#"{"segments": {"method": "slic-mdodx"}}"#,
                 "case: segments.method: expected one of metis, slic, slic-md, slic-mdodl, slic-mdode, found slic-mdodx; is slic-mdod",
             ),
-            (
-                r#"{"segments": 3}"#,
-                "case: segments: expected a map, found integer 3",
-            ),
+            (r#"{"segments": 3}"#, "case: segments: expected a map, found integer 3"),
         ] {
             let message = whole(text).unwrap_err().to_string();
             assert!(message.contains(expected), "{text}: {message}");

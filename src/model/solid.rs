@@ -40,10 +40,7 @@ impl Solid {
         let none = [f64::INFINITY, f64::NEG_INFINITY];
         let poisson = body.material.iter().map(|m| m.poisson);
         let range = poisson.fold(none, |[low, high], nu| [low.min(nu), high.max(nu)]);
-        Solid {
-            poisson: (range[0] <= range[1]).then_some(range),
-            ..Solid::default()
-        }
+        Solid { poisson: (range[0] <= range[1]).then_some(range), ..Solid::default() }
     }
 
     /// Takes in what another trajectory has.
@@ -62,12 +59,7 @@ impl Solid {
             };
         }
         for (all, one) in [(&mut self.laws, &other.laws), (&mut self.schemes, &other.schemes)] {
-            all.extend(
-                one.iter()
-                    .filter(|name| !all.contains(name))
-                    .cloned()
-                    .collect::<Vec<_>>(),
-            );
+            all.extend(one.iter().filter(|name| !all.contains(name)).cloned().collect::<Vec<_>>());
             all.sort();
         }
     }
@@ -88,10 +80,7 @@ impl Solid {
         let known = known.filter_map(|(what, unit, values)| Some((what, unit, values?)));
         let mut lines: Vec<[String; 2]> = known
             .map(|(what, unit, values)| {
-                [
-                    what.trim_start_matches("the ").into(),
-                    format!("{}{unit}", range(values)),
-                ]
+                [what.trim_start_matches("the ").into(), format!("{}{unit}", range(values))]
             })
             .collect();
         for (what, names) in [("material law", &self.laws), ("time scheme", &self.schemes)] {
@@ -120,11 +109,7 @@ impl Solid {
         }
         for (what, trained, case) in [
             ("the material law", &self.laws, &case.laws),
-            (
-                "the time scheme of the displacement",
-                &self.schemes,
-                &case.schemes,
-            ),
+            ("the time scheme of the displacement", &self.schemes, &case.schemes),
         ] {
             let others: Vec<&str> = case
                 .iter()
@@ -144,16 +129,12 @@ impl Solid {
 
     /// What is wrong in it; none: nothing.
     pub fn fault(&self) -> Option<String> {
-        let ranges = [
-            ("E", self.young),
-            ("nu", self.poisson),
-            ("rho", self.density),
-            ("traction", self.traction),
-        ];
+        let ranges =
+            [("E", self.young), ("nu", self.poisson), ("rho", self.density), ("traction", self.traction)];
         ranges.into_iter().find_map(|(name, range)| match range {
-            Some([low, high]) if !(low <= high && low.is_finite() && high.is_finite()) => Some(format!(
-                "{name}: expected the lowest and the highest value, found [{low}, {high}]"
-            )),
+            Some([low, high]) if !(low <= high && low.is_finite() && high.is_finite()) => {
+                Some(format!("{name}: expected the lowest and the highest value, found [{low}, {high}]"))
+            }
             _ => None,
         })
     }
@@ -215,24 +196,14 @@ mod tests {
     #[test]
     fn what_one_trajectory_does_not_say_is_not_known_of_all() {
         let mut all = steel(1e6);
-        all.widen(&Solid {
-            density: None,
-            laws: vec!["ab".into()],
-            ..steel(2e6)
-        });
+        all.widen(&Solid { density: None, laws: vec!["ab".into()], ..steel(2e6) });
         assert_eq!((all.density, all.young), (None, Some([1e6, 2e6])));
         assert_eq!(all.laws, ["ab", "linearElastic"]);
         assert_eq!(all.fault(), None);
         all.young = Some([2.0, 1.0]);
-        assert_eq!(
-            all.fault().unwrap(),
-            "E: expected the lowest and the highest value, found [2, 1]"
-        );
+        assert_eq!(all.fault().unwrap(), "E: expected the lowest and the highest value, found [2, 1]");
         let json = serde_json::to_string(&steel(1.0)).unwrap();
-        assert!(
-            json.starts_with(r#"{"E":[1.0,1.0],"nu":[0.3,0.3],"rho""#),
-            "{json}"
-        );
+        assert!(json.starts_with(r#"{"E":[1.0,1.0],"nu":[0.3,0.3],"rho""#), "{json}");
         assert_eq!(serde_json::from_str::<Solid>(&json).unwrap(), steel(1.0));
         assert_eq!(serde_json::to_string(&Solid::default()).unwrap(), "{}");
     }

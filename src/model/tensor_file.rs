@@ -31,9 +31,7 @@ impl Arrays {
             let count = bytes.len() / if *kind == Dtype::F32 { 4 } else { 8 };
             TensorView::new(*kind, vec![count], bytes).map(|view| (name.as_str(), view))
         });
-        let views = views
-            .collect::<std::result::Result<Vec<_>, _>>()
-            .map_err(|e| e.to_string())?;
+        let views = views.collect::<std::result::Result<Vec<_>, _>>().map_err(|e| e.to_string())?;
         let text = serde_json::to_string(description).map_err(|e| e.to_string())?;
         let header = HashMap::from([(entry.to_string(), text)]);
         safetensors::serialize(views, Some(header)).map_err(|e| e.to_string())
@@ -42,10 +40,7 @@ impl Arrays {
     /// Writes a temporary file and puts it in the place of the old one; `what` it is, for people.
     pub fn write(&self, path: &Path, what: &str, entry: &str, description: &impl Serialize) -> Result<()> {
         let bytes = self.bytes(entry, description);
-        write_whole(
-            path,
-            &bytes.map_err(|e| Error::file(path, format!("cannot write the {what}: {e}")))?,
-        )
+        write_whole(path, &bytes.map_err(|e| Error::file(path, format!("cannot write the {what}: {e}")))?)
     }
 }
 

@@ -31,11 +31,7 @@ impl Model {
     pub fn tensor_shapes(spec: &ModelSpec) -> BTreeMap<String, Vec<usize>> {
         let a = &spec.architecture;
         let d = a.width;
-        let mut list = Shapes {
-            hidden_layers: a.hidden_layers,
-            width: d,
-            shapes: BTreeMap::new(),
-        };
+        let mut list = Shapes { hidden_layers: a.hidden_layers, width: d, shapes: BTreeMap::new() };
         list.mlp("encoder.node", spec.n_node_features(), d, true);
         match &a.kind {
             Kind::M4gn(m) => {
@@ -49,11 +45,9 @@ impl Model {
         }
         let decoder_inputs = if a.m4gn().is_some() { 2 * d } else { d };
         list.mlp("decoder", decoder_inputs, spec.n_outputs(), false);
-        for (name, n) in [
-            ("node", spec.n_field_inputs()),
-            ("edge", spec.n_edge_features()),
-            ("output", spec.n_outputs()),
-        ] {
+        for (name, n) in
+            [("node", spec.n_field_inputs()), ("edge", spec.n_edge_features()), ("output", spec.n_outputs())]
+        {
             list.add(format!("norm.{name}.mean"), &[n]);
             list.add(format!("norm.{name}.std"), &[n]);
         }
@@ -93,18 +87,13 @@ impl Model {
                 )));
             }
             if let Some(i) = tensor.data.iter().position(|v| !v.is_finite()) {
-                return Err(Error::Model(format!(
-                    "tensor '{name}': value {i} is {}",
-                    tensor.data[i]
-                )));
+                return Err(Error::Model(format!("tensor '{name}': value {i} is {}", tensor.data[i])));
             }
             if name.ends_with(".std")
                 && let Some(i) = tensor.data.iter().position(|v| *v <= 0.0)
             {
                 let found = tensor.data[i];
-                return Err(Error::Model(format!(
-                    "tensor '{name}': value {i}: expected > 0, found {found}"
-                )));
+                return Err(Error::Model(format!("tensor '{name}': value {i}: expected > 0, found {found}")));
             }
         }
         Ok(())
@@ -118,15 +107,11 @@ impl Model {
                 return Err(Error::Model(format!("tensor '{name}' {shape:?} is missing")));
             };
             if found != shape {
-                return Err(Error::Model(format!(
-                    "tensor '{name}': expected {shape:?}, found {found:?}"
-                )));
+                return Err(Error::Model(format!("tensor '{name}': expected {shape:?}, found {found:?}")));
             }
         }
         match found.keys().find(|name| !shapes.contains_key(**name)) {
-            Some(name) => Err(Error::Model(format!(
-                "tensor '{name}' is not part of this network"
-            ))),
+            Some(name) => Err(Error::Model(format!("tensor '{name}' is not part of this network"))),
             None => Ok(()),
         }
     }
@@ -152,9 +137,7 @@ impl Model {
                 _ if name.ends_with(".std") || name.ends_with(".weight") => (1.0, 0.3),
                 _ => (0.0, 0.3),
             };
-            let data = (0..n)
-                .map(|_| centre + radius * rng.random_range(-1.0f32..1.0))
-                .collect();
+            let data = (0..n).map(|_| centre + radius * rng.random_range(-1.0f32..1.0)).collect();
             tensors.insert(name, Tensor { shape, data });
         }
         Model::new(spec, tensors)
@@ -165,9 +148,7 @@ impl Model {
     /// # Errors
     /// [`Error::Model`] when the model has none.
     pub fn tensor(&self, name: &str) -> Result<&Tensor> {
-        self.tensors
-            .get(name)
-            .ok_or_else(|| Error::Model(format!("tensor '{name}' is missing")))
+        self.tensors.get(name).ok_or_else(|| Error::Model(format!("tensor '{name}' is missing")))
     }
 }
 
@@ -286,27 +267,13 @@ mod tests {
         assert_ne!(a, Model::random(spec(), 8).unwrap());
         type Damage = fn(&mut BTreeMap<String, Tensor>);
         let damages: [(&str, Damage); 5] = [
-            ("'decoder.0.bias' [8] is missing", |t| {
-                drop(t.remove("decoder.0.bias"))
-            }),
+            ("'decoder.0.bias' [8] is missing", |t| drop(t.remove("decoder.0.bias"))),
             ("expected [8, 16], found [16, 8]", |t| {
                 t.get_mut("decoder.0.weight").unwrap().shape = vec![16, 8]
             }),
-            ("value 2 is NaN", |t| {
-                t.get_mut("decoder.0.bias").unwrap().data[2] = f32::NAN
-            }),
-            ("expected > 0", |t| {
-                t.get_mut("norm.edge.std").unwrap().data[0] = 0.0
-            }),
-            ("not part of", |t| {
-                drop(t.insert(
-                    "x".into(),
-                    Tensor {
-                        shape: vec![0],
-                        data: vec![],
-                    },
-                ))
-            }),
+            ("value 2 is NaN", |t| t.get_mut("decoder.0.bias").unwrap().data[2] = f32::NAN),
+            ("expected > 0", |t| t.get_mut("norm.edge.std").unwrap().data[0] = 0.0),
+            ("not part of", |t| drop(t.insert("x".into(), Tensor { shape: vec![0], data: vec![] }))),
         ];
         for (message, damage) in damages {
             let mut tensors = a.tensors.clone();

@@ -114,22 +114,13 @@ impl TrainedOn {
             };
         }
         let some = |range: Range| (range[0] <= range[1]).then_some(range);
-        Some(TrainedOn {
-            cell_size: some(size)?,
-            speed: some(speed),
-            courant: some(courant),
-            inputs,
-            solid,
-        })
+        Some(TrainedOn { cell_size: some(size)?, speed: some(speed), courant: some(courant), inputs, solid })
     }
 
     /// Quantities and their ranges, for people.
     pub fn described(&self) -> Vec<[String; 2]> {
         let mut lines = vec![["distance of cells, m".to_string(), range(self.cell_size)]];
-        let flow = [
-            ("largest speed, m/s", self.speed),
-            ("Courant number of the stride", self.courant),
-        ];
+        let flow = [("largest speed, m/s", self.speed), ("Courant number of the stride", self.courant)];
         for (what, values) in flow {
             lines.extend(values.map(|values| [what.to_string(), range(values)]));
         }
@@ -151,19 +142,9 @@ impl TrainedOn {
                 ));
             }
         };
-        compare(
-            "the mean distance of neighbouring cells",
-            " m",
-            Some(self.cell_size),
-            Some(case.cell_size),
-        );
+        compare("the mean distance of neighbouring cells", " m", Some(self.cell_size), Some(case.cell_size));
         compare("the largest speed", " m/s", self.speed, case.speed);
-        compare(
-            "the Courant number of the stride",
-            "",
-            self.courant,
-            case.courant(stride),
-        );
+        compare("the Courant number of the stride", "", self.courant, case.courant(stride));
         if let (Some(trained), Some(case)) = (&self.solid, &case.solid) {
             found.extend(trained.outside(case));
         }
@@ -194,10 +175,7 @@ mod tests {
         Extent {
             cell_size,
             speed: Some(speed),
-            inputs: vec![InputRange {
-                field: "U".into(),
-                range,
-            }],
+            inputs: vec![InputRange { field: "U".into(), range }],
             solid: None,
         }
     }
@@ -215,40 +193,23 @@ mod tests {
         assert_eq!(trained.outside(&extent(0.0195, 2.1, [-1.5, 2.5]), 0.05), none);
         let far = trained.outside(&extent(0.005, 4.0, [-1.0, 4.0]), 0.05);
         assert_eq!(far.len(), 4, "{far:?}");
-        assert!(
-            far[0].contains("5.000e-3 m") && far[0].contains("1.000e-2 to 2.000e-2 m"),
-            "{far:?}"
-        );
+        assert!(far[0].contains("5.000e-3 m") && far[0].contains("1.000e-2 to 2.000e-2 m"), "{far:?}");
         assert!(
             far[1].contains("largest speed") && far[2].contains("Courant number") && far[3].contains("U is")
         );
-        assert_eq!(
-            trained.outside(&extent(0.015, 1.5, [f64::NAN, 1.0]), 0.05).len(),
-            1
-        );
+        assert_eq!(trained.outside(&extent(0.015, 1.5, [f64::NAN, 1.0]), 0.05).len(), 1);
         let json = serde_json::to_string(&trained).unwrap();
         assert_eq!(serde_json::from_str::<TrainedOn>(&json).unwrap(), trained);
     }
 
     #[test]
     fn a_solid_is_compared_where_all_trajectories_know_theirs() {
-        let solid = |poisson| {
-            Some(Solid {
-                poisson: Some([poisson, poisson]),
-                ..Solid::default()
-            })
-        };
-        let of = |solid| Extent {
-            solid,
-            ..extent(0.01, 1.0, [0.0, 1.0])
-        };
+        let solid = |poisson| Some(Solid { poisson: Some([poisson, poisson]), ..Solid::default() });
+        let of = |solid| Extent { solid, ..extent(0.01, 1.0, [0.0, 1.0]) };
         let trained = TrainedOn::over(&[of(solid(0.3)), of(solid(0.4))], 0.05).unwrap();
         assert_eq!(trained.outside(&of(solid(0.35)), 0.05).len(), 0);
         let found = trained.outside(&of(solid(0.1)), 0.05);
-        assert_eq!(
-            found,
-            ["Poisson's ratio is 1.000e-1, and the model was trained on 3.000e-1 to 4.000e-1"]
-        );
+        assert_eq!(found, ["Poisson's ratio is 1.000e-1, and the model was trained on 3.000e-1 to 4.000e-1"]);
         assert_eq!(trained.outside(&of(None), 0.05).len(), 0);
         let lines: Vec<String> = trained.described().iter().map(|l| l.join(": ")).collect();
         assert_eq!(

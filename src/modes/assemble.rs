@@ -40,12 +40,7 @@ pub(super) fn laplacian<'a>(mesh: &'a Mesh, comm: &Comm) -> Result<(Problem, Fra
         column[*at] = to;
         value[*at] = x;
     };
-    for ((&a, &b), &c) in mesh
-        .face_owner
-        .iter()
-        .zip(&mesh.face_neighbour)
-        .zip(&mesh.face_coeff)
-    {
+    for ((&a, &b), &c) in mesh.face_owner.iter().zip(&mesh.face_neighbour).zip(&mesh.face_coeff) {
         put(a, number[b as usize], -c);
         put(b, number[a as usize], -c);
         diagonal[a as usize] += c;
@@ -62,17 +57,9 @@ pub(super) fn laplacian<'a>(mesh: &'a Mesh, comm: &Comm) -> Result<(Problem, Fra
         put(i as i32, number[i], d);
     }
     let extent = Extent::of(mesh, comm);
-    let square: f64 = mesh
-        .directions
-        .iter()
-        .map(|&d| (extent.high[d] - extent.low[d]).powi(2))
-        .sum();
-    let frame = Frame {
-        positions: &mesh.cell_centres,
-        axes: mesh.directions.clone(),
-        extent,
-        first: first as usize,
-    };
+    let square: f64 = mesh.directions.iter().map(|&d| (extent.high[d] - extent.low[d]).powi(2)).sum();
+    let frame =
+        Frame { positions: &mesh.cell_centres, axes: mesh.directions.clone(), extent, first: first as usize };
     let problem = Problem {
         stiffness: Rows { row, column, value },
         mass: Mass::Diagonal(mesh.cell_volumes.clone()),

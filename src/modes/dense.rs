@@ -35,9 +35,8 @@ fn matrix(n: usize, entries: &[Triplet]) -> Mat<f64> {
 fn symmetric(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
     let n = k.nrows();
     let shifted = &k - faer::Scale(shift) * &m;
-    let factor = shifted
-        .llt(Side::Lower)
-        .map_err(|_| crate::not_definite(shift, &format!("{n} unknowns")))?;
+    let factor =
+        shifted.llt(Side::Lower).map_err(|_| crate::not_definite(shift, &format!("{n} unknowns")))?;
     let l = factor.L();
     let mut a = m.clone();
     l.solve_lower_triangular_in_place(a.as_mut());
@@ -47,10 +46,7 @@ fn symmetric(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
     let (theta, mut y) = (eigen.S().column_vector(), eigen.U().to_owned());
     // Ascending.
     if theta[0] < -1e-10 * theta[n - 1].abs() {
-        return Err(crate::negative_mass(&format!(
-            "{:e} is an eigenvalue",
-            shift + 1.0 / theta[0]
-        )));
+        return Err(crate::negative_mass(&format!("{:e} is an eigenvalue", shift + 1.0 / theta[0])));
     }
     l.transpose().solve_upper_triangular_in_place(y.as_mut());
     let theta = (0..n).map(|i| (theta[i], 0.0)).collect();
@@ -95,9 +91,8 @@ fn flatten(theta: Vec<(f64, f64)>, vectors: MatRef<f64>, m: &Mat<f64>, shift: f6
     let n = vectors.nrows();
     let size = |t: &(f64, f64)| t.0.hypot(t.1);
     let largest = theta.iter().map(size).fold(0.0, f64::max);
-    let mut order: Vec<usize> = (0..n)
-        .filter(|&i| size(&theta[i]) > n as f64 * f64::EPSILON * largest)
-        .collect();
+    let mut order: Vec<usize> =
+        (0..n).filter(|&i| size(&theta[i]) > n as f64 * f64::EPSILON * largest).collect();
     // Stable, so that the two of a complex pair stay together.
     order.sort_by(|&a, &b| size(&theta[b]).total_cmp(&size(&theta[a])));
     let weighted = m * vectors;
@@ -112,9 +107,5 @@ fn flatten(theta: Vec<(f64, f64)>, vectors: MatRef<f64>, m: &Mat<f64>, shift: f6
 }
 
 fn failed<E: std::fmt::Debug>(n: usize) -> impl Fn(E) -> Error {
-    move |e| {
-        Error::Numerical(format!(
-            "the dense eigen-decomposition of {n} unknowns failed: {e:?}"
-        ))
-    }
+    move |e| Error::Numerical(format!("the dense eigen-decomposition of {n} unknowns failed: {e:?}"))
 }

@@ -91,10 +91,7 @@ pub type Eigenpairs = unsafe extern "C" fn(*const RawProblem, *const RawHost) ->
 /// The library, loaded once a process.
 pub(crate) fn library() -> Result<&'static Plugin> {
     static LOADED: OnceLock<Result<Plugin>> = OnceLock::new();
-    LOADED
-        .get_or_init(|| LIBRARY.load())
-        .as_ref()
-        .map_err(Clone::clone)
+    LOADED.get_or_init(|| LIBRARY.load()).as_ref().map_err(Clone::clone)
 }
 
 /// The state of a call that the library's calls back work on.
@@ -141,17 +138,8 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Reques
         }
     };
     let mut release = || problem.release();
-    let mut host = Host {
-        request,
-        release: &mut release,
-        pairs: Vec::new(),
-    };
-    let calls = RawHost {
-        context: (&raw mut host).cast(),
-        copied,
-        taken,
-        pair,
-    };
+    let mut host = Host { request, release: &mut release, pairs: Vec::new() };
+    let calls = RawHost { context: (&raw mut host).cast(), copied, taken, pair };
     // SAFETY: all pointers live through the call, but those of the stiffness, which live until `copied` is called.
     let status = unsafe { call(&raw, &calls) };
     library.check(status)?;
@@ -226,19 +214,9 @@ extern "C" fn pair(
     n: usize,
 ) {
     // SAFETY: as above, for both vectors.
-    let (host, vector, weighted) = unsafe {
-        (
-            &mut *context.cast::<Host>(),
-            slice(x, n).to_vec(),
-            slice(mx, n).to_vec(),
-        )
-    };
-    host.pairs.push(Pair {
-        value,
-        imaginary,
-        vector,
-        weighted,
-    });
+    let (host, vector, weighted) =
+        unsafe { (&mut *context.cast::<Host>(), slice(x, n).to_vec(), slice(mx, n).to_vec()) };
+    host.pairs.push(Pair { value, imaginary, vector, weighted });
 }
 
 /// # Safety

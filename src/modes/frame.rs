@@ -25,12 +25,7 @@ impl<'a> Frame<'a> {
         comm.sum_i64(&mut given);
         if given[0] == 0 {
             let high = [given[1] as f64, 0.0, 0.0];
-            return Frame {
-                positions: &[],
-                axes: vec![0],
-                extent: Extent { low: [0.0; 3], high },
-                first,
-            };
+            return Frame { positions: &[], axes: vec![0], extent: Extent { low: [0.0; 3], high }, first };
         }
         Frame {
             positions: &problem.positions,

@@ -32,11 +32,7 @@ impl Gathered {
                 values.map(|(i, v)| (i, i, v)).collect()
             }),
         };
-        Some(Gathered {
-            k: k?,
-            m: m?,
-            n: total[0] as usize,
-        })
+        Some(Gathered { k: k?, m: m?, n: total[0] as usize })
     }
 
     /// # Errors
@@ -64,20 +60,12 @@ impl Gathered {
 
 fn rows(rows: &Rows, comm: &Comm) -> Option<Vec<Triplet>> {
     let counts: Vec<i64> = rows.row.windows(2).map(|w| (w[1] - w[0]) as i64).collect();
-    let (counts, columns, values) = (
-        comm.gather(&counts),
-        comm.gather(&rows.column),
-        comm.gather(&rows.value),
-    );
+    let (counts, columns, values) =
+        (comm.gather(&counts), comm.gather(&rows.column), comm.gather(&rows.value));
     let mut entries = columns?.into_iter().flatten().zip(values?.into_iter().flatten());
     let mut all = Vec::new();
     for (i, count) in counts?.into_iter().flatten().enumerate() {
-        all.extend(
-            entries
-                .by_ref()
-                .take(count as usize)
-                .map(|(j, v)| (i, j as usize, v)),
-        );
+        all.extend(entries.by_ref().take(count as usize).map(|(j, v)| (i, j as usize, v)));
     }
     Some(all)
 }

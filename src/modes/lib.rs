@@ -47,11 +47,7 @@ pub fn is_plane(unknowns: i64, entries: i64, block: usize) -> bool {
 /// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, its work like n^(3/2) and n^2;
 /// at these sizes the factor takes some 3 GB, over all ranks.
 pub fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
-    let limit = if is_plane(unknowns, entries, block) {
-        4_000_000
-    } else {
-        400_000
-    };
+    let limit = if is_plane(unknowns, entries, block) { 4_000_000 } else { 400_000 };
     unknowns > limit
 }
 
@@ -101,10 +97,7 @@ pub struct Modal(pub ModalOptions);
 
 impl Modal {
     fn options(&self, count: ModeCount) -> ModalOptions {
-        ModalOptions {
-            count,
-            ..self.0.clone()
-        }
+        ModalOptions { count, ..self.0.clone() }
     }
 }
 
@@ -134,10 +127,7 @@ fn of_body(mesh: &Mesh, modes: &ElasticModes, count: ModeCount) -> Result<Modes>
     let taken: Vec<(usize, usize)> = (0..n).flat_map(components).collect();
     Ok(Modes {
         eigenvalues: taken.iter().map(|&(i, _)| modes.eigenvalues[i]).collect(),
-        vectors: taken
-            .iter()
-            .map(|&(i, d)| modes.vectors[i].iter().map(|u| u[d]).collect())
-            .collect(),
+        vectors: taken.iter().map(|&(i, d)| modes.vectors[i].iter().map(|u| u[d]).collect()).collect(),
     })
 }
 
@@ -194,13 +184,7 @@ impl<'a> Solution<'a> {
     ) -> Result<Self> {
         let mut total = [problem.stiffness.n() as i64];
         comm.sum_i64(&mut total);
-        let solution = Solution {
-            problem,
-            frame,
-            comm,
-            options,
-            total: total[0] as usize,
-        };
+        let solution = Solution { problem, frame, comm, options, total: total[0] as usize };
         options.same_on_all_ranks(comm)?;
         comm.agree(select::check(options.count, solution.total))?;
         Ok(solution)
@@ -210,25 +194,17 @@ impl<'a> Solution<'a> {
         let comm = self.comm;
         let wanted = select::candidates(self.options.count, self.total);
         if wanted == 0 {
-            return Ok(Modes {
-                eigenvalues: Vec::new(),
-                vectors: Vec::new(),
-            });
+            return Ok(Modes { eigenvalues: Vec::new(), vectors: Vec::new() });
         }
         let [size, smallest] = comm.agree(self.problem.eigenvalue_sizes(comm))?;
         // Eigenvalues that are 0 come out smaller than this.
-        let zero = self
-            .problem
-            .shift
-            .map_or(1e-13 * size, |s| (1e-4 * s.abs()).max(1e-14 * size));
+        let zero = self.problem.shift.map_or(1e-13 * size, |s| (1e-4 * s.abs()).max(1e-14 * size));
         let mut pairs = if plain || self.total <= DENSE {
             let shift = self.problem.shift.unwrap_or(-1e-4 * size);
             dense::eigenpairs(&self.problem, shift, comm)?
         } else {
             let taken = |values: &[f64]| {
-                (values.len() >= wanted)
-                    .then(|| select::whole_clusters(values, wanted, zero))
-                    .flatten()
+                (values.len() >= wanted).then(|| select::whole_clusters(values, wanted, zero)).flatten()
             };
             let request = Request {
                 symmetric: self.problem.symmetric,

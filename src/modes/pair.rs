@@ -27,9 +27,6 @@ impl Pair {
 
     /// Multiplies both vectors.
     pub fn scale(&mut self, by: f64) {
-        self.vector
-            .iter_mut()
-            .chain(&mut self.weighted)
-            .for_each(|x| *x *= by);
+        self.vector.iter_mut().chain(&mut self.weighted).for_each(|x| *x *= by);
     }
 }

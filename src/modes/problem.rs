@@ -115,14 +115,12 @@ impl Problem {
             )));
         }
         if let Some(p) = self.positions.iter().flatten().find(|x| !x.is_finite()) {
-            return Err(Error::Input(format!(
-                "a position of a point is {p}: expected finite numbers"
-            )));
+            return Err(Error::Input(format!("a position of a point is {p}: expected finite numbers")));
         }
         match self.shift {
-            Some(s) if !s.is_finite() => Err(Error::Input(format!(
-                "shift: expected a finite number, found {s}"
-            ))),
+            Some(s) if !s.is_finite() => {
+                Err(Error::Input(format!("shift: expected a finite number, found {s}")))
+            }
             _ => Ok(()),
         }
     }
@@ -202,11 +200,7 @@ impl Problem {
             }
         }
         // K = 0 has the eigenvalue 0 only; any size will do.
-        Ok(if size[0] > 0.0 {
-            [size[0], smallest]
-        } else {
-            [1.0; 2]
-        })
+        Ok(if size[0] > 0.0 { [size[0], smallest] } else { [1.0; 2] })
     }
 
     /// What the diagonals of this rank say of a symmetric pair: those of a positive semi-definite matrix are not
@@ -214,10 +208,9 @@ impl Problem {
     fn check_diagonals(&self, k: &[f64], m: &[f64]) -> Result<()> {
         match (0..m.len()).find(|&i| m[i] < 0.0 || (m[i] == 0.0 && k[i] == 0.0)) {
             None => Ok(()),
-            Some(i) if m[i] < 0.0 => Err(crate::negative_mass(&format!(
-                "its diagonal entry {i} on this rank is {:e}",
-                m[i]
-            ))),
+            Some(i) if m[i] < 0.0 => {
+                Err(crate::negative_mass(&format!("its diagonal entry {i} on this rank is {:e}", m[i])))
+            }
             Some(i) => Err(Error::Numerical(format!(
                 "K and M make one vector 0: their diagonal entries {i} on this rank are both 0; is there a row of zeros in \
                  both?"
@@ -278,10 +271,7 @@ impl Rows {
             )));
         }
         if let Some(c) = columns.iter().find(|c| !(0..total).contains(c)) {
-            return Err(Error::Input(format!(
-                "{name}: column {c}: expected 0 to {}",
-                total - 1
-            )));
+            return Err(Error::Input(format!("{name}: column {c}: expected 0 to {}", total - 1)));
         }
         finite(name, values)
     }

@@ -18,15 +18,15 @@ pub(super) fn check(count: ModeCount, total: usize) -> Result<()> {
             "{n} modes of {total} unknowns: expected at most {}; set modes in the dictionary",
             total.saturating_sub(1)
         ))),
-        ModeCount::Energy { share, .. } if !(share > 0.0 && share <= 1.0) => Err(Error::Input(format!(
-            "energy share {share}: expected more than 0 and at most 1"
-        ))),
-        ModeCount::Energy { most: 0, .. } => Err(Error::Input(
-            "energy share of at most 0 modes: expected at least 1".into(),
-        )),
-        ModeCount::Energy { .. } if total < 2 => Err(Error::Input(format!(
-            "modes of {total} unknowns: expected at least 2 unknowns"
-        ))),
+        ModeCount::Energy { share, .. } if !(share > 0.0 && share <= 1.0) => {
+            Err(Error::Input(format!("energy share {share}: expected more than 0 and at most 1")))
+        }
+        ModeCount::Energy { most: 0, .. } => {
+            Err(Error::Input("energy share of at most 0 modes: expected at least 1".into()))
+        }
+        ModeCount::Energy { .. } if total < 2 => {
+            Err(Error::Input(format!("modes of {total} unknowns: expected at least 2 unknowns")))
+        }
         _ => Ok(()),
     }
 }
@@ -56,10 +56,7 @@ pub(super) fn count(pairs: &[Pair], count: ModeCount, zero: f64, total: usize) -
         ModeCount::Energy { share, .. } => enough(&values[..wanted], share, zero),
     };
     let n = whole_clusters(&values, n, zero).unwrap_or(pairs.len());
-    match pairs[..n]
-        .iter()
-        .find(|p| p.imaginary.abs() > COMPLEX * p.value.abs().max(zero))
-    {
+    match pairs[..n].iter().find(|p| p.imaginary.abs() > COMPLEX * p.value.abs().max(zero)) {
         None => Ok(n),
         Some(p) => Err(Error::Numerical(format!(
             "the eigenvalue {:e} +- {:e} i is complex: expected eigenvalues of a vibration, real up to the asymmetry of \

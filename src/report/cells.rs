@@ -46,11 +46,7 @@ impl CellMap {
         boundary: &[([f64; 2], [f64; 2])],
         width: usize,
     ) -> Option<Self> {
-        let corners: Vec<[f64; 2]> = centres
-            .iter()
-            .copied()
-            .chain(boundary.iter().map(|b| b.0))
-            .collect();
+        let corners: Vec<[f64; 2]> = centres.iter().copied().chain(boundary.iter().map(|b| b.0)).collect();
         let (mut map, grid) = Self::blank(&corners, width)?;
         let faces: Vec<[f64; 2]> = boundary.iter().map(|b| b.0).collect();
         let (near_cell, near_face) = (Bins::new(centres), Bins::new(&faces));
@@ -98,25 +94,12 @@ impl CellMap {
         if !aspect.is_finite() || aspect == 0.0 {
             return None;
         }
-        let width = if aspect > 2.0 {
-            (2.0 * width as f64 / aspect) as usize
-        } else {
-            width
-        }
-        .max(8);
+        let width = if aspect > 2.0 { (2.0 * width as f64 / aspect) as usize } else { width }.max(8);
         // One that is narrower than eight pixels then is drawn wider than it is.
         let height = ((width as f64 * aspect).round() as usize).clamp(8, 2 * requested.max(8));
-        let scale = [
-            (SAMPLES * width) as f64 / (right - left),
-            (SAMPLES * height) as f64 / (top - bottom),
-        ];
+        let scale = [(SAMPLES * width) as f64 / (right - left), (SAMPLES * height) as f64 / (top - bottom)];
         let cells = vec![-1; SAMPLES * SAMPLES * width * height];
-        let map = CellMap {
-            width,
-            height,
-            cells,
-            light: Vec::new(),
-        };
+        let map = CellMap { width, height, cells, light: Vec::new() };
         Some((map, Grid { left, top, scale }))
     }
 
@@ -156,9 +139,7 @@ impl CellMap {
                 for j in 0..SAMPLES {
                     for i in 0..SAMPLES {
                         let sample = (SAMPLES * y + j) * SAMPLES * self.width + SAMPLES * x + i;
-                        let value = usize::try_from(self.cells[sample])
-                            .ok()
-                            .and_then(|c| values.get(c));
+                        let value = usize::try_from(self.cells[sample]).ok().and_then(|c| values.get(c));
                         let colour = match value {
                             None => PAPER,
                             Some(v) if v.is_nan() => NO_VALUE,
@@ -169,11 +150,7 @@ impl CellMap {
                         sum.iter_mut().zip(lit).for_each(|(s, c)| *s += c);
                     }
                 }
-                raster.set(
-                    left + x,
-                    top + y,
-                    sum.map(|s| (s / (SAMPLES * SAMPLES) as u32) as u8),
-                );
+                raster.set(left + x, top + y, sum.map(|s| (s / (SAMPLES * SAMPLES) as u32) as u8));
             }
         }
     }
@@ -188,17 +165,11 @@ struct Grid {
 
 impl Grid {
     fn sample(&self, p: [f64; 2]) -> [f64; 2] {
-        [
-            (p[0] - self.left) * self.scale[0],
-            (self.top - p[1]) * self.scale[1],
-        ]
+        [(p[0] - self.left) * self.scale[0], (self.top - p[1]) * self.scale[1]]
     }
 
     fn position(&self, i: usize, j: usize) -> [f64; 2] {
-        [
-            self.left + (i as f64 + 0.5) / self.scale[0],
-            self.top - (j as f64 + 0.5) / self.scale[1],
-        ]
+        [self.left + (i as f64 + 0.5) / self.scale[0], self.top - (j as f64 + 0.5) / self.scale[1]]
     }
 }
 
@@ -227,12 +198,7 @@ impl<'a> Bins<'a> {
         }
         // Samples lie inside the points' bounding box, up to rounding.
         let reach = (w.max(h) / size) as i64 + 2;
-        Bins {
-            points,
-            bins,
-            size,
-            reach,
-        }
+        Bins { points, bins, size, reach }
     }
 
     fn bin(p: [f64; 2], size: f64) -> (i64, i64) {
@@ -274,14 +240,7 @@ mod tests {
     #[test]
     fn polygons_cover_their_area() {
         // A square cut along its diagonal into two triangles.
-        let points = [
-            [0.0, 0.0],
-            [1.0, 0.0],
-            [1.0, 1.0],
-            [0.0, 0.0],
-            [1.0, 1.0],
-            [0.0, 1.0],
-        ];
+        let points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
         let map = CellMap::from_polygons(&[0, 3, 6], &points, 100).unwrap();
         assert_eq!((map.width, map.height), (100, 100));
         assert!((shares(&map, 0) - 0.5).abs() < 0.01 && (shares(&map, 1) - 0.5).abs() < 0.01);
@@ -292,14 +251,8 @@ mod tests {
     #[test]
     fn a_long_domain_has_a_bounded_picture() {
         for length in [1e3, 1e7, 1e300] {
-            let points = [
-                [0.0, 0.0],
-                [1.0, 0.0],
-                [1.0, length],
-                [0.0, length],
-                [0.0, -length],
-                [1.0, -length],
-            ];
+            let points =
+                [[0.0, 0.0], [1.0, 0.0], [1.0, length], [0.0, length], [0.0, -length], [1.0, -length]];
             let corners: Vec<[f64; 2]> = [0, 1, 2, 3, 4, 5, 1, 0].map(|p| points[p]).into();
             let map = CellMap::from_polygons(&[0, 4, 8], &corners, 520).unwrap();
             assert_eq!((map.width, map.height), (8, 1040), "{length}");

@@ -103,8 +103,7 @@ impl Chart {
     pub fn svg(&self) -> Result<String> {
         let mut svg = String::new();
         let area = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
-        self.draw(&area)
-            .map_err(|e| Error::Internal(format!("chart of {}: {e}", self.y_label)))?;
+        self.draw(&area).map_err(|e| Error::Internal(format!("chart of {}: {e}", self.y_label)))?;
         drop(area);
         Ok(svg)
     }
@@ -117,10 +116,7 @@ impl Chart {
 
     fn range(&self, of: impl Fn(&(f64, f64)) -> f64) -> Option<(f64, f64)> {
         let points: Vec<(f64, f64)> = self.series.iter().flat_map(|s| self.drawn(s)).collect();
-        let values = points
-            .iter()
-            .filter(|p| p.0.is_finite() && p.1.is_finite())
-            .map(of);
+        let values = points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()).map(of);
         values.fold(None, |range: Option<(f64, f64)>, v| {
             Some(range.map_or((v, v), |(l, h)| (l.min(v), h.max(v))))
         })
@@ -141,16 +137,8 @@ impl Chart {
         if self.axis == Axis::FromZero {
             (low, high) = (low.min(0.0), high.max(0.0));
         }
-        let margin = if high > low {
-            0.06 * (high - low)
-        } else {
-            0.5 * high.abs().max(1e-12)
-        };
-        let floor = if self.axis == Axis::FromZero && low == 0.0 {
-            0.0
-        } else {
-            low - margin
-        };
+        let margin = if high > low { 0.06 * (high - low) } else { 0.5 * high.abs().max(1e-12) };
+        let floor = if self.axis == Axis::FromZero && low == 0.0 { 0.0 } else { low - margin };
         let x_high = if x_high > x_low { x_high } else { x_low + 1.0 };
         // Dots stand clear of the frame.
         let (x_low, x_high) = match self.series.iter().any(|s| s.dots) {
@@ -203,11 +191,7 @@ impl Chart {
                     [(left, top + 18), (left + 26, top + 18)],
                     colour.stroke_width(2),
                 ))?;
-                legend.draw(&Text::new(
-                    series.name.as_str(),
-                    (left + 34, top + 11),
-                    ("sans-serif", 15),
-                ))?;
+                legend.draw(&Text::new(series.name.as_str(), (left + 34, top + 11), ("sans-serif", 15)))?;
             }
         }
         area.present()
@@ -235,10 +219,7 @@ mod tests {
             series: vec![
                 Series::new("hybrid", &[0.0, 1.0, 2.0], &[0.0, f64::NAN, 2.0], BLUE),
                 Series::new("hold", &[], &[], GREY),
-                Series {
-                    dots: true,
-                    ..Series::new("cases", &[0.5, f64::NAN], &[1.0, 1.0], ORANGE)
-                },
+                Series { dots: true, ..Series::new("cases", &[0.5, f64::NAN], &[1.0, 1.0], ORANGE) },
             ],
             axis: Axis::FromZero,
         };
@@ -254,10 +235,7 @@ mod tests {
         let dots = |y: &[f64]| Chart {
             x_label: "step".into(),
             y_label: "loss".into(),
-            series: vec![Series {
-                dots: true,
-                ..Series::new("loss", &[1.0, 2.0, 3.0, 4.0, 5.0], y, BLUE)
-            }],
+            series: vec![Series { dots: true, ..Series::new("loss", &[1.0, 2.0, 3.0, 4.0, 5.0], y, BLUE) }],
             axis: Axis::Logarithmic,
         };
         let svg = dots(&[0.01, 0.1, 1.0, 0.0, -1.0]).svg().unwrap();
@@ -303,10 +281,7 @@ mod tests {
         assert_eq!(places.len(), 3, "{svg}");
         for axis in 0..2 {
             let steps = [1, 2].map(|i| places[i][axis] - places[i - 1][axis]);
-            assert!(
-                steps[0].abs() > 50 && (steps[0] - steps[1]).abs() <= 1,
-                "{places:?}"
-            );
+            assert!(steps[0].abs() > 50 && (steps[0] - steps[1]).abs() <= 1, "{places:?}");
         }
     }
 }

@@ -13,10 +13,7 @@ img,svg{max-width:100%;height:auto}p.verdict{font-size:1.1rem}pre{background:#f6
 
 /// Replaces what HTML would read as markup.
 pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A page that is being written.
@@ -29,11 +26,7 @@ pub struct Page {
 impl Page {
     /// A page with a title and nothing else.
     pub fn new(title: &str) -> Self {
-        Page {
-            title: title.into(),
-            refresh: None,
-            body: String::new(),
-        }
+        Page { title: title.into(), refresh: None, body: String::new() }
     }
 
     /// Browsers are to read the page anew every so many seconds: of a job that is under way.
@@ -65,11 +58,8 @@ impl Page {
     pub fn svg(&mut self, svg: &str, caption: &str) {
         // An XML declaration has no place inside HTML.
         let start = svg.find("<svg").unwrap_or(0);
-        self.body += &format!(
-            "<figure>{}<figcaption>{}</figcaption></figure>\n",
-            &svg[start..],
-            escape(caption)
-        );
+        self.body +=
+            &format!("<figure>{}<figcaption>{}</figcaption></figure>\n", &svg[start..], escape(caption));
     }
 
     /// A PNG picture, embedded; `width` is the width on the page in pixels.
@@ -83,9 +73,9 @@ impl Page {
 
     /// The whole page.
     pub fn html(&self) -> String {
-        let refresh = self.refresh.map_or(String::new(), |seconds| {
-            format!("<meta http-equiv=\"refresh\" content=\"{seconds}\">")
-        });
+        let refresh = self
+            .refresh
+            .map_or(String::new(), |seconds| format!("<meta http-equiv=\"refresh\" content=\"{seconds}\">"));
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><meta name=\"viewport\" \
              content=\"width=device-width\">{refresh}<title>{0}</title><style>{STYLE}</style></head>\n<body>\n<h1>{0}</h1>\n{1}\

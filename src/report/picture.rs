@@ -46,20 +46,10 @@ impl Palette {
                 [170, 220, 50],
                 [253, 231, 37],
             ],
-            Palette::Heat => &[
-                [255, 255, 245],
-                [254, 217, 118],
-                [253, 141, 60],
-                [227, 26, 28],
-                [128, 0, 38],
-            ],
-            Palette::Diverging => &[
-                [33, 102, 172],
-                [146, 197, 222],
-                [247, 247, 247],
-                [244, 165, 130],
-                [178, 24, 43],
-            ],
+            Palette::Heat => &[[255, 255, 245], [254, 217, 118], [253, 141, 60], [227, 26, 28], [128, 0, 38]],
+            Palette::Diverging => {
+                &[[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]]
+            }
             Palette::Labels => &Self::LABELS,
         }
     }
@@ -96,11 +86,7 @@ impl Scale {
             return Palette::LABELS[value.max(0.0) as usize % Palette::LABELS.len()];
         }
         let range = self.high - self.low;
-        self.palette.colour(if range > 0.0 {
-            (value - self.low) / range
-        } else {
-            0.0
-        })
+        self.palette.colour(if range > 0.0 { (value - self.low) / range } else { 0.0 })
     }
 }
 
@@ -165,19 +151,11 @@ fn bar(raster: &mut Raster, left: usize, top: usize, width: usize, scale: &Scale
     let top = top + TEXT_HEIGHT + 3;
     for x in 0..width {
         for y in 0..BAR {
-            raster.set(
-                left + x,
-                top + y,
-                scale.palette.colour(x as f64 / (width - 1).max(1) as f64),
-            );
+            raster.set(left + x, top + y, scale.palette.colour(x as f64 / (width - 1).max(1) as f64));
         }
     }
     raster.frame(left, top, width, BAR, INK);
-    for (position, value) in [
-        (0.0, scale.low),
-        (0.5, 0.5 * (scale.low + scale.high)),
-        (1.0, scale.high),
-    ] {
+    for (position, value) in [(0.0, scale.low), (0.5, 0.5 * (scale.low + scale.high)), (1.0, scale.high)] {
         let text = super::number(value, 3);
         let w = Raster::text_width(&text);
         let x = left + (position * (width.saturating_sub(w)) as f64) as usize;
@@ -193,24 +171,9 @@ mod tests {
     fn a_picture_shows_the_colours_of_its_values() {
         let points = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
         let map = CellMap::from_polygons(&[0, 4], &points, 200).unwrap();
-        let scale = Scale {
-            label: "|U| [m/s]".into(),
-            low: 0.0,
-            high: 2.0,
-            palette: Palette::Viridis,
-        };
-        let panel = Panel {
-            title: "full".into(),
-            map: 0,
-            values: vec![2.0],
-            scale: 0,
-        };
-        let raster = FieldPicture {
-            maps: vec![map],
-            scales: vec![scale],
-            rows: vec![vec![panel]],
-        }
-        .raster();
+        let scale = Scale { label: "|U| [m/s]".into(), low: 0.0, high: 2.0, palette: Palette::Viridis };
+        let panel = Panel { title: "full".into(), map: 0, values: vec![2.0], scale: 0 };
+        let raster = FieldPicture { maps: vec![map], scales: vec![scale], rows: vec![vec![panel]] }.raster();
         assert_eq!(raster.get(GAP + 100, GAP / 2 + TEXT_HEIGHT + 50), [253, 231, 37]);
         assert!(CellMap::from_polygons(&[0], &[], 200).is_none());
     }

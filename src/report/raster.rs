@@ -28,11 +28,7 @@ pub struct Raster {
 impl Raster {
     /// A white image.
     pub fn new(width: usize, height: usize) -> Self {
-        Raster {
-            width,
-            height,
-            pixels: vec![PAPER; width * height],
-        }
+        Raster { width, height, pixels: vec![PAPER; width * height] }
     }
 
     /// Sets a pixel; outside the image nothing happens.
@@ -44,11 +40,7 @@ impl Raster {
 
     /// The colour of a pixel; white outside.
     pub fn get(&self, x: usize, y: usize) -> Rgb {
-        if x < self.width && y < self.height {
-            self.pixels[y * self.width + x]
-        } else {
-            PAPER
-        }
+        if x < self.width && y < self.height { self.pixels[y * self.width + x] } else { PAPER }
     }
 
     /// Outline of a rectangle.
@@ -79,11 +71,7 @@ impl Raster {
                     self.set(
                         left + i,
                         y + j,
-                        [
-                            mix(under[0], INK[0]),
-                            mix(under[1], INK[1]),
-                            mix(under[2], INK[2]),
-                        ],
+                        [mix(under[0], INK[0]), mix(under[1], INK[1]), mix(under[2], INK[2])],
                     );
                 }
             }
@@ -106,9 +94,7 @@ impl Raster {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::High);
         let mut writer = encoder.write_header().map_err(failed)?;
-        writer
-            .write_image_data(self.pixels.as_flattened())
-            .map_err(failed)?;
+        writer.write_image_data(self.pixels.as_flattened()).map_err(failed)?;
         writer.finish().map_err(failed)?;
         Ok(bytes)
     }
@@ -125,9 +111,7 @@ mod tests {
         raster.set(600, 1, [255, 0, 10]);
         raster.text(10, 2, "0.5");
         let bytes = raster.png().unwrap();
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
-            .read_info()
-            .unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut pixels).unwrap();
         assert_eq!((info.width, info.height), (60, 24));

@@ -120,11 +120,7 @@ mod tests {
         let [left, top] = view.corner;
         let [w, h] = [view.width, view.height].map(|n| n as f64 / view.scale);
         let triangle = |size: f64, near: f64| {
-            [
-                at(left, top, near),
-                at(left + size * w, top, near),
-                at(left, top - size * h, near),
-            ]
+            [at(left, top, near), at(left + size * w, top, near), at(left, top - size * h, near)]
         };
         let map = view.map(&[triangle(2.1, 0.0), triangle(1.0, 1.0)]);
         let share = |t: i32| map.cells.iter().filter(|&&c| c == t).count() as f64 / map.cells.len() as f64;

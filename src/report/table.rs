@@ -14,10 +14,7 @@ pub struct Table {
 impl Table {
     /// An empty table with these headers.
     pub fn new<S: Into<String>>(headers: impl IntoIterator<Item = S>) -> Self {
-        Table {
-            headers: headers.into_iter().map(Into::into).collect(),
-            rows: Vec::new(),
-        }
+        Table { headers: headers.into_iter().map(Into::into).collect(), rows: Vec::new() }
     }
 
     /// Appends a row.
@@ -28,17 +25,12 @@ impl Table {
     /// The table in HTML.
     pub fn html(&self) -> String {
         let line = |tag: &str, cells: &[String]| {
-            let cells: String = cells
-                .iter()
-                .map(|c| format!("<{tag}>{}</{tag}>", super::page::escape(c)))
-                .collect();
+            let cells: String =
+                cells.iter().map(|c| format!("<{tag}>{}</{tag}>", super::page::escape(c))).collect();
             format!("<tr>{cells}</tr>\n")
         };
         let body: String = self.rows.iter().map(|r| line("td", r)).collect();
-        format!(
-            "<table>\n<thead>{}</thead>\n<tbody>\n{body}</tbody>\n</table>\n",
-            line("th", &self.headers)
-        )
+        format!("<table>\n<thead>{}</thead>\n<tbody>\n{body}</tbody>\n</table>\n", line("th", &self.headers))
     }
 }
 
@@ -47,38 +39,18 @@ impl fmt::Display for Table {
         let lines = || std::iter::once(&self.headers).chain(&self.rows);
         let columns = lines().map(Vec::len).max().unwrap_or(0);
         let widths: Vec<usize> = (0..columns)
-            .map(|c| {
-                lines()
-                    .filter_map(|l| l.get(c))
-                    .map(|s| s.chars().count())
-                    .max()
-                    .unwrap_or(0)
-            })
+            .map(|c| lines().filter_map(|l| l.get(c)).map(|s| s.chars().count()).max().unwrap_or(0))
             .collect();
         for (i, cells) in lines().enumerate() {
             let text: Vec<String> = cells
                 .iter()
                 .zip(&widths)
                 .enumerate()
-                .map(|(c, (s, &w))| {
-                    if c == 0 {
-                        format!("{s:<w$}")
-                    } else {
-                        format!("{s:>w$}")
-                    }
-                })
+                .map(|(c, (s, &w))| if c == 0 { format!("{s:<w$}") } else { format!("{s:>w$}") })
                 .collect();
             writeln!(f, "  {}", text.join("  ").trim_end())?;
             if i == 0 {
-                writeln!(
-                    f,
-                    "  {}",
-                    widths
-                        .iter()
-                        .map(|&w| "-".repeat(w))
-                        .collect::<Vec<_>>()
-                        .join("  ")
-                )?;
+                writeln!(f, "  {}", widths.iter().map(|&w| "-".repeat(w)).collect::<Vec<_>>().join("  "))?;
             }
         }
         Ok(())
@@ -94,10 +66,7 @@ mod tests {
         let mut table = Table::new(["", "RMSE-1"]);
         table.row(["a < b", "0.5"]);
         table.row(["model", "0.25"]);
-        assert_eq!(
-            table.to_string(),
-            "         RMSE-1\n  -----  ------\n  a < b     0.5\n  model    0.25\n"
-        );
+        assert_eq!(table.to_string(), "         RMSE-1\n  -----  ------\n  a < b     0.5\n  model    0.25\n");
         assert!(table.html().contains("<td>a &lt; b</td><td>0.5</td>"));
     }
 }

@@ -24,12 +24,7 @@ pub fn picture(
     rows: &[VelocityRow],
 ) -> FieldPicture {
     let speed = rows.iter().flat_map(|r| r.reference).copied().fold(0.0, f64::max);
-    let scale = |label: String, high, palette| Scale {
-        label,
-        low: 0.0,
-        high,
-        palette,
-    };
+    let scale = |label: String, high, palette| Scale { label, low: 0.0, high, palette };
     let difference = format!("|{field} {} - {field} {}| [{unit}]", names[1], names[0]);
     let row = |r: &VelocityRow| {
         let panel = |name: &str, values: &[f64], scale| Panel {

@@ -27,11 +27,8 @@ impl PointCloud<'_> {
         });
         let fields: Vec<Data> = fields.collect();
         // A vertex a point: without cells ParaView draws nothing.
-        let cells = Cells {
-            points: (0..n as i64).collect(),
-            ends: (1..=n as i64).collect(),
-            kinds: vec![1; n],
-        };
+        let cells =
+            Cells { points: (0..n as i64).collect(), ends: (1..=n as i64).collect(), kinds: vec![1; n] };
         text(self.points, &cells, "Float64", &fields)
     }
 }
@@ -88,10 +85,7 @@ impl Grid {
     /// [`Error::Internal`] for a field of another length.
     pub fn vtu(&self, points: &[[f64; 3]], vectors: &[(&str, &[[f64; 3]])]) -> Result<String> {
         let single = |v: &[[f64; 3]]| bytes(v.iter().flatten().map(|x| (*x as f32).to_le_bytes()));
-        let fields: Vec<Data> = vectors
-            .iter()
-            .map(|(name, v)| (*name, 3, v.len(), single(v)))
-            .collect();
+        let fields: Vec<Data> = vectors.iter().map(|(name, v)| (*name, 3, v.len(), single(v))).collect();
         text(points, &self.cells, "Float32", &fields)
     }
 }
@@ -103,11 +97,7 @@ pub fn pvd(files: &[(f64, String)]) -> String {
     );
     for (time, file) in files {
         // Writing to a String does not fail.
-        let _ = writeln!(
-            text,
-            "<DataSet timestep=\"{time}\" file=\"{}\"/>",
-            super::page::escape(file)
-        );
+        let _ = writeln!(text, "<DataSet timestep=\"{time}\" file=\"{}\"/>", super::page::escape(file));
     }
     text + "</Collection>\n</VTKFile>\n"
 }
@@ -118,9 +108,7 @@ type Data<'a> = (&'a str, usize, usize, Vec<u8>);
 fn text(points: &[[f64; 3]], cells: &Cells, kind: &str, fields: &[Data]) -> Result<String> {
     let (n, c) = (points.len(), cells.kinds.len());
     if let Some((name, _, found, _)) = fields.iter().find(|f| f.2 != n) {
-        return Err(Error::Internal(format!(
-            "field {name} has {found} values for {n} points"
-        )));
+        return Err(Error::Internal(format!("field {name} has {found} values for {n} points")));
     }
     let mut text = format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
@@ -175,14 +163,8 @@ mod tests {
         assert_eq!(data[8..16], 0f64.to_le_bytes());
         assert_eq!(data[16..], 1f64.to_le_bytes());
         assert!(text.contains("NumberOfPoints=\"2\" NumberOfCells=\"2\""));
-        assert_eq!(
-            text.matches("<DataArray").count(),
-            text.matches("</DataArray>").count()
-        );
-        let short = PointCloud {
-            points: cloud.points,
-            fields: &[("a".into(), vec![1.0])],
-        };
+        assert_eq!(text.matches("<DataArray").count(), text.matches("</DataArray>").count());
+        let short = PointCloud { points: cloud.points, fields: &[("a".into(), vec![1.0])] };
         assert!(short.vtu().is_err());
     }
 
@@ -196,11 +178,7 @@ mod tests {
         let numbers: Vec<u8> = data[8..].iter().step_by(8).copied().collect();
         assert_eq!(numbers, [0, 2, 1, 3, 5, 4]);
         assert!(text.contains("Name=\"D\" NumberOfComponents=\"3\"") && text.contains("NumberOfCells=\"1\""));
-        assert!(
-            Grid::of_triangles(&[[0, 1, 2]])
-                .vtu(&points, &[("D", &points[1..])])
-                .is_err()
-        );
+        assert!(Grid::of_triangles(&[[0, 1, 2]]).vtu(&points, &[("D", &points[1..])]).is_err());
         let series = pvd(&[(0.5, "a_0.vtu".into()), (1.0, "a_1.vtu".into())]);
         assert!(
             series.contains("timestep=\"0.5\" file=\"a_0.vtu\"") && series.matches("<DataSet").count() == 2

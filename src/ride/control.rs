@@ -94,14 +94,10 @@ impl ControlSettings {
             )));
         }
         if self.patience == 0 {
-            return Err(Error::Input(
-                "control: patience 0: expected at least 1 stride".into(),
-            ));
+            return Err(Error::Input("control: patience 0: expected at least 1 stride".into()));
         }
         if self.fields.as_ref().is_some_and(Vec::is_empty) {
-            return Err(Error::Input(
-                "control: fields: expected at least one field".into(),
-            ));
+            return Err(Error::Input("control: fields: expected at least one field".into()));
         }
         Ok(())
     }
@@ -274,12 +270,7 @@ impl Control {
 
     fn largest(&self, of: impl Fn(&Track) -> f64) -> f64 {
         match self.measured {
-            true => self
-                .tracks
-                .iter()
-                .filter(|t| t.watched)
-                .map(of)
-                .fold(0.0, f64::max),
+            true => self.tracks.iter().filter(|t| t.watched).map(of).fold(0.0, f64::max),
             false => f64::INFINITY,
         }
     }
@@ -294,10 +285,7 @@ impl Control {
 
     fn within_tolerance(&self, most: usize) -> usize {
         let watched = self.tracks.iter().filter(|t| t.watched && self.measured);
-        watched
-            .map(|t| t.strides(self.settings.tolerance, most))
-            .min()
-            .unwrap_or(0)
+        watched.map(|t| t.strides(self.settings.tolerance, most)).min().unwrap_or(0)
     }
 
     /// Whether a stride of a jump that changes the predicted fields by so much (root mean squares) may be true: by no more than three
@@ -330,8 +318,7 @@ impl Control {
             size: t.variation,
             variation: t.variation,
         };
-        self.measured
-            .then(|| (self.tracks.iter().map(row).collect(), self.bad))
+        self.measured.then(|| (self.tracks.iter().map(row).collect(), self.bad))
     }
 
     /// Goes on from the [`state`](Self::state) of another run.

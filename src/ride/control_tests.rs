@@ -7,12 +7,7 @@ fn control(json: &str, calibrated: bool) -> Control {
 }
 
 fn stride(error: f64) -> [StrideError; 2] {
-    let one = |error| StrideError {
-        error,
-        change: 0.3,
-        size: 0.0,
-        variation: 2.0,
-    };
+    let one = |error| StrideError { error, change: 0.3, size: 0.0, variation: 2.0 };
     [one(error), one(1.0)]
 }
 
@@ -121,10 +116,7 @@ fn a_surrogate_that_stays_bad_ends_the_run_where_that_is_asked_for() {
     c.measure(&stride(1.0)).unwrap();
     c.measure(&stride(1.0)).unwrap();
     let text = c.measure(&stride(1.0)).unwrap_err().to_string();
-    assert!(
-        text.contains("3 strides in a row") && text.contains("onFailure solver"),
-        "{text}"
-    );
+    assert!(text.contains("3 strides in a row") && text.contains("onFailure solver"), "{text}");
     let mut goes_on = control(r#"{"tolerance": 0.01, "patience": 3}"#, true);
     (0..20).for_each(|_| goes_on.measure(&stride(1.0)).unwrap());
 }
@@ -146,10 +138,7 @@ fn bad_settings_are_named() {
     let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
     let fields = ["U", "p"].map(|name| (name.to_string(), None));
     let text = Control::new(fields.into(), settings).unwrap_err().to_string();
-    assert!(
-        text.contains("q is not predicted") && text.contains("U, p"),
-        "{text}"
-    );
+    assert!(text.contains("q is not predicted") && text.contains("U, p"), "{text}");
 }
 
 #[test]
@@ -163,10 +152,7 @@ fn a_restored_controller_decides_as_the_one_before() {
     second.restore(&rows, bad).unwrap();
     assert_eq!(second.state(), first.state());
     assert_eq!((second.strides(10), second.error()), (0, 0.5));
-    assert!(
-        second.measure(&stride(1.0)).is_err(),
-        "the second bad stride in a row"
-    );
+    assert!(second.measure(&stride(1.0)).is_err(), "the second bad stride in a row");
     assert!(second.restore(&rows[..1], 0).is_err());
     let mut wrong = rows.clone();
     wrong[1].variation = f64::NAN;

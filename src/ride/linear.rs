@@ -92,10 +92,7 @@ impl LinearSettings {
             return bad(format!("interval {interval}: expected a time above 0, s"));
         }
         if !above(self.tolerance) {
-            return bad(format!(
-                "tolerance {}: expected an error above 0, such as 0.025",
-                self.tolerance
-            ));
+            return bad(format!("tolerance {}: expected an error above 0, such as 0.025", self.tolerance));
         }
         if !(self.growth.is_finite() && self.growth >= 1.0) {
             return bad(format!("growth {}: expected at least 1", self.growth));
@@ -161,17 +158,10 @@ impl Fitted {
         };
         let places: Vec<usize> = comm.agree(advanced.iter().map(place).collect::<Result<_>>())?;
         let interval = settings.interval.unwrap_or(STEPS * start.delta_t);
-        let own = Settings {
-            interval,
-            storage: settings.storage,
-            fit: settings.fit(),
-        };
+        let own = Settings { interval, storage: settings.storage, fit: settings.fit() };
         Ok(Fitted {
             linear: Linear::new(comm, arrays, own)?,
-            kept: Kept {
-                length: settings.first as f64,
-                ..Kept::default()
-            },
+            kept: Kept { length: settings.first as f64, ..Kept::default() },
             settings,
             advanced,
             places,
@@ -199,11 +189,7 @@ impl Fitted {
         };
         let (error, shape, n) = (fit.tail_error(), fit.dmd.shape, fit.numbers.len());
         let (tail, modes) = (self.settings.tail, if shape.growing { "kept" } else { "clipped" });
-        let fields: Vec<String> = fit
-            .tail
-            .iter()
-            .map(|e| format!("{} {:.2e}", e.name, e.error))
-            .collect();
+        let fields: Vec<String> = fit.tail.iter().map(|e| format!("{} {:.2e}", e.name, e.error)).collect();
         let holds = error < tolerance;
         if !holds {
             self.linear.forget();
@@ -225,10 +211,7 @@ impl Fitted {
         let Some((prediction, jumped)) = self.kept.trial.take() else {
             return String::new();
         };
-        let error = self
-            .linear
-            .errors(&prediction, 1)
-            .map_or(f64::INFINITY, |e| relative(&e));
+        let error = self.linear.errors(&prediction, 1).map_or(f64::INFINITY, |e| relative(&e));
         let mut said = format!(
             "m4gn: time {}: a stride of the fit beside the solver was off by {error:.3} of what holding would be",
             step.name
@@ -238,11 +221,7 @@ impl Fitted {
             said += "; the fit is dropped";
         } else if jumped {
             self.kept.length = (self.kept.length * self.settings.growth).min(self.settings.longest as f64);
-            let _ = write!(
-                said,
-                "; the next jump may have {} strides",
-                self.kept.length as usize
-            );
+            let _ = write!(said, "; the next jump may have {} strides", self.kept.length as usize);
         }
         said + "\n\n"
     }
@@ -258,14 +237,8 @@ impl Surrogate for Fitted {
     }
 
     fn digest(&self) -> String {
-        let own = LinearSettings {
-            file: None,
-            ..self.settings.clone()
-        };
-        format!(
-            "{:08x}",
-            crc32fast::hash(format!("{own:?} {}", self.interval).as_bytes())
-        )
+        let own = LinearSettings { file: None, ..self.settings.clone() };
+        format!("{:08x}", crc32fast::hash(format!("{own:?} {}", self.interval).as_bytes()))
     }
 
     fn stride(&self) -> f64 {
@@ -343,9 +316,7 @@ impl Surrogate for Fitted {
         };
         let fields = self.linear.snapshots().fields();
         if out.len() != fields.len() || out.iter().zip(fields).any(|(o, f)| o.len() != f.len) {
-            return Err(Error::Input(
-                "linear: the arrays are not those of the state".into(),
-            ));
+            return Err(Error::Input("linear: the arrays are not those of the state".into()));
         }
         for (f, o) in out.iter_mut().enumerate() {
             self.linear.field(f, prediction, o);
@@ -371,10 +342,7 @@ impl Surrogate for Fitted {
         let Some(file) = self.file() else {
             return Ok(None);
         };
-        let kept = Kept {
-            linear: self.linear.save(&file)?,
-            ..self.kept.clone()
-        };
+        let kept = Kept { linear: self.linear.save(&file)?, ..self.kept.clone() };
         let bytes = serde_json::to_vec(&kept);
         bytes
             .map(Some)
@@ -388,15 +356,9 @@ impl Surrogate for Fitted {
             return Ok(());
         };
         let said = self.linear.restore(&file, kept.linear)?;
-        self.kept = Kept {
-            linear: State::default(),
-            ..kept
-        };
+        self.kept = Kept { linear: State::default(), ..kept };
         if !said.is_empty() {
-            return Err(Error::File {
-                path: file,
-                message: said,
-            });
+            return Err(Error::File { path: file, message: said });
         }
         Ok(())
     }

@@ -56,39 +56,16 @@ fn step(time: f64, index: i64, end: f64) -> Step {
 impl Host {
     fn new(settings: &str, start: f64, index: i64, end: f64, u: Vec<f64>) -> Self {
         let settings = RideSettings::parse(settings).unwrap();
-        let arrays = vec![
-            Array::weighted("u", 1, vec![1.0; CELLS]),
-            Array::carried("phi", CELLS),
-        ];
-        let advanced = vec![Advanced {
-            name: "u".into(),
-            components: 1,
-            solved: 1,
-        }];
+        let arrays = vec![Array::weighted("u", 1, vec![1.0; CELLS]), Array::carried("phi", CELLS)];
+        let advanced = vec![Advanced { name: "u".into(), components: 1, solved: 1 }];
         let comm = Comm::serial();
         let begin = step(start, index, end);
         let own: LinearSettings = settings.linear.clone().unwrap();
         let fitted = Fitted::new(&comm, arrays, advanced, own, &begin).unwrap();
-        let ride = Ride::new(
-            comm,
-            vec![Box::new(fitted)],
-            settings,
-            (0..CELLS as i64).collect(),
-            begin,
-        )
-        .unwrap();
+        let ride =
+            Ride::new(comm, vec![Box::new(fitted)], settings, (0..CELLS as i64).collect(), begin).unwrap();
         let phi = flux(&u);
-        Host {
-            ride,
-            time: start,
-            index,
-            end,
-            u,
-            phi,
-            jumps: Vec::new(),
-            solved: 0,
-            log: String::new(),
-        }
+        Host { ride, time: start, index, end, u, phi, jumps: Vec::new(), solved: 0, log: String::new() }
     }
 
     fn now(&self) -> Step {
@@ -96,20 +73,8 @@ impl Host {
     }
 
     fn with<T>(&mut self, call: impl FnOnce(&mut Ride<'static>, &Given) -> T) -> T {
-        let fields = [Field {
-            name: "u",
-            components: 1,
-            cells: &self.u,
-            boundary: &[],
-        }];
-        call(
-            &mut self.ride,
-            &Given {
-                fields: &fields,
-                held: &[],
-                owners: &[],
-            },
-        )
+        let fields = [Field { name: "u", components: 1, cells: &self.u, boundary: &[] }];
+        call(&mut self.ride, &Given { fields: &fields, held: &[], owners: &[] })
     }
 
     /// Until the end, or until `stop` says so behind a step or a stride.
@@ -141,11 +106,7 @@ impl Host {
         let mut strides = 0;
         loop {
             let mut out = vec![0.0; CELLS];
-            let places = &mut [FieldMut {
-                name: "u",
-                components: 1,
-                cells: &mut out,
-            }];
+            let places = &mut [FieldMut { name: "u", components: 1, cells: &mut out }];
             let answer = self.with(|ride, given| ride.stride(given, places)).unwrap();
             assert_eq!(answer.action, Action::Advance);
             self.ride.arrays(&mut [&mut self.u, &mut self.phi]).unwrap();
@@ -162,8 +123,7 @@ impl Host {
         }
         self.jumps.push((strides, self.time));
         let now = self.now();
-        self.with(|ride, given| ride.handed_back(now, &[], given))
-            .unwrap();
+        self.with(|ride, given| ride.handed_back(now, &[], given)).unwrap();
         self.log += &self.ride.take(Text::Log);
         false
     }
@@ -183,10 +143,7 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
     assert_eq!(strides[..4], [5, 10, 20, 40], "{}", host.log);
     // 24 states, the first at 0.2 s; one stride beside the solver.
     let (first, end) = host.jumps[0];
-    assert!(
-        (end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9,
-        "{end}"
-    );
+    assert!((end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
     assert!(host.solved < 220, "{}", host.solved);
     assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
     assert!(
@@ -254,13 +211,7 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
         assert!(!stopped);
         second.run(1e9, |_| false);
         let bits = |h: &Host| h.u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        assert_eq!(
-            bits(&whole),
-            bits(&second),
-            "{at}: {:?} {:?}",
-            whole.jumps,
-            second.jumps
-        );
+        assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
         assert_eq!(whole.jumps.last(), second.jumps.last());
     }
 }
@@ -281,14 +232,8 @@ fn settings_that_cannot_be_are_named() {
     }
     for (text, words) in [
         (r#"{"mode": "observe", "surrogates": ["linear"]}"#, "mode replace"),
-        (
-            r#"{"mode": "replace", "surrogates": ["linear", "linear"]}"#,
-            "each once",
-        ),
-        (
-            r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "linear": {}}"#,
-            "does not name it",
-        ),
+        (r#"{"mode": "replace", "surrogates": ["linear", "linear"]}"#, "each once"),
+        (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "linear": {}}"#, "does not name it"),
         (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "linear"),
     ] {
         let error = RideSettings::parse(text).unwrap_err().to_string();

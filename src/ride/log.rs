@@ -48,8 +48,7 @@ impl Log {
     }
 
     pub fn not_finite(&mut self, time: &str, bad: Option<String>) {
-        self.warnings
-            .extend(bad.map(|what| format!("At time {time}: {what}")));
+        self.warnings.extend(bad.map(|what| format!("At time {time}: {what}")));
     }
 
     pub fn lesson(&mut self, lesson: &Lesson, all: f64, wall: f64) {
@@ -72,10 +71,7 @@ impl Log {
         self.refused = true;
         for rider in riders {
             let [error, estimate] = rider.expected;
-            let tolerance = rider
-                .control
-                .as_ref()
-                .map_or(f64::INFINITY, |c| c.settings().tolerance);
+            let tolerance = rider.control.as_ref().map_or(f64::INFINITY, |c| c.settings().tolerance);
             let why = match estimate <= tolerance {
                 true => "more than relTol of what the solver changed".to_string(),
                 false => format!("and {} is expected of a step", digits.of(estimate)),
@@ -138,9 +134,8 @@ impl Ride<'_> {
         }
         self.log.text += &(line + "\n\n");
         if self.log.jumps_head.is_empty() && self.totals.rows == 0 {
-            let mut names: Vec<String> = ["Time", "steps", "surrogate(s)", "handOver(s)"]
-                .map(String::from)
-                .into();
+            let mut names: Vec<String> =
+                ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();
             names.extend(quantities.iter().map(|(name, _)| name.clone()));
             if jump.expected.is_some() {
                 names.extend(["strideError", "estimate"].map(String::from));

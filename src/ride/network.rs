@@ -44,12 +44,9 @@ impl<S: DerefMut<Target = Session>> Network<S> {
             solved: f.components(spec.dim),
         });
         // FNV-1a
-        let digest = model
-            .to_bytes()?
-            .iter()
-            .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-                (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-            });
+        let digest = model.to_bytes()?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+        });
         Ok(Network {
             advanced: advanced.collect(),
             learning: adapt.map(|(mesh, settings)| Learning::Waiting(Box::new((mesh, model, settings)))),

@@ -69,10 +69,7 @@ impl Observer {
             times: 0,
             write_errors,
             difference: None,
-            judged: Judged {
-                estimates: vec![f64::INFINITY; rollout_steps],
-                ..Judged::default()
-            },
+            judged: Judged { estimates: vec![f64::INFINITY; rollout_steps], ..Judged::default() },
         }
     }
 
@@ -87,10 +84,7 @@ impl Observer {
             columns.extend(["error".into(), "estimate".into()]);
         }
         digits.header(
-            &[
-                "Error of the surrogate against the solver".into(),
-                surrogate.source(),
-            ],
+            &["Error of the surrogate against the solver".into(), surrogate.source()],
             &[
                 ("stride (s)", digits.of(surrogate.stride())),
                 ("rolloutSteps", self.rollout_steps.to_string()),
@@ -108,10 +102,7 @@ impl Observer {
         for field in surrogate.advances() {
             columns.extend((0..surrogate.segments().0.max(1)).map(|k| format!("{}:{k}", field.name)));
         }
-        let lines = [
-            "Error of the surrogate's rollout in each segment".into(),
-            surrogate.source(),
-        ];
+        let lines = ["Error of the surrogate's rollout in each segment".into(), surrogate.source()];
         digits.header(&lines, &[], &columns)
     }
 
@@ -177,22 +168,13 @@ impl Observer {
             .collect();
         let rollout = rms(comm, fields, differences.iter().map(|d| d.iter().copied()));
         let firsts = self.first.iter().zip(solver);
-        let hold_first = rms(
-            comm,
-            fields,
-            firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)),
-        );
+        let hold_first = rms(comm, fields, firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)));
         let or_not = |error: f64| if error.is_finite() { error } else { NOT_FINITE };
         let mut columns = vec![digits.of(step.shown), self.steps.to_string()];
         let mut errors = Vec::new();
         for (i, sums) in self.sums.iter_mut().enumerate() {
             let rollout = if self.finite { rollout[i] } else { NOT_FINITE };
-            let row = [
-                or_not(one_step[i].error),
-                one_step[i].change,
-                rollout,
-                hold_first[i],
-            ];
+            let row = [or_not(one_step[i].error), one_step[i].change, rollout, hold_first[i]];
             columns.extend(row.iter().chain([&one_step[i].size]).map(|v| digits.of(*v)));
             sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
             errors.push(rollout);
@@ -256,18 +238,11 @@ impl Observer {
         let pairs = given.fields.iter().zip(&boundaries);
         let fields: Vec<Field> = pairs
             .map(|(field, own)| match own {
-                Some((own, boundary)) => Field {
-                    cells: &self.old[*own],
-                    boundary,
-                    ..*field
-                },
+                Some((own, boundary)) => Field { cells: &self.old[*own], boundary, ..*field },
                 None => *field,
             })
             .collect();
-        let own = Given {
-            fields: &fields,
-            ..*given
-        };
+        let own = Given { fields: &fields, ..*given };
         let bad = predict(surrogate, &own, &mut self.now)?;
         self.finite = bad.is_none();
         found.bad.extend(bad);

@@ -30,10 +30,7 @@ struct Whole<T> {
 /// # Errors
 /// [`Error::File`]; what was there before then stays.
 pub fn write<T: Serialize>(path: &Path, state: &T, parts: &[Vec<u8>]) -> Result<()> {
-    let whole = Whole {
-        parts: parts.iter().map(|part| part.len() as u64).collect(),
-        state,
-    };
+    let whole = Whole { parts: parts.iter().map(|part| part.len() as u64).collect(), state };
     let text =
         serde_json::to_vec(&whole).map_err(|e| Error::Internal(format!("the state of a ride: {e}")))?;
     let mut bytes = Vec::with_capacity(HEAD + text.len() + parts.iter().map(Vec::len).sum::<usize>() + TAIL);
@@ -70,7 +67,7 @@ pub fn read<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<(T, Vec<Ve
     }
     if crc32fast::hash(body) != number(tail) {
         return Err(bad(
-            "it is the state of a run, and damaged: its checksum is not that of its bytes".into(),
+            "it is the state of a run, and damaged: its checksum is not that of its bytes".into()
         ));
     }
     let length = usize::try_from(u64::from(number(12)) | u64::from(number(16)) << 32);
@@ -80,9 +77,7 @@ pub fn read<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<(T, Vec<Ve
     let mut rest = &body[HEAD + text.len()..];
     let mut parts = Vec::new();
     for length in whole.parts {
-        let part = usize::try_from(length)
-            .ok()
-            .and_then(|n| rest.split_at_checked(n));
+        let part = usize::try_from(length).ok().and_then(|n| rest.split_at_checked(n));
         let (part, behind) = part.ok_or_else(|| bad("a part of it is longer than the file".into()))?;
         parts.push(part.to_vec());
         rest = behind;
@@ -179,11 +174,6 @@ mod tests {
         assert!(sealed(more).contains("more behind"));
         write(&path, &3, &[]).unwrap();
         let other = std::fs::read(&path).unwrap();
-        assert!(
-            read::<Sample>(&path, &other)
-                .unwrap_err()
-                .to_string()
-                .contains("description")
-        );
+        assert!(read::<Sample>(&path, &other).unwrap_err().to_string().contains("description"));
     }
 }

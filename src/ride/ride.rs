@@ -415,9 +415,7 @@ impl<'a> Ride<'a> {
         for rider in &mut self.riders {
             rider.shadow.waiting &= !anew;
             if rider.can_begin(&self.step) {
-                let bad = rider
-                    .shadow
-                    .begin(&self.comm, rider.surrogate.as_mut(), &self.step, given)?;
+                let bad = rider.shadow.begin(&self.comm, rider.surrogate.as_mut(), &self.step, given)?;
                 self.stepped = true;
                 self.log.not_finite(&self.step.name, bad);
             }
@@ -458,10 +456,7 @@ impl<'a> Ride<'a> {
             self.stepped = true;
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
-            found
-                .bad
-                .into_iter()
-                .for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
+            found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
         }
         Ok(())
     }
@@ -479,8 +474,7 @@ impl<'a> Ride<'a> {
                 continue;
             };
             self.totals.learned(&lesson);
-            self.log
-                .lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
+            self.log.lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
             if let Some(path) = self.adapt.write_model.as_ref().filter(|_| lesson.used) {
                 rider.surrogate.write_model(path)?;
             }
@@ -494,9 +488,7 @@ impl<'a> Ride<'a> {
         self.totals.first_time.get_or_insert(step.time);
         // The next jump is most likely by whom the last one was.
         let stride = self.riders[self.totals.last].surrogate.stride();
-        let due = self
-            .schedule
-            .solver_steps(self.totals.ahead, step.delta_t, stride);
+        let due = self.schedule.solver_steps(self.totals.ahead, step.delta_t, stride);
         let measured = |r: &Rider| r.control.is_none() || r.fresh;
         if step.index - self.handed_back < due || !self.riders.iter().any(measured) {
             return Ok(None);
@@ -513,10 +505,7 @@ impl<'a> Ride<'a> {
             return Ok(None);
         };
         let rider = &self.riders[surrogate];
-        if !self
-            .schedule
-            .fits(&step, step.delta_t, rider.surrogate.stride(), 1.0)
-        {
+        if !self.schedule.fits(&step, step.delta_t, rider.surrogate.stride(), 1.0) {
             return Ok(None);
         }
         Ok(Some(Jump {
@@ -615,11 +604,7 @@ impl<'a> Ride<'a> {
         self.totals.replaced += duration;
         let solver_steps = steps_of(stride, jump.delta_t) + extra;
         self.phase = Phase::Advancing(jump);
-        Ok(Answer {
-            duration,
-            solver_steps,
-            ..self.answer(Action::Advance)
-        })
+        Ok(Answer { duration, solver_steps, ..self.answer(Action::Advance) })
     }
 
     /// A jump ends before its last stride, or does not begin. Collective.
@@ -643,20 +628,14 @@ impl<'a> Ride<'a> {
         let Phase::Advancing(mut jump) = self.phase.clone() else {
             return Err(self.out_of_turn("advanced"));
         };
-        self.step = Step {
-            delta_t: jump.delta_t,
-            ..step
-        };
+        self.step = Step { delta_t: jump.delta_t, ..step };
         let surrogate = &mut self.riders[jump.surrogate].surrogate;
         surrogate.advanced();
         let stride = surrogate.stride();
         let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
         jump.over = jump.done == jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
-        Ok(Answer {
-            last_but_one,
-            ..self.behind_stride(jump)
-        })
+        Ok(Answer { last_but_one, ..self.behind_stride(jump) })
     }
 
     /// What follows a stride: the next one, or the way back to the solver.
@@ -684,10 +663,7 @@ impl<'a> Ride<'a> {
         let Phase::HandingBack(jump) = self.phase.clone() else {
             return Err(self.out_of_turn("handed_back"));
         };
-        self.step = Step {
-            delta_t: jump.delta_t,
-            ..step
-        };
+        self.step = Step { delta_t: jump.delta_t, ..step };
         self.handed_back = self.step.index;
         for (i, rider) in self.riders.iter_mut().enumerate() {
             rider.surrogate.handed_back(self.step.time, i == jump.surrogate);

@@ -31,10 +31,7 @@ impl<'a> Rider<'a> {
                 given.on_failure = Default::default();
             }
             let growth = |name: &str| surrogate.growth(name);
-            let fields = surrogate
-                .advances()
-                .iter()
-                .map(|a| (a.name.clone(), growth(&a.name)));
+            let fields = surrogate.advances().iter().map(|a| (a.name.clone(), growth(&a.name)));
             let made = Control::new(fields.collect(), given)?;
             let unknown = made.not_calibrated();
             if !unknown.is_empty() {
@@ -89,27 +86,18 @@ impl<'a> Rider<'a> {
             digits.of(error),
             digits.of(estimate)
         );
-        let mut columns = vec![
-            digits.of(step.shown),
-            self.surrogate.name().into(),
-            digits.of(error),
-            digits.of(estimate),
-        ];
+        let mut columns =
+            vec![digits.of(step.shown), self.surrogate.name().into(), digits.of(error), digits.of(estimate)];
         for e in &errors {
             columns.extend([e.error, e.change].map(|v| digits.of(v)));
         }
         if log.strides_head.is_empty() {
-            let mut names: Vec<String> = ["Time", "surrogate", "error", "estimate"]
-                .map(String::from)
-                .into();
+            let mut names: Vec<String> = ["Time", "surrogate", "error", "estimate"].map(String::from).into();
             for field in self.surrogate.advances() {
                 names.extend(["error", "change"].map(|kind| format!("{kind}({})", field.name)));
             }
-            log.strides_head = digits.header(
-                &["Strides of the surrogate beside the solver".into()],
-                &[],
-                &names,
-            );
+            log.strides_head =
+                digits.header(&["Strides of the surrogate beside the solver".into()], &[], &names);
         }
         log.strides += &row(&columns);
         measured

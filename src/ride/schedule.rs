@@ -59,10 +59,7 @@ impl Schedule {
     /// Whether it is the end of the run that leaves no room, and not the end of the schedule: the run was stopped, or has come to
     /// its end.
     pub fn is_stopped(&self, step: &Step, delta_t: f64, stride: f64) -> bool {
-        let endless = Step {
-            end_time: f64::INFINITY,
-            ..step.clone()
-        };
+        let endless = Step { end_time: f64::INFINITY, ..step.clone() };
         !self.fits(step, delta_t, stride, 1.0) && self.fits(&endless, delta_t, stride, 1.0)
     }
 
@@ -92,12 +89,7 @@ mod tests {
     use crate::toy::at;
 
     fn schedule() -> Schedule {
-        Schedule {
-            start: 1.0,
-            end: 2.0,
-            solver_steps: 5,
-            surrogate_steps: 4,
-        }
+        Schedule { start: 1.0, end: 2.0, solver_steps: 5, surrogate_steps: 4 }
     }
 
     #[test]
@@ -117,16 +109,10 @@ mod tests {
         let fits = |time, end, n| s.fits(&at(time, 0.1, end, 0), 0.1, 0.2, n);
         assert!(fits(1.6, 9.0, 2.0), "to the end of the schedule");
         assert!(!fits(1.7, 9.0, 2.0) && fits(1.7, 9.0, 1.0));
-        assert!(
-            fits(1.6, 1.9, 1.0) && !fits(1.6, 1.8, 1.0),
-            "the solver ends the run"
-        );
+        assert!(fits(1.6, 1.9, 1.0) && !fits(1.6, 1.8, 1.0), "the solver ends the run");
         assert!(s.is_stopped(&at(1.6, 0.1, 1.8, 0), 0.1, 0.2));
         assert!(!s.is_stopped(&at(1.6, 0.1, 1.9, 0), 0.1, 0.2), "there is room");
-        assert!(
-            !s.is_stopped(&at(1.95, 0.1, 2.0, 0), 0.1, 0.2),
-            "the schedule is over"
-        );
+        assert!(!s.is_stopped(&at(1.95, 0.1, 2.0, 0), 0.1, 0.2), "the schedule is over");
     }
 
     #[test]

@@ -155,36 +155,23 @@ impl RideSettings {
             return bad("linear: its settings are given, and surrogates does not name it".into());
         }
         if self.has(Kind::Linear) && self.mode == Mode::Observe {
-            return bad(
-                "surrogates: mode observe compares networks; expected mode replace for linear".into(),
-            );
+            return bad("surrogates: mode observe compares networks; expected mode replace for linear".into());
         }
         self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
-        let counts = [
-            ("solverSteps", self.solver_steps),
-            ("surrogateSteps", self.surrogate_steps),
-        ];
+        let counts = [("solverSteps", self.solver_steps), ("surrogateSteps", self.surrogate_steps)];
         for (name, count) in counts {
             match (self.mode, count) {
                 (Mode::Replace, None) => {
-                    return bad(format!(
-                        "{name}: expected a number of steps, as mode replace needs it"
-                    ));
+                    return bad(format!("{name}: expected a number of steps, as mode replace needs it"));
                 }
                 (_, Some(n)) if n == 0 || n > i32::MAX as usize => {
-                    return bad(format!(
-                        "{name}: expected at least 1 and at most {}, found {n}",
-                        i32::MAX
-                    ));
+                    return bad(format!("{name}: expected at least 1 and at most {}, found {n}", i32::MAX));
                 }
                 _ => {}
             }
         }
         if self.rollout_steps == 0 || self.rollout_steps > i32::MAX as usize {
-            return bad(format!(
-                "rolloutSteps: expected at least 1, found {}",
-                self.rollout_steps
-            ));
+            return bad(format!("rolloutSteps: expected at least 1, found {}", self.rollout_steps));
         }
         for (name, time) in [("timeStart", self.time_start), ("timeEnd", self.time_end)] {
             if time.is_some_and(|time| !time.is_finite()) {
@@ -241,13 +228,7 @@ impl RideSettings {
             // It is jumps that are given another time.
             entries.insert("clock".into(), Value::Bool(false));
         }
-        Ok(AdaptEntries {
-            wanted,
-            start,
-            write_model,
-            learning: Value::Object(entries).to_string(),
-            during,
-        })
+        Ok(AdaptEntries { wanted, start, write_model, learning: Value::Object(entries).to_string(), during })
     }
 }
 
@@ -262,27 +243,15 @@ mod tests {
             (r#"{"mode": "accelerate"}"#, "observe"),
             (r#"{"mode": "replace"}"#, "solverSteps"),
             (r#"{"mode": "replace", "solverSteps": 5}"#, "surrogateSteps"),
-            (
-                r#"{"mode": "replace", "solverSteps": 0, "surrogateSteps": 5}"#,
-                "at least 1",
-            ),
-            (
-                r#"{"mode": "replace", "solverSteps": -5, "surrogateSteps": 5}"#,
-                "solverSteps",
-            ),
+            (r#"{"mode": "replace", "solverSteps": 0, "surrogateSteps": 5}"#, "at least 1"),
+            (r#"{"mode": "replace", "solverSteps": -5, "surrogateSteps": 5}"#, "solverSteps"),
             (r#"{"mode": "observe", "rolloutSteps": 0}"#, "rolloutSteps"),
             (r#"{"mode": "observe", "writePrecision": 90}"#, "writePrecision"),
             (r#"{"mode": "observe", "timeStrat": 1}"#, "is time_start meant"),
-            (
-                r#"{"mode": "observe", "control": {"tolerance": 0}}"#,
-                "tolerance 0",
-            ),
+            (r#"{"mode": "observe", "control": {"tolerance": 0}}"#, "tolerance 0"),
             (r#"{"mode": "observe", "control": {}}"#, "tolerance"),
             (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
-            (
-                r#"{"mode": "observe", "adapt": {"writeModel": true}}"#,
-                "writeModel",
-            ),
+            (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
             (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
             (r#"{"mode": "observe", "adapt": {"overlap": true}}"#, "overlap"),
             (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
@@ -299,10 +268,7 @@ mod tests {
         let entries = of(r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
                 "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#);
         assert!(entries.wanted && entries.during);
-        assert_eq!(
-            (entries.start, entries.write_model),
-            (Some(2.0), Some("a.safetensors".into()))
-        );
+        assert_eq!((entries.start, entries.write_model), (Some(2.0), Some("a.safetensors".into())));
         assert_eq!(entries.learning, r#"{"maxFrames":9,"mode":"during"}"#);
         assert!(!of(r#"{"mode": "observe", "adapt": {"mode": "off"}}"#).wanted);
         let observed = of(r#"{"mode": "observe", "adapt": {"method": "ridge"}}"#);

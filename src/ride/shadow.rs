@@ -60,11 +60,7 @@ impl Shadow {
     /// Part of the stride that the solver has come, near 1.
     pub fn fraction(&self, step: &Step, stride: f64) -> f64 {
         let fraction = (step.time - self.begun) / stride;
-        if (fraction - 1.0).abs() < SAME {
-            1.0
-        } else {
-            fraction
-        }
+        if (fraction - 1.0).abs() < SAME { 1.0 } else { fraction }
     }
 
     /// Whether this is the solver's time step nearest to the end of the stride.
@@ -88,19 +84,11 @@ impl Shadow {
         });
         let error = rms(comm, fields, off);
         let pairs = now.iter().zip(&self.start);
-        let change = rms(
-            comm,
-            fields,
-            pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)),
-        );
+        let change = rms(comm, fields, pairs.map(|(s, old)| s.iter().zip(old).map(|(a, b)| a - b)));
         let size = rms(comm, fields, now.iter().map(|s| s.iter().copied()));
         let levels = levels(comm, fields, now);
         let about = now.iter().zip(&levels);
-        let variation = rms(
-            comm,
-            fields,
-            about.map(|(s, level)| s.iter().map(move |v| v - level)),
-        );
+        let variation = rms(comm, fields, about.map(|(s, level)| s.iter().map(move |v| v - level)));
         self.waiting = false;
         let rows = error.into_iter().zip(change).zip(size.into_iter().zip(variation));
         rows.map(|((error, change), (size, variation))| StrideError {
@@ -122,14 +110,9 @@ mod tests {
     fn a_stride_is_compared_where_the_solver_arrives_between_two_strides() {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).biased(0.25));
         let mut shadow = Shadow::default();
-        assert!(
-            !shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5),
-            "nothing is under way"
-        );
+        assert!(!shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5), "nothing is under way");
         let given = toy::given(1.0);
-        let bad = given
-            .with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.2, 9.0, 0), g))
-            .unwrap();
+        let bad = given.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.2, 9.0, 0), g)).unwrap();
         assert_eq!(bad, None);
         // Steps of 0.2: that of 1.4 is nearest to 1.5, and 4/5 of the way.
         assert!(!shadow.has_arrived(&at(1.2, 0.2, 9.0, 1), 0.5));
@@ -151,16 +134,9 @@ mod tests {
         let size = toy::rms_of(&toy::solver(1.6));
         assert!((rows[0].size - size).abs() < 1e-12, "{rows:?} {size}");
         let half = (now[0][0] - now[0][1]).abs() / 2.0;
-        assert!(
-            (rows[0].variation - half.max(rows[0].change)).abs() < 1e-12,
-            "{rows:?} {half}"
-        );
+        assert!((rows[0].variation - half.max(rows[0].change)).abs() < 1e-12, "{rows:?} {half}");
         assert!(!shadow.waiting);
-        assert_eq!(
-            shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5),
-            1.0,
-            "rounding"
-        );
+        assert_eq!(shadow.fraction(&at(1.5 + 1e-8, 0.2, 9.0, 0), 0.5), 1.0, "rounding");
     }
 
     #[test]
@@ -169,22 +145,14 @@ mod tests {
         let mut shadow = Shadow::default();
         // 300 K, and a tenth of a kelvin more in one of the cells.
         let warm = toy::of([300.0, 300.1]);
-        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g))
-            .unwrap();
+        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
         let now = warm.with(|g| g.values(&comm, toy.advances())).unwrap();
         let rows = shadow.compare(&comm, &toy, &now, 1.0);
-        assert!(
-            (rows[0].variation - 0.05).abs() < 1e-9 && rows[0].size > 300.0,
-            "{rows:?}"
-        );
+        assert!((rows[0].variation - 0.05).abs() < 1e-9 && rows[0].size > 300.0, "{rows:?}");
         // A field that is the same everywhere varies by what it changes.
-        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g))
-            .unwrap();
+        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
         let rows = shadow.compare(&comm, &toy, &vec![vec![302.0, 302.0]], 1.0);
-        assert!(
-            (rows[0].variation - rows[0].change).abs() < 1e-12 && rows[0].change > 1.9,
-            "{rows:?}"
-        );
+        assert!((rows[0].variation - rows[0].change).abs() < 1e-12 && rows[0].change > 1.9, "{rows:?}");
     }
 
     #[test]
@@ -192,9 +160,7 @@ mod tests {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).broken_above(f64::NEG_INFINITY));
         let mut shadow = Shadow::default();
         let given = toy::given(1.0);
-        let bad = given
-            .with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g))
-            .unwrap();
+        let bad = given.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
         assert!(bad.is_some_and(|what| what.contains("not finite")));
         let now = toy::given(1.5).with(|g| g.values(&comm, toy.advances())).unwrap();
         let rows = shadow.compare(&comm, &toy, &now, 1.0);
@@ -207,20 +173,11 @@ mod tests {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5));
         let (mut shadow, step) = (Shadow::default(), at(1.0, 0.1, 9.0, 0));
         let none = Given::default();
-        let missing = shadow
-            .begin(&comm, &mut toy, &step, &none)
-            .unwrap_err()
-            .to_string();
+        let missing = shadow.begin(&comm, &mut toy, &step, &none).unwrap_err().to_string();
         assert!(missing.contains("field 'a' is missing"), "{missing}");
         let mut given = toy::given(1.0);
         given.components = 3;
-        let other = given
-            .with(|g| shadow.begin(&comm, &mut toy, &step, g))
-            .unwrap_err()
-            .to_string();
-        assert!(
-            other.contains("field 'a': expected 1 components, found 3"),
-            "{other}"
-        );
+        let other = given.with(|g| shadow.begin(&comm, &mut toy, &step, g)).unwrap_err().to_string();
+        assert!(other.contains("field 'a': expected 1 components, found 3"), "{other}");
     }
 }

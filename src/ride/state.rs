@@ -116,10 +116,7 @@ impl Ride<'_> {
                 digest: surrogate.digest(),
                 fresh: rider.fresh,
                 control: control.map(|(rows, bad)| Controlled {
-                    figures: rows
-                        .iter()
-                        .map(|r| [r.error, r.change, r.variation].map(figure))
-                        .collect(),
+                    figures: rows.iter().map(|r| [r.error, r.change, r.variation].map(figure)).collect(),
                     bad,
                 }),
                 learned,
@@ -173,8 +170,7 @@ impl Ride<'_> {
     /// This rank's rows of values in the order of the undecomposed mesh.
     fn own(&self, whole: &[f64], components: usize) -> Vec<f64> {
         let rows = self.global.iter().map(|&number| number as usize * components);
-        rows.flat_map(|at| whole[at..at + components].iter().copied())
-            .collect()
+        rows.flat_map(|at| whole[at..at + components].iter().copied()).collect()
     }
 
     /// Goes on from the state that another run wrote at the present time, `step`; the first rank reads. What is left of a jump that it was
@@ -186,9 +182,7 @@ impl Ride<'_> {
     /// surrogates; [`Error::Input`] within a jump.
     pub fn load(&mut self, path: &Path, step: Step) -> Result<Answer> {
         if self.phase != Phase::Solving {
-            return Err(Error::Input(
-                "ride: a state is taken up before the first step".into(),
-            ));
+            return Err(Error::Input("ride: a state is taken up before the first step".into()));
         }
         let read = match self.comm.is_root() {
             true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
@@ -201,21 +195,16 @@ impl Ride<'_> {
         drop(bytes);
         let taken = self.take_up(path, &found, &parts, &step);
         let (shadows, controls) = self.comm.agree(taken)?;
-        for ((rider, ridden), (shadow, control)) in self
-            .riders
-            .iter_mut()
-            .zip(&found.riders)
-            .zip(shadows.into_iter().zip(controls))
+        for ((rider, ridden), (shadow, control)) in
+            self.riders.iter_mut().zip(&found.riders).zip(shadows.into_iter().zip(controls))
         {
             let learns = rider.surrogate.can_learn();
             if let Some(part) = ridden.learned.filter(|_| self.adapt.wanted || !learns) {
                 rider.surrogate.restore(&parts[part])?;
             }
             if ridden.learned.is_some() && learns && self.adapt.wanted {
-                self.log.text += &format!(
-                    "m4gn: the adaptation of the model is carried on from {}\n\n",
-                    path.display()
-                );
+                self.log.text +=
+                    &format!("m4gn: the adaptation of the model is carried on from {}\n\n", path.display());
             }
             (rider.shadow, rider.fresh) = (shadow, ridden.fresh);
             if let (Some(control), Some((rows, bad))) = (&mut rider.control, control) {
@@ -237,14 +226,7 @@ impl Ride<'_> {
             self.log.text += &format!(", written by {} ranks", found.ranks);
         }
         self.log.text += "\n\n";
-        self.step = Step {
-            delta_t: if found.left < 0 {
-                step.delta_t
-            } else {
-                found.delta_t
-            },
-            ..step
-        };
+        self.step = Step { delta_t: if found.left < 0 { step.delta_t } else { found.delta_t }, ..step };
         if found.left < 0 {
             self.phase = Phase::Deciding;
             return Ok(self.deciding());
@@ -259,10 +241,7 @@ impl Ride<'_> {
             ahead: surrogate.ahead(self.totals.jumps > 1),
             over: found.left == 0,
             began: self.totals.seconds,
-            expected: self.riders[found.jumper]
-                .control
-                .as_ref()
-                .map(|c| [c.error(), c.estimate(1)]),
+            expected: self.riders[found.jumper].control.as_ref().map(|c| [c.error(), c.estimate(1)]),
         };
         Ok(self.behind_stride(jump))
     }

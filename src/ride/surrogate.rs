@@ -92,10 +92,7 @@ pub trait Surrogate {
     /// [`Error::Input`] where it has none.
     fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
         let _ = out;
-        Err(Error::Input(format!(
-            "a surrogate of kind {} has no arrays",
-            self.name()
-        )))
+        Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
     }
 
     /// Time and fields have been advanced by what the last step predicted.
@@ -164,10 +161,7 @@ pub trait Surrogate {
     /// [`Error::Input`] for what is no such state.
     fn restore(&mut self, state: &[u8]) -> Result<()> {
         let _ = state;
-        Err(Error::Input(format!(
-            "a surrogate of kind {} has no state",
-            self.name()
-        )))
+        Err(Error::Input(format!("a surrogate of kind {} has no state", self.name())))
     }
 
     /// Writes it as a model file, as it has become.
@@ -176,9 +170,6 @@ pub trait Surrogate {
     /// [`Error::File`] where that fails; [`Error::Input`] for a surrogate that is no model.
     fn write_model(&self, path: &Path) -> Result<()> {
         let _ = path;
-        Err(Error::Input(format!(
-            "a surrogate of kind {} is no model",
-            self.name()
-        )))
+        Err(Error::Input(format!("a surrogate of kind {} is no model", self.name())))
     }
 }

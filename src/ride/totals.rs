@@ -144,10 +144,8 @@ impl Ride<'_> {
             ("hand_over_seconds", digits.of(t.seconds[1])),
             ("setup_seconds", digits.of(setup)),
         ]);
-        let lines: Vec<String> = entries
-            .iter()
-            .map(|(name, value)| format!("  \"{name}\": {value}"))
-            .collect();
+        let lines: Vec<String> =
+            entries.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
         format!("{{\n{}\n}}\n", lines.join(",\n"))
     }
 }

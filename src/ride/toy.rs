@@ -23,10 +23,7 @@ pub fn solver(time: f64) -> [f64; 2] {
 pub fn later(state: [f64; 2], time: f64) -> [f64; 2] {
     let (s, c) = (OMEGA * time).sin_cos();
     let size = (-DAMPING * time).exp();
-    [
-        size * (c * state[0] - s * state[1]),
-        size * (s * state[0] + c * state[1]),
-    ]
+    [size * (c * state[0] - s * state[1]), size * (s * state[0] + c * state[1])]
 }
 
 pub fn rms_of(values: &[f64]) -> f64 {
@@ -40,10 +37,7 @@ pub fn at(time: f64, delta_t: f64, end_time: f64, index: i64) -> Step {
         delta_t,
         end_time,
         index,
-        name: format!("{time:.6}")
-            .trim_end_matches('0')
-            .trim_end_matches('.')
-            .into(),
+        name: format!("{time:.6}").trim_end_matches('0').trim_end_matches('.').into(),
         shown: time,
         correctors: None,
         wall: 0.0,
@@ -63,28 +57,16 @@ pub fn given(time: f64) -> Fields {
 }
 
 pub fn of(cells: [f64; 2]) -> Fields {
-    Fields {
-        components: 1,
-        cells,
-        boundary: [9.0, cells[1]],
-    }
+    Fields { components: 1, cells, boundary: [9.0, cells[1]] }
 }
 
 impl Fields {
     /// As a host hands it over.
     pub fn with<T>(&self, call: impl FnOnce(&Given) -> T) -> T {
-        let fields = [Field {
-            name: "a",
-            components: self.components,
-            cells: &self.cells,
-            boundary: &self.boundary,
-        }];
+        let fields =
+            [Field { name: "a", components: self.components, cells: &self.cells, boundary: &self.boundary }];
         let held: [Option<&[i32]>; 1] = [Some(&[1, 0])];
-        call(&Given {
-            fields: &fields,
-            held: &held,
-            owners: &[0, 1],
-        })
+        call(&Given { fields: &fields, held: &held, owners: &[0, 1] })
     }
 }
 
@@ -119,11 +101,7 @@ impl Toy {
         Toy {
             name: "toy".into(),
             stride,
-            fields: vec![Advanced {
-                name: "a".into(),
-                components: 1,
-                solved: 1,
-            }],
+            fields: vec![Advanced { name: "a".into(), components: 1, solved: 1 }],
             bias: 0.0,
             broken_above: None,
             jump_by: None,
@@ -263,9 +241,7 @@ impl Surrogate for Toy {
     }
 
     fn restore(&mut self, state: &[u8]) -> Result<()> {
-        let bytes = state
-            .try_into()
-            .map_err(|_| Error::Input("not eight bytes".into()))?;
+        let bytes = state.try_into().map_err(|_| Error::Input("not eight bytes".into()))?;
         (self.bias, self.begun) = (f64::from_le_bytes(bytes), true);
         Ok(())
     }

@@ -36,9 +36,7 @@ impl Given<'_> {
                 "field '{name}': expected {components} components, found {}",
                 field.components
             ))),
-            None => Err(Error::Input(format!(
-                "field '{name}' is missing, which the surrogate advances"
-            ))),
+            None => Err(Error::Input(format!("field '{name}' is missing, which the surrogate advances"))),
         }
     }
 }
@@ -46,13 +44,7 @@ impl Given<'_> {
 /// The values as a surrogate takes and leaves them.
 pub(crate) fn places<'a>(advanced: &'a [Advanced], values: &'a mut Values) -> Vec<FieldMut<'a>> {
     let pairs = advanced.iter().zip(values.iter_mut());
-    pairs
-        .map(|(a, cells)| FieldMut {
-            name: &a.name,
-            components: a.components,
-            cells,
-        })
-        .collect()
+    pairs.map(|(a, cells)| FieldMut { name: &a.name, components: a.components, cells }).collect()
 }
 
 /// From old (0) to now (1).

@@ -18,11 +18,7 @@ impl Matrices {
         let (mut zero, mut positive) = (0, 0);
         // SAFETY: all objects are live; the struct is plain data that PETSc fills; MUMPS takes no ordering, so null.
         unsafe {
-            check(c::MatDuplicate(
-                self.k.0,
-                c::MatDuplicateOption_MAT_COPY_VALUES,
-                &mut shifted.0,
-            ))?;
+            check(c::MatDuplicate(self.k.0, c::MatDuplicateOption_MAT_COPY_VALUES, &mut shifted.0))?;
             check(c::MatAXPY(shifted.0, -sigma, self.m.0, self.structure()))?;
             shifted.announce_symmetry()?;
             let kind = c::MatFactorType_MAT_FACTOR_CHOLESKY;
@@ -32,21 +28,11 @@ impl Matrices {
             }
             let mut info = std::mem::zeroed();
             check(c::MatFactorInfoInitialize(&mut info))?;
-            check(c::MatCholeskyFactorSymbolic(
-                factor.0,
-                shifted.0,
-                std::ptr::null_mut(),
-                &info,
-            ))?;
+            check(c::MatCholeskyFactorSymbolic(factor.0, shifted.0, std::ptr::null_mut(), &info))?;
             check(c::MatCholeskyFactorNumeric(factor.0, shifted.0, &info))?;
             check(c::MatFactorGetError(factor.0, &mut failed))?;
             if failed == c::MatFactorError_MAT_FACTOR_NOERROR {
-                check(c::MatGetInertia(
-                    factor.0,
-                    &mut negative,
-                    &mut zero,
-                    &mut positive,
-                ))?;
+                check(c::MatGetInertia(factor.0, &mut negative, &mut zero, &mut positive))?;
             }
         }
         if failed != c::MatFactorError_MAT_FACTOR_NOERROR || zero > 0 {

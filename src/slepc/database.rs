@@ -20,19 +20,13 @@ impl Options {
     /// # Errors
     /// [`Error::Input`] for words that are no options under the prefix `m4gn_`.
     pub(super) fn new(text: &str) -> Result<Self> {
-        let mut options = Options {
-            names: Vec::new(),
-            defaults: Vec::new(),
-            text: text.into(),
-        };
+        let mut options = Options { names: Vec::new(), defaults: Vec::new(), text: text.into() };
         for (name, value) in parse(text)? {
             let c_string = |s: &str| {
                 CString::new(s).map_err(|_| Error::Input(format!("PETSc option {s:?} has a zero byte")))
             };
             let (name, value) = (c_string(name)?, value.map(c_string).transpose()?);
-            let value = value
-                .as_ref()
-                .map_or(std::ptr::null(), |v| v.as_ptr() as *const c_char);
+            let value = value.as_ref().map_or(std::ptr::null(), |v| v.as_ptr() as *const c_char);
             // SAFETY: C strings that PETSc copies; a null value is none.
             check(unsafe { c::PetscOptionsSetValue(std::ptr::null_mut(), name.as_ptr(), value) })?;
             options.names.push(name);
@@ -47,12 +41,7 @@ impl Options {
             let mut given = c::PetscBool_PETSC_FALSE;
             // SAFETY: C strings that PETSc copies; one flag is written.
             unsafe {
-                check(c::PetscOptionsHasName(
-                    null,
-                    std::ptr::null(),
-                    name.as_ptr(),
-                    &mut given,
-                ))?;
+                check(c::PetscOptionsHasName(null, std::ptr::null(), name.as_ptr(), &mut given))?;
                 if given == c::PetscBool_PETSC_FALSE {
                     check(c::PetscOptionsSetValue(null, name.as_ptr(), value.as_ptr()))?;
                     self.defaults.push(name.to_owned());
@@ -106,9 +95,7 @@ impl Drop for Options {
 fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>> {
     let mut options: Vec<(&str, Option<&str>)> = Vec::new();
     for word in text.split_whitespace() {
-        let name = word
-            .strip_prefix('-')
-            .is_some_and(|w| w.starts_with(|c: char| c.is_ascii_alphabetic()));
+        let name = word.strip_prefix('-').is_some_and(|w| w.starts_with(|c: char| c.is_ascii_alphabetic()));
         match options.last_mut() {
             _ if name => {
                 let known = word.strip_prefix("-m4gn_").is_some_and(|rest| !rest.is_empty());
@@ -137,11 +124,8 @@ mod tests {
     #[test]
     fn options_are_names_with_values() {
         let found = parse(" -m4gn_eps_view -m4gn_st_shift -1.5\n-m4gn_eps_tol 1e-9").unwrap();
-        let expected = [
-            ("-m4gn_eps_view", None),
-            ("-m4gn_st_shift", Some("-1.5")),
-            ("-m4gn_eps_tol", Some("1e-9")),
-        ];
+        let expected =
+            [("-m4gn_eps_view", None), ("-m4gn_st_shift", Some("-1.5")), ("-m4gn_eps_tol", Some("1e-9"))];
         assert_eq!(found, expected);
         assert!(parse("").unwrap().is_empty());
         for bad in ["-eps_tol 1", "1e-9", "-m4gn_a 1 2", "-m4gn_", "- 3"] {

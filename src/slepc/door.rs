@@ -88,12 +88,7 @@ pub(crate) struct Call<'a> {
 impl Call<'_> {
     /// How many of these eigenvalues, nearest to the shift first, are taken; none: more have to be seen.
     pub(crate) fn taken(&self, values: &[f64]) -> Option<usize> {
-        usize::try_from((self.host.taken)(
-            self.host.context,
-            values.as_ptr(),
-            values.len(),
-        ))
-        .ok()
+        usize::try_from((self.host.taken)(self.host.context, values.as_ptr(), values.len())).ok()
     }
 
     /// The matrices are not read any more.
@@ -121,9 +116,7 @@ pub extern "C" fn m4gn_slepc_abi_version() -> u32 {
 /// Message of this thread's last failure, valid until its next call.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_slepc_last_error() -> *const c_char {
-    LAST_ERROR
-        .try_with(|m| m.borrow().as_ptr())
-        .unwrap_or(c"".as_ptr())
+    LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }
 
 /// Ends SLEPc and PETSc if they were started here and MPI is still up.

@@ -49,10 +49,7 @@ impl Matrices {
         let turn = turn();
         comm.agree(start(comm))?;
         let quiet = Quiet::new();
-        let mut sizes = [
-            problem.stiffness.n() as i64,
-            problem.stiffness.column.len() as i64,
-        ];
+        let mut sizes = [problem.stiffness.n() as i64, problem.stiffness.column.len() as i64];
         comm.sum_i64(&mut sizes);
         let make = || {
             let k = Matrix::new(comm, problem.stiffness, problem.symmetric, problem.block)?;
@@ -123,18 +120,13 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
             options.defaults(method.defaults())?;
             let found = Search::new(comm, matrices, request, method).run()?;
             // The solver with its factor is gone by now.
-            found
-                .into_iter()
-                .map(|f| f.into_pair(comm, &matrices.m))
-                .collect::<Result<Vec<_>>>()
+            found.into_iter().map(|f| f.into_pair(comm, &matrices.m)).collect::<Result<Vec<_>>>()
         };
         let found = run();
         match comm.agree(found) {
             Ok(pairs) => {
                 comm.agree(options.all_used())?;
-                pairs
-                    .iter()
-                    .for_each(|p| request.pair(p.value, p.imaginary, &p.vector, &p.weighted));
+                pairs.iter().for_each(|p| request.pair(p.value, p.imaginary, &p.vector, &p.weighted));
                 return Ok(());
             }
             Err(Error::Numerical(m)) if request.symmetric && m.contains(SINGULAR) => {
@@ -304,10 +296,7 @@ impl<'a> Search<'a> {
     fn missing(&mut self) -> Result<Option<usize>> {
         let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
         if let Some(value) = values.iter().find(|v| **v < self.request.shift) {
-            return Err(m4gn_modes::not_definite(
-                self.request.shift,
-                &format!("{value:e} is an eigenvalue"),
-            ));
+            return Err(m4gn_modes::not_definite(self.request.shift, &format!("{value:e} is an eigenvalue")));
         }
         let Some((last, next)) = self.end() else {
             return Ok(None);
@@ -386,12 +375,7 @@ impl<'a> Search<'a> {
             if converged < 1 {
                 return Ok(false);
             }
-            check(c::EPSGetEigenvalue(
-                self.eps.0,
-                0,
-                &mut value,
-                std::ptr::null_mut(),
-            ))?;
+            check(c::EPSGetEigenvalue(self.eps.0, 0, &mut value, std::ptr::null_mut()))?;
         }
         Ok((value - self.request.shift) * (1.0 - PROBE.1) > bound)
     }
@@ -402,11 +386,7 @@ impl<'a> Search<'a> {
         let tolerance = rough.unwrap_or(self.tolerance);
         let default = c::PETSC_DEFAULT;
         // The options' sizes of the subspace are those of the first run.
-        let (ncv, mpd) = if self.found.is_empty() {
-            self.space
-        } else {
-            (default, default)
-        };
+        let (ncv, mpd) = if self.found.is_empty() { self.space } else { (default, default) };
         let mut handles: Vec<c::Vec> = match self.request.symmetric {
             true => self.found.iter().map(|f| f.vector.0).collect(),
             false => Vec::new(),
@@ -448,19 +428,11 @@ impl<'a> Search<'a> {
             // SAFETY: i is below the number of converged pairs; both vectors have the matrix's layout.
             check(unsafe { c::EPSGetEigenpair(self.eps.0, i, &mut value, &mut imaginary, x.0, y.0) })?;
             i += 1;
-            found.push(Found {
-                value,
-                imaginary,
-                vector: x,
-            });
+            found.push(Found { value, imaginary, vector: x });
             if imaginary != 0.0 {
                 // Its conjugate is the next one.
                 i += 1;
-                found.push(Found {
-                    value,
-                    imaginary: -imaginary,
-                    vector: y,
-                });
+                found.push(Found { value, imaginary: -imaginary, vector: y });
             } else if let Some(last) = found.last_mut() {
                 self.judge(last)?;
             }

@@ -16,13 +16,7 @@ mod subspace;
 
 /// What bindgen makes of `slepceps.h`.
 mod c {
-    #![allow(
-        non_camel_case_types,
-        non_snake_case,
-        non_upper_case_globals,
-        dead_code,
-        missing_docs
-    )]
+    #![allow(non_camel_case_types, non_snake_case, non_upper_case_globals, dead_code, missing_docs)]
     #![allow(clippy::all, clippy::undocumented_unsafe_blocks)]
     include!(concat!(env!("OUT_DIR"), "/slepc.rs"));
 }
@@ -55,10 +49,7 @@ unsafe extern "C" fn remember(
     let text = |p: *const c_char| match p.is_null() {
         true => String::new(),
         // SAFETY: PETSc passes null or a C string that lives during this call.
-        false => unsafe { CStr::from_ptr(p) }
-            .to_string_lossy()
-            .trim()
-            .replace('\n', " "),
+        false => unsafe { CStr::from_ptr(p) }.to_string_lossy().trim().replace('\n', " "),
     };
     // A thread that is ending has no message to keep.
     let _ = MESSAGE.try_with(|m| {
@@ -127,11 +118,7 @@ fn start(comm: &Comm) -> Result<()> {
     if petsc_up == 0 {
         // SAFETY: option values may be set before PETSc starts; the strings are C strings.
         let code = unsafe {
-            c::PetscOptionsSetValue(
-                std::ptr::null_mut(),
-                c"-no_signal_handler".as_ptr(),
-                c"1".as_ptr(),
-            )
+            c::PetscOptionsSetValue(std::ptr::null_mut(), c"-no_signal_handler".as_ptr(), c"1".as_ptr())
         };
         check(code)?;
         let alone = raw(&Comm::Serial);
@@ -149,12 +136,7 @@ fn start(comm: &Comm) -> Result<()> {
     }
     // SAFETY: null arguments mean no command line, no options file of our own, no help text.
     let code = unsafe {
-        c::SlepcInitialize(
-            std::ptr::null_mut(),
-            std::ptr::null_mut(),
-            std::ptr::null(),
-            std::ptr::null(),
-        )
+        c::SlepcInitialize(std::ptr::null_mut(), std::ptr::null_mut(), std::ptr::null(), std::ptr::null())
     };
     check(code)?;
     *started = true;

@@ -25,22 +25,10 @@ pub(super) enum Method {
     },
 }
 
-const PETSC: Method = Method::Factor {
-    cholesky: true,
-    package: c"petsc",
-};
-const CHOLMOD: Method = Method::Factor {
-    cholesky: true,
-    package: c"cholmod",
-};
-const MUMPS: Method = Method::Factor {
-    cholesky: true,
-    package: c"mumps",
-};
-const MUMPS_LU: Method = Method::Factor {
-    cholesky: false,
-    package: c"mumps",
-};
+const PETSC: Method = Method::Factor { cholesky: true, package: c"petsc" };
+const CHOLMOD: Method = Method::Factor { cholesky: true, package: c"cholmod" };
+const MUMPS: Method = Method::Factor { cholesky: true, package: c"mumps" };
+const MUMPS_LU: Method = Method::Factor { cholesky: false, package: c"mumps" };
 
 impl Method {
     /// What is tried, one after the other.

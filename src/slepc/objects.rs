@@ -65,11 +65,7 @@ impl Matrix {
         let first = comm.exclusive_scan_i64(values.len() as i64);
         let row: Vec<usize> = (0..=values.len()).collect();
         let column: Vec<i64> = (first..first + values.len() as i64).collect();
-        let rows = Csr {
-            row: &row,
-            column: &column,
-            value: values,
-        };
+        let rows = Csr { row: &row, column: &column, value: values };
         Matrix::new(comm, rows, true, block)
     }
 

@@ -16,11 +16,7 @@ fn case() -> (Model, Body, Obstacle) {
     spec.segments.count = 3;
     spec.segments.modes = 1;
     let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
-    (
-        Model::random(spec, 5).unwrap(),
-        sample::block([6, 2, 2], [3.0, 1.0, 1.0]),
-        obstacle,
-    )
+    (Model::random(spec, 5).unwrap(), sample::block([6, 2, 2], [3.0, 1.0, 1.0]), obstacle)
 }
 
 fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
@@ -44,10 +40,7 @@ fn plainly(model: &Model, place: &mut Place, mut state: Vec<f32>, next: &[f32]) 
     let mut inputs = Vec::new();
     place.domain.inputs(&state, next, &mut inputs);
     let graph = &mut place.structure.graph;
-    place
-        .domain
-        .set_edges(&Comm::serial(), &mut state, graph)
-        .unwrap();
+    place.domain.set_edges(&Comm::serial(), &mut state, graph).unwrap();
     let edges = graph.senders.len();
     (edges, plain::forward(model, &place.structure, &inputs))
 }
@@ -116,24 +109,17 @@ fn strides_after_a_hand_over_are_corrected() {
     let mut session = session(&model, &body, &obstacle);
     let step = |session: &mut Session, from: &[Vector], motion: [f64; 2]| {
         let mut u = from.to_vec();
-        session
-            .step_body(&mut u, [&at(motion[0]), &at(motion[1])])
-            .unwrap();
+        session.step_body(&mut u, [&at(motion[0]), &at(motion[1])]).unwrap();
         u
     };
     let past: Vec<Vector> = (0..63).map(|p| [0.0, 0.0, -6e-4 * f64::from(p)]).collect();
     // Before, after, and how much of the error is added: evenly on; half as far; back; from rest
-    for (before, after, part) in [
-        (-0.05, -0.15, 1.0),
-        (-0.05, -0.125, 0.5),
-        (-0.05, -0.05, 0.0),
-        (-0.1, -0.15, 0.0),
-    ] {
+    for (before, after, part) in
+        [(-0.05, -0.15, 1.0), (-0.05, -0.125, 0.5), (-0.05, -0.05, 0.0), (-0.1, -0.15, 0.0)]
+    {
         let said = step(&mut alone, &past, [before, -0.1]);
         let error = |p: usize| if free(p) { 1e-3 * (p as f64).sin() } else { 0.0 };
-        let start: Vec<Vector> = (0..63)
-            .map(|p| [said[p][0], said[p][1], said[p][2] + error(p)])
-            .collect();
+        let start: Vec<Vector> = (0..63).map(|p| [said[p][0], said[p][1], said[p][2] + error(p)]).collect();
         let square = |of: &dyn Fn(usize) -> f64| (0..63).map(|p| of(p).powi(2)).sum::<f64>();
         let change = (0..3).map(|k| square(&|p| said[p][k] - past[p][k])).sum::<f64>();
         let ratio = square(&error) / change;
@@ -169,10 +155,7 @@ fn what_does_not_fit_is_refused() {
         assert!(message.contains(word), "{message}");
     };
     says(new(&cells, &SessionOptions::default()), "contact");
-    let torch = SessionOptions {
-        backend: crate::Backend::Torch(None),
-        ..SessionOptions::default()
-    };
+    let torch = SessionOptions { backend: crate::Backend::Torch(None), ..SessionOptions::default() };
     says(new(&model, &torch), "backend native");
     let inside = sample::octahedron([2.6, 0.5, 1.2], 0.5);
     let options = SessionOptions::default();
@@ -180,14 +163,8 @@ fn what_does_not_fit_is_refused() {
     says(overlap.map(|_| ()), "overlaps the body at the start");
     let mut session = session(&model, &body, &obstacle);
     let still = vec![[0.0; 3]; 6];
-    says(
-        session.step_body(&mut vec![[0.0; 3]; 62], [&still, &still]),
-        "expected 189",
-    );
-    says(
-        session.step_body(&mut vec![[0.0; 3]; 63], [&still, &still[1..]]),
-        "after the step",
-    );
+    says(session.step_body(&mut vec![[0.0; 3]; 62], [&still, &still]), "expected 189");
+    says(session.step_body(&mut vec![[0.0; 3]; 63], [&still, &still[1..]]), "after the step");
     let mut broken = vec![[0.0; 3]; 63];
     broken[7][1] = f64::NAN;
     says(session.step_body(&mut broken, [&still, &still]), "point 7");
@@ -206,16 +183,9 @@ fn displacements_out_of_all_bounds_are_refused() {
     let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
     let still = vec![[0.0; 3]; 6];
     let mut displacement = vec![[0.0; 3]; 63];
-    let error = session
-        .step_body(&mut displacement, [&still, &still])
-        .unwrap_err();
+    let error = session.step_body(&mut displacement, [&still, &still]).unwrap_err();
     assert!(matches!(error, Error::Numerical(_)), "{error}");
-    assert!(
-        error
-            .to_string()
-            .contains("the state has left what it was trained on"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("the state has left what it was trained on"), "{error}");
     assert!(displacement.iter().all(|u| *u == [0.0; 3]));
 }
 
@@ -227,14 +197,8 @@ fn what_a_body_was_trained_on_is_compared() {
         cell_size: [0.4, 0.6],
         speed: None,
         courant: None,
-        inputs: vec![m4gn_model::InputRange {
-            field: "D".into(),
-            range: [-0.1, 0.1],
-        }],
-        solid: Some(m4gn_model::Solid {
-            poisson: Some([0.1, 0.2]),
-            ..m4gn_model::Solid::default()
-        }),
+        inputs: vec![m4gn_model::InputRange { field: "D".into(), range: [-0.1, 0.1] }],
+        solid: Some(m4gn_model::Solid { poisson: Some([0.1, 0.2]), ..m4gn_model::Solid::default() }),
     });
     let mut session = session(&model, &body, &obstacle);
     // The material is known before any step, and the displacement is not.
@@ -242,17 +206,12 @@ fn what_a_body_was_trained_on_is_compared() {
     assert_eq!(session.outside(), [material]);
     let still = vec![[0.0; 3]; 6];
     let mut from = |x: f64| {
-        session
-            .step_body(&mut vec![[x, 0.0, 0.0]; 63], [&still, &still])
-            .unwrap();
+        session.step_body(&mut vec![[x, 0.0, 0.0]; 63], [&still, &still]).unwrap();
         session.outside()
     };
     assert_eq!(from(0.1), [material]);
     let far = from(0.5);
-    assert!(
-        far.len() == 2 && far[1].starts_with("D is 0.000e0 to 5.000e-1"),
-        "{far:?}"
-    );
+    assert!(far.len() == 2 && far[1].starts_with("D is 0.000e0 to 5.000e-1"), "{far:?}");
 }
 
 /// The same network, told what the displacement changed by over the stride before.
@@ -328,10 +287,7 @@ fn a_state_that_does_not_follow_needs_its_past() {
     session.step_body(&mut second, [&down, &down]).unwrap();
     // Back to the state between: its past is no longer the session's, and with it the step is the same to the bit.
     let mut again = first.clone();
-    says(
-        session.step_body(&mut again, [&down, &down]),
-        "m4gn_session_set_before",
-    );
+    says(session.step_body(&mut again, [&down, &down]), "m4gn_session_set_before");
     assert_eq!(again, first);
     session.set_before(&rest, &still).unwrap();
     session.step_body(&mut again, [&down, &down]).unwrap();
@@ -342,21 +298,12 @@ fn a_state_that_does_not_follow_needs_its_past() {
     session.step_body(&mut resting, [&down, &down]).unwrap();
     assert_ne!(resting, second);
 
-    says(
-        session.set_before(&rest[1..], &still),
-        "expected 63 points, found 62",
-    );
-    says(
-        session.set_before(&rest, &still[1..]),
-        "expected 6 points, found 5",
-    );
+    says(session.set_before(&rest[1..], &still), "expected 63 points, found 62");
+    says(session.set_before(&rest, &still[1..]), "expected 6 points, found 5");
     let mut broken = rest.clone();
     broken[7][1] = f64::NAN;
     says(session.set_before(&broken, &still), "point 7");
-    says(
-        session.set_before(&rest, &[[f64::INFINITY; 3]; 6]),
-        "one stride before",
-    );
+    says(session.set_before(&rest, &[[f64::INFINITY; 3]; 6]), "one stride before");
 
     // A model that does not read it takes it and steps as it would.
     let (model, ..) = case();

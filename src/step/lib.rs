@@ -110,11 +110,8 @@ impl Session {
     /// [`Error::Input`] for fields that are missing or have other components or lengths; [`Error::Numerical`] for
     /// values that are not finite, going in or coming out.
     pub fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
-        let shapes = out.iter().map(|o| OutputShape {
-            name: o.name,
-            components: o.components,
-            len: o.cells.len(),
-        });
+        let shapes =
+            out.iter().map(|o| OutputShape { name: o.name, components: o.components, len: o.cells.len() });
         let checked = self.check_outputs(shapes);
         self.advance(fields, checked)?;
         for o in out {
@@ -144,17 +141,8 @@ impl Session {
         self.set_obstacle(obstacle[0], obstacle[1])?;
         let name = self.spec.fields[0].name.clone();
         let before = displacement.to_vec();
-        let field = Field {
-            name: &name,
-            components: 3,
-            cells: before.as_flattened(),
-            boundary: &[],
-        };
-        let after = FieldMut {
-            name: &name,
-            components: 3,
-            cells: displacement.as_flattened_mut(),
-        };
+        let field = Field { name: &name, components: 3, cells: before.as_flattened(), boundary: &[] };
+        let after = FieldMut { name: &name, components: 3, cells: displacement.as_flattened_mut() };
         self.step(&[field], &mut [after])
     }
 
@@ -196,12 +184,8 @@ impl Session {
         };
         let solid = self.host.solid().or(self.options.solid.as_ref());
         if !self.stepped {
-            let case = Extent {
-                cell_size: self.cell_size,
-                speed: None,
-                inputs: Vec::new(),
-                solid: solid.cloned(),
-            };
+            let case =
+                Extent { cell_size: self.cell_size, speed: None, inputs: Vec::new(), solid: solid.cloned() };
             return trained_on.outside(&case, self.spec.stride);
         }
         let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
@@ -226,17 +210,9 @@ impl Session {
             if field.is_velocity() && speed.is_none() {
                 speed = Some(largest[2].sqrt());
             }
-            inputs.push(InputRange {
-                field: field.name.clone(),
-                range: [-largest[0], largest[1]],
-            });
+            inputs.push(InputRange { field: field.name.clone(), range: [-largest[0], largest[1]] });
         }
-        let case = Extent {
-            cell_size: self.cell_size,
-            speed,
-            inputs,
-            solid: solid.cloned(),
-        };
+        let case = Extent { cell_size: self.cell_size, speed, inputs, solid: solid.cloned() };
         trained_on.outside(&case, self.spec.stride)
     }
 }

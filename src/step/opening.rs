@@ -56,10 +56,7 @@ impl Session {
             cell_size: hosted.cell_size,
             stepper: Stepper::new(host.domain(), &structure, spec, network),
             host,
-            options: SessionOptions {
-                cell_segment: None,
-                ..options.clone()
-            },
+            options: SessionOptions { cell_segment: None, ..options.clone() },
             segment_spec,
             result: vec![0.0; n_cells * spec.n_outputs()],
             stepped: false,
@@ -142,10 +139,7 @@ fn on_torch(
         ));
     }
     let (graph, spec) = (&structure.graph, &model.spec);
-    let lengths = (
-        graph.n_owned * spec.n_field_inputs(),
-        graph.n_cells * spec.n_outputs(),
-    );
+    let lengths = (graph.n_owned * spec.n_field_inputs(), graph.n_cells * spec.n_outputs());
     let backend = TorchBackend::new(model, structure, lengths, device, comm)?;
     Ok(Box::new(backend))
 }

@@ -31,9 +31,7 @@ impl Backend {
             None if word == "native" => Ok(Backend::Native),
             None if word == "torch" => Ok(Backend::Torch(None)),
             Some(("torch", device)) if !device.is_empty() => Ok(Backend::Torch(Some(device.into()))),
-            _ => Err(Error::Input(format!(
-                "backend '{word}': expected native, torch or torch:DEVICE"
-            ))),
+            _ => Err(Error::Input(format!("backend '{word}': expected native, torch or torch:DEVICE"))),
         }
     }
 }

@@ -12,11 +12,7 @@ impl Session {
     /// [`Error::Input`] naming the field that is missing, unknown, or of another shape.
     pub fn check_outputs<'a>(&self, out: impl Iterator<Item = OutputShape<'a>> + Clone) -> Result<()> {
         for o in out.clone() {
-            let field = self
-                .spec
-                .fields
-                .iter()
-                .find(|f| f.name == o.name && f.output != Output::None);
+            let field = self.spec.fields.iter().find(|f| f.name == o.name && f.output != Output::None);
             let Some(field) = field else {
                 let predicted = self.spec.fields.iter().filter(|f| f.output != Output::None);
                 let predicted = predicted.map(|f| f.name.as_str());
@@ -30,10 +26,7 @@ impl Session {
         }
         for field in self.spec.fields.iter().filter(|f| f.output != Output::None) {
             if !out.clone().any(|o| o.name == field.name) {
-                return Err(Error::Input(format!(
-                    "no array for the predicted field '{}'",
-                    field.name
-                )));
+                return Err(Error::Input(format!("no array for the predicted field '{}'", field.name)));
             }
         }
         Ok(())
@@ -45,18 +38,10 @@ impl Session {
             return;
         };
         let m = self.spec.n_outputs();
-        for (row, result) in out
-            .cells
-            .chunks_exact_mut(out.components)
-            .zip(self.result.chunks_exact(m))
-        {
+        for (row, result) in out.cells.chunks_exact_mut(out.components).zip(self.result.chunks_exact(m)) {
             match out.components {
                 1 => row[0] = result[first],
-                _ => self
-                    .directions
-                    .iter()
-                    .enumerate()
-                    .for_each(|(i, &d)| row[d] = result[first + i]),
+                _ => self.directions.iter().enumerate().for_each(|(i, &d)| row[d] = result[first + i]),
             }
         }
     }

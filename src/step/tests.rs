@@ -43,18 +43,8 @@ fn state(s: &Session) -> State {
 impl State {
     fn fields(&self) -> [Field<'_>; 2] {
         [
-            Field {
-                name: "U",
-                components: 3,
-                cells: &self.u,
-                boundary: &self.u_boundary,
-            },
-            Field {
-                name: "p",
-                components: 1,
-                cells: &self.p,
-                boundary: &self.p_boundary,
-            },
+            Field { name: "U", components: 3, cells: &self.u, boundary: &self.u_boundary },
+            Field { name: "p", components: 1, cells: &self.p, boundary: &self.p_boundary },
         ]
     }
 }
@@ -97,68 +87,32 @@ fn wrong_fields_are_refused_and_outputs_left_alone() {
     let [u, p] = state.fields();
     let cases: [(&[Field], &str); 6] = [
         (&[u], "input field 'p' is missing"),
-        (
-            &[u, Field { components: 3, ..p }],
-            "a scalar (1 components), found 3",
-        ),
-        (
-            &[Field { components: 1, ..u }, p],
-            "a vector (3 components), found 1",
-        ),
-        (
-            &[
-                Field {
-                    cells: &state.u[3..],
-                    ..u
-                },
-                p,
-            ],
-            "cell values",
-        ),
+        (&[u, Field { components: 3, ..p }], "a scalar (1 components), found 3"),
+        (&[Field { components: 1, ..u }, p], "a vector (3 components), found 1"),
+        (&[Field { cells: &state.u[3..], ..u }, p], "cell values"),
         (&[u, Field { boundary: &[], ..p }], "boundary values"),
         (&[u, Field { cells: &nan, ..p }], "'p' is NaN at cell 5"),
     ];
     for (fields, message) in cases {
         let (mut a, mut b) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
         let mut out = [
-            FieldMut {
-                name: "U",
-                components: 3,
-                cells: &mut a,
-            },
-            FieldMut {
-                name: "p",
-                components: 1,
-                cells: &mut b,
-            },
+            FieldMut { name: "U", components: 3, cells: &mut a },
+            FieldMut { name: "p", components: 1, cells: &mut b },
         ];
         let error = s.step(fields, &mut out).unwrap_err().to_string();
         assert!(error.contains(message), "{error}");
         assert!(a.iter().chain(&b).all(|v| *v == 7.0));
     }
     let mut a = vec![7.0; state.u.len()];
-    let mut only = [FieldMut {
-        name: "U",
-        components: 3,
-        cells: &mut a,
-    }];
+    let mut only = [FieldMut { name: "U", components: 3, cells: &mut a }];
     assert!(
         s.step(&state.fields(), &mut only)
             .unwrap_err()
             .to_string()
             .contains("no array for the predicted field 'p'")
     );
-    let mut other = [FieldMut {
-        name: "T",
-        components: 1,
-        cells: &mut a,
-    }];
-    assert!(
-        s.step(&state.fields(), &mut other)
-            .unwrap_err()
-            .to_string()
-            .contains("predicts U, p")
-    );
+    let mut other = [FieldMut { name: "T", components: 1, cells: &mut a }];
+    assert!(s.step(&state.fields(), &mut other).unwrap_err().to_string().contains("predicts U, p"));
 }
 
 #[test]
@@ -187,65 +141,28 @@ fn cases_that_do_not_fit_are_refused() {
     let mut s = spec();
     s.node_types.retain(|t| *t != NodeType::Outlet);
     let message = refused(&mesh, s, default());
-    assert!(
-        message.contains("the model knows fluid, wall, inlet; patch '"),
-        "{message}"
-    );
+    assert!(message.contains("the model knows fluid, wall, inlet; patch '"), "{message}");
     assert!(message.contains("is outlet"), "{message}");
 
     let message = refused(&sample::block([3, 2, 2], [1.0; 3]), spec(), default());
-    assert!(
-        message.contains("trained in 2 dimensions; this case solves 3 (x, y, z)"),
-        "{message}"
-    );
+    assert!(message.contains("trained in 2 dimensions; this case solves 3 (x, y, z)"), "{message}");
 
-    let message = refused(
-        &mesh,
-        spec(),
-        SessionOptions {
-            segments: entries("count", 25),
-            ..default()
-        },
-    );
+    let message = refused(&mesh, spec(), SessionOptions { segments: entries("count", 25), ..default() });
     assert!(message.contains("25 segments for 24 cells"), "{message}");
     // On the network's own, coarser graph: the count of the case's cells says nothing
     let mut s = spec();
     s.resolution = Some(0.4);
-    let options = SessionOptions {
-        segments: entries("count", 20),
-        ..default()
-    };
+    let options = SessionOptions { segments: entries("count", 20), ..default() };
     let message = refused(&mesh, s, options);
     assert!(
         message.contains("the 24 cells of this case are ") && message.contains("and it has 20 segments"),
         "{message}"
     );
-    let message = refused(
-        &mesh,
-        spec(),
-        SessionOptions {
-            segments: entries("tau", -1),
-            ..default()
-        },
-    );
+    let message = refused(&mesh, spec(), SessionOptions { segments: entries("tau", -1), ..default() });
     assert!(message.contains("tau"), "{message}");
-    let message = refused(
-        &mesh,
-        spec(),
-        SessionOptions {
-            cell_segment: Some(vec![0; 3]),
-            ..default()
-        },
-    );
+    let message = refused(&mesh, spec(), SessionOptions { cell_segment: Some(vec![0; 3]), ..default() });
     assert!(message.contains("3 segment labels for 24 cells"), "{message}");
-    let message = refused(
-        &mesh,
-        spec(),
-        SessionOptions {
-            n_threads: 1 << 20,
-            ..default()
-        },
-    );
+    let message = refused(&mesh, spec(), SessionOptions { n_threads: 1 << 20, ..default() });
     assert!(message.contains("n_threads"), "{message}");
     assert!(Backend::parse("tensorflow").is_err() && Backend::parse("torch:").is_err());
 }
@@ -260,15 +177,9 @@ fn threads_and_given_segments_do_not_change_the_result() {
         (u, p, s.cell_segment().to_vec())
     };
     let first = run(&SessionOptions::default());
-    let threads = run(&SessionOptions {
-        n_threads: 3,
-        ..Default::default()
-    });
+    let threads = run(&SessionOptions { n_threads: 3, ..Default::default() });
     assert_eq!(first, threads);
-    let preset = run(&SessionOptions {
-        cell_segment: Some(first.2.clone()),
-        ..Default::default()
-    });
+    let preset = run(&SessionOptions { cell_segment: Some(first.2.clone()), ..Default::default() });
     assert_eq!(first, preset);
 }
 
@@ -276,14 +187,8 @@ fn threads_and_given_segments_do_not_change_the_result() {
 fn a_model_can_be_computed_in_the_precision_that_it_was_trained_in() {
     use m4gn_engine::{Isa, Precision, PrecisionChoice};
     let run = |trained: Precision, precision: PrecisionChoice| {
-        let options = SessionOptions {
-            precision,
-            ..SessionOptions::default()
-        };
-        let trained = ModelSpec {
-            precision: trained,
-            ..spec()
-        };
+        let options = SessionOptions { precision, ..SessionOptions::default() };
+        let trained = ModelSpec { precision: trained, ..spec() };
         let mut s = session_of(trained, &options);
         let state = state(&s);
         let (done, u, p) = step(&mut s, &state);
@@ -291,10 +196,8 @@ fn a_model_can_be_computed_in_the_precision_that_it_was_trained_in() {
         (u, p)
     };
     let own = PrecisionChoice::Model;
-    let (fp32, bf16) = (
-        run(Precision::Fp32, PrecisionChoice::Fp32),
-        run(Precision::Fp32, PrecisionChoice::Bf16),
-    );
+    let (fp32, bf16) =
+        (run(Precision::Fp32, PrecisionChoice::Fp32), run(Precision::Fp32, PrecisionChoice::Bf16));
     assert_ne!(fp32, bf16);
     assert_eq!(run(Precision::Fp32, own), fp32);
     assert_eq!(run(Precision::Bf16, PrecisionChoice::Fp32), fp32);
@@ -316,13 +219,9 @@ fn a_plain_network_has_no_segments() {
         output: Output::None,
     });
     let mesh = sample::rectangle(5, 4, 1.0, 1.0);
-    let session = Session::new(
-        Comm::serial(),
-        &mesh,
-        &Model::random(s, 1).unwrap(),
-        &SessionOptions::default(),
-    )
-    .unwrap();
+    let session =
+        Session::new(Comm::serial(), &mesh, &Model::random(s, 1).unwrap(), &SessionOptions::default())
+            .unwrap();
     assert_eq!((session.n_segments(), session.cell_segment().len()), (0, 0));
 }
 

@@ -121,19 +121,13 @@ impl Root {
         comm.sum_i64(&mut total);
         let most = i64::from(i32::MAX / 2);
         if total[0] > most {
-            return Err(Error::Input(format!(
-                "{} cells: METIS counts to {most}",
-                total[0]
-            )));
+            return Err(Error::Input(format!("{} cells: METIS counts to {most}", total[0])));
         }
         let pairs = comm.gather(&global_pairs(mesh, graph, comm));
         let cells = comm.gather(&mesh.cell_global);
         Ok(pairs.zip(cells).map(|(pairs, cells)| {
             let pairs = pairs.concat();
-            Root {
-                graph: CellGraph::new(total[0] as usize, pairs.as_chunks::<2>().0),
-                cells,
-            }
+            Root { graph: CellGraph::new(total[0] as usize, pairs.as_chunks::<2>().0), cells }
         }))
     }
 
@@ -199,10 +193,7 @@ pub(super) mod tests {
     #[test]
     fn pieces_of_equal_labels() {
         let labels = [0, 0, 1, 0, 1, 1];
-        assert_eq!(
-            path(6).pieces(|i| labels[i]),
-            [vec![0, 1], vec![2], vec![3], vec![4, 5]]
-        );
+        assert_eq!(path(6).pieces(|i| labels[i]), [vec![0, 1], vec![2], vec![3], vec![4, 5]]);
         assert_eq!(path(3).breadth_first(1, |_| true), [1, 0, 2]);
     }
 }

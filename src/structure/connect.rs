@@ -34,9 +34,8 @@ pub(super) fn connect(graph: &CellGraph, labels: &mut [i32], count: usize) -> us
             });
         }
     }
-    let mut queue: VecDeque<usize> = (0..pieces.len())
-        .filter(|&p| waiting[p] && neighbour(graph, &pieces[p], labels).is_some())
-        .collect();
+    let mut queue: VecDeque<usize> =
+        (0..pieces.len()).filter(|&p| waiting[p] && neighbour(graph, &pieces[p], labels).is_some()).collect();
     queue.iter().for_each(|&p| waiting[p] = false);
     while let Some(p) = queue.pop_front() {
         let Some(segment) = neighbour(graph, &pieces[p], labels) else {
@@ -70,11 +69,7 @@ fn neighbour(graph: &CellGraph, piece: &[usize], labels: &[i32]) -> Option<i32> 
         .collect();
     found.sort_unstable();
     // max_by_key takes the last of equals: the lowest segment comes last.
-    found
-        .chunk_by(|a, b| a == b)
-        .rev()
-        .max_by_key(|run| run.len())
-        .map(|run| run[0])
+    found.chunk_by(|a, b| a == b).rev().max_by_key(|run| run.len()).map(|run| run[0])
 }
 
 /// Gives each component that is free one segment, taken from the components that have several.
@@ -97,9 +92,7 @@ fn fill_components(graph: &CellGraph, labels: &mut [i32], count: usize) {
         let Some(smallest) = (0..count).filter(|&k| !alone[k]).min_by_key(|&k| sizes[k]) else {
             return;
         };
-        let members: Vec<usize> = (0..labels.len())
-            .filter(|&i| labels[i] == smallest as i32)
-            .collect();
+        let members: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == smallest as i32).collect();
         if let Some(segment) = neighbour(graph, &members, labels) {
             members.iter().for_each(|&i| labels[i] = segment);
             free.iter().for_each(|&i| labels[i] = smallest as i32);

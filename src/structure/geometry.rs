@@ -38,10 +38,8 @@ impl Segmentation {
         let centre: Vec<f64> = (0..dim)
             .map(|i| sums.chunks_exact(dim + 1).map(|row| row[i]).sum::<f64>() / total.max(1.0))
             .collect();
-        let from_centre: Vec<f64> = centroids
-            .chunks_exact(dim)
-            .flat_map(|c| c.iter().zip(&centre).map(|(c, m)| c - m))
-            .collect();
+        let from_centre: Vec<f64> =
+            centroids.chunks_exact(dim).flat_map(|c| c.iter().zip(&centre).map(|(c, m)| c - m)).collect();
         let spread = rms(from_centre.iter().map(|v| v * v).sum(), k as f64);
 
         let cell_offset = |cell: usize, x: &[f64; 3]| -> Vec<f64> {
@@ -102,15 +100,8 @@ mod tests {
         let mut graph = Graph::new(&mesh, &comm).unwrap();
         let mut s = spec();
         s.segments.count = 2;
-        let mut found = segment(
-            &mesh,
-            &mut graph,
-            &s.segments,
-            &Modal::default(),
-            &comm,
-            Some(&[0, 0, 1, 1]),
-        )
-        .unwrap();
+        let mut found =
+            segment(&mesh, &mut graph, &s.segments, &Modal::default(), &comm, Some(&[0, 0, 1, 1])).unwrap();
         let stage = &mut s.architecture.m4gn_mut().unwrap().segment_transformer;
         stage.rwse_steps = 0;
         found.encode(&s, &mesh, &comm);

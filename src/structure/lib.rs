@@ -88,9 +88,9 @@ pub fn segment(
             let cells = preset_labels(mesh, labels, spec.count, comm)?;
             overlap::complete(mesh, graph, spec, comm, cells)
         }
-        None if any_preset[0] != 0 => comm.agree(Err(Error::Input(
-            "other ranks give preset segments, this one does not".into(),
-        ))),
+        None if any_preset[0] != 0 => {
+            comm.agree(Err(Error::Input("other ranks give preset segments, this one does not".into())))
+        }
         None => {
             let modes = match needs_modes(spec, total) {
                 true => {
@@ -136,10 +136,7 @@ fn check(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<i64> {
         )));
     }
     if spec.count > MAX_SEGMENTS {
-        return Err(Error::Input(format!(
-            "{} segments: expected at most {MAX_SEGMENTS}",
-            spec.count
-        )));
+        return Err(Error::Input(format!("{} segments: expected at most {MAX_SEGMENTS}", spec.count)));
     }
     spec.check()?;
     Ok(total[0])

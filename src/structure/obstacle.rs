@@ -24,11 +24,7 @@ pub fn obstacle_distance(mesh: &Mesh, obstacles: &[String], comm: &Comm) -> Resu
     let own: Vec<f64> = faces.iter().flat_map(|b| solved(&b.centre)).collect();
     let all = everywhere(comm, &own);
     let tree = Nearest::new(all.as_chunks::<3>().0);
-    Ok(mesh
-        .cell_centres
-        .iter()
-        .map(|x| tree.distance_squared(solved(x)).sqrt())
-        .collect())
+    Ok(mesh.cell_centres.iter().map(|x| tree.distance_squared(solved(x)).sqrt()).collect())
 }
 
 /// The feature f^obs of each of this rank's cells, m: S log(d/l) or S exp(-d/l), with l the spec's
@@ -86,13 +82,7 @@ fn obstacle_faces<'a>(mesh: &'a Mesh, obstacles: &[String], comm: &Comm) -> Resu
             (b.centre[d] - low).min(high - b.centre[d]) <= 1e-9 * (high - low)
         })
     };
-    let outer = union(
-        comm,
-        mesh.boundary
-            .iter()
-            .filter(|b| is_wall(b) && at_box(b))
-            .map(patch),
-    );
+    let outer = union(comm, mesh.boundary.iter().filter(|b| is_wall(b) && at_box(b)).map(patch));
     if let Some(faces) = found(all(&|b| is_wall(b) && !outer.contains(patch(b)))) {
         return Ok(faces);
     }
@@ -144,10 +134,7 @@ mod tests {
         assert_eq!(distances(&mesh, &["inlet"]).unwrap(), [0.5, 1.5, 2.5, 3.5]);
         assert_eq!(distances(&mesh, &[]).unwrap(), [0.5; 4]);
         let message = distances(&mesh, &["cylinder"]).unwrap_err().to_string();
-        assert!(
-            message.contains("cylinder: expected some of the patches inlet, outlet, walls"),
-            "{message}"
-        );
+        assert!(message.contains("cylinder: expected some of the patches inlet, outlet, walls"), "{message}");
         let outlet = mesh.boundary.iter_mut().find(|b| b.patch == 1);
         outlet.unwrap().kind = NodeType::Obstacle;
         assert_eq!(distances(&mesh, &[]).unwrap(), [3.5, 2.5, 1.5, 0.5]);
@@ -185,12 +172,8 @@ mod tests {
         let mesh = row();
         let comm = Comm::serial();
         let of = |method, distance_scale| {
-            let spec = SegmentSpec {
-                method,
-                distance_scale,
-                obstacles: vec!["inlet".into()],
-                ..Default::default()
-            };
+            let spec =
+                SegmentSpec { method, distance_scale, obstacles: vec!["inlet".into()], ..Default::default() };
             feature(&mesh, &spec, 2.0, &comm).unwrap()
         };
         assert!(of(SegmentMethod::Slic, None).is_empty());

@@ -93,13 +93,8 @@ fn within_each(graph: &CellGraph, sets: &[Vec<usize>], count: usize) -> Result<V
 /// sizes (d'Hondt's highest averages, of equals the first).
 fn shares(sizes: &[usize], count: usize) -> Vec<usize> {
     let mut shares = vec![1; sizes.len()];
-    let claim = |set: usize, share: usize| {
-        (share < sizes[set]).then_some(Claim {
-            size: sizes[set],
-            share,
-            set,
-        })
-    };
+    let claim =
+        |set: usize, share: usize| (share < sizes[set]).then_some(Claim { size: sizes[set], share, set });
     let mut claims: BinaryHeap<Claim> = (0..sizes.len()).filter_map(|set| claim(set, 1)).collect();
     for _ in sizes.len()..count {
         let Some(Claim { set, .. }) = claims.pop() else {
@@ -150,11 +145,7 @@ fn cut(graph: &CellGraph, count: usize, contiguous: bool) -> Result<Vec<i32>> {
         .set_option(metis::option::Seed(SEED))
         .set_option(metis::option::Contig(contiguous))
         .part_kway(&mut parts)
-        .map_err(|e| {
-            Error::Numerical(format!(
-                "METIS failed to cut {n} cells into {count} segments: {e}"
-            ))
-        })?;
+        .map_err(|e| Error::Numerical(format!("METIS failed to cut {n} cells into {count} segments: {e}")))?;
     fill_empty(graph, &mut parts, count);
     Ok(parts)
 }
@@ -167,9 +158,7 @@ fn fill_empty(graph: &CellGraph, parts: &mut [i32], count: usize) {
     }
     while let Some(empty) = sizes.iter().position(|&s| s == 0) {
         let largest = (0..count).max_by_key(|&k| (sizes[k], Reverse(k))).unwrap_or(0);
-        let members: Vec<usize> = (0..parts.len())
-            .filter(|&i| parts[i] as usize == largest)
-            .collect();
+        let members: Vec<usize> = (0..parts.len()).filter(|&i| parts[i] as usize == largest).collect();
         let reached = graph.breadth_first(members[0], |j| parts[j] as usize == largest);
         // Pieces that the search does not reach come last: they leave first.
         let mut order = reached.clone();
@@ -216,10 +205,7 @@ mod tests {
         assert_eq!([sizes(0), sizes(1), sizes(2), sizes(3)], [2, 2, 2, 2]);
         for count in 2..8 {
             let parts = partition(&g, count, false).unwrap();
-            assert!(
-                (0..count as i32).all(|k| parts.contains(&k)),
-                "{count}: {parts:?}"
-            );
+            assert!((0..count as i32).all(|k| parts.contains(&k)), "{count}: {parts:?}");
         }
     }
 

@@ -43,13 +43,7 @@ mod tests {
     #[test]
     fn a_cyclic_joins_cells() {
         let mut mesh = halves();
-        let side = |owner, global| CoupledFace {
-            owner,
-            rank: 0,
-            global,
-            delta: [1.0, 0.0, 0.0],
-            coeff: 1.0,
-        };
+        let side = |owner, global| CoupledFace { owner, rank: 0, global, delta: [1.0, 0.0, 0.0], coeff: 1.0 };
         mesh.coupled = vec![side(0, 3), side(3, 0)];
         assert_eq!(parts(&mesh), 1);
     }

@@ -67,21 +67,13 @@ pub fn quality(
     let (conductance, edge_cut_ratio) = edges(graph, &labels, count, comm);
     let points = Points::new(mesh, dissimilarity, comm);
     let (silhouette, silhouette_cells) = points.silhouette(mesh, &labels, count, comm);
-    Ok(Quality {
-        conductance,
-        edge_cut_ratio,
-        silhouette,
-        silhouette_cells,
-    })
+    Ok(Quality { conductance, edge_cut_ratio, silhouette, silhouette_cells })
 }
 
 /// Mean conductance (eq. 18) and edge-cut ratio (eq. 19). Collective.
 fn edges(graph: &mut Graph, labels: &[i32], count: usize, comm: &Comm) -> (f64, f64) {
     let mut segment = vec![-1i64; graph.n_local];
-    segment
-        .iter_mut()
-        .zip(labels)
-        .for_each(|(s, &l)| *s = i64::from(l));
+    segment.iter_mut().zip(labels).for_each(|(s, &l)| *s = i64::from(l));
     graph.halo.exchange_i64(comm, &mut segment, 1);
     // Degrees, then edges that leave, of each segment: each edge is seen from both ends.
     let mut sums = vec![0i64; 2 * count];
@@ -113,11 +105,8 @@ struct Points {
 
 impl Points {
     fn new(mesh: &Mesh, dissimilarity: Dissimilarity, comm: &Comm) -> Self {
-        let mut coordinates: Vec<Vec<f64>> = mesh
-            .directions
-            .iter()
-            .map(|&d| mesh.cell_centres.iter().map(|x| x[d]).collect())
-            .collect();
+        let mut coordinates: Vec<Vec<f64>> =
+            mesh.directions.iter().map(|&d| mesh.cell_centres.iter().map(|x| x[d]).collect()).collect();
         let mut total = [mesh.n_cells() as f64];
         comm.sum_f64(&mut total);
         if let Dissimilarity::Features(modes) = dissimilarity {
@@ -145,34 +134,20 @@ impl Points {
             })
             .collect();
         comm.max_f64(&mut box_sides);
-        let diagonal = box_sides
-            .chunks_exact(2)
-            .map(|s| (s[0] + s[1]).powi(2))
-            .sum::<f64>()
-            .sqrt();
+        let diagonal = box_sides.chunks_exact(2).map(|s| (s[0] + s[1]).powi(2)).sum::<f64>().sqrt();
         let least = diagonal * total[0] / 2f64.powi(51);
-        Points {
-            coordinates,
-            quantum: if least > 0.0 {
-                least.log2().ceil().exp2()
-            } else {
-                1.0
-            },
-        }
+        Points { coordinates, quantum: if least > 0.0 { least.log2().ceil().exp2() } else { 1.0 } }
     }
 
     /// Mean silhouette and the number of cells that it is the mean of. Collective.
     fn silhouette(&self, mesh: &Mesh, labels: &[i32], count: usize, comm: &Comm) -> (f64, usize) {
         let mut total = [labels.len() as i64];
         comm.sum_i64(&mut total);
-        let asked: Vec<usize> = (0..labels.len())
-            .filter(|&cell| chosen(mesh.cell_global[cell], total[0]))
-            .collect();
+        let asked: Vec<usize> =
+            (0..labels.len()).filter(|&cell| chosen(mesh.cell_global[cell], total[0])).collect();
         let width = self.coordinates.len();
-        let rows: Vec<f64> = asked
-            .iter()
-            .flat_map(|&cell| self.coordinates.iter().map(move |x| x[cell]))
-            .collect();
+        let rows: Vec<f64> =
+            asked.iter().flat_map(|&cell| self.coordinates.iter().map(move |x| x[cell])).collect();
         let rows = everywhere(comm, &rows);
         let own = everywhere(comm, &asked.iter().map(|&cell| labels[cell]).collect::<Vec<_>>());
 
@@ -241,10 +216,7 @@ impl Sorted {
         let mut order: Vec<usize> = (0..labels.len()).collect();
         order.sort_by_key(|&cell| labels[cell]);
         Sorted {
-            coordinates: coordinates
-                .iter()
-                .map(|x| order.iter().map(|&cell| x[cell]).collect())
-                .collect(),
+            coordinates: coordinates.iter().map(|x| order.iter().map(|&cell| x[cell]).collect()).collect(),
             first,
         }
     }

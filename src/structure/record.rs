@@ -57,21 +57,14 @@ impl Marks {
         let mut cells = [mesh.n_cells() as i64];
         comm.sum_i64(&mut cells);
         let pairs: Vec<[f64; 2]> = flat.chunks_exact(2).map(|c| [c[0], c[1]]).collect();
-        Marks {
-            cells: cells[0],
-            mesh: pairs[..8].to_vec(),
-            labels: pairs[8..].to_vec(),
-        }
+        Marks { cells: cells[0], mesh: pairs[..8].to_vec(), labels: pairs[8..].to_vec() }
     }
 }
 
 fn same(stored: &[f64], now: &[[f64; 2]]) -> bool {
     // NaN is not the same as anything.
     stored.len() == now.len()
-        && stored
-            .iter()
-            .zip(now)
-            .all(|(s, [sum, size])| (s - sum).abs() <= TOLERANCE * size)
+        && stored.iter().zip(now).all(|(s, [sum, size])| (s - sum).abs() <= TOLERANCE * size)
 }
 
 /// The entries of a description that its labels depend on.
@@ -168,10 +161,7 @@ pub fn misfit(
         ));
     }
     if !same(&record.mesh, &marks.mesh) {
-        return Some(format!(
-            "they were made for another mesh of {} cells",
-            record.cells
-        ));
+        return Some(format!("they were made for another mesh of {} cells", record.cells));
     }
     if !same(&record.labels, &marks.labels) {
         return Some(
@@ -188,10 +178,7 @@ pub fn misfit(
         // Modes of whatever the case has
         let open = key == "operator" && value.is_null();
         if asked && !open && !equal(found, value) {
-            other.push(format!(
-                "{} is {found} there, and {value} is wanted",
-                dictionary_name(key)
-            ));
+            other.push(format!("{} is {found} there, and {value} is wanted", dictionary_name(key)));
         }
     }
     // What the wanted method has no use for
@@ -216,12 +203,7 @@ mod tests {
     use m4gn_samples::mesh as sample;
 
     fn spec(method: SegmentMethod, count: usize) -> SegmentSpec {
-        SegmentSpec {
-            method,
-            count,
-            modes: 3,
-            ..SegmentSpec::default()
-        }
+        SegmentSpec { method, count, modes: 3, ..SegmentSpec::default() }
     }
 
     fn cut(mesh: &Mesh, spec: &SegmentSpec) -> (Vec<i32>, String) {
@@ -244,11 +226,7 @@ mod tests {
         let (labels, record) = cut(&mesh, &slic);
         assert_eq!(why(&mesh, &labels, &record, &slic), "");
         // Overlap is no part of the labels, and no operator means whichever there is.
-        let other = SegmentSpec {
-            overlap: 2,
-            operator: Some(ModalOperator::Laplacian),
-            ..slic.clone()
-        };
+        let other = SegmentSpec { overlap: 2, operator: Some(ModalOperator::Laplacian), ..slic.clone() };
         assert_eq!(why(&mesh, &labels, &record, &other), "");
         type Change = fn(&mut SegmentSpec);
         let changes: [(&str, Change); 6] = [
@@ -257,9 +235,7 @@ mod tests {
             ("modes is 3", |s| s.modes = 4),
             ("tau is 1.0", |s| s.tau = 1.001),
             ("connected is true", |s| s.connected = false),
-            ("operator is \"laplacian\"", |s| {
-                s.operator = Some(ModalOperator::Elastic)
-            }),
+            ("operator is \"laplacian\"", |s| s.operator = Some(ModalOperator::Elastic)),
         ];
         for (expected, change) in changes {
             let mut wanted = slic.clone();

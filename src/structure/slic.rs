@@ -66,12 +66,8 @@ pub(super) fn refine(
 
 /// The default S of appendix B.4.1: extent of the domain = K S^dim.
 fn default_size(mesh: &Mesh, extent: &Extent, count: usize) -> f64 {
-    let sides: Vec<f64> = mesh
-        .directions
-        .iter()
-        .map(|&d| extent.high[d] - extent.low[d])
-        .filter(|&l| l > 0.0)
-        .collect();
+    let sides: Vec<f64> =
+        mesh.directions.iter().map(|&d| extent.high[d] - extent.low[d]).filter(|&l| l > 0.0).collect();
     match sides.len() {
         0 => 1.0,
         n => (sides.iter().product::<f64>() / count as f64).powf(1.0 / n as f64),
@@ -83,9 +79,7 @@ impl Features {
         let mut total = [mesh.n_cells() as i64];
         comm.sum_i64(&mut total);
         let extent = Extent::of(mesh, comm);
-        let size = spec
-            .size
-            .unwrap_or_else(|| default_size(mesh, &extent, spec.count));
+        let size = spec.size.unwrap_or_else(|| default_size(mesh, &extent, spec.count));
         let obstacle = obstacle::feature(mesh, spec, size, comm)?;
         // No sum over all cells may leave the integers.
         let mut largest = [0.0f64];
@@ -106,29 +100,16 @@ impl Features {
         }
         let room = 2f64.powi(61) / total[0] as f64;
         // A power of two: `largest` carries rounding noise, the quantum must not.
-        let quantum = (QUANTUM * size)
-            .max((largest[0] / room).log2().ceil().exp2())
-            .max(f64::MIN_POSITIVE);
+        let quantum = (QUANTUM * size).max((largest[0] / room).log2().ceil().exp2()).max(f64::MIN_POSITIVE);
         let width = usize::from(spec.method.uses_obstacle()) + modes.len() + mesh.dim();
         let mut values = Vec::with_capacity(mesh.n_cells() * width);
         for (cell, x) in mesh.cell_centres.iter().enumerate() {
             let position = mesh.directions.iter().map(|&d| x[d] - extent.low[d]);
             let mode = modes.iter().map(|phi| phi[cell] * size);
-            let all = obstacle
-                .get(cell)
-                .copied()
-                .into_iter()
-                .chain(mode)
-                .chain(position);
+            let all = obstacle.get(cell).copied().into_iter().chain(mode).chain(position);
             values.extend(all.map(|f| (f / quantum).round()));
         }
-        Ok(Features {
-            guided: width - mesh.dim(),
-            width,
-            values,
-            size: size / quantum,
-            tau: spec.tau,
-        })
+        Ok(Features { guided: width - mesh.dim(), width, values, size: size / quantum, tau: spec.tau })
     }
 
     fn of(&self, cell: usize) -> &[f64] {
@@ -159,10 +140,7 @@ impl Features {
         for (cell, &label) in labels.iter().enumerate() {
             let sum = &mut sums[label as usize * stride..(label as usize + 1) * stride];
             sum[0] += 1;
-            sum[1..]
-                .iter_mut()
-                .zip(self.of(cell))
-                .for_each(|(s, &f)| *s += f as i64);
+            sum[1..].iter_mut().zip(self.of(cell)).for_each(|(s, &f)| *s += f as i64);
         }
         comm.sum_i64(&mut sums);
         sums.chunks_exact(stride)
@@ -211,9 +189,8 @@ impl Features {
             near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
             near
         };
-        let near: Vec<Vec<(f64, i32)>> = (0..count)
-            .map(|k| if farthest[k] > 0.0 { around(k) } else { Vec::new() })
-            .collect();
+        let near: Vec<Vec<(f64, i32)>> =
+            (0..count).map(|k| if farthest[k] > 0.0 { around(k) } else { Vec::new() }).collect();
         let mut candidates: Vec<(f64, i32)> = Vec::new();
         labels
             .iter()
@@ -233,12 +210,7 @@ impl Features {
                     }
                 }
                 let least = candidates.iter().map(|c| c.0).fold(f64::INFINITY, f64::min);
-                candidates
-                    .iter()
-                    .filter(|c| c.0 <= least + margin)
-                    .map(|c| c.1)
-                    .min()
-                    .unwrap_or(current)
+                candidates.iter().filter(|c| c.0 <= least + margin).map(|c| c.1).min().unwrap_or(current)
             })
             .collect()
     }
@@ -265,8 +237,7 @@ impl Features {
             // Whole quanta: comparable between ranks.
             let steps = |cell: usize| {
                 let k = before[cell] as usize;
-                self.distance(self.of(cell), &centroids[k * self.width..(k + 1) * self.width])
-                    .round() as i64
+                self.distance(self.of(cell), &centroids[k * self.width..(k + 1) * self.width]).round() as i64
             };
             let empty = |cell: usize| sizes[before[cell] as usize] == 0;
             let mut least = vec![i64::MAX; count];

@@ -11,11 +11,7 @@ fn cut(mesh: &Mesh, spec: &SegmentSpec, preset: Option<&[i32]>) -> Result<Segmen
 }
 
 fn metis(count: usize) -> SegmentSpec {
-    SegmentSpec {
-        method: SegmentMethod::Metis,
-        count,
-        ..Default::default()
-    }
+    SegmentSpec { method: SegmentMethod::Metis, count, ..Default::default() }
 }
 
 #[test]
@@ -35,10 +31,7 @@ fn more_segments_than_cells_is_an_error_that_says_so() {
     assert_eq!(s.node_segment[..4], [0, 1, 2, 3]);
     for count in [0, 5] {
         let error = cut(&mesh, &metis(count), None).unwrap_err();
-        assert!(
-            matches!(&error, Error::Input(m) if m.contains("expected 1 to 4")),
-            "{error}"
-        );
+        assert!(matches!(&error, Error::Input(m) if m.contains("expected 1 to 4")), "{error}");
     }
 }
 
@@ -110,25 +103,14 @@ fn extremes_have_an_answer() {
             (5, 1.0, Some(1e-300), 3),
             (5, 1e6, Some(1e9), 23),
         ] {
-            let spec = SegmentSpec {
-                method,
-                count,
-                tau,
-                size,
-                modes,
-                ..Default::default()
-            };
+            let spec = SegmentSpec { method, count, tau, size, modes, ..Default::default() };
             let s = cut(&mesh, &spec, None).unwrap();
             assert!(s.sizes.iter().all(|&n| n > 0.0), "{spec:?}: {:?}", s.sizes);
             assert_eq!(pieces(&mesh, &s.node_segment), count, "{spec:?}");
         }
     }
     let two = sample::chain(2, 1.0);
-    let spec = |count, modes| SegmentSpec {
-        count,
-        modes,
-        ..Default::default()
-    };
+    let spec = |count, modes| SegmentSpec { count, modes, ..Default::default() };
     assert_eq!(cut(&two, &spec(1, 6), None).unwrap().node_segment[..2], [0, 0]);
     assert_eq!(cut(&two, &spec(2, 6), None).unwrap().node_segment[..2], [0, 1]);
     assert!(matches!(cut(&two, &spec(3, 6), None), Err(Error::Input(_))));
@@ -138,12 +120,7 @@ fn extremes_have_an_answer() {
 fn a_share_of_the_energy_takes_as_many_modes_as_it_needs() {
     let mesh = sample::rectangle(9, 4, 2.3, 1.0);
     let with = |modes, energy| {
-        let spec = SegmentSpec {
-            count: 6,
-            modes,
-            energy,
-            ..Default::default()
-        };
+        let spec = SegmentSpec { count: 6, modes, energy, ..Default::default() };
         cut(&mesh, &spec, None).unwrap()
     };
     assert_eq!(with(5, Some(1.0)), with(5, None));

@@ -149,21 +149,12 @@ mod tests {
         assert!(said[0].1.contains("from 1.00 at step 1100 to 3.70"), "{said:?}");
         assert!(said[0].1.contains("lower learning_rate, and"), "{said:?}");
         // What grows since more steps are unrolled, or while the normalisers change, is none.
-        let rows: Vec<Row> = (40..62)
-            .map(|i| row(100 * i, if i > 50 { 10.0 } else { 1.0 }, 0.1, None))
-            .collect();
+        let rows: Vec<Row> =
+            (40..62).map(|i| row(100 * i, if i > 50 { 10.0 } else { 1.0 }, 0.1, None)).collect();
         assert_eq!(told(&rows, &settings()), []);
-        let late = TrainingConfig {
-            normaliser_steps: 5000,
-            unroll: vec![[0, 1]],
-            ..settings()
-        };
+        let late = TrainingConfig { normaliser_steps: 5000, unroll: vec![[0, 1]], ..settings() };
         assert_eq!(told(&rows, &late), []);
-        let free = TrainingConfig {
-            unroll: vec![[0, 1]],
-            gradient_clip: 0.0,
-            ..settings()
-        };
+        let free = TrainingConfig { unroll: vec![[0, 1]], gradient_clip: 0.0, ..settings() };
         assert!(told(&rows, &free)[0].1.contains("or set gradient_clip"));
     }
 
@@ -172,16 +163,10 @@ mod tests {
         let rows: Vec<Row> = (1..20).map(|i| row(100 * i, 1.0, 11.0, None)).collect();
         let said = told(&rows, &settings());
         assert_eq!((said.len(), said[0].0), (1, 11), "{said:?}");
-        assert!(
-            said[0].1.contains("is 11.0") && said[0].1.contains("gradient_clip 1:"),
-            "{said:?}"
-        );
+        assert!(said[0].1.contains("is 11.0") && said[0].1.contains("gradient_clip 1:"), "{said:?}");
         let calm: Vec<Row> = (1..20).map(|i| row(100 * i, 1.0, 9.0, None)).collect();
         assert_eq!(told(&calm, &settings()), []);
-        let free = TrainingConfig {
-            gradient_clip: 0.0,
-            ..settings()
-        };
+        let free = TrainingConfig { gradient_clip: 0.0, ..settings() };
         assert_eq!(told(&rows, &free), []);
     }
 
@@ -189,16 +174,10 @@ mod tests {
     fn validations_that_stay_worse_are_told_once() {
         let scores = |scores: &[f64]| -> Vec<Row> {
             let steps = (1..).map(|i| 100 * i);
-            let rows = scores
-                .iter()
-                .zip(steps)
-                .map(|(score, step)| row(step, 1.0, 0.1, Some(*score)));
+            let rows = scores.iter().zip(steps).map(|(score, step)| row(step, 1.0, 0.1, Some(*score)));
             rows.collect()
         };
-        let said = told(
-            &scores(&[0.9, 0.5, 0.6, 0.6, 0.6, 0.7, f64::INFINITY, 0.8]),
-            &settings(),
-        );
+        let said = told(&scores(&[0.9, 0.5, 0.6, 0.6, 0.6, 0.7, f64::INFINITY, 0.8]), &settings());
         assert_eq!((said.len(), said[0].0), (1, 7), "{said:?}");
         assert!(said[0].1.contains("that of step 200"), "{said:?}");
         // One of five is as good.

@@ -82,9 +82,7 @@ impl Checkpoint {
         for (name, values) in tensors.into_iter().filter_map(|(n, v)| Some((n, v?))) {
             if values.len() != weights {
                 let n = values.len();
-                return Err(damaged(format!(
-                    "tensor `{name}`: {n} numbers, expected {weights}"
-                )));
+                return Err(damaged(format!("tensor `{name}`: {n} numbers, expected {weights}")));
             }
             if let Some(i) = values.iter().position(|v| !v.is_finite()) {
                 return Err(damaged(format!("tensor `{name}`: number {i} is {}", values[i])));
@@ -98,10 +96,7 @@ impl Checkpoint {
         {
             return Err(damaged("the best weights are not complete".into()));
         }
-        for normaliser in [Some(&self.normaliser), self.best_normaliser.as_ref()]
-            .into_iter()
-            .flatten()
-        {
+        for normaliser in [Some(&self.normaliser), self.best_normaliser.as_ref()].into_iter().flatten() {
             normaliser.check(spec).map_err(|e| damaged(e.to_string()))?;
         }
         Ok(())
@@ -123,10 +118,7 @@ impl Checkpoint {
         ] {
             values.into_iter().for_each(|values| arrays.floats(name, values));
         }
-        for (prefix, normaliser) in [
-            ("", Some(&self.normaliser)),
-            ("best.", self.best_normaliser.as_ref()),
-        ] {
+        for (prefix, normaliser) in [("", Some(&self.normaliser)), ("best.", self.best_normaliser.as_ref())] {
             for (name, m) in normaliser.iter().flat_map(|n| n.named()) {
                 arrays.doubles(&format!("{prefix}{name}.count"), &m.count);
                 arrays.doubles(&format!("{prefix}{name}.sum"), &m.sum);
@@ -139,18 +131,12 @@ impl Checkpoint {
     /// Reads a checkpoint back.
     pub fn read(path: &Path) -> Result<Self> {
         let fail = |e: String| {
-            Error::file(
-                path,
-                format!("not a usable checkpoint ({e}); delete it to start the training anew"),
-            )
+            Error::file(path, format!("not a usable checkpoint ({e}); delete it to start the training anew"))
         };
         let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
         let (progress, file): (Progress, _) = TensorFile::parse(&bytes, ENTRY).map_err(&fail)?;
         if progress.version != VERSION {
-            return Err(fail(format!(
-                "schema version {}, this program reads {VERSION}",
-                progress.version
-            )));
+            return Err(fail(format!("schema version {}, this program reads {VERSION}", progress.version)));
         }
         let moments = |name: &str| -> Option<Moments> {
             Some(Moments {
@@ -166,10 +152,7 @@ impl Checkpoint {
                 output: moments(&format!("{prefix}norm.output"))?,
             })
         };
-        let need = |name: &str| {
-            file.floats(name)
-                .ok_or_else(|| fail(format!("no tensor `{name}`")))
-        };
+        let need = |name: &str| file.floats(name).ok_or_else(|| fail(format!("no tensor `{name}`")));
         Ok(Checkpoint {
             weights: need("weights")?,
             first: need("first")?,

@@ -90,10 +90,7 @@ impl Config {
     /// Parses and checks TOML text.
     pub fn parse(text: &str) -> Result<Self> {
         let config: Config = toml::from_str(text).map_err(|e| {
-            Error::Input(format!(
-                "not a valid training configuration: {}",
-                e.to_string().trim()
-            ))
+            Error::Input(format!("not a valid training configuration: {}", e.to_string().trim()))
         })?;
         config.check()?;
         Ok(config)
@@ -203,33 +200,15 @@ impl Config {
             }
         }
         if !(t.gradient_clip.is_finite() && t.gradient_clip >= 0.0) {
-            return bad(
-                "training.gradient_clip",
-                &t.gradient_clip.to_string(),
-                "a norm, or 0 for no limit",
-            );
+            return bad("training.gradient_clip", &t.gradient_clip.to_string(), "a norm, or 0 for no limit");
         }
         if !(t.noise_spread.is_finite() && t.noise_spread >= 1.0) {
-            return bad(
-                "training.noise_spread",
-                &t.noise_spread.to_string(),
-                "a number, 1 or more",
-            );
+            return bad("training.noise_spread", &t.noise_spread.to_string(), "a number, 1 or more");
         }
         let history = self.contact.is_some_and(|contact| contact.history > 0);
         for (key, value, most, expected) in [
-            (
-                "training.history_pace",
-                t.history_pace,
-                1.0,
-                "a part of the examples, 0 to 1",
-            ),
-            (
-                "training.history_noise",
-                t.history_noise,
-                f64::MAX,
-                "a deviation, 0 or more",
-            ),
+            ("training.history_pace", t.history_pace, 1.0, "a part of the examples, 0 to 1"),
+            ("training.history_noise", t.history_noise, f64::MAX, "a deviation, 0 or more"),
         ] {
             if !(0.0..=most).contains(&value) {
                 return bad(key, &value.to_string(), expected);
@@ -239,11 +218,7 @@ impl Config {
             }
         }
         if !(t.smooth_loss.is_finite() && t.smooth_loss >= 0.0) {
-            return bad(
-                "training.smooth_loss",
-                &t.smooth_loss.to_string(),
-                "a weight, 0 or more",
-            );
+            return bad("training.smooth_loss", &t.smooth_loss.to_string(), "a weight, 0 or more");
         }
         if !(1..=1024).contains(&t.smooth_hops) {
             return bad("training.smooth_hops", &t.smooth_hops.to_string(), "1 to 1024");
@@ -251,10 +226,7 @@ impl Config {
         if !(0.0..=1.0).contains(&t.balance) {
             return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");
         }
-        for (key, table) in [
-            ("training.noise", &t.noise),
-            ("training.loss_weights", &t.loss_weights),
-        ] {
+        for (key, table) in [("training.noise", &t.noise), ("training.loss_weights", &t.loss_weights)] {
             for (name, &value) in table {
                 let fits = m.fields.iter().any(|f| {
                     &f.name == name
@@ -265,11 +237,7 @@ impl Config {
                         }
                 });
                 if !fits {
-                    let what = if key == "training.noise" {
-                        "an input"
-                    } else {
-                        "an output"
-                    };
+                    let what = if key == "training.noise" { "an input" } else { "an output" };
                     return bad(
                         &format!("{key}.{name}"),
                         "a field that is not there",
@@ -304,19 +272,11 @@ fn bad<T>(key: &str, found: &str, expected: &str) -> Result<T> {
 }
 
 fn positive(key: &str, value: f64) -> Result<()> {
-    if value.is_finite() && value > 0.0 {
-        Ok(())
-    } else {
-        bad(key, &value.to_string(), "a positive number")
-    }
+    if value.is_finite() && value > 0.0 { Ok(()) } else { bad(key, &value.to_string(), "a positive number") }
 }
 
 fn at_least_one(key: &str, value: u64) -> Result<()> {
-    if value >= 1 {
-        Ok(())
-    } else {
-        bad(key, "0", "at least 1")
-    }
+    if value >= 1 { Ok(()) } else { bad(key, "0", "at least 1") }
 }
 
 #[cfg(test)]

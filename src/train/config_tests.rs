@@ -59,15 +59,9 @@ fn what_a_shorter_training_does_not_reach_is_named() {
     t.steps = 400;
     assert_eq!(
         t.unreached(),
-        [
-            "the decay of the learning rate ends at step 1000",
-            "unroll has 4 strides from step 500 on"
-        ]
+        ["the decay of the learning rate ends at step 1000", "unroll has 4 strides from step 500 on"]
     );
-    t.restarts = vec![Restart {
-        step: 700,
-        learning_rate: 1e-4,
-    }];
+    t.restarts = vec![Restart { step: 700, learning_rate: 1e-4 }];
     assert_eq!(t.unreached()[1], "restarts has one at step 700");
 }
 
@@ -89,62 +83,26 @@ fn each_wrong_value_is_named() {
         ("width = 8", "widht = 8", "widht"),
         ("width = 8", "width = 0", "width: expected 1"),
         ("stride = 0.05", "stride = -1.0", "stride: expected"),
-        (
-            "hidden_layers = 1",
-            "hidden_layers = 0",
-            "hidden_layers: expected 1",
-        ),
+        ("hidden_layers = 1", "hidden_layers = 0", "hidden_layers: expected 1"),
         ("kind = \"mesh-graph-net\"", "kind = \"gat\"", "gcn"),
         ("kind = \"mesh-graph-net\"", "kind = \"m4gn\"", "the macro stage"),
-        (
-            "[training]",
-            "[contact]\nradius = 0.01\n[training]",
-            "the displacement",
-        ),
-        (
-            "[training]",
-            "[segments]\ncount = 0\n[training]",
-            "segments.count",
-        ),
-        (
-            "[training]",
-            "[segments]\nenergy = 2.0\n[training]",
-            "segments.energy",
-        ),
-        (
-            "[training]",
-            "[segments]\nmethod = \"slic-x\"\n[training]",
-            "slic-mdode",
-        ),
+        ("[training]", "[contact]\nradius = 0.01\n[training]", "the displacement"),
+        ("[training]", "[segments]\ncount = 0\n[training]", "segments.count"),
+        ("[training]", "[segments]\nenergy = 2.0\n[training]", "segments.energy"),
+        ("[training]", "[segments]\nmethod = \"slic-x\"\n[training]", "slic-mdode"),
         ("layers = 1", "layers = 1\nlayers_after = 2", "layers_after"),
         ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),
         ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
         ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
-        (
-            "[training]",
-            "[training]\nsmooth_loss = -1.0",
-            "training.smooth_loss",
-        ),
+        ("[training]", "[training]\nsmooth_loss = -1.0", "training.smooth_loss"),
         (
             "[training]",
             "[training]\nhistory_pace = 0.5",
             "training.history_pace: found 0.5, expected 0 without [contact] history = 1",
         ),
-        (
-            "[training]",
-            "[training]\nhistory_noise = -0.1",
-            "training.history_noise",
-        ),
-        (
-            "[training]",
-            "[training]\nnoise_spread = 0.5",
-            "training.noise_spread",
-        ),
-        (
-            "[training]",
-            "[training]\nsmooth_hops = 0",
-            "training.smooth_hops",
-        ),
+        ("[training]", "[training]\nhistory_noise = -0.1", "training.history_noise"),
+        ("[training]", "[training]\nnoise_spread = 0.5", "training.noise_spread"),
+        ("[training]", "[training]\nsmooth_hops = 0", "training.smooth_hops"),
         (" steps = 10\n", " steps = 0\n", "training.steps"),
         (
             "[training]",
@@ -170,9 +128,5 @@ fn without_a_kind_the_macro_table_tells() {
     assert_eq!(kind(&SMALL.replace("mesh-graph-net", "gcn")), KindName::Gcn);
     let heads = stage.replace("heads = 2", "heads = 3");
     let message = Config::parse(&old.replace("[training]", &heads)).unwrap_err();
-    assert!(
-        message
-            .to_string()
-            .contains("heads: 3 does not divide the width 8")
-    );
+    assert!(message.to_string().contains("heads: 3 does not divide the width 8"));
 }

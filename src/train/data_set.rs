@@ -88,12 +88,7 @@ pub(super) fn load(
     };
     // As the last stretch of a hybrid run may be.
     let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
-    let left_out: Vec<String> = train
-        .iter()
-        .chain(&valid)
-        .filter(|t| short(t))
-        .map(described)
-        .collect();
+    let left_out: Vec<String> = train.iter().chain(&valid).filter(|t| short(t)).map(described).collect();
     train.retain(|t| !short(t));
     valid.retain(|t| !short(t));
     if let Some(first) = left_out.first() {
@@ -103,10 +98,7 @@ pub(super) fn load(
              (name, frames) {first}"
         );
         if train.is_empty() {
-            return Err(Error::file(
-                folder,
-                format!("no trajectory to learn from but {note}"),
-            ));
+            return Err(Error::file(folder, format!("no trajectory to learn from but {note}")));
         }
         report.line(&format!("note: trajectories left out: {note}"));
     }
@@ -141,12 +133,7 @@ pub(super) fn load(
     }
     let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
     spec.trained_on = TrainedOn::over(&extents, spec.stride);
-    let work = Workload {
-        train,
-        valid,
-        frames_a_step: frames,
-        names,
-    };
+    let work = Workload { train, valid, frames_a_step: frames, names };
     let (all, kept, streamed) = work.sizes();
     report.line(&match streamed {
         0 => format!("frames: {} in memory", memory::size(all)),
@@ -172,11 +159,7 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
     };
     if let Some(kind) = spec.node_types.iter().find(|t| !old.node_types.contains(t)) {
         let known: Vec<&str> = old.node_types.iter().map(|t| t.name()).collect();
-        return Err(misfit(
-            "the node types",
-            known.join(", "),
-            format!("{} as well", kind.name()),
-        ));
+        return Err(misfit("the node types", known.join(", "), format!("{} as well", kind.name())));
     }
     spec.node_types = old.node_types.clone();
     if !inputs::follow(&old.fields, &spec.fields) {
@@ -215,10 +198,7 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
 fn check_memory(spec: &ModelSpec) -> Result<()> {
     let sizes = Model::tensor_sizes(spec);
     // Weights, two moments, average, best, gradient, and two packed copies.
-    let needed = sizes
-        .iter()
-        .map(|n| n.saturating_mul(32))
-        .fold(0usize, usize::saturating_add);
+    let needed = sizes.iter().map(|n| n.saturating_mul(32)).fold(0usize, usize::saturating_add);
     let have = memory::whole().map_or(usize::MAX, |bytes| bytes as usize);
     if needed > have {
         return Err(Error::Input(format!(
@@ -261,10 +241,7 @@ fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()>
         }
     }
     if frames_a_step(times, spec.stride, path)? != frames {
-        return Err(Error::file(
-            path,
-            "its frame interval differs from the first trajectory's",
-        ));
+        return Err(Error::file(path, "its frame interval differs from the first trajectory's"));
     }
     Ok(())
 }
@@ -292,10 +269,7 @@ fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
         architecture: config.architecture()?,
         contact: config.contact,
         resolution: config.model.resolution,
-        segments: SegmentSpec {
-            operator,
-            ..config.segments.clone()
-        },
+        segments: SegmentSpec { operator, ..config.segments.clone() },
         precision: config.training.precision,
         trained_on: None,
         calibration: None,
@@ -307,15 +281,10 @@ fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
 fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
     let count = times.len();
     if count < 2 {
-        return Err(Error::file(
-            path,
-            format!("{count} frames: at least two are needed to learn from"),
-        ));
+        return Err(Error::file(path, format!("{count} frames: at least two are needed to learn from")));
     }
     let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
-    let uneven = times
-        .windows(2)
-        .any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
+    let uneven = times.windows(2).any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
     let steps = stride / interval;
     if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
         return Err(Error::file(

@@ -15,10 +15,7 @@ impl Trainer<'_> {
         let mut tensors = self.layout.unflatten(weights);
         tensors.extend(normaliser.tensors());
         let mut spec = self.spec.clone();
-        let best = self
-            .progress
-            .best
-            .map(|(step, v)| serde_json::json!({ "step": step, "validation": v }));
+        let best = self.progress.best.map(|(step, v)| serde_json::json!({ "step": step, "validation": v }));
         spec.training = serde_json::json!({
             "config": self.progress.config,
             "seed": self.progress.seed,
@@ -74,11 +71,7 @@ impl Trainer<'_> {
             false => Ok(()),
         };
         self.comm.agree(written)?;
-        report.line(&format!(
-            "best at step {step}: {}; {}",
-            v.absolute(),
-            self.request.out.display()
-        ));
+        report.line(&format!("best at step {step}: {}; {}", v.absolute(), self.request.out.display()));
         let figures = serde_json::json!({
             "model": { "rmse_1": v.rmse_1[0], "rmse_50": v.rmse_horizon[0], "rmse_all": v.rmse_all[0] },
             "persistence": { "rmse_1": v.rmse_1[1], "rmse_50": v.rmse_horizon[1], "rmse_all": v.rmse_all[1] },

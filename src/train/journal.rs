@@ -28,22 +28,14 @@ impl Validation {
 
     /// The three errors by name: model, persistence.
     fn named(&self) -> [(&'static str, [f64; 2]); 3] {
-        [
-            ("RMSE-1", self.rmse_1),
-            ("RMSE-50", self.rmse_horizon),
-            ("RMSE-all", self.rmse_all),
-        ]
+        [("RMSE-1", self.rmse_1), ("RMSE-50", self.rmse_horizon), ("RMSE-all", self.rmse_all)]
     }
 
     /// The errors, each with its percentage of persistence: `RMSE-1 0.001234 (12.3 % of persistence), ...`.
     pub fn relative(&self) -> String {
         let parts = self.named().map(|(name, [model, held])| {
             let of = if name == "RMSE-1" { " of persistence" } else { "" };
-            format!(
-                "{name} {} ({}{of})",
-                number(model, 4),
-                percent(Some(model / held))
-            )
+            format!("{name} {} ({}{of})", number(model, 4), percent(Some(model / held)))
         });
         parts.join(", ")
     }
@@ -62,11 +54,7 @@ impl Validation {
     /// Infinite where a rollout left the finite numbers.
     pub fn score(&self, best_of: BestOf) -> f64 {
         let ratio = |[model, held]: [f64; 2]| {
-            if model.is_finite() {
-                model / held.max(1e-30)
-            } else {
-                f64::INFINITY
-            }
+            if model.is_finite() { model / held.max(1e-30) } else { f64::INFINITY }
         };
         let other = match best_of {
             BestOf::Rollouts | BestOf::Last => self.rmse_all,
@@ -114,11 +102,7 @@ impl Row {
             [_, _, _, _, _, _] => {
                 let v: Vec<f64> = validation.iter().map_while(|v| v.parse().ok()).collect();
                 let v: [f64; 6] = v.try_into().ok()?;
-                Some(Validation {
-                    rmse_1: [v[0], v[3]],
-                    rmse_horizon: [v[1], v[4]],
-                    rmse_all: [v[2], v[5]],
-                })
+                Some(Validation { rmse_1: [v[0], v[3]], rmse_horizon: [v[1], v[4]], rmse_all: [v[2], v[5]] })
             }
             _ => return None,
         };
@@ -151,11 +135,7 @@ impl Journal {
             "step,samples,seconds,learning_rate,loss,{},gradient_norm,rmse_1,rmse_50,rmse_all,persistence_1,persistence_50,persistence_all\n",
             losses.join(",")
         );
-        let old = if step > 0 {
-            std::fs::read_to_string(path).unwrap_or_default()
-        } else {
-            String::new()
-        };
+        let old = if step > 0 { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
         let mut rows = Vec::new();
         for line in old.lines().skip(1) {
             if let Some(row) = Row::parse(line, fields.len()).filter(|row| row.step <= step) {
@@ -166,11 +146,7 @@ impl Journal {
         }
         std::fs::write(path, text).map_err(fail)?;
         let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
-        Ok(Journal {
-            path: path.to_path_buf(),
-            file,
-            rows,
-        })
+        Ok(Journal { path: path.to_path_buf(), file, rows })
     }
 
     /// All rows, of the resumptions before as well.
@@ -183,16 +159,11 @@ impl Journal {
         self.rows.push(row.clone());
         let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
         let validation = match &row.validation {
-            Some(v) => [
-                v.rmse_1[0],
-                v.rmse_horizon[0],
-                v.rmse_all[0],
-                v.rmse_1[1],
-                v.rmse_horizon[1],
-                v.rmse_all[1],
-            ]
-            .map(|x| format!("{x:.6e}"))
-            .join(","),
+            Some(v) => {
+                [v.rmse_1[0], v.rmse_horizon[0], v.rmse_all[0], v.rmse_1[1], v.rmse_horizon[1], v.rmse_all[1]]
+                    .map(|x| format!("{x:.6e}"))
+                    .join(",")
+            }
             None => ",,,,,".into(),
         };
         writeln!(
@@ -279,10 +250,7 @@ mod tests {
             rollouts.replaces(Some(&strides), BestOf::Last)
                 && strides.replaces(Some(&rollouts), BestOf::Last)
         );
-        let diverged = Validation {
-            rmse_1: [f64::NAN, 1.0],
-            ..rollouts
-        };
+        let diverged = Validation { rmse_1: [f64::NAN, 1.0], ..rollouts };
         assert!(!diverged.replaces(Some(&strides), BestOf::Last) && !diverged.replaces(None, BestOf::Last));
     }
 
@@ -291,11 +259,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("log.csv");
         let fields = ["U".into(), "p".into()];
-        let validation = Validation {
-            rmse_1: [0.5, 1.0],
-            rmse_horizon: [f64::INFINITY, 2.0],
-            rmse_all: [0.75, 4.0],
-        };
+        let validation =
+            Validation { rmse_1: [0.5, 1.0], rmse_horizon: [f64::INFINITY, 2.0], rmse_all: [0.75, 4.0] };
         let rows = [row(1, None), row(2, Some(validation)), row(4, None)];
         let mut journal = Journal::open(&path, &fields, 0).unwrap();
         rows.iter().for_each(|row| journal.append(row).unwrap());

@@ -29,11 +29,7 @@ pub(super) fn for_frames(asked: Option<f64>, comm: &Comm) -> Result<u64> {
 
 /// A size for people.
 pub(super) fn size(bytes: u64) -> String {
-    let (unit, name) = if bytes as f64 >= GB {
-        (GB, "GB")
-    } else {
-        (1e6, "MB")
-    };
+    let (unit, name) = if bytes as f64 >= GB { (GB, "GB") } else { (1e6, "MB") };
     format!("{} {name}", m4gn_report::number(bytes as f64 / unit, 3))
 }
 
@@ -72,13 +68,7 @@ fn read(path: &Path) -> Option<String> {
 /// Bytes of an entry of `/proc/meminfo`, which is in KiB.
 fn entry(text: &str, name: &str) -> Option<u64> {
     let line = text.lines().find(|l| l.starts_with(name))?;
-    Some(
-        line.split_whitespace()
-            .nth(1)?
-            .parse::<u64>()
-            .ok()?
-            .saturating_mul(1024),
-    )
+    Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()?.saturating_mul(1024))
 }
 
 #[cfg(test)]
@@ -101,10 +91,7 @@ mod tests {
     fn without_one_it_is_at_most_half_of_the_machine() {
         let most = for_frames(None, &Comm::serial()).unwrap();
         assert!(0 < most && most <= whole().unwrap() / 2, "{most}");
-        assert_eq!(
-            entry("MemTotal:  2 kB\nMemAvailable: 1 kB", "MemAvailable:"),
-            Some(1024)
-        );
+        assert_eq!(entry("MemTotal:  2 kB\nMemAvailable: 1 kB", "MemAvailable:"), Some(1024));
         assert_eq!(entry("MemTotal:  2 kB", "MemAvailable:"), None);
         assert_eq!([1_234_000_000, 73_440].map(size), ["1.23 GB", "0.0734 MB"]);
     }

@@ -70,10 +70,7 @@ pub(super) fn check(path: &Path, others: &[&Path]) -> Result<()> {
         )));
     }
     // The page is written many times: a pipe or a device would hold all of them.
-    if path
-        .metadata()
-        .is_ok_and(|found| !found.is_file() && !found.is_dir())
-    {
+    if path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir()) {
         return Err(Error::file(
             path,
             "--html: is no plain file; the page is written anew at each row of the log, expected a name for a plain file",
@@ -110,9 +107,7 @@ impl TrainingPage {
 
     /// Writes the page. A page that cannot be written is a note and no reason to end a training.
     pub fn write(&mut self, rows: &[Row], state: &State, report: &Report) {
-        let written = self
-            .page(rows, state)
-            .and_then(|page| write_file(&self.path, page.html().as_bytes()));
+        let written = self.page(rows, state).and_then(|page| write_file(&self.path, page.html().as_bytes()));
         if let (Err(error), false) = (&written, self.reported) {
             self.reported = true;
             report.line(&format!("note: the page of --html is out of date: {error}"));
@@ -180,12 +175,7 @@ impl TrainingPage {
 
     fn curves(&self, page: &mut Page, rows: &[Row]) -> Result<()> {
         let mut chart = |y: &str, series: Vec<Series>, axis, caption: &str| -> Result<()> {
-            let chart = Chart {
-                x_label: "step".into(),
-                y_label: y.into(),
-                series,
-                axis,
-            };
+            let chart = Chart { x_label: "step".into(), y_label: y.into(), series, axis };
             page.svg(&chart.svg()?, caption);
             Ok(())
         };
@@ -197,12 +187,7 @@ impl TrainingPage {
         };
         let mut losses = vec![curve("loss", ORANGE, &|row| row.loss)];
         if self.fields.len() > 1 {
-            for (i, (name, colour)) in self
-                .fields
-                .iter()
-                .zip([BLUE, GREY].into_iter().cycle())
-                .enumerate()
-            {
+            for (i, (name, colour)) in self.fields.iter().zip([BLUE, GREY].into_iter().cycle()).enumerate() {
                 losses.push(curve(name, colour, &|row| row.losses[i]));
             }
         }
@@ -213,19 +198,12 @@ impl TrainingPage {
             "Loss, a mean over each interval of the log: the weighted sum, and each predicted field's.",
         )?;
         let ratio = |pick: fn(&Validation) -> [f64; 2]| {
-            move |row: &Row| {
-                row.validation
-                    .as_ref()
-                    .map_or(f64::NAN, |v| 100.0 * pick(v)[0] / pick(v)[1])
-            }
+            move |row: &Row| row.validation.as_ref().map_or(f64::NAN, |v| 100.0 * pick(v)[0] / pick(v)[1])
         };
         let validations: Vec<&Row> = rows.iter().filter(|row| row.validation.is_some()).collect();
         let validation = |name: &str, colour, pick| Series {
             name: name.into(),
-            points: validations
-                .iter()
-                .map(|row| (row.step as f64, ratio(pick)(row)))
-                .collect(),
+            points: validations.iter().map(|row| (row.step as f64, ratio(pick)(row))).collect(),
             colour,
             // A single validation is a dot: a line wants two.
             dots: validations.len() == 1,
@@ -261,17 +239,10 @@ impl TrainingPage {
         let speeds = rows.windows(2).map(|pair| {
             let time = pair[1].seconds - pair[0].seconds;
             let samples = pair[1].samples as f64 - pair[0].samples as f64;
-            (
-                pair[1].step as f64,
-                if time > 0.0 { samples / time } else { f64::NAN },
-            )
+            (pair[1].step as f64, if time > 0.0 { samples / time } else { f64::NAN })
         });
-        let speeds = Series {
-            name: "samples/s".into(),
-            points: thinned(speeds.collect()),
-            colour: BLUE,
-            dots: false,
-        };
+        let speeds =
+            Series { name: "samples/s".into(), points: thinned(speeds.collect()), colour: BLUE, dots: false };
         chart(
             "samples/s",
             vec![speeds],
@@ -288,9 +259,7 @@ impl TrainingPage {
 
 /// The last ten validations, and the best one, by what the best weights are chosen by.
 fn validation_table(validations: &[&Row], best_of: BestOf) -> Table {
-    let mut table = Table::new([
-        "step", "RMSE-1", "holding", "RMSE-50", "holding", "RMSE-all", "holding",
-    ]);
+    let mut table = Table::new(["step", "RMSE-1", "holding", "RMSE-50", "holding", "RMSE-all", "holding"]);
     let cells = |name: String, v: &Validation| {
         let pairs = [v.rmse_1, v.rmse_horizon, v.rmse_all];
         let figures = pairs.as_flattened().iter().map(|x| number(*x, 4));
@@ -320,9 +289,7 @@ fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let group = points.len().div_ceil(POINTS).max(1);
     let mean = |values: &[(f64, f64)]| {
         let n = values.len() as f64;
-        let sum = values
-            .iter()
-            .fold((0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
+        let sum = values.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
         (sum.0 / n, sum.1 / n)
     };
     points.chunks(group).map(mean).collect()

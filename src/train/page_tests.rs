@@ -25,37 +25,21 @@ fn page(steps: u64, limit: Option<f64>) -> TrainingPage {
     config.training.max_minutes = limit;
     let fields = vec!["U".into(), "p".into()];
     let notes = vec!["Resumed at step <100>.".into()];
-    TrainingPage::new(
-        Path::new("p.html"),
-        Path::new("a&b.safetensors"),
-        &config,
-        fields,
-        notes,
-    )
-    .unwrap()
+    TrainingPage::new(Path::new("p.html"), Path::new("a&b.safetensors"), &config, fields, notes).unwrap()
 }
 
 #[test]
 fn speed_and_time_left_are_those_of_the_last_intervals() {
     // 200 steps of two graphs in 30 s, 800 are left.
     let rows = [row(100, 10.0, None), row(200, 30.0, None)];
-    let expected = |left| {
-        Some(Pace {
-            samples_per_second: 400.0 / 30.0,
-            seconds_left: left,
-        })
-    };
+    let expected = |left| Some(Pace { samples_per_second: 400.0 / 30.0, seconds_left: left });
     assert_eq!(page(1000, None).pace(&rows), expected(120.0));
     assert_eq!(page(1000, Some(1.0)).pace(&rows), expected(30.0));
     assert_eq!(page(1000, Some(0.25)).pace(&rows), expected(0.0));
     assert_eq!(page(200, None).pace(&rows), expected(0.0));
     // Two slow intervals, and ten of a step a second.
     let seconds = |step: u64| {
-        if step <= 2 {
-            100.0 * step as f64
-        } else {
-            198.0 + step as f64
-        }
+        if step <= 2 { 100.0 * step as f64 } else { 198.0 + step as f64 }
     };
     let rows: Vec<Row> = (1..=12).map(|step| row(step, seconds(step), None)).collect();
     let pace = page(22, None).pace(&rows).unwrap();
@@ -66,21 +50,9 @@ fn speed_and_time_left_are_those_of_the_last_intervals() {
 
 #[test]
 fn a_page_shows_where_the_training_stands() {
-    let good = Validation {
-        rmse_1: [0.5e-6, 1e-6],
-        rmse_horizon: [1.0, 4.0],
-        rmse_all: [1.0, 1.0],
-    };
-    let worse = Validation {
-        rmse_1: [0.5, 1.0],
-        rmse_horizon: [3.0, 4.0],
-        rmse_all: [f64::INFINITY, 1.0],
-    };
-    let rows = [
-        row(100, 10.0, Some(good)),
-        row(150, 20.0, None),
-        row(200, 30.0, Some(worse)),
-    ];
+    let good = Validation { rmse_1: [0.5e-6, 1e-6], rmse_horizon: [1.0, 4.0], rmse_all: [1.0, 1.0] };
+    let worse = Validation { rmse_1: [0.5, 1.0], rmse_horizon: [3.0, 4.0], rmse_all: [f64::INFINITY, 1.0] };
+    let rows = [row(100, 10.0, Some(good)), row(150, 20.0, None), row(200, 30.0, Some(worse))];
     let running = page(1000, None).page(&rows, &State::Running).unwrap().html();
     for part in [
         "<meta http-equiv=\"refresh\"",
@@ -101,10 +73,7 @@ fn a_page_shows_where_the_training_stands() {
         assert!(running.contains(part), "{part}: {running}");
     }
     assert_eq!(running.matches("<svg").count(), 5);
-    let ended = page(1000, None)
-        .page(&rows, &State::Ended("stopped"))
-        .unwrap()
-        .html();
+    let ended = page(1000, None).page(&rows, &State::Ended("stopped")).unwrap().html();
     assert!(ended.contains("Not running: stopped.") && !ended.contains("http-equiv"));
     assert!(!ended.contains("time left"));
     // Before the first row of the log there are no curves.
@@ -139,20 +108,12 @@ fn a_file_that_cannot_be_the_page_is_refused() {
     assert!(message(&out).contains("a name of its own"));
     std::fs::write(&out, "").unwrap();
     assert!(
-        message(
-            &dir.path()
-                .join("../")
-                .join(dir.path().file_name().unwrap())
-                .join("a.safetensors")
-        )
-        .contains("its own")
+        message(&dir.path().join("../").join(dir.path().file_name().unwrap()).join("a.safetensors"))
+            .contains("its own")
     );
     assert!(message(&at("none/page.html")).contains("cannot be written"));
     assert!(message(dir.path()).contains("it is a folder"));
-    let made = std::process::Command::new("mkfifo")
-        .arg(at("pipe"))
-        .status()
-        .unwrap();
+    let made = std::process::Command::new("mkfifo").arg(at("pipe")).status().unwrap();
     assert!(made.success());
     assert!(message(&at("pipe")).contains("is no plain file"));
 }
@@ -164,10 +125,7 @@ fn learned(request: &Request) -> usize {
 
 /// Points of the first curve of the loss on a page.
 fn points_of_the_loss(page: &str) -> usize {
-    let curve = page
-        .split("<polyline")
-        .find(|line| line.contains("#D55E00"))
-        .unwrap();
+    let curve = page.split("<polyline").find(|line| line.contains("#D55E00")).unwrap();
     let (_, points) = curve.split_once("points=\"").unwrap();
     points.split('"').next().unwrap().split_whitespace().count()
 }
@@ -198,11 +156,7 @@ fn the_page_of_a_training_shows_all_of_it_and_what_was_changed() {
     });
     assert!(matches!(outcome, Err(Error::Interrupted(_))), "{outcome:?}");
     assert!(page().contains("Not running: interrupted at step"), "{}", page());
-    assert!(
-        page().contains("learning_rate 0.002 -&gt; 0.001, steps 8 -&gt; 100000"),
-        "{}",
-        page()
-    );
+    assert!(page().contains("learning_rate 0.002 -&gt; 0.001, steps 8 -&gt; 100000"), "{}", page());
     assert!(!page().contains("http-equiv"));
 
     let step = Checkpoint::read(&r.checkpoint()).unwrap().progress.step;

@@ -22,20 +22,14 @@ impl Ranges {
             let columns = width..width + field.components(spec.dim);
             width = columns.end;
             if spec.reads(field) {
-                let range = InputRange {
-                    field: field.name.clone(),
-                    range: [f64::INFINITY, f64::NEG_INFINITY],
-                };
+                let range =
+                    InputRange { field: field.name.clone(), range: [f64::INFINITY, f64::NEG_INFINITY] };
                 let velocity = field.is_velocity() && !has_velocity;
                 has_velocity |= velocity;
                 inputs.push((columns, range, velocity));
             }
         }
-        Ranges {
-            width,
-            inputs,
-            fastest: 0.0,
-        }
+        Ranges { width, inputs, fastest: 0.0 }
     }
 
     /// Looks at a frame: all fields of all nodes, or of a body's points.
@@ -57,12 +51,7 @@ impl Ranges {
     /// What was seen, on a mesh of this cell size (m), of a solid where it is one.
     pub fn extent(self, cell_size: f64, solid: Option<Solid>) -> Extent {
         let speed = self.inputs.iter().any(|i| i.2).then(|| self.fastest.sqrt());
-        Extent {
-            cell_size,
-            speed,
-            inputs: self.inputs.into_iter().map(|i| i.1).collect(),
-            solid,
-        }
+        Extent { cell_size, speed, inputs: self.inputs.into_iter().map(|i| i.1).collect(), solid }
     }
 }
 
@@ -83,7 +72,5 @@ pub(super) fn solid(trajectory: &Trajectory) -> Result<Option<Solid>> {
         Some(fault) => Err(fault),
         None => Ok(solid),
     });
-    checked
-        .map(Some)
-        .map_err(|e| Error::file(trajectory.path(), format!("provenance, entry solid: {e}")))
+    checked.map(Some).map_err(|e| Error::file(trajectory.path(), format!("provenance, entry solid: {e}")))
 }

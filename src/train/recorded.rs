@@ -58,13 +58,7 @@ impl Recorded {
             }
             first += n;
         }
-        see_as_cells(
-            &self.as_cells,
-            &self.fields,
-            self.dim,
-            mesh.cell_global.len(),
-            &mut all,
-        );
+        see_as_cells(&self.as_cells, &self.fields, self.dim, mesh.cell_global.len(), &mut all);
         Ok(all)
     }
 }

@@ -38,9 +38,7 @@ impl Report {
 
     /// Before reading `total` trajectories.
     pub fn begin_loading(&self, total: u64) {
-        self.line(&format!(
-            "reading {total} trajectories, making their graphs and segments"
-        ));
+        self.line(&format!("reading {total} trajectories, making their graphs and segments"));
         self.start(total, 0, "{bar:30} {pos}/{len} trajectories");
     }
 

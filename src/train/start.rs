@@ -65,13 +65,7 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
             widen::widen(model, factor, config.training.seed)
         })
         .transpose()?;
-    Ok(Loaded {
-        config,
-        work,
-        spec,
-        from,
-        earlier,
-    })
+    Ok(Loaded { config, work, spec, from, earlier })
 }
 
 impl Trainer<'_> {
@@ -109,18 +103,13 @@ impl Trainer<'_> {
         if earlier.progress.from.is_some() != self.frozen {
             return Err(misfit("start (--from)"));
         }
-        let changed = changes(
-            &table(&earlier.progress.config, "training"),
-            &table(&self.progress.config, "training"),
-        );
+        let changed =
+            changes(&table(&earlier.progress.config, "training"), &table(&self.progress.config, "training"));
         // More steps or minutes are what a training is usually carried on for.
         let told = |change: &&String| !change.starts_with("steps ") && !change.starts_with("max_minutes ");
         let notable: Vec<&str> = changed.iter().filter(told).map(String::as_str).collect();
         if !notable.is_empty() {
-            report.line(&format!(
-                "note: [training] differs from the checkpoint's: {}",
-                notable.join(", ")
-            ));
+            report.line(&format!("note: [training] differs from the checkpoint's: {}", notable.join(", ")));
         }
         let t = &self.config.training;
         if t.ema_decay > 0.0 {
@@ -134,17 +123,10 @@ impl Trainer<'_> {
         self.best = earlier.best.zip(earlier.best_normaliser);
         self.resumed_seconds = earlier.progress.seconds;
         let config = std::mem::take(&mut self.progress.config);
-        self.progress = Progress {
-            config,
-            seed: t.seed,
-            ..earlier.progress
-        };
+        self.progress = Progress { config, seed: t.seed, ..earlier.progress };
         report.line(&format!("resumed at step {}", self.progress.step));
         self.notes.push(match changed.is_empty() {
-            true => format!(
-                "Resumed at step {} with the same configuration.",
-                self.progress.step
-            ),
+            true => format!("Resumed at step {} with the same configuration.", self.progress.step),
             false => format!(
                 "Resumed at step {}, where the configuration changed: {}.",
                 self.progress.step,
@@ -164,7 +146,5 @@ fn changes(old: &serde_json::Value, new: &serde_json::Value) -> Vec<String> {
         Some(value) => value.to_string(),
     };
     let differ = new.iter().filter(|(key, value)| old.get(*key) != Some(*value));
-    differ
-        .map(|(key, value)| format!("{key} {} -> {}", text(old.get(key)), text(Some(value))))
-        .collect()
+    differ.map(|(key, value)| format!("{key} {} -> {}", text(old.get(key)), text(Some(value)))).collect()
 }

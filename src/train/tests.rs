@@ -38,8 +38,7 @@ pub(super) fn state(request: &Request) -> (u64, Vec<Vec<f32>>, Normaliser) {
 pub(super) fn losses(request: &Request) -> Vec<f64> {
     let text = std::fs::read_to_string(request.log()).unwrap();
     let rows = text.lines().skip(1);
-    rows.map(|l| l.split(',').nth(4).unwrap().parse().unwrap())
-        .collect()
+    rows.map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect()
 }
 
 #[test]
@@ -75,10 +74,7 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
             }
         }
         run(&parts).unwrap();
-        assert!(
-            state(&whole) == state(&parts),
-            "round {round}: the weights differ"
-        );
+        assert!(state(&whole) == state(&parts), "round {round}: the weights differ");
         assert_eq!(losses(&whole).last(), losses(&parts).last(), "round {round}");
     }
 }
@@ -86,11 +82,8 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
 #[test]
 fn training_lowers_the_loss_and_leaves_a_model() {
     let folder = data();
-    for (precision, optimiser, most) in [
-        ("fp32", "adam", 0.3),
-        ("bf16", "adam", 0.35),
-        ("fp32", "muon", 0.3),
-    ] {
+    for (precision, optimiser, most) in [("fp32", "adam", 0.3), ("bf16", "adam", 0.35), ("fp32", "muon", 0.3)]
+    {
         let training =
             format!("precision = \"{precision}\"\noptimiser = \"{optimiser}\"\nvalidation_interval = 100");
         let name = format!("{precision}-{optimiser}");
@@ -100,18 +93,12 @@ fn training_lowers_the_loss_and_leaves_a_model() {
         // The first row is the normalisers' warm-up.
         assert!(loss.last().unwrap() < &(most * loss[1]), "{loss:?}");
         let rmse = |who: &str| figures[who]["rmse_1"].as_f64().unwrap();
-        assert!(
-            rmse("model") < 0.75 * rmse("persistence"),
-            "no better than persistence: {figures}"
-        );
+        assert!(rmse("model") < 0.75 * rmse("persistence"), "no better than persistence: {figures}");
         let model = Model::read(&request.out).unwrap();
         assert_eq!(model.spec.stride, 0.02);
         assert_eq!(model.spec.fields[0].dimensions, [0, 1, -1, 0, 0, 0, 0]);
         let text = std::fs::read_to_string(request.json.as_ref().unwrap()).unwrap();
-        assert_eq!(
-            text,
-            format!("{}\n", serde_json::to_string_pretty(&figures).unwrap())
-        );
+        assert_eq!(text, format!("{}\n", serde_json::to_string_pretty(&figures).unwrap()));
     }
 }
 
@@ -123,27 +110,16 @@ fn a_model_is_trained_further() {
     let mut second = request(folder.path(), "second", "", 4);
     second.from = Some(first.out.clone());
     run(&second).unwrap();
-    let (old, new) = (
-        Model::read(&first.out).unwrap(),
-        Model::read(&second.out).unwrap(),
-    );
+    let (old, new) = (Model::read(&first.out).unwrap(), Model::read(&second.out).unwrap());
     for (name, tensor) in &old.tensors {
         let pairs = tensor.data.iter().zip(&new.tensors[name].data);
         let apart = pairs.fold(0f32, |m, (a, b)| m.max((a - b).abs()));
         // Four steps of at most 2e-3 from there; the normalisers stay.
-        let most = if name.starts_with("norm.") {
-            1e-6
-        } else {
-            4.0 * 2.1e-3
-        };
+        let most = if name.starts_with("norm.") { 1e-6 } else { 4.0 * 2.1e-3 };
         assert!(apart <= most, "{name}: {apart}");
     }
     assert!(new.spec.training["from"].as_str().unwrap().contains("first"));
-    assert!(
-        losses(&second)[0] < 0.5 * losses(&first)[1],
-        "{:?}",
-        losses(&second)
-    );
+    assert!(losses(&second)[0] < 0.5 * losses(&first)[1], "{:?}", losses(&second));
     second.resume = true;
     second.steps = Some(6);
     second.from = None;
@@ -171,24 +147,14 @@ fn a_model_is_given_an_input_more() {
     edit(&first.config, ", p = 0.01", "");
     run(&first).unwrap();
     let mut second = request(folder.path(), "second", "", 0);
-    edit(
-        &second.config,
-        p,
-        "{ name = \"p\", input = true, output = \"none\" }",
-    );
+    edit(&second.config, p, "{ name = \"p\", input = true, output = \"none\" }");
     second.from = Some(first.out.clone());
     run(&second).unwrap();
-    let (old, new) = (
-        Model::read(&first.out).unwrap(),
-        Model::read(&second.out).unwrap(),
-    );
+    let (old, new) = (Model::read(&first.out).unwrap(), Model::read(&second.out).unwrap());
     let encoder = |model: &Model| model.tensor("encoder.node.0.weight").unwrap().clone();
     let (narrow, wide) = (encoder(&old), encoder(&new));
     assert_eq!((narrow.shape[1] + 1, new.spec.fields.len()), (wide.shape[1], 2));
-    let rows = narrow
-        .data
-        .chunks(narrow.shape[1])
-        .zip(wide.data.chunks(wide.shape[1]));
+    let rows = narrow.data.chunks(narrow.shape[1]).zip(wide.data.chunks(wide.shape[1]));
     for (a, b) in rows {
         assert!(a[..2] == b[..2] && b[2] == 0.0 && a[2..] == b[3..], "{a:?} {b:?}");
     }
@@ -230,10 +196,7 @@ fn trajectories_that_are_too_short_are_left_out() {
     let r = request(folder.path(), "none", "", 4);
     edit(&r.config, "[6, 2]", "[6, 40]");
     let message = run(&r).unwrap_err().to_string();
-    assert!(
-        message.contains("no trajectory to learn from but 3 with fewer frames than the 81"),
-        "{message}"
-    );
+    assert!(message.contains("no trajectory to learn from but 3 with fewer frames than the 81"), "{message}");
 }
 
 #[test]
@@ -289,10 +252,7 @@ fn a_training_that_diverges_keeps_what_was_good() {
         let error = run(&r).unwrap_err();
         assert!(matches!(error, Error::Numerical(_)), "{error}");
         assert!(error.to_string().contains("Lower learning_rate"), "{error}");
-        assert!(
-            good == std::fs::read(&r.out).unwrap(),
-            "the best model was overwritten"
-        );
+        assert!(good == std::fs::read(&r.out).unwrap(), "the best model was overwritten");
         // The first wild update is in no checkpoint, though its weights are finite.
         let left = Checkpoint::read(&r.checkpoint()).unwrap();
         assert!(left.weights.iter().all(|w| w.abs() < 1e3) && left.best.is_some());
@@ -320,24 +280,17 @@ fn damaged_checkpoints_are_refused() {
         ("`first`", |c| c.first.truncate(10)),
         ("`second`", |c| c.second.push(0.0)),
         ("`weights`: number 3 is inf", |c| c.weights[3] = f32::INFINITY),
-        ("`average`: number 0 is NaN", |c| {
-            c.average.as_mut().unwrap()[0] = f32::NAN
-        }),
+        ("`average`: number 0 is NaN", |c| c.average.as_mut().unwrap()[0] = f32::NAN),
         ("`best`", |c| c.best.as_mut().unwrap().clear()),
         ("norm.edge", |c| c.normaliser.edge.sum[1] = f64::NAN),
-        ("norm.node", |c| {
-            c.best_normaliser.as_mut().unwrap().node.square.clear()
-        }),
+        ("norm.node", |c| c.best_normaliser.as_mut().unwrap().node.square.clear()),
     ];
     for (what, change) in changes {
         let mut bad = good.clone();
         change(&mut bad);
         bad.write(&r.checkpoint()).unwrap();
         let message = run(&r).unwrap_err().to_string();
-        assert!(
-            message.contains(what) && message.contains("model.checkpoint"),
-            "{message}"
-        );
+        assert!(message.contains(what) && message.contains("model.checkpoint"), "{message}");
     }
     good.write(&r.checkpoint()).unwrap();
     run(&r).unwrap();
@@ -413,54 +366,32 @@ fn a_body_is_read_as_a_flow_is() {
     assert_eq!((sample.n_frames, sample.width), (4, 3));
     let displacement = trajectory.read_frame("D", 3).unwrap().cells;
     let motion = trajectory.read_motion(3, 1, 1).unwrap().concat();
-    assert_eq!(
-        sample.frame(3).unwrap(),
-        [&displacement[..], motion.as_flattened()].concat()
-    );
-    assert_eq!(
-        (0..12).filter(|&p| sample.domain.is_held(p)).count(),
-        4,
-        "points of the handle"
-    );
+    assert_eq!(sample.frame(3).unwrap(), [&displacement[..], motion.as_flattened()].concat());
+    assert_eq!((0..12).filter(|&p| sample.domain.is_held(p)).count(), 4, "points of the handle");
     assert!(sample.domain.moves() && !sample.domain.boundary().follows().contains(&true));
     let streamed = recorded::read_within(&trajectory, &spec, 4 * 38 * 3 * 4 - 1).unwrap();
     assert!(streamed.is_streamed() && streamed.frames.is_empty() && !sample.is_streamed());
     for frame in 0..4 {
         assert_eq!(streamed.frame(frame).unwrap(), sample.frame(frame).unwrap());
     }
-    assert_eq!(
-        streamed.domain.boundary().follows(),
-        sample.domain.boundary().follows()
-    );
+    assert_eq!(streamed.domain.boundary().follows(), sample.domain.boundary().follows());
 }
 
 #[test]
 fn bodies_among_flows_are_refused() {
     let folder = data();
     std::fs::copy(BODY, folder.path().join("data/body.h5")).unwrap();
-    let message = run(&request(folder.path(), "mixed", "", 2))
-        .unwrap_err()
-        .to_string();
-    assert!(
-        message.contains("body.h5") && message.contains("a table [contact] with a radius"),
-        "{message}"
-    );
+    let message = run(&request(folder.path(), "mixed", "", 2)).unwrap_err().to_string();
+    assert!(message.contains("body.h5") && message.contains("a table [contact] with a radius"), "{message}");
 }
 
 #[test]
 fn contact_on_flows_is_refused_with_what_to_leave_out() {
     let folder = data();
     let request = request(folder.path(), "contact", "", 2);
-    edit(
-        &request.config,
-        "[training]",
-        "[contact]\nradius = 0.01\n[training]",
-    );
+    edit(&request.config, "[training]", "[contact]\nradius = 0.01\n[training]");
     let message = run(&request).unwrap_err().to_string();
-    assert!(
-        message.contains("[contact]") && message.contains("delete the table"),
-        "{message}"
-    );
+    assert!(message.contains("[contact]") && message.contains("delete the table"), "{message}");
 }
 
 /// Twice the fields, four times the squared changes: 0.4 and 1.6 of the mean.

@@ -80,12 +80,7 @@ pub fn train(
     }
     let share = t.batch_size.div_ceil(comm.size() as usize);
     let threads = request.threads(share.max(work.valid.len()));
-    let task = Task {
-        config,
-        spec,
-        work,
-        threads,
-    };
+    let task = Task { config, spec, work, threads };
     let backend = comm.agree(make(&task))?;
     let layout = Layout::new(spec);
     let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
@@ -110,17 +105,10 @@ pub fn train(
         "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate (RMSE-50 over {} s); {}{}",
         layout.len(),
         work.train.len(),
-        work.train
-            .iter()
-            .map(|s| s.structure.graph.n_owned)
-            .max()
-            .unwrap_or(0),
+        work.train.iter().map(|s| s.structure.graph.n_owned).max().unwrap_or(0),
         work.train.iter().map(|s| s.n_frames).max().unwrap_or(0),
         work.valid.len(),
-        number(
-            HORIZON as f64 * config.model.stride / work.frames_a_step as f64,
-            3
-        ),
+        number(HORIZON as f64 * config.model.stride / work.frames_a_step as f64, 3),
         backend.name(),
         match comm.size() {
             1 => String::new(),
@@ -172,10 +160,7 @@ fn describe(
         false => Ok(()),
     };
     comm.agree(written)?;
-    report.line(&format!(
-        "not trained: the ranges of the data are in {}",
-        request.out.display()
-    ));
+    report.line(&format!("not trained: the ranges of the data are in {}", request.out.display()));
     Ok(serde_json::json!({ "trained_on": model.spec.trained_on, "steps": 0, "out": request.out }))
 }
 
@@ -247,11 +232,7 @@ impl Trainer<'_> {
             let out_of_time = late[0] != 0;
             let last = step == t.steps || out_of_time;
             let validated = last || step.is_multiple_of(t.validation_interval);
-            let validation = if validated {
-                Some(self.validate(report)?)
-            } else {
-                None
-            };
+            let validation = if validated { Some(self.validate(report)?) } else { None };
             if validated || step.is_multiple_of(t.log_interval) {
                 let row = self.row(validation);
                 let written = match journal {
@@ -355,8 +336,7 @@ impl Trainer<'_> {
         let t = &self.config.training;
         let (length, losses) = (norm(&gradient), learned.losses);
         let rate = t.learning_rate_at(step);
-        self.optimiser
-            .update(&gradient, length, rate, t.gradient_clip, t.ema_decay);
+        self.optimiser.update(&gradient, length, rate, t.gradient_clip, t.ema_decay);
         self.progress.updates = self.optimiser.updates;
         self.progress.samples += (t.batch_size * t.unroll_at(step)) as u64;
         let weighted = self.weighted(&losses);
@@ -377,9 +357,7 @@ impl Trainer<'_> {
     fn loss_weights(&self) -> Vec<f64> {
         let t = &self.config.training;
         let predicted = self.spec.fields.iter().filter(|f| f.output != Output::None);
-        predicted
-            .map(|f| t.loss_weights.get(&f.name).copied().unwrap_or(1.0))
-            .collect()
+        predicted.map(|f| t.loss_weights.get(&f.name).copied().unwrap_or(1.0)).collect()
     }
 
     /// The log row of the interval that ends here.
@@ -392,10 +370,7 @@ impl Trainer<'_> {
             step: self.progress.step,
             samples: self.progress.samples,
             seconds,
-            learning_rate: self
-                .config
-                .training
-                .learning_rate_at(self.progress.step.saturating_sub(1)),
+            learning_rate: self.config.training.learning_rate_at(self.progress.step.saturating_sub(1)),
             loss: loss / n,
             losses: (0..outputs).map(|i| sums.get(i).map_or(0.0, |s| s / n)).collect(),
             gradient: gradient / n,

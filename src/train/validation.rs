@@ -30,17 +30,10 @@ impl Trainer<'_> {
             }
         }
         plan.sort_by_key(|p| std::cmp::Reverse(p.0));
-        let rollouts: Vec<Rollout> = plan
-            .iter()
-            .map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps })
-            .collect();
-        let outcomes = roll_out_together(
-            self.comm,
-            &mut *self.backend,
-            &weights,
-            &self.normaliser,
-            &rollouts,
-        )?;
+        let rollouts: Vec<Rollout> =
+            plan.iter().map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps }).collect();
+        let outcomes =
+            roll_out_together(self.comm, &mut *self.backend, &weights, &self.normaliser, &rollouts)?;
         // Sums of (model, persistence) squared errors and counts, of the three figures.
         let mut sums = [[0.0; 3]; 3];
         for (plan, errors) in plan.iter().zip(outcomes) {
@@ -56,21 +49,14 @@ impl Trainer<'_> {
             }
         }
         let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
-        let validation = Validation {
-            rmse_1: root(sums[0]),
-            rmse_horizon: root(sums[1]),
-            rmse_all: root(sums[2]),
-        };
+        let validation =
+            Validation { rmse_1: root(sums[0]), rmse_horizon: root(sums[1]), rmse_all: root(sums[2]) };
         let earlier = self.progress.best.as_ref().map(|(_, earlier)| earlier);
         let better = validation.replaces(earlier, self.config.training.best_of);
         if better {
             self.progress.best = Some((self.progress.step, validation));
             self.best = Some((weights, self.normaliser.clone()));
-            let exported = if self.comm.is_root() {
-                self.export()
-            } else {
-                Ok(())
-            };
+            let exported = if self.comm.is_root() { self.export() } else { Ok(()) };
             self.comm.agree(exported)?;
         }
         report.validation(self.progress.step, &validation, better);

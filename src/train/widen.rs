@@ -54,10 +54,7 @@ pub(super) fn widen(mut model: Model, factor: usize, seed: u64) -> Result<Model>
 /// shared out.
 fn copied(tensor: &Tensor, shape: &[usize], rng: &mut ChaCha8Rng) -> Tensor {
     let columns = tensor.shape.get(1).copied().unwrap_or(1);
-    let (rows, shares) = (
-        shape[0] / tensor.shape[0],
-        shape.get(1).map_or(1, |n| n / columns),
-    );
+    let (rows, shares) = (shape[0] / tensor.shape[0], shape.get(1).map_or(1, |n| n / columns));
     let mut data = Vec::with_capacity(shape.iter().product());
     for row in tensor.data.chunks_exact(columns) {
         for _ in 0..rows {
@@ -68,8 +65,5 @@ fn copied(tensor: &Tensor, shape: &[usize], rng: &mut ChaCha8Rng) -> Tensor {
             }
         }
     }
-    Tensor {
-        shape: shape.to_vec(),
-        data,
-    }
+    Tensor { shape: shape.to_vec(), data }
 }

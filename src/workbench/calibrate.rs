@@ -51,9 +51,7 @@ pub fn rollouts(
                 Ok(())
             })?;
             // After a state that is not finite
-            found
-                .iter_mut()
-                .for_each(|list| list.resize(steps, f64::INFINITY));
+            found.iter_mut().for_each(|list| list.resize(steps, f64::INFINITY));
             Ok(found)
         };
         let before = errors(start - 1, 1)?;
@@ -130,18 +128,12 @@ mod tests {
         let spec = m4gn_samples::model::spec();
         let name = predicted(&spec.fields)[0].name.clone();
         let model = Model::random(spec, 1).unwrap();
-        let growth = |field: String| m4gn_model::Growth {
-            field,
-            factors: vec![1.5, 1.5, 3.0],
-        };
+        let growth = |field: String| m4gn_model::Growth { field, factors: vec![1.5, 1.5, 3.0] };
         let calibration = Calibration {
             growth: vec![growth("extra".into()), growth(name)],
             ..Calibration::of_carried(0.0)
         };
-        let errors = RolloutErrors {
-            before: 1.0,
-            after: vec![1.0, 2.0],
-        };
+        let errors = RolloutErrors { before: 1.0, after: vec![1.0, 2.0] };
         let found = covered(&calibration, &model, 0, &[vec![errors]]);
         assert_eq!(found, [Some(1.0), Some(0.0), None]);
     }
@@ -149,12 +141,7 @@ mod tests {
     #[test]
     fn each_rollout_counts_alike() {
         let of = |errors: [f64; 2]| -> Vec<Vec<Rollout>> {
-            let rollout = |e: f64| {
-                vec![RolloutErrors {
-                    before: 1.0,
-                    after: vec![e],
-                }]
-            };
+            let rollout = |e: f64| vec![RolloutErrors { before: 1.0, after: vec![e] }];
             errors.map(|e| vec![rollout(e)]).into()
         };
         // Errors over those of the first: 2 and 0.6; 1/2 and 1.2; 2 and 1/4

@@ -39,19 +39,12 @@ mod tests {
     fn parts_do_not_run_together() {
         let of = |parts: &[(&str, &str)]| {
             let mut digest = Digest::default();
-            parts
-                .iter()
-                .for_each(|(name, text)| digest.add(name, text.as_bytes()));
+            parts.iter().for_each(|(name, text)| digest.add(name, text.as_bytes()));
             digest.text()
         };
         let one = of(&[("a", "bc")]);
         assert_eq!((one.len(), &one), (33, &of(&[("a", "bc")])));
-        for other in [
-            of(&[("ab", "c")]),
-            of(&[("a", "b"), ("c", "")]),
-            of(&[("a", "bd")]),
-            of(&[]),
-        ] {
+        for other in [of(&[("ab", "c")]), of(&[("a", "b"), ("c", "")]), of(&[("a", "bd")]), of(&[])] {
             assert_ne!(one, other);
         }
         // The published value of the empty text

@@ -13,24 +13,14 @@ pub struct SquaredError {
 impl SquaredError {
     /// Of two lists of the same length, component by component.
     pub fn between<T: Copy + Into<f64>>(a: &[T], b: &[T]) -> Self {
-        let sum = a
-            .iter()
-            .zip(b)
-            .map(|(&a, &b)| (a.into() - b.into()).powi(2))
-            .sum();
-        SquaredError {
-            sum,
-            count: a.len().min(b.len()),
-        }
+        let sum = a.iter().zip(b).map(|(&a, &b)| (a.into() - b.into()).powi(2)).sum();
+        SquaredError { sum, count: a.len().min(b.len()) }
     }
 
     /// Of two lists of x, y, z, of which `dim` components are solved and the others are 0, by components.
     pub fn of_solved(a: &[f64], b: &[f64], dim: usize) -> Self {
         let all = SquaredError::between(a, b);
-        SquaredError {
-            count: all.count / 3 * dim,
-            ..all
-        }
+        SquaredError { count: all.count / 3 * dim, ..all }
     }
 
     /// Adds the other's differences.
@@ -82,20 +72,14 @@ pub struct Track {
 impl Track {
     /// Begins with the true field that is held.
     pub fn new(held: Vec<f64>) -> Self {
-        Track {
-            held,
-            run: Vec::new(),
-            hold: Vec::new(),
-            square: SquaredError::default(),
-        }
+        Track { held, run: Vec::new(), hold: Vec::new(), square: SquaredError::default() }
     }
 
     /// The true field and the run's at the next time.
     pub fn add(&mut self, truth: &[f64], found: &[f64]) {
         self.run.push(SquaredError::between(truth, found));
         self.hold.push(SquaredError::between(truth, &self.held));
-        self.square
-            .add(SquaredError::between(truth, &vec![0.0; truth.len()]));
+        self.square.add(SquaredError::between(truth, &vec![0.0; truth.len()]));
     }
 
     /// All times.
@@ -126,10 +110,7 @@ mod tests {
             (c[1] - 5.0_f64.sqrt()).abs() < 1e-15 && (c[2] - (10.0_f64 / 3.0).sqrt()).abs() < 1e-15,
             "{c:?}"
         );
-        assert_eq!(
-            SquaredError::between(&[1.0_f32, 2.0], &[1.0, 0.0]).rmse(),
-            2.0_f64.sqrt()
-        );
+        assert_eq!(SquaredError::between(&[1.0_f32, 2.0], &[1.0, 0.0]).rmse(), 2.0_f64.sqrt());
         assert_eq!(SquaredError::default().rmse(), 0.0);
     }
 
@@ -139,14 +120,8 @@ mod tests {
         track.add(&[1.0, 1.0], &[1.0, 1.0]);
         track.add(&[3.0, 3.0], &[5.0, 5.0]);
         let found = track.finish();
-        assert_eq!(
-            (found.error, found.hold_last_error),
-            (vec![0.0, 2.0], vec![1.0, 3.0])
-        );
-        assert_eq!(
-            (found.rmse[1], found.hold_last_rmse[1]),
-            (2.0_f64.sqrt(), 5.0_f64.sqrt())
-        );
+        assert_eq!((found.error, found.hold_last_error), (vec![0.0, 2.0], vec![1.0, 3.0]));
+        assert_eq!((found.rmse[1], found.hold_last_rmse[1]), (2.0_f64.sqrt(), 5.0_f64.sqrt()));
         assert_eq!(found.rms, 5.0_f64.sqrt());
     }
 }

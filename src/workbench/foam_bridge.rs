@@ -53,10 +53,7 @@ static LOADED: OnceLock<Result<FoamBridge>> = OnceLock::new();
 
 /// The bridge, loaded the first time.
 pub fn load() -> Result<&'static FoamBridge> {
-    LOADED
-        .get_or_init(FoamBridge::load)
-        .as_ref()
-        .map_err(Clone::clone)
+    LOADED.get_or_init(FoamBridge::load).as_ref().map_err(Clone::clone)
 }
 
 impl FoamBridge {
@@ -92,10 +89,7 @@ impl FoamBridge {
     fn check(&self, status: i32) -> Result<()> {
         match status {
             0 => Ok(()),
-            _ => Err(Error::Input(format!(
-                "OpenFOAM: {}",
-                tidy(&self.library.message())
-            ))),
+            _ => Err(Error::Input(format!("OpenFOAM: {}", tidy(&self.library.message())))),
         }
     }
 }

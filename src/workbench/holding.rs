@@ -45,21 +45,14 @@ pub fn score(trajectory: &Trajectory, stride: usize) -> Result<Holding> {
     });
     let displacement: Vec<FieldSpec> = displacement.filter(|f| f.name == "D").collect();
     let frames = stride.max(1);
-    let pace = Pace {
-        interval: 0.0,
-        frames,
-        steps: (trajectory.times().len() - 1) / frames,
-    };
+    let pace = Pace { interval: 0.0, frames, steps: (trajectory.times().len() - 1) / frames };
     let scene = Scene::read(trajectory, &displacement, pace)?;
-    let shape = scene
-        .shape()
-        .filter(|_| !displacement.is_empty())
-        .ok_or_else(|| {
-            Error::file(
-                trajectory.path(),
-                "expected a trajectory at points (a deforming body) with its displacement D",
-            )
-        })?;
+    let shape = scene.shape().filter(|_| !displacement.is_empty()).ok_or_else(|| {
+        Error::file(
+            trajectory.path(),
+            "expected a trajectory at points (a deforming body) with its displacement D",
+        )
+    })?;
     let held = |from: &dyn Fn(usize) -> usize| -> Result<Score> {
         let (mut error, mut quality) = (SquaredError::default(), Vec::new());
         for frame in 1..=pace.steps {
@@ -67,10 +60,7 @@ pub fn score(trajectory: &Trajectory, stride: usize) -> Result<Holding> {
             error.add(scene.error(0, prediction, frame));
             quality.push(shape.quality(scene.truth(0, frame), prediction)?);
         }
-        Ok(Score {
-            rmse: error.rmse(),
-            quality: Quality::mean(&quality),
-        })
+        Ok(Score { rmse: error.rmse(), quality: Quality::mean(&quality) })
     };
     let gaps = (0..=pace.steps).map(|k| shape.gap(scene.truth(0, k), scene.motion(k)));
     let gaps: Vec<Gap> = gaps.filter_map(Result::transpose).collect::<Result<_>>()?;
@@ -95,10 +85,7 @@ mod tests {
         let scores = score(&t, 1).unwrap();
         let gap = scores.worst_gap.unwrap().cells;
         let recorded = t.provenance()["worst_gap"].as_f64().unwrap();
-        assert!(
-            (recorded - 1e-9..0.15).contains(&gap),
-            "{gap}, recorded {recorded}"
-        );
+        assert!((recorded - 1e-9..0.15).contains(&gap), "{gap}, recorded {recorded}");
         let (a, b) = (scores.persistence, scores.hold_first);
         assert!(0.0 < a.rmse && a.rmse < b.rmse, "{a:?} {b:?}");
         assert!(0.0 < a.quality.gf_h && a.quality.gf_h < b.quality.gf_h);

@@ -46,18 +46,10 @@ pub fn dominant_oscillation(times: &[f64], values: &[f64]) -> Option<Oscillation
         .map(|k| lowest + k as f64 * spacing)
         .map(|f| (f, fit.explained(f)))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let frequency = maximum(
-        |f| fit.explained(f),
-        (best.0 - spacing).max(0.5 * lowest),
-        best.0 + spacing,
-    );
+    let frequency = maximum(|f| fit.explained(f), (best.0 - spacing).max(0.5 * lowest), best.0 + spacing);
     let explained = fit.explained(frequency);
     let amplitude = fit.amplitude(frequency)?;
-    (explained >= MIN_EXPLAINED).then_some(Oscillation {
-        frequency,
-        amplitude,
-        explained,
-    })
+    (explained >= MIN_EXPLAINED).then_some(Oscillation { frequency, amplitude, explained })
 }
 
 /// Mean of the values; 0 for none.
@@ -97,12 +89,7 @@ impl<'a> Fit<'a> {
         let phase = |t: f64| std::f64::consts::TAU * (t - first + step) / (duration + 2.0 * step);
         let weights: Vec<f64> = times.iter().map(|&t| 0.5 - 0.5 * phase(t).cos()).collect();
         let times = times.iter().map(|t| t - centre).collect();
-        let mut fit = Fit {
-            times,
-            values,
-            weights,
-            around_line: 0.0,
-        };
+        let mut fit = Fit { times, values, weights, around_line: 0.0 };
         let line = fit.solve(|t| [1.0, t])?;
         fit.around_line = fit.residual(|t| line[0] + line[1] * t);
         let scale: f64 = fit.weights.iter().zip(values).map(|(w, v)| w * v * v).sum();
@@ -162,10 +149,7 @@ pub(crate) fn eliminate<const M: usize>(mut a: [[f64; M]; M], mut b: [f64; M]) -
         for i in k + 1..M {
             let factor = a[i][k] / a[k][k];
             let upper = a[k];
-            a[i].iter_mut()
-                .zip(upper)
-                .skip(k)
-                .for_each(|(v, u)| *v -= factor * u);
+            a[i].iter_mut().zip(upper).skip(k).for_each(|(v, u)| *v -= factor * u);
             b[i] -= factor * b[k];
         }
     }
@@ -202,9 +186,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     fn record(duration: f64, step: f64, signal: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {
-        let times: Vec<f64> = (0..=(duration / step).round() as usize)
-            .map(|i| 1.0 + i as f64 * step)
-            .collect();
+        let times: Vec<f64> =
+            (0..=(duration / step).round() as usize).map(|i| 1.0 + i as f64 * step).collect();
         let values = times.iter().map(|&t| signal(t)).collect();
         (times, values)
     }
@@ -212,15 +195,11 @@ mod tests {
     #[test]
     fn pure_sine_is_found_exactly() {
         // 3.7 Hz over 5 s, five samples a period.
-        let (times, values) = record(5.0, 1.0 / (5.0 * 3.7), |t| {
-            0.8 * (std::f64::consts::TAU * 3.7 * t + 0.4).sin()
-        });
+        let (times, values) =
+            record(5.0, 1.0 / (5.0 * 3.7), |t| 0.8 * (std::f64::consts::TAU * 3.7 * t + 0.4).sin());
         let found = dominant_oscillation(&times, &values).unwrap();
         assert!((found.frequency - 3.7).abs() < 1e-6, "{found:?}");
-        assert!(
-            (found.amplitude - 0.8).abs() < 1e-6 && found.explained > 1.0 - 1e-9,
-            "{found:?}"
-        );
+        assert!((found.amplitude - 0.8).abs() < 1e-6 && found.explained > 1.0 - 1e-9, "{found:?}");
     }
 
     #[test]
@@ -233,15 +212,9 @@ mod tests {
                 3.0 + 0.5 * t + (std::f64::consts::TAU * f * t + trial as f64).sin()
             });
             // Uniform noise with a root mean square of 0.2, a fifth of the amplitude.
-            values
-                .iter_mut()
-                .zip(&noise)
-                .for_each(|(v, e)| *v += 0.2 * 12.0_f64.sqrt() * e);
+            values.iter_mut().zip(&noise).for_each(|(v, e)| *v += 0.2 * 12.0_f64.sqrt() * e);
             let found = dominant_oscillation(&times, &values).unwrap();
-            assert!(
-                (found.frequency / f - 1.0).abs() < 0.01,
-                "trial {trial}: {f} found as {found:?}"
-            );
+            assert!((found.frequency / f - 1.0).abs() < 0.01, "trial {trial}: {f} found as {found:?}");
         }
     }
 
@@ -256,10 +229,7 @@ mod tests {
     #[test]
     fn unequal_steps_are_allowed() {
         let times: Vec<f64> = (0..60).map(|i| 0.05 * i as f64 + 0.01 * (i % 3) as f64).collect();
-        let values: Vec<f64> = times
-            .iter()
-            .map(|t| (std::f64::consts::TAU * 2.3 * t).cos())
-            .collect();
+        let values: Vec<f64> = times.iter().map(|t| (std::f64::consts::TAU * 2.3 * t).cos()).collect();
         assert!((dominant_oscillation(&times, &values).unwrap().frequency - 2.3).abs() < 1e-6);
     }
 

@@ -15,11 +15,7 @@ pub fn put(case: &Path, name: &str, class: &str, text: &str) {
     let path = case.join(name);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let object = path.file_name().unwrap().to_str().unwrap();
-    fs::write(
-        &path,
-        HEADER.replace("CLASS", class).replace("OBJECT", object) + text,
-    )
-    .unwrap();
+    fs::write(&path, HEADER.replace("CLASS", class).replace("OBJECT", object) + text).unwrap();
 }
 
 /// The unit cube, cut at x = 1/2 into two cells: faces z = 0 and z = 1 in `sides`, the others in `inlet` (x = 0),
@@ -31,19 +27,9 @@ pub fn cube(case: &Path, closed: bool, sides: &str) {
         "dictionary",
         "application icoFoam; deltaT 0.5; writeInterval 1; endTime 3;",
     );
-    put(
-        case,
-        "system/fvSchemes",
-        "dictionary",
-        "gradSchemes{} divSchemes{} laplacianSchemes{}",
-    );
+    put(case, "system/fvSchemes", "dictionary", "gradSchemes{} divSchemes{} laplacianSchemes{}");
     put(case, "system/fvSolution", "dictionary", "solvers{}");
-    put(
-        case,
-        "constant/transportProperties",
-        "dictionary",
-        "nu [0 2 -1 0 0 0 0] 0.25;",
-    );
+    put(case, "constant/transportProperties", "dictionary", "nu [0 2 -1 0 0 0 0] 0.25;");
     let mut points = String::from("12(");
     for x in [0.0, 0.5, 1.0] {
         for (y, z) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
@@ -56,12 +42,7 @@ pub fn cube(case: &Path, closed: bool, sides: &str) {
                  4(0 1 5 4) 4(4 5 9 8) 4(3 7 6 2) 4(7 11 10 6))";
     // Corners are (0 0)(1 0)(1 1)(0 1) in y, z: faces 3, 4 are y = 0; 5, 6 y = 1; 7, 8 z = 0; 9, 10 z = 1.
     put(case, "constant/polyMesh/faces", "faceList", faces);
-    put(
-        case,
-        "constant/polyMesh/owner",
-        "labelList",
-        "11(0 0 1 0 1 0 1 0 1 0 1)",
-    );
+    put(case, "constant/polyMesh/owner", "labelList", "11(0 0 1 0 1 0 1 0 1 0 1)");
     put(case, "constant/polyMesh/neighbour", "labelList", "1(1)");
     let patch = |name: &str, kind: &str, n: usize, start: usize| {
         format!("{name}{{type {kind}; nFaces {n}; startFace {start};}}\n")
@@ -70,11 +51,7 @@ pub fn cube(case: &Path, closed: bool, sides: &str) {
         format!("1({})", patch("body", "wall", 10, 1))
     } else {
         let ends = patch("inlet", "patch", 1, 1) + &patch("outlet", "patch", 1, 2);
-        format!(
-            "4({ends}{}{})",
-            patch("body", "wall", 4, 3),
-            patch("sides", sides, 4, 7)
-        )
+        format!("4({ends}{}{})", patch("body", "wall", 4, 3), patch("sides", sides, 4, 7))
     };
     put(case, "constant/polyMesh/boundary", "polyBoundaryMesh", &patches);
 }
@@ -101,20 +78,8 @@ pub fn uniform(case: &Path, time: &str, u: f64) {
     let v = format!("({u} 0 0)");
     let walls =
         |value: &str| format!("inlet{{{value}}} outlet{{{value}}} body{{{value}}} sides{{type empty;}}");
-    field(
-        case,
-        time,
-        "U",
-        [&v, &v],
-        &walls(&format!("type fixedValue; value uniform {v};")),
-    );
-    field(
-        case,
-        time,
-        "p",
-        ["1", "1"],
-        &walls("type calculated; value uniform 1;"),
-    );
+    field(case, time, "U", [&v, &v], &walls(&format!("type fixedValue; value uniform {v};")));
+    field(case, time, "p", ["1", "1"], &walls("type calculated; value uniform 1;"));
 }
 
 /// Puts a note into the header of a file.

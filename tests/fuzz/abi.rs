@@ -66,10 +66,7 @@ fn session_arguments() {
                 let fields = [field(c"U", 3), field(c"p", 1)];
                 let outputs = [to(c"U", 3, u_out), to(c"p", 1, p_out)];
                 if m4gn_session_step(session, fields.as_ptr(), 2, outputs.as_ptr(), 2) == 0 {
-                    assert!(
-                        out.iter().all(|v| v.is_finite()),
-                        "a step gave what is not finite"
-                    );
+                    assert!(out.iter().all(|v| v.is_finite()), "a step gave what is not finite");
                 }
             }
             not_internal();
@@ -111,14 +108,7 @@ fn stored_segments() {
         let mut segments = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
-            m4gn_segments_new(
-                NO_MPI,
-                &h.data,
-                none(),
-                settings.as_ptr(),
-                cell_segment,
-                &mut segments,
-            );
+            m4gn_segments_new(NO_MPI, &h.data, none(), settings.as_ptr(), cell_segment, &mut segments);
             not_internal();
             m4gn_segments_free(segments);
         }
@@ -179,19 +169,10 @@ fn stored_segments_and_their_record() {
         if status == 0 {
             assert!((0..=1).contains(&fit), "fit {fit}");
             let written = &why[..why_size as usize];
-            assert!(
-                written.is_empty() || written.contains(&0),
-                "an answer without an end"
-            );
-            assert!(
-                fit == 0 || written.first().is_none_or(|c| *c == 0),
-                "it fits, and why not"
-            );
+            assert!(written.is_empty() || written.contains(&0), "an answer without an end");
+            assert!(fit == 0 || written.first().is_none_or(|c| *c == 0), "it fits, and why not");
         }
-        assert!(
-            why[why_size.max(0) as usize..].iter().all(|c| *c == 1),
-            "written too far"
-        );
+        assert!(why[why_size.max(0) as usize..].iter().all(|c| *c == 1), "written too far");
         size(&h) + text.as_bytes().len()
     });
     // SAFETY: freed once.
@@ -347,10 +328,8 @@ fn recorder_arguments() {
             dimensions: [0, 1, -1, 0, 0, 0, 0],
         };
         let odd = word(r, &[c"a/b", c"", c".", c"..", c"\xff", c"times", c"p"]);
-        let fields = [
-            declared(c"U".as_ptr(), 3),
-            declared(if odd.is_null() { c"p".as_ptr() } else { odd }, 1),
-        ];
+        let fields =
+            [declared(c"U".as_ptr(), 3), declared(if odd.is_null() { c"p".as_ptr() } else { odd }, 1)];
         let provenance = [json!({ "a": [1, 2] }), json!([]), json!({ "aB": { "c": null } })];
         let settings = json!({
             "path": path,
@@ -366,14 +345,8 @@ fn recorder_arguments() {
         let mut recorder = none();
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
-            if m4gn_recorder_new(
-                NO_MPI,
-                &h.data,
-                settings.as_ptr(),
-                fields.as_ptr(),
-                n_fields,
-                &mut recorder,
-            ) == 0
+            if m4gn_recorder_new(NO_MPI, &h.data, settings.as_ptr(), fields.as_ptr(), n_fields, &mut recorder)
+                == 0
             {
                 let (n, b) = (h.data.n_cells as usize, h.data.n_boundary as usize);
                 let (cells, faces) = (vec![0.5; 3 * n], vec![0.5; 3 * b]);

@@ -68,9 +68,7 @@ fn bodies_at_points() {
         size(&h)
     });
     // SAFETY: freed once.
-    models
-        .into_iter()
-        .for_each(|model| unsafe { m4gn_model_free(model) });
+    models.into_iter().for_each(|model| unsafe { m4gn_model_free(model) });
 }
 
 /// A step with all that is said before it.
@@ -82,17 +80,8 @@ unsafe fn step(session: Handle, n: usize, n_obstacle: usize, r: &mut Random) {
     let (before, there) = (displacement(n, r), displacement(n_obstacle, r));
     let start = displacement(n, r);
     let mut end = start.clone();
-    let field = FieldData {
-        name: c"D".as_ptr(),
-        components: 3,
-        cells: start.as_ptr(),
-        boundary: null(),
-    };
-    let out = FieldOut {
-        name: c"D".as_ptr(),
-        components: 3,
-        cells: end.as_mut_ptr(),
-    };
+    let field = FieldData { name: c"D".as_ptr(), components: 3, cells: start.as_ptr(), boundary: null() };
+    let out = FieldOut { name: c"D".as_ptr(), components: 3, cells: end.as_mut_ptr() };
     // SAFETY: arrays at least of the lengths that the counts say.
     let stepped = unsafe {
         if r.below(8) > 0 {
@@ -108,10 +97,7 @@ unsafe fn step(session: Handle, n: usize, n_obstacle: usize, r: &mut Random) {
         0 => end.iter().all(|v| v.is_finite()),
         _ => end.iter().zip(&start).all(|(a, b)| a.to_bits() == b.to_bits()),
     };
-    assert!(
-        good,
-        "a step that ended with {stepped} wrote what is not finite, or wrote at all: {end:?}"
-    );
+    assert!(good, "a step that ended with {stepped} wrote what is not finite, or wrote at all: {end:?}");
 }
 
 /// An obstacle beside, around and inside of a body, whole and damaged: what is no rigid body outside of the other is refused.
@@ -139,10 +125,7 @@ fn obstacles() {
             body.positions.iter().all(|x| low < x[i] && x[i] < high)
         });
         let placed = obstacle.check(&body);
-        assert!(
-            damaged || !around || placed.is_err(),
-            "the body lies inside: {obstacle:?}"
-        );
+        assert!(damaged || !around || placed.is_err(), "the body lies inside: {obstacle:?}");
         // A turn about z, a shift, and a growth.
         let (sin, cos) = (r.below(7) as f64).sin_cos();
         let (shift, growth) = (*r.pick(&[0.0, -0.4, 6.0]), *r.pick(&[1.0, 1.0, 1.01, 0.5, 0.0]));

@@ -59,17 +59,9 @@ fn draw(family: &Family, r: &mut Random) {
         let Ok(draw) = family.draw(r.integer() as u64, index, &settings) else {
             continue;
         };
-        assert!(
-            draw.variables.values().all(|v| v.is_finite()),
-            "{:?}",
-            draw.variables
-        );
+        assert!(draw.variables.values().all(|v| v.is_finite()), "{:?}", draw.variables);
         for p in &family.parameters {
-            assert!(
-                p.above.is_none_or(|above| draw.variables[&p.name] > above),
-                "{}",
-                p.name
-            );
+            assert!(p.above.is_none_or(|above| draw.variables[&p.name] > above), "{}", p.name);
         }
         let _ = (draw.text(&family.label), family.programs(&draw));
         for interval in [family.recording.interval, 1e-300, 1e300] {

@@ -68,11 +68,8 @@ fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
 fn recorded_flow() -> Vec<u8> {
     let (_folder, path) = place("flow.h5");
     let mesh = sample::triangles(4, 3, 1.0, 0.7);
-    let field = |name: &str, vector| FieldMeta {
-        name: name.into(),
-        vector,
-        dimensions: [0, 1, -1, 0, 0, 0, 0],
-    };
+    let field =
+        |name: &str, vector| FieldMeta { name: name.into(), vector, dimensions: [0, 1, -1, 0, 0, 0, 0] };
     let options = WriteOptions {
         fields: vec![field("U", true), field("p", false)],
         provenance: serde_json::json!({ "case": "fuzz" }),
@@ -88,9 +85,7 @@ fn recorded_flow() -> Vec<u8> {
             cells: &cells[..components * mesh.n_cells()],
             boundary: &faces[..components * mesh.boundary.len()],
         };
-        recorder
-            .append(0.1 * f64::from(frame), &[of("U", 3), of("p", 1)])
-            .unwrap();
+        recorder.append(0.1 * f64::from(frame), &[of("U", 3), of("p", 1)]).unwrap();
     }
     recorder.finish().unwrap();
     std::fs::read(path).unwrap()
@@ -126,8 +121,5 @@ fn data_set_of_a_flow() {
 
 #[test]
 fn data_set_of_a_body() {
-    damaged(
-        "data-body",
-        std::fs::read(root().join("tests/data/solid.h5")).unwrap(),
-    );
+    damaged("data-body", std::fs::read(root().join("tests/data/solid.h5")).unwrap());
 }

@@ -41,11 +41,7 @@ impl Run<'_> {
         let mesh = &self.host.mesh;
         let mut solved = 0;
         for _ in 0..10 * steps {
-            let value = if r.below(40) == 0 {
-                r.real()
-            } else {
-                0.1 * self.index as f64
-            };
+            let value = if r.below(40) == 0 { r.real() } else { 0.1 * self.index as f64 };
             let cells = vec![value; 3 * mesh.n_cells()];
             let (mut u, mut p) = (cells.clone(), cells.clone());
             let faces = vec![value; 3 * mesh.boundary.len()];
@@ -122,11 +118,7 @@ fn ride_states() {
         settings
     };
     let begin = |settings: &Value| {
-        let mut run = Run {
-            host: &host,
-            ride: none(),
-            index: 0,
-        };
+        let mut run = Run { host: &host, ride: none(), index: 0 };
         let settings = options(settings);
         // SAFETY: a session on this mesh.
         let status =
@@ -229,20 +221,11 @@ fn control_figures() {
             n => n as f64,
         };
         let rows: Vec<StrideError> = (0..3)
-            .map(|_| StrideError {
-                error: figure(),
-                change: figure(),
-                size: 0.0,
-                variation: figure(),
-            })
+            .map(|_| StrideError { error: figure(), change: figure(), size: 0.0, variation: figure() })
             .collect();
         let factors = [figure(), figure()];
         let n = if r.below(4) == 0 { r.below(4) } else { 2 };
-        let most = if r.below(2) == 0 {
-            usize::MAX
-        } else {
-            r.below(1 << 20)
-        };
+        let most = if r.below(2) == 0 { usize::MAX } else { r.below(1 << 20) };
         let fields = vec![("U".to_string(), None), ("p".to_string(), Some(factors.to_vec()))];
         let made = ControlSettings::parse(&settings.to_string()).and_then(|s| Control::new(fields, s));
         if let Ok(mut control) = made {

@@ -38,16 +38,8 @@ fn training_configuration() {
 
 #[test]
 fn checkpoint() {
-    let moments = || Moments {
-        count: vec![10.0; 3],
-        sum: vec![1.0; 3],
-        square: vec![2.0; 3],
-    };
-    let normaliser = Normaliser {
-        node: moments(),
-        edge: moments(),
-        output: moments(),
-    };
+    let moments = || Moments { count: vec![10.0; 3], sum: vec![1.0; 3], square: vec![2.0; 3] };
+    let normaliser = Normaliser { node: moments(), edge: moments(), output: moments() };
     let checkpoint = Checkpoint {
         progress: Progress {
             version: VERSION,

@@ -238,12 +238,8 @@ fn put(bytes: &mut [u8], at: usize, value: &[u8]) {
 /// # Panics
 /// When a case does, is too slow, or takes too much memory; the message says which one.
 pub fn fuzz(target: &str, mut case: impl FnMut(&mut Random) -> usize) {
-    let number = |name: &str, default: u64| {
-        std::env::var(name)
-            .ok()
-            .and_then(|v| v.parse().ok())
-            .unwrap_or(default)
-    };
+    let number =
+        |name: &str, default: u64| std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default);
     let (seconds, first) = (number("M4GN_FUZZ_SECONDS", 3), number("M4GN_FUZZ_SEED", 1));
     let path = std::env::temp_dir().join(format!("m4gn-fuzz-{target}"));
     let mut note = std::fs::File::create(&path).unwrap();
@@ -253,10 +249,7 @@ pub fn fuzz(target: &str, mut case: impl FnMut(&mut Random) -> usize) {
     loop {
         // Over the same place, so that the file stays small.
         let _ = std::os::unix::fs::FileExt::write_all_at(&note, format!("{seed:<20}\n").as_bytes(), 0);
-        UNDER_WAY
-            .lock()
-            .unwrap()
-            .push((target.to_string(), seed, Instant::now()));
+        UNDER_WAY.lock().unwrap().push((target.to_string(), seed, Instant::now()));
         let started = Instant::now();
         let held = HELD.with(Cell::get);
         PEAK.with(|p| p.set(held));

@@ -149,9 +149,7 @@ unsafe extern "C" {
 /// Message of the last failed call.
 pub fn message() -> String {
     // SAFETY: a string of this thread until its next call.
-    unsafe { CStr::from_ptr(m4gn_last_error()) }
-        .to_string_lossy()
-        .into_owned()
+    unsafe { CStr::from_ptr(m4gn_last_error()) }.to_string_lossy().into_owned()
 }
 
 /// Settings as a host hands them over.
@@ -180,11 +178,7 @@ impl Host {
     pub fn new(mesh: Mesh) -> Box<Host> {
         let flat = |v: Vec<[f64; 3]>| v.into_flattened();
         let (b, c) = (&mesh.boundary, &mesh.coupled);
-        let names: Vec<CString> = mesh
-            .patches
-            .iter()
-            .map(|p| CString::new(p.as_str()).unwrap())
-            .collect();
+        let names: Vec<CString> = mesh.patches.iter().map(|p| CString::new(p.as_str()).unwrap()).collect();
         let mut host = Box::new(Host {
             // SAFETY: integers and null pointers; filled in below.
             data: unsafe { std::mem::zeroed() },
@@ -202,14 +196,8 @@ impl Host {
                 c.iter().map(|f| f.owner).collect(),
                 c.iter().map(|f| f.rank).collect(),
             ],
-            longs: [
-                b.iter().map(|f| f.global).collect(),
-                c.iter().map(|f| f.global).collect(),
-            ],
-            reals: [
-                b.iter().map(|f| f.coeff).collect(),
-                c.iter().map(|f| f.coeff).collect(),
-            ],
+            longs: [b.iter().map(|f| f.global).collect(), c.iter().map(|f| f.global).collect()],
+            reals: [b.iter().map(|f| f.coeff).collect(), c.iter().map(|f| f.coeff).collect()],
             names: names.iter().map(|n| n.as_ptr()).collect(),
             _names: names,
             codes: Default::default(),

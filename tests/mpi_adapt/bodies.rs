@@ -28,12 +28,8 @@ fn show(a: &mut Adaptation, mesh: &Mesh, steps: std::ops::Range<usize>) -> Resul
     for i in steps {
         let time = STEP * i as f64;
         let (body, obstacle) = (bent(mesh, time), pressed(time));
-        let field = Field {
-            name: "D",
-            components: 3,
-            cells: body.as_flattened(),
-            boundary: obstacle.as_flattened(),
-        };
+        let field =
+            Field { name: "D", components: 3, cells: body.as_flattened(), boundary: obstacle.as_flattened() };
         a.frame(time, i == first, &[field])?;
     }
     Ok(())
@@ -90,11 +86,7 @@ pub fn run(comm: &Comm, failures: &mut Vec<String>) -> Result<()> {
     // Planes of points in turns, so that a rank's points are no single stretch of the numbering.
     let size = comm.size() as usize;
     let ranks: Vec<i32> = (0..body.positions.len()).map(|p| (p % 7 % size) as i32).collect();
-    for (method, model) in [
-        ("gradient", &model),
-        ("ridge", &model),
-        ("gradient", &with_history),
-    ] {
+    for (method, model) in [("gradient", &model), ("ridge", &model), ("gradient", &with_history)] {
         let whole = body.mesh(Some(&obstacle));
         let (alone, expected, _) = adapt(&Comm::serial(), &whole, model, method)?;
         let part = body.share(Some(&obstacle), &ranks, comm.rank());
@@ -107,15 +99,11 @@ pub fn run(comm: &Comm, failures: &mut Vec<String>) -> Result<()> {
         }
         let off = distance(&together, &alone);
         if off > super::TOLERANCE {
-            failures.push(format!(
-                "body, {method}: weights are {off:e} from those of one rank"
-            ));
+            failures.push(format!("body, {method}: weights are {off:e} from those of one rank"));
         }
         if !found[0].used || after > 0.5 * before {
             let note = &found[0].note;
-            failures.push(format!(
-                "body, {method}: a step is off by {before}, then {after}: {note}"
-            ));
+            failures.push(format!("body, {method}: a step is off by {before}, then {after}: {note}"));
         }
     }
     refusals(comm, &model, (&body, &obstacle, &ranks), failures)
@@ -132,12 +120,7 @@ fn refusals(
     let session = Session::new(comm.clone(), &part, model, &SessionOptions::default())?;
     let mut a = Adaptation::new(&session, &part, model, Settings::default())?;
     let at_rest = bent(&part, 0.0);
-    let field = Field {
-        name: "D",
-        components: 3,
-        cells: at_rest.as_flattened(),
-        boundary: &[0.0; 15],
-    };
+    let field = Field { name: "D", components: 3, cells: at_rest.as_flattened(), boundary: &[0.0; 15] };
     match a.frame(0.0, true, &[field]) {
         Err(Error::Input(what)) if what.contains("18 boundary values") && what.contains("and 15") => {}
         other => failures.push(format!("an obstacle with a point less: {other:?}")),

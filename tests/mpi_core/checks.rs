@@ -15,11 +15,7 @@ pub struct Checks {
 
 impl Checks {
     pub fn new(comm: &Comm) -> Self {
-        Checks {
-            comm: comm.clone(),
-            count: 0,
-            failures: Vec::new(),
-        }
+        Checks { comm: comm.clone(), count: 0, failures: Vec::new() }
     }
 
     pub fn that(&mut self, holds: bool, what: impl Into<String>) {
@@ -46,25 +42,13 @@ impl Checks {
 pub fn compare_modes(checks: &mut Checks, name: &str, part: &Mesh, found: &Modes, expected: &Modes) {
     checks.that(
         found.eigenvalues.len() == expected.eigenvalues.len(),
-        format!(
-            "{name}: {} modes, expected {}",
-            found.eigenvalues.len(),
-            expected.eigenvalues.len()
-        ),
+        format!("{name}: {} modes, expected {}", found.eigenvalues.len(), expected.eigenvalues.len()),
     );
     for (i, (f, e)) in found.eigenvalues.iter().zip(&expected.eigenvalues).enumerate() {
-        checks.that(
-            (f / e - 1.0).abs() < 1e-8,
-            format!("{name}: eigenvalue {i}: {f}, expected {e}"),
-        );
+        checks.that((f / e - 1.0).abs() < 1e-8, format!("{name}: eigenvalue {i}: {f}, expected {e}"));
     }
     for (i, (f, e)) in found.vectors.iter().zip(&expected.vectors).enumerate() {
-        let off = part
-            .cell_global
-            .iter()
-            .zip(f)
-            .map(|(&g, x)| (x - e[g as usize]).abs())
-            .fold(0.0, f64::max);
+        let off = part.cell_global.iter().zip(f).map(|(&g, x)| (x - e[g as usize]).abs()).fold(0.0, f64::max);
         // Vectors follow residuals (1e-11) divided by gaps of the spectrum.
         checks.that(off < 1e-7, format!("{name}: mode {i} differs by {off:e}"));
     }
@@ -81,11 +65,7 @@ pub fn compare_segments(
 ) {
     let n = (part.n_cells(), mesh.n_cells());
     let cells = part.cell_global.iter().enumerate().map(|(i, &g)| (i, g as usize));
-    let faces = part
-        .boundary
-        .iter()
-        .enumerate()
-        .map(|(i, b)| (n.0 + i, n.1 + b.global as usize));
+    let faces = part.boundary.iter().enumerate().map(|(i, b)| (n.0 + i, n.1 + b.global as usize));
     let members = |s: &Segmentation, i: usize| {
         s.member[s.member_row[i] as usize..s.member_row[i + 1] as usize].to_vec()
     };
@@ -95,21 +75,9 @@ pub fn compare_segments(
         overlap += (members(found, here) != members(expected, there)) as usize;
     }
     checks.that(labels == 0, format!("{name}: {labels} nodes in other segments"));
-    checks.that(
-        overlap == 0,
-        format!("{name}: {overlap} nodes with other overlaps"),
-    );
+    checks.that(overlap == 0, format!("{name}: {overlap} nodes with other overlaps"));
     checks.that(found.sizes == expected.sizes, format!("{name}: sizes"));
-    checks.that(
-        found.sizes.iter().all(|&s| s > 0.0),
-        format!("{name}: a segment is empty"),
-    );
-    checks.that(
-        found.adjacency == expected.adjacency,
-        format!("{name}: adjacency"),
-    );
-    checks.that(
-        found.rwse(8) == expected.rwse(8),
-        format!("{name}: random-walk encoding"),
-    );
+    checks.that(found.sizes.iter().all(|&s| s > 0.0), format!("{name}: a segment is empty"));
+    checks.that(found.adjacency == expected.adjacency, format!("{name}: adjacency"));
+    checks.that(found.rwse(8) == expected.rwse(8), format!("{name}: random-walk encoding"));
 }

@@ -14,10 +14,7 @@ fn bands(comm: &Comm, points: i64, band: [f64; 3], block: i64) -> Rows {
     let ranks = i64::from(comm.size() - 1).max(1);
     let first = |r: i64| points * r.min(ranks) / ranks;
     let rank = i64::from(comm.rank());
-    let mut rows = Rows {
-        row: vec![0],
-        ..Default::default()
-    };
+    let mut rows = Rows { row: vec![0], ..Default::default() };
     for i in first(rank)..first(rank + 1) {
         for c in 0..block {
             for (j, b) in (i - 1..=i + 1).zip(band) {
@@ -63,15 +60,9 @@ fn expect(checks: &mut Checks, name: &str, found: Result<Modes>, exact: &[f64], 
     let Some(found) = checks.value(found, name) else {
         return;
     };
-    checks.that(
-        found.eigenvalues.len() == exact.len(),
-        format!("{name}: number of modes"),
-    );
+    checks.that(found.eigenvalues.len() == exact.len(), format!("{name}: number of modes"));
     for (x, y) in found.eigenvalues.iter().zip(exact) {
-        checks.that(
-            (x / y - 1.0).abs() < tolerance,
-            format!("{name}: {x}, expected {y}"),
-        );
+        checks.that((x / y - 1.0).abs() < tolerance, format!("{name}: {x}, expected {y}"));
     }
 }
 
@@ -113,28 +104,18 @@ fn ways(checks: &mut Checks) {
         let ranks = sample::strips(mesh.n_cells(), comm.size());
         let part = sample::part(&mesh, &ranks, comm.rank());
         for solver in [ModalSolver::Direct, ModalSolver::Iterative] {
-            let options = ModalOptions {
-                solver,
-                ..Default::default()
-            };
+            let options = ModalOptions { solver, ..Default::default() };
             let found = laplacian_modes(&part, &comm, &options);
             let name = format!("{name}, {solver:?}");
             let Some(found) = checks.value(found, &name) else {
                 continue;
             };
-            checks.that(
-                found.eigenvalues.len() == whole.eigenvalues.len(),
-                format!("{name}: number of modes"),
-            );
+            checks
+                .that(found.eigenvalues.len() == whole.eigenvalues.len(), format!("{name}: number of modes"));
             for (i, (x, y)) in found.eigenvalues.iter().zip(&whole.eigenvalues).enumerate() {
-                checks.that(
-                    (x - y).abs() <= 1e-8 * y.abs().max(1e-2),
-                    format!("{name}: {x}, serial {y}"),
-                );
+                checks.that((x - y).abs() <= 1e-8 * y.abs().max(1e-2), format!("{name}: {x}, serial {y}"));
                 let off = part.cell_global.iter().zip(&found.vectors[i]);
-                let off = off
-                    .map(|(&g, v)| (v - whole.vectors[i][g as usize]).abs())
-                    .fold(0.0, f64::max);
+                let off = off.map(|(&g, v)| (v - whole.vectors[i][g as usize]).abs()).fold(0.0, f64::max);
                 checks.that(off < 1e-6, format!("{name}: mode {i} differs by {off:e}"));
             }
         }
@@ -165,11 +146,7 @@ fn copies(checks: &mut Checks) {
     };
     if let Ok(found) = &found {
         for (mode, same) in found.vectors.iter().zip(&whole.vectors) {
-            let off = mode
-                .iter()
-                .zip(&same[first..])
-                .map(|(x, y)| (x - y).abs())
-                .fold(0.0, f64::max);
+            let off = mode.iter().zip(&same[first..]).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
             checks.that(off < 1e-5, format!("equal parts: a mode differs by {off:e}"));
         }
     }
@@ -178,21 +155,11 @@ fn copies(checks: &mut Checks) {
 
 fn energy(checks: &mut Checks) {
     let comm = checks.comm.clone();
-    let options = ModalOptions {
-        count: ModeCount::Energy { share: 0.75, most: 4 },
-        ..Default::default()
-    };
+    let options = ModalOptions { count: ModeCount::Energy { share: 0.75, most: 4 }, ..Default::default() };
     // 1 / lambda goes as 1, 1/4, 1/9, 1/16: the first holds 0.70, two hold 0.88.
-    let found = solve(
-        &pair(bands(&comm, 200, [-1.0, 2.0, -1.0], 1), None, true, 1),
-        &comm,
-        &options,
-    );
+    let found = solve(&pair(bands(&comm, 200, [-1.0, 2.0, -1.0], 1), None, true, 1), &comm, &options);
     if let Some(found) = checks.value(found, "energy") {
-        checks.that(
-            found.eigenvalues.len() == 2,
-            "two modes hold three quarters of the energy",
-        );
+        checks.that(found.eigenvalues.len() == 2, "two modes hold three quarters of the energy");
     }
 }
 
@@ -207,9 +174,7 @@ fn refusals(checks: &mut Checks) {
         ("a column out of range", |p| p.stiffness.column[2] = 150),
         ("offsets that fall", |p| p.stiffness.row[2] = 1),
         ("a mass too few", |p| p.mass = Mass::Diagonal(vec![1.0; 3])),
-        ("another kind of mass", |p| {
-            p.mass = Mass::Matrix(p.stiffness.clone())
-        }),
+        ("another kind of mass", |p| p.mass = Mass::Matrix(p.stiffness.clone())),
     ];
     for (name, damage) in damages {
         let mut bad = good();
@@ -218,19 +183,13 @@ fn refusals(checks: &mut Checks) {
         }
         let found = solve(&bad, &comm, &ModalOptions::default());
         let harmless = comm.size() == 1 && name.contains("kind");
-        checks.that(
-            found.is_err() != harmless,
-            format!("{name} is an error on every rank"),
-        );
+        checks.that(found.is_err() != harmless, format!("{name} is an error on every rank"));
         let class = matches!(found, Ok(_) | Err(Error::Input(_) | Error::OtherRank { .. }));
         checks.that(class, format!("{name}: class of the error"));
     }
     let count = if first { 3 } else { 4 };
     let found = solve(&good(), &comm, &ModalOptions::fixed(count));
-    checks.that(
-        found.is_err() == (comm.size() > 1),
-        "ranks that ask for different modes",
-    );
+    checks.that(found.is_err() == (comm.size() > 1), "ranks that ask for different modes");
     let found = solve(&good(), &comm, &ModalOptions::default());
     checks.that(found.is_ok(), "a good pair after bad ones");
 }

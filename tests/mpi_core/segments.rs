@@ -39,12 +39,7 @@ pub fn check(checks: &mut Checks) {
 /// One segmentation, whole and in parts: the same; never empty, and connected where asked.
 fn one(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], spec: &SegmentSpec) {
     let comm = checks.comm.clone();
-    let name = format!(
-        "{name}, {} of {} cells, connected {}",
-        spec.count,
-        mesh.n_cells(),
-        spec.connected
-    );
+    let name = format!("{name}, {} of {} cells, connected {}", spec.count, mesh.n_cells(), spec.connected);
     let expected = solve(mesh, spec, &Comm::serial());
     let part = sample::part(mesh, ranks, comm.rank());
     let found = solve(&part, spec, &comm);
@@ -77,26 +72,15 @@ fn solve(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<(Segmentation, 
     let mut graph = Graph::new(mesh, comm)?;
     let found = segment(mesh, &mut graph, spec, &Modal::default(), comm, None)?;
     let labels = &found.node_segment[..mesh.n_cells()];
-    let quality = quality(
-        mesh,
-        &mut graph,
-        labels,
-        spec.count,
-        Dissimilarity::Positions,
-        comm,
-    )?;
+    let quality = quality(mesh, &mut graph, labels, spec.count, Dissimilarity::Positions, comm)?;
     Ok((found, quality))
 }
 
 /// Connected pieces of equal segments of an undecomposed mesh, by merging labels until nothing changes.
 fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
     let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
-    let mut links: Vec<(usize, usize)> = mesh
-        .face_owner
-        .iter()
-        .zip(&mesh.face_neighbour)
-        .map(|(&a, &b)| (a as usize, b as usize))
-        .collect();
+    let mut links: Vec<(usize, usize)> =
+        mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(&a, &b)| (a as usize, b as usize)).collect();
     links.extend(mesh.coupled.iter().map(|c| (c.owner as usize, c.global as usize)));
     links.retain(|&(a, b)| segment[a] == segment[b]);
     loop {
@@ -147,9 +131,7 @@ fn pick<T: Copy>(all: &[T], keep: impl Fn(usize) -> bool) -> Vec<T> {
 
 /// Any rank for any cell; rank 0 of several has none.
 fn random_ranks(draw: &mut Draw, n: usize, size: i32) -> Vec<i32> {
-    (0..n)
-        .map(|_| (size - 1).min(1 + draw.below((size - 1).max(1) as usize) as i32))
-        .collect()
+    (0..n).map(|_| (size - 1).min(1 + draw.below((size - 1).max(1) as usize) as i32)).collect()
 }
 
 /// Distances to what lies on other ranks, bit by bit.
@@ -172,11 +154,7 @@ fn obstacles(checks: &mut Checks) {
         let Some(expected) = checks.value(obstacle_distance(&mesh, names, &serial), "obstacle, whole") else {
             continue;
         };
-        let same = part
-            .cell_global
-            .iter()
-            .zip(&found)
-            .all(|(&g, d)| expected[g as usize] == *d);
+        let same = part.cell_global.iter().zip(&found).all(|(&g, d)| expected[g as usize] == *d);
         checks.that(same, format!("distances to {names:?}"));
     }
     // Every rank hears of patches that no rank has.
@@ -206,15 +184,9 @@ fn quality_of_many_cells(checks: &mut Checks) {
     };
     let found = checks.value(of(&part, &labels, &comm, None), "quality");
     let expected = checks.value(of(&mesh, &whole, &Comm::serial(), None), "quality, whole");
-    checks.that(
-        found == expected,
-        format!("quality {found:?}, expected {expected:?}"),
-    );
+    checks.that(found == expected, format!("quality {found:?}, expected {expected:?}"));
     let cells = found.map_or(0, |q| q.silhouette_cells);
-    checks.that(
-        (3500..4500).contains(&cells),
-        format!("a sample of {cells} cells"),
-    );
+    checks.that((3500..4500).contains(&cells), format!("a sample of {cells} cells"));
     let x = |mesh: &Mesh| Modes {
         eigenvalues: vec![1.0],
         vectors: vec![mesh.cell_centres.iter().map(|x| x[0].sin()).collect()],
@@ -222,9 +194,7 @@ fn quality_of_many_cells(checks: &mut Checks) {
     let found = checks.value(of(&part, &labels, &comm, Some(&x(&part))), "quality by modes");
     let serial = of(&mesh, &whole, &Comm::serial(), Some(&x(&mesh)));
     let expected = checks.value(serial, "quality by modes, whole");
-    let near = found
-        .zip(expected)
-        .is_some_and(|(f, e)| (f.silhouette - e.silhouette).abs() < 1e-9);
+    let near = found.zip(expected).is_some_and(|(f, e)| (f.silhouette - e.silhouette).abs() < 1e-9);
     checks.that(near, format!("by modes {found:?}, expected {expected:?}"));
 }
 
@@ -233,45 +203,23 @@ fn errors(checks: &mut Checks) {
     let comm = checks.comm.clone();
     let mut mesh = sample::rectangle(6, 4, 1.5, 1.0);
     // Two halves that no face joins.
-    let keep: Vec<bool> = mesh
-        .face_owner
-        .iter()
-        .zip(&mesh.face_neighbour)
-        .map(|(a, b)| !(a % 6 == 2 && b % 6 == 3))
-        .collect();
+    let keep: Vec<bool> =
+        mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(a, b)| !(a % 6 == 2 && b % 6 == 3)).collect();
     mesh.face_owner = pick(&mesh.face_owner, |f| keep[f]);
     mesh.face_neighbour = pick(&mesh.face_neighbour, |f| keep[f]);
     mesh.face_coeff = pick(&mesh.face_coeff, |f| keep[f]);
     let part = sample::part(&mesh, &sample::strips(24, comm.size()), comm.rank());
-    let spec = |count, connected| SegmentSpec {
-        count,
-        connected,
-        modes: 3,
-        ..Default::default()
-    };
+    let spec = |count, connected| SegmentSpec { count, connected, modes: 3, ..Default::default() };
     let apart = solve(&part, &spec(1, true), &comm);
-    let said = apart
-        .as_ref()
-        .is_err_and(|e| e.to_string().contains("2 components that no face joins"));
-    checks.that(
-        said,
-        format!("one connected segment of two components: {:?}", apart.err()),
-    );
+    let said = apart.as_ref().is_err_and(|e| e.to_string().contains("2 components that no face joins"));
+    checks.that(said, format!("one connected segment of two components: {:?}", apart.err()));
     for (count, connected) in [(1, false), (2, true), (5, true)] {
         let found = solve(&part, &spec(count, connected), &comm);
         checks.value(found, &format!("{count} segments of two components"));
     }
     // More modes than there are: an error on every rank, and none where nothing is refined.
-    let many = |count| SegmentSpec {
-        count,
-        modes: 24,
-        connected: false,
-        ..Default::default()
-    };
-    checks.that(
-        matches!(solve(&part, &many(3), &comm), Err(Error::Input(_))),
-        "24 modes of 24 cells",
-    );
+    let many = |count| SegmentSpec { count, modes: 24, connected: false, ..Default::default() };
+    checks.that(matches!(solve(&part, &many(3), &comm), Err(Error::Input(_))), "24 modes of 24 cells");
     for count in [1, 24] {
         checks.value(solve(&part, &many(count), &comm), "no modes are needed");
     }
@@ -279,9 +227,6 @@ fn errors(checks: &mut Checks) {
     let part = sample::part(&two, &sample::strips(2, comm.size()), comm.rank());
     for count in 1..4 {
         let found = solve(&part, &spec(count, true), &comm);
-        checks.that(
-            found.is_ok() == (count < 3),
-            format!("{count} segments of two cells"),
-        );
+        checks.that(found.is_ok() == (count < 3), format!("{count} segments of two cells"));
     }
 }

@@ -15,24 +15,16 @@ fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize, history: usize) 
     s.fields[0].input = false;
     s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
     s.contact = Some(ContactSpec { radius: 0.6, history });
-    s.segments = SegmentSpec {
-        method,
-        count: 6,
-        modes: 1,
-        overlap,
-        ..SegmentSpec::default()
-    };
+    s.segments = SegmentSpec { method, count: 6, modes: 1, overlap, ..SegmentSpec::default() };
     s
 }
 
 /// What differs from a run on one rank.
 pub fn failures(comm: &Comm, base: &ModelSpec) -> Vec<String> {
     let mut failures = Vec::new();
-    for (method, overlap, history) in [
-        (SegmentMethod::SlicExp, 0, 0),
-        (SegmentMethod::Metis, 1, 0),
-        (SegmentMethod::SlicExp, 0, 1),
-    ] {
+    for (method, overlap, history) in
+        [(SegmentMethod::SlicExp, 0, 0), (SegmentMethod::Metis, 1, 0), (SegmentMethod::SlicExp, 0, 1)]
+    {
         let name = format!("body, {method}, overlap {overlap}, history {history}");
         match compare(comm, spec(base.clone(), method, overlap, history)) {
             Ok(error) if error < super::TOLERANCE => {}
@@ -67,9 +59,7 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
     let mut session = Session::new(comm.clone(), &part, &model, &options)?;
     for (&p, &segment) in part.cell_global.iter().zip(session.cell_segment()) {
         if serial.cell_segment()[p as usize] != segment {
-            return Err(Error::Internal(format!(
-                "point {p} has another segment than in serial"
-            )));
+            return Err(Error::Internal(format!("point {p} has another segment than in serial")));
         }
     }
     let own = |u: &[[f64; 3]]| -> Vec<[f64; 3]> { part.cell_global.iter().map(|&p| u[p as usize]).collect() };
@@ -114,9 +104,7 @@ fn past(comm: &Comm, spec: ModelSpec) -> Result<()> {
     let obstacle = sample::octahedron([4.0, 0.8, 1.7], 0.5);
     let options = SessionOptions::default();
     let size = comm.size() as usize;
-    let ranks: Vec<i32> = (0..body.positions.len())
-        .map(|p| (p % 10 * size / 10) as i32)
-        .collect();
+    let ranks: Vec<i32> = (0..body.positions.len()).map(|p| (p % 10 * size / 10) as i32).collect();
     let part = body.share(Some(&obstacle), &ranks, comm.rank());
     let mut serial = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options)?;
     let mut session = Session::new(comm.clone(), &part, &model, &options)?;
@@ -162,10 +150,7 @@ fn past(comm: &Comm, spec: ModelSpec) -> Result<()> {
     let known = usize::from(!model.spec.has_history());
     for (number, result) in refused.into_iter().enumerate().skip(known) {
         if result.is_ok() {
-            return Err(Error::Internal(format!(
-                "refusal {number} did not come on rank {}",
-                comm.rank()
-            )));
+            return Err(Error::Internal(format!("refusal {number} did not come on rank {}", comm.rank())));
         }
     }
     // The session works on, with what it is told.

@@ -68,14 +68,7 @@ impl Bench {
             Some("far projection") => settings["projection"] = json!({ "radius": -1.0 }),
             _ => (),
         }
-        self.session_of(
-            &self.body_host(odd),
-            self.body_model_file(),
-            &settings,
-            null(),
-            odd,
-            panic,
-        )
+        self.session_of(&self.body_host(odd), self.body_model_file(), &settings, null(), odd, panic)
     }
 
     /// A call on a session of a body. The displacement before it is none.
@@ -100,9 +93,7 @@ impl Bench {
         ];
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_session_free(session) });
-        after
-            .into_iter()
-            .fold(ended, |ended, next| self.then(ended, next))
+        after.into_iter().fold(ended, |ended, next| self.then(ended, next))
     }
 
     fn set_obstacle(&self, session: Handle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -121,9 +112,7 @@ impl Bench {
         let now = unless(odd == Some("no now"), now.as_ptr());
         let after = unless(odd == Some("no after"), after.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_session_set_obstacle(session, now, after, n)
-        })
+        self.made(panic, || unsafe { m4gn_session_set_obstacle(session, now, after, n) })
     }
 
     /// Of a body at rest.
@@ -147,9 +136,7 @@ impl Bench {
         let body = unless(odd == Some("no body"), body.as_ptr());
         let obstacle = unless(odd == Some("no obstacle"), obstacle.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_session_set_before(session, body, n_points, obstacle, n_obstacle)
-        })
+        self.made(panic, || unsafe { m4gn_session_set_before(session, body, n_points, obstacle, n_obstacle) })
     }
 
     fn body_step(&self, session: Handle, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -175,8 +162,6 @@ impl Bench {
             _ => 1,
         };
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_session_step(session, fields.as_ptr(), n_fields, out.as_ptr(), 1)
-        })
+        self.made(panic, || unsafe { m4gn_session_step(session, fields.as_ptr(), n_fields, out.as_ptr(), 1) })
     }
 }

@@ -110,42 +110,16 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "petsc",
             "mass",
         ],
-        "solid_modes_new" => &[
-            "null",
-            "no body",
-            "no options",
-            "start",
-            "young",
-            "modes",
-            "lumped",
-            "free",
-            "solver",
-            "fixed",
-        ],
-        "recorder_new" => &[
-            "null",
-            "no mesh",
-            "no options",
-            "path",
-            "fields",
-            "split",
-            "overwrite",
-            "volume",
-            "json",
-        ],
+        "solid_modes_new" => {
+            &["null", "no body", "no options", "start", "young", "modes", "lumped", "free", "solver", "fixed"]
+        }
+        "recorder_new" => {
+            &["null", "no mesh", "no options", "path", "fields", "split", "overwrite", "volume", "json"]
+        }
         "recorder_finish" => &["taken", "lost"],
         "recorder_append" => &["missing", "nan", "count", "time"],
         "segments_fit" => &["null", "no mesh", "no options", "spec", "json", "labels", "size"],
-        "ride_new" => &[
-            "null",
-            "no mesh",
-            "no settings",
-            "no start",
-            "time",
-            "json",
-            "mode",
-            "steps",
-        ],
+        "ride_new" => &["null", "no mesh", "no settings", "no start", "time", "json", "mode", "steps"],
         "ride_decide" => &["missing", "null", "nan", "count"],
         "ride_stride" => &["missing", "null", "no places", "count"],
         "ride_handed_back" => &["missing", "name", "time"],
@@ -176,10 +150,7 @@ const NEVER: u32 = 1 << 30;
 
 impl Bench {
     pub fn new(world: Comm) -> Self {
-        Bench {
-            world,
-            folder: tempfile::tempdir().unwrap(),
-        }
+        Bench { world, folder: tempfile::tempdir().unwrap() }
     }
 
     pub fn range(&self, status: i32) -> (i64, i64) {
@@ -301,19 +272,16 @@ impl Bench {
     pub fn model_open(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let path = match odd {
             Some("no file") => c("/nowhere/other.safetensors".into()),
-            Some("other model") => c(format!(
-                "{}/../../tests/e2e/solid.safetensors",
-                env!("CARGO_MANIFEST_DIR")
-            )),
+            Some("other model") => {
+                c(format!("{}/../../tests/e2e/solid.safetensors", env!("CARGO_MANIFEST_DIR")))
+            }
             _ => model(),
         };
         let path = unless(odd == Some("no path"), path.as_ptr());
         let mut opened = none();
         let place = unless_mut(odd == Some("null"), &raw mut opened);
         // SAFETY: a C string or null, and a place or null.
-        let ended = self.made(panic, || unsafe {
-            m4gn_model_open(self.world.fortran(), path, place)
-        });
+        let ended = self.made(panic, || unsafe { m4gn_model_open(self.world.fortran(), path, place) });
         // SAFETY: null, or freed once.
         unsafe { m4gn_model_free(opened) };
         ended
@@ -335,10 +303,7 @@ pub fn c(text: String) -> CString {
 }
 
 pub fn model() -> CString {
-    c(format!(
-        "{}/../../tests/cabi/small.safetensors",
-        env!("CARGO_MANIFEST_DIR")
-    ))
+    c(format!("{}/../../tests/cabi/small.safetensors", env!("CARGO_MANIFEST_DIR")))
 }
 
 /// U and p in cells, and zeros at boundary faces.
@@ -349,18 +314,9 @@ pub fn values(host: &Host) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
 }
 
 pub fn field(name: &'static std::ffi::CStr, components: i32, cells: &[f64], boundary: &[f64]) -> FieldData {
-    FieldData {
-        name: name.as_ptr(),
-        components,
-        cells: cells.as_ptr(),
-        boundary: boundary.as_ptr(),
-    }
+    FieldData { name: name.as_ptr(), components, cells: cells.as_ptr(), boundary: boundary.as_ptr() }
 }
 
 pub fn output(name: &'static std::ffi::CStr, components: i32, cells: &mut [f64]) -> FieldOut {
-    FieldOut {
-        name: name.as_ptr(),
-        components,
-        cells: cells.as_mut_ptr(),
-    }
+    FieldOut { name: name.as_ptr(), components, cells: cells.as_mut_ptr() }
 }

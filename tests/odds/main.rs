@@ -80,9 +80,7 @@ fn main() -> ExitCode {
 
 fn driver() -> ExitCode {
     let filter = std::env::args().nth(1).filter(|a| !a.starts_with('-'));
-    let chosen = CALLS
-        .iter()
-        .filter(|c| filter.as_ref().is_none_or(|f| c.contains(f.as_str())));
+    let chosen = CALLS.iter().filter(|c| filter.as_ref().is_none_or(|f| c.contains(f.as_str())));
     let (mut passed, mut failed) = (0, 0);
     for call in chosen {
         for ranks in [2, 3] {
@@ -110,12 +108,7 @@ fn driver() -> ExitCode {
 fn launch(call: &str, kind: &str, ranks: usize) -> Result<(), String> {
     let started = Instant::now();
     let mut job = Command::new("mpirun")
-        .args([
-            "--allow-run-as-root",
-            "--oversubscribe",
-            "-np",
-            &ranks.to_string(),
-        ])
+        .args(["--allow-run-as-root", "--oversubscribe", "-np", &ranks.to_string()])
         .arg(std::env::current_exe().map_err(|e| e.to_string())?)
         .env("M4GN_ODDS", format!("{call} {kind}"))
         .env("OMPI_MCA_mpi_yield_when_idle", "1")
@@ -256,10 +249,7 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
                 ));
             }
             if !found.usable {
-                failures.push(format!(
-                    "'{what}' on rank {odd_rank} broke the handle: {}",
-                    found.message
-                ));
+                failures.push(format!("'{what}' on rank {odd_rank} broke the handle: {}", found.message));
             }
         }
         let n = good.operations;
@@ -283,10 +273,7 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
         // The host and its communicator are as good as before.
         let after = bench.run(call, None, None);
         if after.status != good.status {
-            failures.push(format!(
-                "a good call afterwards gives {}: {}",
-                after.status, after.message
-            ));
+            failures.push(format!("a good call afterwards gives {}: {}", after.status, after.message));
         }
     }
     failures

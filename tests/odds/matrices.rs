@@ -50,11 +50,7 @@ impl Bench {
         let mut modes = none();
         let place = unless_mut(odd == Some("null"), &raw mut modes);
         let stiffness = unless(odd == Some("no stiffness"), &raw const matrix);
-        let mass = if odd == Some("mass") {
-            &raw const matrix
-        } else {
-            null()
-        };
+        let mass = if odd == Some("mass") { &raw const matrix } else { null() };
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
         let ended = self.made(panic, || unsafe {
@@ -94,9 +90,8 @@ impl Bench {
         let body = unless(odd == Some("no body"), &raw const host.data);
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        let ended = self.made(panic, || unsafe {
-            m4gn_solid_modes_new(self.world.fortran(), body, given, place)
-        });
+        let ended =
+            self.made(panic, || unsafe { m4gn_solid_modes_new(self.world.fortran(), body, given, place) });
         // SAFETY: null, or freed once.
         timed(|| unsafe { m4gn_modes_free(modes) });
         ended

@@ -34,14 +34,7 @@ impl Bench {
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
         let ended = self.made(panic, || unsafe {
-            m4gn_recorder_new(
-                self.world.fortran(),
-                mesh,
-                given,
-                fields.as_ptr(),
-                n_fields,
-                place,
-            )
+            m4gn_recorder_new(self.world.fortran(), mesh, given, fields.as_ptr(), n_fields, place)
         });
         if odd.is_some() || panic.is_some() || ended.status != 0 {
             // SAFETY: null, or a recorder that is not used again.
@@ -69,9 +62,7 @@ impl Bench {
             };
             let time = if odd == Some("time") { time + 1.0 } else { time };
             // SAFETY: arrays of their lengths, or what the call refuses.
-            self.made(panic, || unsafe {
-                m4gn_recorder_append(recorder, time, fields.as_ptr(), n)
-            })
+            self.made(panic, || unsafe { m4gn_recorder_append(recorder, time, fields.as_ptr(), n) })
         };
         let ended = append(0.5, odd, panic);
         let again = append(2.5, None, None);
@@ -91,9 +82,7 @@ impl Bench {
         let (u, p, b) = values(&host);
         let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
         // SAFETY: arrays of their lengths.
-        let ended = self.made(None, || unsafe {
-            m4gn_recorder_append(recorder, 0.0, fields.as_ptr(), 2)
-        });
+        let ended = self.made(None, || unsafe { m4gn_recorder_append(recorder, 0.0, fields.as_ptr(), 2) });
         (ended, recorder)
     }
 

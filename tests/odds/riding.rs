@@ -57,9 +57,7 @@ impl Bench {
         let start = now(if odd == Some("time") { 3 } else { 0 });
         let start = unless(odd == Some("no start"), &raw const start);
         // SAFETY: a session, and arrays of their lengths, or the null pointers that the call refuses.
-        let ended = self.made(panic, || unsafe {
-            m4gn_ride_new(session, mesh, given, start, place)
-        });
+        let ended = self.made(panic, || unsafe { m4gn_ride_new(session, mesh, given, start, place) });
         (ended, ride)
     }
 
@@ -158,9 +156,7 @@ impl Bench {
         panic: Option<u32>,
     ) -> Ended {
         let (mut u, p, b) = values(host);
-        u.iter_mut()
-            .enumerate()
-            .for_each(|(i, u)| *u *= (0.15 * index as f64 + i as f64).cos());
+        u.iter_mut().enumerate().for_each(|(i, u)| *u *= (0.15 * index as f64 + i as f64).cos());
         if odd == Some("nan") {
             u[1] = f64::NAN;
         }
@@ -176,9 +172,7 @@ impl Bench {
         let mut answer = RideAnswer::default();
         let place = unless_mut(odd == Some("no answer"), &raw mut answer);
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_ride_decide(ride, fields.as_ptr(), null(), n, place)
-        })
+        self.made(panic, || unsafe { m4gn_ride_decide(ride, fields.as_ptr(), null(), n, place) })
     }
 
     fn ride_stride(&self, ride: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -205,10 +199,7 @@ impl Bench {
     fn ride_back(&self, ride: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (u, p, b) = values(host);
         let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        let quantity = RideQuantity {
-            name: unless(odd == Some("name"), c"energy".as_ptr()),
-            value: 1.0,
-        };
+        let quantity = RideQuantity { name: unless(odd == Some("name"), c"energy".as_ptr()), value: 1.0 };
         let n = if odd == Some("missing") { 1 } else { 2 };
         let step = now(STEPS + if odd == Some("time") { 9 } else { 4 });
         let mut answer = RideAnswer::default();

@@ -98,9 +98,7 @@ impl Bench {
             _ => 2,
         };
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_session_step(session, fields.as_ptr(), n, out.as_ptr(), 2)
-        })
+        self.made(panic, || unsafe { m4gn_session_step(session, fields.as_ptr(), n, out.as_ptr(), 2) })
     }
 
     pub fn session_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -128,9 +126,8 @@ impl Bench {
         let place = unless_mut(odd == Some("null"), &raw mut count);
         let size = if odd == Some("size") { -1 } else { 200 };
         // SAFETY: places of their lengths, or what the call refuses.
-        let ended = self.made(panic, || unsafe {
-            m4gn_session_outside(session, place, why.as_mut_ptr(), size)
-        });
+        let ended =
+            self.made(panic, || unsafe { m4gn_session_outside(session, place, why.as_mut_ptr(), size) });
         let again = self.flow_step(session, &host, None, None);
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_session_free(session) });

@@ -14,9 +14,7 @@ pub fn run(name: &str, checks: impl FnOnce(&Comm) -> Result<Vec<String>>) -> Exi
         }
     };
     let failures = checks(&comm).unwrap_or_else(|e| vec![e.to_string()]);
-    failures
-        .iter()
-        .for_each(|f| eprintln!("{name}, rank {} of {}: {f}", comm.rank(), comm.size()));
+    failures.iter().for_each(|f| eprintln!("{name}, rank {} of {}: {f}", comm.rank(), comm.size()));
     let mut count = [failures.len() as i64];
     comm.sum_i64(&mut count);
     if comm.is_root() && count[0] == 0 {
@@ -24,9 +22,5 @@ pub fn run(name: &str, checks: impl FnOnce(&Comm) -> Result<Vec<String>>) -> Exi
     }
     drop(comm);
     finalize();
-    if count[0] == 0 {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    }
+    if count[0] == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

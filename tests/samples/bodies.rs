@@ -32,11 +32,7 @@ pub fn block(n: [usize; 3], l: Vector) -> Body {
         }
     }
     let elements = Elements::of_kind(ElementKind::Hexahedron, points);
-    let material = Material {
-        young: 1e6,
-        poisson: 0.4,
-        density: 1000.0,
-    };
+    let material = Material { young: 1e6, poisson: 0.4, density: 1000.0 };
     let kind = |x: &Vector| match x[0] == 0.0 {
         true => NodeType::Handle,
         false => NodeType::Body,
@@ -55,8 +51,7 @@ pub fn stack(n: [usize; 3], l: Vector, gap: f64) -> Body {
     let lower = block(n, l);
     let count = lower.positions.len();
     let mut body = lower.clone();
-    body.positions
-        .extend(lower.positions.iter().map(|x| [x[0], x[1], x[2] + l[2] + gap]));
+    body.positions.extend(lower.positions.iter().map(|x| [x[0], x[1], x[2] + l[2] + gap]));
     body.types.extend(&lower.types);
     body.material.extend(&lower.material);
     let upper = lower.elements.points.iter().map(|p| p + count as i32);
@@ -77,23 +72,12 @@ pub fn octahedron(centre: Vector, radius: f64) -> Obstacle {
         }
     }
     // Corners +x -x +y -y +z -z are 0 to 5.
-    let triangles = vec![
-        [0, 2, 4],
-        [2, 1, 4],
-        [1, 3, 4],
-        [3, 0, 4],
-        [2, 0, 5],
-        [1, 2, 5],
-        [3, 1, 5],
-        [0, 3, 5],
-    ];
+    let triangles =
+        vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
     Obstacle { positions, triangles }
 }
 
 /// A small network for bodies whose points see the obstacle's within this radius, m.
 pub fn spec(radius: f64) -> ModelSpec {
-    ModelSpec {
-        contact: Some(ContactSpec { radius, history: 0 }),
-        ..m4gn_samples::model::bodies()
-    }
+    ModelSpec { contact: Some(ContactSpec { radius, history: 0 }), ..m4gn_samples::model::bodies() }
 }

@@ -35,8 +35,7 @@ pub fn triangles(nx: usize, ny: usize, lx: f64, ly: f64) -> Mesh {
         let (x, y) = ((q % nx) as f64 * hx, (q / nx) as f64 * hy);
         for third in [1.0 / 3.0, 2.0 / 3.0] {
             mesh.cell_global.push(mesh.cell_global.len() as i64);
-            mesh.cell_centres
-                .push([x + (1.0 - third) * hx, y + third * hy, 0.0]);
+            mesh.cell_centres.push([x + (1.0 - third) * hx, y + third * hy, 0.0]);
             mesh.cell_volumes.push(hx * hy / 2.0);
         }
     }
@@ -54,47 +53,19 @@ pub fn triangles(nx: usize, ny: usize, lx: f64, ly: f64) -> Mesh {
             let d = distance(&mesh, below, above + 2);
             face(&mut mesh, below, above + 2, hy / d);
         } else {
-            boundary(
-                &mut mesh,
-                below,
-                [lx, y + hy / 2.0, 0.0],
-                [hy, 0.0, 0.0],
-                3.0 * hy / hx,
-                1,
-            );
+            boundary(&mut mesh, below, [lx, y + hy / 2.0, 0.0], [hy, 0.0, 0.0], 3.0 * hy / hx, 1);
         }
         if i == 0 {
-            boundary(
-                &mut mesh,
-                above,
-                [0.0, y + hy / 2.0, 0.0],
-                [-hy, 0.0, 0.0],
-                3.0 * hy / hx,
-                0,
-            );
+            boundary(&mut mesh, above, [0.0, y + hy / 2.0, 0.0], [-hy, 0.0, 0.0], 3.0 * hy / hx, 0);
         }
         if j + 1 < ny {
             let d = distance(&mesh, above, below + 2 * nx);
             face(&mut mesh, above, below + 2 * nx, hx / d);
         } else {
-            boundary(
-                &mut mesh,
-                above,
-                [x + hx / 2.0, ly, 0.0],
-                [0.0, hx, 0.0],
-                3.0 * hx / hy,
-                2,
-            );
+            boundary(&mut mesh, above, [x + hx / 2.0, ly, 0.0], [0.0, hx, 0.0], 3.0 * hx / hy, 2);
         }
         if j == 0 {
-            boundary(
-                &mut mesh,
-                below,
-                [x + hx / 2.0, 0.0, 0.0],
-                [0.0, -hx, 0.0],
-                3.0 * hx / hy,
-                2,
-            );
+            boundary(&mut mesh, below, [x + hx / 2.0, 0.0, 0.0], [0.0, -hx, 0.0], 3.0 * hx / hy, 2);
         }
     }
     mesh
@@ -122,10 +93,7 @@ pub fn disk(rings: usize, sectors: usize, radius: f64) -> Mesh {
     let (dr, da) = (radius / rings as f64, std::f64::consts::TAU / sectors as f64);
     let mut mesh = empty(vec![0, 1]);
     for c in 0..rings * sectors {
-        let (r, a) = (
-            ((c / sectors) as f64 + 0.5) * dr,
-            ((c % sectors) as f64 + 0.5) * da,
-        );
+        let (r, a) = (((c / sectors) as f64 + 0.5) * dr, ((c % sectors) as f64 + 0.5) * da);
         mesh.cell_global.push(c as i64);
         mesh.cell_centres.push([r * a.cos(), r * a.sin(), 0.0]);
         mesh.cell_volumes.push(r * da * dr);
@@ -159,8 +127,7 @@ pub fn ring(n: usize, radius: f64) -> Mesh {
     for c in 0..n {
         let angle = std::f64::consts::TAU * c as f64 / n as f64;
         mesh.cell_global.push(c as i64);
-        mesh.cell_centres
-            .push([radius * angle.cos(), radius * angle.sin(), 0.0]);
+        mesh.cell_centres.push([radius * angle.cos(), radius * angle.sin(), 0.0]);
         mesh.cell_volumes.push(1.0);
     }
     for c in 0..n {
@@ -179,10 +146,7 @@ pub fn make_cyclic(mesh: &mut Mesh, lx: f64) {
     for a in &ends {
         for b in &ends {
             if a.patch != b.patch && (a.centre[1] - b.centre[1]).abs() < 1e-9 {
-                let (from, to) = (
-                    mesh.cell_centres[a.owner as usize],
-                    mesh.cell_centres[b.owner as usize],
-                );
+                let (from, to) = (mesh.cell_centres[a.owner as usize], mesh.cell_centres[b.owner as usize]);
                 let shift = if a.patch == 0 { -lx } else { lx };
                 mesh.coupled.push(CoupledFace {
                     owner: a.owner,
@@ -198,9 +162,7 @@ pub fn make_cyclic(mesh: &mut Mesh, lx: f64) {
 
 /// The rank of each cell when `n_cells` are dealt out in `size` consecutive runs of nearly equal length.
 pub fn strips(n_cells: usize, size: i32) -> Vec<i32> {
-    (0..n_cells)
-        .map(|c| (c * size as usize / n_cells) as i32)
-        .collect()
+    (0..n_cells).map(|c| (c * size as usize / n_cells) as i32).collect()
 }
 
 /// The part of an undecomposed mesh that rank `rank` has, when cell c belongs to rank `ranks[c]`.
@@ -234,18 +196,11 @@ pub fn part(mesh: &Mesh, ranks: &[i32], rank: i32) -> Mesh {
         }
     }
     for b in mesh.boundary.iter().filter(|b| ranks[b.owner as usize] == rank) {
-        out.boundary.push(BoundaryFace {
-            owner: local[b.owner as usize],
-            ..b.clone()
-        });
+        out.boundary.push(BoundaryFace { owner: local[b.owner as usize], ..b.clone() });
     }
     for c in mesh.coupled.iter().filter(|c| ranks[c.owner as usize] == rank) {
         let there = mesh.cell_global.iter().position(|&g| g == c.global).unwrap_or(0);
-        out.coupled.push(CoupledFace {
-            owner: local[c.owner as usize],
-            rank: ranks[there],
-            ..c.clone()
-        });
+        out.coupled.push(CoupledFace { owner: local[c.owner as usize], rank: ranks[there], ..c.clone() });
     }
     out
 }
@@ -256,11 +211,7 @@ pub fn bar(n: usize) -> Body {
     let positions: Vec<Vector> = (0..4 * (n + 1)).map(corner).collect();
     let cube = |i: usize| [0, 4, 5, 1, 2, 6, 7, 3].map(|p| (4 * i + p) as i32);
     let elements = Elements::of_kind(ElementKind::Hexahedron, (0..n).flat_map(cube).collect());
-    let material = Material {
-        young: 1e6,
-        poisson: 0.3,
-        density: 1000.0,
-    };
+    let material = Material { young: 1e6, poisson: 0.3, density: 1000.0 };
     let kind = |p: usize| if p < 4 { NodeType::Handle } else { NodeType::Body };
     Body {
         types: (0..positions.len()).map(kind).collect(),
@@ -275,18 +226,8 @@ pub fn bar(n: usize) -> Body {
 pub fn brick(size: Vector) -> (Vec<Vector>, Vec<[i32; 3]>) {
     let points = (0..8i32).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from));
     let points = points.map(|p| std::array::from_fn(|i| p[i] * size[i])).collect();
-    let quads = [
-        [0, 2, 3, 1],
-        [4, 5, 7, 6],
-        [0, 1, 5, 4],
-        [2, 6, 7, 3],
-        [0, 4, 6, 2],
-        [1, 3, 7, 5],
-    ];
-    let triangles = quads
-        .iter()
-        .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
-        .collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
     (points, triangles)
 }
 
@@ -294,10 +235,7 @@ pub fn brick(size: Vector) -> (Vec<Vector>, Vec<[i32; 3]>) {
 pub fn flow(x: [f64; 3], centre: [f64; 2]) -> ([f32; 2], f32) {
     let r = [x[0] - centre[0], x[1] - centre[1]];
     let swirl = (-8.0 * (r[0] * r[0] + r[1] * r[1])).exp();
-    (
-        [(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32],
-        -swirl as f32,
-    )
+    ([(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32], -swirl as f32)
 }
 
 /// The vortex as a solver has it on its part of a mesh: U and p, each at cells and boundary faces.

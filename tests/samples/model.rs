@@ -12,11 +12,7 @@ pub fn spec() -> ModelSpec {
     let field = |name: &str, vector, output| FieldSpec {
         name: name.into(),
         vector,
-        dimensions: if vector {
-            [0, 1, -1, 0, 0, 0, 0]
-        } else {
-            [0, 2, -2, 0, 0, 0, 0]
-        },
+        dimensions: if vector { [0, 1, -1, 0, 0, 0, 0] } else { [0, 2, -2, 0, 0, 0, 0] },
         input: true,
         output,
     };
@@ -45,10 +41,7 @@ pub fn spec() -> ModelSpec {
         },
         contact: None,
         resolution: None,
-        segments: SegmentSpec {
-            count: 4,
-            ..SegmentSpec::default()
-        },
+        segments: SegmentSpec { count: 4, ..SegmentSpec::default() },
         precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
@@ -65,9 +58,6 @@ pub fn bodies() -> ModelSpec {
     s.fields[0].dimensions = [0, 1, 0, 0, 0, 0, 0];
     s.fields[0].input = false;
     s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    s.contact = Some(ContactSpec {
-        radius: 0.5,
-        history: 0,
-    });
+    s.contact = Some(ContactSpec { radius: 0.5, history: 0 });
     s
 }

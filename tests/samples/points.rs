@@ -86,50 +86,28 @@ pub fn block(kind: Kind, n: [usize; 3], l: [f64; 3]) -> PointMesh {
     PointMesh::from_cells(points, &cells)
 }
 
-const BRICK: [[usize; 4]; 6] = [
-    [0, 3, 2, 1],
-    [4, 5, 6, 7],
-    [0, 1, 5, 4],
-    [1, 2, 6, 5],
-    [2, 3, 7, 6],
-    [3, 0, 4, 7],
-];
+const BRICK: [[usize; 4]; 6] =
+    [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
 
 fn cut(kind: Kind, brick: &[usize; 8], points: &mut Vec<[f64; 3]>) -> Vec<Vec<Vec<usize>>> {
     let pick = |faces: &[&[usize]], corners: &[usize]| -> Vec<Vec<usize>> {
-        faces
-            .iter()
-            .map(|f| f.iter().map(|&i| brick[corners[i]]).collect())
-            .collect()
+        faces.iter().map(|f| f.iter().map(|&i| brick[corners[i]]).collect()).collect()
     };
-    const WEDGE: [&[usize]; 5] = [
-        &[0, 2, 1],
-        &[3, 4, 5],
-        &[0, 1, 4, 3],
-        &[1, 2, 5, 4],
-        &[2, 0, 3, 5],
-    ];
+    const WEDGE: [&[usize]; 5] = [&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]];
     const TETRAHEDRON: [&[usize]; 4] = [&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]];
     match kind {
-        Kind::WedgesAlong => [[0, 3, 7, 1, 2, 6], [0, 7, 4, 1, 6, 5]]
-            .iter()
-            .map(|w| pick(&WEDGE, w))
-            .collect(),
-        Kind::WedgesAcross => [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]]
-            .iter()
-            .map(|w| pick(&WEDGE, w))
-            .collect(),
-        Kind::Tetrahedra => [
-            [0, 1, 2, 6],
-            [0, 2, 3, 6],
-            [0, 3, 7, 6],
-            [0, 7, 4, 6],
-            [0, 4, 5, 6],
-            [0, 5, 1, 6],
-        ]
-        .iter()
-        .map(|t| pick(&TETRAHEDRON, t))
-        .collect(),
+        Kind::WedgesAlong => {
+            [[0, 3, 7, 1, 2, 6], [0, 7, 4, 1, 6, 5]].iter().map(|w| pick(&WEDGE, w)).collect()
+        }
+        Kind::WedgesAcross => {
+            [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]].iter().map(|w| pick(&WEDGE, w)).collect()
+        }
+        Kind::Tetrahedra => {
+            [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]
+                .iter()
+                .map(|t| pick(&TETRAHEDRON, t))
+                .collect()
+        }
         Kind::Pyramids => {
             let middle = points.len();
             points.push([0, 1, 2].map(|d| brick.iter().map(|&p| points[p][d]).sum::<f64>() / 8.0));
@@ -144,12 +122,7 @@ fn cut(kind: Kind, brick: &[usize; 8], points: &mut Vec<[f64; 3]>) -> Vec<Vec<Ve
                 })
                 .collect()
         }
-        _ => vec![
-            BRICK
-                .iter()
-                .map(|f| f.iter().map(|&i| brick[i]).collect())
-                .collect(),
-        ],
+        _ => vec![BRICK.iter().map(|f| f.iter().map(|&i| brick[i]).collect()).collect()],
     }
 }
 
@@ -253,11 +226,8 @@ pub fn distort(mesh: &mut PointMesh, amount: f64) {
 
 /// The part of `rank`, given each cell's rank. Local points are numbered by first use.
 pub fn part(mesh: &PointMesh, ranks: &[i32], rank: i32) -> PointMesh {
-    let mut out = PointMesh {
-        directions: mesh.directions.clone(),
-        face_start: vec![0],
-        ..Default::default()
-    };
+    let mut out =
+        PointMesh { directions: mesh.directions.clone(), face_start: vec![0], ..Default::default() };
     let mut local = vec![-1i32; mesh.n_cells];
     for c in (0..mesh.n_cells).filter(|&c| ranks[c] == rank) {
         local[c] = out.n_cells as i32;

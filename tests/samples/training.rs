@@ -13,11 +13,7 @@ use std::path::Path;
 /// As [`Writer`].
 pub fn write_data(folder: &Path, count: usize) -> Result<()> {
     for number in 0..count {
-        let split = if number + 1 == count {
-            Split::Valid
-        } else {
-            Split::Train
-        };
+        let split = if number + 1 == count { Split::Valid } else { Split::Train };
         write_trajectory(&folder.join(format!("{number:03}.h5")), number, split, 30)?;
     }
     Ok(())
@@ -31,16 +27,8 @@ pub fn write_trajectory(path: &Path, number: usize, split: Split, frames: usize)
     let mesh = triangles(6, 4, 1.5, 1.0);
     let options = WriteOptions {
         fields: vec![
-            FieldMeta {
-                name: "U".into(),
-                vector: true,
-                dimensions: [0, 1, -1, 0, 0, 0, 0],
-            },
-            FieldMeta {
-                name: "p".into(),
-                vector: false,
-                dimensions: [0, 2, -2, 0, 0, 0, 0],
-            },
+            FieldMeta { name: "U".into(), vector: true, dimensions: [0, 1, -1, 0, 0, 0, 0] },
+            FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] },
         ],
         provenance: serde_json::json!({ "application": "test" }),
         split,

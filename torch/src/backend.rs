@@ -27,10 +27,9 @@ impl TorchBackend {
     /// [`m4gn_mesh::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
         let t = &task.config.training;
-        for (key, found, known) in [
-            ("smooth_loss", t.smooth_loss, 0.0),
-            ("noise_spread", t.noise_spread, 1.0),
-        ] {
+        for (key, found, known) in
+            [("smooth_loss", t.smooth_loss, 0.0), ("noise_spread", t.noise_spread, 1.0)]
+        {
             if found != known {
                 return Err(Error::Input(format!(
                     "training.{key}: found {found}, and libtorch knows {known} alone; use --backend native, or leave it out"
@@ -52,20 +51,8 @@ impl TorchBackend {
         let (train, valid) = (tensors(&task.work.train)?, tensors(&task.work.valid)?);
         let threads = if device == Device::Cpu { task.threads } else { 1 };
         let config = Arc::new(task.config.clone());
-        let learner = Learner::new(
-            config,
-            spec.clone(),
-            train,
-            valid,
-            task.work.frames_a_step,
-            device,
-        );
-        Ok(TorchBackend {
-            pool: Pool::new(learner, threads)?,
-            threads,
-            device,
-            spec,
-        })
+        let learner = Learner::new(config, spec.clone(), train, valid, task.work.frames_a_step, device);
+        Ok(TorchBackend { pool: Pool::new(learner, threads)?, threads, device, spec })
     }
 }
 
@@ -86,31 +73,18 @@ impl Backend for TorchBackend {
         };
         let jobs = batch.examples.chunks(batch.micro).map(job).collect();
         let mut gradients: Option<Tensor> = None;
-        let predicted = self
-            .spec
-            .fields
-            .iter()
-            .filter(|f| f.output != m4gn_model::Output::None);
+        let predicted = self.spec.fields.iter().filter(|f| f.output != m4gn_model::Output::None);
         let mut losses = vec![0.0; predicted.count()];
         let mut moments = batch.accumulate.then(|| Normaliser::new(&self.spec));
         for outcome in self.pool.run(jobs)? {
-            let Outcome::Learned {
-                gradient,
-                losses: piece,
-                moments: seen,
-                examples,
-            } = outcome
-            else {
+            let Outcome::Learned { gradient, losses: piece, moments: seen, examples } = outcome else {
                 continue;
             };
             let part = examples as f64 / batch.total as f64;
             if let (Some(moments), Some(seen)) = (&mut moments, seen) {
                 moments.add(&seen);
             }
-            losses
-                .iter_mut()
-                .zip(&piece)
-                .for_each(|(sum, loss)| *sum += part * loss);
+            losses.iter_mut().zip(&piece).for_each(|(sum, loss)| *sum += part * loss);
             if let Some(gradient) = gradient {
                 let gradient = gradient * part;
                 gradients = Some(match gradients {
@@ -119,11 +93,7 @@ impl Backend for TorchBackend {
                 });
             }
         }
-        Ok(Learned {
-            gradient: gradients.map(|g| to_host(&g)),
-            losses,
-            moments,
-        })
+        Ok(Learned { gradient: gradients.map(|g| to_host(&g)), losses, moments })
     }
 
     fn roll_out(

@@ -77,9 +77,8 @@ pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *co
         }
         // SAFETY: not null, and NUL-terminated by this function's contract.
         let text = unsafe { CStr::from_ptr(request_json) };
-        let text = text
-            .to_str()
-            .map_err(|e| Error::Input(format!("the training request is not UTF-8: {e}")))?;
+        let text =
+            text.to_str().map_err(|e| Error::Input(format!("the training request is not UTF-8: {e}")))?;
         let request: Request =
             serde_json::from_str(text).map_err(|e| Error::Input(format!("the training request: {e}")))?;
         // SAFETY: not null, lives and is atomic by this function's contract; a u8 is aligned anywhere.
@@ -87,10 +86,8 @@ pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *co
         keep_memory();
         // Before anything is read or written.
         let device = parse_device(request.device.as_deref().unwrap_or("cpu"))?;
-        train(&request, stop, &Comm::serial(), |task| {
-            Ok(Box::new(TorchBackend::new(task, device)?))
-        })
-        .map(|_| ())
+        train(&request, stop, &Comm::serial(), |task| Ok(Box::new(TorchBackend::new(task, device)?)))
+            .map(|_| ())
     })
 }
 
@@ -129,11 +126,7 @@ pub unsafe extern "C" fn m4gn_torch_trial(
             threads: trial.threads,
         };
         let backend = TorchBackend::new(&task, device)?;
-        let measured = Measured {
-            backend,
-            optimiser: prepared.optimiser(),
-            prepared,
-        };
+        let measured = Measured { backend, optimiser: prepared.optimiser(), prepared };
         // SAFETY: not null, and can be written by this function's contract.
         unsafe { *handle = Box::into_raw(Box::new(measured)).cast() };
         Ok(())
@@ -225,10 +218,7 @@ pub unsafe extern "C" fn m4gn_torch_step(handle: *mut c_void, inputs: *const f32
         let (n_inputs, n_outputs) = loaded.lengths();
         // SAFETY: the arrays have these lengths by this function's contract.
         let (inputs, outputs) = unsafe {
-            (
-                std::slice::from_raw_parts(inputs, n_inputs),
-                std::slice::from_raw_parts_mut(outputs, n_outputs),
-            )
+            (std::slice::from_raw_parts(inputs, n_inputs), std::slice::from_raw_parts_mut(outputs, n_outputs))
         };
         loaded.step(inputs, outputs)
     })
@@ -309,9 +299,7 @@ fn length(n: i64) -> Result<usize> {
 unsafe fn slice<'a, T>(data: *const T, n: usize) -> Result<&'a [T]> {
     match (n, data.is_null()) {
         (0, _) => Ok(&[]),
-        (_, true) => Err(Error::Input(
-            "m4gn_torch_load: a null pointer in the graph".into(),
-        )),
+        (_, true) => Err(Error::Input("m4gn_torch_load: a null pointer in the graph".into())),
         // SAFETY: passed on to the caller.
         _ => Ok(unsafe { std::slice::from_raw_parts(data, n) }),
     }

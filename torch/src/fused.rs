@@ -77,24 +77,12 @@ pub fn norm(
             nodes.unwrap_or(0),
             results.as_mut_ptr(),
         ));
-        results
-            .into_iter()
-            .filter(|r| !r.is_null())
-            .map(|r| Tensor::from_ptr(r))
-            .collect::<Vec<_>>()
+        results.into_iter().filter(|r| !r.is_null()).map(|r| Tensor::from_ptr(r)).collect::<Vec<_>>()
     };
     let sums = index.and_then(|_| results.pop());
-    let operand = if x.kind() == Kind::BFloat16 {
-        results.pop()
-    } else {
-        None
-    };
+    let operand = if x.kind() == Kind::BFloat16 { results.pop() } else { None };
     let rows = results.swap_remove(0);
-    Normed {
-        operand: operand.unwrap_or_else(|| rows.shallow_clone()),
-        rows,
-        sums,
-    }
+    Normed { operand: operand.unwrap_or_else(|| rows.shallow_clone()), rows, sums }
 }
 
 /// Panics with the message of a C++ exception, as tch does with libtorch's.

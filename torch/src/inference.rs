@@ -82,16 +82,12 @@ impl Inference {
             )));
         }
         let result = tch::no_grad(|| {
-            let fields = Tensor::from_slice(inputs)
-                .view([self.graph.nodes, -1])
-                .to_device(self.device);
+            let fields = Tensor::from_slice(inputs).view([self.graph.nodes, -1]).to_device(self.device);
             let fields = (fields - &self.node.0) / &self.node.1;
             let network = Network::new(&self.spec.architecture, &self.weights);
             network.forward(&self.graph, &fields, &self.edges) * &self.output.1 + &self.output.0
         });
         let result = result.to_device(Device::Cpu).contiguous();
-        result
-            .f_copy_data(outputs, outputs.len())
-            .map_err(|e| Error::Internal(e.to_string()))
+        result.f_copy_data(outputs, outputs.len()).map_err(|e| Error::Internal(e.to_string()))
     }
 }

@@ -100,11 +100,7 @@ impl Learner {
         device: Device,
     ) -> Self {
         let components = Components::new(&spec);
-        let signs: Vec<f32> = components
-            .odd
-            .iter()
-            .map(|&odd| if odd { -1.0 } else { 1.0 })
-            .collect();
+        let signs: Vec<f32> = components.odd.iter().map(|&odd| if odd { -1.0 } else { 1.0 }).collect();
         let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
         let noise = (0..components.count)
             .map(|c| {
@@ -165,21 +161,12 @@ impl Learner {
     /// Errors: [`Error::Internal`] where libtorch cannot hand out a state.
     pub fn run(&self, job: Job) -> Result<Outcome> {
         match job {
-            Job::Learn {
-                weights,
-                normaliser,
-                examples,
-                unroll,
-                accumulate,
-                learn,
-            } => self.learn(&weights, &normaliser, &examples, unroll, (accumulate, learn)),
-            Job::Rollout {
-                weights,
-                normaliser,
-                sample,
-                frame,
-                steps,
-            } => tch::no_grad(|| self.roll_out(&weights, &normaliser, sample, frame, steps)),
+            Job::Learn { weights, normaliser, examples, unroll, accumulate, learn } => {
+                self.learn(&weights, &normaliser, &examples, unroll, (accumulate, learn))
+            }
+            Job::Rollout { weights, normaliser, sample, frame, steps } => {
+                tch::no_grad(|| self.roll_out(&weights, &normaliser, sample, frame, steps))
+            }
         }
     }
 
@@ -198,17 +185,12 @@ impl Learner {
         let (fixed, boundary) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
-                (
-                    sample.topologies[usize::from(one.mirror)].share(),
-                    sample.boundary(),
-                )
+                (sample.topologies[usize::from(one.mirror)].share(), sample.boundary())
             }
             _ => self.union(examples),
         };
-        let bodies: Vec<&Body> = examples
-            .iter()
-            .filter_map(|e| self.train[e.sample].body(e.mirror))
-            .collect();
+        let bodies: Vec<&Body> =
+            examples.iter().filter_map(|e| self.train[e.sample].body(e.mirror)).collect();
         let mut state = self.state(examples, 0)?;
         self.add_noise(examples, &boundary, &mut state);
         let mut graph = contact::at_state(fixed, &bodies, &state)?;
@@ -253,10 +235,7 @@ impl Learner {
             if step < unroll {
                 state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
                 if !self.config.training.unroll_gradient {
-                    state = State {
-                        cells: state.cells.detach(),
-                        boundary: state.boundary.detach(),
-                    };
+                    state = State { cells: state.cells.detach(), boundary: state.boundary.detach() };
                 }
                 graph = contact::at_state(graph, &bodies, &state)?;
                 edges = contact::edge_features(&graph, &state);
@@ -290,19 +269,10 @@ impl Learner {
             Ok(State { cells, boundary })
         };
         let headline = self.components.field[self.components.outputs[0]];
-        let first = self
-            .components
-            .field
-            .iter()
-            .position(|&f| f == headline)
-            .unwrap_or(0) as i64;
+        let first = self.components.field.iter().position(|&f| f == headline).unwrap_or(0) as i64;
         let count = self.components.field.iter().filter(|&&f| f == headline).count() as i64;
         let error = |a: &Tensor, b: &Tensor| {
-            (a - b)
-                .narrow(1, first, count)
-                .square()
-                .mean(Kind::Double)
-                .double_value(&[])
+            (a - b).narrow(1, first, count).square().mean(Kind::Double).double_value(&[])
         };
         let mut state = read(0)?;
         let start = state.cells.shallow_clone();
@@ -343,14 +313,8 @@ impl Learner {
             boundary.push(b);
         }
         Ok(match (&cells[..], &boundary[..]) {
-            ([c], [b]) => State {
-                cells: c.shallow_clone(),
-                boundary: b.shallow_clone(),
-            },
-            _ => State {
-                cells: Tensor::cat(&cells, 0),
-                boundary: Tensor::cat(&boundary, 0),
-            },
+            ([c], [b]) => State { cells: c.shallow_clone(), boundary: b.shallow_clone() },
+            _ => State { cells: Tensor::cat(&cells, 0), boundary: Tensor::cat(&boundary, 0) },
         })
     }
 
@@ -363,18 +327,16 @@ impl Learner {
         for example in examples {
             let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
             for _ in 0..self.train[example.sample].hosts[0].cells {
-                values.extend(self.noise.iter().map(|&std| {
-                    if std > 0.0 {
-                        (std * normal(&mut rng)) as f32
-                    } else {
-                        0.0
-                    }
-                }));
+                values.extend(
+                    self.noise.iter().map(
+                        |&std| {
+                            if std > 0.0 { (std * normal(&mut rng)) as f32 } else { 0.0 }
+                        },
+                    ),
+                );
             }
         }
-        let noise = Tensor::from_slice(&values)
-            .view_as(&state.cells)
-            .to_device(self.device);
+        let noise = Tensor::from_slice(&values).view_as(&state.cells).to_device(self.device);
         let noise = match &boundary.held {
             Some(held) => noise * (1.0 - held),
             None => noise,
@@ -387,11 +349,8 @@ impl Learner {
     /// Several graphs as one, with their boundary nodes.
     fn union(&self, examples: &[Example]) -> (Topology, Boundary) {
         let samples: Vec<&Sample> = examples.iter().map(|e| &self.train[e.sample]).collect();
-        let hosts: Vec<&HostGraph> = examples
-            .iter()
-            .zip(&samples)
-            .map(|(e, s)| &*s.hosts[usize::from(e.mirror)])
-            .collect();
+        let hosts: Vec<&HostGraph> =
+            examples.iter().zip(&samples).map(|(e, s)| &*s.hosts[usize::from(e.mirror)]).collect();
         let topology = HostGraph::union(&hosts, &self.spec, self.device);
         let mut first = 0;
         let owners: Vec<Tensor> = samples

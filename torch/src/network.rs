@@ -70,11 +70,7 @@ impl Topology {
 
 /// Rows picked from and summed into tensors by expanded indices, the fast path of libtorch's CPU kernels.
 pub(crate) fn pick(values: &Tensor, index: &Tensor) -> Tensor {
-    values.gather(
-        0,
-        &index.unsqueeze(1).expand([-1, values.size()[1]], false),
-        false,
-    )
+    values.gather(0, &index.unsqueeze(1).expand([-1, values.size()[1]], false), false)
 }
 
 pub(crate) fn sum_into(rows: i64, values: &Tensor, index: &Tensor) -> Tensor {
@@ -104,11 +100,7 @@ impl<'a> Network<'a> {
     /// Puts an architecture and weights together.
     pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
         let fused = weights.device() == Device::Cpu && architecture.activation == Activation::Relu;
-        Network {
-            architecture,
-            weights,
-            fused,
-        }
+        Network { architecture, weights, fused }
     }
 
     /// The same network in libtorch's own operations only, which run anywhere: what the fused ones are tested against.
@@ -145,16 +137,11 @@ impl<'a> Network<'a> {
 
     /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
     pub(crate) fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
-        let (edge, node) = (
-            format!("processor.{layer}.edge"),
-            format!("processor.{layer}.node"),
-        );
+        let (edge, node) = (format!("processor.{layer}.edge"), format!("processor.{layer}.node"));
         let d = self.architecture.width as i64;
         let none = None::<&Tensor>;
         let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
-        let own = e
-            .operand
-            .linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
+        let own = e.operand.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
         let first = if self.fused {
             let ends = h.operand.linear(&Tensor::cat(&blocks[1..], 0), none);
             fused::edge_input(&own, &ends, &graph.senders, &graph.receivers)
@@ -166,16 +153,12 @@ impl<'a> Network<'a> {
         let (rows, sums) = self.add_normed(&edge, Some(e), &self.hidden(&edge, first), Some(graph));
         *e = rows;
         let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
-        let own = h
-            .operand
-            .linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
+        let own = h.operand.linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
         let first = match sums {
             Some(sums) => own.addmm(&sums, &blocks[1].tr()),
             None => own,
         };
-        *h = self
-            .add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None)
-            .0;
+        *h = self.add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None).0;
     }
 
     /// `residual + layer_norm(x)`, and the sums of these rows over the receivers of `graph`.
@@ -191,13 +174,7 @@ impl<'a> Network<'a> {
             let receivers = graph.map(|g| (&g.receivers, g.nodes));
             let (scale, shift) = (self.weights.full(&scale), self.weights.full(&shift));
             let normed = fused::norm(residual.map(|r| &r.full), x, scale, shift, receivers);
-            return (
-                Rows {
-                    full: normed.rows,
-                    operand: normed.operand,
-                },
-                normed.sums,
-            );
+            return (Rows { full: normed.rows, operand: normed.operand }, normed.sums);
         }
         let normed = self.layer_norm(&format!("{name}.norm"), x);
         let full = match residual {
@@ -209,10 +186,7 @@ impl<'a> Network<'a> {
     }
 
     fn rows(&self, full: Tensor) -> Rows {
-        Rows {
-            operand: self.operand(&full),
-            full,
-        }
+        Rows { operand: self.operand(&full), full }
     }
 
     /// Eq. 9 to 13: segments as means of their nodes, then pre-norm self-attention; `[graphs K x d]`.
@@ -220,16 +194,10 @@ impl<'a> Network<'a> {
         // Sums here are new tensors: the backward pass needs the old ones.
         let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
         let sums = match &graph.member_node {
-            Some(index) => sum_into(
-                graph.graphs * graph.segments,
-                &pick(h, index),
-                &graph.member_segment,
-            ),
+            Some(index) => sum_into(graph.graphs * graph.segments, &pick(h, index), &graph.member_segment),
             None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
         };
-        let mut s = self
-            .encode("segment.encoder", &(sums * &graph.segment_weight))
-            .full;
+        let mut s = self.encode("segment.encoder", &(sums * &graph.segment_weight)).full;
         if let Some(position) = &graph.position {
             s = &s + float(&self.mlp("segment.position", position));
         }
@@ -240,20 +208,13 @@ impl<'a> Network<'a> {
             let w = |part: &str| self.weights.full(&name(part));
             let x = self.layer_norm(&name("norm1"), &s);
             let split = |part: &str| {
-                x.linear(w(part), None::<&Tensor>)
-                    .view([b, k, heads, d / heads])
-                    .transpose(1, 2)
+                x.linear(w(part), None::<&Tensor>).view([b, k, heads, d / heads]).transpose(1, 2)
             };
             let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale)
                 .softmax(-1, Kind::Float);
-            let mixed = attention
-                .matmul(&split("v.weight"))
-                .transpose(1, 2)
-                .reshape([b * k, d]);
+            let mixed = attention.matmul(&split("v.weight")).transpose(1, 2).reshape([b * k, d]);
             s = &s + mixed.linear(w("o.weight"), Some(w("o.bias")));
-            let x = self
-                .layer_norm(&name("norm2"), &s)
-                .linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
+            let x = self.layer_norm(&name("norm2"), &s).linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
             s = &s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
         }
         s
@@ -284,8 +245,7 @@ impl<'a> Network<'a> {
 
     fn linear(&self, name: &str, x: &Tensor) -> Tensor {
         let weight = self.weights.product(&format!("{name}.weight"));
-        self.operand(x)
-            .linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
+        self.operand(x).linear(weight, Some(self.weights.product(&format!("{name}.bias"))))
     }
 
     fn activate(&self, x: &Tensor) -> Tensor {
@@ -297,29 +257,15 @@ impl<'a> Network<'a> {
 
     /// The operand of a large product in the products' arithmetic.
     fn operand(&self, x: &Tensor) -> Tensor {
-        if self.weights.is_half() {
-            x.to_kind(Kind::BFloat16)
-        } else {
-            x.shallow_clone()
-        }
+        if self.weights.is_half() { x.to_kind(Kind::BFloat16) } else { x.shallow_clone() }
     }
 
     fn layer_norm(&self, name: &str, x: &Tensor) -> Tensor {
         let weight = self.weights.full(&format!("{name}.weight"));
         // The CPU kernel takes bfloat16 rows with fp32 scales; the CUDA kernel wants one kind.
-        let x = if x.device() == Device::Cpu {
-            x.shallow_clone()
-        } else {
-            float(x)
-        };
+        let x = if x.device() == Device::Cpu { x.shallow_clone() } else { float(x) };
         let bias = self.weights.full(&format!("{name}.bias"));
-        x.layer_norm(
-            [self.architecture.width as i64],
-            Some(weight),
-            Some(bias),
-            1e-5,
-            true,
-        )
+        x.layer_norm([self.architecture.width as i64], Some(weight), Some(bias), 1e-5, true)
     }
 }
 

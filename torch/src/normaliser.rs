@@ -21,10 +21,7 @@ impl Scales {
     pub fn new(normaliser: &Normaliser, device: Device) -> Self {
         let pair = |m: &Moments| {
             let (mean, std) = m.mean_std();
-            (
-                Tensor::from_slice(&mean).to_device(device),
-                Tensor::from_slice(&std).to_device(device),
-            )
+            (Tensor::from_slice(&mean).to_device(device), Tensor::from_slice(&std).to_device(device))
         };
         Scales {
             node: pair(&normaliser.node),
@@ -38,10 +35,5 @@ impl Scales {
 ///
 /// Errors: [`m4gn_mesh::Error::Internal`] where a tensor cannot be read.
 pub fn of_example(spec: &ModelSpec, [inputs, edges, outputs]: [&Tensor; 3]) -> Result<Normaliser> {
-    Ok(Normaliser::of_example(
-        spec,
-        &host(inputs)?,
-        &host(edges)?,
-        &host(outputs)?,
-    ))
+    Ok(Normaliser::of_example(spec, &host(inputs)?, &host(edges)?, &host(outputs)?))
 }

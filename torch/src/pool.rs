@@ -23,12 +23,7 @@ impl Pool {
     pub fn new(learner: Learner, threads: usize) -> Result<Self> {
         let (answer, answers) = channel();
         if threads <= 1 {
-            return Ok(Pool {
-                own: Some(learner),
-                jobs: None,
-                answers,
-                threads: Vec::new(),
-            });
+            return Ok(Pool { own: Some(learner), jobs: None, answers, threads: Vec::new() });
         }
         let (jobs, queue) = channel::<(usize, Job)>();
         let queue = Arc::new(Mutex::new(queue));
@@ -39,18 +34,11 @@ impl Pool {
                 .name(format!("learner {number}"))
                 .spawn(move || work(&learner, &queue, &answer))
                 .map_err(|e| {
-                    Error::Input(format!(
-                        "cannot start {threads} threads: {e}; ask for fewer with --threads"
-                    ))
+                    Error::Input(format!("cannot start {threads} threads: {e}; ask for fewer with --threads"))
                 })?;
             handles.push(handle);
         }
-        Ok(Pool {
-            own: None,
-            jobs: Some(jobs),
-            answers,
-            threads: handles,
-        })
+        Ok(Pool { own: None, jobs: Some(jobs), answers, threads: handles })
     }
 
     /// Runs jobs and returns their outcomes in the jobs' order.
@@ -111,15 +99,9 @@ fn guarded(learner: &Learner, job: Job) -> Result<Outcome> {
 
 /// The text of a panic.
 pub fn panic_message(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic
-        .downcast_ref::<String>()
-        .map(String::as_str)
-        .or_else(|| panic.downcast_ref::<&str>().copied());
+    let text =
+        panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
     let text = text.unwrap_or("a panic without a message");
     // libtorch appends its own C++ stack.
-    text.split("Exception raised from")
-        .next()
-        .unwrap_or(text)
-        .trim()
-        .to_string()
+    text.split("Exception raised from").next().unwrap_or(text).trim().to_string()
 }

@@ -53,13 +53,7 @@ impl Stepper {
         let mask = |wanted: Output, of: &[usize]| {
             let values: Vec<f32> = of
                 .iter()
-                .map(|&c| {
-                    if spec.fields[components.field[c]].output == wanted {
-                        1.0
-                    } else {
-                        0.0
-                    }
-                })
+                .map(|&c| if spec.fields[components.field[c]].output == wanted { 1.0 } else { 0.0 })
                 .collect();
             Tensor::from_slice(&values).to_device(device)
         };
@@ -71,11 +65,8 @@ impl Stepper {
         Stepper {
             inputs: list(&components.inputs),
             outputs: list(&components.outputs),
-            spread: (!same).then(|| {
-                Tensor::from_slice(&spread)
-                    .view([-1, components.count as i64])
-                    .to_device(device)
-            }),
+            spread: (!same)
+                .then(|| Tensor::from_slice(&spread).view([-1, components.count as i64]).to_device(device)),
             delta: mask(Output::Delta, &all),
             delta_output: mask(Output::Delta, &components.outputs),
             given: (!same).then(|| mask(Output::None, &all)),

@@ -65,10 +65,7 @@ impl HostGraph {
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know, or segments without what it reads of them.
     pub fn new(structure: &Structure, spec: &ModelSpec) -> Result<Self> {
-        let (graph, segments) = (
-            &structure.graph,
-            structure.segments_for(spec.architecture.needs())?,
-        );
+        let (graph, segments) = (&structure.graph, structure.segments_for(spec.architecture.needs())?);
         let none = Segmentation::default();
         let segments = segments.unwrap_or(&none);
         let nodes = graph.n_owned;
@@ -88,11 +85,7 @@ impl HostGraph {
             let kind = NodeType::from_code(code)?;
             let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
                 let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
-                Error::Model(format!(
-                    "a node of type {}: the model knows {}",
-                    kind.name(),
-                    known.join(", ")
-                ))
+                Error::Model(format!("a node of type {}: the model knows {}", kind.name(), known.join(", ")))
             })?;
             fixed[node * width + at] = 1.0;
             fixed[node * width + width - n_offsets..][..n_offsets]
@@ -144,11 +137,8 @@ impl HostGraph {
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
                 let node = node as usize;
-                (if node < graph.cells {
-                    first_cell + node
-                } else {
-                    first_boundary + node - graph.cells
-                }) as i64
+                (if node < graph.cells { first_cell + node } else { first_boundary + node - graph.cells })
+                    as i64
             };
             senders.extend(graph.senders.iter().map(|&n| place(n)));
             receivers.extend(graph.receivers.iter().map(|&n| place(n)));
@@ -178,15 +168,9 @@ impl HostGraph {
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, edge_width(spec) as i64])),
-            is_world: spec
-                .contact
-                .map(|_| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device))),
+            is_world: spec.contact.map(|_| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device))),
             fixed: to(Tensor::from_slice(&fixed).view([nodes as i64, width as i64])),
-            member_node: if own_rows {
-                None
-            } else {
-                Some(to(Tensor::from_slice(&member_node)))
-            },
+            member_node: if own_rows { None } else { Some(to(Tensor::from_slice(&member_node))) },
             member_segment: to(Tensor::from_slice(&member_segment)),
             segment_weight: to(Tensor::from_slice(&segment_weight).view([-1, 1])),
             node_weight: to(Tensor::from_slice(&node_weight).view([-1, 1])),
@@ -220,14 +204,11 @@ impl Sample {
         Ok(Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
             owners: Tensor::from_slice(&owners).to_device(device),
-            copies: Tensor::from_slice(&floats(boundary.follows()))
-                .view([-1, width])
-                .to_device(device),
-            held: sample.domain.body().map(|body| {
-                Tensor::from_slice(&floats(body.held()))
-                    .view([-1, 1])
-                    .to_device(device)
-            }),
+            copies: Tensor::from_slice(&floats(boundary.follows())).view([-1, width]).to_device(device),
+            held: sample
+                .domain
+                .body()
+                .map(|body| Tensor::from_slice(&floats(body.held())).view([-1, 1]).to_device(device)),
             recorded: sample.clone(),
             domains: [sample.domain.clone(), sample.domain.reflected()].map(Arc::from),
             hosts: [host, reflected].map(Arc::new),

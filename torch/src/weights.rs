@@ -43,11 +43,7 @@ impl Layout {
         };
         Weights {
             full: named(flat),
-            half: if half {
-                named(&flat.to_kind(Kind::BFloat16))
-            } else {
-                BTreeMap::new()
-            },
+            half: if half { named(&flat.to_kind(Kind::BFloat16)) } else { BTreeMap::new() },
         }
     }
 }
@@ -63,9 +59,7 @@ impl std::ops::Deref for Layout {
 impl Weights {
     /// A weight in fp32. Panics for a name that the layout lacks, a defect of this library.
     pub fn full(&self, name: &str) -> &Tensor {
-        self.full
-            .get(name)
-            .unwrap_or_else(|| panic!("no weight named {name}"))
+        self.full.get(name).unwrap_or_else(|| panic!("no weight named {name}"))
     }
 
     /// The weight that large products use: bfloat16 where asked for.

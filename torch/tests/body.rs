@@ -18,14 +18,8 @@ use m4gn_torch::weights::Layout;
 use tch::{Device, Tensor};
 
 fn spec() -> ModelSpec {
-    let stage = MacroSpec {
-        layers: 2,
-        heads: 4,
-        ffn_width: 48,
-        rwse_steps: 3,
-        centroids: true,
-        offsets: true,
-    };
+    let stage =
+        MacroSpec { layers: 2, heads: 4, ffn_width: 48, rwse_steps: 3, centroids: true, offsets: true };
     ModelSpec {
         format: 1,
         dim: 3,
@@ -42,16 +36,9 @@ fn spec() -> ModelSpec {
             width: 32,
             hidden_layers: 1,
             activation: Activation::Relu,
-            kind: Kind::M4gn(M4gn {
-                layers_before: 2,
-                layers_after: 2,
-                segment_transformer: stage,
-            }),
+            kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
         },
-        contact: Some(ContactSpec {
-            radius: 0.6,
-            history: 0,
-        }),
+        contact: Some(ContactSpec { radius: 0.6, history: 0 }),
         resolution: None,
         segments: SegmentSpec {
             method: SegmentMethod::SlicExp,
@@ -92,33 +79,20 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
         let part = |which: &str| Tensor::from_slice(&model.tensors[&format!("norm.{name}.{which}")].data);
         (part("mean"), part("std"))
     };
-    let scales = Scales {
-        node: scale("node"),
-        edge: scale("edge"),
-        output: scale("output"),
-    };
+    let scales = Scales { node: scale("node"), edge: scale("edge"), output: scale("output") };
     let stepper = Stepper::new(&spec, &Components::new(&spec), Device::Cpu);
     let contact: Vec<_> = sample.body(false).into_iter().collect();
     let tensor = |rows: &[[f64; 3]]| {
         let flat: Vec<f32> = rows.iter().flatten().map(|&v| v as f32).collect();
         Tensor::from_slice(&flat).view([-1, 3])
     };
-    let mut displacement: Vec<[f64; 3]> = body
-        .positions
-        .iter()
-        .map(|x| [0.01 * x[0], -0.02 * x[0] * x[1], -0.03 * x[0] * x[0]])
-        .collect();
+    let mut displacement: Vec<[f64; 3]> =
+        body.positions.iter().map(|x| [0.01 * x[0], -0.02 * x[0] * x[1], -0.03 * x[0] * x[0]]).collect();
     for step in 0..3 {
         let at = |s: i32| vec![[0.0, 0.01, -0.15 * f64::from(s)]; 6];
         let (now, next) = (at(step), at(step + 1));
-        let state = State {
-            cells: tensor(&displacement),
-            boundary: tensor(&now),
-        };
-        let target = State {
-            cells: state.cells.shallow_clone(),
-            boundary: tensor(&next),
-        };
+        let state = State { cells: tensor(&displacement), boundary: tensor(&now) };
+        let target = State { cells: state.cells.shallow_clone(), boundary: tensor(&next) };
         let graph = contact::at_state(sample.topologies[0].share(), &contact, &state).unwrap();
         let edges = contact::edge_features(&graph, &state);
         let inputs = stepper.inputs(&contact, &state, &target).unwrap();

@@ -54,11 +54,7 @@ fn spec() -> ModelSpec {
         },
         contact: None,
         resolution: None,
-        segments: SegmentSpec {
-            method: SegmentMethod::Metis,
-            count: 4,
-            ..Default::default()
-        },
+        segments: SegmentSpec { method: SegmentMethod::Metis, count: 4, ..Default::default() },
         precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
@@ -82,9 +78,7 @@ const SWITCHES: [(&str, Change); 15] = [
         s.architecture.width = 27;
         stage(s).heads = 3;
     }),
-    ("paper's order", |s| {
-        s.architecture.m4gn_mut().unwrap().layers_after = 0
-    }),
+    ("paper's order", |s| s.architecture.m4gn_mut().unwrap().layers_after = 0),
     ("all layers after", |s| {
         let m4gn = s.architecture.m4gn_mut().unwrap();
         (m4gn.layers_before, m4gn.layers_after) = (0, 2);
@@ -164,11 +158,7 @@ fn examples(precision: Precision) -> Vec<Example> {
             Precision::Bf16 => 1.0,
         },
     };
-    vec![
-        example(0, 1, false, 11, 1.0),
-        example(1, 0, true, 12, 0.5),
-        example(1, 2, false, 13, 1.75),
-    ]
+    vec![example(0, 1, false, 11, 1.0), example(1, 0, true, 12, 0.5), example(1, 2, false, 13, 1.75)]
 }
 
 /// Normalisers of the examples, then the loss and gradient of weights of a trained network's size.
@@ -179,21 +169,10 @@ fn learn(
     (unroll, precision): (usize, Precision),
 ) -> (Normaliser, Learned) {
     let examples = examples(precision);
-    let batch = Batch {
-        examples: &examples,
-        micro: 2,
-        total: 4,
-        unroll,
-        accumulate: true,
-        learn: false,
-    };
+    let batch = Batch { examples: &examples, micro: 2, total: 4, unroll, accumulate: true, learn: false };
     let seen = backend.learn(weights, &Normaliser::new(spec), &batch).unwrap();
     let normaliser = seen.moments.unwrap();
-    let batch = Batch {
-        accumulate: false,
-        learn: true,
-        ..batch
-    };
+    let batch = Batch { accumulate: false, learn: true, ..batch };
     let learned = backend.learn(weights, &normaliser, &batch).unwrap();
     (normaliser, learned)
 }
@@ -213,12 +192,7 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
     if spec.contact.is_some() {
         config.training.noise = [("D".to_string(), 0.01)].into();
     }
-    let task = Task {
-        config: &config,
-        spec,
-        work,
-        threads: 2,
-    };
+    let task = Task { config: &config, spec, work, threads: 2 };
     let layout = Layout::new(spec);
     let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     // Gains that differ from one and biases that differ from zero.
@@ -235,10 +209,7 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
             assert!((a - b).abs() <= 1e-5 * (1.0 + b.abs()), "{name}: moments {a} {b}");
         }
         for (a, b) in found.losses.iter().zip(&expected.losses) {
-            assert!(
-                (a / b - 1.0).abs() < tolerance,
-                "{name}, {unroll} steps: losses {a} {b}"
-            );
+            assert!((a / b - 1.0).abs() < tolerance, "{name}, {unroll} steps: losses {a} {b}");
         }
         let (found, expected) = (found.gradient.unwrap(), expected.gradient.unwrap());
         let off = distance(&found, &expected);
@@ -248,10 +219,7 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
             let mut config = config.clone();
             config.training.precision = Precision::Fp32;
             let mut exact = NativeBackend::new(&config.training, spec, work, 2).unwrap();
-            let exact = learn(&mut exact, &weights, spec, (unroll, precision))
-                .1
-                .gradient
-                .unwrap();
+            let exact = learn(&mut exact, &weights, spec, (unroll, precision)).1.gradient.unwrap();
             let (own, other) = (distance(&found, &exact), distance(&expected, &exact));
             println!("    from fp32: {own:.1e}, libtorch {other:.1e}");
             assert!(
@@ -261,10 +229,7 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
             assert!(off < 1.5 * (own + other), "{name}: {off:e}");
             continue;
         }
-        assert!(
-            off < tolerance,
-            "{name}, {unroll} steps: gradients are {off:e} apart"
-        );
+        assert!(off < tolerance, "{name}, {unroll} steps: gradients are {off:e} apart");
         // No tensor may hide behind the large ones.
         for (tensor, shape) in layout.entries() {
             let start = layout.find(tensor).unwrap().0;
@@ -278,11 +243,7 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
             );
         }
     }
-    let rollout = [Rollout {
-        sample: 0,
-        frame: 0,
-        steps: 3,
-    }];
+    let rollout = [Rollout { sample: 0, frame: 0, steps: 3 }];
     let mut torch = TorchBackend::new(&task, Device::Cpu).unwrap();
     // Rollouts of libtorch are in fp32, and the native ones in the precision of the training.
     let mut exact = config.clone();
@@ -332,10 +293,7 @@ fn gradients_of_bodies_are_those_of_libtorch() {
         output: Output::Delta,
     }];
     spec.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    spec.contact = Some(ContactSpec {
-        radius: 0.6,
-        history: 0,
-    });
+    spec.contact = Some(ContactSpec { radius: 0.6, history: 0 });
     spec.segments.method = SegmentMethod::SlicExp;
     spec.segments.modes = 1;
     compare("bodies", &spec, &solids(&spec), Precision::Fp32, 1e-5);

@@ -33,12 +33,7 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
         architecture,
         contact: None,
         resolution: None,
-        segments: SegmentSpec {
-            method: SegmentMethod::Metis,
-            count: 6,
-            overlap,
-            ..Default::default()
-        },
+        segments: SegmentSpec { method: SegmentMethod::Metis, count: 6, overlap, ..Default::default() },
         precision: Precision::Fp32,
         trained_on: None,
         calibration: None,
@@ -58,31 +53,19 @@ fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
 
 /// A network with every part in it.
 fn whole(width: usize) -> ModelSpec {
-    let stage = MacroSpec {
-        layers: 2,
-        heads: 4,
-        ffn_width: 48,
-        rwse_steps: 3,
-        centroids: true,
-        offsets: true,
-    };
+    let stage =
+        MacroSpec { layers: 2, heads: 4, ffn_width: 48, rwse_steps: 3, centroids: true, offsets: true };
     let architecture = Architecture {
         width,
         hidden_layers: 1,
         activation: Activation::Relu,
-        kind: m4gn_model::Kind::M4gn(M4gn {
-            layers_before: 2,
-            layers_after: 2,
-            segment_transformer: stage,
-        }),
+        kind: m4gn_model::Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
     };
     spec(architecture, 1)
 }
 
 fn fields(nodes: i64) -> Tensor {
-    (Tensor::arange(nodes * 3, (Kind::Float, Device::Cpu)) * 0.37)
-        .sin()
-        .view([nodes, 3])
+    (Tensor::arange(nodes * 3, (Kind::Float, Device::Cpu)) * 0.37).sin().view([nodes, 3])
 }
 
 /// Outputs and the gradient of their mean square, in fused or plain operations.
@@ -116,25 +99,16 @@ fn fused_and_plain_operations_agree() {
         assert!(relative(&fused.1, &plain.1) < 1e-4, "gradients, width {width}");
         // bfloat16 has 8 bits; the fused way rounds less often than the plain one, neither is the truth.
         let half = pass(&spec, &graph, true, true);
-        assert!(
-            relative(&half.0, &plain.0) < 0.03,
-            "bfloat16 outputs, width {width}"
-        );
-        assert!(
-            relative(&half.1, &plain.1) < 0.1,
-            "bfloat16 gradients, width {width}"
-        );
+        assert!(relative(&half.0, &plain.0) < 0.03, "bfloat16 outputs, width {width}");
+        assert!(relative(&half.1, &plain.1) < 0.1, "bfloat16 gradients, width {width}");
     }
 }
 
 #[test]
 fn a_union_of_graphs_is_its_graphs() {
     let spec = whole(24);
-    let hosts = [
-        sample::triangles(14, 9, 1.6, 0.41),
-        sample::rectangle(7, 5, 1.0, 0.41),
-    ]
-    .map(|m| host(&spec, &m));
+    let hosts =
+        [sample::triangles(14, 9, 1.6, 0.41), sample::rectangle(7, 5, 1.0, 0.41)].map(|m| host(&spec, &m));
     let union = HostGraph::union(&[&hosts[0], &hosts[1]], &spec, Device::Cpu);
     let layout = Layout::new(&spec);
     let model = Model::random(spec.clone(), 7).unwrap();
@@ -146,20 +120,11 @@ fn a_union_of_graphs_is_its_graphs() {
     });
     // Cells of both, then boundary nodes of both.
     let part = |cells: bool, (_, graph): &(Tensor, Topology)| {
-        let (first, count) = if cells {
-            (0, graph.cells)
-        } else {
-            (graph.cells, graph.nodes - graph.cells)
-        };
+        let (first, count) = if cells { (0, graph.cells) } else { (graph.cells, graph.nodes - graph.cells) };
         fields(graph.nodes).narrow(0, first, count)
     };
     let inputs = Tensor::cat(
-        &[
-            part(true, &single[0]),
-            part(true, &single[1]),
-            part(false, &single[0]),
-            part(false, &single[1]),
-        ],
+        &[part(true, &single[0]), part(true, &single[1]), part(false, &single[0]), part(false, &single[1])],
         0,
     );
     let both = network.forward(&union, &inputs, &union.edges);
@@ -180,19 +145,10 @@ fn difference(spec: &ModelSpec) -> f64 {
         .unwrap()
         .forward(&comm, &inputs, &mut native)
         .unwrap();
-    Inference::new(&model, &structure, Device::Cpu)
-        .unwrap()
-        .step(&inputs, &mut torch)
-        .unwrap();
+    Inference::new(&model, &structure, Device::Cpu).unwrap().step(&inputs, &mut torch).unwrap();
     let largest = native.iter().fold(0f32, |m, v| m.max(v.abs()));
-    assert!(
-        largest > 1e-3 && largest.is_finite(),
-        "outputs that say nothing: {largest}"
-    );
-    let worst = native
-        .iter()
-        .zip(&torch)
-        .fold(0f32, |m, (a, b)| m.max((a - b).abs()));
+    assert!(largest > 1e-3 && largest.is_finite(), "outputs that say nothing: {largest}");
+    let worst = native.iter().zip(&torch).fold(0f32, |m, (a, b)| m.max((a - b).abs()));
     (worst / largest) as f64
 }
 
@@ -205,41 +161,21 @@ fn native_engine_and_tch_model_agree() {
         kind,
     };
     let m4gn = |layers_before, layers_after, segment_transformer| {
-        m4gn_model::Kind::M4gn(M4gn {
-            layers_before,
-            layers_after,
-            segment_transformer,
-        })
+        m4gn_model::Kind::M4gn(M4gn { layers_before, layers_after, segment_transformer })
     };
     let stage = |layers, rwse_steps| {
         let geometry = rwse_steps > 0;
-        MacroSpec {
-            layers,
-            heads: 4,
-            ffn_width: 48,
-            rwse_steps,
-            centroids: geometry,
-            offsets: geometry,
-        }
+        MacroSpec { layers, heads: 4, ffn_width: 48, rwse_steps, centroids: geometry, offsets: geometry }
     };
     for (architecture, overlap) in [
-        (
-            network(m4gn_model::Kind::MeshGraphNet { layers: 3 }, Activation::Relu, 1),
-            0,
-        ),
-        (
-            network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1),
-            0,
-        ),
+        (network(m4gn_model::Kind::MeshGraphNet { layers: 3 }, Activation::Relu, 1), 0),
+        (network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1), 0),
         (network(m4gn(3, 0, stage(2, 0)), Activation::Relu, 2), 0),
         (network(m4gn(2, 2, stage(2, 5)), Activation::Silu, 1), 0),
         (network(m4gn(2, 1, stage(1, 0)), Activation::Relu, 1), 2),
     ] {
         let relative = difference(&spec(architecture.clone(), overlap));
         // fp32 sums in different orders, over a few layers.
-        assert!(
-            relative < 1e-5,
-            "{relative:e} for {architecture:?}, overlap {overlap}"
-        );
+        assert!(relative < 1e-5, "{relative:e} for {architecture:?}, overlap {overlap}");
     }
 }

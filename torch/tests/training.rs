@@ -20,9 +20,7 @@ fn data() -> tempfile::TempDir {
 
 fn train(request: &Request, stop: &AtomicU8) -> Result<serde_json::Value, Error> {
     let device = parse_device(request.device.as_deref().unwrap_or("cpu"))?;
-    m4gn_train::train(request, stop, &Comm::serial(), |task| {
-        Ok(Box::new(TorchBackend::new(task, device)?))
-    })
+    m4gn_train::train(request, stop, &Comm::serial(), |task| Ok(Box::new(TorchBackend::new(task, device)?)))
 }
 
 fn run(request: &Request) -> Result<serde_json::Value, Error> {
@@ -32,10 +30,7 @@ fn run(request: &Request) -> Result<serde_json::Value, Error> {
 /// Everything that the next step depends on.
 fn state(request: &Request) -> (u64, Vec<Vec<f32>>) {
     let c = Checkpoint::read(&request.checkpoint()).unwrap();
-    (
-        c.progress.step,
-        vec![c.weights, c.first, c.second, c.average.unwrap()],
-    )
+    (c.progress.step, vec![c.weights, c.first, c.second, c.average.unwrap()])
 }
 
 #[test]
@@ -74,10 +69,7 @@ fn resumed_training_is_the_uninterrupted_one_bit_for_bit() {
     // The log has each interval once.
     let steps = |r: &Request| -> Vec<String> {
         let text = std::fs::read_to_string(r.log()).unwrap();
-        text.lines()
-            .skip(1)
-            .map(|l| l.split(',').next().unwrap().to_string())
-            .collect()
+        text.lines().skip(1).map(|l| l.split(',').next().unwrap().to_string()).collect()
     };
     assert_eq!(steps(&whole), ["2", "4", "6", "8", "10", "12"]);
     assert_eq!(steps(&parts), ["2", "3", "4", "6", "8", "10", "12"]);
@@ -88,11 +80,7 @@ fn resumed_training_is_the_uninterrupted_one_bit_for_bit() {
             .last()
             .map(|l| l.split(',').nth(4).unwrap().to_string())
     };
-    assert_eq!(
-        last(&whole),
-        last(&parts),
-        "the loss of the interval that was interrupted"
-    );
+    assert_eq!(last(&whole), last(&parts), "the loss of the interval that was interrupted");
 }
 
 #[test]
@@ -101,11 +89,8 @@ fn training_lowers_the_loss_and_leaves_a_model() {
     let request = request(folder.path(), "model", "validation_interval = 100", 150);
     let figures = run(&request).unwrap();
     let text = std::fs::read_to_string(request.log()).unwrap();
-    let loss: Vec<f64> = text
-        .lines()
-        .skip(1)
-        .map(|l| l.split(',').nth(4).unwrap().parse().unwrap())
-        .collect();
+    let loss: Vec<f64> =
+        text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
     // The first row is the normalisers' warm-up.
     assert!(loss.last().unwrap() < &(0.3 * loss[1]), "{loss:?}");
     let ratio =
@@ -116,10 +101,7 @@ fn training_lowers_the_loss_and_leaves_a_model() {
     assert_eq!(model.spec.fields[0].dimensions, [0, 1, -1, 0, 0, 0, 0]);
     assert_eq!(model.tensors["norm.node.mean"].data.len(), 3);
     let written = std::fs::read_to_string(request.json.as_ref().unwrap()).unwrap();
-    assert_eq!(
-        written,
-        format!("{}\n", serde_json::to_string_pretty(&figures).unwrap())
-    );
+    assert_eq!(written, format!("{}\n", serde_json::to_string_pretty(&figures).unwrap()));
 }
 
 #[test]
@@ -128,11 +110,8 @@ fn bfloat16_products_train_as_well() {
     let request = request(folder.path(), "half", "precision = \"bf16\"", 60);
     run(&request).unwrap();
     let text = std::fs::read_to_string(request.log()).unwrap();
-    let loss: Vec<f64> = text
-        .lines()
-        .skip(1)
-        .map(|l| l.split(',').nth(4).unwrap().parse().unwrap())
-        .collect();
+    let loss: Vec<f64> =
+        text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
     assert!(loss.last().unwrap() < &(0.7 * loss[1]), "{loss:?}");
 }
 
@@ -166,11 +145,8 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
     assert!(edit("stride = 0.02", "stride = 0.015").contains("model.stride"));
     assert!(edit("stride = 0.02", "stride = 0.2").contains("than the 41"));
     assert!(
-        edit(
-            "fields = [",
-            "fields = [{ name = \"T\", input = true, output = \"none\" }, "
-        )
-        .contains("recorded are U, p")
+        edit("fields = [", "fields = [{ name = \"T\", input = true, output = \"none\" }, ")
+            .contains("recorded are U, p")
     );
     assert!(edit("count = 4", "count = 400").contains("400 segments"));
     assert!(message(&|r| r.device = Some("gpu".into())).contains("cuda:N"));
@@ -187,9 +163,6 @@ fn what_libtorch_does_not_know_is_refused() {
     for key in ["smooth_loss", "noise_spread"] {
         let error = run(&request(folder.path(), key, &format!("{key} = 2.0"), 3)).unwrap_err();
         let text = error.to_string();
-        assert!(
-            text.contains(&format!("{key}: found 2")) && text.contains("--backend native"),
-            "{text}"
-        );
+        assert!(text.contains(&format!("{key}: found 2")) && text.contains("--backend native"), "{text}");
     }
 }

@@ -56,10 +56,7 @@ pub(super) fn run(arguments: &[OsString]) -> Result<()> {
         .bin_name(format!("m4gn generate {}", name.to_string_lossy()))
         .about(family.about.clone())
         .long_about(format!("{}\n\n{}", family.about, family.details.trim()))
-        .after_help(format!(
-            "Parameters (--set NAME=VALUE):\n{}",
-            family.parameter_help()
-        ));
+        .after_help(format!("Parameters (--set NAME=VALUE):\n{}", family.parameter_help()));
     let args = command
         .try_get_matches_from(options)
         .and_then(|m| Args::from_arg_matches(&m))
@@ -116,12 +113,8 @@ fn make(args: Args, family: Family) -> Result<()> {
                 made.bytes as f64 * 1e-6,
                 made.seconds
             );
-            let parameters: serde_json::Map<_, _> = case
-                .draw
-                .values
-                .iter()
-                .map(|(name, value)| (name.clone(), json!(value)))
-                .collect();
+            let parameters: serde_json::Map<_, _> =
+                case.draw.values.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
             let derived: serde_json::Map<_, _> = case
                 .family
                 .derived

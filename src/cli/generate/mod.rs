@@ -110,10 +110,9 @@ impl Common {
         whole: impl Fn(&[Value]) -> (String, Value),
     ) -> Result<()> {
         let split = self.asked_split()?;
-        let jobs = self.jobs.map_or_else(
-            || std::thread::available_parallelism().map_or(1, usize::from),
-            |j| j as usize,
-        );
+        let jobs = self
+            .jobs
+            .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |j| j as usize);
         let cases = (0..self.count)
             .map(|index| case(index, split.unwrap_or_else(|| automatic_split(index, self.count))))
             .collect::<Result<_>>()?;
@@ -162,10 +161,7 @@ impl Common {
         let seconds = start.elapsed().as_secs_f64();
         let (line, extra) = whole(&tally.made);
         println!("{}{line}", tally.summary(&queue.folder, seconds));
-        write_json(
-            self.json.as_deref(),
-            &tally.figures(self.count, self.seed, seconds, extra),
-        )?;
+        write_json(self.json.as_deref(), &tally.figures(self.count, self.seed, seconds, extra))?;
         result?;
         tally.fail_if_any(self.count)
     }

@@ -102,9 +102,7 @@ fn poisson(text: &str) -> std::result::Result<f64, String> {
 
 fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
     if find_program("gmsh").is_none() {
-        return Err(Error::Input(
-            "gmsh not found in PATH: install it (Debian: apt-get install gmsh)".into(),
-        ));
+        return Err(Error::Input("gmsh not found in PATH: install it (Debian: apt-get install gmsh)".into()));
     }
     let python = find_python()?;
     let mut environment = one_thread();
@@ -152,28 +150,17 @@ fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
         f.points,
         f.redraws.len(),
         f.worst_gap,
-        f.parts_gap
-            .map_or(String::new(), |gap| format!(", between bodies {gap:+.4}")),
+        f.parts_gap.map_or(String::new(), |gap| format!(", between bodies {gap:+.4}")),
         made.bytes as f64 * 1e-6,
         made.seconds
     );
-    (
-        line,
-        json!({"index": case.index, "split": case.split.name(), "result": made}),
-    )
+    (line, json!({"index": case.index, "split": case.split.name(), "result": made}))
 }
 
 /// Redraws, worst gap and median times of what was made now.
 fn whole(made: &[Value]) -> (String, Value) {
-    let of = |key: &str| {
-        made.iter()
-            .filter_map(|m| m["result"][key].as_f64())
-            .collect::<Vec<_>>()
-    };
-    let redraws: usize = made
-        .iter()
-        .filter_map(|m| Some(m["result"]["redraws"].as_array()?.len()))
-        .sum();
+    let of = |key: &str| made.iter().filter_map(|m| m["result"][key].as_f64()).collect::<Vec<_>>();
+    let redraws: usize = made.iter().filter_map(|m| Some(m["result"]["redraws"].as_array()?.len())).sum();
     let Some(worst) = of("worst_gap").into_iter().min_by(f64::total_cmp) else {
         return (String::new(), json!({}));
     };
@@ -193,9 +180,7 @@ fn whole(made: &[Value]) -> (String, Value) {
 
 /// The folder that holds the package `m4gn_solids`: beside the libraries.
 fn package() -> Result<PathBuf> {
-    let folders = places()
-        .into_iter()
-        .filter_map(|p| Some(p.parent()?.join("tools")));
+    let folders = places().into_iter().filter_map(|p| Some(p.parent()?.join("tools")));
     let folders: Vec<PathBuf> = folders.collect();
     let is_there = |p: &&PathBuf| Path::new(p).join("m4gn_solids/__main__.py").is_file();
     folders.iter().find(is_there).cloned().ok_or_else(|| {

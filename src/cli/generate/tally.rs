@@ -47,11 +47,8 @@ impl Tally {
 
     /// The figures for `--json`; the entries of `extra` join them.
     pub(super) fn figures(&self, count: u64, seed: u64, seconds: f64, extra: Value) -> Value {
-        let failed: Vec<_> = self
-            .failed
-            .iter()
-            .map(|(index, message)| json!({"index": index, "message": message}))
-            .collect();
+        let failed: Vec<_> =
+            self.failed.iter().map(|(index, message)| json!({"index": index, "message": message})).collect();
         let mut figures = json!({
             "count": count, "seed": seed, "made": self.made, "there_before": self.there, "failed": failed,
             "seconds": seconds, "bytes": self.bytes,
@@ -68,15 +65,8 @@ impl Tally {
         if self.failed.is_empty() {
             return Ok(());
         }
-        let cases: Vec<_> = self
-            .failed
-            .iter()
-            .map(|(index, message)| format!("\n  {index:04}: {message}"))
-            .collect();
-        Err(Error::Input(format!(
-            "{} of {count} cases failed:{}",
-            cases.len(),
-            cases.concat()
-        )))
+        let cases: Vec<_> =
+            self.failed.iter().map(|(index, message)| format!("\n  {index:04}: {message}")).collect();
+        Err(Error::Input(format!("{} of {count} cases failed:{}", cases.len(), cases.concat())))
     }
 }

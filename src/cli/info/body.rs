@@ -27,9 +27,7 @@ pub(super) fn describe(t: &Trajectory, body: &Body, text: &mut String, figures: 
     );
     let range = |of: fn(&Material) -> f64| {
         let values = body.material.iter().map(of);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
-            (a.min(v), b.max(v))
-        });
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         match low == high {
             true => format!("{low}"),
             false => format!("{low} to {high}"),
@@ -43,12 +41,7 @@ pub(super) fn describe(t: &Trajectory, body: &Body, text: &mut String, figures: 
         range(|m| m.density)
     );
     if let Some(o) = t.obstacle() {
-        let _ = writeln!(
-            text,
-            "obstacle    {} points, {} triangles",
-            o.positions.len(),
-            o.triangles.len()
-        );
+        let _ = writeln!(text, "obstacle    {} points, {} triangles", o.positions.len(), o.triangles.len());
     }
     figures["points"] = body.positions.len().into();
     figures["handles"] = handles.into();
@@ -73,10 +66,9 @@ pub(super) fn metrics(t: &Trajectory, text: &mut String) -> Result<Value> {
         "{:<11} {:>10} {:>10} {:>10} {:>10} {:>10}",
         "prediction", "rmse m", "gf_h m", "gf_c m2", "mc", "ar"
     );
-    for (name, Score { rmse, quality: q }) in [
-        ("persistence", scores.persistence),
-        ("hold first", scores.hold_first),
-    ] {
+    for (name, Score { rmse, quality: q }) in
+        [("persistence", scores.persistence), ("hold first", scores.hold_first)]
+    {
         let _ = writeln!(
             text,
             "{name:<11} {rmse:>10.3e} {:>10.3e} {:>10.3e} {:>10.3e} {:>10.3e}",
@@ -96,11 +88,8 @@ pub(super) fn generated(rows: &[Value]) -> Option<(String, Value)> {
     };
     let (gaps, seconds) = (of("worst_gap"), of("cpu_seconds"));
     let (worst, median) = (*gaps.first()?, *seconds.get(seconds.len() / 2)?);
-    let redraws: Vec<&Value> = rows
-        .iter()
-        .filter_map(|r| r["provenance"]["redraws"].as_array())
-        .flatten()
-        .collect();
+    let redraws: Vec<&Value> =
+        rows.iter().filter_map(|r| r["provenance"]["redraws"].as_array()).flatten().collect();
     let lost = redraws.iter().filter_map(|r| r["cpu_seconds"].as_f64());
     // The sum of no numbers is -0.
     let lost = lost.sum::<f64>() + 0.0;

@@ -46,19 +46,14 @@ pub fn run(args: Args) -> Result<()> {
     match damaged.len() {
         0 => Ok(()),
         1 => Err(damaged.remove(0)),
-        n => Err(Error::Input(format!(
-            "{n} damaged trajectories; the first: {}",
-            damaged[0]
-        ))),
+        n => Err(Error::Input(format!("{n} damaged trajectories; the first: {}", damaged[0]))),
     }
 }
 
 /// The interval of equidistant times, and that or the range of intervals in words.
 fn spacing(times: &[f64]) -> (Option<f64>, String) {
     let intervals = times.windows(2).map(|w| w[1] - w[0]);
-    let [low, high] = intervals.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| {
-        [a.min(v), b.max(v)]
-    });
+    let [low, high] = intervals.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)]);
     match times {
         [] | [_] => (None, String::new()),
         // As exact as models need it.
@@ -76,12 +71,8 @@ fn spacing(times: &[f64]) -> (Option<f64>, String) {
 fn trajectory(t: &Trajectory, metrics: bool) -> Result<(String, Value)> {
     let path = t.path();
     let bytes = path.metadata().map_or(0, |m| m.len());
-    let mut text = format!(
-        "{}: trajectory, {:.1} MB, split {}\n",
-        path.display(),
-        megabytes(bytes),
-        t.split().name()
-    );
+    let mut text =
+        format!("{}: trajectory, {:.1} MB, split {}\n", path.display(), megabytes(bytes), t.split().name());
     let times = t.times();
     let (first, last) = (times[0], times[times.len() - 1]);
     let (interval, every) = spacing(times);
@@ -93,13 +84,7 @@ fn trajectory(t: &Trajectory, metrics: bool) -> Result<(String, Value)> {
         Some(body) => body::describe(t, body, &mut text, &mut figures),
         None => mesh(t.mesh(), &mut text, &mut figures),
     }
-    let _ = writeln!(
-        text,
-        "frames      {} from {} to {} s{every}",
-        times.len(),
-        short(first),
-        short(last)
-    );
+    let _ = writeln!(text, "frames      {} from {} to {} s{every}", times.len(), short(first), short(last));
     let mut fields = Vec::new();
     for field in t.fields() {
         let (from, to) = range(&t.read_frame(&field.name, times.len() - 1)?);
@@ -145,18 +130,10 @@ fn mesh(mesh: &Mesh, text: &mut String, figures: &mut Value) {
     let mut patches = Vec::new();
     for (i, name) in mesh.patches.iter().enumerate() {
         let faces: Vec<_> = mesh.boundary.iter().filter(|f| f.patch == i as i32).collect();
-        let kinds: Vec<&str> = NodeType::ALL
-            .iter()
-            .filter(|k| faces.iter().any(|f| f.kind == **k))
-            .map(|k| k.name())
-            .collect();
+        let kinds: Vec<&str> =
+            NodeType::ALL.iter().filter(|k| faces.iter().any(|f| f.kind == **k)).map(|k| k.name()).collect();
         if !faces.is_empty() {
-            let _ = writeln!(
-                text,
-                "patch       {name:<16} {} faces, {}",
-                faces.len(),
-                kinds.join(" and ")
-            );
+            let _ = writeln!(text, "patch       {name:<16} {} faces, {}", faces.len(), kinds.join(" and "));
             patches.push(json!({"name": name, "faces": faces.len(), "types": kinds}));
         }
     }
@@ -180,11 +157,7 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
     let mut count = [0usize; 3];
     let mut bytes = 0;
     for file in files {
-        let name = file
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let t = match Trajectory::open(&file) {
             Ok(t) => t,
             Err(e) => {
@@ -205,10 +178,7 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
             Some(body) => {
                 row["elements"] = body.elements.len().into();
                 row["points"] = body.positions.len().into();
-                (
-                    body.positions.len(),
-                    t.obstacle().map_or(0, |o| o.positions.len()),
-                )
+                (body.positions.len(), t.obstacle().map_or(0, |o| o.positions.len()))
             }
             None => {
                 let (cells, faces) = (t.mesh().n_cells(), t.mesh().boundary.len());
@@ -251,33 +221,17 @@ fn model(path: &Path) -> Result<(String, Value)> {
     let spec = &model.spec;
     let numbers: usize = model.tensors.values().map(|t| t.data.len()).sum();
     let bytes = path.metadata().map_or(0, |m| m.len());
-    let mut text = format!(
-        "{}: model, {:.2} MB, {numbers} numbers\n",
-        path.display(),
-        megabytes(bytes)
-    );
+    let mut text = format!("{}: model, {:.2} MB, {numbers} numbers\n", path.display(), megabytes(bytes));
     let a = &spec.architecture;
-    let _ = writeln!(
-        text,
-        "stride      {} s in {} directions",
-        short(spec.stride),
-        spec.dim
-    );
+    let _ = writeln!(text, "stride      {} s in {} directions", short(spec.stride), spec.dim);
     if let Some(length) = spec.resolution {
-        let _ = writeln!(
-            text,
-            "resolution  {length} m between nodes; finer meshes are agglomerated to it"
-        );
+        let _ = writeln!(text, "resolution  {length} m between nodes; finer meshes are agglomerated to it");
     }
     for field in &spec.fields {
         let input = if field.input { "input" } else { "no input" };
         let output = format!("{:?}", field.output).to_lowercase();
         let d = field.dimensions.map(|d| d.to_string()).join(" ");
-        let _ = writeln!(
-            text,
-            "field       {:<16} [{d}], {input}, output {output}",
-            field.name
-        );
+        let _ = writeln!(text, "field       {:<16} [{d}], {input}, output {output}", field.name);
     }
     let layers = match &a.kind {
         Kind::M4gn(m) => format!("{} + {} message-passing layers", m.layers_before, m.layers_after),
@@ -358,12 +312,7 @@ fn megabytes(bytes: u64) -> f64 {
 }
 
 fn range(frame: &Frame) -> (f32, f32) {
-    frame
-        .cells
-        .iter()
-        .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &v| {
-            (a.min(v), b.max(v))
-        })
+    frame.cells.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
 }
 
 #[cfg(test)]
@@ -383,10 +332,7 @@ mod tests {
         duct.face_owner.clear();
         duct.face_neighbour.clear();
         let (text, parts) = shown(&duct);
-        assert!(
-            text.contains("parts       4, which no face joins") && parts == 4,
-            "{text}"
-        );
+        assert!(text.contains("parts       4, which no face joins") && parts == 4, "{text}");
     }
 
     #[test]

@@ -158,9 +158,8 @@ fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {
 
 fn node_type(text: &str) -> std::result::Result<(String, NodeType), String> {
     let kinds = || NodeType::ALL.into_iter().filter(|t| *t != NodeType::Fluid);
-    let found = text
-        .split_once('=')
-        .and_then(|(patch, kind)| Some((patch, kinds().find(|t| t.name() == kind)?)));
+    let found =
+        text.split_once('=').and_then(|(patch, kind)| Some((patch, kinds().find(|t| t.name() == kind)?)));
     match found {
         Some((patch, kind)) if !patch.is_empty() => Ok((patch.to_string(), kind)),
         _ => {

@@ -108,10 +108,8 @@ impl Input {
         if let Input::Case(case) = self
             && wanted
         {
-            let modal = ModalOptions {
-                count: ModeCount::Fixed(options.spec.modes.max(1)),
-                ..options.spec.modal()
-            };
+            let modal =
+                ModalOptions { count: ModeCount::Fixed(options.spec.modes.max(1)), ..options.spec.modal() };
             mesh.elastic = case.elastic_modes(&modal)?;
         }
         Ok(())
@@ -122,11 +120,7 @@ impl Input {
     /// # Errors
     /// What reading the model fails with.
     pub fn model(&self) -> Result<Option<ModelSpec>> {
-        let Some(name) = self
-            .function_object()
-            .get("model")
-            .and_then(Value::as_str)
-            .map(PathBuf::from)
+        let Some(name) = self.function_object().get("model").and_then(Value::as_str).map(PathBuf::from)
         else {
             return Ok(None);
         };
@@ -137,10 +131,7 @@ impl Input {
             Input::Case(case) => PathBuf::from(&case.description().path),
             Input::Data(_) => return Ok(None),
         };
-        let found = std::iter::once(case)
-            .chain(homes)
-            .map(|f| f.join(&name))
-            .find(|f| f.is_file());
+        let found = std::iter::once(case).chain(homes).map(|f| f.join(&name)).find(|f| f.is_file());
         found.map(|file| Ok(Model::read(&file)?.spec)).transpose()
     }
 
@@ -214,9 +205,8 @@ impl Input {
         // A cluster of eigenvalues may have brought more modes than were asked for.
         self.check_fields(modes.len(), overwrite)?;
         let values = std::iter::once(labels.iter().map(|&l| f64::from(l)).collect());
-        let fields: Vec<(String, Vec<f64>)> = names(modes.len())
-            .zip(values.chain(modes.iter().cloned()))
-            .collect();
+        let fields: Vec<(String, Vec<f64>)> =
+            names(modes.len()).zip(values.chain(modes.iter().cloned())).collect();
         match self {
             Input::Case(case) => {
                 // Modes of an earlier run that had more of them.
@@ -235,19 +225,12 @@ impl Input {
                     stored.record,
                 )?;
                 let list: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
-                Ok(format!(
-                    "{} in {}",
-                    list.join(", "),
-                    case.start_folder().display()
-                ))
+                Ok(format!("{} in {}", list.join(", "), case.start_folder().display()))
             }
             Input::Data(_) => {
                 let vtu =
                     vtu.ok_or_else(|| Error::Internal("segments of a trajectory without a file".into()))?;
-                let cloud = PointCloud {
-                    points: &mesh.cell_centres,
-                    fields: &fields,
-                };
+                let cloud = PointCloud { points: &mesh.cell_centres, fields: &fields };
                 write_file(vtu, cloud.vtu()?.as_bytes())?;
                 Ok(vtu.display().to_string())
             }

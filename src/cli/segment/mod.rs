@@ -108,18 +108,9 @@ pub fn run(args: Args) -> Result<()> {
         // Scalar fields of components would take the names of m4gnSegments' vector fields.
         let as_vectors = mesh.elastic.is_some() && matches!(input, Input::Case(_));
         let modes: &[Vec<f64>] = if as_vectors { &[] } else { &survey.modes.vectors };
-        let spec = SegmentSpec {
-            method: written.method,
-            count: written.count,
-            ..options.spec.clone()
-        };
+        let spec = SegmentSpec { method: written.method, count: written.count, ..options.spec.clone() };
         let record = Record::new(&mesh, &spec, &written.labels, &comm)?.text()?;
-        let stored = Stored {
-            labels: &written.labels,
-            modes,
-            note: &note,
-            record: &record,
-        };
+        let stored = Stored { labels: &written.labels, modes, note: &note, record: &record };
         let done = input.write(&mesh, &stored, args.vtu.as_deref(), args.overwrite)?;
         println!("wrote {done} ({note})");
         if input.is_decomposed() {
@@ -163,9 +154,7 @@ struct Wanted {
 impl Wanted {
     /// Command line before the case's dictionary, before model, before defaults.
     fn new(args: &Args, model: Option<&ModelSpec>, case: &SegmentEntries) -> Result<Self> {
-        let trained = model
-            .filter(|m| m.architecture.needs().segments)
-            .map(|m| m.segments.clone());
+        let trained = model.filter(|m| m.architecture.needs().segments).map(|m| m.segments.clone());
         let line = args.entries();
         let said = line.has("count") || case.has("count") || trained.is_some();
         let spec = line.over(&case.over(&trained.unwrap_or_default())?)?;
@@ -176,12 +165,7 @@ impl Wanted {
                 methods.push(*m);
             }
         }
-        Ok(Wanted {
-            few_modes: args.modes.is_none(),
-            spec,
-            count,
-            methods,
-        })
+        Ok(Wanted { few_modes: args.modes.is_none(), spec, count, methods })
     }
 
     /// What is to be compared on this mesh.
@@ -221,11 +205,7 @@ impl Wanted {
             true => SegmentMethod::ALL.to_vec(),
             false => self.methods.clone(),
         };
-        Ok(Options {
-            spec,
-            methods,
-            counts,
-        })
+        Ok(Options { spec, methods, counts })
     }
 
     /// The segmentation that is written, pictured and planned with: of the wanted method, where it applies.
@@ -235,9 +215,7 @@ impl Wanted {
             false => survey.entries[0].method,
         };
         let named = self.count.and_then(|k| survey.find(method, k));
-        named
-            .or_else(|| survey.suggestion(method))
-            .unwrap_or(&survey.entries[0])
+        named.or_else(|| survey.suggestion(method)).unwrap_or(&survey.entries[0])
     }
 }
 
@@ -280,10 +258,7 @@ fn planned(
         }
         None => (plans(mesh, graph, &written.labels)?, "the cells".into()),
     };
-    let options = EngineOptions {
-        precision: network.precision,
-        ..EngineOptions::default()
-    };
+    let options = EngineOptions { precision: network.precision, ..EngineOptions::default() };
     let rate = SHARE_OF_PEAK * machine::peak(&options).gflops();
     let text = format!(
         "A step of width {}, {} layers, with the {} segments of {}, on {nodes}; ms at {rate:.0} GFLOP/s, {:.0} % of what a \
@@ -298,10 +273,7 @@ fn planned(
     );
     let figures = [
         ("plan", plan::json(&plans)),
-        (
-            "network",
-            json!({ "width": network.width(), "layers": network.layers(), "gflops": rate }),
-        ),
+        ("network", json!({ "width": network.width(), "layers": network.layers(), "gflops": rate })),
         ("groups", json!(coarse.map_or(0, |c| c.n_groups))),
     ];
     Ok((text, figures))

@@ -11,9 +11,7 @@ struct Line {
 
 fn args(line: &str) -> std::result::Result<Args, String> {
     let words = std::iter::once("segment").chain(line.split_whitespace());
-    Line::try_parse_from(words)
-        .map(|l| l.args)
-        .map_err(|e| e.to_string())
+    Line::try_parse_from(words).map(|l| l.args).map_err(|e| e.to_string())
 }
 
 /// What is compared on the data set's mesh, without a case or a model that says anything.
@@ -52,18 +50,11 @@ fn numbers_of_segments_and_methods() {
     assert_eq!((o.counts, o.methods.len(), o.spec.modes), (vec![36], 4, 6));
     let o = options("case --sweep 9,4,9 --method metis,metis", &mesh).unwrap();
     assert_eq!((o.counts, o.methods), (vec![4, 9], vec![SegmentMethod::Metis]));
-    let o = options(
-        "case --sweep 9,4 --segments 16 --no-connect --tau 0.5 --size 0.1",
-        &mesh,
-    )
-    .unwrap();
+    let o = options("case --sweep 9,4 --segments 16 --no-connect --tau 0.5 --size 0.1", &mesh).unwrap();
     assert_eq!((o.counts, o.spec.connected), (vec![4, 9, 16], false));
     assert_eq!((o.spec.tau, o.spec.size), (0.5, Some(0.1)));
     let error = options("case --segments 101", &mesh).unwrap_err().to_string();
-    assert!(
-        error.contains("101 segments for 100 cells: expected 1 to 100"),
-        "{error}"
-    );
+    assert!(error.contains("101 segments for 100 cells: expected 1 to 100"), "{error}");
     assert!(options("case --tau=-1", &mesh).is_err());
     let error = options("case --obstacle wing", &mesh).unwrap_err().to_string();
     assert!(error.contains("wing is no patch"), "{error}");
@@ -75,11 +66,6 @@ fn two_cells_have_one_mode() {
     let o = options("case --segments 2", &mesh).unwrap();
     assert_eq!(o.spec.modes, 1);
     // Who asks for more is told.
-    let error = options("case --segments 2 --modes 2", &mesh)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("2 modes of 2 cells: expected at most 1"),
-        "{error}"
-    );
+    let error = options("case --segments 2 --modes 2", &mesh).unwrap_err().to_string();
+    assert!(error.contains("2 modes of 2 cells: expected at most 1"), "{error}");
 }

@@ -27,11 +27,7 @@ pub struct Correction {
 impl Correction {
     /// Without a hand-over yet.
     pub fn new(decay: f64) -> Self {
-        Correction {
-            decay,
-            error: Vec::new(),
-            weight: 0.0,
-        }
+        Correction { decay, error: Vec::new(), weight: 0.0 }
     }
 
     /// Leaves the network alone until the next hand-over: the state is another one, or the network is.
@@ -86,9 +82,7 @@ mod tests {
 
     fn next(correction: &mut Correction, at: [f64; 3]) -> f64 {
         let [before, now, after] = at.map(|z| [[0.0, 0.0, z]]);
-        correction
-            .next([&before, &now, &after])
-            .map_or(0.0, |(w, e)| w * e[0][0])
+        correction.next([&before, &now, &after]).map_or(0.0, |(w, e)| w * e[0][0])
     }
 
     #[test]

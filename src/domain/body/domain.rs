@@ -52,19 +52,11 @@ impl Domain for Body {
 
     fn set_edges(&self, comm: &Comm, state: &mut [f32], graph: &mut Graph) -> Result<()> {
         let (local, owned) = (3 * self.n_local(), 3 * self.n_owned());
-        let checked = match state[..owned.min(state.len())]
-            .iter()
-            .position(|v| !v.is_finite())
-        {
-            _ if state.len() < local => Err(Error::Input(format!(
-                "{} displacement components, expected {local}",
-                state.len()
-            ))),
-            Some(i) => Err(Error::Numerical(format!(
-                "the displacement of node {} is {}",
-                i / 3,
-                state[i]
-            ))),
+        let checked = match state[..owned.min(state.len())].iter().position(|v| !v.is_finite()) {
+            _ if state.len() < local => {
+                Err(Error::Input(format!("{} displacement components, expected {local}", state.len())))
+            }
+            Some(i) => Err(Error::Numerical(format!("the displacement of node {} is {}", i / 3, state[i]))),
             None => Ok(()),
         };
         comm.agree(checked)?;
@@ -74,10 +66,7 @@ impl Domain for Body {
     }
 
     fn edges_backward(&self, edges: &Edges, d: &[f32], d_state: &mut [f32]) {
-        let rows = edges
-            .features
-            .chunks_exact(N_FEATURES)
-            .zip(d.chunks_exact(N_FEATURES));
+        let rows = edges.features.chunks_exact(N_FEATURES).zip(d.chunks_exact(N_FEATURES));
         for ((x, d), (&s, &r)) in rows.zip(edges.senders.iter().zip(&edges.receivers)) {
             for (i, by) in features_backward(x, d).into_iter().enumerate() {
                 d_state[3 * s as usize + i] += by;

@@ -71,10 +71,7 @@ impl Samples {
                 worst = Some((d, x));
             }
         }
-        worst.map(|(d, at)| Gap {
-            cells: d / cell_size,
-            at,
-        })
+        worst.map(|(d, at)| Gap { cells: d / cell_size, at })
     }
 
     /// Number of samples.
@@ -131,14 +128,9 @@ mod tests {
         let positions: Vec<Vector> = [0, 2, 4, 6, 1, 3, 5, 7].iter().map(|&i| positions[i]).collect();
         let samples = Samples::new(&body, |p| p < 4);
         let (points, triangles) = brick([0.2; 3]);
-        let obstacle: Vec<Vector> = points
-            .iter()
-            .map(|p| [p[0] + 1.0 + shift, p[1] + 0.4, p[2] + 0.4])
-            .collect();
-        samples
-            .worst(&positions, &obstacle, &triangles, 0.5)
-            .unwrap()
-            .unwrap()
+        let obstacle: Vec<Vector> =
+            points.iter().map(|p| [p[0] + 1.0 + shift, p[1] + 0.4, p[2] + 0.4]).collect();
+        samples.worst(&positions, &obstacle, &triangles, 0.5).unwrap().unwrap()
     }
 
     #[test]

@@ -123,11 +123,7 @@ impl Body {
         let mut edges = Vec::new();
         let mut both = |a: i32, b: i32, rest: Vector| {
             for (sender, receiver, rest) in [(b, a, rest), (a, b, rest.map(|v| -v))] {
-                edges.push(MeshEdge {
-                    sender,
-                    receiver,
-                    rest,
-                });
+                edges.push(MeshEdge { sender, receiver, rest });
             }
         };
         for (&a, &b) in part.mesh.face_owner.iter().zip(&part.mesh.face_neighbour) {
@@ -138,11 +134,7 @@ impl Body {
             both(n as i32 + a, n as i32 + b, rest);
         }
         let across = |c: &m4gn_mesh::CoupledFace| {
-            Ok(MeshEdge {
-                sender: ghost(c.rank, c.global)?,
-                receiver: c.owner,
-                rest: c.delta,
-            })
+            Ok(MeshEdge { sender: ghost(c.rank, c.global)?, receiver: c.owner, rest: c.delta })
         };
         let coupled: Result<Vec<_>> = part.mesh.coupled.iter().map(across).collect();
         edges.extend(comm.agree(coupled)?);
@@ -174,10 +166,7 @@ impl Body {
             obstacle_nodes,
             part: skins.as_ref().map_or_else(Vec::new, |(skins, nodes)| {
                 let mut of = vec![0; n];
-                for (&node, &part) in nodes
-                    .iter()
-                    .zip(&skins.parts)
-                    .filter(|(node, _)| (**node as usize) < n)
+                for (&node, &part) in nodes.iter().zip(&skins.parts).filter(|(node, _)| (**node as usize) < n)
                 {
                     of[node as usize] = part;
                 }
@@ -257,12 +246,8 @@ impl Body {
         let at = |x: Vector, node: usize| -> Vector {
             std::array::from_fn(|i| x[i] + f64::from(displacement[3 * node + i]))
         };
-        let positions: Vec<Vector> = self
-            .obstacle
-            .iter()
-            .zip(&self.obstacle_nodes)
-            .map(|(x, &node)| at(*x, node as usize))
-            .collect();
+        let positions: Vec<Vector> =
+            self.obstacle.iter().zip(&self.obstacle_nodes).map(|(x, &node)| at(*x, node as usize)).collect();
         let grid = Within::new(&positions, self.radius);
         let parts = self.skins_at(displacement);
         let (mut near, mut edges) = (Vec::new(), Vec::new());
@@ -284,11 +269,7 @@ impl Body {
                 part.grid.query(at(rest, p as usize), &mut near);
                 edges.extend(near.iter().map(|&q| {
                     let q = part.points[q as usize];
-                    MeshEdge {
-                        sender: nodes[q],
-                        receiver: p as i32,
-                        rest: sub(skins.rest[q], rest),
-                    }
+                    MeshEdge { sender: nodes[q], receiver: p as i32, rest: sub(skins.rest[q], rest) }
                 }));
             }
         }
@@ -304,11 +285,7 @@ impl Body {
         let grid = |number: u32| {
             let points: Vec<usize> = (0..places.len()).filter(|&q| skins.parts[q] == number).collect();
             let own: Vec<Vector> = points.iter().map(|&q| places[q]).collect();
-            PartGrid {
-                number,
-                grid: Within::new(&own, self.radius),
-                points,
-            }
+            PartGrid { number, grid: Within::new(&own, self.radius), points }
         };
         (0..skins.triangles.len() as u32).map(grid).collect()
     }
@@ -343,14 +320,7 @@ impl Body {
     /// The edges of a displacement of all local nodes, m.
     pub(super) fn edges_at(&self, displacement: &[f32], graph: &mut Graph) {
         let world = self.world_edges(displacement);
-        let Graph {
-            row,
-            senders,
-            receivers,
-            edge_features,
-            n_owned,
-            ..
-        } = graph;
+        let Graph { row, senders, receivers, edge_features, n_owned, .. } = graph;
         row.clear();
         senders.clear();
         receivers.clear();
@@ -461,10 +431,7 @@ mod tests {
         let mut expected = [0.0; N_FEATURES];
         expected[8..].copy_from_slice(&[0.0, 0.0, 0.5, 0.5, 1.0]);
         assert_eq!(row, expected);
-        assert_eq!(
-            graph.node_types[..2],
-            [NodeType::Handle as i32, NodeType::Body as i32]
-        );
+        assert_eq!(graph.node_types[..2], [NodeType::Handle as i32, NodeType::Body as i32]);
         assert_eq!(graph.node_types[13], NodeType::Obstacle as i32);
 
         // The obstacle goes up by 0.2 and is out of reach; point 1 moves by (0.1, 0, 0).
@@ -479,21 +446,10 @@ mod tests {
         };
         let mut expected = [0.0; N_FEATURES];
         expected[..8].copy_from_slice(&[1.0, 0.0, 0.0, 1.0, 0.1, 0.0, 0.0, 0.1]);
-        assert!(
-            from(1, 0)
-                .iter()
-                .zip(expected)
-                .all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6)
-        );
+        assert!(from(1, 0).iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6));
         assert!(contact.set_edges(&comm, &mut u[3..], &mut graph).is_err());
         u[0] = f32::NAN;
-        assert!(
-            contact
-                .set_edges(&comm, &mut u, &mut graph)
-                .unwrap_err()
-                .to_string()
-                .contains("node 0")
-        );
+        assert!(contact.set_edges(&comm, &mut u, &mut graph).unwrap_err().to_string().contains("node 0"));
     }
 
     /// Two cubes of one brick, 0.4 apart: each free corner of the one sees the corner of the other across the gap, both ways.
@@ -514,10 +470,7 @@ mod tests {
         let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
         let mut expected = [0.0; N_FEATURES];
         expected[8..].copy_from_slice(&[0.0, 0.0, 0.4, 0.4, 1.0]);
-        assert!(
-            row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6),
-            "{row:?}"
-        );
+        assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?}");
         assert_eq!(world(&contact.mirrored(), &u), both);
         // Farther apart than the radius none is left, nearer by 0.2 than the diagonal of a face none is new.
         (8..16).for_each(|p| u[3 * p + 2] = 0.25);

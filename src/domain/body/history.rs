@@ -41,11 +41,7 @@ pub struct History {
 impl History {
     /// Of no step yet, of a body with edges of this mean length, m.
     pub fn new(edge: f64) -> Self {
-        History {
-            slack: SLACK * edge,
-            last: None,
-            given: None,
-        }
+        History { slack: SLACK * edge, last: None, given: None }
     }
 
     /// Takes what the host says of one stride before the next step.
@@ -117,10 +113,7 @@ mod tests {
     use super::*;
 
     fn state(body: f64, obstacle: f64) -> State {
-        State {
-            body: vec![[0.0; 3], [body, 0.0, 0.0]],
-            obstacle: vec![[0.0, 0.0, obstacle]],
-        }
+        State { body: vec![[0.0; 3], [body, 0.0, 0.0]], obstacle: vec![[0.0, 0.0, obstacle]] }
     }
 
     /// The displacement of the point that moves, and of the obstacle, one stride before.
@@ -171,10 +164,7 @@ mod tests {
         assert_eq!(before(&mut history, &state(0.300_01, 0.6)).unwrap(), [0.0, 0.5]);
         for other in [state(0.301, 0.6), state(0.3, 0.61)] {
             let error = before(&mut history, &other).unwrap_err().to_string();
-            assert!(
-                error.contains("not the one that the last step ended with"),
-                "{error}"
-            );
+            assert!(error.contains("not the one that the last step ended with"), "{error}");
         }
         // The last step is not forgotten by that, and a run may begin anew.
         assert_eq!(before(&mut history, &state(0.3, 0.6)).unwrap(), [0.0, 0.5]);

@@ -63,19 +63,8 @@ impl BodyHost {
                 None
             }
         };
-        let made = Made::new(
-            (&whole, &ranks, obstacle),
-            spec,
-            options.segments,
-            None,
-            options.modes,
-            comm,
-        )?;
-        let Made {
-            part,
-            body,
-            structure,
-        } = made;
+        let made = Made::new((&whole, &ranks, obstacle), spec, options.segments, None, options.modes, comm)?;
+        let Made { part, body, structure } = made;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
         let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();
         let (n_segments, node_segment) = structure.segments.as_ref().map_or((0, Vec::new()), |s| {
@@ -127,10 +116,8 @@ impl BodyHost {
         let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
         // States are kept for a history alone.
-        let start = self.history.is_some().then(|| State {
-            body: displacement.to_vec(),
-            obstacle: now.clone(),
-        });
+        let start =
+            self.history.is_some().then(|| State { body: displacement.to_vec(), obstacle: now.clone() });
         let mut correction = None;
         if let (Some(history), Some(start)) = (&mut self.history, &start) {
             if self.correction.is_some() {
@@ -162,16 +149,10 @@ impl BodyHost {
         displacement: &[Vector],
         motion: [&[Vector]; 2],
     ) -> Result<()> {
-        let BodyHost {
-            body, state, next, ..
-        } = self;
+        let BodyHost { body, state, next, .. } = self;
         fill(state, self.place.iter().copied(), displacement);
         for (rows, values) in [(&mut *state, motion[0]), (next, motion[1])] {
-            fill(
-                rows,
-                body.obstacle_nodes().iter().map(|&node| node as usize),
-                values,
-            );
+            fill(rows, body.obstacle_nodes().iter().map(|&node| node as usize), values);
         }
         let outputs = network.predict(comm, body, state, next)?;
         self.outputs.copy_from_slice(outputs);
@@ -210,10 +191,7 @@ impl BodyHost {
                 return Ok(None);
             }
         };
-        let next = self
-            .correction
-            .as_mut()
-            .and_then(|c| c.next([&before, now, after]));
+        let next = self.correction.as_mut().and_then(|c| c.next([&before, now, after]));
         let scaled =
             |(weight, error): (f64, &[Vector])| error.iter().map(|e| e.map(|v| weight * v)).collect();
         Ok(next.map(scaled))

@@ -38,10 +38,7 @@ impl Body {
         let n = self.n_points();
         let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
             let rows = rows.as_chunks::<3>().0;
-            self.obstacle_nodes()
-                .iter()
-                .map(|&node| rows[node as usize])
-                .collect()
+            self.obstacle_nodes().iter().map(|&node| rows[node as usize]).collect()
         };
         let (now, after) = (&of_obstacle(displacement)[..], &of_obstacle(next)[..]);
         // Only the first rank has rows of the obstacle.
@@ -132,12 +129,8 @@ mod tests {
         let body = cube(0);
         let rows = inputs(&body, &[0.0; 24], [[0.0; 3], [0.0, 0.0, -0.2]]);
         close(&rows[7], &[0.0, 0.0, 0.0, 0.1, 0.3, 0.0, 0.0, -0.3]);
-        rows[..7]
-            .iter()
-            .for_each(|row| close(row, &[0.0; N_CONTACT_INPUTS]));
-        rows[8..]
-            .iter()
-            .for_each(|row| close(row, &[0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, 0.0]));
+        rows[..7].iter().for_each(|row| close(row, &[0.0; N_CONTACT_INPUTS]));
+        rows[8..].iter().for_each(|row| close(row, &[0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, 0.0]));
     }
 
     /// Two cubes of one brick, 0.4 apart, an obstacle far above: points of the one see the other, both ways.
@@ -190,12 +183,7 @@ mod tests {
         let displacement: Vec<f32> = (0..24).map(|i| 0.03 * (1.7 * i as f32).sin()).collect();
         let motion = [[0.05, 0.02, -0.3], [0.1, -0.05, -0.45]];
         let flip = |u: [f32; 3]| [u[0], -u[1], u[2]];
-        let flipped: Vec<f32> = displacement
-            .as_chunks::<3>()
-            .0
-            .iter()
-            .flat_map(|u| flip(*u))
-            .collect();
+        let flipped: Vec<f32> = displacement.as_chunks::<3>().0.iter().flat_map(|u| flip(*u)).collect();
         let rows = inputs(&body, &displacement, motion);
         let mirror = inputs(&body.mirrored(), &flipped, motion.map(flip));
         assert!(rows[7][3] > 0.1 && rows[7][6].abs() > 1e-3, "{:?}", rows[7]);

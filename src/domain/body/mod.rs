@@ -60,20 +60,9 @@ impl Made {
         let segments = match labels {
             _ if !needed => None,
             Some(labels) => Some(segments::of_labels(&part, &body, spec, settings, labels, comm)?),
-            None => Some(segments::segment(
-                &part,
-                &body,
-                spec,
-                settings,
-                modes.as_ref(),
-                comm,
-            )?),
+            None => Some(segments::segment(&part, &body, spec, settings, modes.as_ref(), comm)?),
         };
-        Ok(Made {
-            part,
-            body,
-            structure: Structure { graph, segments },
-        })
+        Ok(Made { part, body, structure: Structure { graph, segments } })
     }
 }
 
@@ -88,15 +77,6 @@ pub(crate) fn place(
     let comm = Comm::serial();
     let (whole, ranks) = mesh.whole_body(&comm)?;
     let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
-    let Made {
-        part,
-        body,
-        structure,
-    } = Made::new(whole, spec, settings, labels, modes, &comm)?;
-    Ok(Place {
-        cell_size: cell_size(&part.mesh, &comm),
-        domain: Box::new(body),
-        structure,
-        coarse: None,
-    })
+    let Made { part, body, structure } = Made::new(whole, spec, settings, labels, modes, &comm)?;
+    Ok(Place { cell_size: cell_size(&part.mesh, &comm), domain: Box::new(body), structure, coarse: None })
 }

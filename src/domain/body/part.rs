@@ -45,10 +45,7 @@ impl BodyPart {
     pub fn of_rank(body: &Body, obstacle: Option<&Obstacle>, ranks: &[i32], rank: i32) -> Result<Self> {
         let n = body.positions.len();
         if ranks.len() != n {
-            return Err(Error::Input(format!(
-                "ranks of {} points for a body of {n} points",
-                ranks.len()
-            )));
+            return Err(Error::Input(format!("ranks of {} points for a body of {n} points", ranks.len())));
         }
         let volumes = dual_volumes(&body.elements, &body.positions)?;
         let skin = skin(body);
@@ -134,11 +131,8 @@ fn skin(body: &Body) -> Vec<bool> {
 
 fn edges(triangles: &[[i32; 3]]) -> Vec<[i32; 2]> {
     let sides = |t: &[i32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
-    let mut edges: Vec<[i32; 2]> = triangles
-        .iter()
-        .flat_map(sides)
-        .map(|[a, b]| [a.min(b), a.max(b)])
-        .collect();
+    let mut edges: Vec<[i32; 2]> =
+        triangles.iter().flat_map(sides).map(|[a, b]| [a.min(b), a.max(b)]).collect();
     edges.sort_unstable();
     edges.dedup();
     edges

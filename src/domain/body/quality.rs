@@ -58,10 +58,7 @@ pub struct Comparison<'a> {
 impl<'a> Comparison<'a> {
     /// For meshes of these elements.
     pub fn new(elements: &'a Elements) -> Self {
-        Comparison {
-            elements,
-            neighbours: elements.neighbours(),
-        }
+        Comparison { elements, neighbours: elements.neighbours() }
     }
 
     /// Metrics of `predicted` points against `truth`, both `[N]` positions in m.
@@ -78,9 +75,7 @@ impl<'a> Comparison<'a> {
         }
         for (name, points) in [("true", truth), ("predicted", predicted)] {
             if let Some(i) = points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
-                return Err(Error::Numerical(format!(
-                    "the {name} position of point {i} is not finite"
-                )));
+                return Err(Error::Numerical(format!("the {name} position of point {i} is not finite")));
             }
         }
         let (gf_h, gf_c) = geometric_fidelity(truth, predicted);
@@ -91,10 +86,7 @@ impl<'a> Comparison<'a> {
             pairs.map(|(m, e)| m.abs().max(1e-9 * e.abs())).collect()
         };
         let (true_size, predicted_size) = (size(&exact), size(&found));
-        let mc = self
-            .neighbours
-            .iter()
-            .map(|n| (ratio(n, &predicted_size) - ratio(n, &true_size)).abs());
+        let mc = self.neighbours.iter().map(|n| (ratio(n, &predicted_size) - ratio(n, &true_size)).abs());
         let ar = (0..self.elements.len()).map(|e| {
             let aspect = |positions, size: &[f64]| self.aspect_ratio(e, positions, size[e]);
             (aspect(predicted, &predicted_size) - aspect(truth, &true_size)).abs()
@@ -113,11 +105,8 @@ impl<'a> Comparison<'a> {
     fn aspect_ratio(&self, e: usize, positions: &[Vector], size: f64) -> f64 {
         let kind = self.elements.kind[e];
         let corners = self.elements.corners(e, positions);
-        let longest = kind
-            .edges()
-            .into_iter()
-            .map(|[a, b]| norm(sub(corners[a], corners[b])))
-            .fold(0.0, f64::max);
+        let longest =
+            kind.edges().into_iter().map(|[a, b]| norm(sub(corners[a], corners[b]))).fold(0.0, f64::max);
         if kind.dim() == 2 {
             longest / (2.0 * (3f64.sqrt() * size).sqrt())
         } else {
@@ -132,23 +121,15 @@ pub fn geometric_fidelity(truth: &[Vector], predicted: &[Vector]) -> (f64, f64) 
         let squares = from.iter().map(|&x| to.distance_squared(x));
         squares.fold((0.0f64, 0.0), |(largest, sum), d| (largest.max(d), sum + d))
     };
-    let (a, b) = (
-        directed(truth, &Nearest::new(predicted)),
-        directed(predicted, &Nearest::new(truth)),
-    );
+    let (a, b) = (directed(truth, &Nearest::new(predicted)), directed(predicted, &Nearest::new(truth)));
     let hausdorff = a.0.max(b.0).sqrt();
-    (
-        hausdorff,
-        a.1 / truth.len().max(1) as f64 + b.1 / predicted.len().max(1) as f64,
-    )
+    (hausdorff, a.1 / truth.len().max(1) as f64 + b.1 / predicted.len().max(1) as f64)
 }
 
 /// Largest over smallest size of the neighbours.
 fn ratio(neighbours: &[usize], size: &[f64]) -> f64 {
-    let (low, high) = neighbours
-        .iter()
-        .map(|&n| size[n])
-        .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
+    let (low, high) =
+        neighbours.iter().map(|&n| size[n]).fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
     // Two cells crushed to nothing in the true mesh would be 0/0.
     if high > 0.0 { high / low } else { 1.0 }
 }
@@ -163,10 +144,7 @@ mod tests {
     }
 
     fn close(found: f64, expected: f64) {
-        assert!(
-            (found - expected).abs() < 1e-12 * expected.abs().max(1.0),
-            "{found}, expected {expected}"
-        );
+        assert!((found - expected).abs() < 1e-12 * expected.abs().max(1.0), "{found}, expected {expected}");
     }
 
     /// A row of `n` unit bricks along x as elements of a kind.
@@ -215,10 +193,8 @@ mod tests {
     #[test]
     fn continuity_of_bricks_on_paper() {
         let (elements, points) = row(ElementKind::Hexahedron, 3);
-        let longer: Vec<_> = points
-            .iter()
-            .map(|p| [if p[0] > 2.5 { 4.0 } else { p[0] }, p[1], p[2]])
-            .collect();
+        let longer: Vec<_> =
+            points.iter().map(|p| [if p[0] > 2.5 { 4.0 } else { p[0] }, p[1], p[2]]).collect();
         let q = compare(&elements, &points, &longer);
         close(q.mc, (0.0 + 1.0 + 0.0) / 3.0);
         // Aspect ratio of the long one: longest edge 2, volume 2
@@ -229,10 +205,8 @@ mod tests {
     #[test]
     fn continuity_of_wedges_on_paper() {
         let (elements, points) = row(ElementKind::Wedge, 2);
-        let longer: Vec<_> = points
-            .iter()
-            .map(|p| [if p[0] > 1.5 { 3.0 } else { p[0] }, p[1], p[2]])
-            .collect();
+        let longer: Vec<_> =
+            points.iter().map(|p| [if p[0] > 1.5 { 3.0 } else { p[0] }, p[1], p[2]]).collect();
         let q = compare(&elements, &points, &longer);
         // Every wedge has its twin and one of the other brick as neighbours: sizes 1/2 and 1, ratio 2
         close(q.mc, 1.0);
@@ -284,11 +258,6 @@ mod tests {
         assert!(c.quality(&points, &points[1..]).is_err());
         let mut nan = points.clone();
         nan[3][1] = f64::NAN;
-        assert!(
-            c.quality(&points, &nan)
-                .unwrap_err()
-                .to_string()
-                .contains("point 3")
-        );
+        assert!(c.quality(&points, &nan).unwrap_err().to_string().contains("point 3"));
     }
 }

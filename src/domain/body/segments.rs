@@ -46,11 +46,7 @@ pub fn segment(
             let refined = segments::segment_by_modes(&part.mesh, &mut with_obstacle, &settings, &own, comm)?;
             let cells = &refined.node_segment[..bare.n_cells()];
             let whole = segments::segment(&bare, &mut graph, &settings, &NoModes, comm, Some(cells))?;
-            Segmentation {
-                sweeps: refined.sweeps,
-                reassigned: refined.reassigned,
-                ..whole
-            }
+            Segmentation { sweeps: refined.sweeps, reassigned: refined.reassigned, ..whole }
         }
         None => segments::segment(&bare, &mut graph, &settings, &NoModes, comm, None)?,
     };
@@ -76,10 +72,7 @@ pub fn of_labels(
 }
 
 fn without_obstacle(part: &BodyPart) -> Mesh {
-    Mesh {
-        boundary: Vec::new(),
-        ..part.mesh.clone()
-    }
+    Mesh { boundary: Vec::new(), ..part.mesh.clone() }
 }
 
 /// What a network reads of a body's segments, and the obstacle as one more. Collective.
@@ -138,12 +131,8 @@ mod tests {
         let obstacle = sample::octahedron([2.5, 0.5, 1.8], 0.5);
         let comm = Comm::serial();
         let mut spec = bodies();
-        spec.segments = SegmentSpec {
-            method: SegmentMethod::SlicExp,
-            count: 4,
-            modes: 1,
-            ..SegmentSpec::default()
-        };
+        spec.segments =
+            SegmentSpec { method: SegmentMethod::SlicExp, count: 4, modes: 1, ..SegmentSpec::default() };
         let settings = spec.segments.clone();
         let modes = Modal::default().of_body(&body, settings.mode_count()).unwrap();
         // A square section bends alike in both directions: the cluster counts as one mode.
@@ -163,9 +152,7 @@ mod tests {
     fn a_body_that_is_held_nowhere_is_refused() {
         let mut body = sample::block([2, 1, 1], [2.0, 1.0, 1.0]);
         body.types.fill(m4gn_mesh::NodeType::Body);
-        let error = Modal::default()
-            .of_body(&body, SegmentSpec::default().mode_count())
-            .unwrap_err();
+        let error = Modal::default().of_body(&body, SegmentSpec::default().mode_count()).unwrap_err();
         assert!(error.to_string().contains("handle"), "{error}");
     }
 }

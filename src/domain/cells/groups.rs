@@ -37,11 +37,7 @@ impl OnGroups {
             }
             column += n;
         }
-        Ok(Some(OnGroups {
-            width: column,
-            coarse,
-            inputs,
-        }))
+        Ok(Some(OnGroups { width: column, coarse, inputs }))
     }
 
     /// Labels of this rank's groups from labels of all cells. Collective; all ranks fail together.
@@ -84,10 +80,7 @@ impl OnGroups {
             .map(|input| input.and_then(|(column, value)| value.then_some(column)))
             .collect();
         let mut changes: Vec<f64> = outputs.iter().map(|&y| f64::from(y)).collect();
-        for (change, row) in changes
-            .chunks_exact_mut(m)
-            .zip(restricted.values.chunks_exact(width))
-        {
+        for (change, row) in changes.chunks_exact_mut(m).zip(restricted.values.chunks_exact(width)) {
             for (y, column) in change.iter_mut().zip(&before) {
                 *y -= column.map_or(0.0, |c| f64::from(row[c]));
             }
@@ -95,11 +88,7 @@ impl OnGroups {
         let walls = transfer.at_walls(state, &restricted, comm);
         let at_walls: Vec<f64> = walls
             .chunks_exact(width)
-            .flat_map(|row| {
-                self.inputs
-                    .iter()
-                    .map(|input| input.map_or(0.0, |(column, _)| row[column]))
-            })
+            .flat_map(|row| self.inputs.iter().map(|input| input.map_or(0.0, |(column, _)| row[column])))
             .collect();
         let fine = transfer.prolong(&changes, &at_walls, comm);
         let rows = fine.chunks_exact(m).zip(state.chunks_exact(width));

@@ -98,13 +98,7 @@ impl CellsHost {
                 let columns = column..column + directions.len();
                 column = columns.end;
                 if spec.input {
-                    self.read(
-                        spec.name.as_str(),
-                        spec.vector,
-                        fields,
-                        &mut state,
-                        (width, columns),
-                    )?;
+                    self.read(spec.name.as_str(), spec.vector, fields, &mut state, (width, columns))?;
                 }
             }
             Ok(())
@@ -126,10 +120,7 @@ impl CellsHost {
         let field = fields.iter().find(|f| f.name == name).ok_or_else(|| {
             let read = self.spec.fields.iter().filter(|f| f.input);
             let names: Vec<&str> = read.map(|f| f.name.as_str()).collect();
-            Error::Input(format!(
-                "input field '{name}' is missing; the model reads {}",
-                names.join(", ")
-            ))
+            Error::Input(format!("input field '{name}' is missing; the model reads {}", names.join(", ")))
         })?;
         let c = field.components;
         expect_shape(name, "cell", vector, c, field.cells.len(), self.n_cells)?;
@@ -139,10 +130,7 @@ impl CellsHost {
             for (to, &d) in to[columns.clone()].iter_mut().zip(self.directions(vector)) {
                 if !from[d].is_finite() {
                     let place = place(node, self.n_cells);
-                    return Err(Error::Numerical(format!(
-                        "input field '{name}' is {} at {place}",
-                        from[d]
-                    )));
+                    return Err(Error::Numerical(format!("input field '{name}' is {} at {place}", from[d])));
                 }
                 *to = from[d] as f32;
             }
@@ -266,9 +254,5 @@ fn enough(mesh: &Mesh, groups: &Mesh, segments: &SegmentSpec, comm: &Comm) -> Re
 fn on_all_ranks<'a>(labels: Option<&'a [i32]>, n_cells: usize, comm: &Comm) -> Option<&'a [i32]> {
     let mut any = [i64::from(labels.is_some())];
     comm.max_i64(&mut any);
-    if n_cells > 0 {
-        labels
-    } else {
-        (any[0] != 0).then_some(&[])
-    }
+    if n_cells > 0 { labels } else { (any[0] != 0).then_some(&[]) }
 }

@@ -23,10 +23,7 @@ pub struct Cells {
 impl Cells {
     /// On the mesh of the network's nodes.
     pub fn new(nodes: &Mesh, spec: &ModelSpec) -> Self {
-        Cells {
-            components: Components::new(spec),
-            boundary: Boundary::new(nodes, &spec.fields, spec.dim),
-        }
+        Cells { components: Components::new(spec), boundary: Boundary::new(nodes, &spec.fields, spec.dim) }
     }
 
     /// Of a graph without a mesh: so many cells and boundary nodes, whose values are prescribed.

@@ -65,11 +65,7 @@ pub struct AttentionWork {
 
 impl Normal {
     fn new() -> Self {
-        Normal {
-            out: Buffer::new(0),
-            normed: Buffer::new(0),
-            scale: Buffer::new(0),
-        }
+        Normal { out: Buffer::new(0), normed: Buffer::new(0), scale: Buffer::new(0) }
     }
 
     fn fit(&mut self, k: usize, columns: usize) {
@@ -180,15 +176,7 @@ impl Attention {
         for (projection, out) in self.projections.iter().zip(&mut tape.projections) {
             let from = (&tape.norm1.out[..], columns);
             let out = Output::Wide(&mut out[..]);
-            product(
-                isa,
-                projection.forward(),
-                from,
-                k,
-                Addend::Nothing,
-                Function::Identity,
-                out,
-            );
+            product(isa, projection.forward(), from, k, Addend::Nothing, Function::Identity, out);
         }
         let [q, key, value] = &tape.projections;
         tape.mixed[..k * columns].fill(0.0);
@@ -197,29 +185,14 @@ impl Attention {
             let p = &mut attention[..k * stride];
             p.fill(0.0);
             transpose(key, (k, at, d), (columns, stride), &mut w.transposed);
-            multiply_add(
-                isa,
-                (k, d, k),
-                1.0,
-                (&q[at..], columns),
-                (&w.transposed, stride),
-                (p, stride),
-            );
+            multiply_add(isa, (k, d, k), 1.0, (&q[at..], columns), (&w.transposed, stride), (p, stride));
             softmax(isa, p, stride, k, self.scale());
             let out = (&mut tape.mixed[at..], columns);
             multiply_add(isa, (k, k, d), 1.0, (p, stride), (&value[at..], columns), out);
         }
         let bias = Addend::Output(&self.output_bias.data);
         let from = (&tape.mixed[..], columns);
-        product(
-            isa,
-            self.output.forward(),
-            from,
-            k,
-            bias,
-            Function::Identity,
-            Output::Wide(x),
-        );
+        product(isa, self.output.forward(), from, k, bias, Function::Identity, Output::Wide(x));
         self.normalise(&self.norm2, &mut tape.norm2, x);
         for rows in blocks::<f32>(k) {
             let n = rows.len();
@@ -228,29 +201,11 @@ impl Attention {
             let range = rows.start * wide..rows.end * wide;
             let (value, slope) = (&mut tape.value[range.clone()], &mut tape.slope[range]);
             let weight = self.first.forward();
-            activate(
-                isa,
-                weight,
-                from,
-                n,
-                bias,
-                self.function,
-                &mut work.wide,
-                value,
-                slope,
-            );
+            activate(isa, weight, from, n, bias, self.function, &mut work.wide, value, slope);
         }
         let bias = Addend::Output(&self.second_bias.data);
         let from = (&tape.value[..], wide);
-        product(
-            isa,
-            self.second.forward(),
-            from,
-            k,
-            bias,
-            Function::Identity,
-            Output::Wide(x),
-        );
+        product(isa, self.second.forward(), from, k, bias, Function::Identity, Output::Wide(x));
     }
 
     fn scale(&self) -> f32 {
@@ -283,8 +238,7 @@ impl Attention {
             let dy = (&d[range.clone()], columns);
             let inner = rows.start * wide..rows.end * wide;
             let value = &tape.value[inner.clone()];
-            self.second
-                .learn(dy, (value, wide), n, gradients, &mut work.pairs);
+            self.second.learn(dy, (value, wide), n, gradients, &mut work.pairs);
             self.second.back(dy, n, &mut work.wide);
             let kept = match self.function {
                 Function::Silu => Kept::Slope(&tape.slope[inner]),
@@ -293,11 +247,8 @@ impl Attention {
             let bias = gradients.block(self.first_bias.slot);
             activation_backward(isa, kept, (n, wide), &mut work.wide, &mut work.narrow, bias);
             let from = (&tape.norm2.out[range.clone()], columns);
-            self.first
-                .learn((&work.narrow, wide), from, n, gradients, &mut work.pairs);
-            let Work {
-                wide: out, narrow, ..
-            } = &mut *work;
+            self.first.learn((&work.narrow, wide), from, n, gradients, &mut work.pairs);
+            let Work { wide: out, narrow, .. } = &mut *work;
             self.first.back((&*narrow, wide), n, out);
             self.through_norm((&self.norm2, &tape.norm2), rows.start, n, work, gradients);
             add(&mut d[range], &work.wide);
@@ -346,15 +297,7 @@ impl Attention {
         let [gain, shift] = norm.slots();
         let sums = gradients.three([gain, shift, self.no_bias.slot]);
         let kept = (&tape.normed[first * self.columns..], &tape.scale[first..]);
-        norm_backward(
-            self.isa,
-            &norm.norm,
-            kept,
-            n,
-            &mut work.wide,
-            &mut work.narrow,
-            sums,
-        );
+        norm_backward(self.isa, &norm.norm, kept, n, &mut work.wide, &mut work.narrow, sums);
     }
 
     /// From derivatives by what the heads mixed to those by queries, keys and values.
@@ -371,14 +314,7 @@ impl Attention {
             // dV = P^T dY
             transpose(p, (k, 0, k), (stride, stride), turned);
             let dy = (&d_mixed[at..], columns);
-            multiply_add(
-                isa,
-                (k, k, d),
-                1.0,
-                (turned, stride),
-                dy,
-                (&mut dv[at..], columns),
-            );
+            multiply_add(isa, (k, k, d), 1.0, (turned, stride), dy, (&mut dv[at..], columns));
             // dP = dY V^T
             let s = &mut scores[..k * stride];
             s.fill(0.0);
@@ -386,14 +322,7 @@ impl Attention {
             multiply_add(isa, (k, d, k), 1.0, dy, (turned, stride), (s, stride));
             softmax_backward(isa, &p[..k * stride], s, (k, stride));
             let scale = self.scale();
-            multiply_add(
-                isa,
-                (k, k, d),
-                scale,
-                (s, stride),
-                (&key[at..], columns),
-                (&mut dq[at..], columns),
-            );
+            multiply_add(isa, (k, k, d), scale, (s, stride), (&key[at..], columns), (&mut dq[at..], columns));
             transpose(s, (k, 0, k), (stride, stride), turned);
             multiply_add(
                 isa,

@@ -56,10 +56,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         let a = &spec.architecture;
         let layer = |l: usize| {
             let name = format!("processor.{l}.convolution");
-            Ok((
-                Dense::whole(isa, slots, &name)?,
-                Vector::new(slots, &format!("{name}.bias"))?,
-            ))
+            Ok((Dense::whole(isa, slots, &name)?, Vector::new(slots, &format!("{name}.bias"))?))
         };
         Ok(Convolutions {
             isa,
@@ -81,11 +78,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
     }
 
     fn tape(&self) -> ConvolutionsTape<T> {
-        let layer = |_| Layer {
-            sums: Buffer::new(0),
-            value: Buffer::new(0),
-            slope: Buffer::new(0),
-        };
+        let layer = |_| Layer { sums: Buffer::new(0), value: Buffer::new(0), slope: Buffer::new(0) };
         ConvolutionsTape {
             layers: self.layers.iter().map(layer).collect(),
             scale: Vec::new(),
@@ -105,11 +98,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
     fn forward(&self, graph: &TrainGraph, _: &Scales, tape: &mut ConvolutionsTape<T>, work: &mut Buffers<T>) {
         let (isa, columns, order) = (self.isa, self.columns, &graph.order);
         let size = graph.n_nodes() * columns;
-        let ConvolutionsTape {
-            layers,
-            scale,
-            scaled,
-        } = tape;
+        let ConvolutionsTape { layers, scale, scaled } = tape;
         let tiles = graph.tiles::<T>();
         *scale = scales_of(&order.row);
         fit(scaled, size);
@@ -167,11 +156,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
     ) {
         let (isa, columns, order) = (self.isa, self.columns, &graph.order);
         let size = graph.n_nodes() * columns;
-        let ConvolutionsTape {
-            layers,
-            scale,
-            scaled,
-        } = tape;
+        let ConvolutionsTape { layers, scale, scaled } = tape;
         let tiles = graph.tiles::<T>();
         let rows_at_a_time = &mut work.shared.work;
         for ((weight, bias), kept) in self.layers.iter().zip(layers).rev() {

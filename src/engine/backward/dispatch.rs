@@ -54,15 +54,7 @@ impl<T: Number> Messages<T> {
             add_means(isa, h, columns, &work.table, row, &members.member);
             let own = dispatch.own.forward();
             let (x, n) = ((&*x, columns), rows.len());
-            product(
-                isa,
-                own,
-                x,
-                n,
-                Addend::Output(zeros),
-                Function::Identity,
-                Output::Wide(h),
-            );
+            product(isa, own, x, n, Addend::Output(zeros), Function::Identity, Output::Wide(h));
         }
     }
 
@@ -79,14 +71,7 @@ impl<T: Number> Messages<T> {
             return;
         };
         let k = members.count;
-        let Buffers {
-            shared,
-            fp32,
-            d_nodes,
-            d_table,
-            d_segments,
-            ..
-        } = work;
+        let Buffers { shared, fp32, d_nodes, d_table, d_segments, .. } = work;
         let d_nodes = &mut d_nodes[..graph.n_nodes() * columns];
         let (d_table, d_segments) = (&mut d_table[..k * columns], &mut d_segments[..k * columns]);
         if let Some(dispatch) = &self.dispatch {
@@ -102,20 +87,10 @@ impl<T: Number> Messages<T> {
                 let dy = &mut work.narrow[..n * columns];
                 narrow(isa, d, dy);
                 let x = (&tape.dispatched[range], columns);
-                dispatch
-                    .own
-                    .learn((dy, columns), x, n, gradients, &mut work.pairs);
+                dispatch.own.learn((dy, columns), x, n, gradients, &mut work.pairs);
                 dispatch.own.back_add((dy, columns), n, d, zeros);
             }
-            through_table(
-                &dispatch.segment,
-                &kept.latents,
-                columns,
-                d_table,
-                d_segments,
-                fp32,
-                gradients,
-            );
+            through_table(&dispatch.segment, &kept.latents, columns, d_table, d_segments, fp32, gradients);
         }
         stage.backward(members, kept, fp32, d_segments, d_nodes, gradients);
     }

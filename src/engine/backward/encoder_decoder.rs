@@ -35,10 +35,7 @@ pub struct EncoderTape<T> {
 impl<T: Number> EncoderTape<T> {
     /// Empty.
     pub fn new(encoder: &Encoder<T>) -> Self {
-        EncoderTape {
-            features: Buffer::new(0),
-            rest: MlpTape::new(&encoder.rest),
-        }
+        EncoderTape { features: Buffer::new(0), rest: MlpTape::new(&encoder.rest) }
     }
 
     /// Room for this many rows.
@@ -149,8 +146,7 @@ impl<T: Number> DecoderTape<T> {
     /// Room for this many cells.
     pub fn fit(&mut self, cells: usize, columns: usize) {
         let all = self.values.iter_mut().chain(&mut self.slopes);
-        all.chain([&mut self.latents])
-            .for_each(|b| fit(b, cells * columns));
+        all.chain([&mut self.latents]).for_each(|b| fit(b, cells * columns));
         self.last.iter_mut().for_each(|b| fit(b, cells * columns));
     }
 
@@ -177,9 +173,7 @@ impl<T: Number> Decoder<T> {
                 Some(_) => Some(Dense::columns(isa, slots, &name(0), d, d)?),
                 None => None,
             },
-            inner: (1..h)
-                .map(|i| Dense::whole(isa, slots, &name(i)))
-                .collect::<Result<_>>()?,
+            inner: (1..h).map(|i| Dense::whole(isa, slots, &name(i))).collect::<Result<_>>()?,
             last: Dense::whole(isa, slots, &name(h))?,
             biases: (0..=h)
                 .map(|i| Vector::new(slots, &format!("decoder.{i}.bias")))
@@ -243,17 +237,7 @@ impl<T: Number> Decoder<T> {
                 if let Some(value) = next.first_mut() {
                     let slope = &mut tape.slopes[i][range.clone()];
                     let value = &mut value[range.clone()];
-                    activate(
-                        isa,
-                        layer.forward(),
-                        x,
-                        n,
-                        addend,
-                        self.function,
-                        wide,
-                        value,
-                        slope,
-                    );
+                    activate(isa, layer.forward(), x, n, addend, self.function, wide, value, slope);
                 } else {
                     let [last, slope] = &mut tape.last;
                     let out = &mut last[range.clone()];
@@ -269,15 +253,7 @@ impl<T: Number> Decoder<T> {
                         );
                         silu_keep(isa, wide, out, &mut slope[range.clone()]);
                     } else {
-                        product(
-                            isa,
-                            layer.forward(),
-                            x,
-                            n,
-                            addend,
-                            self.function,
-                            Output::Wide(out),
-                        );
+                        product(isa, layer.forward(), x, n, addend, self.function, Output::Wide(out));
                     }
                 }
             }
@@ -326,11 +302,7 @@ impl<T: Number> Decoder<T> {
                 fp32.narrow[i * stride..i * stride + m].copy_from_slice(from);
                 bias.iter_mut().zip(from).for_each(|(sum, d)| *sum += d);
             }
-            let Work {
-                wide,
-                narrow: dy,
-                pairs,
-            } = &mut *fp32;
+            let Work { wide, narrow: dy, pairs } = &mut *fp32;
             let x = (&tape.last[0][range.clone()], columns);
             self.last.learn((dy, stride), x, n, gradients, pairs);
             self.last.back((dy, stride), n, wide);
@@ -340,11 +312,7 @@ impl<T: Number> Decoder<T> {
             };
             let bias = gradients.block(self.biases[self.inner.len()].slot);
             activation_backward(isa, kept, (n, columns), wide, dy, bias);
-            let Work {
-                wide,
-                narrow: dz,
-                pairs,
-            } = &mut s.work;
+            let Work { wide, narrow: dz, pairs } = &mut s.work;
             wide[..n * columns].copy_from_slice(&fp32.wide[..n * columns]);
             narrow(isa, &fp32.wide[..n * columns], &mut dz[..n * columns]);
             for (i, layer) in self.inner.iter().enumerate().rev() {

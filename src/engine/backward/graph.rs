@@ -50,17 +50,9 @@ impl TrainGraph {
     /// [`Error::Model`] for a graph that the model does not know: directions, node types, segments.
     pub fn new(spec: &ModelSpec, structure: &Structure) -> Result<Self> {
         let graph = &structure.graph;
-        check_graph(
-            &Model {
-                spec: spec.clone(),
-                tensors: Default::default(),
-            },
-            graph,
-        )?;
+        check_graph(&Model { spec: spec.clone(), tensors: Default::default() }, graph)?;
         if graph.n_local != graph.n_owned {
-            return Err(Error::Internal(
-                "a graph that is learned from stands on one rank".into(),
-            ));
+            return Err(Error::Internal("a graph that is learned from stands on one rank".into()));
         }
         let order = Order::new(graph);
         let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
@@ -71,10 +63,7 @@ impl TrainGraph {
             let at = at.ok_or_else(|| {
                 let known: Vec<_> = spec.node_types.iter().map(|t| t.name()).collect();
                 let found = NodeType::from_code(code).map_or("unknown", |t| t.name());
-                Error::Model(format!(
-                    "the model knows {}; the mesh has a {found} node",
-                    known.join(", ")
-                ))
+                Error::Model(format!("the model knows {}; the mesh has a {found} node", known.join(", ")))
             })?;
             row[at] = 1.0;
         }
@@ -82,9 +71,8 @@ impl TrainGraph {
             None => None,
             Some(view) => {
                 check(view, graph.n_owned, spec)?;
-                for (row, offset) in fixed
-                    .chunks_exact_mut(width)
-                    .zip(view.offsets.chunks_exact(n_offsets.max(1)))
+                for (row, offset) in
+                    fixed.chunks_exact_mut(width).zip(view.offsets.chunks_exact(n_offsets.max(1)))
                 {
                     row[width - n_offsets..].copy_from_slice(&offset[..n_offsets]);
                 }

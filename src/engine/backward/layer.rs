@@ -135,12 +135,8 @@ impl<T: Number> Layer<T> {
 
     /// Takes the weights of the flat vector.
     pub fn load(&mut self, flat: &[f32]) {
-        let blocks = [
-            &mut self.edge_edge,
-            &mut self.edge_sender,
-            &mut self.edge_receiver,
-            &mut self.node_first,
-        ];
+        let blocks =
+            [&mut self.edge_edge, &mut self.edge_sender, &mut self.edge_receiver, &mut self.node_first];
         blocks.into_iter().for_each(|b| b.load(flat));
         self.edge.load(flat);
         self.node.load(flat);
@@ -148,12 +144,7 @@ impl<T: Number> Layer<T> {
 
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
-        let first = [
-            &self.edge_edge,
-            &self.edge_sender,
-            &self.edge_receiver,
-            &self.node_first,
-        ];
+        let first = [&self.edge_edge, &self.edge_sender, &self.edge_receiver, &self.node_first];
         first.iter().map(|d| d.bytes()).sum::<usize>() + self.edge.bytes() + self.node.bytes()
     }
 
@@ -202,17 +193,7 @@ impl<T: Number> Layer<T> {
                 let (value, slope) = tape.edge.first(&chunk, columns);
                 let before = &tape.edges[range.clone()];
                 let (weight, f) = (self.edge_edge.forward(), self.edge.function());
-                activate(
-                    isa,
-                    weight,
-                    (before, columns),
-                    m,
-                    ends,
-                    f,
-                    &mut s.work.wide,
-                    value,
-                    slope,
-                );
+                activate(isa, weight, (before, columns), m, ends, f, &mut s.work.wide, value, slope);
                 let keep = next.is_some();
                 let edges = match next.as_deref_mut() {
                     Some(next) => &mut next[range],
@@ -221,22 +202,12 @@ impl<T: Number> Layer<T> {
                         &mut unread[..m * columns]
                     }
                 };
-                let out = Normed::Edges {
-                    before: Some(before),
-                    edges,
-                    keep,
-                    sums: &mut s.sums[..],
-                    owner,
-                    first,
-                };
+                let out =
+                    Normed::Edges { before: Some(before), edges, keep, sums: &mut s.sums[..], owner, first };
                 self.edge.forward(&mut tape.edge, &chunk, &mut s.work.wide, out);
             }
             for (i, sum) in tile.nodes.clone().zip(s.sums.chunks_exact(columns)) {
-                narrow(
-                    isa,
-                    sum,
-                    &mut tape.nodes[(2 * i + 1) * columns..(2 * i + 2) * columns],
-                );
+                narrow(isa, sum, &mut tape.nodes[(2 * i + 1) * columns..(2 * i + 2) * columns]);
             }
             let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
             let bias = Addend::Bias(&self.node.first_bias.data);
@@ -244,12 +215,7 @@ impl<T: Number> Layer<T> {
             let (weight, f) = (self.node_first.forward(), self.node.function());
             activate(isa, weight, x, n, bias, f, &mut s.work.wide, value, slope);
             let own = &mut nodes[tile.nodes.start * columns..tile.nodes.end * columns];
-            self.node.forward(
-                &mut tape.node,
-                &tile.nodes,
-                &mut s.work.wide,
-                Normed::Residual(own),
-            );
+            self.node.forward(&mut tape.node, &tile.nodes, &mut s.work.wide, Normed::Residual(own));
         }
     }
 
@@ -271,8 +237,7 @@ impl<T: Number> Layer<T> {
             let own = tile.nodes.start * columns..tile.nodes.end * columns;
             let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
             s.work.wide[..n * columns].copy_from_slice(&d_nodes[own.clone()]);
-            self.node
-                .backward(&tape.node, &tile.nodes, &mut s.work, gradients);
+            self.node.backward(&tape.node, &tile.nodes, &mut s.work, gradients);
             let dy = (&s.work.narrow[..], columns);
             self.node_first.learn(dy, x, n, gradients, &mut s.work.pairs);
             self.node_first.back(dy, n, &mut s.d_both);
@@ -299,18 +264,9 @@ impl<T: Number> Layer<T> {
                 let wide = &s.work.wide[..m * columns];
                 scatter_add(isa, wide, columns, &mut s.receivers[..n * columns], owner, first);
                 let senders = &order.senders[chunk];
-                scatter_add(
-                    isa,
-                    wide,
-                    columns,
-                    &mut s.d_projected[..n_nodes * columns],
-                    senders,
-                    0,
-                );
+                scatter_add(isa, wide, columns, &mut s.d_projected[..n_nodes * columns], senders, 0);
             }
-            let Work {
-                narrow: dy, pairs, ..
-            } = &mut s.work;
+            let Work { narrow: dy, pairs, .. } = &mut s.work;
             narrow(isa, &s.receivers[..n * columns], &mut dy[..n * columns]);
             let dy = (&dy[..], columns);
             self.edge_receiver.learn(dy, x, n, gradients, pairs);
@@ -320,9 +276,7 @@ impl<T: Number> Layer<T> {
             let n = tile.nodes.len();
             let own = tile.nodes.start * columns..tile.nodes.end * columns;
             let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
-            let Work {
-                narrow: dy, pairs, ..
-            } = &mut s.work;
+            let Work { narrow: dy, pairs, .. } = &mut s.work;
             narrow(isa, &s.d_projected[own.clone()], &mut dy[..n * columns]);
             let dy = (&dy[..], columns);
             self.edge_sender.learn(dy, x, n, gradients, pairs);

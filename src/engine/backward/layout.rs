@@ -17,10 +17,8 @@ pub struct Layout {
 impl Layout {
     /// The layout of a model.
     pub fn new(spec: &ModelSpec) -> Self {
-        let entries: Vec<_> = Model::tensor_shapes(spec)
-            .into_iter()
-            .filter(|(name, _)| !name.starts_with("norm."))
-            .collect();
+        let entries: Vec<_> =
+            Model::tensor_shapes(spec).into_iter().filter(|(name, _)| !name.starts_with("norm.")).collect();
         let mut starts = vec![0];
         for (_, shape) in &entries {
             starts.push(starts[starts.len() - 1] + shape.iter().product::<usize>());
@@ -66,10 +64,8 @@ impl Layout {
         for (name, shape) in &self.entries {
             let n: usize = shape.iter().product();
             let parts: Vec<&str> = name.split('.').collect();
-            let (tail, layer) = (
-                parts[parts.len() - 1],
-                parts.get(parts.len().wrapping_sub(2)).copied().unwrap_or(""),
-            );
+            let (tail, layer) =
+                (parts[parts.len() - 1], parts.get(parts.len().wrapping_sub(2)).copied().unwrap_or(""));
             if shape.len() == 2 {
                 let transformer = name.starts_with("segment.transformer");
                 let gain = match layer {
@@ -115,10 +111,7 @@ impl Layout {
         let parts = self.entries.iter().zip(self.starts.windows(2));
         parts
             .map(|((name, shape), bounds)| {
-                let tensor = Tensor {
-                    shape: shape.clone(),
-                    data: flat[bounds[0]..bounds[1]].to_vec(),
-                };
+                let tensor = Tensor { shape: shape.clone(), data: flat[bounds[0]..bounds[1]].to_vec() };
                 (name.clone(), tensor)
             })
             .collect()

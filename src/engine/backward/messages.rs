@@ -62,9 +62,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             columns: padded(a.width),
             n_edge_features: spec.n_edge_features(),
             edges: Encoder::new(isa, s, "encoder.edge", a)?,
-            layers: (0..a.layers())
-                .map(|l| Layer::new(isa, s, a, l))
-                .collect::<Result<_>>()?,
+            layers: (0..a.layers()).map(|l| Layer::new(isa, s, a, l)).collect::<Result<_>>()?,
             layers_before: a.m4gn().map_or(a.layers(), |m| m.layers_before),
             stage,
             dispatch,
@@ -111,23 +109,18 @@ impl<T: Number> Processor<T> for Messages<T> {
     ) {
         let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
         tape.edges.fit(n_edges, &self.edges);
-        tape.layers
-            .iter_mut()
-            .for_each(|l| l.fit(n_nodes, n_edges, columns));
+        tape.layers.iter_mut().for_each(|l| l.fit(n_nodes, n_edges, columns));
         let k = self.n_edge_features;
         let rows = tape.edges.features.chunks_exact_mut(self.edges.stride);
         for (to, &edge) in rows.zip(&graph.order.edge) {
             let edge = edge as usize;
-            scales
-                .edge
-                .normalise(&graph.edge_features[edge * k..(edge + 1) * k], to);
+            scales.edge.normalise(&graph.edge_features[edge * k..(edge + 1) * k], to);
         }
         if let Some(first) = tape.layers.first_mut() {
             let wide = &mut work.shared.work.wide;
             for rows in blocks::<T>(n_edges) {
                 let out = &mut first.edges[rows.start * columns..rows.end * columns];
-                self.edges
-                    .forward(&mut tape.edges, &rows, wide, Normed::Narrow(out));
+                self.edges.forward(&mut tape.edges, &rows, wide, Normed::Narrow(out));
             }
         }
         let (order, tiles) = (&graph.order, graph.tiles::<T>());
@@ -162,10 +155,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             if l + 1 == self.layers_before {
                 self.stage_backward(graph, tape, work, gradients);
             }
-            let d = (
-                &mut work.d_nodes[..n_nodes * columns],
-                &mut work.d_edges[..n_edges * columns],
-            );
+            let d = (&mut work.d_nodes[..n_nodes * columns], &mut work.d_edges[..n_edges * columns]);
             layer.backward(order, &tiles, &tape.layers[l], &mut work.shared, d, gradients);
         }
         if self.layers_before == 0 {
@@ -175,21 +165,14 @@ impl<T: Number> Processor<T> for Messages<T> {
             edges.into_iter().for_each(|e| e.fill(0.0));
             return;
         }
-        let Buffers {
-            shared,
-            fp32,
-            d_edges,
-            d_features,
-            ..
-        } = work;
+        let Buffers { shared, fp32, d_edges, d_features, .. } = work;
         for rows in blocks::<T>(n_edges) {
             let n = rows.len();
             shared.work.wide[..n * columns]
                 .copy_from_slice(&d_edges[rows.start * columns..rows.end * columns]);
             let wanted = edges.is_some().then_some(&mut d_features[..]);
             let work = &mut shared.work;
-            self.edges
-                .backward(&tape.edges, &rows, work, fp32, gradients, wanted);
+            self.edges.backward(&tape.edges, &rows, work, fp32, gradients, wanted);
             if let Some(to) = edges.as_deref_mut() {
                 let k = self.n_edge_features;
                 let numbers = graph.order.edge[rows].iter();

@@ -176,9 +176,7 @@ impl<T: Number> Mlp<T> {
                 .clone()
                 .map(|i| Dense::whole(isa, slots, &format!("{name}.{i}")))
                 .collect::<Result<_>>()?,
-            biases: layers
-                .map(|i| Vector::new(slots, &format!("{name}.{i}.bias")))
-                .collect::<Result<_>>()?,
+            biases: layers.map(|i| Vector::new(slots, &format!("{name}.{i}.bias"))).collect::<Result<_>>()?,
             norm: NormWeights::new(slots, &format!("{name}.norm"))?,
             function: function(architecture),
         })
@@ -215,17 +213,7 @@ impl<T: Number> Mlp<T> {
                     None => &mut [],
                 };
                 let value = &mut next[0][range.clone()];
-                activate(
-                    self.isa,
-                    layer.forward(),
-                    x,
-                    n,
-                    addend,
-                    self.function,
-                    wide,
-                    value,
-                    slope,
-                );
+                activate(self.isa, layer.forward(), x, n, addend, self.function, wide, value, slope);
             }
         }
         let keep = (&mut tape.normed[range], &mut tape.scale[rows.clone()]);

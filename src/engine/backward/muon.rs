@@ -95,20 +95,14 @@ mod tests {
         let mut x = wide;
         orthogonalise(&mut x, 2, 3);
         let (first, second) = ((x[0].hypot(x[3])) / unit, (x[2].hypot(x[5])) / unit);
-        assert!(
-            (0.65..1.25).contains(&first) && (0.65..1.25).contains(&second),
-            "{x:?}"
-        );
+        assert!((0.65..1.25).contains(&first) && (0.65..1.25).contains(&second), "{x:?}");
         assert!((x[3] / x[0] - 4.0 / 3.0).abs() < 1e-4, "{x:?}");
         assert!((x[5] / x[2] + 0.75).abs() < 1e-4, "{x:?}");
         assert!(x[1].abs() < 1e-6 && x[4].abs() < 1e-6, "{x:?}");
         let mut y = tall;
         orthogonalise(&mut y, 3, 2);
         for (row, column) in [(0, 0), (0, 2), (1, 0), (1, 2)] {
-            assert!(
-                (x[row * 3 + column] - y[column * 2 + row]).abs() < 1e-6,
-                "{x:?} {y:?}"
-            );
+            assert!((x[row * 3 + column] - y[column * 2 + row]).abs() < 1e-6, "{x:?} {y:?}");
         }
     }
 

@@ -158,8 +158,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         let wide = &mut work.shared.work.wide;
         for rows in blocks::<T>(n_nodes) {
             let out = &mut work.latents[rows.start * columns..rows.end * columns];
-            self.nodes
-                .forward(&mut tape.nodes, &rows, wide, Normed::Wide(out));
+            self.nodes.forward(&mut tape.nodes, &rows, wide, Normed::Wide(out));
         }
         self.processor.forward(graph, scales, &mut tape.processor, work);
         if let (Some(weight), Some(stage)) = (&self.decoder.segment, P::segments(&tape.processor)) {
@@ -167,25 +166,10 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             fit(&mut work.table, k * columns);
             let out = Output::Wide(&mut work.table[..]);
             let x = (stage, columns);
-            product(
-                isa,
-                weight.forward(),
-                x,
-                k,
-                Addend::Nothing,
-                Function::Identity,
-                out,
-            );
+            product(isa, weight.forward(), x, k, Addend::Nothing, Function::Identity, out);
         }
         let from = (&work.latents[..], &work.table[..]);
-        self.decoder.forward(
-            graph,
-            &mut tape.decoder,
-            &mut work.shared,
-            &mut work.fp32,
-            from,
-            outputs,
-        );
+        self.decoder.forward(graph, &mut tape.decoder, &mut work.shared, &mut work.fp32, from, outputs);
     }
 
     /// From dL/d normalised outputs `[cells x n_outputs]` of the application in tape `at`, which is spoilt: gradients go
@@ -202,24 +186,15 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         let columns = self.columns;
         let _tiles = Tiles::new(self.isa);
         let (n_nodes, k) = (graph.n_nodes(), graph.n_segments());
-        let Thread {
-            work,
-            gradients,
-            tapes,
-        } = thread;
+        let Thread { work, gradients, tapes } = thread;
         let tape = &mut tapes[at];
-        for (buffer, rows) in [
-            (&mut work.d_nodes, n_nodes),
-            (&mut work.d_table, k),
-            (&mut work.d_segments, k),
-        ] {
+        for (buffer, rows) in
+            [(&mut work.d_nodes, n_nodes), (&mut work.d_table, k), (&mut work.d_segments, k)]
+        {
             fit(buffer, rows * columns);
             buffer[..rows * columns].fill(0.0);
         }
-        let falls = (
-            &mut work.d_nodes[..n_nodes * columns],
-            &mut work.d_table[..k * columns],
-        );
+        let falls = (&mut work.d_nodes[..n_nodes * columns], &mut work.d_table[..k * columns]);
         self.decoder.backward(
             graph,
             &tape.decoder,
@@ -241,23 +216,15 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             );
         }
         let edges = inputs.as_deref_mut().and_then(|i| i.edges.as_mut());
-        self.processor
-            .backward(graph, scales, &mut tape.processor, work, gradients, edges);
-        let Buffers {
-            shared,
-            fp32,
-            d_nodes,
-            d_features,
-            ..
-        } = work;
+        self.processor.backward(graph, scales, &mut tape.processor, work, gradients, edges);
+        let Buffers { shared, fp32, d_nodes, d_features, .. } = work;
         for rows in blocks::<T>(n_nodes) {
             let n = rows.len();
             shared.work.wide[..n * columns]
                 .copy_from_slice(&d_nodes[rows.start * columns..rows.end * columns]);
             let wanted = inputs.is_some().then_some(&mut d_features[..]);
             let work = &mut shared.work;
-            self.nodes
-                .backward(&tape.nodes, &rows, work, fp32, gradients, wanted);
+            self.nodes.backward(&tape.nodes, &rows, work, fp32, gradients, wanted);
             if let Some(inputs) = inputs.as_deref_mut() {
                 let k = self.spec.n_field_inputs();
                 let places = graph.order.node[rows].iter();
@@ -291,10 +258,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         let work = &thread.work;
         let own = [&work.latents, &work.d_nodes, &work.d_edges, &work.table];
         let own = own.map(|b| b.bytes()).iter().sum::<usize>();
-        let tape = thread
-            .tapes
-            .iter()
-            .map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.decoder.bytes());
+        let tape = thread.tapes.iter().map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.decoder.bytes());
         let shared = work.shared.bytes() + work.fp32.bytes() + thread.gradients.bytes();
         (weights, own + shared, tape.max().unwrap_or(0))
     }

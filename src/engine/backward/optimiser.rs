@@ -72,11 +72,7 @@ impl Optimiser {
         let n = self.updates.min(i32::MAX as u64) as i32;
         let [b1, b2] = self.betas;
         let numbers = kernels::Adam {
-            clip: if clip > 0.0 && norm > clip {
-                (clip / norm) as f32
-            } else {
-                1.0
-            },
+            clip: if clip > 0.0 && norm > clip { (clip / norm) as f32 } else { 1.0 },
             betas: [b1 as f32, b2 as f32],
             rest: [(1.0 - b1) as f32, (1.0 - b2) as f32],
             rate: (rate / (1.0 - b1.powi(n))) as f32,
@@ -111,9 +107,7 @@ impl Optimiser {
         const BETA: f32 = 0.95;
         let mut changes: Vec<(Matrix, Vec<f32>)> = Vec::with_capacity(self.matrices.len());
         for matrix in &self.matrices {
-            let pairs = self.first[matrix.range()]
-                .iter_mut()
-                .zip(&gradient[matrix.range()]);
+            let pairs = self.first[matrix.range()].iter_mut().zip(&gradient[matrix.range()]);
             let change = pairs.map(|(first, gradient)| {
                 let gradient = (1.0 - BETA) * clip * gradient;
                 *first = BETA * *first + gradient;
@@ -149,11 +143,7 @@ impl Optimiser {
 
 /// Euclidean norm, in fp64.
 pub fn norm(gradient: &[f32]) -> f64 {
-    gradient
-        .iter()
-        .map(|g| f64::from(*g) * f64::from(*g))
-        .sum::<f64>()
-        .sqrt()
+    gradient.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]
@@ -174,21 +164,14 @@ mod tests {
             assert!((adam.first[0] - 0.3 * share).abs() < 1e-6, "{:?}", adam.first);
             // (1 + 1) / (10 + 1) of the start is kept.
             let average = adam.best_guess()[0];
-            assert!(
-                (average - (2.0 / 11.0 + 0.5 * 9.0 / 11.0)).abs() < 1e-6,
-                "{average}"
-            );
+            assert!((average - (2.0 / 11.0 + 0.5 * 9.0 / 11.0)).abs() < 1e-6, "{average}");
         }
     }
 
     #[test]
     fn muon_moves_its_matrices_along_all_directions_alike_and_leaves_the_rest_to_adam() {
         // One weight, a matrix of 2 x 2, one weight. The gradient of the matrix is diag(4, 1).
-        let matrix = Matrix {
-            start: 1,
-            rows: 2,
-            columns: 2,
-        };
+        let matrix = Matrix { start: 1, rows: 2, columns: 2 };
         let mut muon = Optimiser::new(vec![0.0; 6], [0.9, 0.999], false);
         muon.matrices = vec![matrix];
         let gradient = [3.0, 4.0, 0.0, 0.0, 1.0, -2.0];

@@ -71,9 +71,7 @@ impl Stage {
             first: Dense::whole(isa, slots, "segment.encoder.0")?,
             encoder: Mlp::new(isa, slots, "segment.encoder", a)?,
             position,
-            layers: (0..of.layers)
-                .map(|l| Attention::new(isa, slots, a, of, l))
-                .collect::<Result<_>>()?,
+            layers: (0..of.layers).map(|l| Attention::new(isa, slots, a, of, l)).collect::<Result<_>>()?,
         })
     }
 
@@ -131,20 +129,9 @@ impl Stage {
             let bias = Addend::Bias(&self.encoder.first_bias.data);
             let (value, slope) = tape.encoder.first(&rows, columns);
             let (weight, f) = (self.first.forward(), self.encoder.function());
-            activate(
-                self.isa,
-                weight,
-                x,
-                rows.len(),
-                bias,
-                f,
-                &mut work.wide,
-                value,
-                slope,
-            );
+            activate(self.isa, weight, x, rows.len(), bias, f, &mut work.wide, value, slope);
             let out = Normed::Wide(&mut tape.latents[rows.start * columns..rows.end * columns]);
-            self.encoder
-                .forward(&mut tape.encoder, &rows, &mut work.wide, out);
+            self.encoder.forward(&mut tape.encoder, &rows, &mut work.wide, out);
         }
         if let Some(position) = &self.position {
             self.encode_positions(position, members, tape, work);
@@ -184,17 +171,7 @@ impl Stage {
                 if i < last {
                     let (value, slope) = (&mut next[0][range.clone()], &mut tape.slopes[i + 1][range]);
                     let weight = layer.forward();
-                    activate(
-                        isa,
-                        weight,
-                        x,
-                        n,
-                        bias,
-                        position.function,
-                        &mut work.wide,
-                        value,
-                        slope,
-                    );
+                    activate(isa, weight, x, n, bias, position.function, &mut work.wide, value, slope);
                 } else {
                     let out = Output::Wide(&mut work.wide[..]);
                     product(isa, layer.forward(), x, n, bias, Function::Identity, out);
@@ -235,10 +212,7 @@ impl Stage {
             let mean = &mut d[s * columns..(s + 1) * columns];
             mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
             for &p in &members.place[members.place_row[s] as usize..members.place_row[s + 1] as usize] {
-                add(
-                    &mut d_nodes[p as usize * columns..(p as usize + 1) * columns],
-                    mean,
-                );
+                add(&mut d_nodes[p as usize * columns..(p as usize + 1) * columns], mean);
             }
         }
     }

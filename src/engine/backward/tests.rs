@@ -24,20 +24,10 @@ fn wave(n: usize, step: f32) -> Vec<f32> {
 
 pub(crate) fn scales(model: &Model) -> Scales {
     let scale = |name: &str| {
-        let part = |which: &str| {
-            model
-                .tensor(&format!("norm.{name}.{which}"))
-                .unwrap()
-                .data
-                .clone()
-        };
+        let part = |which: &str| model.tensor(&format!("norm.{name}.{which}")).unwrap().data.clone();
         Scale::new(part("mean"), part("std"))
     };
-    Scales {
-        node: scale("node"),
-        edge: scale("edge"),
-        output: scale("output"),
-    }
+    Scales { node: scale("node"), edge: scale("edge"), output: scale("output") }
 }
 
 impl Case {
@@ -47,10 +37,7 @@ impl Case {
         Case {
             inputs: wave(graph.n_owned * spec.n_field_inputs(), 0.7),
             loss: wave(graph.n_cells * spec.n_outputs(), 1.9),
-            structure: Structure {
-                segments: stage.then(|| segments(&spec, &graph, overlap)),
-                graph,
-            },
+            structure: Structure { segments: stage.then(|| segments(&spec, &graph, overlap)), graph },
             model: Model::random(spec, 5).unwrap(),
         }
     }
@@ -85,11 +72,7 @@ impl Case {
             network.backward(&mut worker, at, &graph, &scales, &self.loss, Some(&mut inputs));
             network.flush(&mut worker, &mut flat);
         }
-        let loss = outputs
-            .iter()
-            .zip(&self.loss)
-            .map(|(y, w)| f64::from(*y) * f64::from(*w))
-            .sum();
+        let loss = outputs.iter().zip(&self.loss).map(|(y, w)| f64::from(*y) * f64::from(*w)).sum();
         (loss, flat, inputs)
     }
 }
@@ -211,10 +194,7 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
     }
     let (loss, flat, inputs) = case.gradient(Precision::Fp32, Isa::detect());
     let plain = case.plain(&case.model, &case.structure, &case.inputs);
-    assert!(
-        (loss - plain).abs() < 1e-4 * (1.0 + plain.abs()),
-        "{name}: {loss} {plain}"
-    );
+    assert!((loss - plain).abs() < 1e-4 * (1.0 + plain.abs()), "{name}: {loss} {plain}");
     let layout = Layout::new(&case.model.spec);
     for (tensor, shape) in layout.entries() {
         let start = layout.find(tensor).unwrap().0;
@@ -227,25 +207,15 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
             case.plain(&model, &case.structure, &case.inputs)
         });
     }
-    check(
-        &format!("{name}: inputs"),
-        &case.inputs,
-        &inputs.nodes,
-        tolerance,
-        |x| case.plain(&case.model, &case.structure, x),
-    );
+    check(&format!("{name}: inputs"), &case.inputs, &inputs.nodes, tolerance, |x| {
+        case.plain(&case.model, &case.structure, x)
+    });
     let (what, features) = (format!("{name}: edges"), inputs.edges.unwrap());
-    check(
-        &what,
-        &case.structure.graph.edge_features,
-        &features,
-        tolerance,
-        |x| {
-            let mut structure = case.structure.clone();
-            structure.graph.edge_features = x.to_vec();
-            case.plain(&case.model, &structure, &case.inputs)
-        },
-    );
+    check(&what, &case.structure.graph.edge_features, &features, tolerance, |x| {
+        let mut structure = case.structure.clone();
+        structure.graph.edge_features = x.to_vec();
+        case.plain(&case.model, &structure, &case.inputs)
+    });
 }
 
 /// Distance of two vectors, relative to the length of the second.

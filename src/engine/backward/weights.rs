@@ -32,10 +32,7 @@ pub struct Gradients {
 impl Slots {
     /// None yet.
     pub fn new(layout: Layout) -> Self {
-        Slots {
-            layout,
-            slots: Vec::new(),
-        }
+        Slots { layout, slots: Vec::new() }
     }
 
     /// The layout of the flat vector.
@@ -51,9 +48,7 @@ impl Slots {
     /// Zero sums for all blocks.
     pub fn gradients(&self) -> Gradients {
         let block = |s: &Slot| Buffer::new(s.rows * s.columns);
-        Gradients {
-            blocks: self.slots.iter().map(block).collect(),
-        }
+        Gradients { blocks: self.slots.iter().map(block).collect() }
     }
 
     /// Adds the sums to a flat gradient and clears them.
@@ -164,29 +159,13 @@ impl<T: Number> Dense<T> {
     /// `out = dy W`, rows of the padded inputs.
     pub fn back(&self, (dy, stride): (&[T], usize), n: usize, out: &mut [f32]) {
         let out = Output::Wide(out);
-        product(
-            self.isa,
-            &self.backward,
-            (dy, stride),
-            n,
-            Addend::Nothing,
-            Function::Identity,
-            out,
-        );
+        product(self.isa, &self.backward, (dy, stride), n, Addend::Nothing, Function::Identity, out);
     }
 
     /// `out += dy W`; `zeros` has a row of them.
     pub fn back_add(&self, (dy, stride): (&[T], usize), n: usize, out: &mut [f32], zeros: &[f32]) {
         let out = Output::Wide(out);
-        product(
-            self.isa,
-            &self.backward,
-            (dy, stride),
-            n,
-            Addend::Output(zeros),
-            Function::Identity,
-            out,
-        );
+        product(self.isa, &self.backward, (dy, stride), n, Addend::Output(zeros), Function::Identity, out);
     }
 
     /// `dW += dy^T x`.
@@ -224,34 +203,14 @@ impl Vector {
     pub fn new(slots: &mut Slots, name: &str) -> Result<Self> {
         let (start, shape) = slots.layout.find(name)?;
         let n = shape[0];
-        let slot = slots.add(Slot {
-            rows: 1,
-            columns: padded(n),
-            pieces: vec![(0, start, n)],
-            stride: n,
-        });
-        Ok(Vector {
-            slot,
-            data: vec![0.0; padded(n)],
-            start,
-            n,
-        })
+        let slot = slots.add(Slot { rows: 1, columns: padded(n), pieces: vec![(0, start, n)], stride: n });
+        Ok(Vector { slot, data: vec![0.0; padded(n)], start, n })
     }
 
     /// A place for sums of d numbers that belong to no weight.
     pub fn unread(slots: &mut Slots, d: usize) -> Self {
-        let slot = slots.add(Slot {
-            rows: 1,
-            columns: padded(d),
-            pieces: Vec::new(),
-            stride: 0,
-        });
-        Vector {
-            slot,
-            data: Vec::new(),
-            start: 0,
-            n: 0,
-        }
+        let slot = slots.add(Slot { rows: 1, columns: padded(d), pieces: Vec::new(), stride: 0 });
+        Vector { slot, data: Vec::new(), start: 0, n: 0 }
     }
 
     /// Takes the weights of the flat vector.

@@ -24,11 +24,7 @@ impl<T: Plain> Buffer<T> {
     pub fn new(len: usize) -> Self {
         // Memory of the system that is zero anyway is not touched, so that it costs nothing until it is used.
         let lines = vec![Line([0; 64]); (len * size_of::<T>()).div_ceil(64)];
-        Buffer {
-            lines,
-            len,
-            kind: std::marker::PhantomData,
-        }
+        Buffer { lines, len, kind: std::marker::PhantomData }
     }
 
     /// Bytes.

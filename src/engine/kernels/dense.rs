@@ -112,13 +112,7 @@ pub fn adam(
 /// As for [`multiply_all`].
 #[inline(always)]
 unsafe fn adam_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    Adam {
-        clip,
-        betas: [b1, b2],
-        rest: [c1, c2],
-        rate,
-        correction,
-    }: Adam,
+    Adam { clip, betas: [b1, b2], rest: [c1, c2], rate, correction }: Adam,
     gradient: &[f32],
     weights: &mut [f32],
     first: &mut [f32],

@@ -24,17 +24,9 @@ pub fn norm_backward<T: Number>(
         normed.len() >= size && scale.len() >= n && d.len() >= size && narrow.len() >= size,
         "rows of the derivative of a layer norm"
     );
-    assert!(
-        sums.iter().all(|s| s.len() >= columns),
-        "sums of the derivative of a layer norm"
-    );
+    assert!(sums.iter().all(|s| s.len() >= columns), "sums of the derivative of a layer norm");
     let sums = sums.map(|s| s.as_mut_ptr());
-    let (normed, scale, d, narrow) = (
-        normed.as_ptr(),
-        scale.as_ptr(),
-        d.as_mut_ptr(),
-        narrow.as_mut_ptr(),
-    );
+    let (normed, scale, d, narrow) = (normed.as_ptr(), scale.as_ptr(), d.as_mut_ptr(), narrow.as_mut_ptr());
     // SAFETY: lengths were checked above.
     dispatch!(
         isa,
@@ -169,12 +161,7 @@ pub fn activation_backward<T: Number>(
             && bias.len() >= columns,
         "rows of the derivative of an activation"
     );
-    let (kept, d, narrow, bias) = (
-        kept.as_ptr(),
-        d.as_mut_ptr(),
-        narrow.as_mut_ptr(),
-        bias.as_mut_ptr(),
-    );
+    let (kept, d, narrow, bias) = (kept.as_ptr(), d.as_mut_ptr(), narrow.as_mut_ptr(), bias.as_mut_ptr());
     // SAFETY: lengths were checked above.
     dispatch!(
         isa,
@@ -259,10 +246,7 @@ unsafe fn activation_columns<S: Simd, T: Number, const C: usize>(
 /// x / (1 + exp(-x)) and its derivative, both rounded; whole vectors.
 pub fn silu_keep<T: Number>(isa: Isa, x: &[f32], value: &mut [T], slope: &mut [T]) {
     let n = x.len();
-    assert!(
-        n.is_multiple_of(LANES) && value.len() >= n && slope.len() >= n,
-        "rows of an activation"
-    );
+    assert!(n.is_multiple_of(LANES) && value.len() >= n && slope.len() >= n, "rows of an activation");
     let (x, value, slope) = (x.as_ptr(), value.as_mut_ptr(), slope.as_mut_ptr());
     // SAFETY: all have n numbers, whole vectors.
     dispatch!(

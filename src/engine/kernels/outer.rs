@@ -25,10 +25,7 @@ impl<T: Number> Pairs<T> {
             // As many as a step of tiles takes.
             _ => rows.next_multiple_of(32) * padded(width),
         };
-        Pairs {
-            left: Buffer::new(size(left)),
-            right: Buffer::new(size(right)),
-        }
+        Pairs { left: Buffer::new(size(left)), right: Buffer::new(size(right)) }
     }
 }
 
@@ -48,10 +45,7 @@ pub fn outer<T: Number>(
         return;
     }
     let left = padded(outputs);
-    assert!(
-        columns.is_multiple_of(LANES) && sums.len() >= outputs * columns,
-        "sums of an outer product"
-    );
+    assert!(columns.is_multiple_of(LANES) && sums.len() >= outputs * columns, "sums of an outer product");
     assert!(
         y.len() >= (n - 1) * y_stride + left && x.len() >= (n - 1) * x_stride + columns,
         "rows of an outer product"

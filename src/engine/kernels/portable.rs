@@ -16,11 +16,7 @@ fn each(f: impl Fn(usize) -> f32) -> Lanes {
 /// a b + c, fused only where that is an instruction: elsewhere it is a slow function of the C library.
 #[inline(always)]
 fn multiply_add(a: f32, b: f32, c: f32) -> f32 {
-    if cfg!(any(target_feature = "fma", target_arch = "aarch64")) {
-        a.mul_add(b, c)
-    } else {
-        a * b + c
-    }
+    if cfg!(any(target_feature = "fma", target_arch = "aarch64")) { a.mul_add(b, c) } else { a * b + c }
 }
 
 // SAFETY of the whole implementation: pointers are good for sixteen numbers, as the trait's callers promise.

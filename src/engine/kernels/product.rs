@@ -23,13 +23,7 @@ pub enum Addend<'a, T> {
     Rows(&'a [f32]),
     /// Row i gets `senders[index[i]] + receivers[owner[i] - first]`: the parts of an edge's first layer that are
     /// computed once a node.
-    Ends {
-        senders: &'a [T],
-        index: &'a [i32],
-        receivers: &'a [f32],
-        owner: &'a [i32],
-        first: usize,
-    },
+    Ends { senders: &'a [T], index: &'a [i32], receivers: &'a [f32], owner: &'a [i32], first: usize },
     /// What stands in the output, and one row.
     Output(&'a [f32]),
 }
@@ -68,13 +62,7 @@ pub fn product<T: Number>(
         Addend::Nothing => true,
         Addend::Bias(row) | Addend::Output(row) => row.len() >= columns,
         Addend::Rows(rows) => rows.len() >= n * columns,
-        Addend::Ends {
-            senders,
-            index,
-            receivers,
-            owner,
-            first,
-        } => {
+        Addend::Ends { senders, index, receivers, owner, first } => {
             rows_within(index, n, 0..senders.len() / columns)
                 && rows_within(owner, n, first..first + receivers.len() / columns)
         }
@@ -86,14 +74,7 @@ pub fn product<T: Number>(
         if amx::takes::<T>(isa, read, readable) {
             // SAFETY: takes() says so; lengths and indices were checked above.
             return unsafe {
-                amx::product(
-                    weight,
-                    (x.as_ptr(), stride),
-                    (n, readable),
-                    addend,
-                    function,
-                    &mut out,
-                )
+                amx::product(weight, (x.as_ptr(), stride), (n, readable), addend, function, &mut out)
             };
         }
     }
@@ -226,13 +207,7 @@ pub(super) unsafe fn finish<S: Simd, T: Number, const MR: usize, const NR: usize
                     }
                 }
             }
-            Addend::Ends {
-                senders,
-                index,
-                receivers,
-                owner,
-                first,
-            } => {
+            Addend::Ends { senders, index, receivers, owner, first } => {
                 for i in 0..MR {
                     let s = *index.get_unchecked(row[i]) as usize;
                     let r = *owner.get_unchecked(row[i]) as usize - first;
@@ -245,9 +220,7 @@ pub(super) unsafe fn finish<S: Simd, T: Number, const MR: usize, const NR: usize
                 }
             }
             Addend::Output(bias) => {
-                let Output::Wide(out) = out else {
-                    unreachable!("only wide outputs are added to")
-                };
+                let Output::Wide(out) = out else { unreachable!("only wide outputs are added to") };
                 for i in 0..MR {
                     let from = out.as_ptr().add(row[i] * columns + column);
                     for j in 0..NR {

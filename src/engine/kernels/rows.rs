@@ -27,12 +27,7 @@ impl Norm {
             x.resize(padded(x.len()), 0.0);
             x
         };
-        Norm {
-            width: gain.len(),
-            mask: pad(&vec![1.0; gain.len()]),
-            gain: pad(gain),
-            shift: pad(shift),
-        }
+        Norm { width: gain.len(), mask: pad(&vec![1.0; gain.len()]), gain: pad(gain), shift: pad(shift) }
     }
 
     /// Numbers that are normalised together.
@@ -91,18 +86,8 @@ pub fn layer_norm_keep<T: Number>(
     out: Normed<T>,
     (normed, scale): (&mut [T], &mut [f32]),
 ) {
-    assert!(
-        normed.len() >= n * norm.columns() && scale.len() >= n,
-        "rows that a layer norm keeps"
-    );
-    norms_of(
-        isa,
-        norm,
-        x,
-        n,
-        out,
-        Some((normed.as_mut_ptr(), scale.as_mut_ptr())),
-    );
+    assert!(normed.len() >= n * norm.columns() && scale.len() >= n, "rows that a layer norm keeps");
+    norms_of(isa, norm, x, n, out, Some((normed.as_mut_ptr(), scale.as_mut_ptr())));
 }
 
 /// Pointers to keep rows at are good for n of them.
@@ -119,14 +104,7 @@ fn norms_of<T: Number>(
     let fits = match &out {
         Normed::Wide(out) | Normed::Residual(out) => out.len() >= n * columns,
         Normed::Narrow(out) => out.len() >= n * columns,
-        Normed::Edges {
-            before,
-            edges,
-            sums,
-            owner,
-            first,
-            ..
-        } => {
+        Normed::Edges { before, edges, sums, owner, first, .. } => {
             before.is_none_or(|b| b.len() >= n * columns)
                 && edges.len() >= n * columns
                 && rows_within(owner, n, *first..*first + sums.len() / columns)
@@ -261,14 +239,7 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
                     }
                 }
             }
-            Normed::Edges {
-                before,
-                edges,
-                keep,
-                sums,
-                owner,
-                first,
-            } => {
+            Normed::Edges { before, edges, keep, sums, owner, first } => {
                 let edge = edges.as_mut_ptr().add(at * columns);
                 let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
                 let sums = sums.as_mut_ptr();
@@ -304,10 +275,7 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
 
 /// `out[i] = x[i]`, rounded to what activations are made of; a whole number of vectors.
 pub fn narrow<T: Number>(isa: Isa, x: &[f32], out: &mut [T]) {
-    assert!(
-        out.len() == x.len() && x.len().is_multiple_of(LANES),
-        "rows to be rounded"
-    );
+    assert!(out.len() == x.len() && x.len().is_multiple_of(LANES), "rows to be rounded");
     let n = x.len();
     // SAFETY: both have n numbers, whole vectors.
     dispatch!(
@@ -337,14 +305,8 @@ pub fn add_means(isa: Isa, x: &mut [f32], width: usize, table: &[f32], row: &[u3
     type T = f32;
     let n = row.len() - 1;
     let members = &member[row[0] as usize..row[n] as usize];
-    assert!(
-        x.len() >= n * width && width.is_multiple_of(LANES),
-        "rows of means"
-    );
-    assert!(
-        rows_within(members, members.len(), 0..table.len() / width),
-        "members of means"
-    );
+    assert!(x.len() >= n * width && width.is_multiple_of(LANES), "rows of means");
+    assert!(rows_within(members, members.len(), 0..table.len() / width), "members of means");
     // SAFETY: lengths and indices were checked above.
     dispatch!(
         isa,

@@ -52,13 +52,7 @@ fn products<T: Number>(isa: Isa) {
             Addend::Bias(&rows[..columns]),
             Addend::Rows(&rows),
             Addend::Output(&rows[..columns]),
-            Addend::Ends {
-                senders: &senders,
-                index: &index,
-                receivers: &rows,
-                owner: &owner,
-                first: 10,
-            },
+            Addend::Ends { senders: &senders, index: &index, receivers: &rows, owner: &owner, first: 10 },
         ];
         for addend in kinds {
             let f = |i: usize, o: usize| match addend {
@@ -73,15 +67,7 @@ fn products<T: Number>(isa: Isa) {
             };
             for function in [Function::Identity, Function::Relu, Function::Silu] {
                 let mut wide: Buffer<f32> = numbers(n * columns, 5);
-                product(
-                    isa,
-                    &packed,
-                    (&x, stride),
-                    n,
-                    addend,
-                    function,
-                    Output::Wide(&mut wide),
-                );
+                product(isa, &packed, (&x, stride), n, addend, function, Output::Wide(&mut wide));
                 for i in 0..n {
                     for o in 0..outputs {
                         let sum: f64 = (0..inputs)
@@ -106,19 +92,9 @@ fn products<T: Number>(isa: Isa) {
                 }
                 if !matches!(addend, Addend::Output(_)) {
                     let mut slim: Buffer<T> = Buffer::new(n * columns);
-                    product(
-                        isa,
-                        &packed,
-                        (&x, stride),
-                        n,
-                        addend,
-                        function,
-                        Output::Narrow(&mut slim),
-                    );
-                    let same = slim
-                        .iter()
-                        .zip(wide.iter())
-                        .all(|(s, w)| s.to_f32() == T::from_f32(*w).to_f32());
+                    product(isa, &packed, (&x, stride), n, addend, function, Output::Narrow(&mut slim));
+                    let same =
+                        slim.iter().zip(wide.iter()).all(|(s, w)| s.to_f32() == T::from_f32(*w).to_f32());
                     assert!(same, "{}: narrow is wide, rounded", isa.name());
                 }
             }
@@ -164,47 +140,23 @@ fn bf16_is_rounded_to_nearest_even() {
 fn activations_keep_nan_and_survive_extremes() {
     for isa in Isa::available() {
         let one: Packed<f32> = Packed::new(isa, 1, 1, |_, _| 1.0);
-        for (x, relu, silu) in [
-            (-1e30, 0.0, 0.0),
-            (1e30, 1e30, 1e30),
-            (0.0, 0.0, 0.0),
-            (-90.0, 0.0, 0.0),
-            (88.5, 88.5, 88.5),
-        ] {
+        for (x, relu, silu) in
+            [(-1e30, 0.0, 0.0), (1e30, 1e30, 1e30), (0.0, 0.0, 0.0), (-90.0, 0.0, 0.0), (88.5, 88.5, 88.5)]
+        {
             let apply = |f| {
                 let mut out = [0f32; 16];
-                product(
-                    isa,
-                    &one,
-                    (&[x], 1),
-                    1,
-                    Addend::Nothing,
-                    f,
-                    Output::Wide(&mut out),
-                );
+                product(isa, &one, (&[x], 1), 1, Addend::Nothing, f, Output::Wide(&mut out));
                 out[0]
             };
             assert_eq!(apply(Function::Relu), relu, "{}", isa.name());
             // exp is clamped at -87, which leaves 1e-38 of a large negative number.
             let found = apply(Function::Silu);
-            assert!(
-                (found - silu).abs() <= 1e-6 * silu.abs() + 1e-6,
-                "{}: silu({x}) is {found}",
-                isa.name()
-            );
+            assert!((found - silu).abs() <= 1e-6 * silu.abs() + 1e-6, "{}: silu({x}) is {found}", isa.name());
         }
         for f in [Function::Identity, Function::Relu, Function::Silu] {
             let mut out = [0f32; 16];
             let nan = [f32::NAN];
-            product(
-                isa,
-                &one,
-                (&nan, 1),
-                1,
-                Addend::Nothing,
-                f,
-                Output::Wide(&mut out),
-            );
+            product(isa, &one, (&nan, 1), 1, Addend::Nothing, f, Output::Wide(&mut out));
             assert!(out[0].is_nan(), "{}: {f:?}", isa.name());
         }
     }
@@ -227,11 +179,7 @@ fn layer_norm_of_known_rows() {
         let check = |found: &[f32], times: f64| {
             for (i, y) in found.iter().enumerate() {
                 let y = f64::from(*y);
-                assert!(
-                    (y - times * expected(i)).abs() < 4e-6,
-                    "{}: {y} at {i}",
-                    isa.name()
-                );
+                assert!((y - times * expected(i)).abs() < 4e-6, "{}: {y} at {i}", isa.name());
             }
         };
         let mut out = [9f32; 5 * 32];
@@ -241,9 +189,10 @@ fn layer_norm_of_known_rows() {
         check(&out, 2.0);
         let mut narrow = [Bf16(1); 5 * 32];
         layer_norm(isa, &norm, &x, 5, Normed::Narrow(&mut narrow));
-        let worst = narrow.iter().enumerate().fold(0f64, |m, (i, y)| {
-            m.max((f64::from(y.to_f32()) - expected(i)).abs())
-        });
+        let worst = narrow
+            .iter()
+            .enumerate()
+            .fold(0f64, |m, (i, y)| m.max((f64::from(y.to_f32()) - expected(i)).abs()));
         assert!(worst < 0.01, "{worst}");
 
         // Edges: rows 0 and 1 belong to node 3, 2 to 4 to node 5.
@@ -285,10 +234,7 @@ fn means_and_softmax_of_known_rows() {
         p[16..18].copy_from_slice(&[1e4, 1e4]);
         p[32..34].copy_from_slice(&[f32::NAN, 0.0]);
         softmax(isa, &mut p, 16, 2, 1.0);
-        for (a, b) in [p[0], p[1], p[16], p[17]]
-            .iter()
-            .zip([1.0 / 3.0, 2.0 / 3.0, 0.5, 0.5])
-        {
+        for (a, b) in [p[0], p[1], p[16], p[17]].iter().zip([1.0 / 3.0, 2.0 / 3.0, 0.5, 0.5]) {
             assert!((a - b).abs() < 1e-6, "{}", isa.name());
         }
         assert!(p[2..16].iter().chain(&p[18..32]).all(|v| *v == 0.0));
@@ -312,15 +258,7 @@ fn indices_out_of_range_are_caught() {
                 first: 4,
             };
             let x = (&rows[..], 1);
-            product(
-                isa,
-                &weight,
-                x,
-                n,
-                ends,
-                Function::Identity,
-                Output::Wide(&mut out),
-            );
+            product(isa, &weight, x, n, ends, Function::Identity, Output::Wide(&mut out));
         };
         std::panic::catch_unwind(run).is_err()
     };
@@ -343,15 +281,7 @@ fn outer_products<T: Number>(isa: Isa) {
         // Twice: what is there is added to.
         for _ in 0..2 {
             let sizes = (outputs, columns);
-            outer(
-                isa,
-                (&y, y_stride),
-                (&x, x_stride),
-                n,
-                sizes,
-                &mut sums,
-                &mut pairs,
-            );
+            outer(isa, (&y, y_stride), (&x, x_stride), n, sizes, &mut sums, &mut pairs);
         }
         for o in 0..outputs {
             for c in 0..columns {
@@ -361,10 +291,7 @@ fn outer_products<T: Number>(isa: Isa) {
                 let expected = 1.0 + 2.0 * terms.sum::<f64>();
                 let found = f64::from(sums[o * columns + c]);
                 let name = isa.name();
-                assert!(
-                    (found - expected).abs() < 1e-5 * n as f64,
-                    "{name}: {found} {expected}"
-                );
+                assert!((found - expected).abs() < 1e-5 * n as f64, "{name}: {found} {expected}");
             }
         }
     }

@@ -97,10 +97,7 @@ impl<T: Number + Element> Network<T> {
             network.grid.order.search = Vec::new();
         }
         if options.profile {
-            network.profile = Some(Profile {
-                flops: network.flops(model),
-                ..Profile::default()
-            });
+            network.profile = Some(Profile { flops: network.flops(model), ..Profile::default() });
         }
         Ok(network)
     }
@@ -115,9 +112,7 @@ impl<T: Number + Element> Network<T> {
             || graph.edge_features.len() != graph.senders.len() * self.n_edge_features
             || grid.order.search.len() != graph.n_owned
         {
-            return Err(Error::Internal(
-                "edges of another graph, or of one that was not to change".into(),
-            ));
+            return Err(Error::Internal("edges of another graph, or of one that was not to change".into()));
         }
         let order = Order::of(graph, &grid.order.search);
         let moved = order.node != grid.order.node;
@@ -164,9 +159,6 @@ impl<T: Number + Element> Network<T> {
 
     /// Lengths of a step's inputs and outputs.
     pub fn lengths(&self) -> (usize, usize) {
-        (
-            self.grid.n_owned * self.n_inputs,
-            self.cells.len() * self.n_outputs,
-        )
+        (self.grid.n_owned * self.n_inputs, self.cells.len() * self.n_outputs)
     }
 }

@@ -46,15 +46,7 @@ impl<T: Number + Element> Network<T> {
         if let (Some(weight), Some(stage)) = (&decoder.segment, stage) {
             let x = (stage.latents(), columns);
             let out = Output::Wide(&mut self.table[..]);
-            product(
-                isa,
-                weight,
-                x,
-                stage.count(),
-                Addend::Nothing,
-                Function::Identity,
-                out,
-            );
+            product(isa, weight, x, stage.count(), Addend::Nothing, Function::Identity, out);
         }
         let (cells, nodes, table) = (&self.cells, &grid.nodes, &self.table[..]);
         let width = decoder.columns();
@@ -81,7 +73,6 @@ impl<T: Number + Element> Network<T> {
             }
             s.clock.stop(Phase::Decode);
         };
-        grid.pool
-            .run(&mut grid.scratch, blocks::<T>(cells.len()).len(), task, || ());
+        grid.pool.run(&mut grid.scratch, blocks::<T>(cells.len()).len(), task, || ());
     }
 }

@@ -26,10 +26,7 @@ impl<T: Number + Element> Network<T> {
         let scratch: usize = grid.scratch.iter().map(|s| s.bytes()).sum();
         arrays.extend([
             ("node latents", grid.nodes.bytes()),
-            (
-                "graph",
-                4 * lists + 8 * self.cells.capacity() + self.fixed.bytes(),
-            ),
+            ("graph", 4 * lists + 8 * self.cells.capacity() + self.fixed.bytes()),
             ("weights", weights + self.encoder.bytes() + self.decoder.bytes()),
             ("buffers", scratch + self.table.bytes()),
         ]);
@@ -44,14 +41,8 @@ impl<T: Number + Element> Network<T> {
         let (n, cells) = (self.grid.n_owned as f64, self.cells.len() as f64);
         let mut list = self.processor.flops(&self.grid, model);
         list.extend([
-            (
-                Phase::EncodeNodes,
-                n * (2.0 * d * self.n_inputs as f64 + h * square),
-            ),
-            (
-                Phase::Decode,
-                cells * (h * square + 2.0 * d * self.n_outputs as f64),
-            ),
+            (Phase::EncodeNodes, n * (2.0 * d * self.n_inputs as f64 + h * square)),
+            (Phase::Decode, cells * (h * square + 2.0 * d * self.n_outputs as f64)),
         ]);
         let mut flops = [0.0; 8];
         for (phase, value) in list {

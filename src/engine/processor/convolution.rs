@@ -27,9 +27,7 @@ pub struct Convolutions<T> {
 /// 1 / sqrt(1 + n) of the nodes that receive edges `row[i]..row[i + 1]`.
 pub fn scales(row: &[u32]) -> Vec<f32> {
     let edges = row.windows(2).map(|w| w[1] - w[0]);
-    edges
-        .map(|n| (1.0 / (1.0 + f64::from(n)).sqrt()) as f32)
-        .collect()
+    edges.map(|n| (1.0 / (1.0 + f64::from(n)).sqrt()) as f32).collect()
 }
 
 impl<T: Number> Convolutions<T> {

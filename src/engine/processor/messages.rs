@@ -57,13 +57,9 @@ impl<T: Number + Element> Messages<T> {
             edge_encoder: Encoder::new(isa, model, "encoder.edge", model.spec.n_edge_features())?,
             edge_bias: linear::bias(model, "encoder.edge.0")?,
             edge_scale: normaliser(model, "edge")?,
-            layers: (0..before + after)
-                .map(|l| Layer::new(isa, model, l))
-                .collect::<Result<_>>()?,
+            layers: (0..before + after).map(|l| Layer::new(isa, model, l)).collect::<Result<_>>()?,
             layers_before: before,
-            dispatch: dispatch
-                .then(|| linear::columns(isa, model, "segment.dispatch", 0..d))
-                .transpose()?,
+            dispatch: dispatch.then(|| linear::columns(isa, model, "segment.dispatch", 0..d)).transpose()?,
             stage,
             keep_encoded,
             features: Vec::new(),
@@ -114,11 +110,7 @@ impl<T: Number + Element> Messages<T> {
                 s.clock.stop(Phase::EncodeEdges);
             }
             let before = encoded.map(|e| &e[tile.edges.start * columns..tile.edges.end * columns]);
-            let graph = Topology {
-                senders: &order.senders,
-                receivers: &order.receivers,
-                projected,
-            };
+            let graph = Topology { senders: &order.senders, receivers: &order.receivers, projected };
             layer.sweep(&graph, tile, s, h, e, before, keep);
         });
     }
@@ -145,15 +137,7 @@ impl<T: Number + Element> Messages<T> {
             s.sums[..h.len()].copy_from_slice(h);
             let rows = Addend::Rows(&s.sums);
             let identity = Function::Identity;
-            product(
-                isa,
-                weight,
-                (&s.a, columns),
-                places.len(),
-                rows,
-                identity,
-                Output::Wide(h),
-            );
+            product(isa, weight, (&s.a, columns), places.len(), rows, identity, Output::Wide(h));
             s.clock.stop(Phase::Segments);
         };
         grid.pool.run(&mut grid.scratch, tiles.len(), task, || ());
@@ -213,10 +197,7 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
             ("halo", self.message.capacity() * size_of::<T>()),
             ("segments", stage),
         ];
-        (
-            arrays,
-            layers + dispatch + stage_weights + self.edge_encoder.bytes(),
-        )
+        (arrays, layers + dispatch + stage_weights + self.edge_encoder.bytes())
     }
 
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
@@ -262,12 +243,6 @@ fn encode_tile<T: Number>(
         let Scratch { a, b, c, .. } = &mut *scratch;
         let from = (&features[chunk.start * k..], k);
         let bias = Addend::Bias(bias);
-        encoder.run(
-            from,
-            chunk.len(),
-            bias,
-            (a, b, c),
-            Normed::Narrow(&mut out[own(&chunk)]),
-        );
+        encoder.run(from, chunk.len(), bias, (a, b, c), Normed::Narrow(&mut out[own(&chunk)]));
     }
 }

@@ -64,14 +64,9 @@ pub fn new<T: Number + Element>(
             let layers = (m.layers_before, m.layers_after);
             Box::new(Messages::new(model, graph, grid, layers, stage, keep_encoded)?)
         }
-        Kind::MeshGraphNet { layers } => Box::new(Messages::new(
-            model,
-            graph,
-            grid,
-            (*layers, 0),
-            None,
-            keep_encoded,
-        )?),
+        Kind::MeshGraphNet { layers } => {
+            Box::new(Messages::new(model, graph, grid, (*layers, 0), None, keep_encoded)?)
+        }
         Kind::Gcn { layers } => Box::new(Convolutions::new(model, graph, grid, *layers)?),
     })
 }

@@ -46,10 +46,7 @@ pub const LIBRARY: Description = Description {
 /// [`m4gn_mesh::Error::File`] where it is not found, cannot be loaded (libtorch is not found) or is of another version.
 pub fn library() -> Result<&'static Plugin> {
     static LOADED: OnceLock<Result<Plugin>> = OnceLock::new();
-    LOADED
-        .get_or_init(|| LIBRARY.load())
-        .as_ref()
-        .map_err(Clone::clone)
+    LOADED.get_or_init(|| LIBRARY.load()).as_ref().map_err(Clone::clone)
 }
 
 /// Trains as the request says; `stop` nonzero: save and stop.
@@ -96,12 +93,7 @@ impl TorchTrial {
         let mut handle = std::ptr::null_mut();
         // SAFETY: NUL-terminated strings and a place for the handle; all outlive the call.
         library.check(unsafe { make(text.as_ptr(), device.as_ptr(), &mut handle) })?;
-        Ok(TorchTrial {
-            library,
-            handle,
-            step,
-            free,
-        })
+        Ok(TorchTrial { library, handle, step, free })
     }
 
     /// One step; its loss.

@@ -103,28 +103,13 @@ impl TorchBackend {
         let mut handle = std::ptr::null_mut();
         let device = device.as_ref().map_or(std::ptr::null(), |d| d.as_ptr());
         // SAFETY: all pointers are valid for the call and the arrays have the lengths that the struct says.
-        let status = unsafe {
-            load(
-                bytes.as_ptr(),
-                bytes.len() as u64,
-                &described,
-                device,
-                &mut handle,
-            )
-        };
+        let status = unsafe { load(bytes.as_ptr(), bytes.len() as u64, &described, device, &mut handle) };
         library.check(status)?;
         if handle.is_null() {
             return Err(Error::Internal("libm4gn_torch.so loaded no model".into()));
         }
         let (n_inputs, n_outputs) = lengths;
-        Ok(TorchBackend {
-            handle,
-            step,
-            free,
-            n_inputs,
-            n_outputs,
-            library,
-        })
+        Ok(TorchBackend { handle, step, free, n_inputs, n_outputs, library })
     }
 }
 

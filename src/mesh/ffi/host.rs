@@ -55,11 +55,8 @@ pub struct MeshData {
 
 /// A count from the host.
 pub fn count(what: &str, n: i32) -> Result<usize> {
-    usize::try_from(n).map_err(|_| {
-        Error::Input(format!(
-            "{what}: expected a count that is not negative, found {n}"
-        ))
-    })
+    usize::try_from(n)
+        .map_err(|_| Error::Input(format!("{what}: expected a count that is not negative, found {n}")))
 }
 
 /// An array from the host, or an error naming it: null or misaligned with a length.
@@ -90,15 +87,10 @@ pub unsafe fn slice_mut<'a, T>(what: &str, pointer: *mut T, n: usize) -> Result<
 
 fn check<T>(what: &str, pointer: *const T, n: usize) -> Result<()> {
     if pointer.is_null() {
-        return Err(Error::Input(format!(
-            "{what}: expected an array of {n}, found a null pointer"
-        )));
+        return Err(Error::Input(format!("{what}: expected an array of {n}, found a null pointer")));
     }
     if !pointer.is_aligned() {
-        return Err(Error::Input(format!(
-            "{what}: the pointer is not aligned to {} bytes",
-            align_of::<T>()
-        )));
+        return Err(Error::Input(format!("{what}: the pointer is not aligned to {} bytes", align_of::<T>())));
     }
     Ok(())
 }
@@ -135,10 +127,7 @@ pub unsafe fn optional_text<'a>(what: &str, pointer: *const c_char) -> Result<Op
     let text = unsafe { CStr::from_ptr(pointer) };
     match text.to_str() {
         Ok(text) => Ok(Some(text)),
-        Err(_) => Err(Error::Input(format!(
-            "{what}: {:?} is not UTF-8",
-            text.to_string_lossy()
-        ))),
+        Err(_) => Err(Error::Input(format!("{what}: {:?} is not UTF-8", text.to_string_lossy()))),
     }
 }
 
@@ -159,9 +148,7 @@ pub fn directions(n: i32, which: [i32; 3]) -> Result<Vec<usize>> {
     }
     let direction = |&d: &i32| match d {
         0..=2 => Ok(d as usize),
-        _ => Err(Error::Input(format!(
-            "directions: expected 0 (x), 1 (y) or 2 (z), found {d}"
-        ))),
+        _ => Err(Error::Input(format!("directions: expected 0 (x), 1 (y) or 2 (z), found {d}"))),
     };
     which[..n as usize].iter().map(direction).collect()
 }
@@ -269,10 +256,7 @@ unsafe fn elastic(data: &MeshData) -> Result<Option<ElasticModes>> {
     }
     // SAFETY: as in `mesh`.
     let (eigenvalues, cells) = unsafe {
-        (
-            slice("mode_eigenvalues", data.mode_eigenvalues, m)?,
-            vectors("mode_cells", data.mode_cells, m * n)?,
-        )
+        (slice("mode_eigenvalues", data.mode_eigenvalues, m)?, vectors("mode_cells", data.mode_cells, m * n)?)
     };
     Ok(Some(ElasticModes {
         eigenvalues: eigenvalues.to_vec(),

@@ -41,11 +41,7 @@ pub(super) unsafe fn mesh(data: &MeshData, directions: Vec<usize>, n: usize) -> 
         let kind: Vec<ElementKind> = kind.iter().enumerate().map(kind_of).collect::<Result<_>>()?;
         let corners = kind.iter().map(|k| k.n_points()).sum();
         let material = vectors("element_material", data.element_material, count_elements)?;
-        let material = material.iter().map(|&[young, poisson, density]| Material {
-            young,
-            poisson,
-            density,
-        });
+        let material = material.iter().map(|&[young, poisson, density]| Material { young, poisson, density });
         Ok(Mesh {
             directions,
             cell_global: slice("cell_global", data.cell_global, n)?.to_vec(),
@@ -90,8 +86,5 @@ unsafe fn obstacle(data: &MeshData) -> Result<Option<Obstacle>> {
             n as i64 - 1
         )));
     }
-    Ok(Some(Obstacle {
-        positions: positions.to_vec(),
-        triangles: labels.as_chunks().0.to_vec(),
-    }))
+    Ok(Some(Obstacle { positions: positions.to_vec(), triangles: labels.as_chunks().0.to_vec() }))
 }

@@ -45,17 +45,12 @@ impl OwnedCommunicator {
             return None;
         }
         // SAFETY: copy was written, is a user communicator and nobody else holds it.
-        Some(Self::new(unsafe {
-            SimpleCommunicator::from_raw(copy.assume_init())
-        }))
+        Some(Self::new(unsafe { SimpleCommunicator::from_raw(copy.assume_init()) }))
     }
 
     /// Takes over a communicator that rsmpi made.
     pub fn new(comm: SimpleCommunicator) -> Self {
-        Self {
-            comm: ManuallyDrop::new(comm),
-            abandoned: false,
-        }
+        Self { comm: ManuallyDrop::new(comm), abandoned: false }
     }
 
     /// Leaves it unfreed when this is dropped: operations on it will never end.
@@ -175,11 +170,7 @@ impl Requests {
             }
         }
         // Also where `work` panics: the slices must outlive the requests.
-        let mut waiting = Waiting {
-            requests: &mut self.0,
-            n_receives: peers.len(),
-            given_up,
-        };
+        let mut waiting = Waiting { requests: &mut self.0, n_receives: peers.len(), given_up };
         work(&mut || {
             waiting.test();
         });

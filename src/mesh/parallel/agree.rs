@@ -63,10 +63,7 @@ impl Comm {
         match result {
             Err(e) if !broken || matches!(e, Error::Internal(_)) => Err(e),
             _ if broken => Err(broken_elsewhere(speaker, &message)),
-            _ => Err(Error::OtherRank {
-                rank: speaker,
-                message,
-            }),
+            _ => Err(Error::OtherRank { rank: speaker, message }),
         }
     }
 }
@@ -116,20 +113,11 @@ mod tests {
     #[test]
     fn the_first_option_that_differs_is_named() {
         let message = compare("a 1\nb 2\nc 3", "a 1\nb 3\nc 4").unwrap_err().to_string();
-        assert!(
-            message.contains("'b 2' on this rank and 'b 3' on rank 0"),
-            "{message}"
-        );
+        assert!(message.contains("'b 2' on this rank and 'b 3' on rank 0"), "{message}");
         let message = compare("a 1", "a 1\nb 2").unwrap_err().to_string();
-        assert!(
-            message.contains("'nothing' on this rank and 'b 2' on rank 0"),
-            "{message}"
-        );
+        assert!(message.contains("'nothing' on this rank and 'b 2' on rank 0"), "{message}");
         let message = compare("a 1\nb 2", "a 1").unwrap_err().to_string();
-        assert!(
-            message.contains("'b 2' on this rank and 'nothing' on rank 0"),
-            "{message}"
-        );
+        assert!(message.contains("'b 2' on this rank and 'nothing' on rank 0"), "{message}");
         assert!(compare("a 1", "a 1").is_ok());
     }
 

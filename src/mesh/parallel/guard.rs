@@ -178,20 +178,13 @@ impl MpiComm {
             Some(1) => Class::Broken,
             _ => Class::Followed,
         };
-        let (meetings, message) = message
-            .get(1..)
-            .unwrap_or_default()
-            .split_first_chunk()
-            .unwrap_or((&[0; 8], &[]));
+        let (meetings, message) =
+            message.get(1..).unwrap_or_default().split_first_chunk().unwrap_or((&[0; 8], &[]));
         let meetings = i64::from_le_bytes(*meetings);
         let message = String::from_utf8_lossy(message).into_owned();
         let mut left = self.left.borrow_mut();
         left.resize(self.size as usize, None);
-        left[rank as usize] = Some(Left {
-            class,
-            meetings,
-            message,
-        });
+        left[rank as usize] = Some(Left { class, meetings, message });
     }
 
     /// Tells the others, waits until all have left, and says what this rank returns.
@@ -201,10 +194,7 @@ impl MpiComm {
         message.extend(self.meetings.get().to_le_bytes());
         message.extend(text.bytes().take(LONGEST));
         for rank in (0..self.size).filter(|&r| r != self.rank) {
-            self.comm
-                .get()
-                .process_at_rank(rank)
-                .send_with_tag(&message[..], TAG);
+            self.comm.get().process_at_rank(rank).send_with_tag(&message[..], TAG);
         }
         let started = Instant::now();
         let others = |left: &[Option<Left>]| left.iter().flatten().count() as i32;

@@ -41,16 +41,8 @@ impl Halo {
             receive[r].end = i + 1;
         }
         let asked = comm.all_to_all(&wanted);
-        let local: HashMap<i64, i32> = cell_global
-            .iter()
-            .enumerate()
-            .map(|(i, &g)| (g, i as i32))
-            .collect();
-        let mut halo = Halo {
-            n_owned,
-            n_ghosts: ghosts.len(),
-            ..Default::default()
-        };
+        let local: HashMap<i64, i32> = cell_global.iter().enumerate().map(|(i, &g)| (g, i as i32)).collect();
+        let mut halo = Halo { n_owned, n_ghosts: ghosts.len(), ..Default::default() };
         let mut missing = None;
         for (rank, (asked, receive)) in asked.iter().zip(receive).enumerate() {
             let start = halo.send_rows.len();
@@ -62,11 +54,7 @@ impl Halo {
             }
             let send = start..halo.send_rows.len();
             if !send.is_empty() || !receive.is_empty() {
-                halo.peers.push(Peer {
-                    rank: rank as i32,
-                    send,
-                    receive,
-                });
+                halo.peers.push(Peer { rank: rank as i32, send, receive });
             }
         }
         let result = match missing {

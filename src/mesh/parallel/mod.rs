@@ -144,9 +144,7 @@ impl Comm {
     pub fn world() -> Result<Self> {
         start()?;
         let world = mpi::topology::SimpleCommunicator::world();
-        Ok(Comm::Mpi(Rc::new(MpiComm::new(OwnedCommunicator::new(
-            world.duplicate(),
-        )))))
+        Ok(Comm::Mpi(Rc::new(MpiComm::new(OwnedCommunicator::new(world.duplicate())))))
     }
 
     /// This rank, 0 to size - 1.
@@ -226,9 +224,7 @@ impl Comm {
             Comm::Mpi(m) => {
                 let mut sum = 0i64;
                 m.meet();
-                m.comm
-                    .get()
-                    .exclusive_scan_into(&v, &mut sum, SystemOperation::sum());
+                m.comm.get().exclusive_scan_into(&v, &mut sum, SystemOperation::sum());
                 // MPI leaves rank 0's result undefined.
                 if m.rank == 0 { 0 } else { sum }
             }
@@ -243,9 +239,7 @@ impl Comm {
         m.meet();
         let comm = m.comm.get();
         let size = m.size as usize;
-        let send_counts: Vec<i32> = (0..size)
-            .map(|r| send.get(r).map_or(0, |v| v.len()) as i32)
-            .collect();
+        let send_counts: Vec<i32> = (0..size).map(|r| send.get(r).map_or(0, |v| v.len()) as i32).collect();
         let mut receive_counts = vec![0i32; size];
         comm.all_to_all_into(&send_counts[..], &mut receive_counts[..]);
         let packed: Vec<T> = send.iter().take(size).flatten().copied().collect();
@@ -283,15 +277,13 @@ impl Comm {
             return None;
         }
         let mut lengths = vec![0i64; m.size as usize];
-        comm.process_at_rank(0)
-            .gather_into_root(&length, &mut lengths[..]);
+        comm.process_at_rank(0).gather_into_root(&length, &mut lengths[..]);
         let mut all = Vec::with_capacity(lengths.len());
         all.push(local.to_vec());
         for (rank, &length) in lengths.iter().enumerate().skip(1) {
             let mut part = vec![T::default(); length as usize];
             for piece in part.chunks_mut(PIECE) {
-                comm.process_at_rank(rank as i32)
-                    .receive_into_with_tag(piece, TAG);
+                comm.process_at_rank(rank as i32).receive_into_with_tag(piece, TAG);
             }
             all.push(part);
         }
@@ -335,9 +327,7 @@ pub fn same_on_all_ranks(comm: &Comm, values: &[(&str, i64)]) -> Result<()> {
     comm.max_i64(&mut extremes);
     for (pair, (name, _)) in extremes.chunks_exact(2).zip(values) {
         if pair[0] != -pair[1] {
-            return Err(Error::Input(format!(
-                "{name}: the ranks differ; expected the same on all"
-            )));
+            return Err(Error::Input(format!("{name}: the ranks differ; expected the same on all")));
         }
     }
     Ok(())
@@ -364,10 +354,7 @@ mod tests {
         assert_eq!(comm.all_to_all(&[vec![3i64, 4]]), vec![vec![3, 4]]);
         assert_eq!(comm.gather(&[1i32]), Some(vec![vec![1]]));
         assert_eq!(comm.exclusive_scan_i64(7), 0);
-        assert!(matches!(
-            comm.agree::<()>(Err(Error::Input("x".into()))),
-            Err(Error::Input(_))
-        ));
+        assert!(matches!(comm.agree::<()>(Err(Error::Input("x".into()))), Err(Error::Input(_))));
     }
 
     #[test]

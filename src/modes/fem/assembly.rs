@@ -19,9 +19,7 @@ pub(super) struct Movable {
 impl Movable {
     /// Takes out the points whose `dim` components are all held. Collective.
     pub fn new(held: &[[bool; 3]], dim: usize, comm: &Comm) -> Self {
-        let own: Vec<usize> = (0..held.len())
-            .filter(|&i| !held[i][..dim].iter().all(|h| *h))
-            .collect();
+        let own: Vec<usize> = (0..held.len()).filter(|&i| !held[i][..dim].iter().all(|h| *h)).collect();
         let first = comm.exclusive_scan_i64(own.len() as i64);
         let mut all: Vec<f64> = held
             .iter()
@@ -33,12 +31,7 @@ impl Movable {
         for (i, &p) in own.iter().enumerate() {
             all[4 * p] = (first + i as i64) as f64;
         }
-        Movable {
-            held: own.iter().map(|&p| held[p]).collect(),
-            own,
-            first,
-            all,
-        }
+        Movable { held: own.iter().map(|&p| held[p]).collect(), own, first, all }
     }
 }
 
@@ -69,10 +62,7 @@ impl Seen {
         Seen {
             numbers,
             moved: found.chunks_exact(4).map(|f| f[0] as i64).collect(),
-            held: found
-                .chunks_exact(4)
-                .map(|f| [f[1] != 0.0, f[2] != 0.0, f[3] != 0.0])
-                .collect(),
+            held: found.chunks_exact(4).map(|f| [f[1] != 0.0, f[2] != 0.0, f[3] != 0.0]).collect(),
         }
     }
 
@@ -92,10 +82,7 @@ pub(super) fn rows(
     movable: &Movable,
     comm: &Comm,
 ) -> (Rows, Rows) {
-    let names = strains
-        .iter()
-        .flat_map(|s| s.points())
-        .chain(masses.iter().flat_map(|m| m.points()));
+    let names = strains.iter().flat_map(|s| s.points()).chain(masses.iter().flat_map(|m| m.points()));
     let seen = Seen::new(names.copied().collect(), numbering, movable, comm);
     let stiffness = blocks(strains, dim * dim, &seen, movable, |strain, i, j, block| {
         let (gi, gj) = (&strain.gradients[i], &strain.gradients[j]);
@@ -111,12 +98,8 @@ pub(super) fn rows(
         block[0] += cell.mass[i * cell.points.len() + j];
     });
     (
-        scalar(&stiffness, dim, &seen, movable, Held::Diagonal, |block, a, b| {
-            Some(block[a * dim + b])
-        }),
-        scalar(&mass, dim, &seen, movable, Held::Nothing, |block, a, b| {
-            (a == b).then_some(block[0])
-        }),
+        scalar(&stiffness, dim, &seen, movable, Held::Diagonal, |block, a, b| Some(block[a * dim + b])),
+        scalar(&mass, dim, &seen, movable, Held::Nothing, |block, a, b| (a == b).then_some(block[0])),
     )
 }
 
@@ -131,10 +114,8 @@ fn blocks<T: Term>(
     let n = movable.own.len();
     // For each row the terms that have its point, and where.
     let mut of_row: Vec<Vec<(u32, u32)>> = vec![Vec::new(); n];
-    let places: Vec<Vec<usize>> = terms
-        .iter()
-        .map(|t| t.points().iter().map(|&p| seen.place(p)).collect())
-        .collect();
+    let places: Vec<Vec<usize>> =
+        terms.iter().map(|t| t.points().iter().map(|&p| seen.place(p)).collect()).collect();
     for (t, points) in places.iter().enumerate() {
         for (i, &p) in points.iter().enumerate() {
             let own = seen.moved[p] - movable.first;
@@ -143,11 +124,7 @@ fn blocks<T: Term>(
             }
         }
     }
-    let mut blocks = Blocks {
-        row: vec![0],
-        column: Vec::new(),
-        value: Vec::new(),
-    };
+    let mut blocks = Blocks { row: vec![0], column: Vec::new(), value: Vec::new() };
     const NONE: usize = usize::MAX;
     let mut slot = vec![NONE; seen.numbers.len()];
     for terms_here in &of_row {
@@ -199,11 +176,7 @@ fn scalar(
     entry: impl Fn(&[f64], usize, usize) -> Option<f64>,
 ) -> Rows {
     let size = blocks.value.len() / blocks.column.len().max(1);
-    let mut rows = Rows {
-        row: vec![0],
-        column: Vec::new(),
-        value: Vec::new(),
-    };
+    let mut rows = Rows { row: vec![0], column: Vec::new(), value: Vec::new() };
     for (i, window) in blocks.row.windows(2).enumerate() {
         let here = movable.first + i as i64;
         for a in 0..dim {

@@ -9,20 +9,11 @@ use std::f64::consts::PI;
 fn bending(kind: Kind, across: usize, poisson: f64) -> [f64; 2] {
     let side = 0.06;
     let mesh = sample::block(kind, [15 * across, across, across], [0.6, side, side]);
-    let material = Material {
-        young: 1e6,
-        poisson,
-        density: 1000.0,
-    };
-    let clamped: Vec<Fixed> = (0..mesh.points.len())
-        .filter(|&p| mesh.points[p][0] < 1e-9)
-        .map(|p| Fixed::all(p as i32))
-        .collect();
+    let material = Material { young: 1e6, poisson, density: 1000.0 };
+    let clamped: Vec<Fixed> =
+        (0..mesh.points.len()).filter(|&p| mesh.points[p][0] < 1e-9).map(|p| Fixed::all(p as i32)).collect();
     let options = Options {
-        modal: ModalOptions {
-            count: ModeCount::Fixed(2),
-            ..Default::default()
-        },
+        modal: ModalOptions { count: ModeCount::Fixed(2), ..Default::default() },
         ..Default::default()
     };
     let materials = vec![material; mesh.n_cells];
@@ -39,9 +30,7 @@ fn a_clamped_beam_bends_at_the_frequency_of_euler_and_bernoulli_in_both_directio
             let ratios = bending(kind, 4, poisson);
             println!("{kind:?} {poisson}: {ratios:?}");
             if ratios.iter().any(|r| (r - 1.0).abs() > bound) {
-                failures.push(format!(
-                    "{kind:?}, nu {poisson}: {ratios:?}, expected 1 +- {bound}"
-                ));
+                failures.push(format!("{kind:?}, nu {poisson}: {ratios:?}, expected 1 +- {bound}"));
             }
         }
     }

@@ -21,17 +21,10 @@ pub fn body_modes(body: &Body, modal: &ModalOptions) -> Result<Modes> {
         })
         .collect();
     let mesh = PointMesh::from_cells(body.positions.clone(), &cells);
-    let material = |m: &body::Material| Material {
-        young: m.young,
-        poisson: m.poisson,
-        density: m.density,
-    };
+    let material = |m: &body::Material| Material { young: m.young, poisson: m.poisson, density: m.density };
     let materials: Vec<_> = body.material.iter().map(material).collect();
-    let held: Vec<Fixed> = (0..)
-        .zip(&body.types)
-        .filter(|(_, t)| **t == NodeType::Handle)
-        .map(|(p, _)| Fixed::all(p))
-        .collect();
+    let held: Vec<Fixed> =
+        (0..).zip(&body.types).filter(|(_, t)| **t == NodeType::Handle).map(|(p, _)| Fixed::all(p)).collect();
     if held.is_empty() {
         return Err(Error::Input(
             "no point of the body is a handle: a body that is held nowhere has no static answer to an obstacle; mark \
@@ -39,10 +32,7 @@ pub fn body_modes(body: &Body, modal: &ModalOptions) -> Result<Modes> {
                 .into(),
         ));
     }
-    let options = Options {
-        modal: modal.clone(),
-        ..Options::default()
-    };
+    let options = Options { modal: modal.clone(), ..Options::default() };
     let found = modes(&mesh, &materials, &held, &options, &Comm::serial())?;
     let component = |i: usize| move |u: &[f64; 3]| u[i];
     Ok(Modes {

@@ -10,16 +10,9 @@ fn fail<T>(message: String) -> Result<T> {
 /// Everything that one rank can see.
 pub(super) fn local(mesh: &PointMesh) -> Result<()> {
     let limit = i32::MAX as usize / 4;
-    let sizes = [
-        mesh.points.len(),
-        mesh.face_points.len(),
-        mesh.n_cells,
-        mesh.n_faces(),
-    ];
+    let sizes = [mesh.points.len(), mesh.face_points.len(), mesh.n_cells, mesh.n_faces()];
     if let Some(n) = sizes.into_iter().find(|&n| n > limit) {
-        return fail(format!(
-            "{n} points, faces or cells on one rank: at most {limit}; use more ranks"
-        ));
+        return fail(format!("{n} points, faces or cells on one rank: at most {limit}; use more ranks"));
     }
     let mut directions = mesh.directions.clone();
     directions.sort_unstable();
@@ -38,10 +31,7 @@ pub(super) fn local(mesh: &PointMesh) -> Result<()> {
         ));
     }
     if let Some(p) = mesh.points.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
-        return fail(format!(
-            "points[{p}] is {:?}: expected finite numbers",
-            mesh.points[p]
-        ));
+        return fail(format!("points[{p}] is {:?}: expected finite numbers", mesh.points[p]));
     }
     faces(mesh)?;
     cells(mesh)
@@ -63,11 +53,9 @@ fn faces(mesh: &PointMesh) -> Result<()> {
             mesh.face_neighbour.len()
         ));
     }
-    if let Some(f) = (0..n).find(|&f| {
-        mesh.face_start[f + 1]
-            .checked_sub(mesh.face_start[f])
-            .is_none_or(|n| n < 3)
-    }) {
+    if let Some(f) =
+        (0..n).find(|&f| mesh.face_start[f + 1].checked_sub(mesh.face_start[f]).is_none_or(|n| n < 3))
+    {
         return fail(format!(
             "face {f} has {} points (face_start): expected at least 3",
             i64::from(mesh.face_start[f + 1]) - i64::from(mesh.face_start[f])
@@ -84,10 +72,7 @@ fn faces(mesh: &PointMesh) -> Result<()> {
         let points = mesh.face(f);
         for (i, &p) in points.iter().enumerate() {
             if !usize::try_from(p).is_ok_and(|p| p < n_points) {
-                return fail(format!(
-                    "face {f} names point {p}: expected 0 to {}",
-                    n_points as i64 - 1
-                ));
+                return fail(format!("face {f} names point {p}: expected 0 to {}", n_points as i64 - 1));
             }
             if points[..i].contains(&p) {
                 return fail(format!("face {f} names point {p} twice"));
@@ -114,10 +99,7 @@ fn cells(mesh: &PointMesh) -> Result<()> {
     let mut edges: Vec<(i32, i32, bool)> = Vec::new();
     for (cell, faces) in mesh.cell_faces().into_iter().enumerate() {
         if faces.len() < 4 {
-            return fail(format!(
-                "cell {cell} has {} faces: expected at least 4",
-                faces.len()
-            ));
+            return fail(format!("cell {cell} has {} faces: expected at least 4", faces.len()));
         }
         edges.clear();
         for (f, outward) in faces {

@@ -17,10 +17,7 @@ pub struct Fixed {
 impl Fixed {
     /// All components of a point.
     pub fn all(point: i32) -> Self {
-        Fixed {
-            point,
-            components: [true; 3],
-        }
+        Fixed { point, components: [true; 3] }
     }
 }
 
@@ -37,9 +34,7 @@ pub(super) fn held(
     comm: &Comm,
 ) -> Result<Vec<[bool; 3]>> {
     let dim = mesh.dim();
-    let bad = fixed
-        .iter()
-        .find(|f| !usize::try_from(f.point).is_ok_and(|p| p < mesh.points.len()));
+    let bad = fixed.iter().find(|f| !usize::try_from(f.point).is_ok_and(|p| p < mesh.points.len()));
     comm.agree(match bad {
         Some(f) => Err(Error::Input(format!(
             "fixed point {}: expected 0 to {}",
@@ -53,18 +48,12 @@ pub(super) fn held(
         let point = representative[f.point as usize];
         if let Some(number) = point.and_then(|p| numbering.number[p]) {
             numbers.push(number);
-            flags.extend(
-                mesh.directions
-                    .iter()
-                    .map(|&d| f64::from(u8::from(f.components[d]))),
-            );
+            flags.extend(mesh.directions.iter().map(|&d| f64::from(u8::from(f.components[d]))));
         }
     }
     let sums = numbering.sum_at_owner(comm, &numbers, &flags, dim);
-    let held: Vec<[bool; 3]> = sums
-        .chunks_exact(dim)
-        .map(|s| [0, 1, 2].map(|d| s.get(d).is_some_and(|&v| v > 0.0)))
-        .collect();
+    let held: Vec<[bool; 3]> =
+        sums.chunks_exact(dim).map(|s| [0, 1, 2].map(|d| s.get(d).is_some_and(|&v| v > 0.0))).collect();
     let mut count = [held.iter().flatten().filter(|h| **h).count() as i64];
     comm.sum_i64(&mut count);
     let problem = if count[0] == 0 && !free_body {
@@ -74,9 +63,7 @@ pub(super) fn held(
                 .into(),
         ))
     } else if count[0] == numbering.total() * dim as i64 {
-        Err(Error::Input(
-            "all displacements of all points are held: expected a body that can move".into(),
-        ))
+        Err(Error::Input("all displacements of all points are held: expected a body that can move".into()))
     } else {
         Ok(held)
     };

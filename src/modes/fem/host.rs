@@ -20,9 +20,7 @@ impl HostBody {
     /// A copy of the arrays.
     pub fn new(host: &SolidArrays) -> Self {
         let materials = host.young.iter().zip(host.poisson).zip(host.density);
-        let masks = host
-            .fixed_components
-            .map_or(vec![7; host.fixed_point.len()], <[i32]>::to_vec);
+        let masks = host.fixed_components.map_or(vec![7; host.fixed_point.len()], <[i32]>::to_vec);
         let fixed = host.fixed_point.iter().zip(masks);
         HostBody {
             mesh: PointMesh {
@@ -36,17 +34,10 @@ impl HostBody {
                 face_neighbour: host.face_neighbour.to_vec(),
             },
             materials: materials
-                .map(|((&young, &poisson), &density)| Material {
-                    young,
-                    poisson,
-                    density,
-                })
+                .map(|((&young, &poisson), &density)| Material { young, poisson, density })
                 .collect(),
             fixed: fixed
-                .map(|(&point, mask)| Fixed {
-                    point,
-                    components: [1, 2, 4].map(|bit| mask & bit != 0),
-                })
+                .map(|(&point, mask)| Fixed { point, components: [1, 2, 4].map(|bit| mask & bit != 0) })
                 .collect(),
             options: Options {
                 mass: match host.lumped_mass {

@@ -38,10 +38,7 @@ pub(super) fn strains(
             strains.push(Strain {
                 lambda: lambda * volume,
                 mu: mu * volume,
-                points: order
-                    .iter()
-                    .map(|&p| numbering.number[cell.points[p]].unwrap_or(-1))
-                    .collect(),
+                points: order.iter().map(|&p| numbering.number[cell.points[p]].unwrap_or(-1)).collect(),
                 gradients,
             });
         }
@@ -117,16 +114,10 @@ fn samples(shape: Shape) -> Option<Vec<Sample>> {
 fn mass_samples(shape: Shape) -> Option<Vec<Sample>> {
     let g = 1.0 / 3f64.sqrt();
     let pair = [-g, g];
-    let third = [
-        [1.0 / 6.0, 1.0 / 6.0],
-        [2.0 / 3.0, 1.0 / 6.0],
-        [1.0 / 6.0, 2.0 / 3.0],
-    ];
+    let third = [[1.0 / 6.0, 1.0 / 6.0], [2.0 / 3.0, 1.0 / 6.0], [1.0 / 6.0, 2.0 / 3.0]];
     let each = |points: &[[f64; 3]], at: fn([f64; 3]) -> Sample| points.iter().map(|&p| at(p)).collect();
     let product = |a: &[[f64; 2]], z: &[f64]| -> Vec<[f64; 3]> {
-        z.iter()
-            .flat_map(|&z| a.iter().map(move |p| [p[0], p[1], z]))
-            .collect()
+        z.iter().flat_map(|&z| a.iter().map(move |p| [p[0], p[1], z])).collect()
     };
     let square: Vec<[f64; 2]> = pair.iter().flat_map(|&y| pair.map(|x| [x, y])).collect();
     Some(match shape {
@@ -134,9 +125,7 @@ fn mass_samples(shape: Shape) -> Option<Vec<Sample>> {
         Shape::Quadrilateral => square.iter().map(|p| quadrilateral(*p)).collect(),
         Shape::Tetrahedron => {
             let (a, b) = (0.585_410_196_624_968_5, 0.138_196_601_125_010_5);
-            [[b, b, b], [a, b, b], [b, a, b], [b, b, a]]
-                .map(|p| tetrahedron(p, 1.0 / 24.0))
-                .into()
+            [[b, b, b], [a, b, b], [b, a, b], [b, b, a]].map(|p| tetrahedron(p, 1.0 / 24.0)).into()
         }
         Shape::Wedge => each(&product(&third, &pair), wedge),
         Shape::Hexahedron => each(&product(&square, &pair), hexahedron),
@@ -165,9 +154,7 @@ fn quadrilateral([x, y]: [f64; 2]) -> Sample {
     Sample {
         weight: 1.0,
         values: corners.map(|[a, b]| 0.25 * (1.0 + a * x) * (1.0 + b * y)).into(),
-        slopes: corners
-            .map(|[a, b]| [0.25 * a * (1.0 + b * y), 0.25 * b * (1.0 + a * x), 0.0])
-            .into(),
+        slopes: corners.map(|[a, b]| [0.25 * a * (1.0 + b * y), 0.25 * b * (1.0 + a * x), 0.0]).into(),
     }
 }
 
@@ -175,29 +162,18 @@ fn tetrahedron([a, b, c]: [f64; 3], weight: f64) -> Sample {
     Sample {
         weight,
         values: vec![1.0 - a - b - c, a, b, c],
-        slopes: vec![
-            [-1.0, -1.0, -1.0],
-            [1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, 0.0, 1.0],
-        ],
+        slopes: vec![[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     }
 }
 
 /// Layers of a flat element, at -1 and 1.
 fn layered(flat: &Sample, z: f64, weight: f64) -> Sample {
-    let mut sample = Sample {
-        weight,
-        values: Vec::new(),
-        slopes: Vec::new(),
-    };
+    let mut sample = Sample { weight, values: Vec::new(), slopes: Vec::new() };
     for side in [-1.0, 1.0] {
         let h = 0.5 * (1.0 + side * z);
         sample.values.extend(flat.values.iter().map(|v| v * h));
         let slope = |(v, s): (&f64, &[f64; 3])| [s[0] * h, s[1] * h, 0.5 * side * v];
-        sample
-            .slopes
-            .extend(flat.values.iter().zip(&flat.slopes).map(slope));
+        sample.slopes.extend(flat.values.iter().zip(&flat.slopes).map(slope));
     }
     sample
 }
@@ -219,9 +195,5 @@ fn pyramid([x, y, z]: [f64; 3], weight: f64) -> Sample {
     values.push(apex(&cube.values));
     let mut slopes = cube.slopes[..4].to_vec();
     slopes.push([0, 1, 2].map(|d| cube.slopes[4..].iter().map(|s| s[d]).sum()));
-    Sample {
-        weight,
-        values,
-        slopes,
-    }
+    Sample { weight, values, slopes }
 }

@@ -156,10 +156,7 @@ impl PointMesh {
             points.sort_unstable();
             points.dedup();
             let place = |p: &usize| points.partition_point(|q| q < p);
-            Cell {
-                faces: faces.iter().map(|f| f.iter().map(place).collect()).collect(),
-                points,
-            }
+            Cell { faces: faces.iter().map(|f| f.iter().map(place).collect()).collect(), points }
         };
         self.cell_faces().into_iter().map(polyhedron).collect()
     }

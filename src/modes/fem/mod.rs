@@ -151,11 +151,7 @@ pub fn assemble(
         .zip(units)
         .zip(materials)
         .map(|((cell, unit), material)| CellMass {
-            points: cell
-                .points
-                .iter()
-                .map(|&p| numbering.number[p].unwrap_or(-1))
-                .collect(),
+            points: cell.points.iter().map(|&p| numbering.number[p].unwrap_or(-1)).collect(),
             mass: unit.iter().map(|m| m * material.density).collect(),
         })
         .collect();
@@ -288,10 +284,7 @@ impl System {
         if found.eigenvalues.iter().any(|v| !v.is_finite()) {
             return Err(Error::Numerical("an eigenvalue is not finite".into()));
         }
-        Ok(SolidModes {
-            eigenvalues: found.eigenvalues,
-            vectors,
-        })
+        Ok(SolidModes { eigenvalues: found.eigenvalues, vectors })
     }
 }
 

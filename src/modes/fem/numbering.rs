@@ -62,15 +62,9 @@ impl Numbering {
             numbers[at] = number;
         }
         let numbers = directory.reply(comm, &mesh.point_global, &told, &numbers);
-        let number = (0..mesh.points.len())
-            .map(|p| (carries[p] && numbers[p] >= 0).then_some(numbers[p]))
-            .collect();
-        Ok(Numbering {
-            number,
-            first,
-            owned,
-            rank,
-        })
+        let number =
+            (0..mesh.points.len()).map(|p| (carries[p] && numbers[p] >= 0).then_some(numbers[p])).collect();
+        Ok(Numbering { number, first, owned, rank })
     }
 
     /// Rank that owns a number.
@@ -102,9 +96,7 @@ impl Numbering {
             .iter()
             .map(|list| {
                 let at = |&n: &i64| (n - self.first_own()) as usize * width;
-                list.iter()
-                    .flat_map(|n| own[at(n)..at(n) + width].iter().copied())
-                    .collect()
+                list.iter().flat_map(|n| own[at(n)..at(n) + width].iter().copied()).collect()
             })
             .collect();
         let answers = comm.all_to_all(&answers);
@@ -125,16 +117,9 @@ impl Numbering {
         }
         let (to, data) = (comm.all_to_all(&to), comm.all_to_all(&data));
         let mut sum = vec![0.0; self.owned.len() * width];
-        for (n, values) in to
-            .iter()
-            .flatten()
-            .zip(data.iter().flat_map(|d| d.chunks_exact(width)))
-        {
+        for (n, values) in to.iter().flatten().zip(data.iter().flat_map(|d| d.chunks_exact(width))) {
             let at = (n - self.first_own()) as usize * width;
-            sum[at..at + width]
-                .iter_mut()
-                .zip(values)
-                .for_each(|(s, v)| *s += v);
+            sum[at..at + width].iter_mut().zip(values).for_each(|(s, v)| *s += v);
         }
         sum
     }
@@ -229,27 +214,16 @@ impl Directory {
             send[(g / self.block) as usize].extend([g, value(p)]);
         }
         let unpack = |list: Vec<i64>| {
-            list.chunks_exact(2)
-                .map(|c| ((c[0] - self.first_kept) as usize, c[1]))
-                .collect()
+            list.chunks_exact(2).map(|c| ((c[0] - self.first_kept) as usize, c[1])).collect()
         };
         comm.all_to_all(&send).into_iter().map(unpack).collect()
     }
 
     /// Answers what [`Directory::send`] brought with the keeper's values: one for each local point.
     fn reply(&self, comm: &Comm, globals: &[i64], asked: &[Vec<(usize, i64)>], kept: &[i64]) -> Vec<i64> {
-        let answers: Vec<Vec<i64>> = asked
-            .iter()
-            .map(|list| list.iter().map(|&(at, _)| kept[at]).collect())
-            .collect();
-        let mut answers: Vec<_> = comm
-            .all_to_all(&answers)
-            .into_iter()
-            .map(Vec::into_iter)
-            .collect();
-        globals
-            .iter()
-            .map(|&g| answers[(g / self.block) as usize].next().unwrap_or(-1))
-            .collect()
+        let answers: Vec<Vec<i64>> =
+            asked.iter().map(|list| list.iter().map(|&(at, _)| kept[at]).collect()).collect();
+        let mut answers: Vec<_> = comm.all_to_all(&answers).into_iter().map(Vec::into_iter).collect();
+        globals.iter().map(|&g| answers[(g / self.block) as usize].next().unwrap_or(-1)).collect()
     }
 }

@@ -20,11 +20,7 @@ pub(super) fn section(mesh: &PointMesh) -> Result<Section> {
     let third = 3 - i - j;
     let mut twin: Vec<Option<usize>> = vec![None; mesh.points.len()];
     let mut pair = |a: usize, b: usize| -> Result<()> {
-        let low = if mesh.point_global[a] < mesh.point_global[b] {
-            a
-        } else {
-            b
-        };
+        let low = if mesh.point_global[a] < mesh.point_global[b] { a } else { b };
         for p in [a, b] {
             if twin[p].is_some_and(|t| t != low) {
                 return Err(Error::Mesh(format!(
@@ -88,10 +84,7 @@ pub(super) fn section(mesh: &PointMesh) -> Result<Section> {
             points.reverse();
         }
         let n = points.len();
-        cells.push(Cell {
-            points,
-            faces: (0..n).map(|k| vec![k, (k + 1) % n]).collect(),
-        });
+        cells.push(Cell { points, faces: (0..n).map(|k| vec![k, (k + 1) % n]).collect() });
     }
     Ok(Section { twin, cells })
 }
@@ -104,10 +97,7 @@ fn area(mesh: &PointMesh, f: usize) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for k in 1..points.len() - 1 {
         let (a, b) = (x(k), x(k + 1));
-        let (a, b) = (
-            [0, 1, 2].map(|d| a[d] - origin[d]),
-            [0, 1, 2].map(|d| b[d] - origin[d]),
-        );
+        let (a, b) = ([0, 1, 2].map(|d| a[d] - origin[d]), [0, 1, 2].map(|d| b[d] - origin[d]));
         for (d, total) in sum.iter_mut().enumerate() {
             let (e, f) = ((d + 1) % 3, (d + 2) % 3);
             *total += 0.5 * (a[e] * b[f] - a[f] * b[e]);

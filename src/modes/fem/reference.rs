@@ -18,32 +18,17 @@ struct Case {
 }
 
 const TETRAHEDRON: &[&[usize]] = &[&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]];
-const WEDGE: &[&[usize]] = &[
-    &[0, 2, 1],
-    &[3, 4, 5],
-    &[0, 1, 4, 3],
-    &[1, 2, 5, 4],
-    &[2, 0, 3, 5],
-];
-const HEXAHEDRON: &[&[usize]] = &[
-    &[0, 3, 2, 1],
-    &[4, 5, 6, 7],
-    &[0, 1, 5, 4],
-    &[1, 2, 6, 5],
-    &[2, 3, 7, 6],
-    &[3, 0, 4, 7],
-];
+const WEDGE: &[&[usize]] = &[&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]];
+const HEXAHEDRON: &[&[usize]] =
+    &[&[0, 3, 2, 1], &[4, 5, 6, 7], &[0, 1, 5, 4], &[1, 2, 6, 5], &[2, 3, 7, 6], &[3, 0, 4, 7]];
 
 impl Case {
     /// Two dimensions become a mesh that is one cell thick.
     fn mesh(&self) -> PointMesh {
         let n = self.points.len();
         let flat = self.points[0].len() == 2;
-        let mut points: Vec<[f64; 3]> = self
-            .points
-            .iter()
-            .map(|x| [x[0], x[1], x.get(2).copied().unwrap_or(0.0)])
-            .collect();
+        let mut points: Vec<[f64; 3]> =
+            self.points.iter().map(|x| [x[0], x[1], x.get(2).copied().unwrap_or(0.0)]).collect();
         let faces = match self.shape.as_str() {
             "tetrahedron" => TETRAHEDRON,
             "wedge" | "triangle" => WEDGE,
@@ -58,10 +43,7 @@ impl Case {
             .iter()
             .map(|cell| {
                 let corners: Vec<usize> = corners(cell);
-                faces
-                    .iter()
-                    .map(|f| f.iter().map(|&i| corners[i]).collect())
-                    .collect()
+                faces.iter().map(|f| f.iter().map(|&i| corners[i]).collect()).collect()
             })
             .collect();
         if flat {
@@ -82,21 +64,14 @@ fn eigenvalues_are_those_of_felupe() {
     let mut worst = 0.0f64;
     for case in &cases {
         let mesh = case.mesh();
-        let material = Material {
-            young: case.young,
-            poisson: case.poisson,
-            density: case.density,
-        };
+        let material = Material { young: case.young, poisson: case.poisson, density: case.density };
         let fixed: Vec<Fixed> = case.held.iter().map(|&p| Fixed::all(p as i32)).collect();
         let options = Options {
             formulation: match case.formulation.as_str() {
                 "isoparametric" => Formulation::Isoparametric,
                 _ => Formulation::Smoothed,
             },
-            modal: ModalOptions {
-                count: ModeCount::Fixed(case.eigenvalues.len()),
-                ..Default::default()
-            },
+            modal: ModalOptions { count: ModeCount::Fixed(case.eigenvalues.len()), ..Default::default() },
             ..Default::default()
         };
         let materials = vec![material; mesh.n_cells];

@@ -5,11 +5,7 @@ use super::*;
 
 fn good() -> (PointMesh, Vec<Material>, Vec<Fixed>) {
     let mesh = sample::block(Kind::Hexahedra, [3, 2, 2], [1.0, 1.0, 1.0]);
-    let material = Material {
-        young: 1e6,
-        poisson: 0.3,
-        density: 1000.0,
-    };
+    let material = Material { young: 1e6, poisson: 0.3, density: 1000.0 };
     let materials = vec![material; mesh.n_cells];
     (mesh, materials, vec![Fixed::all(0), Fixed::all(1), Fixed::all(4)])
 }
@@ -17,9 +13,7 @@ fn good() -> (PointMesh, Vec<Material>, Vec<Fixed>) {
 fn message(change: impl FnOnce(&mut PointMesh, &mut Vec<Material>, &mut Vec<Fixed>)) -> String {
     let (mut mesh, mut materials, mut fixed) = good();
     change(&mut mesh, &mut materials, &mut fixed);
-    modes(&mesh, &materials, &fixed, &Options::default(), &Comm::serial())
-        .expect_err("bad input")
-        .to_string()
+    modes(&mesh, &materials, &fixed, &Options::default(), &Comm::serial()).expect_err("bad input").to_string()
 }
 
 #[test]
@@ -38,17 +32,11 @@ fn materials_out_of_range_are_refused() {
         (0.5 - 1e-12, "within 1e-7 of 0.5"),
     ] {
         let found = message(|_, m, _| m[5].poisson = poisson);
-        assert!(
-            found.contains("Poisson's ratio of cell 5") && found.contains(text),
-            "{found}"
-        );
+        assert!(found.contains("Poisson's ratio of cell 5") && found.contains(text), "{found}");
     }
     for young in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let found = message(|_, m, _| m[0].young = young);
-        assert!(
-            found.contains("Young's modulus of cell 0") && found.contains("positive"),
-            "{found}"
-        );
+        assert!(found.contains("Young's modulus of cell 0") && found.contains("positive"), "{found}");
     }
     let found = message(|_, m, _| m[11].density = 0.0);
     assert!(found.contains("density of cell 11 is 0 kg/m^3"), "{found}");
@@ -62,10 +50,7 @@ fn broken_meshes_are_refused() {
     for formulation in [Formulation::Smoothed, Formulation::Isoparametric] {
         let (mut mesh, materials, fixed) = good();
         swap(&mut mesh);
-        let options = Options {
-            formulation,
-            ..Default::default()
-        };
+        let options = Options { formulation, ..Default::default() };
         let found = modes(&mesh, &materials, &fixed, &options, &Comm::serial()).expect_err("inverted");
         assert!(found.to_string().contains("inverted"), "{found}");
     }
@@ -103,10 +88,7 @@ fn broken_meshes_are_refused() {
     });
     assert!(found.contains("not a closed surface"), "{found}");
     let found = message(|m, _, _| m.point_global[3] = 4);
-    assert!(
-        found.contains("holds 4 twice") || found.contains("number 3"),
-        "{found}"
-    );
+    assert!(found.contains("holds 4 twice") || found.contains("number 3"), "{found}");
     let found = message(|m, _, _| m.point_global[3] = i64::MAX);
     assert!(found.contains("point_global holds"), "{found}");
     let found = message(|m, _, _| {
@@ -119,11 +101,7 @@ fn broken_meshes_are_refused() {
     let found = message(|m, _, _| m.directions = vec![0]);
     assert!(found.contains("directions"), "{found}");
     let found = message(|m, t, f| {
-        *m = PointMesh {
-            directions: vec![0, 1, 2],
-            face_start: vec![0],
-            ..Default::default()
-        };
+        *m = PointMesh { directions: vec![0, 1, 2], face_start: vec![0], ..Default::default() };
         t.clear();
         f.clear();
     });
@@ -133,10 +111,7 @@ fn broken_meshes_are_refused() {
 #[test]
 fn bodies_that_nothing_or_everything_holds_are_refused() {
     let found = message(|_, _, f| f.clear());
-    assert!(
-        found.contains("no displacement is held") && found.contains("patch"),
-        "{found}"
-    );
+    assert!(found.contains("no displacement is held") && found.contains("patch"), "{found}");
     // At one point, and along a line: the body turns.
     for n in [1, 2] {
         let found = message(|_, _, f| f.truncate(n));
@@ -154,11 +129,7 @@ fn bodies_that_nothing_or_everything_holds_are_refused() {
 fn only_the_smoothed_formulation_takes_polyhedra() {
     let mesh = sample::block(Kind::Polyhedra, [3, 3, 2], [1.0, 1.0, 1.0]);
     let (_, materials, _) = good();
-    let options = Options {
-        formulation: Formulation::Isoparametric,
-        free_body: true,
-        ..Default::default()
-    };
+    let options = Options { formulation: Formulation::Isoparametric, free_body: true, ..Default::default() };
     let materials = vec![materials[0]; mesh.n_cells];
     let found = modes(&mesh, &materials, &[], &options, &Comm::serial()).expect_err("polyhedra");
     assert!(found.to_string().contains("is a polyhedron"), "{found}");

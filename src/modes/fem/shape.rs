@@ -120,10 +120,6 @@ mod tests {
             }
         }
         let mesh = sample::block(sample::Kind::Polyhedra, [2, 2, 2], [1.0, 1.0, 1.0]);
-        assert!(
-            mesh.polyhedra()
-                .iter()
-                .any(|c| recognise(c).0 == Shape::Polyhedron)
-        );
+        assert!(mesh.polyhedra().iter().any(|c| recognise(c).0 == Shape::Polyhedron));
     }
 }

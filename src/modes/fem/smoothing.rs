@@ -52,30 +52,20 @@ pub(super) fn strains(
     averages: &[Shares],
     comm: &Comm,
 ) -> Result<(Vec<Strain>, Vec<Vec<f64>>)> {
-    let parts: Result<Vec<Parts>> = cells
-        .iter()
-        .enumerate()
-        .map(|(c, cell)| parts(c, cell, x))
-        .collect();
+    let parts: Result<Vec<Parts>> = cells.iter().enumerate().map(|(c, cell)| parts(c, cell, x)).collect();
     let parts = comm.agree(parts)?;
     let mut strains = Vec::new();
     let mut shared: Vec<Domain> = Vec::new();
     let mut masses = Vec::with_capacity(cells.len());
     for ((cell, part), &(lambda, mu)) in cells.iter().zip(parts).zip(moduli) {
-        let numbers: Vec<i64> = cell
-            .points
-            .iter()
-            .map(|&p| numbering.number[p].unwrap_or(-1))
-            .collect();
+        let numbers: Vec<i64> = cell.points.iter().map(|&p| numbering.number[p].unwrap_or(-1)).collect();
         let low = if lambda > LIMIT * mu { LIMIT * mu } else { lambda };
         let whole = Domain {
             key: [-1, -1],
             moduli: [low, mu],
             volume: part.volume.iter().sum(),
             points: numbers.clone(),
-            gradients: (0..numbers.len())
-                .map(|i| sum(part.gradients.iter().map(|g| g[i])))
-                .collect(),
+            gradients: (0..numbers.len()).map(|i| sum(part.gradients.iter().map(|g| g[i]))).collect(),
         };
         strains.push(whole.strain(1.0 - EDGES));
         for ((&[a, b], &volume), gradients) in part.edges.iter().zip(&part.volume).zip(&part.gradients) {
@@ -94,9 +84,7 @@ pub(super) fn strains(
         masses.push(part.mass);
     }
     // An edge's cells may be on several ranks: the owner of one end brings them together.
-    let shared = send(shared, comm, |domain: &Domain, ranks| {
-        ranks.push(numbering.owner(domain.key[0]))
-    });
+    let shared = send(shared, comm, |domain: &Domain, ranks| ranks.push(numbering.owner(domain.key[0])));
     for domain in merge(shared) {
         let share = if domain.key[1] < 0 { 1.0 } else { EDGES };
         strains.push(domain.strain(share));
@@ -233,12 +221,8 @@ fn parts(number: usize, cell: &Cell, x: &[[f64; 3]]) -> Result<Parts> {
     let middle = |points: &[usize]| sum(points.iter().map(|&p| position(p))).map(|v| v / points.len() as f64);
     let all: Vec<usize> = (0..n).collect();
     let centre = middle(&all);
-    let mut parts = Parts {
-        edges: Vec::new(),
-        volume: Vec::new(),
-        gradients: Vec::new(),
-        mass: vec![0.0; n * n],
-    };
+    let mut parts =
+        Parts { edges: Vec::new(), volume: Vec::new(), gradients: Vec::new(), mass: vec![0.0; n * n] };
     for face in &cell.faces {
         let solid = face.len() > 2;
         let sides = if solid { face.len() } else { 1 };
@@ -331,9 +315,5 @@ fn simplex(x: &[[f64; 3]]) -> (f64, Vec<[f64; 3]>) {
 }
 
 fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

@@ -60,10 +60,7 @@ impl Term for Strain {
         Strain {
             lambda: moduli[0],
             mu: moduli[1],
-            gradients: take(values, 3 * points.len())
-                .chunks_exact(3)
-                .map(|g| [g[0], g[1], g[2]])
-                .collect(),
+            gradients: take(values, 3 * points.len()).chunks_exact(3).map(|g| [g[0], g[1], g[2]]).collect(),
             points,
         }
     }
@@ -79,10 +76,7 @@ impl Term for CellMass {
     }
 
     fn from_parts(points: Vec<i64>, values: &mut &[f64]) -> Self {
-        CellMass {
-            mass: take(values, points.len() * points.len()).to_vec(),
-            points,
-        }
+        CellMass { mass: take(values, points.len() * points.len()).to_vec(), points }
     }
 }
 

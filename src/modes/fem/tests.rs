@@ -4,36 +4,18 @@ use crate::Rows;
 use m4gn_model::modal::ModeCount;
 use std::f64::consts::PI;
 
-const STEEL: Material = Material {
-    young: 2e5,
-    poisson: 0.3,
-    density: 2.0,
-};
+const STEEL: Material = Material { young: 2e5, poisson: 0.3, density: 2.0 };
 
 fn options(n: usize) -> Options {
-    Options {
-        modal: ModalOptions {
-            count: ModeCount::Fixed(n),
-            ..Default::default()
-        },
-        ..Default::default()
-    }
+    Options { modal: ModalOptions { count: ModeCount::Fixed(n), ..Default::default() }, ..Default::default() }
 }
 
 fn free(formulation: Formulation) -> Options {
-    Options {
-        formulation,
-        free_body: true,
-        ..options(8)
-    }
+    Options { formulation, free_body: true, ..options(8) }
 }
 
 fn times(rows: &Rows, u: &[f64]) -> Vec<f64> {
-    let entries = |w: &[usize]| {
-        (w[0]..w[1])
-            .map(|e| rows.value[e] * u[rows.column[e] as usize])
-            .sum()
-    };
+    let entries = |w: &[usize]| (w[0]..w[1]).map(|e| rows.value[e] * u[rows.column[e] as usize]).sum();
     rows.row.windows(2).map(entries).collect()
 }
 
@@ -136,14 +118,7 @@ fn bodies_that_nothing_holds_move_rigidly_at_no_frequency() {
 /// Holds each boundary point's displacement along the box's normals there: rollers on all sides.
 fn rollers(mesh: &PointMesh, l: [f64; 3]) -> Vec<Fixed> {
     let held = |x: &[f64; 3]| [0, 1, 2].map(|d| x[d] < 1e-9 || x[d] > l[d] - 1e-9);
-    mesh.points
-        .iter()
-        .enumerate()
-        .map(|(p, x)| Fixed {
-            point: p as i32,
-            components: held(x),
-        })
-        .collect()
+    mesh.points.iter().enumerate().map(|(p, x)| Fixed { point: p as i32, components: held(x) }).collect()
 }
 
 /// Exact eigenvalues of a box on rollers: waves of all wave numbers, along and across them.
@@ -155,11 +130,7 @@ fn of_box(l: &[f64], lambda: f64, mu: f64, density: f64, n: usize) -> Vec<f64> {
             for c in 0..(if l.len() == 3 { most } else { 1 }) {
                 let waves = [a, b, c];
                 let directions = waves.iter().filter(|w| **w > 0).count();
-                let square: f64 = l
-                    .iter()
-                    .zip(waves)
-                    .map(|(l, w)| (f64::from(w) * PI / l).powi(2))
-                    .sum();
+                let square: f64 = l.iter().zip(waves).map(|(l, w)| (f64::from(w) * PI / l).powi(2)).sum();
                 if directions > 0 {
                     values.push((lambda + 2.0 * mu) / density * square);
                     values.extend(vec![mu / density * square; directions - 1]);
@@ -186,14 +157,7 @@ fn a_box_on_rollers_converges_with_second_order_and_does_not_lock() {
             let mesh = sample::block(kind, [n, n, n], l);
             let material = Material { poisson, ..STEEL };
             let materials = vec![material; mesh.n_cells];
-            let found = modes(
-                &mesh,
-                &materials,
-                &rollers(&mesh, l),
-                &options(3),
-                &Comm::serial(),
-            )
-            .unwrap();
+            let found = modes(&mesh, &materials, &rollers(&mesh, l), &options(3), &Comm::serial()).unwrap();
             let (lambda, mu) = material.moduli(3, Plane::Strain);
             largest_error(&found, &of_box(&l, lambda, mu, material.density, 3))
         };
@@ -202,9 +166,7 @@ fn a_box_on_rollers_converges_with_second_order_and_does_not_lock() {
         println!("{kind:?}: {errors:?}, order {order:.2}, nu 0.4999: {near_half}");
         // Six- and seven-sided prisms are halved at the boundary: first order there.
         if errors[1] > 0.02 || order < 1.4 || near_half > 0.06 {
-            failures.push(format!(
-                "{kind:?}: {errors:?}, order {order}, nu 0.4999: {near_half}"
-            ));
+            failures.push(format!("{kind:?}: {errors:?}, order {order}, nu 0.4999: {near_half}"));
         }
     }
     assert!(failures.is_empty(), "{failures:#?}");
@@ -215,20 +177,12 @@ fn a_rectangle_on_rollers_converges_in_plane_strain_and_plane_stress() {
     let l = [1.0, 0.7];
     let mut failures = Vec::new();
     for kind in Flat::ALL {
-        for (plane, poisson) in [
-            (Plane::Strain, 0.3),
-            (Plane::Strain, 0.4999),
-            (Plane::Stress, 0.4999),
-        ] {
+        for (plane, poisson) in [(Plane::Strain, 0.3), (Plane::Strain, 0.4999), (Plane::Stress, 0.4999)] {
             for mass in [MassKind::Consistent, MassKind::Lumped] {
                 let material = Material { poisson, ..STEEL };
                 let error = |n: usize| {
                     let mesh = sample::rectangle(kind, n, n, l[0], l[1]);
-                    let options = Options {
-                        plane,
-                        mass,
-                        ..options(4)
-                    };
+                    let options = Options { plane, mass, ..options(4) };
                     let held = rollers(&mesh, [l[0], l[1], f64::INFINITY]);
                     let materials = vec![material; mesh.n_cells];
                     let found = modes(&mesh, &materials, &held, &options, &Comm::serial()).unwrap();
@@ -240,9 +194,8 @@ fn a_rectangle_on_rollers_converges_in_plane_strain_and_plane_stress() {
                 println!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order:.2}");
                 // Below that, errors of different signs make no order.
                 if errors[1] > 0.03 || (order < 1.5 && errors[1] > 0.004) {
-                    failures.push(format!(
-                        "{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order}"
-                    ));
+                    failures
+                        .push(format!("{kind:?} {plane:?} {poisson} {mass:?}: {errors:?}, order {order}"));
                 }
             }
         }

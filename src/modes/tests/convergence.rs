@@ -28,14 +28,8 @@ fn converges(mesh: impl Fn(usize) -> Mesh, sizes: &[usize], exact: &[f64], expec
     let h: Vec<f64> = sizes.iter().map(|&n| 1.0 / n as f64).collect();
     for (i, errors) in errors.iter().enumerate() {
         let fitted = order(&h, errors);
-        assert!(
-            (fitted - expected).abs() < 0.1,
-            "eigenvalue {i}: order {fitted}, errors {errors:?}"
-        );
-        assert!(
-            errors[sizes.len() - 1] < finest,
-            "eigenvalue {i}: errors {errors:?}"
-        );
+        assert!((fitted - expected).abs() < 0.1, "eigenvalue {i}: order {fitted}, errors {errors:?}");
+        assert!(errors[sizes.len() - 1] < finest, "eigenvalue {i}: errors {errors:?}");
     }
 }
 
@@ -74,11 +68,5 @@ fn a_disk_converges_with_second_order() {
     ];
     let radius = 0.5;
     let wanted = zeros.map(|z: f64| (z / radius).powi(2));
-    converges(
-        |n| sample::disk(n, 4 * n, radius),
-        &[8, 16, 32],
-        &wanted,
-        2.0,
-        5e-3,
-    );
+    converges(|n| sample::disk(n, 4 * n, radius), &[8, 16, 32], &wanted, 2.0, 5e-3);
 }

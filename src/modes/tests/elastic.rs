@@ -26,20 +26,12 @@ fn mesh(angle: f64) -> Mesh {
         of(&pair(-s, c)),
         of(&|x| wave(11.0, x)),
     ];
-    mesh.elastic = Some(ElasticModes {
-        eigenvalues: vec![1.0, 4.0, 4.0 + 1e-9, 9.0],
-        vectors,
-    });
+    mesh.elastic = Some(ElasticModes { eigenvalues: vec![1.0, 4.0, 4.0 + 1e-9, 9.0], vectors });
     mesh
 }
 
 fn spec(operator: Option<ModalOperator>, modes: usize) -> SegmentSpec {
-    SegmentSpec {
-        count: 9,
-        modes,
-        operator,
-        ..Default::default()
-    }
+    SegmentSpec { count: 9, modes, operator, ..Default::default() }
 }
 
 fn labels(mesh: &Mesh, spec: &SegmentSpec) -> m4gn_mesh::Result<Vec<i32>> {
@@ -71,11 +63,7 @@ fn segments_depend_on_neither_signs_nor_bases() {
     let elastic = spec(None, 2);
     let first = labels(&mesh(0.0), &elastic).unwrap();
     for angle in [0.4, 2.0, 3.1] {
-        assert_eq!(
-            labels(&mesh(angle), &elastic).unwrap(),
-            first,
-            "turned by {angle}"
-        );
+        assert_eq!(labels(&mesh(angle), &elastic).unwrap(), first, "turned by {angle}");
     }
     let laplacian = labels(&mesh(0.0), &spec(Some(ModalOperator::Laplacian), 2)).unwrap();
     assert_ne!(first, laplacian);
@@ -83,16 +71,10 @@ fn segments_depend_on_neither_signs_nor_bases() {
 
 #[test]
 fn elastic_modes_that_are_not_there_or_broken_are_named() {
-    let without = Mesh {
-        elastic: None,
-        ..mesh(0.0)
-    };
+    let without = Mesh { elastic: None, ..mesh(0.0) };
     let wanted = spec(Some(ModalOperator::Elastic), 2);
     let message = labels(&without, &wanted).unwrap_err().to_string();
-    assert!(
-        message.contains("the mesh has none with it; expected E, nu and rho"),
-        "{message}"
-    );
+    assert!(message.contains("the mesh has none with it; expected E, nu and rho"), "{message}");
     let broken = |change: &dyn Fn(&mut ElasticModes)| {
         let mut mesh = mesh(0.0);
         change(mesh.elastic.as_mut().unwrap());

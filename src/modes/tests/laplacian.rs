@@ -12,9 +12,8 @@ fn modes(mesh: &Mesh, n: usize) -> Result<Modes> {
 fn discrete(nx: usize, ny: usize, lx: f64, ly: f64, n: usize) -> Vec<f64> {
     let axis =
         |k: usize, n: usize, l: f64| (2.0 * n as f64 / l * (k as f64 * PI / (2 * n) as f64).sin()).powi(2);
-    let mut all: Vec<f64> = (1..=nx)
-        .flat_map(|k| (1..=ny).map(move |l| axis(k, nx, lx) + axis(l, ny, ly)))
-        .collect();
+    let mut all: Vec<f64> =
+        (1..=nx).flat_map(|k| (1..=ny).map(move |l| axis(k, nx, lx) + axis(l, ny, ly))).collect();
     all.sort_by(f64::total_cmp);
     all.truncate(n);
     all
@@ -38,20 +37,10 @@ fn every_copy_of_repeated_eigenvalues_of_a_square_is_found() {
     let m = modes(&sample::rectangle(24, 24, 1.0, 1.0), 12).unwrap();
     let exact = discrete(24, 24, 1.0, 1.0, m.eigenvalues.len());
     for (value, exact) in m.eigenvalues.iter().zip(&exact) {
-        assert!(
-            (value / exact - 1.0).abs() < 1e-9,
-            "{:?}\n{exact:?}",
-            m.eigenvalues
-        );
+        assert!((value / exact - 1.0).abs() < 1e-9, "{:?}\n{exact:?}", m.eigenvalues);
     }
     // The second eigenvalue is double: asking for two gives three.
-    assert_eq!(
-        modes(&sample::rectangle(24, 24, 1.0, 1.0), 2)
-            .unwrap()
-            .eigenvalues
-            .len(),
-        3
-    );
+    assert_eq!(modes(&sample::rectangle(24, 24, 1.0, 1.0), 2).unwrap().eigenvalues.len(), 3);
 }
 
 #[test]
@@ -63,11 +52,7 @@ fn modes_are_scaled_orthogonal_and_equal_to_the_dense_ones() {
     );
     assert_eq!(m.eigenvalues.len(), r.eigenvalues.len());
     let inner = |a: &[f64], b: &[f64]| -> f64 {
-        a.iter()
-            .zip(b)
-            .zip(&mesh.cell_volumes)
-            .map(|((x, y), v)| x * y * v)
-            .sum()
+        a.iter().zip(b).zip(&mesh.cell_volumes).map(|((x, y), v)| x * y * v).sum()
     };
     for i in 0..m.vectors.len() {
         for j in 0..=i {
@@ -112,10 +97,7 @@ fn as_many_modes_as_cells_is_an_error_that_says_so() {
     assert_eq!(modes(&mesh, 4).unwrap().eigenvalues.len(), 4);
     assert_eq!(modes(&mesh, 0).unwrap().vectors.len(), 0);
     let error = modes(&mesh, 5).unwrap_err();
-    assert!(
-        matches!(&error, Error::Input(m) if m.contains("at most 4")),
-        "{error}"
-    );
+    assert!(matches!(&error, Error::Input(m) if m.contains("at most 4")), "{error}");
 }
 
 #[test]
@@ -131,10 +113,7 @@ fn two_cells_have_one_mode() {
 fn the_energy_chooses_the_number_of_modes() {
     let comm = Comm::serial();
     let energy = |mesh: &Mesh, share, most| {
-        let options = ModalOptions {
-            count: ModeCount::Energy { share, most },
-            ..Default::default()
-        };
+        let options = ModalOptions { count: ModeCount::Energy { share, most }, ..Default::default() };
         laplacian_modes(mesh, &comm, &options).map(|m| m.eigenvalues.len())
     };
     // A chain's 1 / lambda goes as 1, 1/4, 1/9, 1/16 (up to 0.1 % here): 0.702, 0.878, 0.956, 1 of the sum.

@@ -7,21 +7,14 @@ use m4gn_samples::mesh as sample;
 
 fn with(mesh: &Mesh, solver: ModalSolver, petsc: &str) -> Result<Modes> {
     let comm = Comm::serial();
-    let options = ModalOptions {
-        solver,
-        petsc: petsc.into(),
-        ..Default::default()
-    };
+    let options = ModalOptions { solver, petsc: petsc.into(), ..Default::default() };
     laplacian_modes(mesh, &comm, &options)
 }
 
 fn same(a: &Modes, b: &Modes) {
     assert_eq!(a.eigenvalues.len(), b.eigenvalues.len());
     for (i, (x, y)) in a.eigenvalues.iter().zip(&b.eigenvalues).enumerate() {
-        assert!(
-            (x - y).abs() <= 1e-8 * y.abs().max(1e-3),
-            "eigenvalue {i}: {x} {y}"
-        );
+        assert!((x - y).abs() <= 1e-8 * y.abs().max(1e-3), "eigenvalue {i}: {x} {y}");
         for (x, y) in a.vectors[i].iter().zip(&b.vectors[i]) {
             assert!((x - y).abs() < 1e-6, "mode {i}: {x} {y}");
         }
@@ -75,11 +68,7 @@ fn options_of_petsc_are_used_or_refused() {
     ] {
         same(&with(&mesh, ModalSolver::Auto, good).unwrap(), &expected);
     }
-    let iterative = with(
-        &mesh,
-        ModalSolver::Iterative,
-        "-m4gn_st_pc_hypre_boomeramg_coarsen_type PMIS",
-    );
+    let iterative = with(&mesh, ModalSolver::Iterative, "-m4gn_st_pc_hypre_boomeramg_coarsen_type PMIS");
     same(&iterative.unwrap(), &expected);
     for (bad, word) in [
         ("-m4gn_st_pc_type no_such", "no_such"),
@@ -89,10 +78,7 @@ fn options_of_petsc_are_used_or_refused() {
         ("-eps_tol 1e-9", "-m4gn_"),
     ] {
         let error = with(&mesh, ModalSolver::Auto, bad).unwrap_err();
-        assert!(
-            error.status() > 0 && error.to_string().contains(word),
-            "{bad}: {error}"
-        );
+        assert!(error.status() > 0 && error.to_string().contains(word), "{bad}: {error}");
         // They are gone with the call.
         same(&with(&mesh, ModalSolver::Auto, "").unwrap(), &expected);
     }

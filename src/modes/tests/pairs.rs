@@ -6,10 +6,7 @@ use std::f64::consts::PI;
 
 /// A matrix of constant bands below, on and above the diagonal, one such band matrix for each unknown of a point.
 fn bands(points: usize, band: [f64; 3], weight: &[f64]) -> Rows {
-    let mut rows = Rows {
-        row: vec![0],
-        ..Default::default()
-    };
+    let mut rows = Rows { row: vec![0], ..Default::default() };
     for i in 0..points as i64 {
         for (c, w) in weight.iter().enumerate() {
             for (j, b) in (i - 1..=i + 1).zip(band) {
@@ -44,10 +41,7 @@ fn modes(problem: &Problem, n: usize) -> Result<Modes> {
 
 fn close(found: &[f64], exact: impl IntoIterator<Item = f64>, relative: f64) {
     for (i, (x, y)) in found.iter().zip(exact).enumerate() {
-        assert!(
-            (x - y).abs() <= relative * y.abs(),
-            "eigenvalue {i}: {x}, expected {y}"
-        );
+        assert!((x - y).abs() <= relative * y.abs(), "eigenvalue {i}: {x}, expected {y}");
     }
 }
 
@@ -61,11 +55,8 @@ fn a_bar_with_a_consistent_mass() {
     for n in [40, 400] {
         let h = 1.0 / (n + 1) as f64;
         let m = bands(n, [h / 6.0, 4.0 * h / 6.0, h / 6.0], &[1.0]);
-        let found = modes(
-            &problem(bands(n, [-1.0 / h, 2.0 / h, -1.0 / h], &[1.0]), Some(m.clone())),
-            5,
-        )
-        .unwrap();
+        let found =
+            modes(&problem(bands(n, [-1.0 / h, 2.0 / h, -1.0 / h], &[1.0]), Some(m.clone())), 5).unwrap();
         let exact = |k: usize| {
             let c = (k as f64 * PI * h).cos();
             6.0 / (h * h) * (1.0 - c) / (2.0 + c)
@@ -87,20 +78,13 @@ fn a_non_symmetric_pair_is_solved_as_it_is() {
     let c: f64 = 0.02;
     for n in [60, 300] {
         let k = bands(n, [-1.0 - c, 2.0, -1.0 + c], &[1.0]);
-        let pair = Problem {
-            symmetric: false,
-            ..problem(k.clone(), None)
-        };
+        let pair = Problem { symmetric: false, ..problem(k.clone(), None) };
         let found = modes(&pair, 4).unwrap();
         let exact = |k: usize| 2.0 - 2.0 * (1.0 - c * c).sqrt() * (k as f64 * PI / (n + 1) as f64).cos();
         assert_eq!(found.eigenvalues.len(), 4);
         close(&found.eigenvalues, (1..=4).map(exact), 1e-7);
         for (phi, value) in found.vectors.iter().zip(&found.eigenvalues) {
-            let off = times(&k, phi)
-                .iter()
-                .zip(phi)
-                .map(|(x, y)| (x - value * y).powi(2))
-                .sum::<f64>();
+            let off = times(&k, phi).iter().zip(phi).map(|(x, y)| (x - value * y).powi(2)).sum::<f64>();
             assert!(off.sqrt() < 1e-8 * phi.iter().map(|x| x * x).sum::<f64>().sqrt());
         }
         let dense = reference(&pair, &Comm::serial(), &ModalOptions::fixed(4)).unwrap();
@@ -133,11 +117,7 @@ fn copies_of_non_symmetric_eigenvalues_are_all_found() {
         // Independent: orthonormal within each cluster.
         for i in 0..3 {
             for j in 0..i {
-                let dot: f64 = found.vectors[i]
-                    .iter()
-                    .zip(&found.vectors[j])
-                    .map(|(x, y)| x * y)
-                    .sum();
+                let dot: f64 = found.vectors[i].iter().zip(&found.vectors[j]).map(|(x, y)| x * y).sum();
                 assert!(dot.abs() < 1e-6 * n as f64);
             }
         }
@@ -149,10 +129,7 @@ fn complex_pairs_are_one_repeated_eigenvalue_unless_they_turn() {
     // Two unknowns a point, coupled by +-b: lambda_k +- ib.
     let turning = |n: usize, b: f64| {
         let mut k = bands(n, [-1.0, 2.0, -1.0], &[1.0, 1.0]);
-        let mut rows = Rows {
-            row: vec![0],
-            ..Default::default()
-        };
+        let mut rows = Rows { row: vec![0], ..Default::default() };
         for i in 0..2 * n {
             let (from, to) = (k.row[i], k.row[i + 1]);
             rows.column.extend(k.column.drain(..to - from));
@@ -161,11 +138,7 @@ fn complex_pairs_are_one_repeated_eigenvalue_unless_they_turn() {
             rows.value.push(if i % 2 == 0 { b } else { -b });
             rows.row.push(rows.column.len());
         }
-        Problem {
-            symmetric: false,
-            block: 2,
-            ..problem(rows, None)
-        }
+        Problem { symmetric: false, block: 2, ..problem(rows, None) }
     };
     for n in [30, 100] {
         let exact = |k: usize| 2.0 - 2.0 * (k as f64 * PI / (n + 1) as f64).cos();
@@ -173,10 +146,7 @@ fn complex_pairs_are_one_repeated_eigenvalue_unless_they_turn() {
         assert_eq!(found.eigenvalues.len(), 4);
         close(&found.eigenvalues, [1, 1, 2, 2].map(exact), 1e-7);
         let error = modes(&turning(n, exact(1)), 3).unwrap_err();
-        assert!(
-            matches!(&error, Error::Numerical(m) if m.contains("complex")),
-            "{error}"
-        );
+        assert!(matches!(&error, Error::Numerical(m) if m.contains("complex")), "{error}");
     }
 }
 
@@ -194,10 +164,7 @@ fn massless_unknowns_have_no_modes_of_their_own() {
         close(&found.eigenvalues, (1..=5).map(exact), 1e-8);
         if masses == 30 {
             let error = modes(&pair, 31).unwrap_err();
-            assert!(
-                matches!(&error, Error::Numerical(m) if m.contains("only 30")),
-                "{error}"
-            );
+            assert!(matches!(&error, Error::Numerical(m) if m.contains("only 30")), "{error}");
         }
     }
 }
@@ -222,11 +189,7 @@ fn unknowns_of_a_point_and_free_parts_make_repeated_eigenvalues() {
         let found = modes(&pair, 3).unwrap();
         assert_eq!(found.eigenvalues.len(), 4);
         let exact = 2.0 - 2.0 * (PI / n as f64).cos();
-        assert!(
-            found.eigenvalues[..2].iter().all(|v| v.abs() < 1e-10),
-            "{:?}",
-            found.eigenvalues
-        );
+        assert!(found.eigenvalues[..2].iter().all(|v| v.abs() < 1e-10), "{:?}", found.eigenvalues);
         close(&found.eigenvalues[2..], [exact, exact], 1e-7);
         // Each of the first two is constant in each part.
         for phi in &found.vectors[..2] {
@@ -259,10 +222,7 @@ fn wrong_pairs_are_refused() {
         let mut bad = good.clone();
         damage(&mut bad);
         let error = modes(&bad, 3).unwrap_err();
-        assert!(
-            matches!(&error, Error::Input(m) if m.contains(word)),
-            "{word}: {error}"
-        );
+        assert!(matches!(&error, Error::Input(m) if m.contains(word)), "{word}: {error}");
     }
     assert!(matches!(modes(&good, 40), Err(Error::Input(_))));
     assert_eq!(modes(&good, 0).unwrap().vectors.len(), 0);
@@ -279,10 +239,7 @@ fn wrong_pairs_are_refused() {
             m[20] = 0.0;
         }
         let error = modes(&bad, 3).unwrap_err();
-        assert!(
-            matches!(&error, Error::Numerical(m) if m.contains("a row of zeros in both")),
-            "{error}"
-        );
+        assert!(matches!(&error, Error::Numerical(m) if m.contains("a row of zeros in both")), "{error}");
     }
 }
 
@@ -293,16 +250,9 @@ fn indefinite_pairs_are_refused_at_any_size() {
         let negative = |k: Rows| problem(k, None);
         let mut mass = good();
         mass.mass = Mass::Diagonal((0..n).map(|i| if i % 7 == 0 { -1.0 } else { 1.0 }).collect());
-        let inside = Problem {
-            shift: Some(1.01),
-            ..good()
-        };
+        let inside = Problem { shift: Some(1.01), ..good() };
         for (name, bad, word) in [
-            (
-                "K - 0.5 I",
-                negative(bands(n, [-1.0, 1.5, -1.0], &[1.0])),
-                "shift below",
-            ),
+            ("K - 0.5 I", negative(bands(n, [-1.0, 1.5, -1.0], &[1.0])), "shift below"),
             ("-K", negative(bands(n, [1.0, -2.0, 1.0], &[1.0])), "shift below"),
             ("a shift inside of the spectrum", inside, "shift below"),
             ("a negative mass", mass, "M is not positive semi-definite"),
@@ -316,24 +266,16 @@ fn indefinite_pairs_are_refused_at_any_size() {
 /// Equal parts that are not joined: each eigenvalue as often as there are parts, in any numbering.
 #[test]
 fn eigenvalues_that_are_repeated_often_are_whole() {
-    for (parts, points, wanted) in [
-        (5, 30, 1),
-        (60, 20, 6),
-        (100, 12, 6),
-        (60, 50, 6),
-        (9, 40, 20),
-        (200, 30, 6),
-    ] {
+    for (parts, points, wanted) in
+        [(5, 30, 1), (60, 20, 6), (100, 12, 6), (60, 50, 6), (9, 40, 20), (200, 30, 6)]
+    {
         let n = parts * points;
         let chain = bands(points, [-1.0, 2.0, -1.0], &[1.0]);
         // Row i of the whole is row `place(i)` of the parts one after the other.
         let solved = |place: &dyn Fn(usize) -> usize| {
             let mut number = vec![0; n];
             (0..n).for_each(|i| number[place(i)] = i as i64);
-            let mut rows = Rows {
-                row: vec![0],
-                ..Default::default()
-            };
+            let mut rows = Rows { row: vec![0], ..Default::default() };
             for (part, i) in (0..n).map(|i| (place(i) / points, place(i) % points)) {
                 for e in chain.row[i]..chain.row[i + 1] {
                     rows.column.push(number[part * points + chain.column[e] as usize]);
@@ -342,10 +284,7 @@ fn eigenvalues_that_are_repeated_often_are_whole() {
                 rows.row.push(rows.column.len());
             }
             let position = |i: usize| [place(i) as f64, 0.0, 0.0];
-            let pair = Problem {
-                positions: (0..n).map(position).collect(),
-                ..problem(rows, None)
-            };
+            let pair = Problem { positions: (0..n).map(position).collect(), ..problem(rows, None) };
             modes(&pair, wanted).unwrap()
         };
         let straight = solved(&|i| i);
@@ -353,16 +292,8 @@ fn eigenvalues_that_are_repeated_often_are_whole() {
         let exact = |k: usize| 2.0 - 2.0 * (k as f64 * PI / (points + 1) as f64).cos();
         let expected = wanted.div_ceil(parts) * parts;
         assert_eq!(straight.eigenvalues.len(), expected, "{parts} chains of {points}");
-        assert_eq!(
-            mixed.eigenvalues.len(),
-            expected,
-            "{parts} chains of {points}, mixed"
-        );
-        close(
-            &straight.eigenvalues,
-            (0..expected).map(|m| exact(m / parts + 1)),
-            1e-9,
-        );
+        assert_eq!(mixed.eigenvalues.len(), expected, "{parts} chains of {points}, mixed");
+        close(&straight.eigenvalues, (0..expected).map(|m| exact(m / parts + 1)), 1e-9);
         // The space of a repeated eigenvalue: of any basis of it the sum of squares at a point is the same.
         let spaces = straight.vectors.chunks(parts).zip(mixed.vectors.chunks(parts));
         for (k, (a, b)) in spaces.enumerate() {
@@ -370,10 +301,7 @@ fn eigenvalues_that_are_repeated_often_are_whole() {
             let off = (0..n)
                 .map(|i| (squares(a, (i * 7919 + 13) % n) - squares(b, i)).abs() / parts as f64)
                 .fold(0.0, f64::max);
-            assert!(
-                off < 1e-6,
-                "{parts} chains of {points}: space {k} differs by {off:e}"
-            );
+            assert!(off < 1e-6, "{parts} chains of {points}: space {k} differs by {off:e}");
         }
     }
 }

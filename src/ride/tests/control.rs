@@ -24,27 +24,13 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
     assert_eq!(host.events[..2], [Solved(10), Jumped(0, most)]);
     // Each stride that was measured is a row and a line, whether a jump followed or not.
     let rows = host.tables[1].lines().filter(|l| !l.starts_with('#')).count();
-    let lines = host
-        .log
-        .matches("a stride of the surrogate beside the solver was off by")
-        .count();
+    let lines = host.log.matches("a stride of the surrogate beside the solver was off by").count();
     let summary = host.ride.end();
     assert!(rows > 2 && rows == lines, "{rows} {lines}");
-    assert!(
-        summary.contains(&format!("\"strides_measured\": {rows},")),
-        "{summary} {rows}"
-    );
+    assert!(summary.contains(&format!("\"strides_measured\": {rows},")), "{summary} {rows}");
     assert!(summary.contains("\"jumps_refused\": 0,"), "{summary}");
-    assert!(
-        host.log.contains("; a stride beside the solver was off by 0.0"),
-        "{}",
-        host.log
-    );
-    assert!(
-        host.log.contains("does not say how its errors of a grow"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("; a stride beside the solver was off by 0.0"), "{}", host.log);
+    assert!(host.log.contains("does not say how its errors of a grow"), "{}", host.log);
     let row: Vec<&str> = host.tables[1].lines().last().unwrap().split('\t').collect();
     assert_eq!((row[1], row.len()), ("toy", 6));
     assert!(host.tables[1].contains("error(a)"), "{}", host.tables[1]);
@@ -66,23 +52,11 @@ fn a_bad_surrogate_leaves_the_run_to_the_solver_and_each_refusal_is_said() {
     let mut host = Host::of(&settings(r#""tolerance": 0.02"#), vec![toy], 6.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(60)]);
-    assert_eq!(
-        host.state,
-        (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)),
-        "to the bit"
-    );
+    assert_eq!(host.state, (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let refused = host.log.matches("m4gn: no jump at time").count();
     assert!(refused > 5, "{refused}");
-    assert!(
-        host.log.contains("is expected of a step. The solver goes on"),
-        "{}",
-        host.log
-    );
-    assert!(
-        host.ride
-            .end()
-            .contains(&format!("\"jumps_refused\": {refused},"))
-    );
+    assert!(host.log.contains("is expected of a step. The solver goes on"), "{}", host.log);
+    assert!(host.ride.end().contains(&format!("\"jumps_refused\": {refused},")));
 }
 
 #[test]
@@ -91,11 +65,7 @@ fn it_may_jump_again_where_it_becomes_good() {
     let toy = Toy::new(0.5).jumping(1.2, 0.5);
     let mut host = Host::of(&settings(r#""tolerance": 0.02"#), vec![toy], 12.0);
     host.run().unwrap();
-    assert!(
-        host.log.contains("no jump at time") && host.log.contains("may jump again"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("no jump at time") && host.log.contains("may jump again"), "{}", host.log);
     assert!(host.events.iter().any(|e| matches!(e, Jumped(..))));
 }
 
@@ -105,11 +75,7 @@ fn rel_tol_is_named_where_it_refuses() {
     let mut host = Host::of(&settings(r#""tolerance": 0.5, "relTol": 1e-6"#), vec![toy], 3.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(30)]);
-    assert!(
-        host.log.contains("more than relTol of what the solver changed"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("more than relTol of what the solver changed"), "{}", host.log);
 }
 
 #[test]
@@ -187,11 +153,7 @@ fn steps_that_miss_the_ends_of_strides_are_refused() {
         (observe, 1, true),
         (observe, 7, false),
         (&settings(r#""tolerance": 1"#)[..], 7, false),
-        (
-            r#"{"mode": "replace", "solverSteps": 7, "surrogateSteps": 2}"#,
-            7,
-            true,
-        ),
+        (r#"{"mode": "replace", "solverSteps": 7, "surrogateSteps": 2}"#, 7, true),
     ] {
         let mut host = Host::of(settings, vec![Toy::new(0.5)], 4.0);
         host.every = every;

@@ -18,13 +18,7 @@ pub fn from(settings: &str, toys: Vec<Toy>, time: f64) -> Result<Ride<'static>> 
     let boxed = toys.into_iter().map(|toy| Box::new(toy) as Box<dyn Surrogate>);
     let settings = RideSettings::parse(settings)?;
     let index = (time / DT).round() as i64;
-    Ride::new(
-        Comm::serial(),
-        boxed.collect(),
-        settings,
-        vec![0, 1],
-        at(time, DT, 1e9, index),
-    )
+    Ride::new(Comm::serial(), boxed.collect(), settings, vec![0, 1], at(time, DT, 1e9, index))
 }
 
 /// What happened in a run, in the order in which it did.
@@ -87,11 +81,7 @@ impl Host {
     }
 
     pub fn step(&self) -> Step {
-        Step {
-            correctors: None,
-            wall: 10.0,
-            ..at(self.time, DT, self.end, self.index)
-        }
+        Step { correctors: None, wall: 10.0, ..at(self.time, DT, self.end, self.index) }
     }
 
     fn listen(&mut self) {
@@ -130,10 +120,7 @@ impl Host {
                 continue;
             }
             let correctors = (!self.correctors.is_empty()).then(|| self.correctors.remove(0));
-            let told = Step {
-                correctors,
-                ..self.step()
-            };
+            let told = Step { correctors, ..self.step() };
             let answer = self.ride.solved(told)?;
             assert_eq!(answer.action, Action::Decide);
             self.save();
@@ -165,11 +152,7 @@ impl Host {
                 Action::Decide => fields.with(|given| self.ride.decide(given))?,
                 Action::Stride => {
                     let mut next = self.state;
-                    let mut out = [FieldMut {
-                        name: "a",
-                        components: 1,
-                        cells: &mut next,
-                    }];
+                    let mut out = [FieldMut { name: "a", components: 1, cells: &mut next }];
                     let answer = fields.with(|given| self.ride.stride(given, &mut out))?;
                     if answer.action == Action::Advance {
                         self.state = next;
@@ -205,9 +188,7 @@ impl Host {
                         true => {
                             fields.with(|given| self.ride.handed_back(self.step(), &quantities, given))?
                         }
-                        false => self
-                            .ride
-                            .handed_back(self.step(), &quantities, &Given::default())?,
+                        false => self.ride.handed_back(self.step(), &quantities, &Given::default())?,
                     }
                 }
             };

@@ -15,8 +15,7 @@ fn frames_are_the_steps_from_its_start_on_and_rounds_precede_jumps() {
     assert_eq!(begun, [4.0, 5.5]);
     assert_eq!(learned.rounds, [2, 2]);
     assert!(
-        host.log
-            .contains("m4gn: learned from 21 frames; all adaptation so far is 5 % of"),
+        host.log.contains("m4gn: learned from 21 frames; all adaptation so far is 5 % of"),
         "{}",
         host.log
     );
@@ -58,10 +57,7 @@ fn an_observed_surrogate_learns_before_its_first_rollout_and_its_model_is_writte
     );
     let mut host = Host::of(&settings, vec![toy], 4.0);
     host.run().unwrap();
-    assert_eq!(
-        (learned.borrow().frames[0].0, &learned.borrow().rounds[..]),
-        (1.5, &[7][..])
-    );
+    assert_eq!((learned.borrow().frames[0].0, &learned.borrow().rounds[..]), (1.5, &[7][..]));
     assert_eq!(std::fs::read_to_string(model).unwrap(), "0.01");
     assert_eq!(host.events, [Solved(40)]);
     let row = host.tables[2].lines().last().unwrap();

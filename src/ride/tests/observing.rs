@@ -4,8 +4,7 @@ use crate::toy::{self, Toy};
 
 fn columns(table: &str) -> Vec<Vec<f64>> {
     let rows = table.lines().filter(|l| !l.starts_with('#'));
-    rows.map(|l| l.split('\t').map(|v| v.parse().unwrap()).collect())
-        .collect()
+    rows.map(|l| l.split('\t').map(|v| v.parse().unwrap()).collect()).collect()
 }
 
 #[test]
@@ -16,11 +15,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     let mut host = Host::of(settings, vec![toy], 4.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(40)]);
-    assert_eq!(
-        host.state,
-        (0..40).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)),
-        "to the bit"
-    );
+    assert_eq!(host.state, (0..40).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let rows = columns(&host.tables[2]);
     // Time, steps, oneStep, hold, rollout, holdFirst, rms; rollouts of three strides from 1 s.
     let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
@@ -52,31 +47,20 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     assert_eq!(boundary.borrow()[0], 9.0);
     assert!(host.ride.end().is_empty());
     let said = host.ride.take(Text::Log);
-    assert!(
-        said.contains("at 6 times") && said.contains("    a: one step 0.0"),
-        "{said}"
-    );
+    assert!(said.contains("at 6 times") && said.contains("    a: one step 0.0"), "{said}");
 }
 
 #[test]
 fn a_rollouts_boundary_follows_its_own_cells_where_it_is_not_held() {
     let toy = Toy::new(0.5).biased(0.01);
     let boundary = toy.boundary.clone();
-    let mut host = Host::of(
-        r#"{"mode": "observe", "rolloutSteps": 9, "timeStart": 1}"#,
-        vec![toy],
-        2.0,
-    );
+    let mut host = Host::of(r#"{"mode": "observe", "rolloutSteps": 9, "timeStart": 1}"#, vec![toy], 2.0);
     host.run().unwrap();
     // The last step was the third of the rollout: from the second, which is not the solver's.
     let biased = |s: [f64; 2]| toy::later(s, 0.5).map(|v| v + 0.01);
     let second = biased(biased(toy::solver(1.0)));
     assert_eq!(boundary.borrow()[0], 9.0);
-    assert!(
-        (boundary.borrow()[1] - second[1]).abs() < 1e-10,
-        "{:?} {second:?}",
-        boundary.borrow()
-    );
+    assert!((boundary.borrow()[1] - second[1]).abs() < 1e-10, "{:?} {second:?}", boundary.borrow());
 }
 
 #[test]
@@ -92,17 +76,11 @@ fn control_tells_what_it_would_have_done() {
     let size = change.max((end[0] - end[1]).abs() / 2.0);
     let later = toy::solver(2.0);
     let larger = size.max((later[0] - later[1]).abs() / 2.0);
-    assert!(
-        (rows[0][7] - 0.01 / larger).abs() < 1e-6 && (rows[0][8] - 0.01 / size).abs() < 1e-6,
-        "{rows:?}"
-    );
+    assert!((rows[0][7] - 0.01 / larger).abs() < 1e-6 && (rows[0][8] - 0.01 / size).abs() < 1e-6, "{rows:?}");
     assert!((rows[1][8] - 0.02 / size).abs() < 1e-6, "{rows:?}");
     host.ride.end();
     let said = host.ride.take(Text::Log);
-    assert!(
-        said.contains("control would have let") && said.contains("within the tolerance 0.02"),
-        "{said}"
-    );
+    assert!(said.contains("control would have let") && said.contains("within the tolerance 0.02"), "{said}");
     // An observer ends no run, however bad the surrogate, and says how often it would not have let go.
     let mut host = Host::of(settings, vec![Toy::new(0.5).biased(0.5)], 8.0);
     host.run().unwrap();
@@ -122,14 +100,8 @@ fn a_rollout_that_is_not_finite_begins_anew() {
     host.run().unwrap();
     let rows = columns(&host.tables[2]);
     assert!(rows.iter().any(|r| r[4] == 1e15), "{rows:?}");
-    assert!(
-        rows.iter().filter(|r| r[1] == 1.0).count() > 1,
-        "it began anew: {rows:?}"
-    );
-    assert!(
-        columns(&host.tables[3]).len() < rows.len(),
-        "it has no errors in segments"
-    );
+    assert!(rows.iter().filter(|r| r[1] == 1.0).count() > 1, "it began anew: {rows:?}");
+    assert!(columns(&host.tables[3]).len() < rows.len(), "it has no errors in segments");
     assert!(!host.warnings.is_empty());
 }
 
@@ -139,12 +111,7 @@ fn a_run_that_is_shorter_than_a_stride_says_so() {
     host.run().unwrap();
     host.ride.end();
     assert!(host.ride.take(Text::Log).contains("shorter than a stride"));
-    assert!(
-        ride(r#"{"mode": "observe"}"#, vec![Toy::new(0.5)])
-            .unwrap()
-            .end()
-            .is_empty()
-    );
+    assert!(ride(r#"{"mode": "observe"}"#, vec![Toy::new(0.5)]).unwrap().end().is_empty());
 }
 
 #[test]
@@ -152,9 +119,5 @@ fn the_observer_ends_at_its_time_and_tells() {
     let mut host = Host::of(r#"{"mode": "observe", "timeEnd": 1.1}"#, vec![Toy::new(0.5)], 4.0);
     host.run().unwrap();
     host.ride.end();
-    assert!(
-        host.ride.take(Text::Log).contains("at 2 times"),
-        "{}",
-        host.tables[2]
-    );
+    assert!(host.ride.take(Text::Log).contains("at 2 times"), "{}", host.tables[2]);
 }

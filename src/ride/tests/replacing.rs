@@ -10,15 +10,7 @@ fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
     let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 5.0);
     host.run().unwrap();
     // The first jump begins at 1 s; the last one has no room for a second stride that leaves the solver a step.
-    let expected = [
-        Solved(10),
-        Jumped(0, 2),
-        Solved(5),
-        Jumped(0, 2),
-        Solved(5),
-        Jumped(0, 1),
-        Solved(5),
-    ];
+    let expected = [Solved(10), Jumped(0, 2), Solved(5), Jumped(0, 2), Solved(5), Jumped(0, 1), Solved(5)];
     assert_eq!(host.events, expected);
     assert_eq!(host.index, 50);
     assert_eq!(host.strides[0], (0.5, 5));
@@ -41,21 +33,9 @@ fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
         assert!(summary.contains(entry), "{entry} {summary}");
     }
     let lines: Vec<&str> = host.tables[0].lines().filter(|l| !l.starts_with('#')).collect();
-    assert_eq!(
-        lines,
-        [
-            "2\t2\t0.5\t1\t0.5",
-            "3.5\t2\t0.5\t1\t0.5",
-            "4.5\t1\t0.25\t0.5\t0.5"
-        ]
-    );
+    assert_eq!(lines, ["2\t2\t0.5\t1\t0.5", "3.5\t2\t0.5\t1\t0.5", "4.5\t1\t0.25\t0.5\t0.5"]);
     assert!(host.tables[0].contains("handOver(s)") && host.tables[0].contains("\tenergy"));
-    assert!(
-        host.log
-            .contains("jumped 2 steps of 0.5 s to time 2 in 1.5 s; energy 0.5\n"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("jumped 2 steps of 0.5 s to time 2 in 1.5 s; energy 0.5\n"), "{}", host.log);
 }
 
 #[test]
@@ -68,9 +48,7 @@ fn the_schedule_ends_at_its_time_and_has_a_summary() {
     // Of the 1.9 s from its first step on.
     assert!(summary.contains("\"replaced_fraction\": 0.789474,"), "{summary}");
     assert!(
-        host.ride
-            .take(crate::Text::Log)
-            .contains("replacedFraction = 0.789474 (1.5 s of 1.9 s in 1 jumps")
+        host.ride.take(crate::Text::Log).contains("replacedFraction = 0.789474 (1.5 s of 1.9 s in 1 jumps")
     );
 }
 
@@ -78,10 +56,7 @@ fn the_schedule_ends_at_its_time_and_has_a_summary() {
 fn before_its_start_there_is_no_summary() {
     let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 0.5);
     host.run().unwrap();
-    assert_eq!(
-        (host.events.clone(), host.ride.end()),
-        (vec![Solved(5)], String::new())
-    );
+    assert_eq!((host.events.clone(), host.ride.end()), (vec![Solved(5)], String::new()));
 }
 
 #[test]
@@ -98,30 +73,14 @@ fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 20}"#;
     let mut host = Host::of(settings, vec![toy], 9.5);
     host.run().unwrap();
-    let begin = (1..)
-        .find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0)
-        .unwrap() as usize;
-    assert_eq!(
-        host.events[0],
-        Solved(begin),
-        "refused until then: {:?}",
-        host.events
-    );
-    let Jumped(0, strides) = host.events[1] else {
-        panic!("{:?}", host.events)
-    };
+    let begin = (1..).find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0).unwrap() as usize;
+    assert_eq!(host.events[0], Solved(begin), "refused until then: {:?}", host.events);
+    let Jumped(0, strides) = host.events[1] else { panic!("{:?}", host.events) };
     assert!(strides < 16 && host.events.len() > 2, "{:?}", host.events);
-    assert!(
-        host.warnings[0].starts_with("At time 0.5: the result is not finite"),
-        "{:?}",
-        host.warnings
-    );
+    assert!(host.warnings[0].starts_with("At time 0.5: the result is not finite"), "{:?}", host.warnings);
     let summary = host.ride.end();
     let early = host.warnings.len();
-    assert!(
-        summary.contains(&format!("\"jumps_ended_early\": {early},")),
-        "{summary} {early}"
-    );
+    assert!(summary.contains(&format!("\"jumps_ended_early\": {early},")), "{summary} {early}");
 }
 
 #[test]
@@ -157,12 +116,7 @@ fn correctors_at_their_cap_make_jumps_shorter() {
     host.run().unwrap();
     let jumps: Vec<_> = host.events.iter().filter(|e| matches!(e, Jumped(..))).collect();
     assert_eq!(jumps, [&Jumped(0, 4), &Jumped(0, 2), &Jumped(0, 1)]);
-    assert!(
-        host.warnings
-            .last()
-            .unwrap()
-            .contains("The run goes on with the solver alone")
-    );
+    assert!(host.warnings.last().unwrap().contains("The run goes on with the solver alone"));
     let summary = host.ride.end();
     for entry in [
         "\"jumps_watched\": 3,",

@@ -10,23 +10,14 @@ fn schedules() -> Vec<(String, Makes)> {
     let base = r#""mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 3, "timeStart": 1"#;
     vec![
         (format!("{{{base}}}"), || vec![Toy::new(0.5).biased(0.01)]),
-        (
-            format!("{{{base}, \"control\": {{\"tolerance\": 0.02}}}}"),
-            || vec![Toy::new(0.5).biased(0.01)],
-        ),
+        (format!("{{{base}, \"control\": {{\"tolerance\": 0.02}}}}"), || vec![Toy::new(0.5).biased(0.01)]),
         (format!("{{{base}, \"control\": {{\"tolerance\": 0.2}}}}"), || {
-            vec![
-                Toy::new(0.5).named("x").jumping(1.0, 0.3),
-                Toy::new(0.4).named("y").biased(0.03),
-            ]
+            vec![Toy::new(0.5).named("x").jumping(1.0, 0.3), Toy::new(0.4).named("y").biased(0.03)]
         }),
         (format!("{{{base}, \"adapt\": {{\"mode\": \"during\"}}}}"), || {
             vec![Toy::new(0.5).biased(0.3).learning(0.02).ahead_by(0.04, 0.06)]
         }),
-        (
-            format!("{{{base}, \"control\": {{\"tolerance\": 1e-9}}}}"),
-            || vec![Toy::new(0.5).biased(0.01)],
-        ),
+        (format!("{{{base}, \"control\": {{\"tolerance\": 1e-9}}}}"), || vec![Toy::new(0.5).biased(0.01)]),
     ]
 }
 
@@ -40,15 +31,7 @@ fn a_run_that_is_carried_on_is_the_uninterrupted_one_from_every_time() {
         let summary = whole.ride.end();
         let times: Vec<f64> = std::fs::read_dir(&folder)
             .unwrap()
-            .filter_map(|entry| {
-                entry
-                    .unwrap()
-                    .file_name()
-                    .to_str()?
-                    .strip_suffix(".state")?
-                    .parse()
-                    .ok()
-            })
+            .filter_map(|entry| entry.unwrap().file_name().to_str()?.strip_suffix(".state")?.parse().ok())
             .collect();
         assert!(times.len() > 30, "{times:?}");
         let mut carried = 0;
@@ -61,16 +44,8 @@ fn a_run_that_is_carried_on_is_the_uninterrupted_one_from_every_time() {
                 let lines = text.lines().filter(|l| !l.contains("adapt_"));
                 lines.collect::<Vec<_>>().join("\n")
             };
-            assert_eq!(
-                same(&host.ride.end()),
-                same(&summary),
-                "carried on at {time}: {settings}"
-            );
-            assert!(
-                host.log.contains("test goes on from its state at time"),
-                "{}",
-                host.log
-            );
+            assert_eq!(same(&host.ride.end()), same(&summary), "carried on at {time}: {settings}");
+            assert!(host.log.contains("test goes on from its state at time"), "{}", host.log);
             carried += 1;
         }
         assert!(carried > 20, "{carried}");
@@ -92,11 +67,7 @@ fn a_run_that_was_stopped_in_a_jump_goes_on_with_the_rest_of_it() {
     assert_eq!(stopped.events, [Solved(10), Jumped(0, 2)]);
     stopped.end = 9.0;
     let mut host = Host::carried_on(&stopped, settings, toys(), 2.0).unwrap();
-    assert!(
-        host.log.contains("in a jump of which 4 steps are left"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("in a jump of which 4 steps are left"), "{}", host.log);
     host.run().unwrap();
     assert_eq!((host.state, host.ride.end()), (whole.state, whole.ride.end()));
 }
@@ -116,17 +87,11 @@ fn states_that_do_not_fit_are_refused_by_name_and_change_nothing() {
         "{other}"
     );
     let more = refused(vec![Toy::new(0.5), Toy::new(0.5)]);
-    assert!(
-        more.to_string().contains("with 1 surrogates, and this one has 2"),
-        "{more}"
-    );
+    assert!(more.to_string().contains("with 1 surrogates, and this one has 2"), "{more}");
     let file = folder.path().join("2.1.state");
     let mut ride = from(settings, vec![Toy::new(0.5)], 3.0).unwrap();
     let late = ride.load(&file, at(3.0, 0.1, 9.0, 30)).unwrap_err().to_string();
-    assert!(
-        late.contains("the state at 2.1 s, and this run begins at 3 s"),
-        "{late}"
-    );
+    assert!(late.contains("the state at 2.1 s, and this run begins at 3 s"), "{late}");
     assert_eq!(host_of(&file).unwrap(), "a b");
     let bytes = std::fs::read(&file).unwrap();
     for (i, bit) in (0..bytes.len()).map(|i| (i, i % 8)) {
@@ -137,15 +102,9 @@ fn states_that_do_not_fit_are_refused_by_name_and_change_nothing() {
         let error = ride.load(&file, at(2.1, 0.1, 9.0, 21)).unwrap_err();
         assert!(matches!(error, Error::File { .. }), "{error}");
     }
-    let missing = ride
-        .load(&folder.path().join("none"), at(2.1, 0.1, 9.0, 21))
-        .unwrap_err();
+    let missing = ride.load(&folder.path().join("none"), at(2.1, 0.1, 9.0, 21)).unwrap_err();
     assert!(missing.to_string().contains("none"), "{missing}");
     // The ride begins anew as if there had been no state.
     assert_eq!(ride.solved(at(3.1, 0.1, 9.0, 31)).unwrap().action, Action::Decide);
-    assert_eq!(
-        ride.decide(&Given::default()).unwrap_err().status(),
-        1,
-        "it wants fields to measure by"
-    );
+    assert_eq!(ride.decide(&Given::default()).unwrap_err().status(), 1, "it wants fields to measure by");
 }

@@ -72,11 +72,7 @@ impl Variation {
     /// On the way to a curved one, from 0 (this one, which is linear) to 1.
     pub fn towards(self, curved: Self, share: f64) -> Self {
         let between = |i: usize| (1.0 - share) * self.gradient[i] + share * curved.gradient[i];
-        Variation {
-            gradient: std::array::from_fn(between),
-            curvature: share * curved.curvature,
-            ..curved
-        }
+        Variation { gradient: std::array::from_fn(between), curvature: share * curved.curvature, ..curved }
     }
 }
 
@@ -90,10 +86,7 @@ impl Gradients {
             around[a].push((b as u32, face.delta));
             around[b].push((a as u32, face.delta.map(|x| -x)));
         }
-        let mut all = Gradients {
-            row: vec![0],
-            ..Gradients::default()
-        };
+        let mut all = Gradients { row: vec![0], ..Gradients::default() };
         let around: Vec<Vec<Near>> = (0..n)
             .map(|group| match around[group].len() > merged.directions.len() {
                 true => around[group].clone(),
@@ -106,11 +99,8 @@ impl Gradients {
                 .map(|(weight, (_, d))| ([d[0], d[1], d[2], 0.0], weight))
                 .collect();
             let fitted = fit(&rows, &merged.directions);
-            all.neighbours.extend(
-                near.iter()
-                    .zip(fitted)
-                    .map(|(&(group, _), weight)| Neighbour { group, weight }),
-            );
+            all.neighbours
+                .extend(near.iter().zip(fitted).map(|(&(group, _), weight)| Neighbour { group, weight }));
             all.row.push(all.neighbours.len() as u32);
         }
         let spread = Spread::new(mesh, group, merged, comm);
@@ -157,10 +147,7 @@ impl Gradients {
             None => {
                 let near = self.row[group] as usize..self.row[group + 1] as usize;
                 let [x, y, z, _] = sum(&self.neighbours[near], [0.0; UNKNOWNS]);
-                Variation {
-                    gradient: [x, y, z],
-                    ..Variation::default()
-                }
+                Variation { gradient: [x, y, z], ..Variation::default() }
             }
         }
     }
@@ -325,15 +312,8 @@ mod tests {
 
     #[test]
     fn a_neighbour_with_nearly_the_same_centre_does_not_decide_the_gradient() {
-        let around = [
-            [1.0, 0.0, 0.0],
-            [-1.0, 0.1, 0.0],
-            [0.1, 1.0, 0.0],
-            [0.0, -1.0, 0.0],
-        ];
-        let near: Vec<Near> = (0..)
-            .zip(around.into_iter().chain([[1e-5, -1e-5, 0.0]]))
-            .collect();
+        let around = [[1.0, 0.0, 0.0], [-1.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, -1.0, 0.0]];
+        let near: Vec<Near> = (0..).zip(around.into_iter().chain([[1e-5, -1e-5, 0.0]])).collect();
         let rows: Vec<Row> = weights(&near, &[0, 1])
             .zip(&near)
             .map(|(weight, (_, d))| ([d[0], d[1], d[2], 0.0], weight))
@@ -347,9 +327,6 @@ mod tests {
             let difference = 2.0 * d[0] - 3.0 * d[1];
             [g[0] + n[0] * difference, g[1] + n[1] * difference]
         });
-        assert!(
-            (gradient[0] - 2.0).abs() < 1e-5 && (gradient[1] + 3.0).abs() < 1e-5,
-            "{gradient:?}"
-        );
+        assert!((gradient[0] - 2.0).abs() < 1e-5 && (gradient[1] + 3.0).abs() < 1e-5, "{gradient:?}");
     }
 }

@@ -65,10 +65,7 @@ impl Merged {
         }
         comm.sum_f64(&mut sums);
         let rows = sums.as_chunks::<4>().0;
-        let centres: Vec<[f64; 3]> = rows
-            .iter()
-            .map(|s| [s[1] / s[0], s[2] / s[0], s[3] / s[0]])
-            .collect();
+        let centres: Vec<[f64; 3]> = rows.iter().map(|s| [s[1] / s[0], s[2] / s[0], s[3] / s[0]]).collect();
         let mut lowest = vec![i64::MAX; n];
         for (&g, &cell) in group.iter().zip(&mesh.cell_global) {
             lowest[g as usize] = lowest[g as usize].min(cell);
@@ -102,11 +99,8 @@ impl Merged {
     /// A rank's part.
     pub fn part(&self, rank: i32) -> Mesh {
         let mut local = vec![-1i32; self.rank.len()];
-        let mut mesh = Mesh {
-            directions: self.directions.clone(),
-            patches: self.patches.clone(),
-            ..Mesh::default()
-        };
+        let mut mesh =
+            Mesh { directions: self.directions.clone(), patches: self.patches.clone(), ..Mesh::default() };
         for g in self.groups_of(rank) {
             local[g] = mesh.cell_global.len() as i32;
             mesh.cell_global.push(g as i64);
@@ -163,21 +157,13 @@ fn faces(mesh: &Mesh, links: &Links, group: &[i32], centres: &[[f64; 3]], comm: 
     let mut add = |a: i32, b: i32, area: f64, shift: [f64; 3]| {
         let (pair, shift) = match a < b {
             true => ([a as usize, b as usize], shift),
-            false => (
-                [b as usize, a as usize],
-                shift.map(|x| if x == 0.0 { 0.0 } else { -x }),
-            ),
+            false => ([b as usize, a as usize], shift.map(|x| if x == 0.0 { 0.0 } else { -x })),
         };
         if a != b {
             sums.entry((pair, rounded(shift))).or_insert((0.0, shift)).0 += area;
         }
     };
-    for ((&a, &b), &coeff) in mesh
-        .face_owner
-        .iter()
-        .zip(&mesh.face_neighbour)
-        .zip(&mesh.face_coeff)
-    {
+    for ((&a, &b), &coeff) in mesh.face_owner.iter().zip(&mesh.face_neighbour).zip(&mesh.face_coeff) {
         let (p, q) = (mesh.cell_centres[a as usize], mesh.cell_centres[b as usize]);
         let distance = norm([q[0] - p[0], q[1] - p[1], q[2] - p[2]]);
         add(group[a as usize], group[b as usize], coeff * distance, [0.0; 3]);
@@ -201,12 +187,7 @@ fn faces(mesh: &Mesh, links: &Links, group: &[i32], centres: &[[f64; 3]], comm: 
     let merge = |((groups, _), (area, shift)): (Pair, Contact)| {
         let (a, b) = (centres[groups[0]], centres[groups[1]]);
         let delta: [f64; 3] = std::array::from_fn(|i| b[i] + shift[i] - a[i]);
-        Face {
-            groups,
-            delta,
-            coeff: area / norm(delta).max(f64::MIN_POSITIVE),
-            cyclic: shift != [0.0; 3],
-        }
+        Face { groups, delta, coeff: area / norm(delta).max(f64::MIN_POSITIVE), cyclic: shift != [0.0; 3] }
     };
     all.into_iter().map(merge).collect()
 }
@@ -239,9 +220,7 @@ fn boundary(mesh: &Mesh, group: &[i32], centres: &[[f64; 3]], comm: &Comm) -> Ve
         .collect();
     let mut sums: BTreeMap<[i64; 3], [f64; 8]> = BTreeMap::new();
     for row in all_rows(comm, &own) {
-        let sums = sums
-            .entry([row[0], row[1], row[2]].map(|x| x as i64))
-            .or_default();
+        let sums = sums.entry([row[0], row[1], row[2]].map(|x| x as i64)).or_default();
         sums.iter_mut().zip(&row[3..]).for_each(|(sum, x)| *sum += x);
     }
     let merge = |(key, s): ([i64; 3], [f64; 8])| {

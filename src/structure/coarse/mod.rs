@@ -46,9 +46,9 @@ impl Coarse {
     pub fn new(mesh: &Mesh, edge_length: f64, comm: &Comm) -> Result<Option<Self>> {
         let possible = match edge_length > 0.0 && edge_length.is_finite() {
             true => Ok(()),
-            false => Err(Error::Input(format!(
-                "resolution: expected a positive length in m, found {edge_length}"
-            ))),
+            false => {
+                Err(Error::Input(format!("resolution: expected a positive length in m, found {edge_length}")))
+            }
         };
         comm.agree(possible)?;
         mesh.check(comm)?;
@@ -60,21 +60,9 @@ impl Coarse {
         let transfer = Transfer::new(mesh, &group, &merged, comm);
         let elastic = mesh.elastic.as_ref().map(|fine| ElasticModes {
             eigenvalues: fine.eigenvalues.clone(),
-            vectors: fine
-                .vectors
-                .iter()
-                .map(|mode| transfer.means(mode, comm))
-                .collect(),
+            vectors: fine.vectors.iter().map(|mode| transfer.means(mode, comm)).collect(),
         });
-        Ok(Some(Coarse {
-            mesh: Mesh {
-                elastic,
-                ..merged.part(comm.rank())
-            },
-            transfer,
-            group,
-            n_groups,
-        }))
+        Ok(Some(Coarse { mesh: Mesh { elastic, ..merged.part(comm.rank()) }, transfer, group, n_groups }))
     }
 
     /// The label of each of this rank's groups from labels of the cells: that of the group's lowest cell. Collective.
@@ -93,8 +81,7 @@ impl Coarse {
         }
         comm.max_i64(&mut labels);
         let own = self.mesh.cell_global.iter();
-        own.map(|&g| i32::try_from(labels[g as usize]).unwrap_or(-1))
-            .collect()
+        own.map(|&g| i32::try_from(labels[g as usize]).unwrap_or(-1)).collect()
     }
 
     /// The label of each of this rank's cells from labels of this rank's groups. Collective.
@@ -105,8 +92,6 @@ impl Coarse {
         }
         comm.max_i64(&mut labels);
         let cells = self.group.iter();
-        cells
-            .map(|&g| i32::try_from(labels[g as usize]).unwrap_or(-1))
-            .collect()
+        cells.map(|&g| i32::try_from(labels[g as usize]).unwrap_or(-1)).collect()
     }
 }

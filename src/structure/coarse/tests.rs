@@ -43,11 +43,7 @@ fn a_mesh_that_is_coarse_already_stays_as_it_is() {
     assert!(Coarse::new(&mesh, 0.5 * size, &comm).unwrap().is_none());
     assert!(Coarse::new(&mesh, 1.1 * size, &comm).unwrap().is_none());
     let coarse = coarse(&mesh, 1.3 * size);
-    assert!(
-        coarse.n_groups < mesh.n_cells() * 3 / 4,
-        "{} groups",
-        coarse.n_groups
-    );
+    assert!(coarse.n_groups < mesh.n_cells() * 3 / 4, "{} groups", coarse.n_groups);
 }
 
 #[test]
@@ -57,19 +53,12 @@ fn linear_changes_come_back_exactly_inside_and_means_everywhere() {
     let coarse = coarse(&mesh, 0.4);
     let values = linear(&mesh);
     let restricted = coarse.transfer.restrict(&values, 1, &comm).values;
-    let own: Vec<f64> = restricted[..coarse.n_groups]
-        .iter()
-        .map(|&x| f64::from(x))
-        .collect();
+    let own: Vec<f64> = restricted[..coarse.n_groups].iter().map(|&x| f64::from(x)).collect();
     let back = coarse.transfer.prolong(&own, &vec![0.0; coarse.n_groups], &comm);
     for (x, y) in back.iter().zip(&values) {
         assert!((x - f64::from(*y)).abs() < 1e-4, "{x} for {y}");
     }
-    let values: Vec<f32> = back
-        .iter()
-        .map(|&x| x as f32)
-        .chain(vec![0.0; mesh.boundary.len()])
-        .collect();
+    let values: Vec<f32> = back.iter().map(|&x| x as f32).chain(vec![0.0; mesh.boundary.len()]).collect();
     let again = coarse.transfer.restrict(&values, 1, &comm).values;
     for (x, y) in again.iter().zip(&own) {
         assert!((f64::from(*x) - y).abs() < 1e-5, "{x} for {y}");
@@ -85,44 +74,26 @@ fn a_change_beside_a_wall_is_zero_there_and_curved() {
     let mut values: Vec<f32> = mesh.cell_centres.iter().map(|c| profile(c[1]) as f32).collect();
     values.extend(mesh.boundary.iter().map(|b| profile(b.centre[1]) as f32));
     let restricted = coarse.transfer.restrict(&values, 1, &comm);
-    let own: Vec<f64> = restricted.values[..coarse.n_groups]
-        .iter()
-        .map(|&x| f64::from(x))
-        .collect();
+    let own: Vec<f64> = restricted.values[..coarse.n_groups].iter().map(|&x| f64::from(x)).collect();
     let below = |b: &&m4gn_mesh::BoundaryFace| b.kind == NodeType::Wall && b.centre[1] < 1e-9;
-    let mut beside: Vec<i32> = mesh
-        .boundary
-        .iter()
-        .filter(below)
-        .map(|b| coarse.group[b.owner as usize])
-        .collect();
+    let mut beside: Vec<i32> =
+        mesh.boundary.iter().filter(below).map(|b| coarse.group[b.owner as usize]).collect();
     beside.retain(|&g| {
-        let faces = mesh
-            .boundary
-            .iter()
-            .filter(|b| coarse.group[b.owner as usize] == g);
-        faces
-            .filter(|b| b.kind == NodeType::Wall)
-            .all(|b| b.centre[1] < 1e-9)
+        let faces = mesh.boundary.iter().filter(|b| coarse.group[b.owner as usize] == g);
+        faces.filter(|b| b.kind == NodeType::Wall).all(|b| b.centre[1] < 1e-9)
     });
     let walls = coarse.transfer.at_walls(&values, &restricted, &comm);
     assert!(beside.len() > 4 && beside.iter().all(|&g| walls[g as usize] > 0.999));
     let error = |walls: &[f64]| {
         let back = coarse.transfer.prolong(&own, walls, &comm);
         let cells = (0..mesh.n_cells()).filter(|&c| beside.contains(&coarse.group[c]));
-        cells
-            .map(|c| (back[c] - profile(mesh.cell_centres[c][1])).abs())
-            .fold(0.0, f64::max)
+        cells.map(|c| (back[c] - profile(mesh.cell_centres[c][1])).abs()).fold(0.0, f64::max)
     };
     let (held, free) = (error(&walls), error(&vec![0.0; coarse.n_groups]));
     assert!(held < 1e-4 && free > 0.02, "{held} and {free}");
     // Means are kept
     let back = coarse.transfer.prolong(&own, &walls, &comm);
-    let values: Vec<f32> = back
-        .iter()
-        .map(|&x| x as f32)
-        .chain(vec![0.0; mesh.boundary.len()])
-        .collect();
+    let values: Vec<f32> = back.iter().map(|&x| x as f32).chain(vec![0.0; mesh.boundary.len()]).collect();
     let again = coarse.transfer.restrict(&values, 1, &comm).values;
     for (x, y) in again.iter().zip(&own) {
         assert!((f64::from(*x) - y).abs() < 1e-5, "{x} for {y}");
@@ -153,14 +124,9 @@ fn groups_joined_by_a_cyclic_patch_know_the_way_through_it() {
     coarse.mesh.check(&Comm::serial()).unwrap();
     assert!(!coarse.mesh.coupled.is_empty());
     for face in &coarse.mesh.coupled {
-        let (here, there) = (
-            coarse.mesh.cell_centres[face.owner as usize],
-            coarse.mesh.cell_centres[face.global as usize],
-        );
-        assert!(
-            (there[0] - here[0]).abs() > 1.0 && face.delta[0].abs() < 0.5,
-            "{face:?}"
-        );
+        let (here, there) =
+            (coarse.mesh.cell_centres[face.owner as usize], coarse.mesh.cell_centres[face.global as usize]);
+        assert!((there[0] - here[0]).abs() > 1.0 && face.delta[0].abs() < 0.5, "{face:?}");
     }
 }
 

@@ -96,9 +96,7 @@ impl Transfer {
         let (faces, differ) = rest.split_at_mut(m * width);
         for (&(g, share), row) in self.cells.iter().zip(cells.chunks_exact(width)) {
             let to = &mut groups[g as usize * width..][..width];
-            to.iter_mut()
-                .zip(row)
-                .for_each(|(to, &x)| *to += share * f64::from(x));
+            to.iter_mut().zip(row).for_each(|(to, &x)| *to += share * f64::from(x));
         }
         for (&(f, share, owner), row) in self.faces.iter().zip(boundary.chunks_exact(width)) {
             let at = f as usize * width;
@@ -126,11 +124,7 @@ impl Transfer {
                 });
             }
         }
-        Restricted {
-            values: own,
-            width,
-            all: sums,
-        }
+        Restricted { values: own, width, all: sums }
     }
 
     /// How much a wall counts in each group, of all groups `[n_groups x width]`: 0 to 1, and 0 where a group has no wall with a value
@@ -164,11 +158,8 @@ impl Transfer {
         }
         // Of what the wall adds, the part that the field has, and its square; and the field's own.
         let mut sums = vec![0.0; 3 * n * width];
-        for ((&(g, share), offset), row) in self
-            .cells
-            .iter()
-            .zip(&self.offset)
-            .zip(values.chunks_exact(width))
+        for ((&(g, share), offset), row) in
+            self.cells.iter().zip(&self.offset).zip(values.chunks_exact(width))
         {
             for (i, &x) in row.iter().enumerate() {
                 let at = g as usize * width + i;

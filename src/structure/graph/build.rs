@@ -78,37 +78,17 @@ fn edges(mesh: &Mesh, ghosts: &Ghosts) -> Vec<Edge> {
         Vec::with_capacity(2 * (mesh.face_owner.len() + mesh.boundary.len()) + mesh.coupled.len());
     for (&a, &b) in mesh.face_owner.iter().zip(&mesh.face_neighbour) {
         let (p, q) = (mesh.cell_centres[a as usize], mesh.cell_centres[b as usize]);
-        edges.push(Edge {
-            sender: b,
-            receiver: a,
-            displacement: sub(q, p),
-        });
-        edges.push(Edge {
-            sender: a,
-            receiver: b,
-            displacement: sub(p, q),
-        });
+        edges.push(Edge { sender: b, receiver: a, displacement: sub(q, p) });
+        edges.push(Edge { sender: a, receiver: b, displacement: sub(p, q) });
     }
     for (c, &node) in mesh.coupled.iter().zip(&ghosts.behind) {
-        edges.push(Edge {
-            sender: node,
-            receiver: c.owner,
-            displacement: c.delta,
-        });
+        edges.push(Edge { sender: node, receiver: c.owner, displacement: c.delta });
     }
     for (i, b) in mesh.boundary.iter().enumerate() {
         let node = (mesh.n_cells() + i) as i32;
         let cell = mesh.cell_centres[b.owner as usize];
-        edges.push(Edge {
-            sender: node,
-            receiver: b.owner,
-            displacement: sub(b.centre, cell),
-        });
-        edges.push(Edge {
-            sender: b.owner,
-            receiver: node,
-            displacement: sub(cell, b.centre),
-        });
+        edges.push(Edge { sender: node, receiver: b.owner, displacement: sub(b.centre, cell) });
+        edges.push(Edge { sender: b.owner, receiver: node, displacement: sub(cell, b.centre) });
     }
     edges
 }
@@ -146,9 +126,7 @@ mod tests {
         for cell in 0..8 {
             assert_eq!(g.row[cell + 1] - g.row[cell], 4);
         }
-        let left = (g.row[0]..g.row[1])
-            .find(|&e| g.senders[e as usize] == 3)
-            .unwrap() as usize;
+        let left = (g.row[0]..g.row[1]).find(|&e| g.senders[e as usize] == 3).unwrap() as usize;
         assert!((g.edge_features[3 * left] + 0.25).abs() < 1e-6);
     }
 }

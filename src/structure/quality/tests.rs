@@ -59,23 +59,10 @@ fn modes_join_the_positions() {
     let mesh = sample::chain(2, 2.0);
     let mut graph = Graph::new(&mesh, &comm).unwrap();
     // Both cells lie half a metre from the mean centre.
-    let modes = Modes {
-        eigenvalues: vec![1.0],
-        vectors: vec![vec![0.0, 3.0]],
-    };
+    let modes = Modes { eigenvalues: vec![1.0], vectors: vec![vec![0.0, 3.0]] };
     let points = Points::new(&mesh, Dissimilarity::Features(&modes), &comm);
-    assert_eq!(
-        points.coordinates,
-        [vec![1.0, 3.0], vec![1.0, 1.0], vec![0.0, 3.0]]
-    );
-    let found = quality(
-        &mesh,
-        &mut graph,
-        &[0, 1],
-        2,
-        Dissimilarity::Features(&modes),
-        &comm,
-    );
+    assert_eq!(points.coordinates, [vec![1.0, 3.0], vec![1.0, 1.0], vec![0.0, 3.0]]);
+    let found = quality(&mesh, &mut graph, &[0, 1], 2, Dissimilarity::Features(&modes), &comm);
     assert_eq!(found.unwrap().silhouette, 0.0);
 }
 
@@ -93,10 +80,7 @@ fn plain_silhouette(mesh: &Mesh, labels: &[i32], count: usize) -> f64 {
     let one = |i: usize| {
         let own = labels[i] as usize;
         let a = mean(i, own);
-        let b = (0..count)
-            .filter(|&k| k != own)
-            .map(|k| mean(i, k))
-            .fold(f64::INFINITY, f64::min);
+        let b = (0..count).filter(|&k| k != own).map(|k| mean(i, k)).fold(f64::INFINITY, f64::min);
         if a.is_nan() { 0.0 } else { (b - a) / a.max(b) }
     };
     (0..n).map(one).sum::<f64>() / n as f64
@@ -108,9 +92,7 @@ fn the_fast_silhouette_is_the_plain_one() {
     let labels: Vec<i32> = (0..mesh.n_cells()).map(|c| (hash(c as u64) % 5) as i32).collect();
     let found = of(&mesh, &labels, 5).unwrap().silhouette;
     assert!((found - plain_silhouette(&mesh, &labels, 5)).abs() < 1e-10);
-    let labels: Vec<i32> = (0..mesh.n_cells())
-        .map(|c| (mesh.cell_centres[c][0] * 5.0) as i32)
-        .collect();
+    let labels: Vec<i32> = (0..mesh.n_cells()).map(|c| (mesh.cell_centres[c][0] * 5.0) as i32).collect();
     let found = of(&mesh, &labels, 8).unwrap().silhouette;
     assert!((found - plain_silhouette(&mesh, &labels, 8)).abs() < 1e-10);
 }

@@ -70,10 +70,7 @@ impl<'a> SegmentGraph<'a> {
         let scaled = |values: &[f64]| -> Vec<i32> {
             let sum: f64 = values.iter().sum();
             let factor = (LARGEST_SUM / sum.max(1.0)).min(1.0);
-            values
-                .iter()
-                .map(|v| ((v * factor).round() as i32).max(1))
-                .collect()
+            values.iter().map(|v| ((v * factor).round() as i32).max(1)).collect()
         };
         let index = |values: &[usize]| -> Vec<i32> { values.iter().map(|&v| v as i32).collect() };
         let (row, column) = (index(&self.row), index(&self.column));
@@ -203,18 +200,11 @@ impl<'a> SegmentGraph<'a> {
 
     pub fn report(&self, ranks: &[i32]) -> Report {
         let np = self.shares.len();
-        let mut report = Report {
-            loads: vec![0.0; np],
-            segments: vec![0; np],
-            cut: 0.0,
-            imbalance: 0.0,
-        };
+        let mut report = Report { loads: vec![0.0; np], segments: vec![0; np], cut: 0.0, imbalance: 0.0 };
         for (segment, &rank) in ranks.iter().enumerate() {
             report.loads[rank as usize] += self.sizes[segment];
             report.segments[rank as usize] += 1;
-            let across = self
-                .neighbours(segment)
-                .filter(|&(o, _)| o > segment && ranks[o] != rank);
+            let across = self.neighbours(segment).filter(|&(o, _)| o > segment && ranks[o] != rank);
             report.cut += across.map(|(_, w)| w).sum::<f64>();
         }
         let relative = report.loads.iter().zip(&self.shares).map(|(l, s)| l / s);

@@ -81,10 +81,7 @@ pub fn assign_with(
         graph.improve(ranks);
     }
     sort_by_key(&mut candidates, |ranks| graph.judge(ranks));
-    candidates
-        .into_iter()
-        .next()
-        .ok_or_else(|| Error::Internal("no assignment of segments to ranks".into()))
+    candidates.into_iter().next().ok_or_else(|| Error::Internal("no assignment of segments to ranks".into()))
 }
 
 /// Stable, so that equals stay in order.

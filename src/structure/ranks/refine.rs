@@ -62,12 +62,7 @@ impl<'g, 'r> State<'g, 'r> {
                 }
             }
         }
-        State {
-            graph,
-            ranks,
-            work,
-            members,
-        }
+        State { graph, ranks, work, members }
     }
 
     fn rank(&self, segment: usize) -> usize {
@@ -96,10 +91,7 @@ impl<'g, 'r> State<'g, 'r> {
     fn moved(&self, segment: usize, to: usize) -> (f64, f64) {
         let size = self.graph.sizes[segment];
         let [own, there, rest] = self.edges(segment, self.rank(segment), to);
-        (
-            GHOST * (own - there - rest) - size,
-            GHOST * (own - there + rest) + size,
-        )
+        (GHOST * (own - there - rest) - size, GHOST * (own - there + rest) + size)
     }
 
     /// The best move or exchange of a segment, done if it is one.
@@ -147,11 +139,7 @@ impl<'g, 'r> State<'g, 'r> {
         let np = self.work.len();
         let relative = |r: usize| self.work[r] / self.graph.shares[r];
         let mut ranks: Vec<usize> = match (0..np).any(|r| relative(r) > relative(from)) {
-            true => self
-                .graph
-                .neighbours(segment)
-                .map(|(o, _)| self.rank(o))
-                .collect(),
+            true => self.graph.neighbours(segment).map(|(o, _)| self.rank(o)).collect(),
             false => (0..np).collect(),
         };
         ranks.sort_unstable();

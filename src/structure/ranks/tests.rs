@@ -39,10 +39,7 @@ fn no_rank_is_empty_for_any_number_of_segments() {
             let sizes: Vec<f64> = (0..k).map(|i| 1.0 + (i * i % 7) as f64).collect();
             for adjacency in [ring(k, 3.0), vec![0.0; k * k]] {
                 let ranks = assign(&sizes, &adjacency, &vec![1.0; np]).unwrap();
-                assert!(
-                    (0..np as i32).all(|r| ranks.contains(&r)),
-                    "{k} on {np}: {ranks:?}"
-                );
+                assert!((0..np as i32).all(|r| ranks.contains(&r)), "{k} on {np}: {ranks:?}");
                 assert_eq!(ranks, assign(&sizes, &adjacency, &vec![1.0; np]).unwrap());
             }
         }
@@ -94,15 +91,9 @@ fn bound_segments_stay_where_they_are_bound() {
     assert_eq!((found.loads, found.cut), (vec![40.0; 3], 15.0));
     // All on one rank but one: the other rank has that one.
     let fixed = [0, 0, 0, -1];
-    assert_eq!(
-        assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &fixed).unwrap(),
-        [0, 0, 0, 1]
-    );
+    assert_eq!(assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &fixed).unwrap(), [0, 0, 0, 1]);
     let refused = assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 3], &fixed).unwrap_err();
-    assert!(
-        refused.to_string().contains("only 1 segments are free"),
-        "{refused}"
-    );
+    assert!(refused.to_string().contains("only 1 segments are free"), "{refused}");
     assert!(assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &[0, 0, 2, -1]).is_err());
 }
 
@@ -111,20 +102,8 @@ fn bad_input_is_said() {
     let message = |r: Result<Vec<i32>>| r.unwrap_err().to_string();
     assert!(message(assign(&[1.0; 3], &ring(3, 1.0), &[1.0; 4])).contains("raise segments to 4"));
     assert!(message(assign(&[1.0; 3], &ring(3, 1.0), &[1.0, 0.0])).contains("weight of rank 1"));
-    assert!(matches!(
-        assign(&[1.0; 3], &[0.0; 4], &[1.0]),
-        Err(Error::Input(_))
-    ));
-    assert!(matches!(
-        assign(&[1.0; 3], &ring(3, 1.0), &[]),
-        Err(Error::Input(_))
-    ));
-    assert!(matches!(
-        assign(&[f64::NAN; 3], &ring(3, 1.0), &[1.0]),
-        Err(Error::Input(_))
-    ));
-    assert!(matches!(
-        report(&[1.0; 3], &ring(3, 1.0), &[1.0], &[0, 0, 1]),
-        Err(Error::Input(_))
-    ));
+    assert!(matches!(assign(&[1.0; 3], &[0.0; 4], &[1.0]), Err(Error::Input(_))));
+    assert!(matches!(assign(&[1.0; 3], &ring(3, 1.0), &[]), Err(Error::Input(_))));
+    assert!(matches!(assign(&[f64::NAN; 3], &ring(3, 1.0), &[1.0]), Err(Error::Input(_))));
+    assert!(matches!(report(&[1.0; 3], &ring(3, 1.0), &[1.0], &[0, 0, 1]), Err(Error::Input(_))));
 }

@@ -5,11 +5,7 @@ use m4gn_modes::laplacian_modes;
 use m4gn_samples::mesh as sample;
 
 fn spec(count: usize, modes: usize) -> SegmentSpec {
-    SegmentSpec {
-        count,
-        modes,
-        ..Default::default()
-    }
+    SegmentSpec { count, modes, ..Default::default() }
 }
 
 fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> {
@@ -23,17 +19,11 @@ fn plain_nearest(features: &Features, labels: &[i32], centroids: &[f64]) -> Vec<
     let margin = MARGIN * features.size;
     let width = features.width;
     let one = |(cell, &current): (usize, &i32)| {
-        let distances: Vec<f64> = centroids
-            .chunks_exact(width)
-            .map(|c| features.distance(features.of(cell), c))
-            .collect();
+        let distances: Vec<f64> =
+            centroids.chunks_exact(width).map(|c| features.distance(features.of(cell), c)).collect();
         let own = distances[current as usize];
         let open = |d: f64| d <= features.size && d < own - margin;
-        let least = distances
-            .iter()
-            .copied()
-            .filter(|&d| open(d))
-            .fold(f64::INFINITY, f64::min);
+        let least = distances.iter().copied().filter(|&d| open(d)).fold(f64::INFINITY, f64::min);
         let first = distances.iter().position(|&d| open(d) && d <= least + margin);
         first.map_or(current, |k| k as i32)
     };
@@ -46,18 +36,10 @@ fn looking_at_near_centroids_alone_changes_nothing() {
     let mesh = sample::triangles(24, 9, 1.6, 0.41);
     let modes = laplacian_modes(&mesh, &comm, &ModalOptions::fixed(5)).unwrap();
     for method in SegmentMethod::ALL {
-        for (count, tau, size) in [
-            (7, 1.0, None),
-            (40, 0.3, None),
-            (20, 0.0, Some(0.2)),
-            (60, 2.0, Some(0.05)),
-        ] {
-            let spec = SegmentSpec {
-                method,
-                tau,
-                size,
-                ..spec(count, 5)
-            };
+        for (count, tau, size) in
+            [(7, 1.0, None), (40, 0.3, None), (20, 0.0, Some(0.2)), (60, 2.0, Some(0.05))]
+        {
+            let spec = SegmentSpec { method, tau, size, ..spec(count, 5) };
             let features = Features::new(&mesh, &spec, &comm, &modes.vectors).unwrap();
             let mut labels: Vec<i32> = (0..mesh.n_cells()).map(|c| (c * 7 % count) as i32).collect();
             for _ in 0..6 {
@@ -75,33 +57,17 @@ fn two_blobs_are_found_from_a_poor_start() {
     let mut mesh = sample::chain(8, 8.0);
     // Two groups of four cells, 10 m apart.
     mesh.cell_centres[4..].iter_mut().for_each(|x| x[0] += 10.0);
-    let spec = SegmentSpec {
-        size: Some(20.0),
-        ..spec(2, 0)
-    };
-    assert_eq!(
-        refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(),
-        [0, 0, 0, 0, 1, 1, 1, 1]
-    );
+    let spec = SegmentSpec { size: Some(20.0), ..spec(2, 0) };
+    assert_eq!(refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(), [0, 0, 0, 0, 1, 1, 1, 1]);
     // One sweep on paper: centroids 11.2 / 4 + ..., all cells farther than S stay.
-    let spec = SegmentSpec {
-        size: Some(1e-3),
-        ..spec
-    };
-    assert_eq!(
-        refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(),
-        [0, 0, 0, 1, 0, 1, 1, 1]
-    );
+    let spec = SegmentSpec { size: Some(1e-3), ..spec };
+    assert_eq!(refined(&mesh, &spec, &[0, 0, 0, 1, 0, 1, 1, 1]).unwrap(), [0, 0, 0, 1, 0, 1, 1, 1]);
 }
 
 #[test]
 fn the_sign_change_of_the_second_mode_cuts_a_chain_in_half() {
     let mesh = sample::chain(10, 1.0);
-    let spec = SegmentSpec {
-        tau: 0.0,
-        size: Some(1.0),
-        ..spec(2, 2)
-    };
+    let spec = SegmentSpec { tau: 0.0, size: Some(1.0), ..spec(2, 2) };
     let labels = refined(&mesh, &spec, &[0, 0, 0, 0, 0, 0, 0, 1, 1, 1]).unwrap();
     assert_eq!(labels, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]);
 }
@@ -110,11 +76,7 @@ fn the_sign_change_of_the_second_mode_cuts_a_chain_in_half() {
 fn a_segment_keeps_its_nearest_cell() {
     // Segment 1 has cells 0 and 5 and its centroid in the middle of segment 0: all would leave it.
     let mesh = sample::chain(6, 6.0);
-    let spec = SegmentSpec {
-        size: Some(10.0),
-        iterations: 1,
-        ..spec(3, 0)
-    };
+    let spec = SegmentSpec { size: Some(10.0), iterations: 1, ..spec(3, 0) };
     let labels = refined(&mesh, &spec, &[1, 0, 0, 2, 2, 1]).unwrap();
     assert!((0..3).all(|k| labels.contains(&k)), "{labels:?}");
 }
@@ -124,17 +86,11 @@ fn sizes_beyond_numbers() {
     let mesh = sample::chain(6, 6.0);
     let start = [0, 0, 0, 1, 1, 1];
     for size in [1e-320, 1e-12, 1e200] {
-        let spec = SegmentSpec {
-            size: Some(size),
-            ..spec(2, 2)
-        };
+        let spec = SegmentSpec { size: Some(size), ..spec(2, 2) };
         let found = refined(&mesh, &spec, &start).unwrap();
         assert!(found.contains(&0) && found.contains(&1), "{size}: {found:?}");
     }
-    let spec = SegmentSpec {
-        size: Some(1.7e308),
-        ..spec(2, 2)
-    };
+    let spec = SegmentSpec { size: Some(1.7e308), ..spec(2, 2) };
     assert!(matches!(refined(&mesh, &spec, &start), Err(Error::Input(_))));
 }
 

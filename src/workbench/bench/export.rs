@@ -17,9 +17,7 @@ pub fn export(workload: &Workload, folder: &Path) -> Result<Value> {
     let structure = workload.structure()?;
     let graph = &structure.graph;
     let (inputs, mut outputs) = workload.values(graph)?;
-    workload
-        .engine(&structure, &EngineOptions::default())?
-        .forward(&workload.comm, &inputs, &mut outputs)?;
+    workload.engine(&structure, &EngineOptions::default())?.forward(&workload.comm, &inputs, &mut outputs)?;
     workload.model.write(folder.join("model.safetensors"))?;
     let spec = &workload.model.spec;
     let kinds: Vec<i32> = graph.node_types[..graph.n_owned]
@@ -42,10 +40,7 @@ pub fn export(workload: &Workload, folder: &Path) -> Result<Value> {
         ("senders", integer(&graph.senders)),
         ("receivers", integer(&graph.receivers)),
         ("node_types", integer(&kinds)),
-        (
-            "edge_features",
-            float(&graph.edge_features, spec.n_edge_features()),
-        ),
+        ("edge_features", float(&graph.edge_features, spec.n_edge_features())),
         ("inputs", float(&inputs, spec.n_field_inputs())),
         ("outputs", float(&outputs, spec.n_outputs())),
     ];

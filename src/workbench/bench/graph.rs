@@ -53,12 +53,7 @@ pub fn o_mesh(nodes: usize, comm: &Comm) -> Result<Graph> {
         let inner = r.checked_sub(1).map(|s| [(s, before), (s, a)]);
         let outer = (r + 1 < rings).then_some([(r + 1, a), (r + 1, after)]);
         let same = [(r, before), (r, after)];
-        for (s, b) in inner
-            .into_iter()
-            .flatten()
-            .chain(same)
-            .chain(outer.into_iter().flatten())
-        {
+        for (s, b) in inner.into_iter().flatten().chain(same).chain(outer.into_iter().flatten()) {
             let (from, to) = (place(s, b), place(r, a));
             let delta = [from[0] - to[0], from[1] - to[1]];
             graph.senders.push((s * around + b) as i32);
@@ -94,9 +89,7 @@ pub fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segment
     }
     let k = spec.segments.count;
     if k > n {
-        return Err(Error::Input(format!(
-            "{k} segments for {n} nodes: expected at most {n}"
-        )));
+        return Err(Error::Input(format!("{k} segments for {n} nodes: expected at most {n}")));
     }
     let member = (0..n).map(|i| (i * k / n) as i32).collect();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
@@ -118,12 +111,7 @@ mod tests {
         let g = o_mesh(1900, &Comm::serial()).unwrap();
         // 24 x 79 points; 3 V - 2 x 24 edges in both directions.
         assert_eq!((g.n_owned, g.senders.len()), (1896, 2 * (3 * 1896 - 48)));
-        let edges: HashSet<(i32, i32)> = g
-            .senders
-            .iter()
-            .copied()
-            .zip(g.receivers.iter().copied())
-            .collect();
+        let edges: HashSet<(i32, i32)> = g.senders.iter().copied().zip(g.receivers.iter().copied()).collect();
         assert_eq!(edges.len(), g.senders.len());
         assert!(edges.iter().all(|&(s, r)| s != r && edges.contains(&(r, s))));
         assert!(g.receivers.windows(2).all(|w| w[0] <= w[1]));

@@ -64,14 +64,8 @@ pub fn peak(options: &EngineOptions) -> Peak {
         let one = || engine::peak(options.precision, isa);
         let handles: Vec<_> = (0..threads).map(|_| scope.spawn(one)).collect();
         let found = handles.into_iter().filter_map(|h| h.join().ok());
-        let none = Peak {
-            units: 0.0,
-            product: 0.0,
-        };
-        found.fold(none, |sum, p| Peak {
-            units: sum.units + p.units,
-            product: sum.product + p.product,
-        })
+        let none = Peak { units: 0.0, product: 0.0 };
+        found.fold(none, |sum, p| Peak { units: sum.units + p.units, product: sum.product + p.product })
     })
 }
 

@@ -29,10 +29,7 @@ fn parse(status: &str) -> Option<Memory> {
         let line = status.lines().find(|l| l.starts_with(key))?;
         line.split_whitespace().nth(1)?.parse::<u64>().ok()
     };
-    Some(Memory {
-        now: kib("VmRSS:")? * 1024,
-        peak: kib("VmHWM:")? * 1024,
-    })
+    Some(Memory { now: kib("VmRSS:")? * 1024, peak: kib("VmHWM:")? * 1024 })
 }
 
 #[cfg(test)]
@@ -42,10 +39,7 @@ mod tests {
     #[test]
     fn lines_of_the_kernel() {
         let text = "Name:\tm4gn\nVmHWM:\t    1756 kB\nVmRSS:\t     200 kB\n";
-        let expected = Memory {
-            now: 200 * 1024,
-            peak: 1756 * 1024,
-        };
+        let expected = Memory { now: 200 * 1024, peak: 1756 * 1024 };
         assert_eq!(parse(text), Some(expected));
         assert_eq!(parse("VmRSS: 1 kB"), None);
     }

@@ -51,10 +51,7 @@ impl Shape {
             format: 1,
             dim: self.dim,
             stride: 0.01,
-            fields: vec![
-                field("U", true, 1, Output::Delta),
-                field("p", false, 2, Output::Value),
-            ],
+            fields: vec![field("U", true, 1, Output::Delta), field("p", false, 2, Output::Value)],
             node_types: NodeType::ALL.to_vec(),
             architecture: Architecture {
                 width: self.width,
@@ -78,10 +75,7 @@ impl Shape {
             },
             contact: None,
             resolution: None,
-            segments: SegmentSpec {
-                count: self.segments.unwrap_or(36),
-                ..SegmentSpec::default()
-            },
+            segments: SegmentSpec { count: self.segments.unwrap_or(36), ..SegmentSpec::default() },
             precision: Precision::Fp32,
             trained_on: None,
             calibration: None,

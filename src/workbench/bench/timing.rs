@@ -16,10 +16,7 @@ impl Timing {
     /// Of these times, ms.
     pub fn new(mut times: Vec<f64>) -> Self {
         times.sort_by(f64::total_cmp);
-        Timing {
-            sorted: times,
-            busy: f64::NAN,
-        }
+        Timing { sorted: times, busy: f64::NAN }
     }
 
     /// Number of runs.
@@ -76,10 +73,7 @@ impl Runs {
             };
             if done {
                 let busy = (processor_time() - processor) / began.elapsed().as_secs_f64();
-                return Ok(Timing {
-                    busy,
-                    ..Timing::new(times)
-                });
+                return Ok(Timing { busy, ..Timing::new(times) });
             }
         }
     }
@@ -98,10 +92,7 @@ mod tests {
     #[test]
     fn quartiles_are_interpolated() {
         let t = Timing::new(vec![4.0, 1.0, 3.0, 2.0]);
-        assert_eq!(
-            (t.least(), t.quantile(0.25), t.median(), t.quantile(1.0)),
-            (1.0, 1.75, 2.5, 4.0)
-        );
+        assert_eq!((t.least(), t.quantile(0.25), t.median(), t.quantile(1.0)), (1.0, 1.75, 2.5, 4.0));
         assert!(Timing::new(vec![]).median().is_nan());
     }
 
@@ -115,10 +106,6 @@ mod tests {
         assert_eq!((found.unwrap().count(), runs), (3, 4));
         let found = Runs::For(Duration::ZERO).time(|| Ok(()));
         assert_eq!(found.unwrap().count(), 5);
-        assert!(
-            Runs::Exactly(1)
-                .time(|| Err(m4gn_mesh::Error::Input("no".into())))
-                .is_err()
-        );
+        assert!(Runs::Exactly(1).time(|| Err(m4gn_mesh::Error::Input("no".into()))).is_err());
     }
 }

@@ -82,14 +82,7 @@ impl Trial {
         let structure = match self.hex {
             true => {
                 let modal = Modal(spec.segments.modal());
-                Structure::new(
-                    &hexahedra(self.nodes)?,
-                    &spec,
-                    &spec.segments,
-                    &modal,
-                    None,
-                    &comm,
-                )?
+                Structure::new(&hexahedra(self.nodes)?, &spec, &spec.segments, &modal, None, &comm)?
             }
             false => {
                 let graph = o_mesh(self.nodes, &comm)?;
@@ -145,13 +138,8 @@ impl Trial {
                 ..TrainingConfig::default()
             },
         };
-        let example = |seed: usize| Example {
-            sample: 0,
-            frame: 0,
-            mirror: false,
-            seed: seed as u64,
-            weight: 1.0,
-        };
+        let example =
+            |seed: usize| Example { sample: 0, frame: 0, mirror: false, seed: seed as u64, weight: 1.0 };
         Ok(Prepared {
             config,
             spec,
@@ -169,11 +157,7 @@ impl Trial {
 
     /// Precision of the products.
     pub fn precision(&self) -> Precision {
-        if self.bf16 {
-            Precision::Bf16
-        } else {
-            Precision::Fp32
-        }
+        if self.bf16 { Precision::Bf16 } else { Precision::Fp32 }
     }
 }
 
@@ -205,9 +189,7 @@ impl Prepared {
         }
         match loss.is_finite() {
             true => Ok(loss),
-            false => Err(Error::Numerical(format!(
-                "the loss of the measured step is {loss}"
-            ))),
+            false => Err(Error::Numerical(format!("the loss of the measured step is {loss}"))),
         }
     }
 }

@@ -43,11 +43,7 @@ impl Storage {
             Precision::Fp32 => 4,
             Precision::Bf16 => 2,
         };
-        Storage {
-            edge: short,
-            node: 4,
-            sender: short,
-        }
+        Storage { edge: short, node: 4, sender: short }
     }
 }
 
@@ -88,30 +84,18 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
         ));
     }
     let passed = [
-        work(
-            Phase::Project,
-            layers * nodes * square,
-            layers * nodes * d * (node + sender),
-        ),
+        work(Phase::Project, layers * nodes * square, layers * nodes * d * (node + sender)),
         work(
             Phase::Edges,
             layers * (edges * (1.0 + hidden) + nodes) * square,
             layers * (edges * (d * (2.0 * edge + sender) + index) + nodes * (node * d + index)),
         ),
-        work(
-            Phase::Nodes,
-            layers * nodes * square * (2.0 + hidden),
-            layers * nodes * 2.0 * node * d,
-        ),
+        work(Phase::Nodes, layers * nodes * square * (2.0 + hidden), layers * nodes * 2.0 * node * d),
     ];
     // Latents are read, scaled and written; then gathered along the edges, and written anew.
     let convolved = [
         work(Phase::Project, 0.0, layers * nodes * 2.0 * node * d),
-        work(
-            Phase::Edges,
-            0.0,
-            layers * (edges * (node * d + 2.0 * index) + nodes * node * d),
-        ),
+        work(Phase::Edges, 0.0, layers * (edges * (node * d + 2.0 * index) + nodes * node * d)),
         work(Phase::Nodes, layers * nodes * square, layers * nodes * node * d),
     ];
     match &a.kind {
@@ -130,11 +114,7 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     }
     // Its first layer reads h, and h_S once a segment.
     let (first, further) = (square, (hidden - 1.0) * square + 2.0 * d * outputs);
-    list.push(work(
-        Phase::Decode,
-        cells * (first + further) + k * first,
-        cells * (node * d + 4.0 * outputs),
-    ));
+    list.push(work(Phase::Decode, cells * (first + further) + k * first, cells * (node * d + 4.0 * outputs)));
     list
 }
 
@@ -149,11 +129,7 @@ pub fn kept_bytes(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: boo
         // Latents and scaled latents.
         return edges * 8.0 + nodes * (2.0 * node * d + 24.0);
     }
-    let initial = if encoded {
-        edge * d
-    } else {
-        4.0 * spec.n_edge_features() as f64
-    };
+    let initial = if encoded { edge * d } else { 4.0 * spec.n_edge_features() as f64 };
     edges * (edge * d + initial + 8.0) + nodes * ((node + sender) * d + 20.0)
 }
 
@@ -162,31 +138,16 @@ mod tests {
     use super::*;
     use crate::bench::Shape;
 
-    const FP32: Storage = Storage {
-        edge: 4,
-        node: 4,
-        sender: 4,
-    };
+    const FP32: Storage = Storage { edge: 4, node: 4, sender: 4 };
 
     fn shape(layers: usize, width: usize, hidden_layers: usize, segments: Option<usize>) -> Shape {
-        Shape {
-            dim: 2,
-            layers,
-            width,
-            hidden_layers,
-            segments,
-        }
+        Shape { dim: 2, layers, width, hidden_layers, segments }
     }
 
     #[test]
     fn a_network_of_width_one_on_paper() {
         // Width 1, one hidden layer, 2 layers; 3 nodes, all cells, 4 edges. A product of a row costs 2 each way.
-        let sizes = Sizes {
-            nodes: 3,
-            cells: 3,
-            edges: 4,
-            segments: 0,
-        };
+        let sizes = Sizes { nodes: 3, cells: 3, edges: 4, segments: 0 };
         let list = step(&shape(2, 1, 1, None).spec(), sizes, FP32, false);
         let flops: Vec<f64> = list.iter().map(|w| w.flops).collect();
         // Node encoder 3 (2 x 3 + 2), edge encoder 4 (2 x 3 + 2), senders 2 x 3 x 2, edges 2 (4 x 4 + 3 x 2),
@@ -196,27 +157,14 @@ mod tests {
         assert_eq!(bytes, [48.0, 64.0, 48.0, 176.0, 48.0, 48.0]);
         let kept = step(&shape(2, 1, 1, None).spec(), sizes, FP32, true);
         assert_eq!(kept.len() + 1, list.len());
-        assert!(
-            kept.iter()
-                .all(|w| list.contains(w) && w.phase != Phase::EncodeEdges)
-        );
+        assert!(kept.iter().all(|w| list.contains(w) && w.phase != Phase::EncodeEdges));
     }
 
     #[test]
     fn seven_layers_of_128_on_the_published_size() {
-        let sizes = Sizes {
-            nodes: 1885,
-            cells: 1885,
-            edges: 11264,
-            segments: 0,
-        };
+        let sizes = Sizes { nodes: 1885, cells: 1885, edges: 11264, segments: 0 };
         let spec = shape(7, 128, 2, None).spec();
-        let total = |encoded| {
-            step(&spec, sizes, FP32, encoded)
-                .iter()
-                .map(|w| w.flops)
-                .sum::<f64>()
-        };
+        let total = |encoded| step(&spec, sizes, FP32, encoded).iter().map(|w| w.flops).sum::<f64>();
         // Per layer 11264 x 3 and 1885 x 6 rows through 128 x 128; encoder and decoder two and two rows a node, and
         // 2 x 128 x 3 for the fields at both ends.
         let rows = 7.0 * (11264.0 * 3.0 + 1885.0 * 6.0) + 1885.0 * 4.0;
@@ -227,12 +175,7 @@ mod tests {
 
     #[test]
     fn the_macro_stage_is_small() {
-        let sizes = Sizes {
-            nodes: 1885,
-            cells: 1885,
-            edges: 11264,
-            segments: 36,
-        };
+        let sizes = Sizes { nodes: 1885, cells: 1885, edges: 11264, segments: 36 };
         let list = step(&shape(7, 128, 2, Some(36)).spec(), sizes, FP32, true);
         let stage = list.iter().find(|w| w.phase == Phase::Segments).unwrap();
         // Encoder 3 rows; per layer q, k, v, o and twice 4 rows a segment, and scores and mixtures.
@@ -249,11 +192,7 @@ mod tests {
             edges: 2 * (3 * 99 * 100 * 100) + 2 * 60_000,
             segments: 0,
         };
-        let storage = Storage {
-            edge: 2,
-            node: 4,
-            sender: 2,
-        };
+        let storage = Storage { edge: 2, node: 4, sender: 2 };
         let mut s = shape(7, 128, 2, None);
         s.dim = 3;
         // 6.06 million edges of 2 x 128 + 16 + 8 bytes, 1.06 million nodes of 6 x 128 + 20.

@@ -87,10 +87,7 @@ impl Workload {
     /// Lengths of the inputs and the outputs of a step.
     fn lengths(&self, graph: &Graph) -> (usize, usize) {
         let spec = &self.model.spec;
-        (
-            graph.n_owned * spec.n_field_inputs(),
-            graph.n_cells * spec.n_outputs(),
-        )
+        (graph.n_owned * spec.n_field_inputs(), graph.n_cells * spec.n_outputs())
     }
 
     /// Physical inputs of the size that the model was trained on, and room for the outputs.
@@ -107,11 +104,7 @@ impl Workload {
     }
 
     fn parameters(&self) -> usize {
-        let weights = self
-            .model
-            .tensors
-            .iter()
-            .filter(|(name, _)| !name.starts_with("norm."));
+        let weights = self.model.tensors.iter().filter(|(name, _)| !name.starts_with("norm."));
         weights.map(|(_, t)| t.data.len()).sum()
     }
 

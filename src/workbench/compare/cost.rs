@@ -55,10 +55,7 @@ impl Cost {
     fn of_logs(a: &Log, b: &Log, takeover: f64) -> Self {
         let whole = |log: &Log| -> Result<()> { log.check_ended() };
         if let Err(e) = whole(a).and_then(|()| whole(b)) {
-            return Cost {
-                without_logs: Some(e.to_string()),
-                ..Cost::default()
-            };
+            return Cost { without_logs: Some(e.to_string()), ..Cost::default() };
         }
         let (from, to) = (a.start.max(b.start), a.end().min(b.end()));
         if from >= to {
@@ -102,11 +99,7 @@ impl Cost {
             true => "whole run: wall time [s]",
             false => "whole run: wall time [s], whole seconds",
         };
-        let names = [
-            "whole run: processor time [s]",
-            wall,
-            "after the takeover: processor time [s]",
-        ];
+        let names = ["whole run: processor time [s]", wall, "after the takeover: processor time [s]"];
         for (name, pair) in names.into_iter().zip(self.pairs()) {
             let [a, b] = pair.map(|v| v.map_or("-".into(), |v| number(v, 4)));
             table.row([name.to_string(), a, b, share(pair)]);
@@ -123,11 +116,7 @@ impl Cost {
                 seconds(to)
             )
         });
-        span.or_else(|| {
-            self.without_logs
-                .as_ref()
-                .map(|why| format!("no times of the logs: {why}"))
-        })
+        span.or_else(|| self.without_logs.as_ref().map(|why| format!("no times of the logs: {why}")))
     }
 }
 
@@ -147,20 +136,9 @@ mod tests {
 
     fn log(start: f64, steps: &[(f64, f64)], ended: bool) -> Log {
         let clock = |(time, processor): &(f64, f64)| {
-            (
-                *time,
-                Clock {
-                    processor: *processor,
-                    wall: Some(processor.ceil()),
-                },
-            )
+            (*time, Clock { processor: *processor, wall: Some(processor.ceil()) })
         };
-        Log {
-            path: "log.icoFoam".into(),
-            start,
-            steps: steps.iter().map(clock).collect(),
-            ended,
-        }
+        Log { path: "log.icoFoam".into(), start, steps: steps.iter().map(clock).collect(), ended }
     }
 
     /// The full run goes on to 9 s, the other ends at 3 s: what the full run took for 3 s counts.
@@ -176,10 +154,7 @@ mod tests {
         // One that began from the full run's fields at 1 s
         let late = log(1.0, &[(3.0, 5.0)], true);
         let cost = Cost::of_logs(&full, &late, 1.0);
-        assert_eq!(
-            (cost.span, cost.pairs()[0]),
-            (Some([1.0, 3.0]), [Some(20.0), Some(5.0)])
-        );
+        assert_eq!((cost.span, cost.pairs()[0]), (Some([1.0, 3.0]), [Some(20.0), Some(5.0)]));
     }
 
     #[test]

@@ -65,11 +65,8 @@ impl Reference {
         let speed = velocity.iter().map(|v| v * v).sum::<f64>().sqrt();
         let drag_direction = velocity.map(|v| v / speed);
         let lift_direction = across(drag_direction, &description.directions);
-        let extent = |n: [f64; 3]| {
-            (0..3)
-                .map(|d| n[d].abs() * (patch.upper[d] - patch.lower[d]))
-                .sum::<f64>()
-        };
+        let extent =
+            |n: [f64; 3]| (0..3).map(|d| n[d].abs() * (patch.upper[d] - patch.lower[d])).sum::<f64>();
         let span = cross(drag_direction, lift_direction);
         let length = options.length.unwrap_or_else(|| extent(lift_direction));
         let area = length * extent(span);
@@ -102,13 +99,8 @@ pub(super) fn inlet_velocity(case: &mut FoamCase, time: usize) -> Result<Option<
 
 /// Patches that fluid enters through.
 fn inlet(case: &mut FoamCase, time: usize) -> Result<Vec<crate::foam_case::Flow>> {
-    let patches: Vec<String> = case
-        .description()
-        .patches
-        .iter()
-        .filter(|p| p.kind == "patch")
-        .map(|p| p.name.clone())
-        .collect();
+    let patches: Vec<String> =
+        case.description().patches.iter().filter(|p| p.kind == "patch").map(|p| p.name.clone()).collect();
     let mut flows = Vec::new();
     for patch in patches {
         let flow = case.flow(&patch, time)?;
@@ -181,11 +173,7 @@ const QUIET: f64 = 1e-4;
 impl Forces {
     /// Those of no time yet.
     pub(super) fn new(reference: Reference) -> Self {
-        Forces {
-            patch: reference.patch.clone(),
-            reference,
-            ..Forces::default()
-        }
+        Forces { patch: reference.patch.clone(), reference, ..Forces::default() }
     }
 
     /// Appends the forces of a common time: number `i` of A, `j` of B.
@@ -238,17 +226,9 @@ impl Forces {
         };
         let row = |name: &str, pair, error| (name.to_string(), pair, error);
         vec![
-            row(
-                "mean drag coefficient",
-                self.mean_drag.map(Some),
-                percent(self.drag_error),
-            ),
+            row("mean drag coefficient", self.mean_drag.map(Some), percent(self.drag_error)),
             row("rms lift coefficient", self.lift_rms.map(Some), lift),
-            row(
-                "shedding frequency [1/s]",
-                self.frequency,
-                percent(self.strouhal_error),
-            ),
+            row("shedding frequency [1/s]", self.frequency, percent(self.strouhal_error)),
             row("Strouhal number", self.strouhal, percent(self.strouhal_error)),
         ]
     }
@@ -263,20 +243,8 @@ impl Forces {
             number(r.length, 4),
             number(r.area, 4)
         ));
-        both_runs(
-            page,
-            "drag coefficient",
-            times,
-            [&self.drag_a, &self.drag_b],
-            "Drag.",
-        )?;
-        both_runs(
-            page,
-            "lift coefficient",
-            times,
-            [&self.lift_a, &self.lift_b],
-            "Lift.",
-        )
+        both_runs(page, "drag coefficient", times, [&self.drag_a, &self.drag_b], "Drag.")?;
+        both_runs(page, "lift coefficient", times, [&self.lift_a, &self.lift_b], "Lift.")
     }
 }
 

@@ -38,13 +38,7 @@ pub(crate) enum Line<'a> {
 /// The lines of a log.
 pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
     // Newer versions write the unit behind the time: 2s
-    let number = |text: &str| {
-        text.split_whitespace()
-            .next()?
-            .trim_end_matches('s')
-            .parse::<f64>()
-            .ok()
-    };
+    let number = |text: &str| text.split_whitespace().next()?.trim_end_matches('s').parse::<f64>().ok();
     text.lines().map(str::trim_start).map(move |line| {
         // solidDisplacementFoam says Iteration
         let begins = line.strip_prefix("Iteration:");
@@ -57,10 +51,7 @@ pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
             number(rest.strip_prefix('=')?)
         };
         match (line.starts_with("ExecutionTime"), seconds("ExecutionTime")) {
-            (true, Some(processor)) => Line::Done(Clock {
-                processor,
-                wall: seconds("ClockTime"),
-            }),
+            (true, Some(processor)) => Line::Done(Clock { processor, wall: seconds("ClockTime") }),
             _ => Line::Other(line),
         }
     })
@@ -109,25 +100,14 @@ impl Log {
         }
         let (first, second) = (steps.first()?.0, steps.get(1).map(|s| s.0));
         let start = said.unwrap_or_else(|| first - (second.unwrap_or(first) - first).max(0.0));
-        Some(Log {
-            path,
-            start,
-            steps,
-            ended,
-        })
+        Some(Log { path, start, steps, ended })
     }
 
     /// The clock when the run had come to a simulated time, s: zero before its first step.
     pub fn at(&self, time: f64) -> Clock {
         let slack = 1e-6 * time.abs().max(1e-6);
         let done = self.steps.iter().rfind(|(t, _)| *t <= time + slack);
-        done.map_or(
-            Clock {
-                processor: 0.0,
-                wall: Some(0.0),
-            },
-            |s| s.1,
-        )
+        done.map_or(Clock { processor: 0.0, wall: Some(0.0) }, |s| s.1)
     }
 
     /// The last simulated time, s.
@@ -138,10 +118,7 @@ impl Log {
     /// Between two simulated times, s.
     pub fn between(&self, from: f64, to: f64) -> Clock {
         let (a, b) = (self.at(from), self.at(to));
-        Clock {
-            processor: b.processor - a.processor,
-            wall: a.wall.zip(b.wall).map(|(a, b)| b - a),
-        }
+        Clock { processor: b.processor - a.processor, wall: a.wall.zip(b.wall).map(|(a, b)| b - a) }
     }
 
     /// Fails for a log whose solver did not say `End`.
@@ -183,20 +160,8 @@ mod tests {
         let text =
             "Iteration: 1\n\nExecutionTime = 0.5 s  ClockTime = 0 s\n\nIteration: 2\n\nExecutionTime = 2 s\n";
         let found = log(text).unwrap();
-        assert_eq!(
-            found.between(1.0, 2.0),
-            Clock {
-                processor: 1.5,
-                wall: None
-            }
-        );
-        assert!(
-            found
-                .check_ended()
-                .unwrap_err()
-                .to_string()
-                .contains("no line 'End'")
-        );
+        assert_eq!(found.between(1.0, 2.0), Clock { processor: 1.5, wall: None });
+        assert!(found.check_ended().unwrap_err().to_string().contains("no line 'End'"));
         assert!(log("no times\n").is_none() && log("").is_none());
     }
 
@@ -207,12 +172,6 @@ mod tests {
              Time = 5\nExecutionTime = 2 s  ClockTime = 3 s\nEnd\n";
         let found = log(text).unwrap();
         assert_eq!((found.start, found.end()), (3.0, 5.0));
-        assert_eq!(
-            found.at(5.0),
-            Clock {
-                processor: 7.0,
-                wall: Some(9.0)
-            }
-        );
+        assert_eq!(found.at(5.0), Clock { processor: 7.0, wall: Some(9.0) });
     }
 }

@@ -65,9 +65,7 @@ fn weights(at: &[f64; 3], b: &[[f64; 3]], near: &[(usize, f64)], directions: &[u
     let scale = farthest.sqrt().max(f64::MIN_POSITIVE);
     let basis = |j: usize| {
         let mut v = [1.0, 0.0, 0.0, 0.0];
-        directions
-            .iter()
-            .for_each(|&d| v[d + 1] = (b[j][d] - at[d]) / scale);
+        directions.iter().for_each(|&d| v[d + 1] = (b[j][d] - at[d]) / scale);
         v
     };
     let weight = |square: f64| (square / farthest.max(f64::MIN_POSITIVE) + 1e-6).powi(-2);
@@ -78,9 +76,7 @@ fn weights(at: &[f64; 3], b: &[[f64; 3]], near: &[(usize, f64)], directions: &[u
             (0..4).for_each(|c| matrix[r][c] += w * v[r] * v[c]);
         }
     }
-    (0..3)
-        .filter(|d| !directions.contains(d))
-        .for_each(|d| matrix[d + 1][d + 1] = matrix[0][0]);
+    (0..3).filter(|d| !directions.contains(d)).for_each(|d| matrix[d + 1][d + 1] = matrix[0][0]);
     let row = eliminate(matrix, [1.0, 0.0, 0.0, 0.0]);
     match row {
         Some(row) if least > 0.0 => near

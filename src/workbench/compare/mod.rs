@@ -169,13 +169,7 @@ pub fn compare(
     }
     let headline = headline.finish();
     let motion = match solid {
-        true => Some(Motion::new(
-            a,
-            options,
-            &displacements,
-            (takeover, &times),
-            &headline,
-        )?),
+        true => Some(Motion::new(a, options, &displacements, (takeover, &times), &headline)?),
         false => None,
     };
     let comparison = Comparison {
@@ -209,13 +203,8 @@ pub fn check_patch(case: &mut FoamCase, patch: Option<&str>) -> Result<()> {
     }
     // A flow may begin without a field that says where it enters.
     let velocity = forces::inlet_velocity(case, 0).ok().flatten();
-    let options = Options {
-        patch: Some(patch.into()),
-        ..Options::default()
-    };
-    velocity.map_or(Ok(()), |v| {
-        Reference::of(case.description(), &options, v).map(|_| ())
-    })
+    let options = Options { patch: Some(patch.into()), ..Options::default() };
+    velocity.map_or(Ok(()), |v| Reference::of(case.description(), &options, v).map(|_| ()))
 }
 
 impl Options {
@@ -290,10 +279,7 @@ impl Comparison {
 
 /// The solved components, cell after cell.
 fn components(field: &[[f64; 3]], directions: &[usize]) -> Vec<f64> {
-    field
-        .iter()
-        .flat_map(|u| directions.iter().map(|&d| u[d]))
-        .collect()
+    field.iter().flat_map(|u| directions.iter().map(|&d| u[d])).collect()
 }
 
 /// The patch of this name.
@@ -318,9 +304,6 @@ mod tests {
 
     #[test]
     fn only_solved_components_count() {
-        assert_eq!(
-            components(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &[0, 2]),
-            [1.0, 3.0, 4.0, 6.0]
-        );
+        assert_eq!(components(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &[0, 2]), [1.0, 3.0, 4.0, 6.0]);
     }
 }

@@ -62,9 +62,7 @@ impl Motion {
         };
         let extent = |d: usize| full.iter().fold(0.0f64, |m, f| m.max(f[cell][d].abs()));
         let component = directions.iter().copied();
-        let component = component
-            .max_by(|&p, &q| extent(p).total_cmp(&extent(q)))
-            .unwrap_or(0);
+        let component = component.max_by(|&p, &q| extent(p).total_cmp(&extent(q))).unwrap_or(0);
         let amplitude = extent(component);
         if amplitude <= 0.0 {
             return Err(Error::Input(format!(
@@ -95,9 +93,7 @@ impl Motion {
                 [Some(p), Some(q)] => Some((q / p - 1.0).abs()),
                 _ => None,
             },
-            periods: frequency[0]
-                .zip(times.last())
-                .map(|(f, last)| f * (last - takeover)),
+            periods: frequency[0].zip(times.last()).map(|(f, last)| f * (last - takeover)),
             frequency,
             point_a,
             point_b,
@@ -119,16 +115,8 @@ impl Motion {
                 largest.map(Some),
                 Some((largest[1] / largest[0] - 1.0).abs()),
             ),
-            row(
-                "rms error of the cell / amplitude",
-                [None; 2],
-                Some(self.point_error_rms),
-            ),
-            row(
-                "largest error of the cell / amplitude",
-                [None; 2],
-                Some(self.point_error_max),
-            ),
+            row("rms error of the cell / amplitude", [None; 2], Some(self.point_error_rms)),
+            row("largest error of the cell / amplitude", [None; 2], Some(self.point_error_max)),
             row("frequency [1/s]", self.frequency, self.frequency_error),
         ]
     }

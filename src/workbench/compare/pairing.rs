@@ -14,11 +14,7 @@ pub fn mapping(a: &mut FoamCase, b: &mut FoamCase, interpolate: bool) -> Result<
         Ok(()) => Ok(Mapping::Same),
         Err(Error::Mesh(_)) if interpolate && a.description().directions == b.description().directions => {
             let directions = a.description().directions.clone();
-            Ok(Mapping::linear(
-                &a.cell_centres()?,
-                &b.cell_centres()?,
-                &directions,
-            ))
+            Ok(Mapping::linear(&a.cell_centres()?, &b.cell_centres()?, &directions))
         }
         Err(e) => Err(e),
     }
@@ -37,11 +33,7 @@ pub fn same_mesh(a: &mut FoamCase, b: &mut FoamCase) -> Result<()> {
         ))
     };
     if a.description().cells != b.description().cells {
-        return Err(differ(format!(
-            "{} and {} cells",
-            a.description().cells,
-            b.description().cells
-        )));
+        return Err(differ(format!("{} and {} cells", a.description().cells, b.description().cells)));
     }
     let (ca, cb) = (a.cell_centres()?, b.cell_centres()?);
     let size = ca.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -78,31 +70,17 @@ pub fn common_times(a: &FoamCase, b: &FoamCase, takeover: Option<f64>) -> Result
             _ => format!("{} has no stored times", d.path),
         }
     };
-    let none = || {
-        Error::Input(format!(
-            "fewer than two common times to compare: {}, {}",
-            name(a),
-            name(b)
-        ))
-    };
+    let none = || Error::Input(format!("fewer than two common times to compare: {}, {}", name(a), name(b)));
     let Some(takeover) = takeover else {
         // Time 0 holds what the user prescribed, not what a solver computed; U may be missing there.
         let mut pairs = pairs.into_iter();
         let hold = pairs.next().ok_or_else(none)?;
         let rest: Vec<_> = pairs.collect();
-        return if rest.is_empty() {
-            Err(none())
-        } else {
-            Ok((hold, rest))
-        };
+        return if rest.is_empty() { Err(none()) } else { Ok((hold, rest)) };
     };
     let slack = 1e-6 * takeover.abs().max(1e-6);
     let hold = pairs.iter().copied().rfind(|p| time(p) <= takeover + slack);
-    let after: Vec<_> = pairs
-        .iter()
-        .copied()
-        .filter(|p| time(p) > takeover + slack)
-        .collect();
+    let after: Vec<_> = pairs.iter().copied().filter(|p| time(p) > takeover + slack).collect();
     match hold {
         Some(hold) if !after.is_empty() => Ok((hold, after)),
         _ => Err(Error::Input(format!(

@@ -100,11 +100,8 @@ impl Track {
     /// The comparison.
     pub fn finish(self) -> Reaction {
         let [a, b] = self.forces;
-        let difference: Vec<[f64; 3]> = a
-            .iter()
-            .zip(&b)
-            .map(|(a, b)| std::array::from_fn(|d| b[d] - a[d]))
-            .collect();
+        let difference: Vec<[f64; 3]> =
+            a.iter().zip(&b).map(|(a, b)| std::array::from_fn(|d| b[d] - a[d])).collect();
         let some = !a.is_empty();
         let rms = some.then(|| [rms(&a), rms(&b)]);
         let largest = some.then(|| [largest(&a), largest(&b)]);
@@ -132,11 +129,7 @@ impl Track {
             left_out: self
                 .left_out
                 .into_iter()
-                .map(|((run, why), times)| LeftOut {
-                    run,
-                    why: why.text(),
-                    times,
-                })
+                .map(|((run, why), times)| LeftOut { run, why: why.text(), times })
                 .collect(),
         }
     }
@@ -269,12 +262,7 @@ mod tests {
         t.push(0.1, [force, Without(Unknown::Missing)]);
         let found = t.finish();
         assert!(found.error_rms.is_none() && found.error_max.is_none() && found.rms.is_none());
-        assert!(
-            found
-                .rows()
-                .iter()
-                .all(|(_, both, error)| both == &[None; 2] && error == "-")
-        );
+        assert!(found.rows().iter().all(|(_, both, error)| both == &[None; 2] && error == "-"));
     }
 
     /// A full run without any force makes no scale.

@@ -34,20 +34,12 @@ pub(super) fn both_runs(
     [a, b]: [&[f64]; 2],
     caption: &str,
 ) -> Result<()> {
-    let series = vec![
-        Series::new("full", times, a, BLUE),
-        Series::new("hybrid", times, b, ORANGE),
-    ];
+    let series = vec![Series::new("full", times, a, BLUE), Series::new("hybrid", times, b, ORANGE)];
     over_time(page, label, series, Axis::Range, caption)
 }
 
 fn over_time(page: &mut Page, label: &str, series: Vec<Series>, axis: Axis, caption: &str) -> Result<()> {
-    let chart = Chart {
-        x_label: "t [s]".into(),
-        y_label: label.into(),
-        series,
-        axis,
-    };
+    let chart = Chart { x_label: "t [s]".into(), y_label: label.into(), series, axis };
     page.svg(&chart.svg()?, caption);
     Ok(())
 }
@@ -119,10 +111,7 @@ impl Comparison {
 
     fn replaced(&self) -> Option<String> {
         let fraction = Some(self.replaced_fraction?);
-        Some(format!(
-            "replaced {} of the simulated time after start-up",
-            percent(fraction)
-        ))
+        Some(format!("replaced {} of the simulated time after start-up", percent(fraction)))
     }
 
     /// Magnitudes of the headline of the full and the hybrid run and their difference, one row a snapshot. None where there is
@@ -154,9 +143,7 @@ impl Comparison {
         let [name, field, unit] = self.names();
         page.heading("Time");
         page.table(&self.cost.table());
-        self.notes()
-            .iter()
-            .for_each(|line| page.paragraph(&format!("{line}.")));
+        self.notes().iter().for_each(|line| page.paragraph(&format!("{line}.")));
 
         page.heading(&format!("Error of the {name}"));
         page.paragraph(&format!(

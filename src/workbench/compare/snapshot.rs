@@ -33,11 +33,8 @@ fn norm(u: &[f64]) -> f64 {
 
 /// `count` indices below `n`: the last one, and before it ones at halving distance from the start.
 pub(super) fn choose(n: usize, count: usize) -> Vec<usize> {
-    let mut chosen: Vec<usize> = (0..count)
-        .map(|k| (n >> k).max(1))
-        .map(|h| h - 1)
-        .filter(|&i| i < n)
-        .collect();
+    let mut chosen: Vec<usize> =
+        (0..count).map(|k| (n >> k).max(1)).map(|h| h - 1).filter(|&i| i < n).collect();
     chosen.sort_unstable();
     chosen.dedup();
     chosen

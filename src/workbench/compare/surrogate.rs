@@ -45,11 +45,7 @@ pub fn read(case: &Path) -> Result<Option<Surrogate>> {
         return Ok(None);
     };
     let jumps = found.iter().flat_map(|(_, s)| s.jumps.clone()).collect();
-    Ok(found.pop().map(|(_, last)| Surrogate {
-        takeover,
-        jumps,
-        ..last
-    }))
+    Ok(found.pop().map(|(_, last)| Surrogate { takeover, jumps, ..last }))
 }
 
 fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
@@ -71,21 +67,14 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
             ));
         }
     };
-    Ok(Some(Surrogate {
-        takeover,
-        replaced_fraction: number("replaced_fraction"),
-        jumps,
-        summary,
-    }))
+    Ok(Some(Surrogate { takeover, replaced_fraction: number("replaced_fraction"), jumps, summary }))
 }
 
 /// The ends of the first and the last step of each jump: a row of the table beside the summary holds the time at a jump's
 /// end and the number of its steps.
 fn jumps(folder: &Path, stride: Option<f64>) -> Vec<[f64; 2]> {
     let tables = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let tables = tables
-        .map(|e| e.path())
-        .filter(|p| p.extension().is_some_and(|e| e == "dat"));
+    let tables = tables.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "dat"));
     let of_row = |row: &str| {
         let mut numbers = row.split_whitespace().map(|w| w.parse::<f64>().ok());
         let (end, steps) = (numbers.next()??, numbers.next()??);
@@ -100,11 +89,7 @@ fn jumps(folder: &Path, stride: Option<f64>) -> Vec<[f64; 2]> {
 }
 
 fn started(folder: &Path) -> f64 {
-    folder
-        .file_name()
-        .and_then(|n| n.to_str())
-        .and_then(|n| n.parse().ok())
-        .unwrap_or(f64::NEG_INFINITY)
+    folder.file_name().and_then(|n| n.to_str()).and_then(|n| n.parse().ok()).unwrap_or(f64::NEG_INFINITY)
 }
 
 fn folders(of: &Path) -> Vec<PathBuf> {
@@ -141,17 +126,11 @@ mod tests {
         let two = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
         fs::write(folder("3.5").join("summary.json"), two).unwrap();
         let found = read(dir.path()).unwrap().unwrap();
-        assert!(
-            (found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9),
-            "{found:?}"
-        );
+        assert!((found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9), "{found:?}");
         // Of three steps and of four
         let expected = [[1.1, 1.2], [1.3, 1.45]];
         let near = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs() < 1e-12 && a[1] == b[1];
-        assert!(
-            found.jumps.len() == 2 && found.jumps.iter().zip(&expected).all(near),
-            "{found:?}"
-        );
+        assert!(found.jumps.len() == 2 && found.jumps.iter().zip(&expected).all(near), "{found:?}");
         fs::write(folder("3.5").join("summary.json"), "{").unwrap();
         assert!(read(dir.path()).is_err());
     }

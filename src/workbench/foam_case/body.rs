@@ -17,17 +17,8 @@ impl FoamCase {
         let Some(body) = &self.body else {
             return Ok(None);
         };
-        let options = fem::Options {
-            modal: modal.clone(),
-            ..body.options.clone()
-        };
-        let found = fem::modes(
-            &body.mesh,
-            &body.materials,
-            &body.fixed,
-            &options,
-            &Comm::serial(),
-        )?;
+        let options = fem::Options { modal: modal.clone(), ..body.options.clone() };
+        let found = fem::modes(&body.mesh, &body.materials, &body.fixed, &options, &Comm::serial())?;
         let points = body.mesh.cell_points();
         let mean = |vector: &Vec<[f64; 3]>| {
             points

@@ -27,9 +27,7 @@ impl FoamCase {
     /// # Errors
     /// OpenFOAM's message for a file that cannot be read.
     pub fn stored(&mut self, name: &str, mark: &str) -> Result<Stored> {
-        let found = self
-            .handle
-            .query(&json!({ "query": "start_field", "name": name, "mark": mark }))?;
+        let found = self.handle.query(&json!({ "query": "start_field", "name": name, "mark": mark }))?;
         Ok(match found[..] {
             [0.0] => Stored::Nowhere,
             [1.0] => Stored::Marked,
@@ -52,10 +50,7 @@ impl FoamCase {
     ) -> Result<()> {
         let cells = self.description.cells;
         if let Some((name, values)) = fields.iter().find(|(_, v)| v.len() != cells) {
-            return Err(Error::Input(format!(
-                "field {name}: {} values for {cells} cells",
-                values.len()
-            )));
+            return Err(Error::Input(format!("field {name}: {} values for {cells} cells", values.len())));
         }
         let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
         let values: Vec<f64> = fields.iter().flat_map(|(_, v)| v).copied().collect();

@@ -114,11 +114,7 @@ impl FoamCase {
         let text = handle.describe()?;
         let description = serde_json::from_str(&text)
             .map_err(|e| Error::Internal(format!("description of {folder:?}: {e}")))?;
-        Ok(FoamCase {
-            handle,
-            description,
-            body: None,
-        })
+        Ok(FoamCase { handle, description, body: None })
     }
 
     /// What the case holds.
@@ -141,24 +137,15 @@ impl FoamCase {
         let data = self.handle.query(&json!({ "query": "polygons" }))?;
         let n = self.description.cells + 1;
         if data.len() < n {
-            return Ok(Polygons {
-                start: vec![0; n],
-                points: Vec::new(),
-            });
+            return Ok(Polygons { start: vec![0; n], points: Vec::new() });
         }
         let points = data[n..].chunks_exact(2).map(|p| [p[0], p[1]]).collect();
-        Ok(Polygons {
-            start: data[..n].iter().map(|&s| s as usize).collect(),
-            points,
-        })
+        Ok(Polygons { start: data[..n].iter().map(|&s| s as usize).collect(), points })
     }
 
     /// Whether field `name` is stored at time number `time`.
     pub fn has_field(&mut self, name: &str, time: usize) -> Result<bool> {
-        Ok(self
-            .handle
-            .query(&json!({ "query": "has_field", "name": name, "time": time }))?
-            == [1.0])
+        Ok(self.handle.query(&json!({ "query": "has_field", "name": name, "time": time }))? == [1.0])
     }
 
     /// Cell values of a scalar field at time number `time`.
@@ -166,44 +153,29 @@ impl FoamCase {
     /// # Errors
     /// OpenFOAM's message for a missing or broken file; a non-finite value.
     pub fn scalar_field(&mut self, name: &str, time: usize) -> Result<Vec<f64>> {
-        let values = self
-            .handle
-            .query(&json!({ "query": "scalar", "name": name, "time": time }))?;
+        let values = self.handle.query(&json!({ "query": "scalar", "name": name, "time": time }))?;
         self.finite(values, name, time)
     }
 
     /// Cell values of a vector field at time number `time`; errors as [`Self::scalar_field`].
     pub fn vector_field(&mut self, name: &str, time: usize) -> Result<Vec<[f64; 3]>> {
-        let values = self
-            .handle
-            .query(&json!({ "query": "vector", "name": name, "time": time }))?;
+        let values = self.handle.query(&json!({ "query": "vector", "name": name, "time": time }))?;
         Ok(triples(&self.finite(values, name, time)?))
     }
 
     /// Force on a patch at time number `time`, from the stored p and U and `nu` of `transportProperties`.
     pub fn force(&mut self, patch: &str, time: usize) -> Result<Force> {
-        let values = self
-            .handle
-            .query(&json!({ "query": "force", "patch": patch, "time": time }))?;
+        let values = self.handle.query(&json!({ "query": "force", "patch": patch, "time": time }))?;
         let values = triples(&self.finite(values, &format!("force on {patch}"), time)?);
-        Ok(Force {
-            pressure: values[0],
-            viscous: values[1],
-        })
+        Ok(Force { pressure: values[0], viscous: values[1] })
     }
 
     /// Flow through a patch at time number `time`.
     pub fn flow(&mut self, patch: &str, time: usize) -> Result<Flow> {
-        let v = self
-            .handle
-            .query(&json!({ "query": "flow", "patch": patch, "time": time }))?;
+        let v = self.handle.query(&json!({ "query": "flow", "patch": patch, "time": time }))?;
         let v = self.finite(v, &format!("flow through {patch}"), time)?;
         let area = v[1].max(f64::MIN_POSITIVE);
-        Ok(Flow {
-            flux: v[0],
-            area: v[1],
-            velocity: [v[2] / area, v[3] / area, v[4] / area],
-        })
+        Ok(Flow { flux: v[0], area: v[1], velocity: [v[2] / area, v[3] / area, v[4] / area] })
     }
 
     fn finite(&self, values: Vec<f64>, what: &str, time: usize) -> Result<Vec<f64>> {
@@ -229,10 +201,7 @@ fn check_name(folder: &Path) -> Result<()> {
             whole.to_string_lossy()
         )));
     };
-    match text
-        .chars()
-        .find(|c| c.is_whitespace() || matches!(c, '"' | '\''))
-    {
+    match text.chars().find(|c| c.is_whitespace() || matches!(c, '"' | '\'')) {
         None => Ok(()),
         Some(c) => Err(Error::Input(format!(
             "{text}: the path has the character {c:?}, which OpenFOAM takes in no path; expected none of blanks and quotes: \

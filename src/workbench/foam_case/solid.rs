@@ -55,9 +55,7 @@ impl FoamCase {
     /// # Errors
     /// OpenFOAM's message for an unknown patch or a broken file; a non-finite value.
     pub fn reaction(&mut self, patch: &str, time: usize) -> Result<Reaction> {
-        let answer = self
-            .handle
-            .query(&json!({ "query": "reaction", "patch": patch, "time": time }))?;
+        let answer = self.handle.query(&json!({ "query": "reaction", "patch": patch, "time": time }))?;
         let unknown = match answer[..] {
             [0.0, x, y, z] => {
                 let force = self.finite(vec![x, y, z], &format!("force on {patch}"), time)?;

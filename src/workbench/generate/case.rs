@@ -105,9 +105,7 @@ impl Family {
     /// # Errors
     /// [`Error::File`] when a file cannot be written.
     pub(crate) fn write(&self, files: &Files, functions: &str, folder: &Path) -> Result<()> {
-        files
-            .iter()
-            .try_for_each(|(file, bytes)| put(&folder.join(file), bytes))?;
+        files.iter().try_for_each(|(file, bytes)| put(&folder.join(file), bytes))?;
         put(&folder.join("system/functions"), functions.as_bytes())
     }
 
@@ -184,10 +182,7 @@ pub(crate) fn origin(family: &Family, seed: u64, index: u64, draw: &Draw) -> Vec
 
 /// The dictionary `provenance` of m4gnHarvest.
 pub(crate) fn provenance(entries: &[(String, String)]) -> String {
-    let lines: String = entries
-        .iter()
-        .map(|(key, value)| format!("        {key:<15} {value};\n"))
-        .collect();
+    let lines: String = entries.iter().map(|(key, value)| format!("        {key:<15} {value};\n")).collect();
     format!("    provenance\n    {{\n{lines}    }}\n")
 }
 
@@ -223,10 +218,7 @@ impl FamilyCase {
         let files = self.family.files(&self.draw, times)?;
         let mut entries = self.entries(times.delta_t, steps);
         let split = format!("    split           {};\n", self.split.name());
-        let inputs = self
-            .family
-            .digest(&self.draw, &files, &entries.replace(&split, ""))?
-            .text();
+        let inputs = self.family.digest(&self.draw, &files, &entries.replace(&split, ""))?.text();
         let mut origin = vec![("command".to_string(), format!("\"{}\"", self.command))];
         origin.extend(self::origin(&self.family, self.seed, self.index, &self.draw));
         origin.extend([
@@ -249,10 +241,7 @@ impl FamilyCase {
     fn difference(&self, provenance: &serde_json::Value) -> Result<Option<String>> {
         let found = &provenance["family"];
         if found != self.family.name.as_str() {
-            return Ok(Some(format!(
-                "family {found} instead of \"{}\"",
-                self.family.name
-            )));
+            return Ok(Some(format!("family {found} instead of \"{}\"", self.family.name)));
         }
         let mut numbers = vec![
             ("seed", self.seed as f64),
@@ -324,9 +313,7 @@ pub(super) fn fill(template: &str, value: impl Fn(&str) -> Option<String>) -> (S
         text += before;
         let end = from[1..].find(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
         // An @ that begins no @name@ is an @.
-        let name = end
-            .filter(|&end| end > 0 && from[1 + end..].starts_with('@'))
-            .map(|end| &from[1..=end]);
+        let name = end.filter(|&end| end > 0 && from[1 + end..].starts_with('@')).map(|end| &from[1..=end]);
         let Some(name) = name else {
             text.push('@');
             rest = &from[1..];
@@ -391,10 +378,7 @@ fn recorded(folder: &Path, frames: u32, solver: &str) -> Result<(PathBuf, Trajec
     let trajectory = Trajectory::open(&path)?;
     let (found, expected) = (trajectory.times().len(), frames as usize + 1);
     if found != expected {
-        return Err(Error::file(
-            &path,
-            format!("{found} frames were recorded, expected {expected}"),
-        ));
+        return Err(Error::file(&path, format!("{found} frames were recorded, expected {expected}")));
     }
     Ok((path, trajectory))
 }
@@ -403,14 +387,7 @@ fn recorded(folder: &Path, frames: u32, solver: &str) -> Result<(PathBuf, Trajec
 fn largest_courant(log: &Path) -> Option<f64> {
     let text = std::fs::read_to_string(log).ok()?;
     text.lines()
-        .filter_map(|l| {
-            l.strip_prefix("Courant Number")?
-                .rsplit("max:")
-                .next()?
-                .trim()
-                .parse()
-                .ok()
-        })
+        .filter_map(|l| l.strip_prefix("Courant Number")?.rsplit("max:").next()?.trim().parse().ok())
         .max_by(f64::total_cmp)
 }
 

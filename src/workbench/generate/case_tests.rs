@@ -40,10 +40,8 @@ fn the_draws_of_a_seed_stay() {
     assert_eq!(draw(7, 1), OLD[1]);
 }
 
-const OLD: [[f64; 4]; 2] = [
-    [0.300621, 0.142058, 0.05588, 1.185122],
-    [0.448027, 0.131358, 0.060256, 1.586537],
-];
+const OLD: [[f64; 4]; 2] =
+    [[0.300621, 0.142058, 0.05588, 1.185122], [0.448027, 0.131358, 0.060256, 1.586537]];
 
 #[test]
 fn draws_are_in_range_and_depend_on_seed_and_index_only() {
@@ -96,9 +94,7 @@ fn every_placeholder_is_filled() {
         assert!(files.len() >= 8, "{files:?}");
         for file in files {
             let text = std::fs::read_to_string(dir.path().join(&file)).unwrap();
-            let left = text
-                .lines()
-                .find(|l| !l.trim_start().starts_with("//") && l.contains('@'));
+            let left = text.lines().find(|l| !l.trim_start().starts_with("//") && l.contains('@'));
             assert_eq!(left, None, "{file:?}");
         }
         let control = std::fs::read_to_string(dir.path().join("system/controlDict")).unwrap();
@@ -110,40 +106,20 @@ fn every_placeholder_is_filled() {
 #[test]
 fn commands_run_where_their_condition_holds() {
     let mut family = family("cylinder-flow");
-    let draw = |elements: &str| {
-        family
-            .draw(1, 0, &settings(&[&format!("elements={elements}")]))
-            .unwrap()
-    };
+    let draw = |elements: &str| family.draw(1, 0, &settings(&[&format!("elements={elements}")])).unwrap();
     assert_eq!(
         family.programs(&draw("quads")).unwrap(),
         ["gmsh", "gmshToFoam", "changeDictionary", "icoFoam"]
     );
     assert_eq!(
         family.programs(&draw("polyhedra")).unwrap(),
-        [
-            "gmsh",
-            "gmshToFoam",
-            "polyDualMesh",
-            "extrudeMesh",
-            "changeDictionary",
-            "icoFoam"
-        ]
+        ["gmsh", "gmshToFoam", "polyDualMesh", "extrudeMesh", "changeDictionary", "icoFoam"]
     );
     assert_eq!(
         family.programs(&draw("hexahedra")).unwrap(),
-        [
-            "blockMesh",
-            "snappyHexMesh",
-            "extrudeMesh",
-            "changeDictionary",
-            "icoFoam"
-        ]
+        ["blockMesh", "snappyHexMesh", "extrudeMesh", "changeDictionary", "icoFoam"]
     );
-    family.prepare.push(Command::When(Conditional {
-        when: "colour == 2".into(),
-        run: vec!["true".into()],
-    }));
+    family.prepare.push(Command::When(Conditional { when: "colour == 2".into(), run: vec!["true".into()] }));
     let message = family.draw(1, 0, &Settings::new()).unwrap_err().to_string();
     assert!(message.contains("colour == 2"), "{message}");
 }
@@ -157,18 +133,11 @@ fn an_unknown_placeholder_is_told() {
     std::fs::write(folder.join(FILE), text).unwrap();
     std::fs::write(folder.join("a"), "1 @ 2 @@ @deltaT@ @size@").unwrap();
     let family = Family::load(&folder).unwrap();
-    let times = Times {
-        delta_t: 0.5,
-        end: 1.0,
-        write_interval: 1.0,
-    };
+    let times = Times { delta_t: 0.5, end: 1.0, write_interval: 1.0 };
     let draw = family.draw(1, 1, &Settings::new()).unwrap();
     let write = || family.write(&family.files(&draw, times)?, "", &dir.path().join("case"));
     let message = write().unwrap_err().to_string();
-    assert!(
-        message.contains("my-family/a") && message.contains("@size@"),
-        "{message}"
-    );
+    assert!(message.contains("my-family/a") && message.contains("@size@"), "{message}");
     std::fs::write(folder.join("a"), "1 @ 2 @@ @deltaT@").unwrap();
     write().unwrap();
     let written = std::fs::read_to_string(dir.path().join("case/a")).unwrap();
@@ -177,10 +146,7 @@ fn an_unknown_placeholder_is_told() {
     for (bad, words) in [
         ("surplus = 1\n", "surplus"),
         ("[[parameter]]\nname = 'a'\n", "either 'range'"),
-        (
-            "[[parameter]]\nname = 'deltaT'\nvalue = 1\n",
-            "cannot be the name",
-        ),
+        ("[[parameter]]\nname = 'deltaT'\nvalue = 1\n", "cannot be the name"),
         ("[[derived]]\nname = 'b'\n", "value"),
     ] {
         let text = match bad.starts_with('[') {
@@ -189,10 +155,7 @@ fn an_unknown_placeholder_is_told() {
         };
         std::fs::write(folder.join(FILE), text).unwrap();
         let message = Family::load(&folder).unwrap_err().to_string();
-        assert!(
-            message.contains("family.toml") && message.contains(words),
-            "{message}"
-        );
+        assert!(message.contains("family.toml") && message.contains(words), "{message}");
     }
 }
 
@@ -221,9 +184,7 @@ fn another_case_is_told_from_this_one() {
     family.steps = format!("2*({})", family.steps);
     assert!(told(&edited, &provenance).unwrap().contains("family.toml"));
     let mut edited = case("cylinder-flow", &[]);
-    Arc::make_mut(&mut edited.family)
-        .solver
-        .push("-noFunctionObjects".into());
+    Arc::make_mut(&mut edited.family).solver.push("-noFunctionObjects".into());
     assert!(told(&edited, &provenance).is_some());
     let copy = tempfile::tempdir().unwrap();
     let folder = copy.path().join("cylinder-flow");
@@ -234,11 +195,7 @@ fn another_case_is_told_from_this_one() {
     Arc::make_mut(&mut edited.family).folder = folder.clone();
     assert_eq!(told(&edited, &provenance), None);
     put(&folder.join("constant/transportProperties"), b"nu 5e-3;").unwrap();
-    assert!(
-        told(&edited, &provenance)
-            .unwrap()
-            .contains("a file of the family")
-    );
+    assert!(told(&edited, &provenance).unwrap().contains("a file of the family"));
 }
 
 #[test]
@@ -248,10 +205,7 @@ fn what_is_no_file_and_what_lies_inside_is_refused() {
     put(&folder.join("system/controlDict"), b"x").unwrap();
     let mut family = family("cylinder-flow");
     family.folder = folder.canonicalize().unwrap();
-    assert_eq!(
-        files(&family.folder).unwrap(),
-        [PathBuf::from("system/controlDict")]
-    );
+    assert_eq!(files(&family.folder).unwrap(), [PathBuf::from("system/controlDict")]);
     for out in ["data", "system/data", "."] {
         let message = family.check_outside(&folder.join(out)).unwrap_err().to_string();
         assert!(message.contains("inside of the family's folder"), "{message}");
@@ -264,9 +218,7 @@ fn what_is_no_file_and_what_lies_inside_is_refused() {
         assert!(message.contains("no plain file"), "{target}: {message}");
         std::fs::remove_file(link).unwrap();
     }
-    let pipe = std::process::Command::new("mkfifo")
-        .arg(folder.join("pipe"))
-        .status();
+    let pipe = std::process::Command::new("mkfifo").arg(folder.join("pipe")).status();
     assert!(pipe.unwrap().success());
     assert!(files(&family.folder).is_err());
 }
@@ -287,11 +239,8 @@ fn impossible_cases_are_refused() {
 fn the_courant_number_is_read_from_the_log() {
     let dir = tempfile::tempdir().unwrap();
     let log = dir.path().join("log");
-    std::fs::write(
-        &log,
-        "Time = 1\nCourant Number mean: 0.1 max: 0.7\nCourant Number mean: 0.2 max: 0.65\n",
-    )
-    .unwrap();
+    std::fs::write(&log, "Time = 1\nCourant Number mean: 0.1 max: 0.7\nCourant Number mean: 0.2 max: 0.65\n")
+        .unwrap();
     assert_eq!(largest_courant(&log), Some(0.7));
     assert_eq!(largest_courant(&dir.path().join("none")), None);
 }
@@ -306,19 +255,13 @@ fn points_are_recorded_where_the_family_says_so() {
     };
     assert!(!written("vibrating-rubber").contains("location"));
     let functions = written("vibrating-points");
-    assert_eq!(
-        functions.matches("location        points;").count(),
-        1,
-        "{functions}"
-    );
+    assert_eq!(functions.matches("location        points;").count(), 1, "{functions}");
     assert!(
         functions.contains("(pointD pointU pointA);\n    location        points;\n    file "),
         "{functions}"
     );
     let text = "fields = ['D']\nlocation = 'faces'\nframes = 1\ninterval = 1\nspin_up = 1\n";
-    let message = toml::from_str::<crate::generate::family::Recording>(text)
-        .unwrap_err()
-        .to_string();
+    let message = toml::from_str::<crate::generate::family::Recording>(text).unwrap_err().to_string();
     assert!(message.contains("`cells` or `points`"), "{message}");
 }
 
@@ -326,14 +269,8 @@ fn points_are_recorded_where_the_family_says_so() {
 #[test]
 fn the_beams_of_solids4foam_start_as_they_were_drawn() {
     for index in 0..20 {
-        let cells = family("vibrating-rubber")
-            .draw(7, index, &Settings::new())
-            .unwrap()
-            .variables;
-        let points = family("vibrating-points")
-            .draw(7, index, &Settings::new())
-            .unwrap()
-            .variables;
+        let cells = family("vibrating-rubber").draw(7, index, &Settings::new()).unwrap().variables;
+        let points = family("vibrating-points").draw(7, index, &Settings::new()).unwrap().variables;
         for k in 1..=3 {
             let velocity = cells[&format!("velocity{k}")];
             let before = cells[&format!("o{k}")];

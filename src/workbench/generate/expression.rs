@@ -43,10 +43,7 @@ pub fn holds(expression: &str, variables: &Variables) -> Result<bool> {
 fn fault(expression: &str, variables: &Variables, what: &str) -> Error {
     let known: Vec<&str> = variables.keys().map(String::as_str).collect();
     let shown: String = expression.chars().take(200).collect();
-    Error::Input(format!(
-        "expression '{shown}': {what}; the names here are {}",
-        known.join(", ")
-    ))
+    Error::Input(format!("expression '{shown}': {what}; the names here are {}", known.join(", ")))
 }
 
 /// What went wrong, in words.
@@ -133,11 +130,7 @@ impl Expression {
             Expression::Not(e) => Ok(Value::Truth(!e.value(variables)?.holds())),
             Expression::Choice(parts) => {
                 let [condition, yes, no] = &**parts;
-                let chosen = if condition.value(variables)?.holds() {
-                    yes
-                } else {
-                    no
-                };
+                let chosen = if condition.value(variables)?.holds() { yes } else { no };
                 chosen.value(variables)
             }
             Expression::Operation(word @ ("and" | "or"), sides) => {
@@ -198,9 +191,7 @@ fn tokens(text: &str) -> Fallible<Vec<&str>> {
         } else if word(first) {
             rest.find(|c| !word(c)).unwrap_or(rest.len())
         } else {
-            let signs = [
-                "**", "<=", ">=", "==", "!=", "<", ">", "+", "-", "*", "/", "(", ")", ",",
-            ];
+            let signs = ["**", "<=", ">=", "==", "!=", "<", ">", "+", "-", "*", "/", "(", ")", ","];
             match signs.iter().find(|s| rest.starts_with(**s)) {
                 Some(sign) => sign.len(),
                 None => return Err(format!("syntax error at '{first}'")),
@@ -222,11 +213,7 @@ fn parse(text: &str) -> Fallible<Expression> {
     if text.len() > LONGEST {
         return Err(format!("has {} letters: expected at most {LONGEST}", text.len()));
     }
-    let mut parser = Parser {
-        tokens: tokens(text)?,
-        at: 0,
-        depth: 0,
-    };
+    let mut parser = Parser { tokens: tokens(text)?, at: 0, depth: 0 };
     let found = parser.choice()?;
     match parser.tokens.get(parser.at) {
         None => Ok(found),
@@ -235,13 +222,8 @@ fn parse(text: &str) -> Fallible<Expression> {
 }
 
 /// Operations of two sides that are read from the left, those that bind least first.
-const LEVELS: [&[&str]; 5] = [
-    &["or"],
-    &["and"],
-    &["<", "<=", ">", ">=", "==", "!="],
-    &["+", "-"],
-    &["*", "/"],
-];
+const LEVELS: [&[&str]; 5] =
+    [&["or"], &["and"], &["<", "<=", ">", ">=", "==", "!="], &["+", "-"], &["*", "/"]];
 const COMPARISONS: usize = 2;
 
 impl Parser<'_> {
@@ -427,9 +409,7 @@ mod tests {
             let message = at(bad).unwrap_err().to_string();
             assert!(message.contains(words), "{bad}: {message}");
         }
-        let condition = holds("sqrt(0 - 1) < 1", &Variables::new())
-            .unwrap_err()
-            .to_string();
+        let condition = holds("sqrt(0 - 1) < 1", &Variables::new()).unwrap_err().to_string();
         assert!(condition.contains("sqrt(-1) is NaN"), "{condition}");
     }
 }

@@ -205,18 +205,12 @@ impl Family {
     /// [`Error::File`] naming the file and what is wrong in it.
     pub fn load(folder: &Path) -> Result<Self> {
         let file = folder.join(FILE);
-        let folder = folder
-            .canonicalize()
-            .map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+        let folder = folder.canonicalize().map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         let text =
             std::fs::read_to_string(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         let mut family: Family =
             toml::from_str(&text).map_err(|e| Error::file(&file, e.to_string().trim().to_string()))?;
-        family.name = folder
-            .file_name()
-            .and_then(|n| n.to_str())
-            .unwrap_or_default()
-            .into();
+        family.name = folder.file_name().and_then(|n| n.to_str()).unwrap_or_default().into();
         family.folder = folder;
         family.check().map_err(|e| Error::file(&file, e.to_string()))?;
         Ok(family)
@@ -236,9 +230,7 @@ impl Family {
         }
         self.parameters.iter().try_for_each(Parameter::check)?;
         let parameters = self.parameters.iter().map(|p| p.name.as_str());
-        let names: Vec<&str> = parameters
-            .chain(self.derived.iter().map(|d| d.name.as_str()))
-            .collect();
+        let names: Vec<&str> = parameters.chain(self.derived.iter().map(|d| d.name.as_str())).collect();
         for (i, name) in names.iter().enumerate() {
             let taken = RESERVED.contains(name) || PROVENANCE.contains(name) || expression::is_reserved(name);
             if !is_word(name) || taken || names[..i].contains(name) {
@@ -327,12 +319,8 @@ impl Family {
         }
         for requirement in &self.requirements {
             if !expression::holds(&requirement.that, &variables)? {
-                let drawn: Vec<String> = self
-                    .parameters
-                    .iter()
-                    .zip(&values)
-                    .map(|(p, v)| format!("{} {v}", p.name))
-                    .collect();
+                let drawn: Vec<String> =
+                    self.parameters.iter().zip(&values).map(|(p, v)| format!("{} {v}", p.name)).collect();
                 return Err(Error::Input(format!(
                     "case {index} of family {} cannot be: {} ({})",
                     self.name,
@@ -342,14 +330,9 @@ impl Family {
             }
         }
         let names = self.parameters.iter().map(|p| p.name.clone());
-        let draw = Draw {
-            values: names.zip(values).collect(),
-            variables,
-        };
+        let draw = Draw { values: names.zip(values).collect(), variables };
         // A condition that cannot be computed is told before the first case runs
-        self.prepare
-            .iter()
-            .try_for_each(|c| c.applies(&draw).map(|_| ()))?;
+        self.prepare.iter().try_for_each(|c| c.applies(&draw).map(|_| ()))?;
         Ok(draw)
     }
 
@@ -360,9 +343,7 @@ impl Family {
     pub fn steps(&self, draw: &Draw, interval: f64) -> Result<u32> {
         let mut variables = draw.variables.clone();
         variables.insert("interval".into(), interval);
-        let steps = (expression::number(&self.steps, &variables)? - 1e-6)
-            .ceil()
-            .max(1.0);
+        let steps = (expression::number(&self.steps, &variables)? - 1e-6).ceil().max(1.0);
         match steps <= 1e7 {
             true => Ok(steps as u32),
             false => Err(Error::Input(format!(

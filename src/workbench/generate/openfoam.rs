@@ -14,11 +14,8 @@ pub const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
 /// # Errors
 /// [`Error::Input`] that names the programs that are missing; [`Error::File`] without libm4gnFoam.so.
 pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
-    let missing: Vec<&str> = programs
-        .iter()
-        .copied()
-        .filter(|p| !p.contains('/') && find_program(p).is_none())
-        .collect();
+    let missing: Vec<&str> =
+        programs.iter().copied().filter(|p| !p.contains('/') && find_program(p).is_none()).collect();
     if !missing.is_empty() {
         return Err(Error::Input(format!(
             "{} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
@@ -28,15 +25,9 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
     }
     find("libm4gnFoam.so", "./Allrun builds it")?;
     let mut places: Vec<PathBuf> = places();
-    places.extend(
-        std::env::var_os("LD_LIBRARY_PATH")
-            .iter()
-            .flat_map(std::env::split_paths),
-    );
+    places.extend(std::env::var_os("LD_LIBRARY_PATH").iter().flat_map(std::env::split_paths));
     let libraries = std::env::join_paths(places).map_err(|e| {
-        Error::Input(format!(
-            "the folder of the libraries cannot be in LD_LIBRARY_PATH: {e}"
-        ))
+        Error::Input(format!("the folder of the libraries cannot be in LD_LIBRARY_PATH: {e}"))
     })?;
     let mut variables = one_thread();
     variables.push(("LD_LIBRARY_PATH".to_string(), libraries));
@@ -48,9 +39,7 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
 
 /// One thread a program: several cases run at once.
 pub fn one_thread() -> Vec<(String, OsString)> {
-    ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
-        .map(|name| (name.to_string(), "1".into()))
-        .to_vec()
+    ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"].map(|name| (name.to_string(), "1".into())).to_vec()
 }
 
 /// The folder's full path, which OpenFOAM can only use without blanks and quotes.
@@ -59,9 +48,8 @@ pub fn one_thread() -> Vec<(String, OsString)> {
 /// [`Error::File`] where OpenFOAM cannot use it.
 pub fn plain_path(folder: &Path) -> Result<PathBuf> {
     let path = absolute(folder)?;
-    let usable = path
-        .to_str()
-        .is_some_and(|p| !p.contains(|c: char| c.is_whitespace() || "\"'\\${};".contains(c)));
+    let usable =
+        path.to_str().is_some_and(|p| !p.contains(|c: char| c.is_whitespace() || "\"'\\${};".contains(c)));
     if !usable {
         return Err(Error::file(
             path,

@@ -83,9 +83,9 @@ impl std::str::FromStr for Setting {
             None if is_word(text) && text.parse::<f64>().is_err() => {
                 Ok(Setting::Value(Value::Name(text.into())))
             }
-            None => Err(Error::Input(format!(
-                "'{text}': expected a number, LOW:HIGH, or the name of a choice"
-            ))),
+            None => {
+                Err(Error::Input(format!("'{text}': expected a number, LOW:HIGH, or the name of a choice")))
+            }
         }
     }
 }
@@ -109,9 +109,7 @@ pub type Settings = BTreeMap<String, Setting>;
 pub fn parse_setting(text: &str) -> Result<(String, Setting)> {
     match text.split_once('=') {
         Some((name, value)) => Ok((name.trim().to_string(), value.trim().parse()?)),
-        None => Err(Error::Input(format!(
-            "'{text}': expected NAME=VALUE or NAME=LOW:HIGH"
-        ))),
+        None => Err(Error::Input(format!("'{text}': expected NAME=VALUE or NAME=LOW:HIGH"))),
     }
 }
 
@@ -157,9 +155,7 @@ impl Parameter {
         }
         let numbers = self.choices.values().copied();
         if let Some(bad) = { numbers }.find(|v| !self.allows(*v)) {
-            return fault(&format!(
-                "choices: {bad} cannot be, by 'above' or since it is not finite"
-            ));
+            return fault(&format!("choices: {bad} cannot be, by 'above' or since it is not finite"));
         }
         match (&self.range, &self.value) {
             (Some([low, high]), None) => {
@@ -282,18 +278,9 @@ mod tests {
 
     #[test]
     fn settings_are_read() {
-        assert_eq!(
-            parse_setting("u0=0.6:2.8").unwrap(),
-            ("u0".into(), Setting::Range([0.6, 2.8]))
-        );
-        assert_eq!(
-            parse_setting("nu=5e-4").unwrap().1,
-            Setting::Value(Value::Number(5e-4))
-        );
-        assert_eq!(
-            parse_setting("shape=square").unwrap().1.to_string(),
-            "square".to_string()
-        );
+        assert_eq!(parse_setting("u0=0.6:2.8").unwrap(), ("u0".into(), Setting::Range([0.6, 2.8])));
+        assert_eq!(parse_setting("nu=5e-4").unwrap().1, Setting::Value(Value::Number(5e-4)));
+        assert_eq!(parse_setting("shape=square").unwrap().1.to_string(), "square".to_string());
         for bad in ["u0", "u0=", "u0=2:1", "u0=1:x", "u0=nan", "u0=a b", "u0=;"] {
             assert!(parse_setting(bad).is_err(), "{bad}");
         }
@@ -332,11 +319,7 @@ mod tests {
         shape.check().unwrap();
         speed.check().unwrap();
         let refused = |p: &Parameter, setting: &str| p.check_setting(&setting.parse().unwrap()).unwrap_err();
-        assert!(
-            refused(&shape, "oval")
-                .to_string()
-                .contains("one of round, square")
-        );
+        assert!(refused(&shape, "oval").to_string().contains("one of round, square"));
         assert!(refused(&shape, "1:2").to_string().contains("one of"));
         assert!(refused(&speed, "-1:2").to_string().contains("above 0"));
         assert!(refused(&speed, "fast").to_string().contains("above 0"));
@@ -361,10 +344,7 @@ mod tests {
     fn a_draw_that_is_rounded_to_what_cannot_be_is_refused() {
         let small = [parameter("name = 'a'\nrange = [1e-9, 2e-9]\nabove = 0")];
         let message = draw(&small, &Settings::new(), 1, 0, 6).unwrap_err().to_string();
-        assert!(
-            message.contains("is 0 with 6 decimals") && message.contains("above 0"),
-            "{message}"
-        );
+        assert!(message.contains("is 0 with 6 decimals") && message.contains("above 0"), "{message}");
         assert!(draw(&small, &Settings::new(), 1, 0, 12).is_ok());
     }
 }

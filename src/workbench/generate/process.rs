@@ -58,10 +58,7 @@ impl Surroundings {
                 Ok(None) if self.stopped() => break Err(Error::Interrupted("stopped by the user".into())),
                 Ok(None) if start.elapsed() > self.timeout => {
                     let seconds = self.timeout.as_secs();
-                    break Err(Error::file(
-                        &log,
-                        format!("{name} was ended after {seconds} s (--timeout)"),
-                    ));
+                    break Err(Error::file(&log, format!("{name} was ended after {seconds} s (--timeout)")));
                 }
                 Ok(None) => std::thread::sleep(Duration::from_millis(20)),
                 Err(e) => break Err(Error::file(&log, format!("{name} cannot be waited for: {e}"))),
@@ -79,10 +76,7 @@ impl Surroundings {
         if status.success() {
             return Ok(());
         }
-        Err(Error::file(
-            &log,
-            format!("{name} failed ({status}){}", reason(&log)),
-        ))
+        Err(Error::file(&log, format!("{name} failed ({status}){}", reason(&log))))
     }
 }
 
@@ -93,33 +87,21 @@ fn reason(log: &Path) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let fatal = lines.iter().rposition(|l| l.contains("FOAM FATAL"));
     let shown = match fatal {
-        Some(i) => lines[i + 1..]
-            .iter()
-            .filter(|l| !l.is_empty())
-            .take(3)
-            .copied()
-            .collect::<Vec<_>>()
-            .join(" "),
-        None => lines
-            .iter()
-            .rfind(|l| !l.is_empty())
-            .map_or(String::new(), |l| l.to_string()),
+        Some(i) => {
+            lines[i + 1..].iter().filter(|l| !l.is_empty()).take(3).copied().collect::<Vec<_>>().join(" ")
+        }
+        None => lines.iter().rfind(|l| !l.is_empty()).map_or(String::new(), |l| l.to_string()),
     };
-    if shown.is_empty() {
-        shown
-    } else {
-        format!(": {}", shown.chars().take(400).collect::<String>())
-    }
+    if shown.is_empty() { shown } else { format!(": {}", shown.chars().take(400).collect::<String>()) }
 }
 
 /// Where each program is in PATH; None where it is not.
 pub fn find_program(name: &str) -> Option<PathBuf> {
     use std::os::unix::fs::PermissionsExt;
     let path = std::env::var_os("PATH")?;
-    std::env::split_paths(&path).map(|d| d.join(name)).find(|p| {
-        p.metadata()
-            .is_ok_and(|m| m.is_file() && m.permissions().mode() & 0o111 != 0)
-    })
+    std::env::split_paths(&path)
+        .map(|d| d.join(name))
+        .find(|p| p.metadata().is_ok_and(|m| m.is_file() && m.permissions().mode() & 0o111 != 0))
 }
 
 #[cfg(test)]
@@ -146,24 +128,13 @@ mod tests {
         let fatal =
             "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnHarvest cannot record: full\\n\\n From\\n'; exit 1";
         let message = run(surroundings(&GO, 9000), fatal).unwrap_err().to_string();
-        assert!(
-            message.contains("log.sh") && message.contains("cannot record: full"),
-            "{message}"
-        );
-        let killed = run(surroundings(&GO, 9000), "kill -9 $$")
-            .unwrap_err()
-            .to_string();
+        assert!(message.contains("log.sh") && message.contains("cannot record: full"), "{message}");
+        let killed = run(surroundings(&GO, 9000), "kill -9 $$").unwrap_err().to_string();
         assert!(killed.contains("signal: 9"), "{killed}");
         let late = run(surroundings(&GO, 100), "sleep 60").unwrap_err().to_string();
         assert!(late.contains("--timeout"), "{late}");
-        assert!(matches!(
-            run(surroundings(&STOP, 9000), "sleep 60"),
-            Err(Error::Interrupted(_))
-        ));
-        let missing = surroundings(&GO, 9)
-            .run(dir.path(), &["no-such-program"])
-            .unwrap_err()
-            .to_string();
+        assert!(matches!(run(surroundings(&STOP, 9000), "sleep 60"), Err(Error::Interrupted(_))));
+        let missing = surroundings(&GO, 9).run(dir.path(), &["no-such-program"]).unwrap_err().to_string();
         assert!(missing.contains("cannot be started"), "{missing}");
     }
 
@@ -172,9 +143,7 @@ mod tests {
     fn what_a_tool_started_ends_with_it() {
         let dir = tempfile::tempdir().unwrap();
         let script = "sleep 600 & echo $!";
-        surroundings(&GO, 9000)
-            .run(dir.path(), &["sh", "-c", script])
-            .unwrap();
+        surroundings(&GO, 9000).run(dir.path(), &["sh", "-c", script]).unwrap();
         let log = std::fs::read_to_string(dir.path().join("log.sh")).unwrap();
         let stat = format!("/proc/{}/stat", log.trim());
         // Gone, or a zombie that nobody has waited for.

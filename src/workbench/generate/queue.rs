@@ -139,12 +139,7 @@ impl<C: Case> Queue<C> {
             let bytes = recorded.metadata().map_or(0, |m| m.len());
             std::fs::rename(&recorded, &target)
                 .map_err(|e| Error::file(&target, format!("cannot be given its final name: {e}")))?;
-            Ok(Made {
-                path: target,
-                bytes,
-                seconds: start.elapsed().as_secs_f64(),
-                figures,
-            })
+            Ok(Made { path: target, bytes, seconds: start.elapsed().as_secs_f64(), figures })
         });
         let interrupted = matches!(result, Err(Error::Interrupted(_)));
         if interrupted || (result.is_ok() && !self.keep_cases) {
@@ -220,9 +215,7 @@ pub fn lock(folder: &Path) -> Result<std::fs::File> {
 /// The first number of a trajectory's provenance that is not the wanted one.
 pub(super) fn other_number(provenance: &serde_json::Value, wanted: &[(&str, f64)]) -> Option<String> {
     let same = |found: &serde_json::Value, wanted: f64| {
-        found
-            .as_f64()
-            .is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs().max(1.0))
+        found.as_f64().is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs().max(1.0))
     };
     wanted
         .iter()

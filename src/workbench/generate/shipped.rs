@@ -14,11 +14,7 @@ impl Family {
             return Family::load(name);
         }
         let folders = folders();
-        if let Some(folder) = folders
-            .iter()
-            .map(|f| f.join(name))
-            .find(|f| f.join(FILE).is_file())
-        {
+        if let Some(folder) = folders.iter().map(|f| f.join(name)).find(|f| f.join(FILE).is_file()) {
             return Family::load(&folder);
         }
         let tried: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
@@ -42,9 +38,7 @@ fn folders() -> Vec<PathBuf> {
 fn names(folders: &[PathBuf]) -> Vec<String> {
     let entries = folders.iter().filter_map(|f| std::fs::read_dir(f).ok()).flatten();
     let families = entries.flatten().filter(|e| e.path().join(FILE).is_file());
-    let mut names: Vec<String> = families
-        .filter_map(|e| e.file_name().into_string().ok())
-        .collect();
+    let mut names: Vec<String> = families.filter_map(|e| e.file_name().into_string().ok()).collect();
     names.sort();
     names.dedup();
     names

@@ -145,10 +145,7 @@ impl Case for Request {
         let trajectory = Trajectory::open(&recorded)?;
         let (found, expected) = (trajectory.times().len(), self.frames as usize + 1);
         if found != expected {
-            return Err(Error::file(
-                &recorded,
-                format!("{found} frames were recorded, expected {expected}"),
-            ));
+            return Err(Error::file(&recorded, format!("{found} frames were recorded, expected {expected}")));
         }
         Ok((recorded, figures))
     }
@@ -246,10 +243,7 @@ mod tests {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.h5");
         let (split, difference) = request().compare(Path::new(file)).unwrap();
         assert_eq!(split, Split::Test);
-        assert_eq!(
-            difference.unwrap(),
-            "family \"bar\" instead of \"deforming-beam\""
-        );
+        assert_eq!(difference.unwrap(), "family \"bar\" instead of \"deforming-beam\"");
         assert!(request().compare(Path::new("/nowhere.h5")).is_err());
     }
 }

@@ -103,12 +103,7 @@ impl Job<'_> {
 
     fn done(&self, index: u64, name: &str, record: &RunRecord, before: bool) {
         let (name, record) = (name.to_string(), Box::new(record.clone()));
-        (self.report)(Event::Done {
-            index,
-            name,
-            record,
-            before,
-        });
+        (self.report)(Event::Done { index, name, record, before });
     }
 
     fn failed(&self, result: &mut DrawResult, name: &str, error: &Error) {
@@ -154,14 +149,7 @@ impl Job<'_> {
         if let Some(Kind::Hybrid { .. }) = kind {
             digest.add("surrogate", self.surrogate.text().as_bytes());
         }
-        Ok(Prepared {
-            name,
-            kind,
-            draw,
-            files,
-            functions,
-            key: digest.text(),
-        })
+        Ok(Prepared { name, kind, draw, files, functions, key: digest.text() })
     }
 
     /// Makes one run; a failure goes into the result.
@@ -207,16 +195,10 @@ impl Job<'_> {
         let start = Instant::now();
         plan.tools.run(case, &plan.family.solver)?;
         let wall = start.elapsed().as_secs_f64();
-        let (solver, takeover) = (
-            program(&plan.family.solver),
-            schedule.start_up + schedule.solver_time,
-        );
+        let (solver, takeover) = (program(&plan.family.solver), schedule.start_up + schedule.solver_time);
         let log = Log::read(case, solver).ok_or_else(|| {
             let log = case.join(format!("log.{solver}"));
-            Error::file(
-                log,
-                "expected lines 'ExecutionTime = .. s' of an OpenFOAM solver, found none",
-            )
+            Error::file(log, "expected lines 'ExecutionTime = .. s' of an OpenFOAM solver, found none")
         })?;
         let mut record = RunRecord {
             made_with: run.key.clone(),
@@ -288,25 +270,17 @@ impl Job<'_> {
                 ),
             ));
         }
-        let score = Score {
-            replaced,
-            ..Score::of(&compared, stride, strides)
-        };
+        let score = Score { replaced, ..Score::of(&compared, stride, strides) };
         Ok((score, compared.json()?))
     }
 
     /// The files of the solver's stretches that a run has recorded.
     fn stretches(&self, index: u64, name: &str) -> Vec<PathBuf> {
         let begin = format!("{}-{index:04}-{name}-", self.plan.seed);
-        let folder = self
-            .plan
-            .stretches
-            .iter()
-            .filter_map(|f| std::fs::read_dir(f).ok());
+        let folder = self.plan.stretches.iter().filter_map(|f| std::fs::read_dir(f).ok());
         let files = folder.flatten().flatten().filter(|e| {
             let name = e.file_name();
-            name.to_str()
-                .is_some_and(|n| n.starts_with(&begin) && n.ends_with(".h5"))
+            name.to_str().is_some_and(|n| n.starts_with(&begin) && n.ends_with(".h5"))
         });
         let mut files: Vec<PathBuf> = files.map(|e| e.path()).collect();
         files.sort();

@@ -88,10 +88,7 @@ fn steps_of(text: &str, limits: CorrectorLimits) -> Option<Vec<Step>> {
         match line {
             Line::Begins(time) => {
                 let ahead = std::mem::take(&mut ahead);
-                let counter = Counter {
-                    ahead,
-                    ..Counter::default()
-                };
+                let counter = Counter { ahead, ..Counter::default() };
                 open = Some((time, counter));
             }
             Line::Done(_) => {
@@ -162,12 +159,7 @@ impl Counter {
             }
             (None, None) => (None, None),
         };
-        Step {
-            time,
-            correctors: correctors.map(|own| own + self.ahead),
-            at_cap,
-            jumps,
-        }
+        Step { time, correctors: correctors.map(|own| own + self.ahead), at_cap, jumps }
     }
 }
 
@@ -191,14 +183,8 @@ fn at<'a>(full: &'a [Step], time: f64) -> Option<&'a Step> {
     let i = full.partition_point(|s| s.time < time);
     let near = |s: &&&Step| (s.time - time).abs();
     let neighbours = [i.checked_sub(1).and_then(|i| full.get(i)), full.get(i)];
-    let found: &'a Step = neighbours
-        .iter()
-        .flatten()
-        .min_by(|a, b| near(a).total_cmp(&near(b)))?;
-    let spacing = full
-        .windows(2)
-        .map(|w| w[1].time - w[0].time)
-        .fold(f64::INFINITY, f64::min);
+    let found: &'a Step = neighbours.iter().flatten().min_by(|a, b| near(a).total_cmp(&near(b)))?;
+    let spacing = full.windows(2).map(|w| w[1].time - w[0].time).fold(f64::INFINITY, f64::min);
     (near(&&found) <= 0.1 * spacing).then_some(found)
 }
 
@@ -233,10 +219,7 @@ impl Correctors {
             after_in_full.extend(both.iter().map(|b| b.1));
         }
         Correctors {
-            at_cap_alone: whole
-                .at_cap
-                .and(alone)
-                .map(|alone| alone.iter().filter(|a| **a).count()),
+            at_cap_alone: whole.at_cap.and(alone).map(|alone| alone.iter().filter(|a| **a).count()),
             after: mean(&after),
             after_in_full: mean(&after_in_full),
             hand_backs,
@@ -249,10 +232,7 @@ impl Correctors {
 mod tests {
     use super::*;
 
-    const CAP: CorrectorLimits = CorrectorLimits {
-        most: Some(4),
-        tolerance: Some(1e-6),
-    };
+    const CAP: CorrectorLimits = CorrectorLimits { most: Some(4), tolerance: Some(1e-6) };
 
     /// A step of solidDisplacementFoam with these last residuals of its correctors, in x; in y they are smaller.
     fn stock(time: f64, residuals: &[f64]) -> String {
@@ -273,9 +253,7 @@ mod tests {
 
     #[test]
     fn stock_solver_on_paper() {
-        let full: String = (1..=12)
-            .map(|i| stock(0.1 * f64::from(i), &[1e-3, 1e-5, 1e-7]))
-            .collect();
+        let full: String = (1..=12).map(|i| stock(0.1 * f64::from(i), &[1e-3, 1e-5, 1e-7])).collect();
         let full = steps_of(&full, CAP).unwrap();
         let found = Correctors::of_full(&full, CAP);
         assert_eq!(
@@ -291,14 +269,8 @@ mod tests {
             + &stock(1.2, &[1e-7]);
         let hybrid = steps_of(&hybrid, CAP).unwrap();
         let found = Correctors::beside(&full, &hybrid, CAP);
-        assert_eq!(
-            (found.steps, found.at_cap, found.at_cap_alone),
-            (4, Some(1), Some(1))
-        );
-        assert_eq!(
-            (found.after, found.after_in_full, found.hand_backs),
-            (Some(3.0), Some(3.0), 2)
-        );
+        assert_eq!((found.steps, found.at_cap, found.at_cap_alone), (4, Some(1), Some(1)));
+        assert_eq!((found.after, found.after_in_full, found.hand_backs), (Some(3.0), Some(3.0), 2));
         // Where the full run stops there as well the step is none of the surrogate's
         let mut hard = full.clone();
         hard[5].at_cap = Some(true);
@@ -313,13 +285,8 @@ mod tests {
     #[test]
     fn five_steps_after_a_jump_and_no_more() {
         let full: String = (1..=20).map(|i| stock(0.1 * f64::from(i), &[1e-7])).collect();
-        let tail: String = (6..=12)
-            .map(|i| stock(0.1 * f64::from(i), &vec![1e-7; i as usize]))
-            .collect();
-        let loose = CorrectorLimits {
-            most: Some(100),
-            ..CAP
-        };
+        let tail: String = (6..=12).map(|i| stock(0.1 * f64::from(i), &vec![1e-7; i as usize])).collect();
+        let loose = CorrectorLimits { most: Some(100), ..CAP };
         let full = steps_of(&full, loose).unwrap();
         let hybrid = steps_of(&(stock(0.1, &[1e-7]) + jumped() + &tail), loose).unwrap();
         let found = Correctors::beside(&full, &hybrid, loose);
@@ -337,15 +304,9 @@ mod tests {
              m4gn: jumped 10 steps of 0.02 s to time 0.21 in 0.01 s; gap 0.001\n\n\
              Time = 0.215\n\n    Corr, res, relRes, matRes, iters\n    The solver residual has converged\n    \
              2, 9.1e-07, 8e-07, 0, 1\n\nExecutionTime = 2 s  ClockTime = 2 s\n\n";
-        let most = CorrectorLimits {
-            most: Some(200),
-            tolerance: None,
-        };
+        let most = CorrectorLimits { most: Some(200), tolerance: None };
         let steps = steps_of(text, most).unwrap();
-        let found: Vec<_> = steps
-            .iter()
-            .map(|s| (s.time, s.correctors, s.at_cap, s.jumps))
-            .collect();
+        let found: Vec<_> = steps.iter().map(|s| (s.time, s.correctors, s.at_cap, s.jumps)).collect();
         assert_eq!(
             found,
             [
@@ -357,15 +318,9 @@ mod tests {
         let found = Correctors::of_full(&steps, most);
         assert_eq!((found.at_cap, found.mean), (Some(1), Some(340.0 / 3.0)));
         // Solved ahead by m4gnAnderson: counted with the step
-        let ahead = text.replace(
-            "Time = 0.215",
-            "m4gn: the next time step is solved in 40 correctors\n\nTime = 0.215",
-        );
-        let correctors: Vec<_> = steps_of(&ahead, most)
-            .unwrap()
-            .iter()
-            .map(|s| s.correctors)
-            .collect();
+        let ahead = text
+            .replace("Time = 0.215", "m4gn: the next time step is solved in 40 correctors\n\nTime = 0.215");
+        let correctors: Vec<_> = steps_of(&ahead, most).unwrap().iter().map(|s| s.correctors).collect();
         assert_eq!(correctors, [Some(137), Some(200), Some(43)]);
         // Without the most that there may be the steps at it are counted all the same, and no mean is made up
         let steps = steps_of(text, CorrectorLimits::default()).unwrap();

@@ -7,15 +7,8 @@ use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::{Chart, Page, Series};
 
 /// Colours of the variants, by turns (Okabe and Ito).
-const COLOURS: [(u8, u8, u8); 7] = [
-    ORANGE,
-    BLUE,
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-    GREY,
-];
+const COLOURS: [(u8, u8, u8); 7] =
+    [ORANGE, BLUE, (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), GREY];
 
 /// Smaller errors are drawn as this one: zero, of a run that is the full one, has no logarithm.
 const LEAST_ERROR: f64 = 1e-3;
@@ -26,10 +19,7 @@ const LEAST_ERROR: f64 = 1e-3;
 /// Of a chart that cannot be drawn.
 pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &str) -> Result<Page> {
     let s = &plan.schedule;
-    let mut page = Page::new(&format!(
-        "{}: hybrid runs against the full solver",
-        plan.family.name
-    ));
+    let mut page = Page::new(&format!("{}: hybrid runs against the full solver", plan.family.name));
     page.paragraph(&format!(
         "{} draws of seed {}: the solver alone up to {} s, then by turns {} s of the solver and {} strides of the surrogate, up to {} s. \
          Errors, of the velocity or of a solid's displacement, are root mean squares over cells, components and stored times, over those of holding the full run's last \
@@ -41,10 +31,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     let series = variants.iter().enumerate().map(|(i, name)| {
         let points = results.iter().filter_map(|d| {
             let run = d.runs.get(name)?;
-            Some((
-                100.0 * whole_time(d, run, |c| c.processor)?,
-                run.score.as_ref()?.end?.max(LEAST_ERROR),
-            ))
+            Some((100.0 * whole_time(d, run, |c| c.processor)?, run.score.as_ref()?.end?.max(LEAST_ERROR)))
         });
         Series {
             name: name.clone(),
@@ -80,11 +67,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     }
     let failed: Vec<String> = results
         .iter()
-        .flat_map(|d| {
-            d.failed
-                .iter()
-                .map(move |(name, message)| format!("{:04} {name}: {message}", d.index))
-        })
+        .flat_map(|d| d.failed.iter().map(move |(name, message)| format!("{:04} {name}: {message}", d.index)))
         .collect();
     if !failed.is_empty() {
         page.heading("Failed");

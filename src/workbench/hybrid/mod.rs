@@ -109,9 +109,8 @@ pub enum Event {
 /// when the folder cannot be used, or OpenFOAM's libraries cannot be loaded. Failed runs are in the results.
 pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>> {
     let settings = plan.schedule.settings(&plan.settings);
-    let draws: Vec<Draw> = (0..plan.count)
-        .map(|index| plan.family.draw(plan.seed, index, &settings))
-        .collect::<Result<_>>()?;
+    let draws: Vec<Draw> =
+        (0..plan.count).map(|index| plan.family.draw(plan.seed, index, &settings)).collect::<Result<_>>()?;
     for folder in plan.stretches.iter().chain([&plan.folder]) {
         plan.family.check_outside(folder)?;
     }
@@ -131,13 +130,7 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
         std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
     }
     let comparing = Mutex::new(());
-    let job = case::Job {
-        plan,
-        settings: &settings,
-        surrogate,
-        comparing: &comparing,
-        report: &report,
-    };
+    let job = case::Job { plan, settings: &settings, surrogate, comparing: &comparing, report: &report };
     let mut results: Vec<DrawResult> = Vec::new();
     let run = |i: usize| Some(job.run(i as u64, &draws[i]));
     queue::in_parallel((plan.jobs, draws.len()), &plan.tools, run, |_, result| {

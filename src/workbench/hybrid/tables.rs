@@ -12,23 +12,15 @@ const BANDS_FROM: usize = 6;
 const SHEDS: f64 = 0.01;
 
 /// What tables show of a run: heading, name in the figures, and value.
-type Figure = (
-    &'static str,
-    &'static str,
-    fn(&DrawResult, &RunRecord) -> Option<f64>,
-);
+type Figure = (&'static str, &'static str, fn(&DrawResult, &RunRecord) -> Option<f64>);
 
 fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
 const FIGURES: [Figure; 20] = [
-    ("whole %", "whole", |d, r| {
-        percent(whole_time(d, r, |c| c.processor))
-    }),
-    ("whole wall %", "whole_wall", |d, r| {
-        percent(whole_time(d, r, |c| c.wall))
-    }),
+    ("whole %", "whole", |d, r| percent(whole_time(d, r, |c| c.processor))),
+    ("whole wall %", "whole_wall", |d, r| percent(whole_time(d, r, |c| c.wall))),
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
@@ -39,22 +31,12 @@ const FIGURES: [Figure; 20] = [
     ("lift rms %", "lift", |_, r| percent(score(r)?.lift)),
     ("frequency %", "frequency", |_, r| percent(score(r)?.frequency)),
     ("force %", "reaction", |_, r| percent(score(r)?.reaction)),
-    ("solver's %", "reaction_of_solver", |_, r| {
-        percent(score(r)?.reaction_of_solver)
-    }),
-    ("force max %", "reaction_max", |_, r| {
-        percent(score(r)?.reaction_max)
-    }),
+    ("solver's %", "reaction_of_solver", |_, r| percent(score(r)?.reaction_of_solver)),
+    ("force max %", "reaction_max", |_, r| percent(score(r)?.reaction_max)),
     ("at cap", AT_CAP, |_, r| count(r.correctors.as_ref()?.at_cap)),
-    ("at cap alone", AT_CAP_ALONE, |_, r| {
-        count(r.correctors.as_ref()?.at_cap_alone)
-    }),
-    ("correctors", "correctors_after", |_, r| {
-        r.correctors.as_ref()?.after
-    }),
-    ("full's", "correctors_after_in_full", |_, r| {
-        r.correctors.as_ref()?.after_in_full
-    }),
+    ("at cap alone", AT_CAP_ALONE, |_, r| count(r.correctors.as_ref()?.at_cap_alone)),
+    ("correctors", "correctors_after", |_, r| r.correctors.as_ref()?.after),
+    ("full's", "correctors_after_in_full", |_, r| r.correctors.as_ref()?.after_in_full),
     ("times as fast", TIMES_AS_FAST, |d, r| times_as_fast(d, r)),
     ("stretch %", "time", |d, r| percent(relative_time(d, r))),
 ];
@@ -65,12 +47,7 @@ const AT_CAP_ALONE: &str = "at_cap_alone";
 /// The figure of which more is better.
 const TIMES_AS_FAST: &str = "times_as_fast";
 /// Figures that a log may not tell, which is said with a dash.
-const OF_LOGS: [&str; 4] = [
-    AT_CAP,
-    AT_CAP_ALONE,
-    "correctors_after",
-    "correctors_after_in_full",
-];
+const OF_LOGS: [&str; 4] = [AT_CAP, AT_CAP_ALONE, "correctors_after", "correctors_after_in_full"];
 /// Figures of a patch's force, likewise where no time has the stress.
 const OF_STRESSES: [&str; 3] = ["reaction", "reaction_of_solver", "reaction_max"];
 
@@ -135,12 +112,7 @@ fn shown(results: &[DrawResult]) -> Vec<&'static Figure> {
 fn heading(order: &str, figures: &[&Figure]) -> Table {
     let mut headers = vec!["case".to_string(), order.to_string(), "run".into()];
     headers.extend(figures.iter().map(|f| f.0.to_string()));
-    headers.extend([
-        "replaced %".into(),
-        "cells".into(),
-        "processor s".into(),
-        "wall s".into(),
-    ]);
+    headers.extend(["replaced %".into(), "cells".into(), "processor s".into(), "wall s".into()]);
     Table::new(headers)
 }
 
@@ -167,20 +139,8 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
             let mut row = first.to_vec();
             row.push(name.clone());
             row.extend(figures.iter().map(|(_, key, value)| match (*key, score(run)) {
-                (
-                    "lift",
-                    Some(Score {
-                        unsteadiness: Some(u),
-                        ..
-                    }),
-                ) if *u > SHEDS => "sheds".into(),
-                (
-                    "lift",
-                    Some(Score {
-                        unsteadiness: Some(_),
-                        ..
-                    }),
-                ) => "steady".into(),
+                ("lift", Some(Score { unsteadiness: Some(u), .. })) if *u > SHEDS => "sheds".into(),
+                ("lift", Some(Score { unsteadiness: Some(_), .. })) => "steady".into(),
                 _ => figure_text(key, value(draw, run)),
             }));
             row.push(text(percent(score(run).and_then(|s| s.replaced))));
@@ -197,8 +157,7 @@ pub fn remarks(results: &[DrawResult]) -> Vec<String> {
     let of = |draw: &DrawResult| {
         let (index, runs) = (draw.index, draw.runs.iter());
         let told = runs.filter_map(|(name, r)| Some((name, score(r)?.reaction_left_out.as_ref()?)));
-        told.map(|(name, text)| format!("{index:04} {name}: {text}"))
-            .collect::<Vec<_>>()
+        told.map(|(name, text)| format!("{index:04} {name}: {text}")).collect::<Vec<_>>()
     };
     results.iter().flat_map(of).collect()
 }
@@ -226,9 +185,7 @@ fn bands(results: &[DrawResult]) -> Vec<Vec<&DrawResult>> {
 
 /// Values of a figure of a variant in some cases; of what has a sign, the size.
 fn values(band: &[&DrawResult], variant: &str, figure: &Figure) -> Vec<f64> {
-    band.iter()
-        .filter_map(|d| Some(figure.2(d, d.runs.get(variant)?)?.abs()))
-        .collect()
+    band.iter().filter_map(|d| Some(figure.2(d, d.runs.get(variant)?)?.abs())).collect()
 }
 
 /// The largest, or the smallest of what is the better the larger it is.

@@ -5,11 +5,7 @@ use crate::hybrid::{Correctors, Cost};
 
 fn record(time: f64, end: Option<f64>) -> RunRecord {
     // Two seconds of start-up
-    let cost = Cost {
-        wall: 2.0 * (2.0 + time),
-        processor: 2.0 + time,
-        after_takeover: time,
-    };
+    let cost = Cost { wall: 2.0 * (2.0 + time), processor: 2.0 + time, after_takeover: time };
     let score = end.map(|end| Score {
         first: Some(0.1),
         jump: None,
@@ -24,12 +20,7 @@ fn record(time: f64, end: Option<f64>) -> RunRecord {
         cells: 10,
         ..Score::default()
     });
-    RunRecord {
-        made_with: String::new(),
-        cost,
-        score,
-        ..RunRecord::default()
-    }
+    RunRecord { made_with: String::new(), cost, score, ..RunRecord::default() }
 }
 
 fn draws(n: u64) -> Vec<DrawResult> {
@@ -51,18 +42,12 @@ fn medians_and_worst_on_paper() {
     let names = ["hybrid".to_string()];
     let found = summary(&all, &names);
     let whole = &found[0]["runs"]["hybrid"];
-    assert_eq!(
-        (whole["end"]["median"].as_f64(), whole["end"]["worst"].as_f64()),
-        (Some(3.0), Some(6.0))
-    );
+    assert_eq!((whole["end"]["median"].as_f64(), whole["end"]["worst"].as_f64()), (Some(3.0), Some(6.0)));
     assert_eq!(whole["drag"]["worst"], 2.0);
     assert_eq!(whole["time"]["median"], 25.0);
     assert!(whole["jump"]["median"].is_null());
     // Counted whole, with the start-up: 3 s of 6 s, by either clock
-    assert_eq!(
-        (&whole["whole"]["median"], &whole["whole_wall"]["worst"]),
-        (&json!(50.0), &json!(50.0))
-    );
+    assert_eq!((&whole["whole"]["median"], &whole["whole_wall"]["worst"]), (&json!(50.0), &json!(50.0)));
     // The full run takes 8 s of wall time for 0.3 s; the surrogate of the last case 0.7 s a second.
     let fast = &whole["times_as_fast"]["worst"];
     assert!((fast.as_f64().unwrap() - 8.0 / 0.3 / 0.7).abs() < 1e-9, "{fast}");
@@ -102,10 +87,7 @@ fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
         ..Correctors::default()
     };
     let mut draw = draws(1).remove(0);
-    draw.full.as_mut().unwrap().correctors = Some(Correctors {
-        at_cap: Some(1),
-        ..Correctors::default()
-    });
+    draw.full.as_mut().unwrap().correctors = Some(Correctors { at_cap: Some(1), ..Correctors::default() });
     let left = "reaction force on clamp: compared at 1 of 4 times";
     draw.runs = [
         ("hybrid".to_string(), solid(Some(worked), Some(0.04), Some(left))),
@@ -117,21 +99,12 @@ fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
     let table = case_table(&all, &names, "depth").to_string();
     let row = |name: &str| {
         let line = table.lines().find(|l| l.split_whitespace().nth(2) == Some(name));
-        line.unwrap_or_else(|| panic!("{table}"))
-            .split_whitespace()
-            .map(str::to_string)
-            .collect::<Vec<_>>()
+        line.unwrap_or_else(|| panic!("{table}")).split_whitespace().map(str::to_string).collect::<Vec<_>>()
     };
     // Of 'D %' and 'D/range %', of the force, of the correctors
     let hybrid = row("hybrid").join(" ");
-    assert!(
-        hybrid.contains("20.0 1.23") && hybrid.contains("4.00 2.00 8.00 3 2 61.5 20.2"),
-        "{table}"
-    );
-    assert!(
-        row("loose").join(" ").contains("20.0 1.23 - - - - - - -"),
-        "{table}"
-    );
+    assert!(hybrid.contains("20.0 1.23") && hybrid.contains("4.00 2.00 8.00 3 2 61.5 20.2"), "{table}");
+    assert!(row("loose").join(" ").contains("20.0 1.23 - - - - - - -"), "{table}");
     assert_eq!(row("full").iter().filter(|w| *w == "1").count(), 1, "{table}");
     assert_eq!(remarks(&all), [format!("0000 hybrid: {left}")]);
     let found = &summary(&all, &names)[0]["runs"];

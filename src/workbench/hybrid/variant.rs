@@ -57,20 +57,14 @@ pub fn variants(
 ) -> Result<Vec<Variant>> {
     let hybrid = |name: &str, entries: &str, settings| Variant {
         name: name.into(),
-        kind: Kind::Hybrid {
-            entries: entries.into(),
-            settings,
-        },
+        kind: Kind::Hybrid { entries: entries.into(), settings },
     };
     let usual = HYBRIDS.iter();
-    let mut all: Vec<Variant> = usual
-        .map(|(name, entries)| hybrid(name, entries, schedule.hybrid_set.clone()))
-        .collect();
+    let mut all: Vec<Variant> =
+        usual.map(|(name, entries)| hybrid(name, entries, schedule.hybrid_set.clone())).collect();
     for text in hybrids {
         let (name, rest) = text.split_once('=').ok_or_else(|| {
-            Error::Input(format!(
-                "--variant {text}: expected NAME=FILE or NAME=FILE,PARAMETER=VALUE,..."
-            ))
+            Error::Input(format!("--variant {text}: expected NAME=FILE or NAME=FILE,PARAMETER=VALUE,..."))
         })?;
         let mut parts = rest.split(',');
         let file = parts.next().unwrap_or_default();
@@ -104,10 +98,7 @@ pub fn variants(
             }
         };
         family.check_settings(&settings)?;
-        all.push(Variant {
-            name,
-            kind: Kind::Plain(settings),
-        });
+        all.push(Variant { name, kind: Kind::Plain(settings) });
     }
     for (i, variant) in all.iter().enumerate() {
         let name = &variant.name;
@@ -138,10 +129,7 @@ mod tests {
             variants(&family, &schedule, hybrids, &plain)
                 .map(|all| all.into_iter().map(|v| v.name).collect::<Vec<_>>())
         };
-        assert_eq!(
-            names(&hybrid, &[]).unwrap(),
-            ["hybrid", "fp32", "loose", "coarse"]
-        );
+        assert_eq!(names(&hybrid, &[]).unwrap(), ["hybrid", "fp32", "loose", "coarse"]);
         assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid"]);
         let coarse = [hybrid[0].clone() + ",cells=0.5"];
         let all = variants(&family, &schedule, &coarse, &["none".into()]).unwrap();
@@ -150,10 +138,7 @@ mod tests {
         let unknown = [hybrid[0].clone() + ",size=2"];
         let message = names(&unknown, &[]).unwrap_err().to_string();
         assert!(message.contains("no parameter 'size'"), "{message}");
-        assert_eq!(
-            names(&[], &["loose", "half=cells=0.5,courant=2"]).unwrap(),
-            ["hybrid", "loose", "half"]
-        );
+        assert_eq!(names(&[], &["loose", "half=cells=0.5,courant=2"]).unwrap(), ["hybrid", "loose", "half"]);
         for (plain, words) in [
             ("fine", "loose, coarse"),
             ("full=cells=2", "'full' cannot be"),

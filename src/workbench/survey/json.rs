@@ -12,11 +12,8 @@ impl Survey {
             .iter()
             .filter_map(|&m| Some((m.name().to_string(), self.suggestion(m)?.count.into())))
             .collect();
-        let skipped: Vec<Value> = self
-            .skipped
-            .iter()
-            .map(|s| json!({ "method": s.method.name(), "reason": s.reason }))
-            .collect();
+        let skipped: Vec<Value> =
+            self.skipped.iter().map(|s| json!({ "method": s.method.name(), "reason": s.reason })).collect();
         json!({
             "cells": self.n_cells,
             "eigenvalues": self.modes.eigenvalues,

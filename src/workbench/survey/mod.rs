@@ -132,13 +132,8 @@ impl Survey {
         let (modal, count) = (Modal(options.spec.modal()), options.spec.mode_count());
         let elastic = comm.agree(options.spec.is_elastic(mesh))?;
         let (modes, modes_cost) = Cost::of(|| modal.of_mesh(mesh, elastic, count, comm))?;
-        let mut survey = Survey {
-            n_cells: mesh.n_cells(),
-            modes,
-            modes_cost,
-            entries: Vec::new(),
-            skipped: Vec::new(),
-        };
+        let mut survey =
+            Survey { n_cells: mesh.n_cells(), modes, modes_cost, entries: Vec::new(), skipped: Vec::new() };
         let mut done = 1;
         for &count in &options.counts {
             for &method in &options.methods {
@@ -147,11 +142,7 @@ impl Survey {
                 if survey.skipped.iter().any(|s| s.method == method) {
                     continue;
                 }
-                let spec = SegmentSpec {
-                    method,
-                    count,
-                    ..options.spec.clone()
-                };
+                let spec = SegmentSpec { method, count, ..options.spec.clone() };
                 match survey.entry(mesh, graph, &spec, comm) {
                     Ok(entry) => survey.entries.push(entry),
                     Err(Error::Input(reason)) if method.uses_obstacle() => {
@@ -187,32 +178,21 @@ impl Survey {
             sweeps: segmentation.sweeps,
             reassigned: segmentation.reassigned,
             cost,
-            cells: [
-                sizes.iter().copied().min().unwrap_or(0),
-                sizes.iter().copied().max().unwrap_or(0),
-            ],
+            cells: [sizes.iter().copied().min().unwrap_or(0), sizes.iter().copied().max().unwrap_or(0)],
             labels,
         })
     }
 
     /// The segmentation with this method and number of segments.
     pub fn find(&self, method: SegmentMethod, count: usize) -> Option<&Entry> {
-        self.entries
-            .iter()
-            .find(|e| e.method == method && e.count == count)
+        self.entries.iter().find(|e| e.method == method && e.count == count)
     }
 
     /// The number of segments whose silhouette is largest, of equals the smallest; a guess to begin with, as the
     /// paper's appendix D.2 has it. None for a method without entries.
     pub fn suggestion(&self, method: SegmentMethod) -> Option<&Entry> {
         let entries = self.entries.iter().filter(|e| e.method == method);
-        entries.reduce(|best, e| {
-            if e.quality.silhouette > best.quality.silhouette {
-                e
-            } else {
-                best
-            }
-        })
+        entries.reduce(|best, e| if e.quality.silhouette > best.quality.silhouette { e } else { best })
     }
 }
 

@@ -30,12 +30,7 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> R
     };
     let mut rows: Vec<Vec<Panel>> = what.counts.iter().map(row).collect();
     let modes = &survey.modes;
-    let largest = modes
-        .vectors
-        .iter()
-        .take(what.modes)
-        .flatten()
-        .fold(0.0, |m: f64, v| m.max(v.abs()));
+    let largest = modes.vectors.iter().take(what.modes).flatten().fold(0.0, |m: f64, v| m.max(v.abs()));
     let shapes: Vec<Panel> = modes
         .vectors
         .iter()
@@ -49,12 +44,7 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> R
             scale: 1,
         })
         .collect();
-    let scale = |label: &str, high: f64, palette| Scale {
-        label: label.into(),
-        low: -high,
-        high,
-        palette,
-    };
+    let scale = |label: &str, high: f64, palette| Scale { label: label.into(), low: -high, high, palette };
     let mut scales = vec![scale("", 0.0, Palette::Labels)];
     if !shapes.is_empty() {
         scales.push(scale("modes, rms 1", largest, Palette::Diverging));
@@ -70,10 +60,7 @@ fn colours(entry: &Entry, mesh: &Mesh) -> Vec<usize> {
     let mut touching = vec![std::collections::BTreeSet::new(); entry.count];
     let internal = mesh.face_owner.iter().zip(&mesh.face_neighbour);
     for (&a, &b) in internal {
-        let (a, b) = (
-            entry.labels[a as usize] as usize,
-            entry.labels[b as usize] as usize,
-        );
+        let (a, b) = (entry.labels[a as usize] as usize, entry.labels[b as usize] as usize);
         if a != b {
             touching[a].insert(b);
             touching[b].insert(a);
@@ -89,9 +76,5 @@ fn colours(entry: &Entry, mesh: &Mesh) -> Vec<usize> {
         used[chosen] += 1;
         colour[segment] = Some(chosen);
     }
-    entry
-        .labels
-        .iter()
-        .map(|&l| colour[l as usize].unwrap_or(0))
-        .collect()
+    entry.labels.iter().map(|&l| colour[l as usize].unwrap_or(0)).collect()
 }

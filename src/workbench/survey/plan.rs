@@ -134,10 +134,7 @@ pub fn plans(
                     parts
                 }
             };
-            Ok(Plan {
-                whole_segments,
-                ..figures(mesh, &pairs, &rank_of_cell, np, count, network)
-            })
+            Ok(Plan { whole_segments, ..figures(mesh, &pairs, &rank_of_cell, np, count, network) })
         })
         .collect()
 }
@@ -146,11 +143,7 @@ pub fn plans(
 fn pairs(mesh: &Mesh) -> Vec<[i32; 2]> {
     let internal = mesh.face_owner.iter().zip(&mesh.face_neighbour);
     // A cyclic face comes once from each side.
-    let cyclic = mesh
-        .coupled
-        .iter()
-        .map(|c| [c.owner, c.global as i32])
-        .filter(|[a, b]| a < b);
+    let cyclic = mesh.coupled.iter().map(|c| [c.owner, c.global as i32]).filter(|[a, b]| a < b);
     internal.map(|(&a, &b)| [a, b]).chain(cyclic).collect()
 }
 
@@ -178,15 +171,7 @@ fn figures(
     count: usize,
     network: &Network,
 ) -> Plan {
-    let mut sizes = vec![
-        Sizes {
-            nodes: 0,
-            cells: 0,
-            edges: 0,
-            segments: count,
-        };
-        np
-    ];
+    let mut sizes = vec![Sizes { nodes: 0, cells: 0, edges: 0, segments: count }; np];
     for &r in rank_of_cell {
         sizes[r as usize].nodes += 1;
         sizes[r as usize].cells += 1;
@@ -203,10 +188,8 @@ fn figures(
     }
     let cut: Vec<_> = pairs.iter().filter(|[a, b]| rank(*a) != rank(*b)).collect();
     // (rank, ghost), and from the owners (rank, other rank).
-    let mut ghosts: Vec<(i32, i32)> = cut
-        .iter()
-        .flat_map(|[a, b]| [(rank(*a), *b), (rank(*b), *a)])
-        .collect();
+    let mut ghosts: Vec<(i32, i32)> =
+        cut.iter().flat_map(|[a, b]| [(rank(*a), *b), (rank(*b), *a)]).collect();
     ghosts.sort_unstable();
     ghosts.dedup();
     let mut neighbours: Vec<(i32, i32)> = ghosts.iter().map(|&(r, cell)| (r, rank(cell))).collect();
@@ -325,17 +308,8 @@ mod tests {
     use m4gn_samples::mesh as sample;
 
     fn network(dim: usize) -> Network {
-        let shape = Shape {
-            dim,
-            layers: 3,
-            width: 10,
-            hidden_layers: 1,
-            segments: None,
-        };
-        Network {
-            spec: shape.spec(),
-            precision: Precision::Fp32,
-        }
+        let shape = Shape { dim, layers: 3, width: 10, hidden_layers: 1, segments: None };
+        Network { spec: shape.spec(), precision: Precision::Fp32 }
     }
 
     /// Eight cells in two rows of four, columns 0, 1 on one rank and 2, 3 on the other: two faces are cut, each
@@ -354,10 +328,7 @@ mod tests {
         // 8 cells and 12 boundary faces.
         assert_eq!((one.nodes, one.imbalance), ([20.0, 20.0], 1.0));
         assert!(two.whole_segments);
-        assert_eq!(
-            (two.nodes, two.ghosts, two.neighbours),
-            ([10.0; 2], [2.0; 2], [1.0; 2])
-        );
+        assert_eq!((two.nodes, two.ghosts, two.neighbours), ([10.0; 2], [2.0; 2], [1.0; 2]));
         assert_eq!((two.cut_faces, two.edge_cut_ratio), (2, 0.2));
         assert_eq!((two.halo_bytes, two.all_reduce_bytes), ([240.0; 2], 160.0));
         // Ten faces between cells: 20 edges, and two of each boundary face. Edges and nodes of the latents, 10 wide, in

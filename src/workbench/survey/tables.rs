@@ -58,11 +58,7 @@ impl Survey {
         if self.entries.iter().any(|e| !e.converged()) {
             text += "* the sweeps were used up before all cells stayed (--iterations)\n";
         }
-        if let Some(e) = self
-            .entries
-            .iter()
-            .find(|e| e.quality.silhouette_cells < self.n_cells)
-        {
+        if let Some(e) = self.entries.iter().find(|e| e.quality.silhouette_cells < self.n_cells) {
             text += &format!(
                 "silhouettes are means over {} of {} cells\n",
                 e.quality.silhouette_cells, self.n_cells
@@ -73,12 +69,9 @@ impl Survey {
         }
         let several = self.entries.iter().any(|e| e.count != self.entries[0].count);
         if several {
-            let best = SegmentMethod::ALL
-                .iter()
-                .filter_map(|&method| self.suggestion(method));
-            let best: Vec<String> = best
-                .map(|e| format!("{} for {} ({:.4})", e.count, e.method, e.quality.silhouette))
-                .collect();
+            let best = SegmentMethod::ALL.iter().filter_map(|&method| self.suggestion(method));
+            let best: Vec<String> =
+                best.map(|e| format!("{} for {} ({:.4})", e.count, e.method, e.quality.silhouette)).collect();
             text += &format!("suggested K, by the largest silhouette: {}\n", best.join(", "));
         }
         text
@@ -88,11 +81,7 @@ impl Survey {
 /// "0.12 s, 61 MiB".
 pub fn cost_text(cost: &Cost) -> String {
     match cost.peak_memory {
-        Some(_) => format!(
-            "{} s, at most {} MiB",
-            number(cost.seconds, 2),
-            mebibytes(cost.peak_memory)
-        ),
+        Some(_) => format!("{} s, at most {} MiB", number(cost.seconds, 2), mebibytes(cost.peak_memory)),
         None => format!("{} s", number(cost.seconds, 2)),
     }
 }

@@ -4,10 +4,7 @@ use m4gn_samples::mesh as sample;
 
 fn options(methods: &[SegmentMethod], counts: &[usize], modes: usize) -> Options {
     Options {
-        spec: SegmentSpec {
-            modes,
-            ..SegmentSpec::default()
-        },
+        spec: SegmentSpec { modes, ..SegmentSpec::default() },
         methods: methods.to_vec(),
         counts: counts.to_vec(),
     }
@@ -48,21 +45,12 @@ fn all_methods_and_the_suggestion() {
     let skipped: Vec<_> = survey.skipped.iter().map(|s| s.method).collect();
     assert_eq!(skipped, [SegmentMethod::SlicLog, SegmentMethod::SlicExp]);
     assert_eq!(survey.entries.len(), 6);
-    assert_eq!(
-        survey.modes.eigenvalues.len(),
-        survey.json()["eigenvalues"].as_array().unwrap().len()
-    );
+    assert_eq!(survey.modes.eigenvalues.len(), survey.json()["eigenvalues"].as_array().unwrap().len());
     let notes = survey.notes();
-    assert!(
-        notes.contains("slic-mdodl does not apply: ") && notes.contains("suggested K"),
-        "{notes}"
-    );
+    assert!(notes.contains("slic-mdodl does not apply: ") && notes.contains("suggested K"), "{notes}");
     let best = survey.suggestion(SegmentMethod::Metis).unwrap();
     let all = survey.entries.iter().filter(|e| e.method == SegmentMethod::Metis);
-    assert!(
-        all.clone()
-            .all(|e| e.quality.silhouette <= best.quality.silhouette)
-    );
+    assert!(all.clone().all(|e| e.quality.silhouette <= best.quality.silhouette));
     assert_eq!(survey.json()["suggested"]["metis"], best.count);
     assert_eq!(survey.table().rows.len(), 6);
     assert!(survey.suggestion(SegmentMethod::SlicExp).is_none());
@@ -101,11 +89,7 @@ fn what_cannot_be_is_refused() {
         |done, of, _| {
             assert_eq!((done, of), (calls, 3));
             calls += 1;
-            if done < 2 {
-                Ok(())
-            } else {
-                Err(Error::Interrupted("stopped".into()))
-            }
+            if done < 2 { Ok(()) } else { Err(Error::Interrupted("stopped".into())) }
         },
     );
     assert!(matches!(stopped, Err(Error::Interrupted(_))));
@@ -114,17 +98,10 @@ fn what_cannot_be_is_refused() {
 #[test]
 fn a_picture_of_segments_and_modes() {
     let mesh = sample::triangles(6, 4, 3.0, 2.0);
-    let survey = run(
-        &mesh,
-        &options(&[SegmentMethod::Metis, SegmentMethod::Slic], &[5], 2),
-    )
-    .unwrap();
+    let survey = run(&mesh, &options(&[SegmentMethod::Metis, SegmentMethod::Slic], &[5], 2)).unwrap();
     let map = m4gn_report::CellMap::from_mesh(&mesh, 100).unwrap();
     let (width, height) = (map.width, map.height);
-    let what = Pictured {
-        counts: vec![5],
-        modes: 4,
-    };
+    let what = Pictured { counts: vec![5], modes: 4 };
     let raster = picture(&survey, &mesh, map, &what);
     assert!(raster.width > 2 * width && raster.height > 2 * height);
     raster.png().unwrap();

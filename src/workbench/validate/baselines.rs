@@ -38,16 +38,9 @@ fn row(
         let error = |i| scene.error(k, &state(k, i), i + 1);
         (0..scene.pace().steps).map(error).collect()
     };
-    let fields = (0..scene.n_fields()).map(|k| FieldErrors {
-        single: errors(k, single),
-        rollout: errors(k, rollout),
-    });
-    Prediction {
-        key,
-        name,
-        fields: fields.collect(),
-        ..Prediction::default()
-    }
+    let fields =
+        (0..scene.n_fields()).map(|k| FieldErrors { single: errors(k, single), rollout: errors(k, rollout) });
+    Prediction { key, name, fields: fields.collect(), ..Prediction::default() }
 }
 
 /// The recorded frame one stride before, held.
@@ -70,11 +63,7 @@ fn extrapolation(scene: &Scene) -> Result<Option<Prediction>> {
 fn linear(scene: &Scene) -> Result<Option<Prediction>> {
     let pace = scene.pace();
     let stride = pace.interval * pace.frames as f64;
-    let settings = Settings {
-        interval: stride,
-        storage: Storage::Single,
-        fit: FitSettings::default(),
-    };
+    let settings = Settings { interval: stride, storage: Storage::Single, fit: FitSettings::default() };
     let every = settings.fit.tail;
     let fields =
         (0..scene.n_fields()).map(|k| Field::weighted(&k.to_string(), scene.width(k), scene.volumes()));
@@ -105,10 +94,7 @@ fn linear(scene: &Scene) -> Result<Option<Prediction>> {
 
 /// The first frame; of single steps, which start anew each time, persistence.
 fn hold_first(scene: &Scene) -> Result<Option<Prediction>> {
-    let (last, first) = (
-        |k, i| Cow::Borrowed(scene.truth(k, i)),
-        |k, _| Cow::Borrowed(scene.truth(k, 0)),
-    );
+    let (last, first) = (|k, i| Cow::Borrowed(scene.truth(k, i)), |k, _| Cow::Borrowed(scene.truth(k, 0)));
     let quality = (1..=scene.pace().steps).map(|frame| scene.quality(scene.truth(0, 0), frame));
     Ok(Some(Prediction {
         quality: quality.collect::<Result<Option<Vec<_>>>>()?,

@@ -12,12 +12,8 @@ use m4gn_report::{Chart, Page, Series};
 type Colour = (u8, u8, u8);
 
 /// Colours of the ways to predict; green is told apart from the others by colour-blind people too.
-const COLOURS: [(&str, Colour); 4] = [
-    ("hold_first", GREY),
-    ("persistence", BLUE),
-    ("model", ORANGE),
-    ("projected", (0, 158, 115)),
-];
+const COLOURS: [(&str, Colour); 4] =
+    [("hold_first", GREY), ("persistence", BLUE), ("model", ORANGE), ("projected", (0, 158, 115))];
 
 /// The report on a model.
 ///
@@ -25,9 +21,7 @@ const COLOURS: [(&str, Colour); 4] = [
 /// When the pictured trajectory cannot be read again, or a chart fails.
 pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
     let mut page = Page::new("Validation of a model");
-    let has_elements = cases
-        .iter()
-        .any(|c| c.predictions.iter().any(|p| p.quality.is_some()));
+    let has_elements = cases.iter().any(|c| c.predictions.iter().any(|p| p.quality.is_some()));
     let mut text = format!(
         "Model {model}, stride {} s. Root-mean-square errors over nodes, solved components and steps, averaged over \
          trajectories; boundary values, held points and the motion of an obstacle are prescribed. RMSE-1: one step from every \
@@ -99,10 +93,8 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
 
     page.heading("Where this comes from");
     page.listing(&serde_json::to_string_pretty(spec).unwrap_or_default());
-    let files: Vec<String> = cases
-        .iter()
-        .map(|c| format!("{} ({})", c.path.display(), c.split.name()))
-        .collect();
+    let files: Vec<String> =
+        cases.iter().map(|c| format!("{} ({})", c.path.display(), c.split.name())).collect();
     page.listing(&files.join("\n"));
     Ok(page)
 }

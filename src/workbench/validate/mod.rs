@@ -57,19 +57,11 @@ pub struct Way {
 
 impl Way {
     /// The model's steps as they are.
-    pub const PLAIN: Way = Way {
-        key: "model",
-        name: "model",
-        projection: None,
-    };
+    pub const PLAIN: Way = Way { key: "model", name: "model", projection: None };
 
     /// With contact projection after each step.
     pub fn projected(options: ProjectionOptions) -> Self {
-        Way {
-            key: "projected",
-            name: "model, projected",
-            projection: Some(options),
-        }
+        Way { key: "projected", name: "model, projected", projection: Some(options) }
     }
 
     /// Steps of a trajectory: the progress of [`run`] is called that often.
@@ -198,10 +190,7 @@ pub fn run(
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
     let (mut predictions, mut outside) = (Vec::new(), Vec::new());
     for way in ways {
-        let options = SessionOptions {
-            projection: way.projection,
-            ..options.clone()
-        };
+        let options = SessionOptions { projection: way.projection, ..options.clone() };
         let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
         let mut step = stepper(&mut session, trajectory, &mut outside);
         predictions.push(scene.predict((way.key, way.name), keep, &mut step, progress)?);

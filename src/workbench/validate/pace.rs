@@ -21,18 +21,12 @@ impl Pace {
     /// not one step.
     pub fn new(times: &[f64], stride: f64) -> Result<Self> {
         let [first, .., last] = *times else {
-            return Err(Error::Model(format!(
-                "a step needs two frames, found {}",
-                times.len()
-            )));
+            return Err(Error::Model(format!("a step needs two frames, found {}", times.len())));
         };
         let interval = (last - first) / (times.len() - 1) as f64;
         // Times are written with some digits only.
         let slack = 1e-3 * interval;
-        if let Some(i) = times
-            .windows(2)
-            .position(|w| (w[1] - w[0] - interval).abs() > slack)
-        {
+        if let Some(i) = times.windows(2).position(|w| (w[1] - w[0] - interval).abs() > slack) {
             return Err(Error::Model(format!(
                 "frame {} is at {} s, {} s after the one before, and the {} frames are {interval} s apart on average: \
                  expected equal intervals; record with a fixed time step and interval",
@@ -55,11 +49,7 @@ impl Pace {
                 times.len(),
                 last - first
             ))),
-            steps => Ok(Pace {
-                interval,
-                frames,
-                steps,
-            }),
+            steps => Ok(Pace { interval, frames, steps }),
         }
     }
 
@@ -92,14 +82,7 @@ mod tests {
         let pace = Pace::new(&times, 0.05).unwrap();
         assert_eq!((pace.frames, pace.steps), (5, 2));
         assert!((pace.interval - 0.01).abs() < 1e-12);
-        assert_eq!(
-            (
-                pace.steps_within(0.15),
-                pace.steps_within(0.149),
-                pace.steps_within(0.01)
-            ),
-            (3, 2, 1)
-        );
+        assert_eq!((pace.steps_within(0.15), pace.steps_within(0.149), pace.steps_within(0.01)), (3, 2, 1));
         let refused = |times: &[f64], stride: f64| Pace::new(times, stride).unwrap_err().to_string();
         assert!(refused(&times, 0.015).contains("multiple of the interval"));
         assert!(refused(&times, 0.004).contains("multiple of the interval"));

@@ -89,10 +89,8 @@ fn shapes(
         }
         triangles
     };
-    let scenes: Vec<[Vec<[Vector; 3]>; 2]> = states
-        .iter()
-        .map(|s| [&s.truth[..], s.found].map(|u| scene(u, &s.motion)))
-        .collect();
+    let scenes: Vec<[Vec<[Vector; 3]>; 2]> =
+        states.iter().map(|s| [&s.truth[..], s.found].map(|u| scene(u, &s.motion))).collect();
     let view = View::of(scenes.iter().flatten().flatten().flatten().copied(), PANEL)?;
     // One value a triangle; the obstacle has none.
     let values = |rows: &[f64], all: usize| -> Vec<f64> {
@@ -120,21 +118,12 @@ fn shapes(
             panel("difference", first + 1, &difference, 1),
         ]);
     }
-    let scale = |label: String, high: f64, palette| Scale {
-        label,
-        low: 0.0,
-        high,
-        palette,
-    };
+    let scale = |label: String, high: f64, palette| Scale { label, low: 0.0, high, palette };
     Some(FieldPicture {
         maps,
         scales: vec![
             scale(format!("|{name}| [{unit}]"), largest, Palette::Viridis),
-            scale(
-                format!("|{name} model - {name} solver| [{unit}]"),
-                0.25 * largest,
-                Palette::Heat,
-            ),
+            scale(format!("|{name} model - {name} solver| [{unit}]"), 0.25 * largest, Palette::Heat),
         ],
         rows,
     })

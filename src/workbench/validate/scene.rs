@@ -81,10 +81,7 @@ impl<'a> Scene<'a> {
             Ok(Track {
                 spec: spec.clone(),
                 width: if spec.vector { 3 } else { 1 },
-                recorded: frames
-                    .iter()
-                    .map(|f| (wide(&f.cells), wide(&f.boundary)))
-                    .collect(),
+                recorded: frames.iter().map(|f| (wide(&f.cells), wide(&f.boundary))).collect(),
                 boundary,
             })
         };
@@ -94,11 +91,7 @@ impl<'a> Scene<'a> {
             mesh,
             pace,
             tracks: predicted(fields).into_iter().map(track).collect::<Result<_>>()?,
-            given: fields
-                .iter()
-                .filter(|f| f.is_given())
-                .map(track)
-                .collect::<Result<_>>()?,
+            given: fields.iter().filter(|f| f.is_given()).map(track).collect::<Result<_>>()?,
             motion: motion.into_iter().map(wide).collect(),
             shape: Shape::new(trajectory),
         })
@@ -230,9 +223,7 @@ impl<'a> Scene<'a> {
         })?;
         p.seconds.0 += seconds.0;
         p.seconds.1 += seconds.1;
-        let recorded = (0..=steps)
-            .map(|i| self.largest(self.truth(0, i)))
-            .fold(0.0, f64::max);
+        let recorded = (0..=steps).map(|i| self.largest(self.truth(0, i))).fold(0.0, f64::max);
         p.largest = match p.diverged {
             Some(_) => Some(f64::INFINITY),
             // A recording at rest makes no scale.
@@ -274,9 +265,7 @@ impl<'a> Scene<'a> {
 
     /// Largest value of the headline field, of a vector its length.
     fn largest(&self, values: &[f64]) -> f64 {
-        lengths(values, self.tracks[0].width)
-            .into_iter()
-            .fold(0.0, f64::max)
+        lengths(values, self.tracks[0].width).into_iter().fold(0.0, f64::max)
     }
 
     /// One step from a state, at the start of step `i`; whether that is the recorded one.
@@ -291,21 +280,11 @@ impl<'a> Scene<'a> {
         let given = self.given.iter().map(|t| (t, &t.recorded[i]));
         let states = self.tracks.iter().zip(state.iter().copied()).chain(given);
         let fields: Vec<Field> = states
-            .map(|(t, s)| Field {
-                name: &t.spec.name,
-                components: t.width,
-                cells: &s.0,
-                boundary: &s.1,
-            })
+            .map(|(t, s)| Field { name: &t.spec.name, components: t.width, cells: &s.0, boundary: &s.1 })
             .collect();
         let places = self.tracks.iter().zip(next);
-        let mut out: Vec<FieldMut> = places
-            .map(|(t, cells)| FieldMut {
-                name: &t.spec.name,
-                components: t.width,
-                cells,
-            })
-            .collect();
+        let mut out: Vec<FieldMut> =
+            places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
         let before = i.saturating_sub(1);
         let given = Given {
             motion: [&self.motion[i], &self.motion[i + 1]],
@@ -332,8 +311,7 @@ pub(super) fn recorded(trajectory: &Trajectory, field: &str, frame: usize) -> Re
 /// Lengths of the rows of a field, of a scalar its absolute values.
 pub(super) fn lengths(values: &[f64], width: usize) -> Vec<f64> {
     let rows = values.chunks_exact(width);
-    rows.map(|r| r.iter().map(|v| v * v).sum::<f64>().sqrt())
-        .collect()
+    rows.map(|r| r.iter().map(|v| v * v).sum::<f64>().sqrt()).collect()
 }
 
 /// Components in the solved directions to rows of x, y, z.
@@ -342,9 +320,7 @@ fn widen(values: &[f32], vector: bool, directions: &[usize]) -> Vec<f64> {
         return values.iter().map(|&v| f64::from(v)).collect();
     }
     let mut rows = vec![0.0; values.len() / directions.len() * 3];
-    let pairs = rows
-        .chunks_exact_mut(3)
-        .zip(values.chunks_exact(directions.len()));
+    let pairs = rows.chunks_exact_mut(3).zip(values.chunks_exact(directions.len()));
     for (row, value) in pairs {
         let components = directions.iter().zip(value);
         components.for_each(|(&d, &v)| row[d] = f64::from(v));

@@ -32,11 +32,7 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
     let grid = Grid::of_elements(&body.elements);
     let name = &case.fields[0].0;
-    let mut series = [
-        ("truth", Vec::new()),
-        ("prediction", Vec::new()),
-        ("obstacle", Vec::new()),
-    ];
+    let mut series = [("truth", Vec::new()), ("prediction", Vec::new()), ("obstacle", Vec::new())];
     let first = recorded(&trajectory, name, 0)?;
     for (step, found) in std::iter::once((&0, &first)).chain(&rollout.kept) {
         let frame = step * case.pace.frames;
@@ -45,10 +41,7 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
         let [found, truth, error] = [found, &truth, &error].map(|v| v.as_chunks::<3>().0);
         let mut texts = vec![
             grid.vtu(&moved(&body.positions, truth), &[("D", truth)])?,
-            grid.vtu(
-                &moved(&body.positions, found),
-                &[("D", found), ("D_true", truth), ("error", error)],
-            )?,
+            grid.vtu(&moved(&body.positions, found), &[("D", found), ("D_true", truth), ("error", error)])?,
         ];
         if let Some(o) = trajectory.obstacle() {
             let motion = trajectory.read_motion(frame, 1, 1)?.concat();

@@ -60,8 +60,7 @@ impl<'a> Shape<'a> {
         let places = moved(&self.body.positions, found.as_chunks().0);
         let to_obstacle = self.obstacle.map(|obstacle| {
             let surface = moved(&obstacle.positions, motion);
-            self.samples
-                .worst(&places, &surface, &obstacle.triangles, self.cell)
+            self.samples.worst(&places, &surface, &obstacle.triangles, self.cell)
         });
         let between = self.parts.as_ref().and_then(|parts| parts.gap(&places));
         let gaps = to_obstacle.transpose()?.flatten().into_iter().chain(between);

@@ -42,9 +42,7 @@ impl Smoothing {
             }
             weights(mesh, cell, &stencil)
         };
-        Some(Smoothing {
-            fits: (0..mesh.n_cells()).map(fit).collect(),
-        })
+        Some(Smoothing { fits: (0..mesh.n_cells()).map(fit).collect() })
     }
 
     /// A field of rows of `width` values.
@@ -77,11 +75,7 @@ fn weights(mesh: &Mesh, cell: usize, stencil: &[usize]) -> Vec<(usize, f64)> {
             t if t <= dim => x(t - 1),
             t => {
                 let pairs = (0..dim).flat_map(|i| (i..dim).map(move |j| (i, j)));
-                pairs
-                    .skip(t - 1 - dim)
-                    .map(|(i, j)| x(i) * x(j))
-                    .next()
-                    .unwrap_or(0.0)
+                pairs.skip(t - 1 - dim).map(|(i, j)| x(i) * x(j)).next().unwrap_or(0.0)
             }
         }
     };
@@ -110,16 +104,10 @@ mod tests {
         let parabola = |x: &[f64; 3]| 1.0 + x[0] - 2.0 * x[1] + 3.0 * x[0] * x[1] - x[1] * x[1];
         let smooth: Vec<f64> = mesh.cell_centres.iter().map(parabola).collect();
         let found = smoothing.apply(&smooth, 1);
-        let off = found
-            .iter()
-            .zip(&smooth)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max);
+        let off = found.iter().zip(&smooth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(off < 1e-10, "{off:e}");
         // The two triangles of a rectangle differ: three quarters of the square go.
-        let rough: Vec<f64> = (0..mesh.n_cells())
-            .map(|c| if c % 2 == 0 { 1.0 } else { -1.0 })
-            .collect();
+        let rough: Vec<f64> = (0..mesh.n_cells()).map(|c| if c % 2 == 0 { 1.0 } else { -1.0 }).collect();
         // Cells with all their neighbours.
         let inner: Vec<usize> = (0..mesh.n_cells())
             .filter(|&c| {

@@ -28,10 +28,7 @@ impl Figures {
             _ => f64::INFINITY,
         };
         Figures {
-            rmse_1: cumulative(&errors.single)
-                .last()
-                .copied()
-                .unwrap_or(f64::INFINITY),
+            rmse_1: cumulative(&errors.single).last().copied().unwrap_or(f64::INFINITY),
             rmse_50: at(pace.steps_within(horizon)),
             rmse_all: at(pace.steps),
         }
@@ -40,11 +37,7 @@ impl Figures {
     fn mean<'a>(all: impl Iterator<Item = &'a Figures> + Clone) -> Self {
         let count = all.clone().count() as f64;
         let mean = |of: fn(&Figures) -> f64| all.clone().map(of).sum::<f64>() / count;
-        Figures {
-            rmse_1: mean(|f| f.rmse_1),
-            rmse_50: mean(|f| f.rmse_50),
-            rmse_all: mean(|f| f.rmse_all),
-        }
+        Figures { rmse_1: mean(|f| f.rmse_1), rmse_50: mean(|f| f.rmse_50), rmse_all: mean(|f| f.rmse_all) }
     }
 
     /// As JSON; null where not finite.
@@ -93,9 +86,7 @@ impl Row {
         Row {
             key: p.key,
             name: p.name,
-            figures: fields
-                .map(|f| Figures::of(f, p.diverged.is_some(), pace, horizon))
-                .collect(),
+            figures: fields.map(|f| Figures::of(f, p.diverged.is_some(), pace, horizon)).collect(),
             quality: p.quality.as_ref().map(|all| match p.diverged {
                 None => Quality::mean(all),
                 Some(_) => infinite,
@@ -132,19 +123,10 @@ impl Row {
     fn json(&self) -> Value {
         let mut row = self.figures[0].json();
         let quality = self.quality.map(|q| {
-            [
-                ("gf_h", q.gf_h),
-                ("gf_c", q.gf_c),
-                ("mc", q.mc),
-                ("ar", q.ar),
-                ("inverted", q.inverted),
-            ]
+            [("gf_h", q.gf_h), ("gf_c", q.gf_c), ("mc", q.mc), ("ar", q.ar), ("inverted", q.inverted)]
         });
-        let others = [
-            ("worst_gap", self.gap),
-            ("largest_ratio", self.largest),
-            ("ms_per_step", self.step_ms()),
-        ];
+        let others =
+            [("worst_gap", self.gap), ("largest_ratio", self.largest), ("ms_per_step", self.step_ms())];
         let others = others.into_iter().filter_map(|(key, v)| Some((key, v?)));
         for (key, value) in quality.into_iter().flatten().chain(others) {
             row[key] = json!(value);
@@ -199,10 +181,7 @@ impl Summary {
             count: cases.len(),
             fields: first.fields.clone(),
             rows: (0..tables[0].len()).map(merged).collect(),
-            data_gap: cases
-                .iter()
-                .filter_map(|c| smallest(&c.data_gap))
-                .reduce(f64::min),
+            data_gap: cases.iter().filter_map(|c| smallest(&c.data_gap)).reduce(f64::min),
             diverged: cases.iter().filter(|c| c.diverged().is_some()).count(),
             solver_ms: solver.map(|s| s.iter().sum::<f64>() / s.len() as f64),
             horizon: horizons.fold([f64::INFINITY, 0.0], |[a, b], v| [a.min(v), b.max(v)]),
@@ -250,9 +229,8 @@ impl Summary {
     /// Times, the largest value, and the gap of the data, in a sentence or two.
     pub fn line(&self) -> String {
         let times = self.rows.iter().filter_map(|r| Some((r.name, r.step_ms()?)));
-        let times: Vec<String> = times
-            .map(|(name, ms)| format!("{} ms a step ({name})", number(ms, 3)))
-            .collect();
+        let times: Vec<String> =
+            times.map(|(name, ms)| format!("{} ms a step ({name})", number(ms, 3))).collect();
         let mut text = format!("{} trajectories, {}", self.count, times.join(", "));
         if let (Some(ms), Some(ratio)) = (self.solver_ms, self.ratio()) {
             text += &format!(
@@ -264,10 +242,9 @@ impl Summary {
         if let Some(largest) = self.rows.iter().filter_map(|r| r.largest).reduce(f64::max) {
             let field = &self.fields[0].0;
             text += &match self.diverged {
-                0 => format!(
-                    ". Largest {field} of a rollout: {} of the largest recorded",
-                    number(largest, 3)
-                ),
+                0 => {
+                    format!(". Largest {field} of a rollout: {} of the largest recorded", number(largest, 3))
+                }
                 n => format!(". {n} trajectories with a rollout that became non-finite"),
             };
         }
@@ -331,9 +308,7 @@ fn of_split(cases: &[Case], split: Split) -> Vec<&Case> {
 /// One summary a split that has trajectories: test, valid, train.
 pub fn summaries(cases: &[Case]) -> Vec<Summary> {
     let splits = [Split::Test, Split::Valid, Split::Train].into_iter();
-    splits
-        .filter_map(|s| Summary::of(s.name(), &of_split(cases, s)))
-        .collect()
+    splits.filter_map(|s| Summary::of(s.name(), &of_split(cases, s))).collect()
 }
 
 /// The figures that count: those of the test split where there is one, else of all trajectories.
@@ -349,9 +324,7 @@ pub fn json(cases: &[Case]) -> Value {
         object["split"] = json!(s.name);
         object
     });
-    let splits = summaries(cases)
-        .into_iter()
-        .map(|s| (s.name.to_string(), s.json()));
+    let splits = summaries(cases).into_iter().map(|s| (s.name.to_string(), s.json()));
     figures["splits"] = Value::Object(splits.collect());
     let one = |c: &Case| {
         let mut case = json!({

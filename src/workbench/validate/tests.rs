@@ -18,10 +18,7 @@ fn prediction(key: &'static str, single: &[f64], rollout: &[f64]) -> Prediction 
     Prediction {
         key,
         name: key,
-        fields: vec![FieldErrors {
-            single: errors(single),
-            rollout: errors(rollout),
-        }],
+        fields: vec![FieldErrors { single: errors(single), rollout: errors(rollout) }],
         ..Prediction::default()
     }
 }
@@ -53,11 +50,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
 }
 
 /// 20 frames a step: two steps within the first 50 frames.
-const PACE: Pace = Pace {
-    interval: 0.01,
-    frames: 20,
-    steps: 3,
-};
+const PACE: Pace = Pace { interval: 0.01, frames: 20, steps: 3 };
 
 fn figures(case: &Case, row: usize) -> [f64; 3] {
     let f = case.rows()[row].figures[0];
@@ -73,11 +66,7 @@ fn figures_on_paper() {
     assert_eq!(figures(&c, 1), [1.0, 1.0, 1.0]);
     assert_eq!(figures(&c, 2), [1.0, 2.0, 2.0]);
     // A stride beyond 50 frames: one step.
-    let long = Pace {
-        interval: 0.01,
-        frames: 100,
-        steps: 3,
-    };
+    let long = Pace { interval: 0.01, frames: 100, steps: 3 };
     let c = case(Split::Test, long, 0.5, &[1.0, 7.0, 4.0], &[2.0; 3]);
     assert_eq!(figures(&c, 0)[1], 1.0);
 }
@@ -90,14 +79,8 @@ fn splits_are_averaged_apart_and_test_counts() {
         case(Split::Test, PACE, 0.4, &[4.0; 3], &[4.0; 3]),
     ];
     let figures = json(&cases);
-    assert_eq!(
-        (figures["split"].as_str(), figures["trajectories"].as_u64()),
-        (Some("test"), Some(2))
-    );
-    assert_eq!(
-        (&figures["field"], &figures["unit"]),
-        (&"U".into(), &"m/s".into())
-    );
+    assert_eq!((figures["split"].as_str(), figures["trajectories"].as_u64()), (Some("test"), Some(2)));
+    assert_eq!((&figures["field"], &figures["unit"]), (&"U".into(), &"m/s".into()));
     assert!((figures["model"]["rmse_1"].as_f64().unwrap() - 0.3).abs() < 1e-12);
     assert!((figures["model"]["rmse_50"].as_f64().unwrap() - 3.0).abs() < 1e-12);
     assert!((figures["splits"]["train"]["model"]["rmse_all"].as_f64().unwrap() - 1.0).abs() < 1e-12);
@@ -114,21 +97,13 @@ fn a_rollout_that_blew_up_has_no_figures() {
     let figures = json(&cases);
     assert!(figures["model"]["rmse_all"].is_null() && figures["model"]["rmse_1"].is_number());
     assert_eq!(figures["diverged"], 1);
-    assert!(
-        summaries(&cases)[0].tables()[0]
-            .to_string()
-            .contains("not finite")
-    );
+    assert!(summaries(&cases)[0].tables()[0].to_string().contains("not finite"));
 }
 
 /// Two models of one flow, one in steps of two frames: RMSE-50 is of the same time, and says so.
 #[test]
 fn rmse_50_is_fifty_recorded_frames_whatever_the_stride() {
-    let pace = |frames, steps| Pace {
-        interval: 0.02,
-        frames,
-        steps,
-    };
+    let pace = |frames, steps| Pace { interval: 0.02, frames, steps };
     assert_eq!(pace(1, 100).rmse_50(), 1.0);
     assert_eq!(pace(4, 25).rmse_50(), 1.0);
     assert_eq!(pace(4, 25).steps_within(pace(4, 25).rmse_50()), 12);
@@ -141,10 +116,7 @@ fn other_predicted_fields_have_figures_too() {
     let mut one = case(Split::Test, PACE, 0.5, &[1.0, 7.0, 4.0], &[2.0; 3]);
     one.fields.push(("p".into(), "m^2/s^2".into()));
     for (p, value) in one.predictions.iter_mut().zip([3.0, 5.0, 6.0]) {
-        p.fields.push(FieldErrors {
-            single: errors(&[value; 3]),
-            rollout: errors(&[value + 1.0; 3]),
-        });
+        p.fields.push(FieldErrors { single: errors(&[value; 3]), rollout: errors(&[value + 1.0; 3]) });
     }
     let figures = json(&[one.clone()]);
     assert_eq!(figures["fields"]["p"]["model"]["rmse_1"], 3.0);
@@ -162,9 +134,7 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
     let scene = Scene::read(&t, &fields, pace).unwrap();
     let mut followed = None;
     let mut step = |fields: &[Field], out: &mut [FieldMut], given: Given| {
-        let k = (0..pace.steps)
-            .find(|&k| scene.motion(k) == given.motion[0])
-            .unwrap();
+        let k = (0..pace.steps).find(|&k| scene.motion(k) == given.motion[0]).unwrap();
         assert_eq!(scene.motion(k + 1), given.motion[1]);
         // A step goes on from the last one, or is told of the recorded frame before its own.
         match given.before {
@@ -194,8 +164,7 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
 /// Moves the free points in y.
 fn shift(u: &mut [f64], t: &Trajectory, by: f64) {
     let rows = u.chunks_exact_mut(3).zip(&t.body().unwrap().types);
-    rows.filter(|(_, kind)| **kind == NodeType::Body)
-        .for_each(|(u, _)| u[1] += by);
+    rows.filter(|(_, kind)| **kind == NodeType::Body).for_each(|(u, _)| u[1] += by);
 }
 
 #[test]
@@ -214,10 +183,7 @@ fn the_truth_has_no_error() {
     assert!((row("persistence").figures[0].rmse_all - held.persistence.rmse).abs() < 1e-15);
     assert!((row("hold_first").figures[0].rmse_all - held.hold_first.rmse).abs() < 1e-15);
     assert_eq!(row("hold_first").quality, Some(held.hold_first.quality));
-    assert_eq!(
-        row("hold_first").figures[0].rmse_1,
-        row("persistence").figures[0].rmse_1
-    );
+    assert_eq!(row("hold_first").figures[0].rmse_1, row("persistence").figures[0].rmse_1);
 }
 
 /// All free points are 1e-4 m too far in y: a third of the squared errors is 1e-8.
@@ -285,12 +251,7 @@ fn a_fit_knows_what_is_carried_along() {
         row.fields[0].single.last().unwrap().rmse()
     };
     assert!(pace.steps > 26, "{}", pace.steps);
-    assert!(
-        last("linear") < 0.2 * last("persistence"),
-        "{} {}",
-        last("linear"),
-        last("persistence")
-    );
+    assert!(last("linear") < 0.2 * last("persistence"), "{} {}", last("linear"), last("persistence"));
 }
 
 /// A model of bodies whose steps change next to nothing: the obstacle sinks into the body where nothing projects.
@@ -319,17 +280,7 @@ fn a_session_projects_and_lifts_the_gap() {
     let case = run(&still(), &t, &options, &ways, (None, Keep::Shown), &mut count).unwrap();
     let rows = case.rows();
     let keys: Vec<&str> = rows.iter().map(|r| r.key).collect();
-    assert_eq!(
-        keys,
-        [
-            "model",
-            "projected",
-            "persistence",
-            "extrapolation",
-            "linear",
-            "hold_first"
-        ]
-    );
+    assert_eq!(keys, ["model", "projected", "persistence", "extrapolation", "linear", "hold_first"]);
     let [model, projected] = [0, 1].map(|i: usize| rows[i].gap.unwrap());
     assert!(model < -0.1 && projected >= -0.02, "{model} {projected}");
     // Standing still is holding the first frame, to what such a step adds.
@@ -365,25 +316,15 @@ fn a_flow_whose_field_has_another_name() {
     spec.fields.reverse();
     let model = Model::random(spec, 3).unwrap();
     let options = SessionOptions::default();
-    let go = |model: &Model| {
-        run(
-            model,
-            &t,
-            &options,
-            &[Way::PLAIN],
-            (Some(0.1), Keep::Shown),
-            &mut || Ok(()),
-        )
-    };
+    let go =
+        |model: &Model| run(model, &t, &options, &[Way::PLAIN], (Some(0.1), Keep::Shown), &mut || Ok(()));
     let case = go(&model).unwrap();
     let names: Vec<&str> = case.fields.iter().map(|f| f.0.as_str()).collect();
     assert_eq!(names, ["U", "p"]);
     // Persistence by hand
     let frames = t.read_frames("U", 0, 1, 30).unwrap();
     let mut total = SquaredError::default();
-    frames
-        .windows(2)
-        .for_each(|w| total.add(SquaredError::between(&w[0].cells, &w[1].cells)));
+    frames.windows(2).for_each(|w| total.add(SquaredError::between(&w[0].cells, &w[1].cells)));
     assert!((figures(&case, 1)[2] / total.rmse() - 1.0).abs() < 1e-12);
     assert!(case.rows().iter().all(|r| r.quality.is_none() && r.gap.is_none()));
 
@@ -398,10 +339,7 @@ fn a_flow_whose_field_has_another_name() {
         solid: None,
     });
     let outside = go(&slow).unwrap().outside;
-    assert!(
-        outside.len() == 1 && outside[0].contains("distance of neighbouring cells"),
-        "{outside:?}"
-    );
+    assert!(outside.len() == 1 && outside[0].contains("distance of neighbouring cells"), "{outside:?}");
 
     let mut scalar = model.spec.clone();
     scalar.fields.retain(|f| f.name == "p");
@@ -430,9 +368,7 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
         Ok(())
     };
     let scene = Scene::read(&t, &spec.fields, pace).unwrap();
-    scene
-        .predict(("model", "model"), Keep::Shown, &mut step, &mut || Ok(()))
-        .unwrap();
+    scene.predict(("model", "model"), Keep::Shown, &mut step, &mut || Ok(())).unwrap();
     // Single steps, then the rollout
     assert_eq!(seen.len(), 2 * pace.steps);
     for ((components, cells, boundary), frame) in seen.iter().zip(frames[..pace.steps].iter().cycle()) {
@@ -444,15 +380,7 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
     spec.segments.method = m4gn_model::SegmentMethod::Metis;
     let model = Model::random(spec, 3).unwrap();
     let options = SessionOptions::default();
-    let case = run(
-        &model,
-        &t,
-        &options,
-        &[Way::PLAIN],
-        (None, Keep::Shown),
-        &mut || Ok(()),
-    )
-    .unwrap();
+    let case = run(&model, &t, &options, &[Way::PLAIN], (None, Keep::Shown), &mut || Ok(())).unwrap();
     assert_eq!(case.fields.len(), 1);
     assert!(figures(&case, 0)[0].is_finite());
 }
@@ -464,16 +392,8 @@ fn the_page_and_the_series() {
         Ok(())
     });
     let spec = m4gn_samples::model::bodies();
-    let html = report("m.safetensors", &spec, std::slice::from_ref(&case))
-        .unwrap()
-        .html();
-    for text in [
-        "worst gap",
-        "Shapes",
-        "hold first",
-        "Gap over time",
-        "solver took 500 ms",
-    ] {
+    let html = report("m.safetensors", &spec, std::slice::from_ref(&case)).unwrap().html();
+    for text in ["worst gap", "Shapes", "hold first", "Gap over time", "solver took 500 ms"] {
         assert!(html.contains(text), "{text}");
     }
     let dir = tempfile::tempdir().unwrap();
@@ -482,10 +402,7 @@ fn the_page_and_the_series() {
     // Four states of three things, and their lists
     assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 15);
     let list = std::fs::read_to_string(folder.join("prediction.pvd")).unwrap();
-    assert!(
-        list.contains("timestep=\"0.03\" file=\"prediction_0003.vtu\""),
-        "{list}"
-    );
+    assert!(list.contains("timestep=\"0.03\" file=\"prediction_0003.vtu\""), "{list}");
     let last = std::fs::read_to_string(folder.join("prediction_0003.vtu")).unwrap();
     assert!(last.contains("Name=\"error\"") && last.contains("NumberOfPoints=\"12\""));
 }

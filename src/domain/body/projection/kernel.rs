@@ -35,11 +35,7 @@ impl Compliance {
                 freedom[p] = t * (2.0 - t);
             }
         }
-        Compliance {
-            rest: body.positions.clone(),
-            freedom,
-            component,
-        }
+        Compliance { rest: body.positions.clone(), freedom, component }
     }
 
     /// Entry of two points; `radius` R in m.

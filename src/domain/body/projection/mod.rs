@@ -148,10 +148,7 @@ impl Projection {
     /// overlaps the body at rest, or a body without edges.
     pub fn new(body: &Body, obstacle: Option<&Obstacle>, options: &ProjectionOptions) -> Result<Self> {
         options.check()?;
-        let positions = body
-            .positions
-            .iter()
-            .chain(obstacle.map_or(&[][..], |o| &o.positions));
+        let positions = body.positions.iter().chain(obstacle.map_or(&[][..], |o| &o.positions));
         if let Some(x) = positions.flatten().find(|x| !x.is_finite()) {
             return Err(Error::Mesh(format!("a point at rest has the coordinate {x}")));
         }
@@ -193,10 +190,9 @@ impl Projection {
         obstacle: &[[f64; 3]],
     ) -> Result<ProjectionReport> {
         let points = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
-        for (what, values, expected) in [
-            ("body", &*displacement, self.rest.len()),
-            ("obstacle", obstacle, points),
-        ] {
+        for (what, values, expected) in
+            [("body", &*displacement, self.rest.len()), ("obstacle", obstacle, points)]
+        {
             if values.len() != expected {
                 return Err(Error::Input(format!(
                     "projection: displacements of {} points of the {what}, expected {expected}",
@@ -257,9 +253,7 @@ impl Projection {
         }
         self.count_moved(&came, displacement, &mut report);
         let end = sum(&self.rest, displacement);
-        report.after = surface
-            .as_ref()
-            .and_then(|s| self.samples.worst_from(&end, s, self.cell));
+        report.after = surface.as_ref().and_then(|s| self.samples.worst_from(&end, s, self.cell));
         report.own_after = self.measure(None, &end, &none, &mut near).own;
         Ok(report)
     }
@@ -306,9 +300,7 @@ impl Projection {
                 break;
             }
             let tolerance = 0.5 * self.options.tolerance * self.cell;
-            let pushes = measured
-                .constraints
-                .solve(&self.compliance, radius, tolerance, &mut multipliers);
+            let pushes = measured.constraints.solve(&self.compliance, radius, tolerance, &mut multipliers);
             correction = self.compliance.spread(&pushes, radius);
             firm = self.held.clone();
             let pushed = pushes.iter().filter(|(_, f)| *f != [0.0; 3]);
@@ -352,15 +344,9 @@ impl Projection {
                     near.least[s] = distance;
                 }
                 if gap.is_none_or(|g| distance < g.cells * self.cell) {
-                    gap = Some(Gap {
-                        cells: distance / self.cell,
-                        at: x,
-                    });
+                    gap = Some(Gap { cells: distance / self.cell, at: x });
                 }
-                found.extend(
-                    foot.filter(|f| f.distance < limit || near.taken[s])
-                        .map(|f| (s, x, f)),
-                );
+                found.extend(foot.filter(|f| f.distance < limit || near.taken[s]).map(|f| (s, x, f)));
             }
             if farthest == 0.0 {
                 near.deepest = gap.map_or(0.0, |g| (-g.cells * self.cell).max(0.0));
@@ -383,18 +369,11 @@ impl Projection {
             ),
             false => None,
         };
-        Measured {
-            constraints,
-            gap,
-            own,
-        }
+        Measured { constraints, gap, own }
     }
 }
 
 /// Point by point.
 fn sum(a: &[Vector], b: &[Vector]) -> Vec<Vector> {
-    a.iter()
-        .zip(b)
-        .map(|(a, b)| std::array::from_fn(|i| a[i] + b[i]))
-        .collect()
+    a.iter().zip(b).map(|(a, b)| std::array::from_fn(|i| a[i] + b[i])).collect()
 }

@@ -14,10 +14,7 @@ pub(super) fn out_of(surface: &Surface, x: Vector, foot: Foot, outward: Vector, 
     if foot.distance >= 0.0 || dot(foot.normal, outward) < AGAINST {
         return foot;
     }
-    let against = Against {
-        direction: outward,
-        cosine: AGAINST,
-    };
+    let against = Against { direction: outward, cosine: AGAINST };
     let inward = surface.foot_against(x, 1.1 * deepest, against, |_| true);
     inward.filter(|f| f.distance < 0.0).unwrap_or(foot)
 }
@@ -37,11 +34,6 @@ pub(super) struct Near {
 impl Near {
     pub(super) fn new(outward: Vec<Vector>) -> Self {
         let samples = outward.len();
-        Near {
-            outward,
-            deepest: 0.0,
-            least: vec![f64::NEG_INFINITY; samples],
-            taken: vec![false; samples],
-        }
+        Near { outward, deepest: 0.0, least: vec![f64::NEG_INFINITY; samples], taken: vec![false; samples] }
     }
 }

@@ -20,13 +20,7 @@ pub struct ProjectionOptions {
 
 impl Default for ProjectionOptions {
     fn default() -> Self {
-        ProjectionOptions {
-            clearance: 0.0,
-            tolerance: 0.005,
-            radius: 6.0,
-            self_contact: false,
-            sweeps: 12,
-        }
+        ProjectionOptions { clearance: 0.0, tolerance: 0.005, radius: 6.0, self_contact: false, sweeps: 12 }
     }
 }
 
@@ -37,9 +31,7 @@ impl ProjectionOptions {
     /// [`Error::Input`] naming the entry, what was expected and what was found.
     pub fn check(&self) -> Result<()> {
         let wrong = |name: &str, value: f64, expected: &str| {
-            Err(Error::Input(format!(
-                "projection: {name} {value}, expected {expected} mean edges"
-            )))
+            Err(Error::Input(format!("projection: {name} {value}, expected {expected} mean edges")))
         };
         if !(0.0..=1.0).contains(&self.clearance) {
             return wrong("clearance", self.clearance, "0 to 1");
@@ -51,10 +43,7 @@ impl ProjectionOptions {
             return wrong("radius", self.radius, "1 to 1000");
         }
         if !(1..=1000).contains(&self.sweeps) {
-            return Err(Error::Input(format!(
-                "projection: {} sweeps, expected 1 to 1000",
-                self.sweeps
-            )));
+            return Err(Error::Input(format!("projection: {} sweeps, expected 1 to 1000", self.sweeps)));
         }
         Ok(())
     }

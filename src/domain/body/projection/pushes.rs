@@ -33,13 +33,7 @@ impl Constraints {
     ) {
         let from = self.terms.len();
         self.terms.extend(terms);
-        self.rows.push(Row {
-            sample,
-            from,
-            to: self.terms.len(),
-            direction,
-            least,
-        });
+        self.rows.push(Row { sample, from, to: self.terms.len(), direction, least });
     }
 
     /// Pushes at points, so that `compliance` times them meets every constraint to `tolerance` (m) with the smallest

@@ -89,11 +89,7 @@ impl Skin {
 
     /// Whether the body is of several parts, which share no point.
     pub(super) fn has_parts(&self) -> bool {
-        self.parts
-            .iter()
-            .filter(|triangles| !triangles.is_empty())
-            .count()
-            > 1
+        self.parts.iter().filter(|triangles| !triangles.is_empty()).count() > 1
     }
 
     /// The skin at `place` as surfaces, each with its part and the numbers of its triangles: one of each part, or, where parts may
@@ -104,9 +100,7 @@ impl Skin {
             (part, numbers, Surface::open(place, &corners))
         };
         let all = || (None, (0..self.triangles.len() as u32).collect());
-        let parts = (0..)
-            .zip(&self.parts)
-            .map(|(part, numbers)| (Some(part), numbers.clone()));
+        let parts = (0..).zip(&self.parts).map(|(part, numbers)| (Some(part), numbers.clone()));
         let groups: Vec<(Option<u32>, Vec<u32>)> = match itself {
             true => vec![all()],
             false => parts.collect(),
@@ -134,10 +128,7 @@ impl Skin {
             let at_rest = samples.position(s, &self.rest);
             let (out, out_at_rest) = (self.outward(s, &place), self.rest_outward[s]);
             let part = self.part[points[0] as usize];
-            let against = Against {
-                direction: out,
-                cosine: FACING,
-            };
+            let against = Against { direction: out, cosine: FACING };
             let faces_me = |t: usize| {
                 if self.part[self.triangles[t][0] as usize] != part {
                     return true;
@@ -164,10 +155,7 @@ impl Skin {
                 continue;
             };
             if worst.is_none_or(|w| foot.distance < w.cells * self.cell) {
-                worst = Some(Gap {
-                    cells: foot.distance / self.cell,
-                    at: x,
-                });
+                worst = Some(Gap { cells: foot.distance / self.cell, at: x });
             }
             if foot.distance > REACH * self.cell {
                 continue;

@@ -42,13 +42,12 @@ pub(super) fn check_apart(
     let gap = samples.worst_from(&body.positions, &surface, cell);
     let skin = skin.at_rest();
     let inside = obstacle.positions.iter().map(|&x| (skin.distance(x) / cell, x));
-    let inside = inside.fold(None, |worst: Option<(f64, Vector)>, one| {
-        if worst.is_none_or(|w| one.0 < w.0) {
-            Some(one)
-        } else {
-            worst
-        }
-    });
+    let inside = inside.fold(
+        None,
+        |worst: Option<(f64, Vector)>, one| {
+            if worst.is_none_or(|w| one.0 < w.0) { Some(one) } else { worst }
+        },
+    );
     let pairs = gap.map(|g| (g.cells, g.at)).into_iter().chain(inside);
     let deepest = pairs.fold((0.0, [0.0; 3]), |a, b| if b.0 < a.0 { b } else { a });
     let (cells, at) = deepest;
@@ -56,11 +55,7 @@ pub(super) fn check_apart(
         return Ok(());
     }
     let all = body.positions.iter().all(|&x| surface.distance(x) < 0.0);
-    let what = if all {
-        "contains the whole body"
-    } else {
-        "overlaps the body"
-    };
+    let what = if all { "contains the whole body" } else { "overlaps the body" };
     Err(Error::Mesh(format!(
         "the obstacle {what} at the start, {:.3} mean edges ({:.3e} m) deep at ({:.6} {:.6} {:.6}) m: place it outside, or \
          check that its triangles' normals point outward",

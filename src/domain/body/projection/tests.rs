@@ -23,9 +23,7 @@ fn block(n: [usize; 3], corner: Vector, held: f64) -> Body {
 fn both(a: Body, b: Body) -> Body {
     let shift = a.positions.len() as i32;
     let points = a.elements.points.iter().copied();
-    let points = points
-        .chain(b.elements.points.iter().map(|p| p + shift))
-        .collect();
+    let points = points.chain(b.elements.points.iter().map(|p| p + shift)).collect();
     Body {
         positions: [a.positions, b.positions].concat(),
         types: [a.types, b.types].concat(),
@@ -39,10 +37,7 @@ fn both(a: Body, b: Body) -> Body {
 fn obstacle(size: Vector, corner: Vector) -> Obstacle {
     let (points, triangles) = brick(size);
     let positions = points.iter().map(|p| std::array::from_fn(|i| p[i] + corner[i]));
-    Obstacle {
-        positions: positions.collect(),
-        triangles,
-    }
+    Obstacle { positions: positions.collect(), triangles }
 }
 
 /// An octahedron with each face cut into n^2, on a sphere.
@@ -135,10 +130,7 @@ fn a_sphere_pressed_in() {
     assert!((report.largest - 0.7).abs() < 0.1 && report.points_moved > 50);
     // As symmetric as the case
     let (a, b) = (at([2.0, 1.0, 6.0]), at([-2.0, 1.0, 6.0]));
-    assert!(
-        (a[0] + b[0]).abs() < 0.01 && (a[2] - b[2]).abs() < 0.02,
-        "{a:?} {b:?}"
-    );
+    assert!((a[0] + b[0]).abs() < 0.01 && (a[2] - b[2]).abs() < 0.02, "{a:?} {b:?}");
 }
 
 /// Deeper than a cell, by a box with sharp edges that is narrower than the block.
@@ -160,18 +152,10 @@ fn without_penetration_nothing_changes() {
     let o = obstacle([1.0; 3], [1.0, 1.0, 3.5]);
     let mut u: Vec<Vector> = (0..64).map(|i| [1e-3 * (i as f64).sin(), 0.0, 1e-4]).collect();
     let before = u.clone();
-    let options = ProjectionOptions {
-        self_contact: true,
-        ..ProjectionOptions::default()
-    };
+    let options = ProjectionOptions { self_contact: true, ..ProjectionOptions::default() };
     let mut projection = Projection::new(&body, Some(&o), &options).unwrap();
     let report = projection.apply(&mut u, &[[0.0, 0.0, -0.49]; 8]).unwrap();
-    assert!(
-        u.iter()
-            .flatten()
-            .map(|v| v.to_bits())
-            .eq(before.iter().flatten().map(|v| v.to_bits()))
-    );
+    assert!(u.iter().flatten().map(|v| v.to_bits()).eq(before.iter().flatten().map(|v| v.to_bits())));
     assert_eq!((report.points_moved, report.largest, report.sweeps), (0, 0.0, 1));
     assert_eq!(report.before, report.after);
     // And without any obstacle
@@ -184,10 +168,7 @@ fn without_penetration_nothing_changes() {
 fn clearance_is_kept() {
     let body = block([6, 6, 3], [0.0; 3], 0.5);
     let o = obstacle([2.0; 3], [2.0, 2.0, 3.1]);
-    let options = ProjectionOptions {
-        clearance: 0.1,
-        ..ProjectionOptions::default()
-    };
+    let options = ProjectionOptions { clearance: 0.1, ..ProjectionOptions::default() };
     let mut u = zeros(body.positions.len());
     let mut projection = Projection::new(&body, Some(&o), &options).unwrap();
     let report = projection.apply(&mut u, &[[0.0, 0.0, -0.2]; 8]).unwrap();
@@ -209,26 +190,19 @@ fn held_points_stay_where_they_are() {
 /// One block sinks into another that is a part of the same body: each gives way by half.
 #[test]
 fn two_blocks_of_one_body() {
-    let body = both(
-        block([5, 5, 4], [0.0; 3], 0.5),
-        block([5, 5, 4], [0.0, 0.0, 4.2], -1.0),
-    );
+    let body = both(block([5, 5, 4], [0.0; 3], 0.5), block([5, 5, 4], [0.0, 0.0, 4.2], -1.0));
     let n = body.positions.len() / 2;
     let mut u = zeros(2 * n);
     u[n..].iter_mut().for_each(|u| *u = [0.13, 0.08, -0.6]);
     let mut projection = Projection::new(&body, None, &ProjectionOptions::default()).unwrap();
-    let start: Vec<Vector> = (0..2 * n)
-        .map(|p| std::array::from_fn(|i| body.positions[p][i] + u[p][i]))
-        .collect();
+    let start: Vec<Vector> =
+        (0..2 * n).map(|p| std::array::from_fn(|i| body.positions[p][i] + u[p][i])).collect();
     let report = projection.apply(&mut u, &[]).unwrap();
     check(&body, &u);
     let gap = BetweenParts::new(&body).unwrap().gap(&start);
     assert_eq!(gap, report.own_before);
     assert!(BetweenParts::new(&block([2, 2, 2], [0.0; 3], 0.5)).is_none());
-    assert!(
-        (report.own_before.unwrap().cells + 0.41).abs() < 0.02,
-        "{report:?}"
-    );
+    assert!((report.own_before.unwrap().cells + 0.41).abs() < 0.02, "{report:?}");
     assert!(report.own_after.unwrap().cells >= -0.02, "{report:?}");
     let middle = |from: usize, z: f64| {
         let of = (from..from + n).filter(|&p| body.positions[p][2] == z && body.positions[p][0] == 2.0);
@@ -236,20 +210,11 @@ fn two_blocks_of_one_body() {
         values.iter().sum::<f64>() / values.len() as f64
     };
     let (lower, upper) = (middle(0, 4.0), middle(n, 4.2) + 0.6);
-    assert!(
-        lower < -0.1 && upper > 0.1 && (upper - lower - 0.4).abs() < 0.05,
-        "{lower} {upper}"
-    );
+    assert!(lower < -0.1 && upper > 0.1 && (upper - lower - 0.4).abs() < 0.05, "{lower} {upper}");
     // Blocks that overlap at rest are refused.
-    let body = both(
-        block([5, 5, 4], [0.0; 3], 0.5),
-        block([5, 5, 4], [0.0, 0.0, 3.8], -1.0),
-    );
+    let body = both(block([5, 5, 4], [0.0; 3], 0.5), block([5, 5, 4], [0.0, 0.0, 3.8], -1.0));
     let error = check_start(&body, None).unwrap_err().to_string();
-    assert!(
-        error.contains("two parts of the body overlap at the start, 0.2"),
-        "{error}"
-    );
+    assert!(error.contains("two parts of the body overlap at the start, 0.2"), "{error}");
 }
 
 /// A clamp: two arms of one part with a slit of one cell between them; the upper one bends into the lower one.
@@ -258,9 +223,7 @@ fn two_arms_of_one_part() {
     let whole = block([6, 3, 5], [0.0; 3], 0.5);
     let e = &whole.elements;
     let open = |&e: &usize| (e % 6 < 2) || e / 18 != 2;
-    let points = (0..e.len())
-        .filter(open)
-        .flat_map(|k| e.points_of(k).iter().copied());
+    let points = (0..e.len()).filter(open).flat_map(|k| e.points_of(k).iter().copied());
     let elements = Elements::of_kind(ElementKind::Hexahedron, points.collect());
     let body = Body {
         material: whole.material[..elements.len()].to_vec(),
@@ -273,10 +236,7 @@ fn two_arms_of_one_part() {
         false => [0.0; 3],
     };
     let mut u: Vec<Vector> = body.positions.iter().map(bent).collect();
-    let options = ProjectionOptions {
-        self_contact: true,
-        ..ProjectionOptions::default()
-    };
+    let options = ProjectionOptions { self_contact: true, ..ProjectionOptions::default() };
     let mut projection = Projection::new(&body, None, &options).unwrap();
     let report = projection.apply(&mut u, &[]).unwrap();
     check(&body, &u);
@@ -289,10 +249,7 @@ fn two_arms_of_one_part() {
 #[test]
 fn a_thin_body_does_not_meet_itself() {
     let body = block([8, 8, 1], [0.0; 3], -1.0);
-    let options = ProjectionOptions {
-        self_contact: true,
-        ..ProjectionOptions::default()
-    };
+    let options = ProjectionOptions { self_contact: true, ..ProjectionOptions::default() };
     let mut projection = Projection::new(&body, None, &options).unwrap();
     let mut u: Vec<Vector> = body.positions.iter().map(|x| [0.0, 0.0, -0.7 * x[2]]).collect();
     let before = u.clone();
@@ -320,15 +277,9 @@ fn what_does_not_fit_is_refused() {
         Projection::new(&body, Some(o), options).unwrap_err().to_string()
     };
     let around = refused(&obstacle([9.0; 3], [-3.0; 3]), &options);
-    assert!(
-        around.contains("contains the whole body") && around.contains("deep at"),
-        "{around}"
-    );
+    assert!(around.contains("contains the whole body") && around.contains("deep at"), "{around}");
     let over = refused(&obstacle([1.0; 3], [0.5, 0.5, 1.8]), &options);
-    assert!(
-        over.contains("overlaps the body at the start, 0.200 mean edges"),
-        "{over}"
-    );
+    assert!(over.contains("overlaps the body at the start, 0.200 mean edges"), "{over}");
     // No sample of the skin is in it
     let within = refused(&obstacle([0.2; 3], [0.9; 3]), &options);
     assert!(within.contains("overlaps"), "{within}");
@@ -336,27 +287,9 @@ fn what_does_not_fit_is_refused() {
     open.triangles.pop();
     assert!(refused(&open, &options).contains("not closed"));
     for (bad, name) in [
-        (
-            ProjectionOptions {
-                clearance: f64::NAN,
-                ..options
-            },
-            "clearance",
-        ),
-        (
-            ProjectionOptions {
-                tolerance: 0.0,
-                ..options
-            },
-            "tolerance",
-        ),
-        (
-            ProjectionOptions {
-                radius: 0.5,
-                ..options
-            },
-            "radius",
-        ),
+        (ProjectionOptions { clearance: f64::NAN, ..options }, "clearance"),
+        (ProjectionOptions { tolerance: 0.0, ..options }, "tolerance"),
+        (ProjectionOptions { radius: 0.5, ..options }, "radius"),
         (ProjectionOptions { sweeps: 0, ..options }, "sweeps"),
     ] {
         assert!(refused(&o, &bad).contains(name));

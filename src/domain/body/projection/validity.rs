@@ -58,11 +58,7 @@ impl Corner {
 /// Moves the loose points of a corner by `part` of the way to the mean of `of` at the firm ones (of all, where none is).
 fn follow(corner: &Corner, firm: &[bool], of: &mut [Vector], part: f64) {
     let (fixed, loose): (Vec<usize>, Vec<usize>) = corner.points.iter().partition(|&&p| firm[p]);
-    let leading = if fixed.is_empty() {
-        &corner.points[..]
-    } else {
-        &fixed
-    };
+    let leading = if fixed.is_empty() { &corner.points[..] } else { &fixed };
     let mean: Vector =
         std::array::from_fn(|i| leading.iter().map(|&p| of[p][i]).sum::<f64>() / leading.len() as f64);
     for p in loose {
@@ -84,19 +80,12 @@ impl Corners {
                 });
                 let ends: Vec<usize> = ends.collect();
                 let [b, c, d] = ends[..] else { continue };
-                let mut one = Corner {
-                    cell: e,
-                    points: [corner as usize, b, c, d],
-                    rest: 0.0,
-                };
+                let mut one = Corner { cell: e, points: [corner as usize, b, c, d], rest: 0.0 };
                 one.rest = one.determinant(&body.positions);
                 corners.push(one);
             }
         }
-        Corners {
-            corners,
-            edges: body.edges.iter().map(|e| e.map(|p| p as usize)).collect(),
-        }
+        Corners { corners, edges: body.edges.iter().map(|e| e.map(|p| p as usize)).collect() }
     }
 
     /// Number of corners of cells that were valid at `before` and are not at `after`.
@@ -115,10 +104,8 @@ impl Corners {
     pub(super) fn untangle(&self, rest: &[Vector], displacement: &mut [Vector], held: &[bool]) -> usize {
         let tangled = |u: &[Vector], floor: f64| -> Vec<&Corner> {
             let now = super::sum(rest, u);
-            let found = self
-                .corners
-                .iter()
-                .filter(|c| c.rest.signum() * c.determinant(&now) < floor * c.rest.abs());
+            let found =
+                self.corners.iter().filter(|c| c.rest.signum() * c.determinant(&now) < floor * c.rest.abs());
             found.collect()
         };
         let mut found = tangled(displacement, 0.0);
@@ -135,11 +122,8 @@ impl Corners {
                 break;
             }
             if growth >= PATIENT {
-                let stiff: Vec<&Corner> = found
-                    .iter()
-                    .copied()
-                    .filter(|c| c.points.iter().any(|&p| firm[p]))
-                    .collect();
+                let stiff: Vec<&Corner> =
+                    found.iter().copied().filter(|c| c.points.iter().any(|&p| firm[p])).collect();
                 for corner in stiff {
                     follow(corner, &firm, displacement, 1.0);
                     corner.points.iter().for_each(|&p| firm[p] = true);
@@ -180,10 +164,7 @@ impl Corners {
     pub(super) fn ease(&self, before: &[Vector], correction: &mut [Vector], firm: &[bool]) {
         for _ in 0..EASING {
             let after = super::sum(before, correction);
-            let spoiled = self
-                .corners
-                .iter()
-                .filter(|c| c.is_spoiled(before, &after, FLOOR));
+            let spoiled = self.corners.iter().filter(|c| c.is_spoiled(before, &after, FLOOR));
             let spoiled: Vec<&Corner> = spoiled.collect();
             if spoiled.is_empty() {
                 break;
@@ -237,8 +218,7 @@ mod tests {
     use m4gn_samples::bodies as sample;
 
     fn volumes(body: &Body, u: &[Vector]) -> Vec<f64> {
-        body.elements
-            .measures(&crate::body::projection::sum(&body.positions, u))
+        body.elements.measures(&crate::body::projection::sum(&body.positions, u))
     }
 
     /// A block stretched by a tenth, of which one point inside was thrown over two cells, and one of the held ones stays: all cells
@@ -247,11 +227,7 @@ mod tests {
     fn a_thrown_point_comes_back() {
         let mut body = sample::block([8, 8, 8], [8.0; 3]);
         for (x, kind) in body.positions.iter().zip(&mut body.types) {
-            *kind = if x[2] == 0.0 {
-                NodeType::Handle
-            } else {
-                NodeType::Body
-            };
+            *kind = if x[2] == 0.0 { NodeType::Handle } else { NodeType::Body };
         }
         let held: Vec<bool> = body.types.iter().map(|t| *t != NodeType::Body).collect();
         let stretched: Vec<Vector> = body.positions.iter().map(|x| [0.0, 0.0, 0.1 * x[2]]).collect();
@@ -279,15 +255,8 @@ mod tests {
     #[test]
     fn cells_beside_a_held_line_come_back() {
         let body = sample::block([10, 10, 3], [10.0, 10.0, 3.0]);
-        let held: Vec<bool> = body
-            .positions
-            .iter()
-            .map(|x| x[0] == 0.0 && x[1] == 0.0)
-            .collect();
-        let mut u: Vec<Vector> = held
-            .iter()
-            .map(|h| if *h { [0.0; 3] } else { [-2.0, -2.0, 0.0] })
-            .collect();
+        let held: Vec<bool> = body.positions.iter().map(|x| x[0] == 0.0 && x[1] == 0.0).collect();
+        let mut u: Vec<Vector> = held.iter().map(|h| if *h { [0.0; 3] } else { [-2.0, -2.0, 0.0] }).collect();
         assert!(volumes(&body, &u).iter().any(|v| *v < 0.0));
         assert!(Corners::new(&body).untangle(&body.positions, &mut u, &held) > 0);
         let least = volumes(&body, &u).into_iter().fold(f64::INFINITY, f64::min);

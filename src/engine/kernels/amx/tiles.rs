@@ -48,10 +48,7 @@ impl Tiles {
                 asm!("ldtilecfg [{}]", in(reg) &raw const SHAPES, options(nostack, readonly, preserves_flags));
             }
         }
-        Tiles {
-            owner,
-            thread: std::marker::PhantomData,
-        }
+        Tiles { owner, thread: std::marker::PhantomData }
     }
 }
 
