@@ -5,6 +5,7 @@
 #include "m4gnHandOver.H"
 #include "fvcDiv.H"
 #include "IOMRFZoneList.H"
+#include "OSspecific.H"
 #include "surfaceFields.H"
 #include "volFields.H"
 
@@ -169,6 +170,26 @@ TEST(aComputedPressureIsNotHandedOver)
         m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi").find("give p p_rgh;") != std::string::npos
     );
     EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p_rgh"}, "U", "p_rgh", "phi"), "");
+}
+
+TEST(fieldsWithWallFunctionsAreNotHandedOver)
+{
+    EXPECT(dlOpen("libturbulenceModels.so"));
+    channel c(2, 1, "fixedValue");
+    const dimensionedScalar zero(inv(dimTime), Zero);
+    const wordList walls
+    (
+        {"zeroGradient", "zeroGradient", "omegaWallFunction", "omegaWallFunction", "empty", "empty"}
+    );
+    const volScalarField omega(c.io("omega"), *c.mesh, zero, walls);
+    EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi"), "");
+    EXPECT
+    (
+        m4gn::notHandedOver(*c.mesh, {"U", "omega"}, "U", "p", "phi").find
+        (
+            "the field omega has the condition omegaWallFunction at the patch"
+        ) == 0
+    );
 }
 
 TEST(sourcesAreNamed)
