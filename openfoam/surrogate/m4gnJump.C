@@ -60,6 +60,28 @@ public:
         }
     }
 
+    //- Times are written at the run's start plus multiples of the write
+    //  interval. A run that is carried on between two of them, where a stride
+    //  ended, goes on with those of the run before: they began at `from`.
+    static void carryOn(Time& time, const scalar from)
+    {
+        const auto control = time.*(&clockwork::writeControl_);
+
+        if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime)
+        {
+            const scalar interval = time.*(&clockwork::writeInterval_);
+            const scalar passed = (time.value() - from)/interval;
+            const scalar last = from + std::floor(passed + 1e-6)*interval;
+
+            if (time.value() - last > 1e-6*interval)
+            {
+                time.*(&clockwork::startTime_) = last;
+                const scalar since = time.value() - last + 0.5*time.deltaTValue();
+                time.*(&clockwork::writeTimeIndex_) = label(since/interval);
+            }
+        }
+    }
+
     //- Does deltaT differ from controlDict's, so that an edited one is not
     //  heeded?
     static bool& changed(Time& time)
@@ -125,6 +147,11 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
             runAt(list[i], time_, deltaT);
         }
     }
+}
+
+void Foam::m4gnJump::carryOnWriting(Time& time, const scalar from)
+{
+    clockwork::carryOn(time, from);
 }
 
 Foam::m4gnJump::m4gnJump

@@ -24,6 +24,9 @@ namespace functionObjects
 
 bool Foam::functionObjects::m4gnSurrogate::jumping_ = false;
 
+//- Property that is kept for a restart: the time that write times count from
+static const Foam::word writesFrom("writesFrom");
+
 void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
     const word other(m4gnReplacer::before(replaces_ ? VGREAT : timeEnd_, this));
@@ -76,6 +79,7 @@ void Foam::functionObjects::m4gnSurrogate::load()
     if (replaces_)
     {
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, std::move(state)));
+        setProperty(writesFrom, time_.startTime().value());
     }
 }
 
@@ -141,6 +145,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         }
     }
     dict_.set("nodeTypes", types);
+    const scalar from = getProperty<scalar>(writesFrom, time_.startTime().value());
     load();
 
     m4gn_ride_answer answer{};
@@ -152,6 +157,11 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     {
         // Time was written with the surrogate's
         const_cast<Time&>(time_).setDeltaT(answer.delta_t, false);
+    }
+    if (replaces_)
+    {
+        m4gnJump::carryOnWriting(const_cast<Time&>(time_), from);
+        setProperty(writesFrom, time_.startTime().value());
     }
     follow(answer);
     jump();
