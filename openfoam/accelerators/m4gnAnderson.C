@@ -2,7 +2,7 @@
 
 #include "m4gnAnderson.H"
 #include "addToRunTimeSelectionTable.H"
-#include "clockTime.H"
+#include "m4gnClock.H"
 #include "m4gnRun.H"
 #include "m4gnDictionary.H"
 #include "pointFields.H"
@@ -121,7 +121,7 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
         return;
     }
 
-    const clockTime timer;
+    const m4gnClock timer;
     label nCorrectors = 0;
     {
         const nextStep next(const_cast<Time&>(time_));
@@ -138,7 +138,7 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
 
         nCorrectors = law_->step();
     }
-    seconds_ += timer.elapsedTime();
+    seconds_ += timer.elapsed();
 
     if (nCorrectors < 0)
     {

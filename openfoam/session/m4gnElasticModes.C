@@ -6,7 +6,7 @@
 #include "m4gnElasticBody.H"
 #include "m4gnNodeTypes.H"
 #include "Time.H"
-#include "clockTime.H"
+#include "m4gnClock.H"
 #include <memory>
 
 namespace Foam
@@ -43,7 +43,7 @@ Foam::m4gnElasticModes::m4gnElasticModes
     eigenvalues_(),
     cells_()
 {
-    clockTime timer;
+    m4gnClock timer;
 
     m4gn::endWith(mesh.time());
 
@@ -129,7 +129,7 @@ Foam::m4gnElasticModes::m4gnElasticModes
     }
 
     Info<< "m4gn: " << n << " modes of the elastic body in "
-        << timer.elapsedTime() << " s" << endl;
+        << timer.elapsed() << " s" << endl;
 }
 
 Foam::wordList Foam::m4gnElasticModes::keys()

@@ -11,7 +11,7 @@
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
 #include "m4gnRun.H"
-#include "clockTime.H"
+#include "m4gnClock.H"
 #include "OSspecific.H"
 #include "Time.H"
 #include <sstream>
@@ -209,7 +209,7 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
     outOfRange_(dict.getOrDefault<word>("outOfRange", "warn")),
     compared_(false)
 {
-    clockTime timer;
+    m4gnClock timer;
 
     m4gn::checkAbi();
     m4gn::endWith(mesh.time());
@@ -250,7 +250,7 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
         m4gn::writeSegments(mesh, segments(), m4gn_session_segment_record(session_));
     }
 
-    setupSeconds_ = timer.elapsedTime();
+    setupSeconds_ = timer.elapsed();
 
     // Mesh and solid before the run waits for timeStart
     compare();

@@ -3,7 +3,7 @@
 #include "m4gnJump.H"
 #include "m4gnOthers.H"
 #include "m4gnTimeStep.H"
-#include "clockTime.H"
+#include "m4gnClock.H"
 #include "functionObjectList.H"
 #include "Time.H"
 #include "timeControlFunctionObject.H"
@@ -182,21 +182,21 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer)
 
     {
         const m4gnTimeStep::held solverStep(mesh_, ride_.fields());
-        clockTime timer;
+        m4gnClock timer;
         scalar surrogate = 0, handOver = 0;
         const m4gnReplacer::state before(last_);
         last_ = {last_.timeIndex, false, deltaT};
 
         const auto complete = [&](const bool last)
         {
-            timer.timeIncrement();
+            timer.increment();
             state_->complete(deltaT, last);
             if (last)
             {
                 state_->beforeStep(0);
             }
             last_.handedOver = last;
-            handOver += timer.timeIncrement();
+            handOver += timer.increment();
         };
         const auto told = [&]()
         {
@@ -206,7 +206,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer)
 
         while (answer.action == M4GN_RIDE_STRIDE)
         {
-            timer.timeIncrement();
+            timer.increment();
             state_->beforeStride();
             answer = ride_.stride(predicted_);
             if (answer.action != M4GN_RIDE_ADVANCE)
@@ -218,7 +218,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer)
             last_.timeIndex = time_.timeIndex();
             last_.handedOver = false;
             clockwork::passed(time_, answer.solver_steps);
-            surrogate += timer.timeIncrement();
+            surrogate += timer.increment();
 
             answer = ride_.advanced();
             // Strides that are left: the run is stopped, and one that is
