@@ -447,7 +447,9 @@ typedef struct m4gn_ride_array
     int32_t solved;             /* components that are solved of a field at cells, 1 to components: it is measured, and advanced; 0: the
                                    array is carried along (fluxes, boundary values) */
     int32_t positive;           /* not 0: predictions are not below the least value of the run's states */
-    const double* weights;      /* [n/components] volumes of the cells where it is measured, else NULL */
+    int32_t fitted;             /* not 0, of a field that is solved: the fit is made of it, as of all fields with an equation in time;
+                                   0: it is carried along and measured (an incompressible pressure, with the noise of its tolerance) */
+    const double* weights;      /* [n/components] volumes of the cells where the fit is made of it, else NULL */
 } m4gn_ride_array;
 
 /* Collective. A ride of a surrogate that is fitted to the run's own states (higher-order dynamic mode decomposition). The settings are

@@ -31,6 +31,19 @@ scalar* numbers(Field<Type>& values)
     return reinterpret_cast<scalar*>(values.data());
 }
 
+//- Has the solver an equation in time for a field of cells? Pressure and viscosity follow from others, with the noise of the tolerance that
+//  they are solved to: the fit is made of those that evolve, and carries the rest.
+struct evolving
+{
+    bool found;
+
+    template<class Type, template<class> class Patch, class Mesh>
+    void operator()(GeometricField<Type, Patch, Mesh>& field)
+    {
+        found = found || (std::is_same<Mesh, volMesh>::value && field.nOldTimes());
+    }
+};
+
 //- What the arrays are
 struct describe
 {
@@ -38,8 +51,12 @@ struct describe
     std::vector<m4gn_ride_array>& layout;
     const scalarField& volumes;
     const label solvedDirections;
+    const bool evolve;
 
-    void add(const std::string& name, const label n, const label components, const label solved)
+    void add
+    (
+        const std::string& name, const label n, const label components, const label solved, const bool fitted
+    )
     {
         names.push_back(name);
         m4gn_ride_array array{};
@@ -47,7 +64,8 @@ struct describe
         array.components = components;
         array.solved = solved;
         array.positive = positive().found(name);
-        array.weights = solved ? volumes.cdata() : nullptr;
+        array.fitted = solved && fitted;
+        array.weights = array.fitted ? volumes.cdata() : nullptr;
         layout.push_back(array);
     }
 
@@ -56,13 +74,14 @@ struct describe
     {
         const label n = pTraits<Type>::nComponents;
         const bool measured = std::is_same<Mesh, volMesh>::value && (n == 1 || n == 3);
-        add(field.name(), field.primitiveField().size(), n, !measured ? 0 : n == 1 ? 1 : solvedDirections);
+        const label solved = !measured ? 0 : n == 1 ? 1 : solvedDirections;
+        add(field.name(), field.primitiveField().size(), n, solved, !evolve || field.nOldTimes());
         label faces = 0;
         for (const auto& patch : field.boundaryField())
         {
             faces += patch.size();
         }
-        add(field.name() + ".boundary", faces, n, 0);
+        add(field.name() + ".boundary", faces, n, 0, false);
     }
 };
 
@@ -181,7 +200,9 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     {
         solved += mesh.solutionD()[d] > 0;
     }
-    describe describing{names_, layout_, volumes_, solved};
+    evolving asked{false};
+    each(asked);
+    describe describing{names_, layout_, volumes_, solved, asked.found};
     each(describing);
 
     bool measured = false;

@@ -16,6 +16,7 @@ pub struct ArrayData {
     pub components: i32,
     pub solved: i32,
     pub positive: i32,
+    pub fitted: i32,
     pub weights: *const f64,
 }
 
@@ -37,8 +38,10 @@ pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<(Vec<Fie
             let solved = count("solved", given.solved.into())?;
             let mut weight = Weight::Carried;
             if solved > 0 {
-                let items = len / components.max(1);
-                weight = Weight::Items(raw::slice("arrays.weights", given.weights, items)?.to_vec());
+                if given.fitted != 0 {
+                    let items = len / components.max(1);
+                    weight = Weight::Items(raw::slice("arrays.weights", given.weights, items)?.to_vec());
+                }
                 advanced.push(Advanced { name: name.clone(), components, solved });
             }
             fields.push(Field { name, len, components, weight, positive: given.positive != 0 });

@@ -17,6 +17,12 @@ use std::path::PathBuf;
 /// Strides of the solver that an interval has where nothing is said.
 const STEPS: f64 = 25.0;
 
+/// Tries before a fit that must not have been much worse, for it to be taken as what can be had.
+const WAITED: usize = 3;
+
+/// Errors fall where a try's is below this times an earlier one's.
+const FALLS: f64 = 0.7;
+
 /// Settings of a linear surrogate in a run. All have defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -25,6 +31,8 @@ pub struct LinearSettings {
     pub interval: Option<f64>,
     /// Largest error of the held-back tail, and of a stride after a jump, over what holding would be off by.
     pub tolerance: f64,
+    /// Error below which a fit is used at once; above it, within the tolerance, only once waiting does not better it.
+    pub enough: f64,
     /// Strides of the first jump of a fit.
     pub first: usize,
     /// How much longer the next jump may be.
@@ -57,12 +65,14 @@ impl Default for LinearSettings {
         LinearSettings {
             interval: None,
             tolerance: 0.025,
+            enough: 0.005,
             first: 10,
             growth: 1.5,
-            longest: 60,
+            longest: 200,
             every: 5,
             window: fit.window,
-            least: fit.least,
+            // The first states after a jump are not yet the solver's own
+            least: fit.window,
             tail: fit.tail,
             delays: fit.delays,
             ranks: fit.ranks,
@@ -94,6 +104,9 @@ impl LinearSettings {
         if !above(self.tolerance) {
             return bad(format!("tolerance {}: expected an error above 0, such as 0.025", self.tolerance));
         }
+        if !above(self.enough) {
+            return bad(format!("enough {}: expected an error above 0, such as 0.005", self.enough));
+        }
         if !(self.growth.is_finite() && self.growth >= 1.0) {
             return bad(format!("growth {}: expected at least 1", self.growth));
         }
@@ -123,6 +136,8 @@ struct Kept {
     trial: Option<(Combination, bool)>,
     /// Samples since the last try of a fit.
     tried: usize,
+    /// Errors of the tail in the last tries since a fit was dropped; last, of the fit in use.
+    errors: Vec<f64>,
 }
 
 /// A linear surrogate in a run.
@@ -190,7 +205,11 @@ impl Fitted {
         let (error, shape, n) = (fit.tail_error(), fit.dmd.shape, fit.numbers.len());
         let (tail, modes) = (self.settings.tail, if shape.growing { "kept" } else { "clipped" });
         let fields: Vec<String> = fit.tail.iter().map(|e| format!("{} {:.2e}", e.name, e.error)).collect();
-        let holds = error < tolerance;
+        let settled = error < self.settings.enough || settled(&self.kept.errors, error);
+        let surplus = (self.kept.errors.len() + 1).saturating_sub(WAITED);
+        self.kept.errors.drain(..surplus);
+        self.kept.errors.push(error);
+        let holds = error < tolerance && settled;
         if !holds {
             self.linear.forget();
         }
@@ -202,8 +221,18 @@ impl Fitted {
             shape.delays,
             shape.rank,
             fields.join(", "),
-            if holds { "it is used" } else { "the solver goes on" }
+            match (holds, settled) {
+                (true, _) => "it is used",
+                (_, true) => "the solver goes on",
+                _ => "the solver goes on while it gets better",
+            }
         )
+    }
+
+    /// Largest error of a stride beside the solver with the present fit: twice what the fit was used with.
+    fn limit(&self) -> f64 {
+        let used = self.kept.errors.last().map_or(0.0, |e| 2.0 * e);
+        used.max(self.settings.enough).min(self.settings.tolerance)
     }
 
     /// Compares the present sample with what was predicted of it. Says what came of it.
@@ -216,7 +245,8 @@ impl Fitted {
             "m4gn: time {}: a stride of the fit beside the solver was off by {error:.3} of what holding would be",
             step.name
         );
-        if error >= self.settings.tolerance {
+        if error >= self.limit() {
+            self.kept.errors.clear();
             self.linear.forget();
             said += "; the fit is dropped";
         } else if jumped {
@@ -225,6 +255,13 @@ impl Fitted {
         }
         said + "\n\n"
     }
+}
+
+/// Whether a fit with this error of the tail need not wait for a better one: the last tries were hardly worse. A wake that settles gives
+/// better fits with every period, while noise is the same in all.
+pub(crate) fn settled(tries: &[f64], error: f64) -> bool {
+    let last = tries.len().checked_sub(WAITED).map(|from| &tries[from..]);
+    last.is_some_and(|last| last.iter().all(|e| error > FALLS * e))
 }
 
 impl Surrogate for Fitted {

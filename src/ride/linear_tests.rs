@@ -1,5 +1,6 @@
 //! The linear surrogate in a ride: two waves that a fit knows exactly, and what happens where it does not.
 
+use crate::linear::settled;
 use crate::schedule::Step;
 use crate::{Action, Advanced, Fitted, Given, LinearSettings, Ride, RideSettings, Text};
 use m4gn_linear::Field as Array;
@@ -129,7 +130,7 @@ impl Host {
     }
 }
 
-const SETTINGS: &str = r#"{"mode": "replace", "surrogates": ["linear"], "linear": {"interval": 0.2, "first": 5, "growth": 2, "longest": 40}}"#;
+const SETTINGS: &str = r#"{"mode": "replace", "surrogates": ["linear"], "linear": {"interval": 0.2, "least": 24, "first": 5, "growth": 2, "longest": 40}}"#;
 
 fn largest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
@@ -239,4 +240,12 @@ fn settings_that_cannot_be_are_named() {
         let error = RideSettings::parse(text).unwrap_err().to_string();
         assert!(error.contains(words), "{text}: {error}");
     }
+}
+
+#[test]
+fn a_fit_waits_while_fits_get_better() {
+    assert!(!settled(&[], 0.01) && !settled(&[0.01, 0.01], 0.01), "too few tries to tell");
+    assert!(!settled(&[0.04, 0.02, 0.012], 0.01), "it still falls");
+    assert!(settled(&[0.011, 0.009, 0.013], 0.01), "noise");
+    assert!(settled(&[0.9, 0.011, 0.009, 0.013], 0.01), "what was long before does not count");
 }
