@@ -16,8 +16,8 @@ use std::path::Path;
 /// Model, case, digest of two steps, and the last of the predicted values for people.
 const EXPECTED: [(&str, &str, u64, f64); 10] = [
     ("beam", "cells", 0xf929_2ec3_f931_4d14, 0.06006156456125669),
-    ("cylinder-flow", "cells", 0x2e10_1e6b_c9e5_c4ea, -0.7605371475219727),
-    ("cylinder-flow", "groups", 0x6f52_5b73_3460_e344, -0.15268969535827637),
+    ("cylinder-flow", "cells", 0xa8fa_14aa_fa0e_516d, -0.7957298159599304),
+    ("cylinder-flow", "groups", 0xcb7c_c863_e12a_f8ee, -0.1545543074607849),
     ("pressed-beam", "cells", 0x7e6d_7eca_1512_bb22, 0.07002612828346325),
     ("pressed-rubber", "cells", 0x3859_ce91_ac07_5565, 0.44769463585948355),
     ("vibrating-points", "cells", 0x2069_fc77_8f6b_ba62, -1.438423991203308),
@@ -89,6 +89,11 @@ fn steps_of_cells(model: &Model, resolution: Resolution) -> Vec<f64> {
             ]
         })
         .collect();
+    // As in the recordings that the models were trained on, whose pressure has no level.
+    for (_, [_, boundary]) in spec.fields.iter().zip(&mut state).filter(|(f, _)| f.has_level()) {
+        let faces = boundary.iter_mut().zip(&mesh.boundary);
+        faces.filter(|(_, face)| face.kind == NodeType::Outlet).for_each(|(p, _)| *p = 0.0);
+    }
     let mut all = Vec::new();
     for _ in 0..2 {
         let before = state.clone();

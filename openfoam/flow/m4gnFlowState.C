@@ -4,6 +4,7 @@
 #include "m4gnDictionary.H"
 #include "m4gnHandOver.H"
 #include "m4gnSolverStateType.H"
+#include "findRefCell.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
 
 addM4gnSolverState(m4gnFlowState, flow)
@@ -20,6 +21,51 @@ Foam::volVectorField& Foam::m4gnFlowState::U() const
 Foam::surfaceScalarField& Foam::m4gnFlowState::phi() const
 {
     return mesh_.lookupObjectRef<surfaceScalarField>(phiName_);
+}
+
+Foam::scalar Foam::m4gnFlowState::heldLevel(const volScalarField& p) const
+{
+    const m4gn_mesh_data& nodes = session_.nodes().data();
+    scalar least = VGREAT;
+    scalar largest = -VGREAT;
+    label facei = 0;
+
+    for (const label patchi : session_.nodes().valuePatches())
+    {
+        const fvPatchScalarField& patch = p.boundaryField()[patchi];
+        forAll(patch, i)
+        {
+            if (patch.fixesValue() && nodes.boundary_type[facei] == M4GN_OUTLET)
+            {
+                least = min(least, patch[i]);
+                largest = max(largest, patch[i]);
+            }
+            ++facei;
+        }
+    }
+    reduce(least, minOp<scalar>());
+    reduce(largest, maxOp<scalar>());
+
+    return least <= largest ? 0.5*(least + largest) : 0;
+}
+
+void Foam::m4gnFlowState::setLevel(const scalar heldBefore) const
+{
+    volScalarField& p = mesh_.lookupObjectRef<volScalarField>(pName_);
+    scalar change = heldLevel(p) - heldBefore;
+
+    if (p.needReference())
+    {
+        label cell = -1;
+        scalar value = 0;
+        setRefCell(p, m4gnPressureEquation::algorithm(mesh_), cell, value);
+        change = value - getRefCellValue(p, cell);
+    }
+    if (change != 0)
+    {
+        p.primitiveFieldRef() += change;
+        p.correctBoundaryConditions();
+    }
 }
 
 void Foam::m4gnFlowState::checkCase() const
@@ -93,6 +139,9 @@ Foam::m4gnFlowState::m4gnFlowState
 
 void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scalar duration)
 {
+    const bool predictsP = session_.outputs().found(pName_);
+    const scalar held = predictsP ? heldLevel(mesh_.lookupObject<volScalarField>(pName_)) : 0;
+
     step(duration);
     completed_ = false;
 
@@ -131,6 +180,11 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scal
         }
 
         field.correctBoundaryConditions();
+    }
+
+    if (predictsP)
+    {
+        setLevel(held);
     }
 }
 

@@ -11,11 +11,7 @@
 #include "fvmDiv.H"
 #include "surfaceInterpolate.H"
 
-namespace
-{
-//- The controls of the solver's pressure equation: the dictionary of its
-//  algorithm in fvSolution
-const Foam::dictionary& algorithm(const Foam::fvMesh& mesh)
+const Foam::dictionary& Foam::m4gnPressureEquation::algorithm(const fvMesh& mesh)
 {
     for (const char* name : {"PISO", "PIMPLE", "SIMPLE"})
     {
@@ -24,9 +20,11 @@ const Foam::dictionary& algorithm(const Foam::fvMesh& mesh)
             return *found;
         }
     }
-    return Foam::dictionary::null;
+    return dictionary::null;
 }
 
+namespace
+{
 //- The viscosity's dictionary, if it has a constant one
 const Foam::dictionary* constantViscosity(const Foam::fvMesh& mesh)
 {

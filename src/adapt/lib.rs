@@ -22,6 +22,7 @@ pub use settings::{Layers, Method, Mode, Settings};
 
 use beside::Beside;
 use learner::{Knowledge, Learner};
+use m4gn_domain::cells::Levels;
 use m4gn_engine::backward::{Layout, Optimiser};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
@@ -42,6 +43,7 @@ pub struct Adaptation {
     learner: Learner,
     /// This rank's part of the mesh.
     mesh: Mesh,
+    levels: Levels,
     /// Node of the undecomposed mesh of each row that the ranks send.
     places: Vec<usize>,
     /// A round that goes on beside the run.
@@ -81,6 +83,7 @@ impl Adaptation {
         Ok(Adaptation {
             places: everywhere(&comm, &nodes).into_iter().map(|node| node as usize).collect(),
             mesh: mesh.clone(),
+            levels: Levels::new(mesh, &model.spec, &comm),
             learner: Learner {
                 threads,
                 spec: model.spec.clone(),
@@ -123,7 +126,8 @@ impl Adaptation {
             self.learner.window = window;
             return Ok(());
         }
-        let rows = self.comm.agree(self.rows(fields))?;
+        let mut rows = self.comm.agree(self.rows(fields))?;
+        self.levels.take_off(fields, &mut rows, &self.comm);
         let rows = everywhere(&self.comm, &rows);
         let width = self.learner.sample.width;
         let sample = Arc::get_mut(&mut self.learner.sample);

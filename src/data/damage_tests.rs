@@ -46,8 +46,8 @@ fn files_that_are_no_trajectories() {
     assert!(label.contains("face_owner[3] is 4"), "{label}");
     let kind = make(&|f| f.dataset("mesh/boundary_type").unwrap().write_raw(&[1, 2, 77]).unwrap());
     assert!(kind.contains("node type code 77"), "{kind}");
-    let frames = make(&|f| f.dataset("fields/p/cells").unwrap().resize((3, 4, 1)).unwrap());
-    assert!(frames.contains("/fields/p/cells") && frames.contains("[3, 4, 1]"), "{frames}");
+    let frames = make(&|f| f.dataset("fields/k/cells").unwrap().resize((3, 4, 1)).unwrap());
+    assert!(frames.contains("/fields/k/cells") && frames.contains("[3, 4, 1]"), "{frames}");
 }
 
 #[test]

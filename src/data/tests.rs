@@ -46,7 +46,7 @@ pub(super) fn square() -> Mesh {
 pub(super) fn fields() -> Vec<FieldMeta> {
     vec![
         FieldMeta { name: "U".into(), vector: true, dimensions: [0, 1, -1, 0, 0, 0, 0] },
-        FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] },
+        FieldMeta { name: "k".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] },
     ]
 }
 
@@ -85,7 +85,7 @@ fn the_mesh_says_how_large_its_cells_are() {
     assert_eq!((meta.vector, meta.dimensions), (false, [0, 1, 0, 0, 0, 0, 0]));
     let sizes: Vec<f32> = square().cell_sizes().iter().map(|&s| s as f32).collect();
     let read = trajectory.read_frames("cellSize", 0, 1, 2).unwrap();
-    let states = trajectory.states(&["p", "cellSize"]).unwrap();
+    let states = trajectory.states(&["k", "cellSize"]).unwrap();
     for (frame, of_mesh) in read.iter().enumerate() {
         assert_eq!(of_mesh.cells, sizes);
         let behind = square().boundary.iter().map(|b| sizes[b.owner as usize]).collect::<Vec<_>>();
@@ -123,13 +123,37 @@ fn what_is_written_is_read() {
     assert_eq!(trajectory.provenance()["seed"], 7);
     assert_eq!(trajectory.times(), [0, 1, 2, 3, 4].map(|i| 1.0 + 0.01 * f64::from(i)));
     assert_eq!(trajectory.read_frame("U", 3).unwrap(), frames(3)[0]);
-    let every_second = trajectory.read_frames("p", 0, 2, 3).unwrap();
+    let every_second = trajectory.read_frames("k", 0, 2, 3).unwrap();
     assert_eq!(every_second, [frames(0)[1].clone(), frames(2)[1].clone(), frames(4)[1].clone()]);
     assert_eq!(list(path.parent().unwrap()).unwrap(), std::slice::from_ref(&path));
     assert_eq!(list(&path).unwrap(), std::slice::from_ref(&path));
     // Only the file itself is there, of the size that HDF5 needs.
     assert_eq!(path.parent().unwrap().read_dir().unwrap().count(), 1);
     assert!(path.metadata().unwrap().len() < 64 << 10);
+}
+
+/// 1e4 at the outlet, or in the mean of cells of one size.
+#[test]
+fn a_pressure_is_read_without_its_level() {
+    let folder = tempfile::tempdir().unwrap();
+    for (kind, expected) in
+        [(NodeType::Outlet, [-2.0, 0.0, 2.0, 4.0]), (NodeType::Wall, [-3.0, -1.0, 1.0, 3.0])]
+    {
+        let path = folder.path().join(format!("{}.h5", kind.name()));
+        let mut mesh = square();
+        mesh.boundary[2].kind = kind;
+        let p = FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] };
+        let mut writer =
+            Writer::create(&path, &mesh, &WriteOptions { fields: vec![p], ..options() }).unwrap();
+        let cells = vec![9998.0, 10000.0, 10002.0, 10004.0];
+        writer.append(0.0, &[Frame { cells, boundary: vec![9998.0, 10002.0, 10000.0] }]).unwrap();
+        writer.finish().unwrap();
+        let read = Trajectory::open(&path).unwrap();
+        assert_eq!(read.read_frame("p", 0).unwrap().cells, expected);
+        let (states, _) = read.states(&["p"]).unwrap().read(0).unwrap();
+        assert_eq!(states[0].cells, expected);
+        assert_eq!(states[0].boundary[1] - states[0].boundary[0], 4.0);
+    }
 }
 
 #[test]
@@ -154,14 +178,14 @@ fn a_frame_that_is_not_there() {
     assert!(trajectory.read_frame("U", 2).unwrap_err().to_string().contains("2 frames"));
     assert!(trajectory.read_frames("U", 1, usize::MAX, 3).is_err());
     // Of a file that was opened once as of one that is opened for each read.
-    let states = trajectory.states(&["p", "U"]).unwrap();
+    let states = trajectory.states(&["k", "U"]).unwrap();
     let last = trajectory.times().len() - 1;
-    let expected = ["p", "U"].map(|name| trajectory.read_frame(name, last).unwrap());
+    let expected = ["k", "U"].map(|name| trajectory.read_frame(name, last).unwrap());
     assert_eq!(states.read(last).unwrap(), (expected.to_vec(), vec![]));
     let message = states.read(last + 1).unwrap_err().to_string();
     assert!(message.contains("the trajectory has"), "{message}");
-    assert!(trajectory.states(&["p", "T"]).is_err());
-    assert!(trajectory.read_frame("T", 0).unwrap_err().to_string().contains("recorded are U, p"));
+    assert!(trajectory.states(&["k", "T"]).is_err());
+    assert!(trajectory.read_frame("T", 0).unwrap_err().to_string().contains("recorded are U, k"));
 }
 
 #[test]

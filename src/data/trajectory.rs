@@ -3,7 +3,9 @@
 use super::schema::{FieldMeta, Frame, Split, h5_error};
 use super::source::{Source, open_file};
 use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{CELL_SIZE, Error, Mesh, NodeType, Result};
+use m4gn_model::{Level, has_level};
 use std::path::{Path, PathBuf};
 
 /// Name of the field of a fluid's kinematic viscosity (m^2/s), and of its entry in the provenance, where it is the same everywhere.
@@ -17,6 +19,8 @@ fn scalar(name: &str, dimensions: [i32; 7]) -> FieldMeta {
 pub(super) enum Values {
     /// At cells or points, and on the boundary, where there are any.
     Recorded([Option<hdf5::Dataset>; 2]),
+    /// The same of a pressure, whose level is taken off.
+    Levelled([Option<hdf5::Dataset>; 2], Level),
     /// The same at all times: what the mesh or the provenance says.
     Implied(Frame),
 }
@@ -29,6 +33,11 @@ impl Values {
         match self {
             Values::Recorded([cells, boundary]) => {
                 Ok(Frame { cells: rows(cells)?, boundary: rows(boundary)? })
+            }
+            Values::Levelled([cells, boundary], level) => {
+                let mut frame = Frame { cells: rows(cells)?, boundary: rows(boundary)? };
+                level.take_off(&mut frame.cells, &mut frame.boundary);
+                Ok(frame)
             }
             Values::Implied(values) => Ok(values.clone()),
         }
@@ -176,7 +185,7 @@ impl Trajectory {
         })
     }
 
-    /// Values of one field at one frame.
+    /// Values of one field at one frame; of a kinematic pressure without its level ([`Level`]).
     ///
     /// # Errors
     /// [`Error::Input`] for a frame that is not there; [`Error::File`] for a damaged or vanished file.
@@ -242,10 +251,15 @@ impl Trajectory {
             let opened = (rows > 0).then(|| source.frames(file, &name, shape));
             opened.transpose()
         };
-        Ok(Values::Recorded([
+        let values = [
             open(format!("fields/{}/cells", field.name), self.mesh.cell_global.len())?,
             open(format!("fields/{}/boundary", field.name), self.mesh.boundary.len())?,
-        ]))
+        ];
+        let levelled = self.body.is_none() && has_level(&field.name, field.vector, field.dimensions);
+        Ok(match levelled {
+            true => Values::Levelled(values, Level::new(&self.mesh, &Comm::serial())),
+            false => Values::Recorded(values),
+        })
     }
 
     fn implied_values(&self, name: &str) -> Frame {

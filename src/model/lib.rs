@@ -4,6 +4,7 @@ mod architecture;
 mod calibration;
 mod check;
 mod file;
+mod level;
 pub mod modal;
 mod precision;
 mod resolution;
@@ -22,6 +23,7 @@ pub mod sample;
 
 pub use architecture::{Activation, Architecture, ArchitectureKeys, Kind, KindName, M4gn, MacroSpec, Needs};
 pub use calibration::{Calibration, Growth, RolloutErrors};
+pub use level::{Level, has_level};
 pub use precision::Precision;
 pub use resolution::Resolution;
 pub use segmentation::{ModalOperator, SegmentEntries, SegmentMethod, SegmentSpec};

@@ -3,7 +3,7 @@
 use super::*;
 use m4gn_mesh::Error;
 use m4gn_mesh::{Mesh, NodeType};
-use m4gn_model::{FieldSpec, Kind, Model, ModelSpec, Output, SegmentEntries};
+use m4gn_model::{FieldSpec, Kind, Level, Model, ModelSpec, Output, SegmentEntries};
 use m4gn_samples::mesh as sample;
 use m4gn_samples::model::spec;
 
@@ -67,15 +67,35 @@ fn changes_are_added_and_values_replace() {
     let state = state(&s);
     let (done, u, p) = step(&mut s, &state);
     done.unwrap();
+    let level = Level::new(&sample::triangles(8, 6, 1.6, 0.41), &s.comm);
+    let level = level.of(&state.p, &state.p_boundary, &s.comm);
     for cell in 0..s.n_cells() {
         let y = &s.stepper.outputs()[3 * cell..3 * cell + 3];
         assert_eq!(u[3 * cell], state.u[3 * cell] + y[0] as f64);
         assert_eq!(u[3 * cell + 1], state.u[3 * cell + 1] + y[1] as f64);
         assert_eq!(u[3 * cell + 2], 7.0, "a component that is not solved was touched");
-        assert_eq!(p[cell], y[2] as f64);
+        assert_eq!(p[cell], level + y[2] as f64);
     }
     assert_eq!(s.n_segments(), 4);
     assert!(s.cell_segment().iter().all(|k| (0..4).contains(k)));
+}
+
+#[test]
+fn a_level_of_the_pressure_goes_through_and_changes_nothing_else() {
+    for output in [Output::Value, Output::Delta] {
+        let mut spec = spec();
+        spec.fields[1].output = output;
+        let mut s = session_of(spec, &SessionOptions::default());
+        let mut state = state(&s);
+        let (done, u, p) = step(&mut s, &state);
+        done.unwrap();
+        state.p.iter_mut().chain(&mut state.p_boundary).for_each(|p| *p += 1e4);
+        let (done, raised_u, raised_p) = step(&mut s, &state);
+        done.unwrap();
+        let near = |a: &[f64], b: &[f64], by: f64| a.iter().zip(b).all(|(a, b)| (b - a - by).abs() < 1e-5);
+        assert!(near(&u, &raised_u, 0.0) && near(&p, &raised_p, 1e4));
+        assert!(s.outside().is_empty());
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Fields by name into states, and the network's outputs into fields.
 
-use super::Cells;
 use super::groups::OnGroups;
+use super::{Cells, Levels};
 use crate::boundary::faces_seen_as_their_cells;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
@@ -23,6 +23,7 @@ pub struct CellsHost {
     read_from_cells: Vec<(usize, usize)>,
     /// The way to the groups that the network lives on, where these are not the cells.
     groups: Option<OnGroups>,
+    levels: Levels,
     /// All components of the fields `[(n_cells + n_boundary) x components]`; zero where the model does not read them.
     state: Vec<f32>,
 }
@@ -74,6 +75,7 @@ impl CellsHost {
                 n_boundary: mesh.boundary.len(),
                 read_from_cells: faces_seen_as_their_cells(mesh),
                 groups,
+                levels: Levels::new(mesh, spec, comm),
                 state: vec![0.0; size],
             }),
             structure,
@@ -143,7 +145,13 @@ impl CellsHost {
     }
 
     /// Fields at the new time from the network's outputs and the fields of now.
-    fn scatter(&self, outputs: &[f32], fields: &[Field], result: &mut [f64]) -> Result<()> {
+    fn scatter(
+        &self,
+        outputs: &[f32],
+        fields: &[Field],
+        levels: &[(&str, f64)],
+        result: &mut [f64],
+    ) -> Result<()> {
         let m = self.spec.n_outputs();
         let mut column = 0;
         for spec in self.spec.fields.iter().filter(|f| f.output != Output::None) {
@@ -152,10 +160,14 @@ impl CellsHost {
                 Output::Delta => fields.iter().find(|f| f.name == spec.name),
                 _ => None,
             };
+            let level = match spec.output {
+                Output::Value => levels.iter().find(|l| l.0 == spec.name).map_or(0.0, |l| l.1),
+                _ => 0.0,
+            };
             for (i, &d) in directions.iter().enumerate() {
                 let rows = result.chunks_exact_mut(m).zip(outputs.chunks_exact(m));
                 for (cell, (result, output)) in rows.enumerate() {
-                    let before = old.map_or(0.0, |f| f.cells[cell * f.components + d]);
+                    let before = old.map_or(level, |f| f.cells[cell * f.components + d]);
                     let after = before + f64::from(output[column + i]);
                     if !after.is_finite() {
                         return Err(Error::Numerical(format!(
@@ -189,13 +201,14 @@ impl Host for CellsHost {
     ) -> Result<()> {
         let gathered = checked.and_then(|()| self.gather(fields));
         comm.agree(gathered)?;
+        let levels = self.levels.take_off(fields, &mut self.state, comm);
         let done = match &mut self.groups {
             Some(groups) => groups
                 .predict(comm, network, &self.domain, &self.state)
-                .and_then(|outputs| self.scatter(&outputs, fields, result)),
+                .and_then(|outputs| self.scatter(&outputs, fields, &levels, result)),
             None => network
                 .predict(comm, &self.domain, &mut self.state, &[])
-                .and_then(|outputs| self.scatter(outputs, fields, result)),
+                .and_then(|outputs| self.scatter(outputs, fields, &levels, result)),
         };
         comm.agree(done)
     }

@@ -2,8 +2,10 @@
 
 mod groups;
 mod host;
+mod levels;
 
 pub use host::CellsHost;
+pub use levels::Levels;
 
 use crate::{Boundary, Components, Domain, Place};
 use m4gn_mesh::parallel::Comm;
