@@ -96,6 +96,18 @@ fn validation(rows: &[Row], t: &TrainingConfig) -> Option<String> {
     })
 }
 
+/// What is said where the time has run out, with what of the schedule was not come to.
+pub(super) fn stopped(t: &TrainingConfig, step: u64) -> String {
+    let unreached = TrainingConfig { steps: step, ..t.clone() }.unreached();
+    match unreached.is_empty() {
+        true => format!("stopped at step {step}: max_minutes reached"),
+        false => format!(
+            "stopped at step {step}: max_minutes reached; {}: --resume with more minutes, or a schedule of {step} steps",
+            unreached.join("; ")
+        ),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::journal::Validation;
@@ -182,5 +194,13 @@ mod tests {
         assert!(said[0].1.contains("that of step 200"), "{said:?}");
         // One of five is as good.
         assert_eq!(told(&scores(&[0.5, 0.6, 0.6, 0.54, 0.6, 0.6]), &settings()), []);
+    }
+
+    #[test]
+    fn time_that_runs_out_before_the_schedule_is_told() {
+        let t =
+            TrainingConfig { steps: 1000, decay_steps: 1000, unroll: vec![], ..TrainingConfig::default() };
+        assert!(stopped(&t, 400).contains("the decay of the learning rate ends at step 1000"));
+        assert_eq!(stopped(&t, 1000), "stopped at step 1000: max_minutes reached");
     }
 }

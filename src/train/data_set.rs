@@ -5,6 +5,7 @@ use super::memory;
 use super::recorded::read_within;
 use super::report::Report;
 use super::widen;
+use super::worth;
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
 use m4gn_domain::Kind;
@@ -13,7 +14,7 @@ use m4gn_learn::inputs;
 use m4gn_learn::samples::Sample;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
+use m4gn_model::{ContactSpec, Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -30,11 +31,9 @@ pub(super) fn load(
     let paths = dataset::list(folder)?;
     let mut train: Vec<Trajectory> = Vec::new();
     let mut valid = Vec::new();
-    let mut types = Vec::new();
     for path in paths {
         let trajectory = Trajectory::open(&path)?;
         check_kind(&trajectory, config)?;
-        types.extend(trajectory.node_types());
         match trajectory.split() {
             Split::Train => train.push(trajectory),
             Split::Valid if valid.len() < config.training.validation_rollouts => valid.push(trajectory),
@@ -48,6 +47,11 @@ pub(super) fn load(
         ));
     };
     let mut spec = describe(config, first)?;
+    let frames = frames_a_step(first.times(), spec.stride, first.path())?;
+    let needed = 1 + frames * config.training.longest_unroll();
+    // As the last stretch of a hybrid run may be.
+    let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
+    let types: Vec<NodeType> = train.iter().filter(|t| !short(t)).flat_map(Trajectory::node_types).collect();
     spec.node_types = NodeType::ALL.into_iter().filter(|t| types.contains(t)).collect();
     if let Some(model) = from {
         carry_on(&mut spec, model)?;
@@ -76,8 +80,6 @@ pub(super) fn load(
     // Now, not when a model is exported, hours later.
     spec.check()?;
     check_memory(&spec)?;
-    let frames = frames_a_step(first.times(), spec.stride, first.path())?;
-    let needed = 1 + frames * config.training.longest_unroll();
     for trajectory in train.iter().chain(&valid) {
         check(trajectory, &spec, frames)?;
     }
@@ -86,8 +88,6 @@ pub(super) fn load(
         let name = name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         format!("{name} {}", trajectory.times().len())
     };
-    // As the last stretch of a hybrid run may be.
-    let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
     let left_out: Vec<String> = train.iter().chain(&valid).filter(|t| short(t)).map(described).collect();
     train.retain(|t| !short(t));
     valid.retain(|t| !short(t));
@@ -102,6 +102,7 @@ pub(super) fn load(
         }
         report.line(&format!("note: trajectories left out: {note}"));
     }
+    valid.iter().try_for_each(|trajectory| check_types(trajectory, &spec))?;
     let names: Vec<String> = train.iter().chain(&valid).map(described).collect();
     let total = train.len() + valid.len();
     report.begin_loading(total as u64);
@@ -134,6 +135,7 @@ pub(super) fn load(
     let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
     spec.trained_on = TrainedOn::over(&extents, spec.stride);
     let work = Workload { train, valid, frames_a_step: frames, names };
+    worth::notes(&work, &spec, &config.training)?.iter().for_each(|note| report.line(note));
     let (all, kept, streamed) = work.sizes();
     report.line(&match streamed {
         0 => format!("frames: {} in memory", memory::size(all)),
@@ -163,7 +165,7 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
     }
     spec.node_types = old.node_types.clone();
     if !inputs::follow(&old.fields, &spec.fields) {
-        let fields = |spec: &ModelSpec| format!("{:?}", spec.fields);
+        let fields = |spec: &ModelSpec| serde_json::json!(spec.fields).to_string();
         return Err(Error::Input(format!(
             "the model to start from has model.fields {}; configuration and data say {}: they must be the same; only inputs that are \
              not predicted may follow",
@@ -173,9 +175,10 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
     }
     if widen::factor(&old.architecture, &spec.architecture).is_none() {
         return Err(Error::Input(format!(
-            "the model to start from has [model] and [macro] {:?}; configuration and data say {:?}: they must be the same; only width \
+            "the model to start from has [model] and [macro] {}; configuration and data say {}: they must be the same; only width \
              and ffn_width may both be larger, the same whole number of times",
-            old.architecture, spec.architecture
+            serde_json::json!(old.architecture),
+            serde_json::json!(spec.architecture)
         )));
     }
     let pairs = [
@@ -188,7 +191,9 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
     match inputs::follow_contact(old.contact, spec.contact) {
         true => Ok(()),
         false => {
-            let text = |contact| format!("{contact:?}");
+            let text = |contact: Option<ContactSpec>| {
+                contact.map_or("none".into(), |c| serde_json::json!(c).to_string())
+            };
             Err(misfit("[contact]", text(old.contact), text(spec.contact)))
         }
     }
@@ -244,6 +249,22 @@ fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()>
         return Err(Error::file(path, "its frame interval differs from the first trajectory's"));
     }
     Ok(())
+}
+
+/// Whether training trajectories have all node types of one to validate on: what a model says of a type comes of weights that have met it.
+fn check_types(trajectory: &Trajectory, spec: &ModelSpec) -> Result<()> {
+    match trajectory.node_types().iter().find(|kind| !spec.node_types.contains(kind)) {
+        None => Ok(()),
+        Some(kind) => Err(Error::file(
+            trajectory.path(),
+            format!(
+                "has the node type {}, which no training trajectory has: expected {}; make it one of split `train`, or take it out of \
+                 the folder",
+                kind.name(),
+                spec.node_types.iter().map(|t| t.name()).collect::<Vec<_>>().join(", ")
+            ),
+        )),
+    }
 }
 
 /// What the data say about a model: dimensions, fields, and whose modes its segments are made of.

@@ -22,6 +22,7 @@ mod tests;
 mod trainer;
 mod validation;
 mod widen;
+mod worth;
 
 #[cfg(test)]
 extern crate self as m4gn_train;

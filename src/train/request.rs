@@ -64,11 +64,16 @@ impl Request {
         Ok(config)
     }
 
-    /// Refuses files for figures and page that could not be written, before anything is read.
+    /// Makes the folder of the model, checkpoint and log, and refuses files that could not be written, before anything is read.
     ///
     /// # Errors
     /// [`Error::File`] or [`Error::Input`] naming the file.
     pub fn check_outputs(&self) -> Result<()> {
+        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder)
+                .map_err(|e| Error::file(folder, format!("the folder of --out cannot be made: {e}")))?;
+        }
+        m4gn_mesh::files::check_writable(&self.out)?;
         if let Some(json) = &self.json {
             m4gn_mesh::files::check_writable(json)?;
         }

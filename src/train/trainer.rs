@@ -1,6 +1,6 @@
 //! The training loop: batches, updates, validation, checkpoints, log, interruption; the same for every backend.
 
-use super::advice::Advice;
+use super::advice::{self, Advice};
 use super::checkpoint::{self, Progress};
 use super::config::Config;
 use super::journal::{Journal, Row, Validation};
@@ -252,7 +252,7 @@ impl Trainer<'_> {
                 self.save()?;
             }
             if out_of_time {
-                report.line(&format!("stopped at step {step}: max_minutes reached"));
+                report.line(&advice::stopped(t, step));
                 break;
             }
         }

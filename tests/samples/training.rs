@@ -1,8 +1,7 @@
 //! Small synthetic trajectories and configurations, for tests.
 
 use m4gn_data::{FieldMeta, Frame, Split, WriteOptions, Writer};
-use m4gn_mesh::NodeType;
-use m4gn_mesh::Result;
+use m4gn_mesh::{Mesh, NodeType, Result};
 use m4gn_samples::mesh::{flow, triangles};
 use m4gn_train::Request;
 use std::path::Path;
@@ -24,7 +23,20 @@ pub fn write_data(folder: &Path, count: usize) -> Result<()> {
 /// # Errors
 /// As [`Writer`].
 pub fn write_trajectory(path: &Path, number: usize, split: Split, frames: usize) -> Result<()> {
-    let mesh = triangles(6, 4, 1.5, 1.0);
+    write_trajectory_on(path, &triangles(6, 4, 1.5, 1.0), number, split, frames)
+}
+
+/// The same on a mesh of 1.5 m x 1 m.
+///
+/// # Errors
+/// As [`Writer`].
+pub fn write_trajectory_on(
+    path: &Path,
+    mesh: &Mesh,
+    number: usize,
+    split: Split,
+    frames: usize,
+) -> Result<()> {
     let options = WriteOptions {
         fields: vec![
             FieldMeta { name: "U".into(), vector: true, dimensions: [0, 1, -1, 0, 0, 0, 0] },
@@ -34,7 +46,7 @@ pub fn write_trajectory(path: &Path, number: usize, split: Split, frames: usize)
         split,
         overwrite: false,
     };
-    let mut writer = Writer::create(path, &mesh, &options)?;
+    let mut writer = Writer::create(path, mesh, &options)?;
     for frame in 0..frames {
         let time = 0.01 * frame as f64;
         let flow = |x: [f64; 3]| flow(x, [0.3 + 0.1 * number as f64 + time, 0.5]);
