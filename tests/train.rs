@@ -190,6 +190,35 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     assert!(said.contains("checked on 6 of 3"), "{said}");
 }
 
+/// OpenBLAS spins for ever where it gets no address space for its buffers.
+#[test]
+fn a_limit_of_the_address_space_is_an_error_with_a_message() {
+    let folder = folder();
+    let mesh = m4gn_samples::mesh::triangles(12, 8, 1.5, 1.0);
+    let path = folder.path().join("data/003.h5");
+    sample::write_trajectory_on(&path, &mesh, 3, m4gn_data::Split::Train, 30).unwrap();
+    for kilobytes in [200_000, 300_000, 400_000, 500_000] {
+        let limited = format!("ulimit -v {kilobytes}; exec timeout -s KILL 60 \"$0\" \"$@\"");
+        let output = Command::new("bash")
+            .current_dir(folder.path())
+            .args([
+                "-c",
+                &limited,
+                env!("CARGO_BIN_EXE_m4gn"),
+                "train",
+                "--data",
+                "data",
+                "--config",
+                "config.toml",
+            ])
+            .args(["--out", "limited.safetensors"])
+            .output()
+            .unwrap();
+        let said = message(&output);
+        assert!(said.contains("003.h5") && said.contains("ulimit -v"), "{kilobytes}: {said}");
+    }
+}
+
 #[test]
 fn backends_and_devices_that_do_not_go_together_are_refused() {
     let folder = folder();

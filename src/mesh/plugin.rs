@@ -15,6 +15,10 @@ use std::ffi::{CStr, CString, OsString, c_char, c_void};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
+/// Address space that must be left where it is limited, bytes: the libraries that come along (OpenBLAS with a buffer for each thread, MPI)
+/// spin for ever or crash where they get none.
+const ROOM: u64 = 1 << 30;
+
 /// What is known of a library before it is loaded.
 #[derive(Clone, Copy, Debug)]
 pub struct Description {
@@ -101,6 +105,7 @@ impl Description {
     /// # Errors
     /// [`Error::File`] where it cannot be loaded or is of another version.
     pub fn load_from(&self, path: PathBuf) -> Result<Plugin> {
+        check_room(&path)?;
         let scope = if self.global { RTLD_GLOBAL } else { RTLD_LOCAL };
         // SAFETY: loading runs the initialisers of our own library, found where we install it, and of what it needs.
         let library = unsafe { Library::open(Some(&path), RTLD_NOW | scope) }
@@ -169,6 +174,33 @@ impl Plugin {
     }
 }
 
+/// Whether a limit of the address space (`ulimit -v`) leaves room for a library and what it brings.
+fn check_room(path: &Path) -> Result<()> {
+    let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
+    let limit = limit_of(&read("/proc/self/limits"));
+    let pages = read("/proc/self/statm").split(' ').next().and_then(|n| n.parse::<u64>().ok());
+    // Pages of 4 kB, the least that there are.
+    match (limit, pages.map(|n| 4096 * n)) {
+        (Some(limit), Some(taken)) if limit.saturating_sub(taken) < ROOM => Err(Error::file(
+            path,
+            format!(
+                "cannot be loaded: of the {} MB that this process may address (ulimit -v) {} MB are left, expected {} MB: raise \
+                 the limit",
+                limit >> 20,
+                limit.saturating_sub(taken) >> 20,
+                ROOM >> 20
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The limit of the address space in the text of `/proc/self/limits`, bytes; none where there is none.
+fn limit_of(limits: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
 /// # Safety
 /// `T` must be the function's type.
 unsafe fn symbol<T: Copy>(library: &Library, path: &Path, name: &str) -> Result<T> {
@@ -235,6 +267,16 @@ mod tests {
             assert_eq!(absolute(none.into()), None, "{none}");
         }
         assert!(places().iter().all(|p| p.is_absolute()));
+    }
+
+    #[test]
+    fn a_limit_of_the_address_space_is_read() {
+        let text = |soft: &str| {
+            format!("Limit  Soft  Hard  Units\nMax address space         {soft}   unlimited   bytes\n")
+        };
+        assert_eq!(limit_of(&text("409600000")), Some(409_600_000));
+        assert_eq!(limit_of(&text("unlimited")), None);
+        assert_eq!(limit_of(""), None);
     }
 
     #[test]

@@ -28,6 +28,9 @@ const PROBE: (f64, f64) = (1e-3, 1e-2);
 /// Residuals above this, relative to the terms of K x = lambda M x, are no solution.
 const RESIDUAL: f64 = 1e-3;
 
+/// How far below the spectrum, in largest entries of K over largest entries of M, K - sigma M is M alone but for its null space.
+const FAR: f64 = 1e10;
+
 /// How MUMPS says that a matrix is singular.
 const SINGULAR: &str = "INFOG(1)=-10";
 
@@ -35,7 +38,8 @@ const SINGULAR: &str = "INFOG(1)=-10";
 pub(crate) struct Matrices {
     pub(super) k: ManuallyDrop<Matrix>,
     pub(super) m: ManuallyDrop<Matrix>,
-    diagonal_mass: bool,
+    /// A number far below the spectrum; none where M is diagonal.
+    far: Option<f64>,
     /// On one rank: whether the entries of both lie symmetrically, zeros among them or not.
     pub(super) symmetric_pattern: bool,
     /// Unknowns and entries of K over all ranks.
@@ -51,6 +55,15 @@ impl Matrices {
         let quiet = Quiet::new();
         let mut sizes = [problem.stiffness.n() as i64, problem.stiffness.column.len() as i64];
         comm.sum_i64(&mut sizes);
+        let largest = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let far = match problem.mass {
+            Mass::Diagonal(_) => None,
+            Mass::Matrix(rows) => {
+                let mut sizes = [largest(problem.stiffness.value), largest(rows.value)];
+                comm.max_f64(&mut sizes);
+                Some(-FAR * if sizes[0] > 0.0 { sizes[0] / sizes[1] } else { 1.0 })
+            }
+        };
         let make = || {
             let k = Matrix::new(comm, problem.stiffness, problem.symmetric, problem.block)?;
             let m = match problem.mass {
@@ -60,7 +73,7 @@ impl Matrices {
             Ok(Matrices {
                 k: ManuallyDrop::new(k),
                 m: ManuallyDrop::new(m),
-                diagonal_mass: matches!(problem.mass, Mass::Diagonal(_)),
+                far,
                 symmetric_pattern: comm.size() == 1
                     && problem.stiffness.has_symmetric_pattern()
                     && match problem.mass {
@@ -79,9 +92,9 @@ impl Matrices {
 
     /// How M's entries lie beside those of K.
     pub(super) fn structure(&self) -> c::MatStructure {
-        match self.diagonal_mass {
-            true => c::MatStructure_SUBSET_NONZERO_PATTERN,
-            false => c::MatStructure_DIFFERENT_NONZERO_PATTERN,
+        match self.far {
+            None => c::MatStructure_SUBSET_NONZERO_PATTERN,
+            Some(_) => c::MatStructure_DIFFERENT_NONZERO_PATTERN,
         }
     }
 }
@@ -94,6 +107,17 @@ impl Drop for Matrices {
             ManuallyDrop::drop(&mut self.k);
             ManuallyDrop::drop(&mut self.m);
         }
+    }
+}
+
+/// Refuses a symmetric pair whose M, not diagonal, has a negative eigenvalue: the modes of least magnitude would be found all the same, and
+/// those below zero be missing. Collective.
+fn check_mass(matrices: &Matrices, request: &Call, method: Method) -> Result<()> {
+    let far = matrices.far.filter(|_| request.symmetric && method.factors());
+    let negative = far.map_or(Ok(0), |sigma| matrices.below(sigma))?;
+    match negative {
+        0 => Ok(()),
+        n => Err(m4gn_modes::negative_mass(&format!("it has {n} negative eigenvalues"))),
     }
 }
 
@@ -118,6 +142,7 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
         let mut options = comm.agree(Options::new(request.petsc))?;
         let mut run = || {
             options.defaults(method.defaults())?;
+            check_mass(matrices, request, method)?;
             let found = Search::new(comm, matrices, request, method).run()?;
             // The solver with its factor is gone by now.
             found.into_iter().map(|f| f.into_pair(comm, &matrices.m)).collect::<Result<Vec<_>>>()

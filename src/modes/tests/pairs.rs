@@ -250,11 +250,20 @@ fn indefinite_pairs_are_refused_at_any_size() {
         let negative = |k: Rows| problem(k, None);
         let mut mass = good();
         mass.mass = Mass::Diagonal((0..n).map(|i| if i % 7 == 0 { -1.0 } else { 1.0 }).collect());
+        let consistent =
+            |beside: f64| Problem { mass: Mass::Matrix(bands(n, [beside, 1.0, beside], &[1.0])), ..good() };
+        assert!(modes(&consistent(0.49), 4).is_ok(), "{n} rows");
         let inside = Problem { shift: Some(1.01), ..good() };
         for (name, bad, word) in [
             ("K - 0.5 I", negative(bands(n, [-1.0, 1.5, -1.0], &[1.0])), "shift below"),
             ("-K", negative(bands(n, [1.0, -2.0, 1.0], &[1.0])), "shift below"),
             ("a shift inside of the spectrum", inside, "shift below"),
+            ("an indefinite consistent mass", consistent(0.51), "M is not positive semi-definite"),
+            (
+                "a consistent mass that is indefinite by far",
+                consistent(3.0),
+                "M is not positive semi-definite",
+            ),
             ("a negative mass", mass, "M is not positive semi-definite"),
         ] {
             let error = modes(&bad, 4).unwrap_err().to_string();
