@@ -28,8 +28,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ranks: vec![rank],
         growing: Some(true),
     };
-    let mut linear =
-        Linear::new(&Comm::serial(), fields, Settings { interval: 1.0, storage: Storage::Double, fit })?;
+    let mut linear = Linear::new(
+        &Comm::serial(),
+        fields,
+        Settings { interval: 1.0, storage: Storage::Double, fit, held: 0 },
+    )?;
     let begun = Instant::now();
     for (k, state) in values.chunks_exact(n).enumerate() {
         linear.offer(k as f64, 1.0, &[state])?;

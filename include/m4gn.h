@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 12
+#define M4GN_ABI_VERSION 13
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -323,7 +323,7 @@ int32_t m4gn_session_outside(
 
 /* ---- ride --------------------------------------------------------------------------------------- */
 
-/* A hybrid run: the host's solver works, the model of a session is measured beside it, takes its place for a jump of some strides,
+/* A hybrid run: the host's solver works, surrogates are measured beside it, the nearest one takes its place for a jump of some strides,
  * and hands back. The ride knows no solver: it is told what happened and answers what to do next.
  *
  *     answer of:            action                     the host
@@ -369,7 +369,7 @@ typedef struct m4gn_ride_answer
     int64_t solver_steps;       /* of ADVANCE: time steps of the solver that it stands for */
     int64_t since;              /* time steps since the last jump; -1: there was none */
     int32_t action;             /* M4GN_RIDE_SOLVE ... */
-    int32_t surrogate;          /* which one jumps; 0 */
+    int32_t surrogate;          /* which one jumps, in the order of the setting surrogates */
     int32_t strides;            /* of the jump that are left; of HAND_BACK those that a run takes which is carried on: this one
                                    was stopped in the jump */
     int32_t last_but_one;       /* 1: one stride is left, whose state is handed back */
@@ -385,36 +385,7 @@ typedef struct m4gn_ride_quantity
     double value;
 } m4gn_ride_quantity;
 
-/* Collective. Begins a ride at the present time, `start`. The session must live as long as the ride, and the host may go on using
- * it between calls. Fields of calls below are all fields of the model by name, inputs and outputs; of a body with an obstacle,
- * m4gn_session_set_obstacle comes before each call that is given fields. On failure *ride is NULL. The settings are
- *
- *   name            default     meaning
- *   mode                        "replace", or "observe": the model is compared with the solver, which runs as without it; must be given
- *   name            ""          of the ride, in messages
- *   solver_steps                steps of the solver before each jump; must be given in mode replace
- *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace
- *   rollout_steps   50          mode observe: strides after which a rollout begins anew
- *   write_errors    false       mode observe: errors in each segment and at each cell
- *   time_start      null        the solver is alone before, s; null: from the start
- *   time_end        null        and after, s; null: to the end
- *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices; others: rel_tol (0.2), fields
- *                               (["U"]; the first predicted one), on_failure ("solver", or "stop"), patience (10)
- *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
- *                               (a third of the time before time_start); writeModel: path of the adapted model, false
- *   write_precision 6           significant digits of tables and messages
- *   model           ""          where the model is from, in messages and tables
- *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)
- *   setup_seconds   0           wall time that making the session took, s: for the summary
- */
-int32_t m4gn_ride_new(
-    m4gn_session* session,
-    const m4gn_mesh_data* mesh, /* of the session */
-    const char* options,
-    const m4gn_ride_step* start,
-    m4gn_ride** ride);
-
-/* A surrogate of the host's own: a table, a fit, another library. */
+/* A surrogate of the host's own: a table, another library. */
 typedef struct m4gn_surrogate
 {
     const char* name;           /* in messages and tables */
@@ -428,16 +399,7 @@ typedef struct m4gn_surrogate
     void* data;                 /* kept until the ride is freed, and handed to step */
 } m4gn_surrogate;
 
-/* Collective. As m4gn_ride_new, of such a surrogate, on the host's mesh; without adapt. */
-int32_t m4gn_ride_new_own(
-    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
-    const m4gn_surrogate* surrogate,
-    const m4gn_mesh_data* mesh,
-    const char* options,
-    const m4gn_ride_step* start,
-    m4gn_ride** ride);
-
-/* An array of a solver's state on this rank. A linear surrogate hands back one combination of the run's states for all of them: what is
+/* An array of a solver's state on this rank. The linear surrogate hands back one combination of the run's states for all of them: what is
  * linear in the arrays (continuity of face fluxes, fixed values) is kept to rounding. */
 typedef struct m4gn_ride_array
 {
@@ -452,19 +414,55 @@ typedef struct m4gn_ride_array
     const double* weights;      /* [n/components] volumes of the cells where the fit is made of it, else NULL */
 } m4gn_ride_array;
 
-/* Collective. A ride of a surrogate that is fitted to the run's own states (higher-order dynamic mode decomposition). The settings are
- * those of m4gn_ride_new with "surrogates": ["linear"]; solver_steps, surrogate_steps and control have defaults. `linear` has
+/* What may take the solver's place: that which the setting surrogates names. */
+typedef struct m4gn_ride_surrogates
+{
+    m4gn_session* session;      /* "network": its model. It must live as long as the ride, and the host may go on using it between calls */
+    const m4gn_surrogate* own;  /* or one of the host's own in its place, without adapt */
+    const m4gn_ride_array* arrays; /* "linear": the state that is fitted (higher-order dynamic mode decomposition) */
+    int32_t n_arrays;
+} m4gn_ride_surrogates;
+
+/* Collective. Begins a ride at the present time, `start`. Fields of calls below are all fields of the surrogates by name, inputs and
+ * outputs of the model, and arrays that are measured; boundary values are read of the former only, and may be NULL of the others. Of a
+ * body with an obstacle, m4gn_session_set_obstacle comes before each call that is given fields. On failure *ride is NULL. The settings are
  *
  *   name            default     meaning
+ *   mode                        "replace", or "observe": the surrogates are compared with the solver, which runs as without them; must
+ *                               be given
+ *   surrogates      ["network"] or ["linear"], or both
+ *   name            ""          of the ride, in messages
+ *   solver_steps                steps of the solver before each jump; must be given in mode replace, with linear 1
+ *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace, with linear `longest`
+ *   rollout_steps   50          mode observe: strides after which a rollout begins anew
+ *   write_errors    false       mode observe: errors in each segment and at each cell
+ *   time_start      null        the solver is alone before, s; null: from the start
+ *   time_end        null        and after, s; null: to the end
+ *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices, and is there with linear in mode
+ *                               replace; others: rel_tol (0.2), fields (["U"]; the first predicted one, of several surrogates the first
+ *                               that all predict), on_failure ("solver", or "stop"), patience (10)
+ *   linear          {}          how the linear surrogate is fitted, see below
+ *   quantities      []          mode replace: results of other parts of the run, and how far off they may be at the end of a jump:
+ *                               [{"object": "forces", "result": "Cd", "tolerance": 0.01}] (docs/control.md)
+ *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
+ *                               (a third of the time before time_start); writeModel: path of the adapted model, false
+ *   write_precision 6           significant digits of tables and messages
+ *   model           ""          where the model is from, in messages and tables
+ *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)
+ *   setup_seconds   0           wall time that making the session took, s: for the summary
+ *
+ * and those of linear
+ *
  *   interval        null        time between states, the stride, s; null: 25 time steps
  *   tolerance       0.025       most that a fit may be off on the held-back end of its window, and in a stride after a jump, over what
  *                               holding would be off by
+ *   enough          0.005       error below which a fit is used at once; above it when three later tries are hardly better
  *   first           10          strides of the first jump of a fit
  *   growth          1.5         how much longer the next may be
- *   longest         60          strides of a jump at most
+ *   longest         200         strides of a jump at most
  *   every           5           strides of the solver between tries of a fit
  *   window          40          states in a fit at most
- *   least           24          states without a gap that it needs
+ *   least           40          states without a gap that it needs
  *   tail            5           states that are held back
  *   delays          [5, 8, 12]  delays to choose from
  *   ranks           [12, 30]    ranks to choose from
@@ -472,10 +470,10 @@ typedef struct m4gn_ride_array
  *   storage         "double"    or "single": how states are kept; sums are double with both
  *   file            null        where states are kept for a restart, a file a rank; null: they are not
  */
-int32_t m4gn_ride_new_linear(
-    int32_t comm,
-    const m4gn_ride_array* arrays,
-    int32_t n_arrays,
+int32_t m4gn_ride_new(
+    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated. Not read with a session */
+    const m4gn_ride_surrogates* surrogates,
+    const m4gn_mesh_data* mesh, /* of the session; NULL with linear alone */
     const char* options,
     const m4gn_ride_step* start,
     m4gn_ride** ride);
@@ -514,6 +512,10 @@ int32_t m4gn_ride_stride(
 
 /* Time and fields are those of the prediction. */
 int32_t m4gn_ride_advanced(m4gn_ride* ride, const m4gn_ride_step* now, m4gn_ride_answer* answer);
+
+/* With the setting quantities: what they are after the present state, in their order, NAN where there is none. Behind m4gn_ride_decide,
+ * and after m4gn_ride_advanced. The same on all ranks. */
+int32_t m4gn_ride_reported(m4gn_ride* ride, const double* values, int32_t n_values);
 
 /* Wall time since the last such call that went into strides and into handing over, s. */
 int32_t m4gn_ride_spent(m4gn_ride* ride, double surrogate, double hand_over);
@@ -554,9 +556,9 @@ enum
 /* Takes what there is to be said, "" if there is nothing. A table's first rows come with its head. Valid until the next call. */
 const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind);
 
-/* Mode observe with write_errors: rollout minus solver at the cells of a predicted field, [components*n_cells], where they were compared
- * last. M4GN_ERROR_INPUT before. */
-int32_t m4gn_ride_difference(const m4gn_ride* ride, int32_t index, double* cells);
+/* Mode observe with write_errors: rollout of a surrogate minus solver at the cells of a field that it advances, [components*n_cells],
+ * where they were compared last. M4GN_ERROR_INPUT before. */
+int32_t m4gn_ride_difference(const m4gn_ride* ride, int32_t surrogate, int32_t index, double* cells);
 
 /* ---- segments ----------------------------------------------------------------------------------- */
 

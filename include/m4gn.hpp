@@ -420,17 +420,29 @@ private:
     std::unique_ptr<m4gn_recorder, Free> recorder_;
 };
 
-// A hybrid run of a session, which outlives it (m4gn.h says who calls what when). Made and destroyed by all ranks together.
+// A hybrid run (m4gn.h says who calls what when). Made and destroyed by all ranks together.
 class Ride
 {
 public:
     using Fields = std::vector<m4gn_field>;
 
-    // options: a JSON object, {"mode": "replace", "solver_steps": 5, "surrogate_steps": 10}.
+    // options: a JSON object, {"mode": "replace", "solver_steps": 5, "surrogate_steps": 10}. Of a session, which outlives the ride.
     Ride(Session& session, const m4gn_mesh_data& mesh, const std::string& options, const m4gn_ride_step& start)
+    :
+        Ride(M4GN_NO_MPI, {session.get(), nullptr, nullptr, 0}, &mesh, options, start)
+    {}
+
+    Ride
+    (
+        int32_t comm,
+        const m4gn_ride_surrogates& surrogates,
+        const m4gn_mesh_data* mesh,
+        const std::string& options,
+        const m4gn_ride_step& start
+    )
     {
         m4gn_ride* ride = nullptr;
-        check(m4gn_ride_new(session.get(), &mesh, options.c_str(), &start, &ride));
+        check(m4gn_ride_new(comm, &surrogates, mesh, options.c_str(), &start, &ride));
         ride_.reset(ride);
     }
 
@@ -454,6 +466,23 @@ public:
     m4gn_ride_answer advanced(const m4gn_ride_step& now)
     {
         return answer([&](m4gn_ride_answer* a) { return m4gn_ride_advanced(ride_.get(), &now, a); });
+    }
+
+    // The arrays of the state, where an answer asks for them, and of the one that was predicted.
+    void record(const std::vector<const double*>& arrays)
+    {
+        check(m4gn_ride_record(ride_.get(), arrays.data(), size(arrays)));
+    }
+
+    void arrays(const std::vector<double*>& places) const
+    {
+        check(m4gn_ride_arrays(ride_.get(), places.data(), size(places)));
+    }
+
+    // What the setting quantities names is after the present state.
+    void reported(const std::vector<double>& values)
+    {
+        check(m4gn_ride_reported(ride_.get(), values.data(), size(values)));
     }
 
     void spent(double surrogate, double handOver) { check(m4gn_ride_spent(ride_.get(), surrogate, handOver)); }

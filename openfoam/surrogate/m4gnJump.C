@@ -160,20 +160,27 @@ Foam::m4gnJump::m4gnJump
     const fvMesh& mesh,
     const dictionary& dict,
     m4gnRide& ride,
-    autoPtr<m4gnSolverState>&& state
+    PtrList<m4gnSolverState>& states
 )
 :
     mesh_(mesh),
     time_(const_cast<Time&>(mesh.time())),
     ride_(ride),
-    state_(std::move(state)),
+    states_(states),
+    state_(&states_[0]),
     name_(name),
     others_(m4gnOthers::chosen(name, mesh.time(), dict)),
     stale_(mesh),
     last_({-1, false, 0})
-{}
+{
+    ride_.checkQuantities(others_);
+}
 
-bool Foam::m4gnJump::run(m4gn_ride_answer answer)
+bool Foam::m4gnJump::run
+(
+    m4gn_ride_answer answer,
+    const functionObjects::stateFunctionObject& results
+)
 {
     // Between its steps time has the surrogate's deltaT
     const scalar deltaT = time_.deltaTValue();
@@ -185,6 +192,8 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer)
         m4gnClock timer;
         scalar surrogate = 0, handOver = 0;
         const m4gnReplacer::state before(last_);
+        const label surrogatei = answer.surrogate;
+        state_ = &states_[surrogatei];
         last_ = {last_.timeIndex, false, deltaT};
 
         const auto complete = [&](const bool last)
@@ -208,7 +217,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer)
         {
             timer.increment();
             state_->beforeStride();
-            answer = ride_.stride(predicted_);
+            answer = ride_.stride(surrogatei, predicted_);
             if (answer.action != M4GN_RIDE_ADVANCE)
             {
                 break;
@@ -237,6 +246,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer)
 
             stale_.write(*state_, lastSolved);
             executeOthers(deltaT);
+            ride_.reported(results);
 
             if (time_.writeTime())
             {

@@ -13,9 +13,11 @@
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "SolverPerformance.H"
+#include "stateFunctionObject.H"
 #include "StringStream.H"
 #include "Time.H"
 #include "writeFile.H"
+#include <algorithm>
 
 //- A table is there from its first row on
 class Foam::m4gnRide::table
@@ -53,12 +55,27 @@ wordList names(const m4gnSession* session)
     return all.sortedToc();
 }
 
+//- The results of other function objects that are held
+List<dictionary> quantities(const dictionary& dict)
+{
+    return dict.found("quantities") ? List<dictionary>(dict.lookup("quantities")) : List<dictionary>();
+}
+
 //- Settings of m4gn_ride_new
 std::string settings(const dictionary& dict)
 {
     wordHashSet own(m4gnRide::keys());
     own.insert(wordList({"timeStart", "timeEnd", "name", "model", "host", "setupSeconds"}));
-    return m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc()));
+    own.erase("quantities");
+    std::string text(m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc())));
+
+    std::string list;
+    for (const dictionary& quantity : quantities(dict))
+    {
+        list += (list.empty() ? "" : ", ") + m4gn::json(quantity);
+    }
+    text.erase(text.rfind('}'));
+    return text + (text.find(':') == std::string::npos ? "" : ", ") + "\"quantities\": [" + list + "]}";
 }
 
 //- Which faces hold a field's value; where they let go, a face has its cell's
@@ -141,36 +158,70 @@ Foam::label Foam::m4gnRide::correctors() const
     return solves.size() ? solves.size() : -1;
 }
 
-std::vector<m4gn_field> Foam::m4gnRide::gather(const bool wanted)
+std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool linear)
 {
-    if (!wanted)
+    std::vector<m4gn_field> fields;
+
+    if (network && session_)
     {
-        return {};
+        fields_.gather(session_->nodes());
+        fields = fields_.view();
     }
-    if (run_)
+    if (linear && run_)
     {
         if (!gathered_)
         {
             run_->gather();
         }
         gathered_ = true;
-        return run_->measured();
+        for (const m4gn_field& field : run_->measured())
+        {
+            const auto same = [&](const m4gn_field& f) { return std::string(f.name) == field.name; };
+            if (std::none_of(fields.begin(), fields.end(), same))
+            {
+                fields.push_back(field);
+            }
+        }
     }
-    fields_.gather(session_->nodes());
-    return fields_.view();
+    return fields;
+}
+
+std::vector<m4gn_field> Foam::m4gnRide::gather(const bool wanted)
+{
+    return gather(wanted, wanted);
+}
+
+std::vector<Foam::m4gnRide::advancedField> Foam::m4gnRide::advances(const word& kind) const
+{
+    std::vector<advancedField> all;
+
+    if (kind == "linear")
+    {
+        for (const m4gn_field& field : run_->measured())
+        {
+            all.push_back({field.name, field.components});
+        }
+        return all;
+    }
+    forAll(session_->outputs(), i)
+    {
+        all.push_back({session_->outputs()[i], session_->outputComponents(i)});
+    }
+    return all;
 }
 
 std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
 {
     std::vector<const int32_t*> marks;
 
-    if (!wanted || !observes_)
+    if (!wanted || !observes_ || !session_)
     {
         return marks;
     }
 
     held_.resize(fields_.size());
-    marks.resize(fields_.size(), nullptr);
+    // Of the fields of a linear surrogate alone none is asked for
+    marks.resize(fields_.size() + (run_ ? run_->measured().size() : 0), nullptr);
     for (label fieldi = 0; fieldi < fields_.size(); ++fieldi)
     {
         const word& name = fields_.name(fieldi);
@@ -244,17 +295,17 @@ m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
 }
 
 template<class Type>
-void Foam::m4gnRide::writeError(const label outputi) const
+void Foam::m4gnRide::writeError(const label surrogatei, const label fieldi, const word& name) const
 {
-    const word& name = session_->outputs()[outputi];
+    const word of(kinds_.size() > 1 ? word(kinds_[surrogatei] + ':' + name, false) : name);
     tmp<GeometricField<Type, fvPatchField, volMesh>> tfield
     (
-        m4gn::cellField<Type>(mesh_, "error(" + name + ')', mesh_.time().timeName())
+        m4gn::cellField<Type>(mesh_, "error(" + of + ')', mesh_.time().timeName())
     );
     auto& field = tfield.ref();
 
     auto* cells = reinterpret_cast<scalar*>(field.primitiveFieldRef().data());
-    if (m4gn_ride_difference(ride_, outputi, cells) != M4GN_OK)
+    if (m4gn_ride_difference(ride_, surrogatei, fieldi, cells) != M4GN_OK)
     {
         // None has been compared yet
         return;
@@ -277,15 +328,20 @@ void Foam::m4gnRide::writeErrors() const
         return;
     }
 
-    forAll(session_->outputs(), outputi)
+    forAll(kinds_, surrogatei)
     {
-        if (session_->outputComponents(outputi) == 1)
+        label fieldi = 0;
+        for (const advancedField& field : advances(kinds_[surrogatei]))
         {
-            writeError<scalar>(outputi);
-        }
-        else
-        {
-            writeError<vector>(outputi);
+            if (field.components == 1)
+            {
+                writeError<scalar>(surrogatei, fieldi, field.name);
+            }
+            else
+            {
+                writeError<vector>(surrogatei, fieldi, field.name);
+            }
+            ++fieldi;
         }
     }
 }
@@ -305,9 +361,11 @@ Foam::m4gnRide::m4gnRide
     observes_(dict.get<word>("mode") == "observe"),
     session_(session),
     run_(run),
+    kinds_(kinds(dict)),
     gathered_(false),
     fields_(mesh, names(session)),
     ride_(nullptr),
+    quantities_(quantities(dict)),
     tables_(4)
 {
     dictionary own(dict);
@@ -344,16 +402,22 @@ Foam::m4gnRide::m4gnRide
     m4gn_ride_step start(now());
     start.time = mesh.time().startTime().value();
     start.index = mesh.time().startTimeIndex();
+    m4gn_ride_surrogates surrogates{};
+    if (session)
+    {
+        surrogates.session = session->handle();
+    }
+    if (run)
+    {
+        surrogates.arrays = run->layout().data();
+        surrogates.n_arrays = run->layout().size();
+    }
     m4gn::check
     (
-        run
-      ? m4gn_ride_new_linear
+        m4gn_ride_new
         (
-            m4gn::communicator(), run->layout().data(), run->layout().size(), settings(own).c_str(), &start, &ride_
-        )
-      : m4gn_ride_new
-        (
-            session->handle(), &session->nodes().data(), settings(own).c_str(), &start, &ride_
+            m4gn::communicator(), &surrogates, session ? &session->nodes().data() : nullptr,
+            settings(own).c_str(), &start, &ride_
         ),
         "m4gnSurrogate cannot start"
     );
@@ -370,9 +434,14 @@ Foam::m4gnRide::~m4gnRide()
     m4gn_ride_free(ride_);
 }
 
+Foam::wordList Foam::m4gnRide::kinds(const dictionary& dict)
+{
+    return dict.getOrDefault<wordList>("surrogates", wordList({"network"}));
+}
+
 bool Foam::m4gnRide::has(const dictionary& dict, const word& kind)
 {
-    return dict.getOrDefault<wordList>("surrogates", wordList({"network"})).found(kind);
+    return kinds(dict).found(kind);
 }
 
 Foam::wordList Foam::m4gnRide::keys()
@@ -380,6 +449,7 @@ Foam::wordList Foam::m4gnRide::keys()
     return
     {
         "mode", "surrogates", "linear", "solverSteps", "surrogateSteps", "rolloutSteps", "writeErrors", "adapt", "control",
+        "quantities",
         "writePrecision"
     };
 }
@@ -456,17 +526,19 @@ m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
     return answer;
 }
 
-m4gn_ride_answer Foam::m4gnRide::stride(List<scalarField>& predicted)
+m4gn_ride_answer Foam::m4gnRide::stride(const label surrogatei, List<scalarField>& predicted)
 {
-    const std::vector<m4gn_field> fields(gather(true));
-    std::vector<m4gn_field_out> outputs(run_ ? fields.size() : session_->outputs().size());
-    predicted.resize(outputs.size());
+    const word& kind = kinds_[surrogatei];
+    const bool linear = kind == "linear";
+    const std::vector<m4gn_field> fields(gather(!linear, linear));
+    const std::vector<advancedField> to(advances(kind));
+    std::vector<m4gn_field_out> outputs(to.size());
+    predicted.resize(to.size());
     forAll(predicted, i)
     {
-        const label n = run_ ? fields[i].components : session_->outputComponents(i);
-        predicted[i].resize(n*(run_ ? mesh_.nCells() : session_->nodes().size()));
-        outputs[i].name = run_ ? fields[i].name : session_->outputs()[i].c_str();
-        outputs[i].components = n;
+        predicted[i].resize(to[i].components*(linear ? mesh_.nCells() : session_->nodes().size()));
+        outputs[i].name = to[i].name.c_str();
+        outputs[i].components = to[i].components;
         outputs[i].cells = predicted[i].data();
     }
     const m4gn_ride_answer answer = ask
@@ -480,11 +552,13 @@ m4gn_ride_answer Foam::m4gnRide::stride(List<scalarField>& predicted)
         },
         "m4gnSurrogate cannot step"
     );
-    if (run_ && answer.action == M4GN_RIDE_ADVANCE)
+    if (linear && answer.action == M4GN_RIDE_ADVANCE)
     {
         const std::vector<double*> places(run_->places());
         m4gn::check(m4gn_ride_arrays(ride_, places.data(), places.size()), "m4gnSurrogate cannot step");
     }
+    // What a network advances to is in the fields alone
+    gathered_ = gathered_ && linear;
     return answer;
 }
 
@@ -496,6 +570,50 @@ m4gn_ride_answer Foam::m4gnRide::advanced()
         [&](m4gn_ride_answer* a) { return m4gn_ride_advanced(ride_, &step, a); },
         "m4gnSurrogate cannot go on"
     );
+}
+
+void Foam::m4gnRide::reported(const functionObjects::stateFunctionObject& results)
+{
+    if (quantities_.empty())
+    {
+        return;
+    }
+    std::vector<double> values;
+    for (const dictionary& quantity : quantities_)
+    {
+        const word object(quantity.get<word>("object"));
+        const word result(quantity.get<word>("result"));
+        const word type(results.objectResultType(object, result));
+        if (type != pTraits<scalar>::typeName)
+        {
+            FatalErrorInFunction
+                << "Entry quantities of " << name_ << " has the result "
+                << result << " of " << object << ", "
+                << (type.empty() ? "which it does not have" : "which is no scalar") << nl
+                << "    Its results are: " << m4gn::join(results.objectResultEntries(object))
+                << exit(FatalError);
+        }
+        values.push_back(results.getObjectResult<scalar>(object, result));
+    }
+    m4gn::check(m4gn_ride_reported(ride_, values.data(), values.size()), "m4gnSurrogate cannot go on");
+    listen();
+}
+
+void Foam::m4gnRide::checkQuantities(const wordHashSet& executed) const
+{
+    for (const dictionary& quantity : quantities_)
+    {
+        const word object(quantity.get<word>("object"));
+        if (!executed.found(object))
+        {
+            FatalErrorInFunction
+                << "Entry quantities of " << name_ << " has the object "
+                << object << ", which is no other function object that is"
+                << " executed at the surrogate's times (entry executeOthers)" << nl
+                << "    Those are: " << m4gn::join(executed.sortedToc())
+                << exit(FatalError);
+        }
+    }
 }
 
 void Foam::m4gnRide::spent(const scalar surrogate, const scalar handOver)

@@ -60,25 +60,27 @@ void Foam::functionObjects::m4gnSurrogate::load()
     }
 
     checkOthers();
-    autoPtr<m4gnSolverState> state;
     m4gnRunState* run = nullptr;
-    if (m4gnRide::has(dict_, "linear"))
+    const wordList kinds(m4gnRide::kinds(dict_));
+    states_.resize(kinds.size());
+    forAll(kinds, i)
     {
-        run = new m4gnRunState(mesh_);
-        state.reset(run);
-    }
-    else
-    {
+        if (kinds[i] == "linear")
+        {
+            run = new m4gnRunState(mesh_);
+            states_.set(i, run);
+            continue;
+        }
         session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
         if (replaces_)
         {
-            state = m4gnSolverState::New(mesh_, dict_, *session_);
+            states_.set(i, m4gnSolverState::New(mesh_, dict_, *session_));
         }
     }
     ride_.reset(new m4gnRide(name(), mesh_, dict_, session_.get(), run));
     if (replaces_)
     {
-        jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, std::move(state)));
+        jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, states_));
         setProperty(writesFrom, time_.startTime().value());
     }
 }
@@ -104,7 +106,7 @@ void Foam::functionObjects::m4gnSurrogate::jump()
     }
 
     jumping_ = true;
-    jump_->run(pending_);
+    jump_->run(pending_, *this);
     jumping_ = false;
     pending_.action = M4GN_RIDE_SOLVE;
 }
@@ -233,15 +235,9 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "linear"});
     m4gnOthers::checkDictionary(dict);
     m4gnRide::checkDictionary(dict);
-    if (!m4gnRide::has(dict, "linear"))
+    if (m4gnRide::has(dict, "network"))
     {
         m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
-    }
-    else if (m4gnRide::has(dict, "network"))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry surrogates is (network linear), which this host does not"
-            << " measure beside each other; expected one of them" << exit(FatalIOError);
     }
     replaces_ = dict.get<word>("mode") == "replace";
 
@@ -315,6 +311,10 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
     }
 
     // All function objects have seen the solver's step
+    if (ride_ && time_.timeIndex() != time_.startTimeIndex())
+    {
+        own.ride_->reported(*this);
+    }
     own.jump();
     own.executed_ = time_.timeIndex();
 

@@ -22,7 +22,11 @@ pub(super) unsafe fn read_fields<'a>(
                 name,
                 components,
                 cells: raw::slice(name, f.cells, components * n_cells)?,
-                boundary: raw::slice(name, f.boundary, components * n_boundary)?,
+                // Who reads them says that they are missing.
+                boundary: match f.boundary.is_null() {
+                    true => &[],
+                    false => raw::slice(name, f.boundary, components * n_boundary)?,
+                },
             })
         }
     };

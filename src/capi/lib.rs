@@ -21,18 +21,19 @@ mod segments;
 mod session;
 mod solids;
 
+pub use linear::ArrayData;
 pub use modes::CsrData;
 pub use own::SurrogateData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::RecorderField;
-pub use ride::{RideAnswer, RideQuantity, RideStep};
+pub use ride::{RideAnswer, RideQuantity, RideStep, RideSurrogates};
 pub use segments::RankReport;
 pub use session::{FieldInfo, ProjectionData};
 
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 12;
+pub const ABI_VERSION: i32 = 13;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

@@ -50,6 +50,18 @@ pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<(Vec<Fie
     Ok((fields, advanced))
 }
 
+/// Measured arrays are fields at the rows of the mesh.
+pub(super) fn check_rows(fields: &[Field], advanced: &[Advanced], rows: usize) -> Result<()> {
+    let at_rows = |f: &&Field| advanced.iter().any(|a| a.name == f.name);
+    match fields.iter().filter(at_rows).find(|f| f.len != f.components * rows) {
+        None => Ok(()),
+        Some(f) => Err(Error::Input(format!(
+            "array {}: {} numbers of {} components: expected those of the mesh's {rows} cells",
+            f.name, f.len, f.components
+        ))),
+    }
+}
+
 /// Arrays of these lengths.
 ///
 /// # Safety

@@ -7,13 +7,15 @@ use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
 use m4gn_adapt as adapt;
+use m4gn_linear::Field as Array;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_ride::{
-    Action, Answer, Fitted, Given, Kind, Network, Ride, RideSettings, Step, Surrogate, Text, host_of,
+    Action, Advanced, Answer, Fitted, Given, Kind, Mode, Network, Ride, RideSettings, Step, Surrogate, Text,
+    host_of,
 };
 use m4gn_step::{Field, FieldMut, Session};
-use std::ffi::{CString, c_char};
+use std::ffi::{CString, c_char, c_void};
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
 
@@ -221,140 +223,178 @@ pub(super) fn settings(text: &str) -> Result<(RideSettings, Option<adapt::Settin
     Ok((settings, learning.filter(|_| entries.wanted)))
 }
 
-/// What a ride on a mesh begins with: the mesh, the settings, and the time with its text for the other ranks.
-type Setup = (Mesh, (RideSettings, Option<adapt::Settings>), (Step, String));
-
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn setup(mesh: *const MeshData, options: *const c_char, start: *const RideStep) -> Result<Setup> {
-    // SAFETY: passed on to the caller.
-    unsafe {
-        Ok((raw::mesh(raw::reference("mesh", mesh)?)?, settings(raw::options(options)?)?, step(start)?))
-    }
+/// `m4gn_ride_surrogates`
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)]
+pub struct RideSurrogates {
+    /// A [`SessionHandle`].
+    pub session: *mut c_void,
+    pub own: *const SurrogateData,
+    pub arrays: *const ArrayData,
+    pub n_arrays: i32,
 }
 
-/// What all ranks must be given alike: not the host's text and the clock of a rank.
-fn shared(settings: &RideSettings) -> RideSettings {
-    RideSettings { host: String::new(), setup_seconds: 0.0, ..settings.clone() }
+/// What a rank's host gives for a ride.
+struct Setup {
+    settings: RideSettings,
+    learning: Option<adapt::Settings>,
+    start: Step,
+    /// None of a linear surrogate alone.
+    mesh: Option<Mesh>,
+    own: Option<Own>,
+    arrays: Option<(Vec<Array>, Vec<Advanced>)>,
+    /// What all ranks must be given alike.
+    same: String,
+}
+
+impl Setup {
+    /// # Safety
+    /// Pointers must be what `m4gn.h` says.
+    unsafe fn read(
+        comm: &Comm,
+        given: &RideSurrogates,
+        mesh: *const MeshData,
+        options: *const c_char,
+        start: *const RideStep,
+    ) -> Result<Self> {
+        let bad = |text: &str| Err(Error::Input(format!("surrogates: {text}")));
+        // SAFETY: passed on to the caller.
+        unsafe {
+            let (settings, learning) = settings(raw::options(options)?)?;
+            let (start, mut same) = step(start)?;
+            let network = !given.session.is_null() || !given.own.is_null();
+            match (settings.has(Kind::Network), network) {
+                (true, false) => {
+                    return bad("the settings name network, and there is neither a session nor an own one");
+                }
+                (false, true) => {
+                    return bad("there is a session or an own one, and the settings do not name network");
+                }
+                _ if !given.session.is_null() && !given.own.is_null() => {
+                    return bad("expected a session or an own one, found both");
+                }
+                _ => {}
+            }
+            match (settings.has(Kind::Linear), given.n_arrays > 0) {
+                (true, false) => {
+                    return bad("the settings name linear, and there are no arrays of the state");
+                }
+                (false, true) => {
+                    return bad("there are arrays of the state, and the settings do not name linear");
+                }
+                _ => {}
+            }
+            let mesh = match network {
+                true => Some(raw::mesh(raw::reference("mesh", mesh)?)?),
+                false => None,
+            };
+            let mut own = None;
+            if let (false, Some(mesh)) = (given.own.is_null(), &mesh) {
+                let made = Own::new(given.own, comm.clone(), mesh.dim())?;
+                if learning.is_some() {
+                    return Err(Error::Input(format!("adapt: the surrogate {} does not learn", made.name())));
+                }
+                same += &format!("\n{}", made.shared());
+                own = Some(made);
+            }
+            let mut arrays = None;
+            if given.n_arrays > 0 {
+                let layout = linear::layout(given.arrays, given.n_arrays)?;
+                if let Some(mesh) = &mesh {
+                    linear::check_rows(&layout.0, &layout.1, mesh.cell_global.len())?;
+                }
+                arrays = Some(layout);
+            }
+            // Ranks have threads, texts and clocks of their own; a session's model may be on another path.
+            let alike = RideSettings {
+                host: String::new(),
+                setup_seconds: 0.0,
+                adapt: None,
+                model: if given.session.is_null() { settings.model.clone() } else { String::new() },
+                ..settings.clone()
+            };
+            let learned = learning.clone().map(|learning| adapt::Settings { threads: None, ..learning });
+            same += &format!("\n{alike:?}\n{learned:?}");
+            Ok(Setup { settings, learning, start, mesh, own, arrays, same })
+        }
+    }
 }
 
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
 unsafe fn new(
-    session: *mut SessionHandle,
+    comm: i32,
     place: Result<()>,
+    surrogates: *const RideSurrogates,
     mesh: *const MeshData,
     options: *const c_char,
     start: *const RideStep,
 ) -> Result<RideHandle> {
     // SAFETY: passed on to the caller.
-    let comm = unsafe { raw::reference("session", session)? }.session.comm().clone();
-    let read = || {
-        place?;
-        // SAFETY: passed on to the caller.
-        let (mesh, (settings, learning), (start, same)) = unsafe { setup(mesh, options, start)? };
-        // Each rank has threads of its own.
-        let alike = RideSettings { adapt: None, model: String::new(), ..shared(&settings) };
-        let learned = learning.clone().map(|learning| adapt::Settings { threads: None, ..learning });
-        let same = format!("{same}\n{alike:?}\n{learned:?}");
-        Ok(((mesh, settings, learning, start), same))
+    let given = *unsafe { raw::reference("surrogates", surrogates)? };
+    // SAFETY: passed on to the caller.
+    let comm = match unsafe {
+        raw::optional_reference("surrogates.session", given.session.cast::<SessionHandle>())?
+    } {
+        Some(handle) => handle.session.comm().clone(),
+        None => Comm::from_fortran(comm)?,
     };
-    door::together("m4gn_ride_new", &comm, read, |(mesh, settings, learning, start)| {
-        // SAFETY: passed on to the caller.
-        let model = unsafe { raw::reference("session", session)? }.model.clone();
-        let learning = learning.map(|learning| (mesh.clone(), learning));
-        let network = Network::new(Borrowed(session), model, settings.model.clone(), learning);
-        let network = comm.agree(network)?;
-        handle(&comm, Box::new(network), settings, &mesh, start)
-    })
-}
-
-/// Of a surrogate of the host's own.
-///
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn new_own(
-    comm: i32,
-    place: Result<()>,
-    surrogate: *const SurrogateData,
-    mesh: *const MeshData,
-    options: *const c_char,
-    start: *const RideStep,
-) -> Result<RideHandle> {
-    let comm = Comm::from_fortran(comm)?;
     let read = || {
         place?;
         // SAFETY: passed on to the caller.
-        let (mesh, (settings, learning), (start, same)) = unsafe { setup(mesh, options, start)? };
-        // SAFETY: passed on to the caller.
-        let own = unsafe { Own::new(surrogate, comm.clone(), mesh.dim())? };
-        if learning.is_some() {
-            return Err(Error::Input(format!("adapt: the surrogate {} does not learn", own.name())));
+        let mut setup = unsafe { Setup::read(&comm, &given, mesh, options, start)? };
+        let same = std::mem::take(&mut setup.same);
+        Ok((setup, same))
+    };
+    door::together("m4gn_ride_new", &comm, read, |setup| {
+        let Setup { settings, mut learning, start, mesh, mut own, mut arrays, .. } = setup;
+        let mut lengths = Vec::new();
+        let mut rows = mesh.as_ref().map_or(0, |mesh| mesh.cell_global.len());
+        let mut riding: Vec<Box<dyn Surrogate>> = Vec::new();
+        for kind in &settings.surrogates {
+            riding.push(match (kind, own.take(), &mesh) {
+                (Kind::Network, Some(own), _) => Box::new(own),
+                (Kind::Network, None, Some(mesh)) => {
+                    // SAFETY: passed on to the caller.
+                    let model = unsafe { raw::reference("session", given.session.cast::<SessionHandle>())? }
+                        .model
+                        .clone();
+                    let learning = learning.take().map(|learning| (mesh.clone(), learning));
+                    let network =
+                        Network::new(Borrowed(given.session.cast()), model, settings.model.clone(), learning);
+                    Box::new(comm.agree(network)?)
+                }
+                (Kind::Network, None, None) => {
+                    return Err(Error::Internal("a network without a mesh".into()));
+                }
+                (Kind::Linear, kept, _) => {
+                    own = kept;
+                    let (fields, advanced) = arrays.take().unwrap_or_default();
+                    lengths = fields.iter().map(|f| f.len).collect();
+                    if mesh.is_none() {
+                        let first = fields.iter().find(|f| f.measured());
+                        rows = first.map_or(0, |f| f.len / f.components.max(1));
+                    }
+                    let observes = settings.mode == Mode::Observe;
+                    let linear = settings.linear.clone().unwrap_or_default();
+                    Box::new(Fitted::new(&comm, fields, advanced, linear, observes, &start)?)
+                }
+            });
         }
-        let same = format!("{same}\n{:?}\n{}", shared(&settings), own.shared());
-        Ok(((mesh, settings, own, start), same))
-    };
-    door::together("m4gn_ride_new_own", &comm, read, |(mesh, settings, own, start)| {
-        handle(&comm, Box::new(own), settings, &mesh, start)
-    })
-}
-
-fn handle(
-    comm: &Comm,
-    surrogate: Box<dyn Surrogate>,
-    settings: RideSettings,
-    mesh: &Mesh,
-    start: Step,
-) -> Result<RideHandle> {
-    let global = mesh.cell_global.clone();
-    Ok(RideHandle {
-        ride: Ride::new(comm.clone(), vec![surrogate], settings, global, start)?,
-        comm: comm.clone(),
-        n_cells: mesh.cell_global.len(),
-        n_boundary: boundary_values(mesh),
-        owners: mesh.boundary.iter().map(|face| face.owner).collect(),
-        arrays: Vec::new(),
-        text: CString::default(),
-        broken: false,
-    })
-}
-
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn new_linear(
-    comm: i32,
-    place: Result<()>,
-    arrays: *const ArrayData,
-    n_arrays: i32,
-    options: *const c_char,
-    start: *const RideStep,
-) -> Result<RideHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || {
-        place?;
-        // SAFETY: passed on to the caller.
-        let ((fields, advanced), (settings, _), (start, same)) =
-            unsafe { (linear::layout(arrays, n_arrays)?, settings(raw::options(options)?)?, step(start)?) };
-        if settings.surrogates != [Kind::Linear] {
-            return Err(Error::Input("surrogates: expected linear alone, as there is no session".into()));
-        }
-        let alike = RideSettings { setup_seconds: 0.0, ..settings.clone() };
-        Ok(((fields, advanced, settings, start), format!("{same}\n{alike:?}")))
-    };
-    door::together("m4gn_ride_new_linear", &comm, read, |(fields, advanced, settings, start)| {
-        let lengths: Vec<usize> = fields.iter().map(|f| f.len).collect();
-        let first = fields.iter().find(|f| f.measured());
-        let n_cells = first.map_or(0, |f| f.len / f.components.max(1));
-        let begin = comm.exclusive_scan_i64(n_cells as i64);
-        let global: Vec<i64> = (begin..begin + n_cells as i64).collect();
-        let own = settings.linear.clone().unwrap_or_default();
-        let fitted = Fitted::new(&comm, fields, advanced, own, &start)?;
+        let global = match &mesh {
+            Some(mesh) => mesh.cell_global.clone(),
+            None => {
+                let begin = comm.exclusive_scan_i64(rows as i64);
+                (begin..begin + rows as i64).collect()
+            }
+        };
         Ok(RideHandle {
-            ride: Ride::new(comm.clone(), vec![Box::new(fitted)], settings, global, start)?,
+            ride: Ride::new(comm.clone(), riding, settings, global, start)?,
             comm: comm.clone(),
-            n_cells,
-            n_boundary: 0,
-            owners: Vec::new(),
+            n_cells: rows,
+            n_boundary: mesh.as_ref().map_or(0, boundary_values),
+            owners: mesh.iter().flat_map(|mesh| mesh.boundary.iter().map(|face| face.owner)).collect(),
             arrays: lengths,
             text: CString::default(),
             broken: false,
@@ -370,22 +410,10 @@ fn boundary_values(mesh: &Mesh) -> usize {
 }
 
 exports! {
-    /// Begins a ride of a session's model.
+    /// Begins a ride.
     fn m4gn_ride_new(
-        session: *mut SessionHandle,
-        mesh: *const MeshData,
-        options: *const c_char,
-        start: *const RideStep,
-        ride: *mut *mut RideHandle,
-    ) -> i32, or |status| status; {
-        // SAFETY: a session of ours and the host's pointers, as the header says.
-        unsafe { door::create(raw::reference_mut("ride", ride), |place| new(session, place, mesh, options, start)) }
-    }
-
-    /// Begins a ride of a surrogate of the host's own.
-    fn m4gn_ride_new_own(
         comm: i32,
-        surrogate: *const SurrogateData,
+        surrogates: *const RideSurrogates,
         mesh: *const MeshData,
         options: *const c_char,
         start: *const RideStep,
@@ -393,26 +421,7 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            door::create(raw::reference_mut("ride", ride), |place| {
-                new_own(comm, place, surrogate, mesh, options, start)
-            })
-        }
-    }
-
-    /// Begins a ride of a surrogate that is fitted to the run.
-    fn m4gn_ride_new_linear(
-        comm: i32,
-        arrays: *const ArrayData,
-        n_arrays: i32,
-        options: *const c_char,
-        start: *const RideStep,
-        ride: *mut *mut RideHandle,
-    ) -> i32, or |status| status; {
-        // SAFETY: the host's pointers, as the header says.
-        unsafe {
-            door::create(raw::reference_mut("ride", ride), |place| {
-                new_linear(comm, place, arrays, n_arrays, options, start)
-            })
+            door::create(raw::reference_mut("ride", ride), |place| new(comm, place, surrogates, mesh, options, start))
         }
     }
 
@@ -532,6 +541,16 @@ exports! {
         handle.guarded(|handle| put(handle.ride.advanced(now)?, answer))
     }
 
+    /// What other parts of the run report.
+    fn m4gn_ride_reported(ride: *mut RideHandle, values: *const f64, n_values: i32) -> i32, or |s| s; {
+        // SAFETY: a ride of ours and the host's values, as the header says.
+        let (handle, values) = unsafe {
+            let values = raw::slice("values", values, raw::count("n_values", n_values)?)?;
+            (raw::reference_mut("ride", ride)?, values)
+        };
+        handle.guarded(|handle| handle.ride.reported(values).map(|()| 0))
+    }
+
     /// Wall time of strides and of handing over.
     fn m4gn_ride_spent(ride: *mut RideHandle, surrogate: f64, hand_over: f64) -> i32, or |s| s; {
         // SAFETY: a ride of ours, or null.
@@ -633,7 +652,7 @@ exports! {
             4 => handle.ride.take(Text::Errors),
             5 => handle.ride.take(Text::SegmentErrors),
             6 => handle.ride.end(),
-            7 => handle.ride.difference().map_or_else(String::new, |(_, time)| time.into()),
+            7 => handle.ride.difference(0).map_or_else(String::new, |(_, time)| time.into()),
             _ => return Err(Error::Input(format!("kind of text {kind}: expected 0 to 7"))),
         };
         let bytes: Vec<u8> = text.bytes().filter(|b| *b != 0).collect();
@@ -642,10 +661,16 @@ exports! {
     }
 
     /// Where an observed surrogate is off.
-    fn m4gn_ride_difference(ride: *const RideHandle, index: i32, cells: *mut f64) -> i32, or |s| s; {
+    fn m4gn_ride_difference(
+        ride: *const RideHandle,
+        surrogate: i32,
+        index: i32,
+        cells: *mut f64,
+    ) -> i32, or |s| s; {
         // SAFETY: a ride of ours, or null.
         let handle = unsafe { raw::reference("ride", ride)? };
-        let found = handle.ride.difference().and_then(|(fields, _)| fields.get(usize::try_from(index).ok()?));
+        let fields = usize::try_from(surrogate).ok().and_then(|i| handle.ride.difference(i));
+        let found = fields.and_then(|(fields, _)| fields.get(usize::try_from(index).ok()?));
         let values = found.ok_or_else(|| Error::Input(format!("no difference of field {index}: nothing was compared yet")))?;
         // SAFETY: the host's array, as the header says.
         unsafe { raw::slice_mut("cells", cells, values.len())? }.copy_from_slice(values);

@@ -18,14 +18,14 @@ use std::time::Duration;
 
 /// Run many unseen cases of a family with and without the surrogate, and compare: errors, forces, times
 ///
-/// Of each draw the plain solver runs once over the whole time span, then the hybrid with the family's schedule, each --variant and
-/// each cheaper plain solver. What is finished is kept in --out, so that the same command goes on where it was stopped; a run
+/// Of each draw the plain solver runs once over the whole time span, then the hybrids with the family's schedule (a network's, the linear
+/// surrogate's, both), each --variant and each cheaper plain solver. What is finished is kept in --out, so that the same command goes on where it was stopped; a run
 /// that was made with other settings is made anew. Exit status 1 if any run failed. See docs/hybrid.md.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The surrogate (*.safetensors)
+    /// The network (*.safetensors); without it the linear surrogate alone is run
     #[arg(long, value_name = "FILE")]
-    model: PathBuf,
+    model: Option<PathBuf>,
     /// Family of cases: its name, or a folder with family.toml
     #[arg(long, default_value = "cylinder-flow")]
     family: PathBuf,
@@ -141,11 +141,17 @@ fn plan(args: &Args) -> Result<Plan> {
     schedule.start_up = args.start_up.unwrap_or(schedule.start_up);
     schedule.end = args.end.unwrap_or(schedule.end);
     schedule.check()?;
-    let model = plain_path(&args.model)?;
-    if !model.is_file() {
+    let model = args.model.as_deref().map(plain_path).transpose()?;
+    if let Some(model) = model.as_ref().filter(|m| !m.is_file()) {
         return Err(Error::file(model, "there is no such file: expected a model (*.safetensors)"));
     }
-    let variants = variants(&family, &schedule, &args.variant, &args.plain)?;
+    let variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.plain)?;
+    if !variants.iter().any(|v| matches!(v.kind, Kind::Hybrid { .. })) {
+        return Err(Error::Input(format!(
+            "family {}: expected --model: it is not of flows, and no other surrogate is run of it",
+            family.name
+        )));
+    }
     let settings: Settings = args.set.set.iter().cloned().collect();
     let first = family.draw(args.seed, 0, &schedule.settings(&settings))?;
     Ok(Plan {
@@ -174,8 +180,8 @@ fn figures(plan: &Plan, results: &[DrawResult], names: &[String]) -> Result<Valu
         let settings = v.kind.settings().iter();
         let settings: Vec<String> = settings.map(|(name, setting)| format!("{name}={setting}")).collect();
         match &v.kind {
-            Kind::Hybrid { entries, .. } => {
-                json!({ "name": v.name, "entries": entries, "settings": settings })
+            Kind::Hybrid { surrogates, entries, .. } => {
+                json!({ "name": v.name, "surrogates": surrogates, "entries": entries, "settings": settings })
             }
             Kind::Plain(_) => json!({ "name": v.name, "settings": settings }),
         }

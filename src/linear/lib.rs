@@ -15,4 +15,4 @@ pub use choose::{FieldError, Fit, FitSettings, relative};
 pub use dmd::{Delayed, Dmd, Shape, Window};
 pub use layout::{Field, Weight};
 pub use snapshots::{Combination, Snapshots, Storage};
-pub use surrogate::{Linear, Settings, State};
+pub use surrogate::{Linear, Outlook, Settings, State};

@@ -28,6 +28,18 @@ pub struct Settings {
     /// What fits are made of.
     #[serde(default)]
     pub fit: FitSettings,
+    /// Snapshots that are kept beside the window while an [`Outlook`] is held.
+    #[serde(default)]
+    pub held: usize,
+}
+
+/// What a fit says of the times after a sample, whatever comes after it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outlook {
+    dmd: Dmd,
+    amplitudes: Vec<[f64; 2]>,
+    /// Of the window's snapshots.
+    slots: Vec<usize>,
 }
 
 /// A state that was predicted, where the solver has none.
@@ -56,6 +68,8 @@ pub struct Linear {
     state: State,
     /// The last step of the solver where a sample may lie between it and the next one.
     last: Option<(f64, Vec<Vec<f64>>)>,
+    /// Snapshots of an outlook that are to stay.
+    held: Vec<usize>,
     /// Where the snapshots are on disk.
     store: RefCell<Option<Store>>,
 }
@@ -74,8 +88,16 @@ impl Linear {
             ))),
         };
         comm.agree_with(checked, &format!("linear {settings:?}"))?;
-        let snapshots = Snapshots::new(comm, fields, settings.storage, settings.fit.window + BESIDE)?;
-        Ok(Linear { settings, snapshots, state: State::default(), last: None, store: RefCell::default() })
+        let snapshots =
+            Snapshots::new(comm, fields, settings.storage, settings.fit.window + settings.held + BESIDE)?;
+        Ok(Linear {
+            settings,
+            snapshots,
+            state: State::default(),
+            last: None,
+            held: Vec::new(),
+            store: RefCell::default(),
+        })
     }
 
     /// The settings.
@@ -158,7 +180,8 @@ impl Linear {
     }
 
     fn push(&mut self, number: i64, state: &[&[f64]]) -> Result<()> {
-        let pinned = self.state.fit.as_ref().map(|f| f.slots.clone()).unwrap_or_default();
+        let mut pinned = self.state.fit.as_ref().map(|f| f.slots.clone()).unwrap_or_default();
+        pinned.extend(&self.held);
         let spare = |s: &Snapshots| s.entries.iter().position(|e| !pinned.contains(&e.slot)).unwrap_or(0);
         if self.snapshots.entries.len() == self.snapshots.capacity() {
             let goes = self.snapshots.entries[spare(&self.snapshots)].slot;
@@ -199,33 +222,60 @@ impl Linear {
         self.state.fit = None;
     }
 
+    /// What comes next does not follow from the states so far: nothing is interpolated, and the window begins anew.
+    pub fn break_off(&mut self) {
+        self.forget();
+        self.last = None;
+        // A number is left out, so that no window reaches across.
+        if let Some(grid) = &mut self.state.grid {
+            grid.number += 1;
+        }
+    }
+
     /// The state at `strides` after the present one, as a combination of kept states. None without a fit, or where
     /// one of the last states that it begins from is missing.
     pub fn predict(&self, strides: f64) -> Option<Combination> {
+        Some(self.later(&self.outlook()?, strides))
+    }
+
+    /// What the fit says of the times after the present sample. None as for [`predict`](Self::predict).
+    pub fn outlook(&self) -> Option<Outlook> {
         let fit = self.state.fit.as_ref()?;
-        self.predict_by(fit, &fit.dmd, strides)
+        self.outlook_of(fit, &fit.dmd)
+    }
+
+    /// The state at `strides` after an outlook's sample.
+    pub fn later(&self, outlook: &Outlook, strides: f64) -> Combination {
+        spread(&self.snapshots, &outlook.slots, &outlook.dmd.weights(&outlook.amplitudes, strides))
+    }
+
+    /// Keeps the snapshots that an outlook needs; none: of no outlook any more.
+    pub fn hold(&mut self, outlook: Option<&Outlook>) {
+        self.held = outlook.map(|o| o.slots.clone()).unwrap_or_default();
     }
 
     /// How far the fit and the one without the tail are from each other after `strides`, over the variation, all fields together.
     pub fn doubt(&self, strides: f64) -> Option<f64> {
         let fit = self.state.fit.as_ref()?;
-        let a = self.predict_by(fit, &fit.dmd, strides)?;
-        let b = self.predict_by(fit, &fit.earlier, strides)?;
+        let a = self.later(&self.outlook_of(fit, &fit.dmd)?, strides);
+        let b = self.later(&self.outlook_of(fit, &fit.earlier)?, strides);
         let fields = fit.variation.iter().enumerate().filter(|(_, v)| **v > 0.0);
         let squares: Vec<f64> = fields.map(|(f, v)| self.snapshots.distance(f, &a, &b) / v).collect();
         Some((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt())
     }
 
-    fn predict_by(&self, fit: &Fit, dmd: &Dmd, strides: f64) -> Option<Combination> {
+    fn outlook_of(&self, fit: &Fit, dmd: &Dmd) -> Option<Outlook> {
         let present = self.state.present?;
-        let slots = &fit.slots[..];
         let own = dmd_slots(dmd, fit);
         let rows: Option<Vec<Vec<f64>>> =
             (present - dmd.shape.delays as i64 + 1..=present).map(|n| self.products(n, fit, own)).collect();
         let rows = rows?;
         let history: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
-        let weights = dmd.weights(&dmd.amplitudes(&history), strides);
-        Some(spread(&self.snapshots, &slots[..own], &weights))
+        Some(Outlook {
+            amplitudes: dmd.amplitudes(&history),
+            dmd: dmd.clone(),
+            slots: fit.slots[..own].to_vec(),
+        })
     }
 
     /// Products of a state of the run with the first `n` snapshots of the window, each field over its variation.
@@ -252,16 +302,13 @@ impl Linear {
             return false;
         };
         let first = strides.saturating_sub(self.most_delays() as usize) + 1;
-        let states: Option<Vec<Predicted>> = (first..=strides)
-            .map(|s| {
-                let state = self.predict(s as f64)?;
-                Some(Predicted { number: present + s as i64, state })
-            })
-            .collect();
-        let Some(states) = states else {
+        let Some(outlook) = self.outlook() else {
             return false;
         };
-        self.state.predicted.extend(states);
+        for s in first..=strides {
+            let state = self.later(&outlook, s as f64);
+            self.state.predicted.push_back(Predicted { number: present + s as i64, state });
+        }
         let end = present + strides as i64;
         let oldest = end - self.most_delays();
         self.state.predicted.retain(|p| p.number > oldest);

@@ -36,7 +36,7 @@ impl Waves {
 }
 
 fn settings(fit: FitSettings) -> Settings {
-    Settings { interval: 0.5, storage: Storage::Double, fit }
+    Settings { interval: 0.5, storage: Storage::Double, fit, held: 0 }
 }
 
 fn two(storage: Storage) -> Linear {

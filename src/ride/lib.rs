@@ -5,6 +5,7 @@
 //! is allowed by their errors ([`control`]), the watch over the solver's first steps after a jump, what surrogates learn, an observer's
 //! rollouts, the state of a run that is carried on, and what is told of all that in tables, messages and a summary.
 
+mod choice;
 pub mod control;
 mod linear;
 #[cfg(test)]
@@ -12,6 +13,7 @@ mod linear_tests;
 mod log;
 mod network;
 mod observe;
+mod quantities;
 pub mod restart;
 #[allow(clippy::module_inception)]
 mod ride;
@@ -33,6 +35,7 @@ mod watch;
 pub use linear::{Fitted, LinearSettings};
 pub use log::Text;
 pub use network::Network;
+pub use quantities::QuantitySettings;
 pub use ride::{Action, Answer, Ride};
 pub use schedule::Step;
 pub use settings::{AdaptEntries, Kind, Mode, RideSettings};

@@ -6,7 +6,9 @@
 
 use crate::schedule::Step;
 use crate::surrogate::{Advanced, Surrogate};
-use m4gn_linear::{Combination, Field as Array, FitSettings, Linear, Settings, State, Storage, relative};
+use m4gn_linear::{
+    Combination, Field as Array, FitSettings, Linear, Outlook, Settings, State, Storage, relative,
+};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_step::{Field, FieldMut};
@@ -138,6 +140,9 @@ struct Kept {
     tried: usize,
     /// Errors of the tail in the last tries since a fit was dropped; last, of the fit in use.
     errors: Vec<f64>,
+    /// Strides that others have jumped since then, and how many they may before the solver goes on for a fit.
+    others: f64,
+    turn: f64,
 }
 
 /// A linear surrogate in a run.
@@ -149,14 +154,17 @@ pub struct Fitted {
     places: Vec<usize>,
     interval: f64,
     kept: Kept,
-    /// What the last step predicted.
-    predicted: Option<Combination>,
+    /// What the last step predicted, and the advanced fields of it.
+    predicted: Option<(Combination, Vec<Vec<f64>>)>,
+    /// Where the rollout beside the solver began, and how long after that sample, in strides.
+    rollout: Option<(Outlook, f64)>,
     /// What is still to be said.
     note: String,
 }
 
 impl Fitted {
-    /// Of the state's arrays on this rank. `advanced`: those that are fields at the mesh's rows. Collective.
+    /// Of the state's arrays on this rank. `advanced`: those that are fields at the mesh's rows; `observes`: rollouts go on beside the
+    /// solver. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] for settings and arrays that cannot be.
@@ -165,6 +173,7 @@ impl Fitted {
         arrays: Vec<Array>,
         advanced: Vec<Advanced>,
         settings: LinearSettings,
+        observes: bool,
         start: &Step,
     ) -> Result<Self> {
         let place = |a: &Advanced| {
@@ -172,16 +181,23 @@ impl Fitted {
             found.ok_or_else(|| Error::Input(format!("linear: no array {} among those of the state", a.name)))
         };
         let places: Vec<usize> = comm.agree(advanced.iter().map(place).collect::<Result<_>>())?;
+        let held = if observes { settings.window } else { 0 };
         let interval = settings.interval.unwrap_or(STEPS * start.delta_t);
-        let own = Settings { interval, storage: settings.storage, fit: settings.fit() };
+        let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held };
         Ok(Fitted {
             linear: Linear::new(comm, arrays, own)?,
-            kept: Kept { length: settings.first as f64, ..Kept::default() },
+            kept: Kept {
+                begin: start.time,
+                length: settings.first as f64,
+                turn: settings.window as f64,
+                ..Kept::default()
+            },
             settings,
             advanced,
             places,
             interval,
             predicted: None,
+            rollout: None,
             note: String::new(),
         })
     }
@@ -200,6 +216,7 @@ impl Fitted {
         self.kept.tried = 0;
         let tolerance = self.settings.tolerance;
         let Some(fit) = self.linear.fit() else {
+            (self.kept.others, self.kept.turn) = (0.0, 2.0 * self.kept.turn);
             return String::new();
         };
         let (error, shape, n) = (fit.tail_error(), fit.dmd.shape, fit.numbers.len());
@@ -212,6 +229,13 @@ impl Fitted {
         let holds = error < tolerance && settled;
         if !holds {
             self.linear.forget();
+        }
+        match (holds, error < tolerance) {
+            (true, _) => (self.kept.others, self.kept.turn) = (0.0, self.settings.window as f64),
+            // It will hold: the solver goes on.
+            (_, true) => {}
+            // Others have twice as long a turn.
+            _ => (self.kept.others, self.kept.turn) = (0.0, 2.0 * self.kept.turn),
         }
         self.kept.length = self.settings.first as f64;
         format!(
@@ -286,6 +310,10 @@ impl Surrogate for Fitted {
         &self.advanced
     }
 
+    fn is_exact_in_time(&self) -> bool {
+        true
+    }
+
     /// How far it goes it says itself.
     fn growth(&self, _: &str) -> Option<Vec<f64>> {
         Some(vec![1.0; self.settings.longest])
@@ -295,6 +323,10 @@ impl Surrogate for Fitted {
     fn is_ready(&self, time: f64) -> bool {
         let here = (time - self.kept.begin).abs() < 1e-6 * self.interval;
         here && self.linear.fitted().is_some() && self.linear.predict(1.0).is_some()
+    }
+
+    fn wants_solver(&self) -> bool {
+        self.linear.fitted().is_none() && self.kept.others >= self.kept.turn
     }
 
     fn allows(&self, most: usize) -> usize {
@@ -331,24 +363,26 @@ impl Surrogate for Fitted {
         let prediction = self.linear.predict(strides);
         let prediction = prediction
             .ok_or_else(|| Error::Numerical("the linear surrogate has no fit to predict with".into()))?;
-        let mut values: Vec<Vec<f64>> = out.iter().map(|o| vec![0.0; o.cells.len()]).collect();
-        for (v, &place) in values.iter_mut().zip(&self.places) {
-            self.linear.field(place, &prediction, v);
-        }
-        let finite = values.iter().flatten().all(|v| v.is_finite());
-        let finite = finite
-            .then_some(())
-            .ok_or_else(|| Error::Numerical("the linear surrogate's prediction is not finite".into()));
-        self.linear.snapshots().comm().agree(finite)?;
-        for (o, v) in out.iter_mut().zip(&values) {
-            o.cells.copy_from_slice(v);
-        }
-        self.predicted = Some(prediction);
+        let values = self.put(&prediction, out)?;
+        self.predicted = Some((prediction, values));
         Ok(())
     }
 
+    fn begin_rollout(&mut self) {
+        self.rollout = self.linear.outlook().map(|outlook| (outlook, self.kept.offset));
+        self.linear.hold(self.rollout.as_ref().map(|(outlook, _)| outlook));
+    }
+
+    fn follow(&mut self, stride: usize, _: &[Field], out: &mut [FieldMut]) -> Result<()> {
+        let Some((outlook, offset)) = &self.rollout else {
+            return Err(Error::Numerical("the linear surrogate has no rollout to go on with".into()));
+        };
+        let prediction = self.linear.later(outlook, offset + stride as f64);
+        self.put(&prediction, out).map(|_| ())
+    }
+
     fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
-        let Some(prediction) = &self.predicted else {
+        let Some((prediction, values)) = &self.predicted else {
             return Err(Error::Input("linear: nothing was predicted".into()));
         };
         let fields = self.linear.snapshots().fields();
@@ -356,7 +390,10 @@ impl Surrogate for Fitted {
             return Err(Error::Input("linear: the arrays are not those of the state".into()));
         }
         for (f, o) in out.iter_mut().enumerate() {
-            self.linear.field(f, prediction, o);
+            match self.places.iter().position(|place| *place == f) {
+                Some(i) => o.copy_from_slice(&values[i]),
+                None => self.linear.field(f, prediction, o),
+            }
         }
         Ok(())
     }
@@ -366,11 +403,14 @@ impl Surrogate for Fitted {
     }
 
     fn handed_back(&mut self, time: f64, own: bool) {
+        if !own {
+            self.kept.others += (time - self.kept.begin) / self.interval;
+        }
         self.kept.begin = time;
         let strides = std::mem::take(&mut self.kept.ahead);
         // What another surrogate has made is no state of the solver.
         if !(own && self.linear.jump(strides)) {
-            self.linear.forget();
+            self.linear.break_off();
         }
         self.kept.trial = self.linear.predict(1.0).map(|p| (p, true));
     }
@@ -402,6 +442,23 @@ impl Surrogate for Fitted {
 }
 
 impl Fitted {
+    /// The advanced fields of a prediction go where they are wanted. Collective.
+    fn put(&self, prediction: &Combination, out: &mut [FieldMut]) -> Result<Vec<Vec<f64>>> {
+        let mut values: Vec<Vec<f64>> = out.iter().map(|o| vec![0.0; o.cells.len()]).collect();
+        for (v, &place) in values.iter_mut().zip(&self.places) {
+            self.linear.field(place, prediction, v);
+        }
+        let finite = values.iter().flatten().all(|v| v.is_finite());
+        let finite = finite
+            .then_some(())
+            .ok_or_else(|| Error::Numerical("the linear surrogate's prediction is not finite".into()));
+        self.linear.snapshots().comm().agree(finite)?;
+        for (o, v) in out.iter_mut().zip(&values) {
+            o.cells.copy_from_slice(v);
+        }
+        Ok(values)
+    }
+
     /// This rank's file of snapshots.
     fn file(&self) -> Option<PathBuf> {
         let mut name = self.settings.file.as_ref()?.clone().into_os_string();

@@ -2,10 +2,15 @@
 
 use crate::linear::settled;
 use crate::schedule::Step;
-use crate::{Action, Advanced, Fitted, Given, LinearSettings, Ride, RideSettings, Text};
+use crate::{
+    Action, Advanced, Fitted, Given, Kind, LinearSettings, Mode, Ride, RideSettings, Surrogate, Text,
+};
 use m4gn_linear::Field as Array;
+use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_step::{Field, FieldMut};
+use std::cell::Cell;
+use std::rc::Rc;
 
 const CELLS: usize = 12;
 const DELTA_T: f64 = 0.05;
@@ -37,8 +42,51 @@ struct Host {
     phi: Vec<f64>,
     /// Strides of each jump, and the time at which it ended.
     jumps: Vec<(usize, f64)>,
+    /// Who jumped.
+    by: Vec<usize>,
     solved: usize,
     log: String,
+    /// Of strides, and of an observer's errors.
+    tables: [String; 2],
+    clock: Rc<Cell<f64>>,
+}
+
+/// A network's place: the solver a stride later, but for a hundredth.
+struct Trained {
+    fields: Vec<Advanced>,
+    clock: Rc<Cell<f64>>,
+}
+
+impl Surrogate for Trained {
+    fn name(&self) -> &str {
+        "network"
+    }
+
+    fn source(&self) -> String {
+        "trained".into()
+    }
+
+    fn digest(&self) -> String {
+        "trained".into()
+    }
+
+    fn stride(&self) -> f64 {
+        0.2
+    }
+
+    fn advances(&self) -> &[Advanced] {
+        &self.fields
+    }
+
+    fn growth(&self, _: &str) -> Option<Vec<f64>> {
+        Some(vec![1.0; 8])
+    }
+
+    fn step(&mut self, _: &[Field], out: &mut [FieldMut]) -> Result<()> {
+        let later = solver(self.clock.get() + 0.2, 1e9);
+        out[0].cells.iter_mut().zip(later).for_each(|(o, v)| *o = v + 0.01);
+        Ok(())
+    }
 }
 
 fn step(time: f64, index: i64, end: f64) -> Step {
@@ -62,11 +110,18 @@ impl Host {
         let comm = Comm::serial();
         let begin = step(start, index, end);
         let own: LinearSettings = settings.linear.clone().unwrap();
-        let fitted = Fitted::new(&comm, arrays, advanced, own, &begin).unwrap();
-        let ride =
-            Ride::new(comm, vec![Box::new(fitted)], settings, (0..CELLS as i64).collect(), begin).unwrap();
+        let observes = settings.mode == Mode::Observe;
+        let fitted = Fitted::new(&comm, arrays, advanced, own, observes, &begin).unwrap();
+        let clock = Rc::new(Cell::new(start));
+        let mut riding: Vec<Box<dyn Surrogate>> = vec![Box::new(fitted)];
+        if settings.has(Kind::Network) {
+            let fields = vec![Advanced { name: "u".into(), components: 1, solved: 1 }];
+            riding.insert(0, Box::new(Trained { fields, clock: clock.clone() }));
+        }
+        let ride = Ride::new(comm, riding, settings, (0..CELLS as i64).collect(), begin).unwrap();
         let phi = flux(&u);
-        Host { ride, time: start, index, end, u, phi, jumps: Vec::new(), solved: 0, log: String::new() }
+        let (jumps, log, tables) = (Vec::new(), String::new(), Default::default());
+        Host { ride, time: start, index, end, u, phi, jumps, by: Vec::new(), solved: 0, log, tables, clock }
     }
 
     fn now(&self) -> Step {
@@ -74,6 +129,7 @@ impl Host {
     }
 
     fn with<T>(&mut self, call: impl FnOnce(&mut Ride<'static>, &Given) -> T) -> T {
+        self.clock.set(self.time);
         let fields = [Field { name: "u", components: 1, cells: &self.u, boundary: &[] }];
         call(&mut self.ride, &Given { fields: &fields, held: &[], owners: &[] })
     }
@@ -96,22 +152,36 @@ impl Host {
                 return;
             }
             let answer = self.with(|ride, given| ride.decide(given)).unwrap();
+            self.listen();
             if answer.action == Action::Stride && self.jump(&stop) {
                 return;
             }
         }
     }
 
+    fn listen(&mut self) {
+        self.log += &self.ride.take(Text::Log);
+        self.tables[0] += &self.ride.take(Text::Strides);
+        self.tables[1] += &self.ride.take(Text::Errors);
+    }
+
     /// Whether it was stopped.
     fn jump(&mut self, stop: &impl Fn(&Self) -> bool) -> bool {
-        let mut strides = 0;
+        let (mut strides, mut who) = (0, 0);
         loop {
             let mut out = vec![0.0; CELLS];
             let places = &mut [FieldMut { name: "u", components: 1, cells: &mut out }];
             let answer = self.with(|ride, given| ride.stride(given, places)).unwrap();
+            if answer.action == Action::HandBack {
+                break;
+            }
             assert_eq!(answer.action, Action::Advance);
-            self.ride.arrays(&mut [&mut self.u, &mut self.phi]).unwrap();
-            assert_eq!(out, self.u);
+            who = answer.surrogate;
+            // A network has no arrays.
+            match self.ride.arrays(&mut [&mut self.u, &mut self.phi]) {
+                Ok(()) => assert_eq!(out, self.u),
+                Err(_) => self.u.copy_from_slice(&out),
+            }
             (self.time, self.index) = (self.time + answer.duration, self.index + answer.solver_steps);
             strides += 1;
             let answer = self.ride.advanced(self.now()).unwrap();
@@ -123,9 +193,10 @@ impl Host {
             }
         }
         self.jumps.push((strides, self.time));
+        self.by.push(who);
         let now = self.now();
         self.with(|ride, given| ride.handed_back(now, &[], given)).unwrap();
-        self.log += &self.ride.take(Text::Log);
+        self.listen();
         false
     }
 }
@@ -170,6 +241,84 @@ fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
     let (_, dropped) = host.jumps[1];
     let again = host.jumps.iter().find(|j| j.1 > dropped + 24.0 * 0.2 && j.0 == 5);
     assert!(again.is_some(), "{:?}\n{}", host.jumps, host.log);
+}
+
+const BOTH: &str = r#"{"mode": "replace", "surrogates": ["network", "linear"], "timeStart": 6,
+    "linear": {"interval": 0.2, "least": 24, "first": 5, "growth": 2, "longest": 40}}"#;
+
+#[test]
+fn of_a_network_and_a_fit_the_nearer_one_jumps() {
+    let mut host = Host::new(BOTH, 0.0, 0, 40.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    assert!(!host.by.is_empty() && host.by.iter().all(|who| *who == 1), "{:?}\n{}", host.by, host.log);
+    assert!(host.log.contains("the network surrogate beside the solver was off by 0.0"), "{}", host.log);
+    assert!(host.log.contains(": the linear surrogate jumps"), "{}", host.log);
+    assert!(
+        host.tables[0].contains("\tanother\t") && host.tables[0].contains("\tjumps\t"),
+        "{}",
+        host.tables[0]
+    );
+    assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
+    let summary = host.ride.end();
+    assert!(summary.contains("\"jumps_network\": 0,"), "{summary}");
+}
+
+#[test]
+fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
+    let settings = BOTH.replace("\"timeStart\": 6", "\"timeStart\": 0.5");
+    let mut host = Host::new(&settings, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    let first =
+        host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{:?}\n{}", host.by, host.log));
+    assert!(first > 2 && host.by[..first].iter().all(|who| *who == 0), "{:?}", host.by);
+    // Forty strides are the network's; then 24 states of the solver.
+    let [before, after] = [host.jumps[first - 1].1, host.jumps[first].1 - 0.2 * host.jumps[first].0 as f64];
+    assert!(before >= 8.0 && after - before >= 23.0 * 0.2, "{:?}", host.jumps);
+    assert!(host.by[first..].iter().all(|who| *who == 1), "{:?}", host.by);
+    assert!(host.log.contains("leaves the time to the solver, for a fit"), "{}", host.log);
+}
+
+#[test]
+fn surrogates_without_a_field_in_common_are_refused() {
+    let settings = RideSettings::parse(BOTH).unwrap();
+    let begin = step(0.0, 0, 9.0);
+    let arrays = vec![Array::weighted("T", 1, vec![1.0; CELLS])];
+    let advanced = vec![Advanced { name: "T".into(), components: 1, solved: 1 }];
+    let own = settings.linear.clone().unwrap();
+    let fitted = Fitted::new(&Comm::serial(), arrays, advanced, own, false, &begin).unwrap();
+    let fields = vec![Advanced { name: "u".into(), components: 1, solved: 1 }];
+    let trained = Trained { fields, clock: Rc::default() };
+    let global = (0..CELLS as i64).collect();
+    let made = Ride::new(Comm::serial(), vec![Box::new(trained), Box::new(fitted)], settings, global, begin);
+    let said = made.err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(said.contains("network advances u, linear advances T"), "{said}");
+}
+
+#[test]
+fn an_observer_compares_rollouts_of_the_fit_and_leaves_the_run_alone() {
+    let settings = r#"{"mode": "observe", "surrogates": ["network", "linear"], "rolloutSteps": 60,
+        "linear": {"interval": 0.2, "least": 24}}"#;
+    let mut host = Host::new(settings, 0.0, 0, 30.0, solver(0.0, 20.0));
+    host.run(20.0, |_| false);
+    assert_eq!((host.jumps.len(), host.solved), (0, 600));
+    let rows = host.tables[1].lines().filter(|l| !l.starts_with('#'));
+    let rows: Vec<Vec<String>> = rows.map(|l| l.split('\t').map(String::from).collect()).collect();
+    let number = |text: &String| text.parse::<f64>().unwrap();
+    let of = |name: &'static str| rows.iter().filter(move |r| r[1] == name);
+    // Time, name, steps, oneStep, hold, rollout: after the first fit a rollout of sixty strides, from states that are long gone at its end,
+    // until the waves change.
+    let linear: Vec<_> = of("linear").collect();
+    assert!((number(&linear[0][0]) - 5.0).abs() < 1e-9, "{:?}", linear[0]);
+    let steps: Vec<f64> = linear.iter().map(|r| number(&r[2])).collect();
+    assert_eq!(steps[..60], (1..=60).map(f64::from).collect::<Vec<_>>()[..]);
+    assert!(linear[..60].iter().all(|r| number(&r[5]) < 1e-3 && number(&r[4]) > 0.0), "{:?}", linear[59]);
+    // What the fit does not know is told, though it was dropped: the rollout that met it goes on.
+    let late = linear.iter().filter(|r| number(&r[0]) > 22.0);
+    assert!(late.clone().any(|r| number(&r[5]) > 0.5), "{:?}", linear.last());
+    assert!(of("network").all(|r| (number(&r[3]) - 0.01).abs() < 1e-6 || number(&r[0]) > 20.0));
+    host.ride.end();
+    host.listen();
+    assert!(host.log.contains("mean rms errors of the linear surrogate"), "{}", host.log);
 }
 
 #[test]
@@ -232,7 +381,6 @@ fn settings_that_cannot_be_are_named() {
         assert!(error.contains(words), "{linear}: {error}");
     }
     for (text, words) in [
-        (r#"{"mode": "observe", "surrogates": ["linear"]}"#, "mode replace"),
         (r#"{"mode": "replace", "surrogates": ["linear", "linear"]}"#, "each once"),
         (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "linear": {}}"#, "does not name it"),
         (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "linear"),

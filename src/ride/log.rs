@@ -1,9 +1,8 @@
 //! What a ride has to say: lines of the log, warnings, rows of its tables. The host takes them and puts them where they belong.
 
 use crate::ride::{Jump, Ride};
-use crate::rider::Rider;
 use crate::surrogate::Lesson;
-use crate::tables::{Digits, row};
+use crate::tables::row;
 use crate::watch::Judgement;
 
 /// What has not been taken yet.
@@ -14,6 +13,8 @@ pub(crate) struct Log {
     /// Whether the last jump was not allowed.
     pub refused: bool,
     pub jumps_head: String,
+    /// Names of the quantities that are its columns.
+    pub quantities: Vec<String>,
     pub jumps: String,
     pub strides_head: String,
     pub strides: String,
@@ -59,29 +60,6 @@ impl Log {
         }
         self.text += "\n\n";
     }
-
-    /// Says why there is no jump, and when there may be one again.
-    pub fn decided(&mut self, time: &str, allowed: bool, riders: &[Rider], digits: Digits) {
-        if allowed {
-            if std::mem::take(&mut self.refused) {
-                self.text += "m4gn: the surrogate may jump again\n\n";
-            }
-            return;
-        }
-        self.refused = true;
-        for rider in riders {
-            let [error, estimate] = rider.expected;
-            let tolerance = rider.control.as_ref().map_or(f64::INFINITY, |c| c.settings().tolerance);
-            let why = match estimate <= tolerance {
-                true => "more than relTol of what the solver changed".to_string(),
-                false => format!("and {} is expected of a step", digits.of(estimate)),
-            };
-            self.text += &format!(
-                "m4gn: no jump at time {time}: the surrogate beside the solver was off by {} in a stride, {why}. The solver goes on\n\n",
-                digits.of(error)
-            );
-        }
-    }
 }
 
 impl Ride<'_> {
@@ -110,7 +88,7 @@ impl Ride<'_> {
     pub(crate) fn log_jump(&mut self, jump: &Jump, quantities: &[(String, f64)]) {
         let digits = self.digits();
         let rider = &self.riders[jump.surrogate];
-        let (stride, source) = (rider.surrogate.stride(), rider.surrogate.source());
+        let stride = rider.surrogate.stride();
         let [surrogate, hand_over] = [0, 1].map(|i| self.totals.seconds[i] - jump.began[i]);
         let mut line = format!(
             "m4gn: jumped {} steps of {} s to time {} in {} s",
@@ -136,15 +114,19 @@ impl Ride<'_> {
         if self.log.jumps_head.is_empty() && self.totals.rows == 0 {
             let mut names: Vec<String> =
                 ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();
-            names.extend(quantities.iter().map(|(name, _)| name.clone()));
+            self.log.quantities = quantities.iter().map(|(name, _)| name.clone()).collect();
+            names.extend(self.log.quantities.clone());
+            if self.riders.len() > 1 {
+                names.push("surrogate".into());
+            }
             if jump.expected.is_some() {
                 names.extend(["strideError", "estimate"].map(String::from));
             }
-            self.log.jumps_head = digits.header(
-                &[format!("Jumps of the surrogate {source}")],
-                &[("stride (s)", digits.of(stride))],
-                &names,
-            );
+            let lines =
+                self.riders.iter().map(|r| format!("Jumps of the surrogate {}", r.surrogate.source()));
+            let strides = self.riders.iter().map(|r| ("stride (s)", digits.of(r.surrogate.stride())));
+            self.log.jumps_head =
+                digits.header(&lines.collect::<Vec<_>>(), &strides.collect::<Vec<_>>(), &names);
         }
         self.totals.rows += 1;
         let mut columns = vec![
@@ -153,7 +135,11 @@ impl Ride<'_> {
             digits.of(surrogate),
             digits.of(hand_over),
         ];
-        columns.extend(quantities.iter().map(|(_, value)| digits.of(*value)));
+        let of = |name: &String| quantities.iter().find(|q| q.0 == *name).map_or(f64::NAN, |q| q.1);
+        columns.extend(self.log.quantities.iter().map(|name| digits.of(of(name))));
+        if self.riders.len() > 1 {
+            columns.push(rider.surrogate.name().into());
+        }
         columns.extend(jump.expected.iter().flatten().map(|v| digits.of(*v)));
         self.log.jumps += &row(&columns);
     }

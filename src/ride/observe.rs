@@ -1,13 +1,16 @@
 //! A surrogate beside the solver: single strides, and rollouts that begin anew from the solver's fields.
 
 use crate::control::{Control, StrideError};
+use crate::ride::Ride;
+use crate::rider::Rider;
 use crate::schedule::Step;
-use crate::shadow::{Shadow, predict};
+use crate::settings::RideSettings;
+use crate::shadow::Shadow;
 use crate::surrogate::Surrogate;
 use crate::tables::{Digits, row};
-use crate::values::{Given, Values, between, rms};
-use m4gn_mesh::Result;
+use crate::values::{Given, Values, between, places, rms};
 use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
 use m4gn_step::Field;
 
 /// The error that a table has for a prediction that is not finite.
@@ -38,11 +41,15 @@ pub(crate) struct Observer {
     /// Strides of this rollout; 0: it begins.
     steps: usize,
     finite: bool,
-    /// Sums over all times of the columns of each field.
+    /// Sums over all times of the columns of each field, and at how many of them a stride could be taken.
     sums: Vec<[f64; 4]>,
     times: usize,
-    /// Whether errors are kept for each cell and told for each segment.
+    one_steps: usize,
+    /// Whether errors are kept for each cell, and told for each segment.
     write_errors: bool,
+    in_segments: bool,
+    /// Which one of several it is.
+    name: Option<String>,
     /// The rollout minus the solver, at the last time at which they were compared, and its name.
     difference: Option<(Values, String)>,
     judged: Judged,
@@ -57,7 +64,9 @@ pub(crate) struct Observed {
 }
 
 impl Observer {
-    pub fn new(surrogate: &dyn Surrogate, rollout_steps: usize, write_errors: bool) -> Self {
+    /// Errors in segments are told of the first surrogate; rows have the name where there are several.
+    pub fn new(rider: &Rider, settings: &RideSettings, first: bool, several: bool) -> Self {
+        let rollout_steps = settings.rollout_steps;
         Observer {
             rollout_steps,
             first: Values::new(),
@@ -65,45 +74,15 @@ impl Observer {
             now: Values::new(),
             steps: 0,
             finite: true,
-            sums: vec![[0.0; 4]; surrogate.advances().len()],
+            sums: vec![[0.0; 4]; rider.surrogate.advances().len()],
             times: 0,
-            write_errors,
+            one_steps: 0,
+            write_errors: settings.write_errors,
+            in_segments: first && settings.write_errors,
+            name: several.then(|| rider.surrogate.name().into()),
             difference: None,
             judged: Judged { estimates: vec![f64::INFINITY; rollout_steps], ..Judged::default() },
         }
-    }
-
-    /// The head of the table of errors.
-    pub fn header(&self, surrogate: &dyn Surrogate, digits: Digits, controlled: bool) -> String {
-        let mut columns: Vec<String> = vec!["Time".into(), "steps".into()];
-        for field in surrogate.advances() {
-            let kinds = ["oneStep", "hold", "rollout", "holdFirst", "rms"];
-            columns.extend(kinds.map(|kind| format!("{kind}({})", field.name)));
-        }
-        if controlled {
-            columns.extend(["error".into(), "estimate".into()]);
-        }
-        digits.header(
-            &["Error of the surrogate against the solver".into(), surrogate.source()],
-            &[
-                ("stride (s)", digits.of(surrogate.stride())),
-                ("rolloutSteps", self.rollout_steps.to_string()),
-            ],
-            &columns,
-        )
-    }
-
-    /// The head of the table of errors in segments; empty: it is not asked for.
-    pub fn segment_header(&self, surrogate: &dyn Surrogate, digits: Digits) -> String {
-        if !self.write_errors {
-            return String::new();
-        }
-        let mut columns: Vec<String> = vec!["Time".into()];
-        for field in surrogate.advances() {
-            columns.extend((0..surrogate.segments().0.max(1)).map(|k| format!("{}:{k}", field.name)));
-        }
-        let lines = ["Error of the surrogate's rollout in each segment".into(), surrogate.source()];
-        digits.header(&lines, &[], &columns)
     }
 
     /// What follows a step of the solver where it has arrived at the end of a stride, or where none is under way. Collective.
@@ -111,12 +90,12 @@ impl Observer {
     pub fn arrived(
         &mut self,
         comm: &Comm,
-        surrogate: &mut dyn Surrogate,
+        (surrogate, columns): (&mut dyn Surrogate, &[usize]),
         shadow: &mut Shadow,
         control: Option<&mut Control>,
         step: &Step,
         given: &Given,
-        digits: Digits,
+        digits: (Digits, usize),
     ) -> Result<Observed> {
         let mut found = Observed::default();
         let mut control = control;
@@ -124,13 +103,13 @@ impl Observer {
             let fraction = shadow.fraction(step, surrogate.stride());
             let solver = given.values(comm, surrogate.advances())?;
             let one_step = shadow.compare(comm, surrogate, &solver, fraction);
-            if let Some(control) = control.as_deref_mut() {
+            if let Some(control) = control.as_deref_mut().filter(|_| !shadow.idle) {
                 control.measure(&one_step)?;
             }
             if self.steps > 0 {
                 self.compare(
                     comm,
-                    surrogate,
+                    (surrogate, columns),
                     control.as_deref(),
                     (&solver, &one_step, fraction),
                     step,
@@ -142,7 +121,12 @@ impl Observer {
                 self.steps = 0;
             }
         }
-        found.bad.extend(shadow.begin(comm, surrogate, step, given)?);
+        match surrogate.is_ready(step.time) {
+            true => found.bad.extend(shadow.begin(comm, surrogate, step, given)?),
+            // A rollout goes on, and is compared at the ends of its strides.
+            false if self.steps > 0 => shadow.begin_idle(comm, surrogate, step, given)?,
+            false => return Ok(found),
+        }
         self.go_on(surrogate, shadow, control.as_deref(), given, &mut found)?;
         Ok(found)
     }
@@ -151,11 +135,11 @@ impl Observer {
     fn compare(
         &mut self,
         comm: &Comm,
-        surrogate: &dyn Surrogate,
+        (surrogate, places): (&dyn Surrogate, &[usize]),
         control: Option<&Control>,
         (solver, one_step, fraction): (&Values, &[StrideError], f64),
         step: &Step,
-        digits: Digits,
+        (digits, n_fields): (Digits, usize),
         found: &mut Observed,
     ) {
         let fields = surrogate.advances();
@@ -169,16 +153,23 @@ impl Observer {
         let rollout = rms(comm, fields, differences.iter().map(|d| d.iter().copied()));
         let firsts = self.first.iter().zip(solver);
         let hold_first = rms(comm, fields, firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)));
-        let or_not = |error: f64| if error.is_finite() { error } else { NOT_FINITE };
-        let mut columns = vec![digits.of(step.shown), self.steps.to_string()];
+        let or_not = |error: f64| if error.is_infinite() { NOT_FINITE } else { error };
+        self.one_steps += usize::from(!one_step.iter().any(|e| e.error.is_nan()));
+        let mut columns = vec![digits.of(step.shown)];
+        columns.extend(self.name.clone());
+        columns.push(self.steps.to_string());
+        let mut figures = vec![[f64::NAN; 5]; n_fields];
         let mut errors = Vec::new();
         for (i, sums) in self.sums.iter_mut().enumerate() {
             let rollout = if self.finite { rollout[i] } else { NOT_FINITE };
             let row = [or_not(one_step[i].error), one_step[i].change, rollout, hold_first[i]];
-            columns.extend(row.iter().chain([&one_step[i].size]).map(|v| digits.of(*v)));
-            sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+            figures[places[i]] = [row[0], row[1], row[2], row[3], one_step[i].size];
+            sums.iter_mut()
+                .zip(row)
+                .for_each(|(sum, value)| *sum += if value.is_nan() { 0.0 } else { value });
             errors.push(rollout);
         }
+        columns.extend(figures.iter().flatten().map(|v| digits.of(*v)));
         if let Some(control) = control {
             let error = control.relative(&errors).unwrap_or(f64::INFINITY);
             let estimate = self.judged.estimates[self.steps - 1];
@@ -191,7 +182,9 @@ impl Observer {
         }
         found.errors = row(&columns);
         if self.write_errors && self.finite {
-            found.segments = in_segments(comm, surrogate, &differences, digits.of(step.shown), digits);
+            if self.in_segments {
+                found.segments = in_segments(comm, surrogate, &differences, digits.of(step.shown), digits);
+            }
             self.difference = Some((differences, step.name.clone()));
         }
         self.times += 1;
@@ -219,6 +212,7 @@ impl Observer {
                 judged.allowed = control.strides(self.rollout_steps);
                 judged.refused += usize::from(judged.allowed == 0);
             }
+            surrogate.begin_rollout();
             self.first = shadow.start.clone();
             self.old = shadow.start.clone();
             self.now = shadow.predicted.clone();
@@ -243,10 +237,14 @@ impl Observer {
             })
             .collect();
         let own = Given { fields: &fields, ..*given };
-        let bad = predict(surrogate, &own, &mut self.now)?;
-        self.finite = bad.is_none();
-        found.bad.extend(bad);
         self.steps += 1;
+        let advanced = surrogate.advances().to_vec();
+        let followed = surrogate.follow(self.steps, own.fields, &mut places(&advanced, &mut self.now));
+        self.finite = followed.is_ok();
+        match followed {
+            Err(Error::Numerical(what)) => found.bad.push(what),
+            other => other?,
+        }
         Ok(())
     }
 
@@ -256,23 +254,22 @@ impl Observer {
     }
 
     /// What there is to be said at the end.
-    pub fn summary(&self, surrogate: &dyn Surrogate, control: Option<&Control>, digits: Digits) -> String {
+    pub fn summary(&self, who: &str, rider: &Rider, digits: Digits) -> String {
         if self.times == 0 {
-            return "m4gn: the run was shorter than a stride; nothing observed\n\n".into();
+            return format!("m4gn: {who} came to no end of a stride beside the solver; nothing observed\n\n");
         }
         let n = self.times as f64;
-        let mut text = format!(
-            "m4gn: mean rms errors of the surrogate, over cells and components, at {} times\n",
-            self.times
-        );
-        for (field, sums) in surrogate.advances().iter().zip(&self.sums) {
-            let [one, hold, rollout, first] = sums.map(|sum| digits.of(sum / n));
+        let mut text =
+            format!("m4gn: mean rms errors of {}, over cells and components, at {} times\n", who, self.times);
+        for (field, sums) in rider.surrogate.advances().iter().zip(&self.sums) {
+            let one = digits.of(sums[0] / self.one_steps.max(1) as f64);
+            let [_, hold, rollout, first] = sums.map(|sum| digits.of(sum / n));
             text += &format!(
                 "    {}: one step {one} (hold {hold}), rollout {rollout} (hold first {first})\n",
                 field.name
             );
         }
-        if let Some(control) = control {
+        if let Some(control) = &rider.control {
             let j = &self.judged;
             text += &format!(
                 "    control would have let {} rollouts go as jumps, of {} steps in the mean: the error at the end of {} of them was \
@@ -285,6 +282,45 @@ impl Observer {
             );
         }
         text + "\n"
+    }
+}
+
+impl Ride<'_> {
+    /// The head of the table of errors.
+    pub(crate) fn errors_head(&self) -> String {
+        let digits = self.digits();
+        let mut columns: Vec<String> = vec!["Time".into()];
+        if self.riders.len() > 1 {
+            columns.push("surrogate".into());
+        }
+        columns.push("steps".into());
+        for field in &self.fields {
+            let kinds = ["oneStep", "hold", "rollout", "holdFirst", "rms"];
+            columns.extend(kinds.map(|kind| format!("{kind}({field})")));
+        }
+        if self.settings.control.is_some() {
+            columns.extend(["error".into(), "estimate".into()]);
+        }
+        let mut lines = vec!["Error of the surrogate against the solver".to_string()];
+        lines.extend(self.riders.iter().map(|r| r.surrogate.source()));
+        let mut values: Vec<(&str, String)> =
+            self.riders.iter().map(|r| ("stride (s)", digits.of(r.surrogate.stride()))).collect();
+        values.push(("rolloutSteps", self.settings.rollout_steps.to_string()));
+        digits.header(&lines, &values, &columns)
+    }
+
+    /// The head of the table of errors in segments; empty: it is not asked for.
+    pub(crate) fn segments_head(&self) -> String {
+        if !self.settings.write_errors {
+            return String::new();
+        }
+        let surrogate = self.riders[0].surrogate.as_ref();
+        let mut columns: Vec<String> = vec!["Time".into()];
+        for field in surrogate.advances() {
+            columns.extend((0..surrogate.segments().0.max(1)).map(|k| format!("{}:{k}", field.name)));
+        }
+        let lines = ["Error of the surrogate's rollout in each segment".into(), surrogate.source()];
+        self.digits().header(&lines, &[], &columns)
     }
 }
 

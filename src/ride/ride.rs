@@ -3,6 +3,7 @@
 use crate::control::Control;
 use crate::log::Log;
 use crate::observe::Observer;
+use crate::quantities::Quantities;
 use crate::rider::Rider;
 use crate::schedule::{Schedule, Step, extra_steps, steps_of};
 use crate::settings::{AdaptEntries, Mode, RideSettings};
@@ -100,8 +101,10 @@ pub struct Ride<'a> {
     pub(crate) adapt: AdaptEntries,
     pub(crate) schedule: Schedule,
     pub(crate) riders: Vec<Rider<'a>>,
-    pub(crate) observer: Option<Observer>,
+    /// Fields of the tables: those of all surrogates.
+    pub(crate) fields: Vec<String>,
     pub(crate) watch: Watch,
+    pub(crate) quantities: Quantities,
     pub(crate) totals: Totals,
     /// Number of this rank's rows in the undecomposed mesh.
     pub(crate) global: Vec<i64>,
@@ -135,17 +138,25 @@ impl<'a> Ride<'a> {
         let digits = Digits(settings.write_precision);
         let adapt = settings.adapt_entries()?;
         let observing = settings.mode == Mode::Observe;
-        if surrogates.is_empty() || surrogates.len() > 1 && (observing || settings.control.is_none()) {
+        if surrogates.is_empty() || surrogates.len() > 1 && !observing && settings.control.is_none() {
             return Err(Error::Input(match surrogates.len() {
                 0 => "ride: expected at least one surrogate".into(),
                 n => format!(
-                    "ride: {n} surrogates: which one jumps is chosen by what they are off by beside the solver, which control measures in \
-                     mode replace; give control, or one surrogate"
+                    "ride: {n} surrogates: which one jumps is chosen by what they are off by beside the solver, which control measures; \
+                     give control, or one surrogate"
                 ),
             }));
         }
         let mut rows = [global.len() as i64];
         comm.sum_i64(&mut rows);
+        let mut settings = settings;
+        watch_alike(&surrogates, &mut settings)?;
+        let mut fields: Vec<String> = Vec::new();
+        for advanced in surrogates.iter().flat_map(|s| s.advances()) {
+            if !fields.contains(&advanced.name) {
+                fields.push(advanced.name.clone());
+            }
+        }
         let mut log = Log::default();
         let mut riders = Vec::new();
         for surrogate in surrogates {
@@ -158,7 +169,7 @@ impl<'a> Ride<'a> {
                     digits.of(start.delta_t)
                 )));
             }
-            riders.push(Rider::new(surrogate, &settings, &mut log)?);
+            riders.push(Rider::new(surrogate, &settings, &fields, &mut log)?);
         }
         let first_time = settings.time_start.unwrap_or(start.time);
         let schedule = Schedule {
@@ -173,8 +184,9 @@ impl<'a> Ride<'a> {
             comm,
             schedule,
             riders,
-            observer: None,
+            fields,
             watch: Watch::default(),
+            quantities: Quantities::default(),
             totals: Totals::default(),
             global,
             rows: rows[0] as usize,
@@ -230,14 +242,17 @@ impl<'a> Ride<'a> {
 
     /// An observer that does not see the solver's steps compares where no stride ends, and errors are then those of an interpolation.
     fn check_interval(&self, step: &Step) -> Result<()> {
-        let (interval, stride) = (step.time - self.step.time, self.riders[0].surrogate.stride());
-        let steps = stride / interval;
+        let interval = step.time - self.step.time;
         let measured = self.settings.mode == Mode::Observe || self.settings.control.is_some();
         // A change of deltaT changes one interval as well.
         let skipped = step.index - self.step.index > 1 && interval > 1.5 * step.delta_t;
-        let meets = (steps - steps.round()).abs() < 1e-3 * steps.max(1.0) && steps > 0.5;
-        match measured && skipped && !meets && !self.schedule.is_over(step) && self.schedule.has_begun(step) {
-            true => Err(Error::Input(format!(
+        if !(measured && skipped) || self.schedule.is_over(step) || !self.schedule.has_begun(step) {
+            return Ok(());
+        }
+        let misses = |steps: f64| (steps - steps.round()).abs() >= 1e-3 * steps.max(1.0) || steps <= 0.5;
+        let strides = self.riders.iter().map(|r| r.surrogate.stride());
+        match strides.map(|s| (s, s / interval)).find(|(_, steps)| misses(*steps)) {
+            Some((stride, steps)) => Err(Error::Input(format!(
                 "ride: from time {} to {} it saw no step of the solver, and a stride of {} s is {} of such intervals: strides would be \
                  compared where none ends. Execute it at each step (executeInterval 1), or at intervals that divide a stride",
                 self.step.name,
@@ -245,7 +260,7 @@ impl<'a> Ride<'a> {
                 self.digits().of(stride),
                 self.digits().of(steps)
             ))),
-            false => Ok(()),
+            None => Ok(()),
         }
     }
 
@@ -339,6 +354,12 @@ impl<'a> Ride<'a> {
             return Err(self.out_of_turn("decide"));
         }
         self.frame(false, given)?;
+        let answer = self.decided(given);
+        self.tell_measured();
+        answer
+    }
+
+    fn decided(&mut self, given: &Given) -> Result<Answer> {
         let controlled = self.is_controlled();
         if controlled {
             self.measure(given)?;
@@ -388,6 +409,30 @@ impl<'a> Ride<'a> {
         }
     }
 
+    /// What the settings' quantities are after the present state, in their order; no number where there is none: behind
+    /// [`decide`](Self::decide), and after each stride. Not collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of them.
+    pub fn reported(&mut self, values: &[f64]) -> Result<()> {
+        let expected = self.settings.quantities.len();
+        if values.len() != expected {
+            return Err(Error::Input(format!(
+                "ride: {} quantities: expected {expected}, those of the settings",
+                values.len()
+            )));
+        }
+        let solver = match &self.phase {
+            Phase::Solving | Phase::Deciding => true,
+            Phase::Jumping(jump) => jump.done == 0 && !jump.carried_on,
+            Phase::Advancing(_) | Phase::HandingBack(_) => false,
+        };
+        let held = self.quantities.reported(&self.settings.quantities, values, solver, &self.step.name);
+        self.log.text += &held.note;
+        self.log.warnings.extend(held.warning);
+        Ok(())
+    }
+
     /// The present fields are a frame. Collective.
     fn frame(&mut self, begins: bool, given: &Given) -> Result<()> {
         if self.is_learning() {
@@ -398,62 +443,34 @@ impl<'a> Ride<'a> {
         Ok(())
     }
 
-    /// Compares where the solver has come a stride. Collective.
-    fn measure(&mut self, given: &Given) -> Result<()> {
-        let digits = self.digits();
-        for rider in &mut self.riders {
-            if rider.has_arrived(&self.step) {
-                rider.measure(&self.comm, &self.step, given, digits, &mut self.log)?;
-                self.totals.measured += 1;
-            }
-        }
-        Ok(())
-    }
-
-    /// The solver goes on from here: strides beside it begin. `anew`: from another state than it arrived at. Collective.
-    fn begin_shadows(&mut self, anew: bool, given: &Given) -> Result<()> {
-        for rider in &mut self.riders {
-            rider.shadow.waiting &= !anew;
-            if rider.can_begin(&self.step) {
-                let bad = rider.shadow.begin(&self.comm, rider.surrogate.as_mut(), &self.step, given)?;
-                self.stepped = true;
-                self.log.not_finite(&self.step.name, bad);
-            }
-        }
-        Ok(())
-    }
-
     /// Mode observe. Collective.
     fn observe(&mut self, given: &Given) -> Result<()> {
         let digits = self.digits();
-        if self.observer.is_none() {
+        if self.riders.iter().all(|r| r.observer.is_none()) {
             self.learn(self.settings.rollout_steps)?;
-            let rider = &self.riders[0];
-            let observer = Observer::new(
-                rider.surrogate.as_ref(),
-                self.settings.rollout_steps,
-                self.settings.write_errors,
-            );
-            self.log.observed_head = [
-                observer.header(rider.surrogate.as_ref(), digits, rider.control.is_some()),
-                observer.segment_header(rider.surrogate.as_ref(), digits),
-            ];
-            self.observer = Some(observer);
+            let several = self.riders.len() > 1;
+            for (i, rider) in self.riders.iter_mut().enumerate() {
+                rider.observer = Some(Observer::new(rider, &self.settings, i == 0, several));
+            }
+            self.log.observed_head = [self.errors_head(), self.segments_head()];
         }
-        let rider = &mut self.riders[0];
-        if let Some(observer) = &mut self.observer
-            && (!rider.shadow.waiting || rider.has_arrived(&self.step))
-        {
+        for rider in &mut self.riders {
+            if rider.shadow.waiting && !rider.has_arrived(&self.step) {
+                continue;
+            }
+            let Some(observer) = &mut rider.observer else {
+                continue;
+            };
             let found = observer.arrived(
                 &self.comm,
-                rider.surrogate.as_mut(),
+                (rider.surrogate.as_mut(), &rider.columns[..]),
                 &mut rider.shadow,
                 rider.control.as_mut(),
                 &self.step,
                 given,
-                digits,
+                (digits, self.fields.len()),
             )?;
-            self.stepped = true;
+            self.stepped |= rider.shadow.waiting;
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
             found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
@@ -462,7 +479,7 @@ impl<'a> Ride<'a> {
     }
 
     /// A round of learning for jumps of so many strides. Collective.
-    fn learn(&mut self, strides: usize) -> Result<()> {
+    pub(crate) fn learn(&mut self, strides: usize) -> Result<()> {
         if !self.is_learning() {
             return Ok(());
         }
@@ -482,64 +499,6 @@ impl<'a> Ride<'a> {
         Ok(())
     }
 
-    /// The jump that may begin now. Collective.
-    fn next_jump(&mut self) -> Result<Option<Jump>> {
-        let step = self.step.clone();
-        self.totals.first_time.get_or_insert(step.time);
-        // The next jump is most likely by whom the last one was.
-        let stride = self.riders[self.totals.last].surrogate.stride();
-        let due = self.schedule.solver_steps(self.totals.ahead, step.delta_t, stride);
-        let measured = |r: &Rider| r.control.is_none() || r.fresh;
-        if step.index - self.handed_back < due || !self.riders.iter().any(measured) {
-            return Ok(None);
-        }
-        let (most, said) = self.watch.most(&step.name, self.schedule.surrogate_steps);
-        self.log.judged(said);
-        if most == 0 {
-            return Ok(None);
-        }
-        if self.schedule.fits(&step, step.delta_t, stride, 1.0) {
-            self.learn(most)?;
-        }
-        let Some((surrogate, strides)) = self.choose(most) else {
-            return Ok(None);
-        };
-        let rider = &self.riders[surrogate];
-        if !self.schedule.fits(&step, step.delta_t, rider.surrogate.stride(), 1.0) {
-            return Ok(None);
-        }
-        Ok(Some(Jump {
-            surrogate,
-            strides,
-            done: 0,
-            carried_on: false,
-            delta_t: step.delta_t,
-            ahead: rider.surrogate.ahead(self.totals.jumps > 0),
-            over: false,
-            began: self.totals.seconds,
-            expected: rider.control.as_ref().map(|_| rider.expected),
-        }))
-    }
-
-    /// Who jumps, and how far: of those that control lets jump the one that was off by least.
-    fn choose(&mut self, most: usize) -> Option<(usize, usize)> {
-        let digits = self.digits();
-        let mut best: Option<(usize, usize)> = None;
-        for i in 0..self.riders.len() {
-            let strides = self.riders[i].allowed(most);
-            let error = |i: usize| self.riders[i].expected[0];
-            if strides > 0 && best.is_none_or(|(other, _)| error(i) < error(other)) {
-                best = Some((i, strides));
-            }
-        }
-        if self.settings.control.is_some() {
-            let allowed = best.is_some();
-            self.totals.refused += usize::from(!allowed);
-            self.log.decided(&self.step.name, allowed, &self.riders, digits);
-        }
-        best
-    }
-
     /// A stride of the jump, from the fields as they are now. `out`: where the advanced fields of the surrogate go, in its order. The
     /// answer is [`Action::Advance`], or what follows where the stride must not be used: `out` is then as it was. Collective; all ranks
     /// fail together.
@@ -555,6 +514,7 @@ impl<'a> Ride<'a> {
         if !self.schedule.fits(&self.step, jump.delta_t, stride, 1.0) {
             return self.end_early(jump, given);
         }
+        let exact = rider.surrogate.is_exact_in_time();
         let advanced = rider.surrogate.advances().to_vec();
         let old = given.values(&self.comm, &advanced)?;
         let shapes = out.iter().map(|o| (o.name, o.cells.len()));
@@ -587,8 +547,10 @@ impl<'a> Ride<'a> {
         // The first stride makes up for the clock of those before.
         let mut extra = 0;
         if jump.done == 0 && !jump.carried_on {
-            self.totals.begin_jump(jump.surrogate, self.step.time);
-            extra = extra_steps(self.totals.ahead, jump.delta_t, stride);
+            self.totals.begin_jump(jump.surrogate, self.riders.len(), self.step.time);
+            if !exact {
+                extra = extra_steps(self.totals.ahead, jump.delta_t, stride);
+            }
             let fits = |extra: i64| {
                 let strides = 1.0 + extra as f64 * jump.delta_t / stride;
                 self.schedule.fits(&self.step, jump.delta_t, stride, strides)
@@ -602,6 +564,7 @@ impl<'a> Ride<'a> {
         self.totals.ahead += jump.ahead - extra as f64 * jump.delta_t;
         let duration = stride + extra as f64 * jump.delta_t;
         self.totals.replaced += duration;
+        self.totals.by[jump.surrogate].1 += duration;
         let solver_steps = steps_of(stride, jump.delta_t) + extra;
         self.phase = Phase::Advancing(jump);
         Ok(Answer { duration, solver_steps, ..self.answer(Action::Advance) })
@@ -669,6 +632,7 @@ impl<'a> Ride<'a> {
             rider.surrogate.handed_back(self.step.time, i == jump.surrogate);
         }
         self.watch.handed_back(self.totals.steps);
+        self.quantities.handed_back(jump.done);
         if jump.done > 0 || !jump.over {
             self.log_jump(&jump, quantities);
         }
@@ -704,8 +668,33 @@ impl<'a> Ride<'a> {
 
     /// The rollout of an observed surrogate minus the solver at the cells of each advanced field, and the name of the time at which they
     /// were compared last; none before.
-    pub fn difference(&self) -> Option<(&[Vec<f64>], &str)> {
-        let (values, time) = self.observer.as_ref()?.difference()?;
+    pub fn difference(&self, surrogate: usize) -> Option<(&[Vec<f64>], &str)> {
+        let (values, time) = self.riders.get(surrogate)?.observer.as_ref()?.difference()?;
         Some((values, time))
     }
+}
+
+/// Surrogates are compared by the same fields: where none are named, the first that all of them advance.
+fn watch_alike(surrogates: &[Box<dyn Surrogate + '_>], settings: &mut RideSettings) -> Result<()> {
+    let Some(control) = settings.control.as_mut().filter(|c| c.fields.is_none() && surrogates.len() > 1)
+    else {
+        return Ok(());
+    };
+    let advances = |s: &dyn Surrogate, name: &str| s.advances().iter().any(|a| a.name == name);
+    let first =
+        surrogates[0].advances().iter().find(|a| surrogates.iter().all(|s| advances(s.as_ref(), &a.name)));
+    match first {
+        Some(field) => control.fields = Some(vec![field.name.clone()]),
+        None => {
+            let all = surrogates.iter().map(|s| {
+                let names: Vec<&str> = s.advances().iter().map(|a| a.name.as_str()).collect();
+                format!("{} advances {}", s.name(), names.join(" "))
+            });
+            return Err(Error::Input(format!(
+                "ride: surrogates are compared by what they are off by in the same field, and there is none that all advance: {}",
+                all.collect::<Vec<_>>().join(", ")
+            )));
+        }
+    }
+    Ok(())
 }

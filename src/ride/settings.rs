@@ -2,6 +2,7 @@
 
 use crate::control::ControlSettings;
 use crate::linear::LinearSettings;
+use crate::quantities::QuantitySettings;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
 use serde::{Deserialize, Serialize};
@@ -66,6 +67,9 @@ pub struct RideSettings {
     /// How far jumps may go; none: as far as `surrogate_steps` says.
     #[serde(default)]
     pub control: Option<ControlSettings>,
+    /// What other parts of the run report, and how far off it may be at the end of a jump (replace).
+    #[serde(default)]
+    pub quantities: Vec<QuantitySettings>,
     /// How the surrogates learn from the solver's steps: their own settings, with `start` and `write_model`; none: they do not.
     #[serde(default)]
     pub adapt: Option<Value>,
@@ -129,7 +133,7 @@ impl RideSettings {
         let mut read: Self = settings::parse("ride", text, &["adapt"])?;
         if read.has(Kind::Linear) {
             let linear = read.linear.get_or_insert_default();
-            // It knows itself how far it goes, once it is measured beside the solver.
+            // How far each goes it says itself, once it is measured beside the solver.
             if read.mode == Mode::Replace {
                 read.control.get_or_insert_with(|| ControlSettings::of(TOLERANCE));
                 read.solver_steps.get_or_insert(1);
@@ -153,9 +157,6 @@ impl RideSettings {
         }
         if self.linear.is_some() && !self.has(Kind::Linear) {
             return bad("linear: its settings are given, and surrogates does not name it".into());
-        }
-        if self.has(Kind::Linear) && self.mode == Mode::Observe {
-            return bad("surrogates: mode observe compares networks; expected mode replace for linear".into());
         }
         self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
         let counts = [("solverSteps", self.solver_steps), ("surrogateSteps", self.surrogate_steps)];
@@ -185,6 +186,10 @@ impl RideSettings {
             ));
         }
         self.control.as_ref().map_or(Ok(()), ControlSettings::check)?;
+        self.quantities.iter().try_for_each(QuantitySettings::check)?;
+        if self.mode == Mode::Observe && !self.quantities.is_empty() {
+            return bad("quantities: they are held at the ends of jumps, and mode observe has none; expected mode replace".into());
+        }
         self.adapt_entries().map(|_| ())
     }
 
@@ -248,6 +253,14 @@ mod tests {
             (r#"{"mode": "observe", "rolloutSteps": 0}"#, "rolloutSteps"),
             (r#"{"mode": "observe", "writePrecision": 90}"#, "writePrecision"),
             (r#"{"mode": "observe", "timeStrat": 1}"#, "is time_start meant"),
+            (
+                r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 5, "quantities": [{"object": "f", "result": "Cd", "tolerance": 0}]}"#,
+                "tolerance 0",
+            ),
+            (
+                r#"{"mode": "observe", "quantities": [{"object": "f", "result": "Cd", "tolerance": 0.1}]}"#,
+                "expected mode replace",
+            ),
             (r#"{"mode": "observe", "control": {"tolerance": 0}}"#, "tolerance 0"),
             (r#"{"mode": "observe", "control": {}}"#, "tolerance"),
             (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),

@@ -21,6 +21,8 @@ pub(crate) struct Shadow {
     pub begun: f64,
     /// Whether the prediction is finite.
     pub finite: bool,
+    /// Whether the surrogate took no stride: the solver is waited for alone.
+    pub idle: bool,
     /// The advanced fields of the solver at the start.
     pub start: Values,
     /// One stride from them.
@@ -54,7 +56,22 @@ impl Shadow {
         self.predicted = self.start.clone();
         let bad = predict(surrogate, given, &mut self.predicted)?;
         (self.finite, self.begun, self.waiting) = (bad.is_none(), step.time, true);
+        self.idle = false;
         Ok(bad)
+    }
+
+    /// Waits for where the solver comes in a stride, without a prediction. Collective.
+    pub fn begin_idle(
+        &mut self,
+        comm: &Comm,
+        surrogate: &dyn Surrogate,
+        step: &Step,
+        given: &Given,
+    ) -> Result<()> {
+        self.start = given.values(comm, surrogate.advances())?;
+        self.predicted = self.start.clone();
+        (self.finite, self.begun, self.waiting, self.idle) = (true, step.time, true, true);
+        Ok(())
     }
 
     /// Part of the stride that the solver has come, near 1.
@@ -68,7 +85,7 @@ impl Shadow {
         self.waiting && self.fraction(step, stride) > 1.0 - 0.5 * step.delta_t / stride
     }
 
-    /// Compares with the solver's values where it has arrived, and ends. Collective.
+    /// Compares with the solver's values where it has arrived, and ends. The error is no number where there was no prediction. Collective.
     pub fn compare(
         &mut self,
         comm: &Comm,
@@ -92,7 +109,11 @@ impl Shadow {
         self.waiting = false;
         let rows = error.into_iter().zip(change).zip(size.into_iter().zip(variation));
         rows.map(|((error, change), (size, variation))| StrideError {
-            error: if self.finite { error } else { f64::INFINITY },
+            error: match (self.idle, self.finite) {
+                (true, _) => f64::NAN,
+                (_, true) => error,
+                _ => f64::INFINITY,
+            },
             change,
             size,
             variation: variation.max(change),

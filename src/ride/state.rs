@@ -1,6 +1,7 @@
 //! What a ride keeps for a run that is carried on.
 
 use crate::control::StrideError;
+use crate::quantities::Quantities;
 use crate::restart;
 use crate::ride::{Answer, Jump, Phase, Ride};
 use crate::schedule::Step;
@@ -31,6 +32,7 @@ struct Description {
     delta_t: f64,
     adapt_start: f64,
     watch: Watch,
+    quantities: Quantities,
     totals: Totals,
     refused: bool,
     riders: Vec<Ridden>,
@@ -137,6 +139,7 @@ impl Ride<'_> {
             delta_t: self.step.delta_t,
             adapt_start: self.adapt_start,
             watch: self.watch.clone(),
+            quantities: self.quantities.clone(),
             totals: self.totals.clone(),
             refused: self.log.refused,
             riders,
@@ -216,6 +219,8 @@ impl Ride<'_> {
             self.adapt_start = found.adapt_start;
         }
         (self.watch, self.totals, self.log.refused) = (found.watch, found.totals, found.refused);
+        self.totals.by.resize(self.riders.len(), (0, 0.0));
+        self.quantities = found.quantities;
         self.handed_back = step.index - found.since;
         let name = &self.settings.name;
         self.log.text += &format!("m4gn: {name} goes on from its state at time {}", step.name);
@@ -288,6 +293,7 @@ impl Ride<'_> {
             || !usable
             || found.jumper >= self.riders.len()
             || found.totals.last >= self.riders.len()
+            || found.totals.by.len() > self.riders.len()
         {
             return Err(file(format!(
                 "it is the state of a run on {} cells, and this mesh has {rows}",
@@ -339,6 +345,7 @@ impl Ride<'_> {
                         waiting: true,
                         begun: begun.time,
                         finite: begun.finite,
+                        idle: false,
                         start: values,
                         predicted,
                     }

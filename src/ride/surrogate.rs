@@ -60,10 +60,28 @@ pub trait Surrogate {
     /// [`Error::Numerical`] for a result that is not finite: `out` is then as it was. What else may fail, for fields that do not fit.
     fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()>;
 
+    /// A rollout beside the solver begins at the present state, with the stride that [`step`](Self::step) takes from it.
+    fn begin_rollout(&mut self) {}
+
+    /// One of its further strides, the second or a later one: `fields` are those that the one before has predicted. As
+    /// [`step`](Self::step).
+    ///
+    /// # Errors
+    /// As there.
+    fn follow(&mut self, stride: usize, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
+        let _ = stride;
+        self.step(fields, out)
+    }
+
     /// Whether a stride can be taken from the state at this time, s.
     fn is_ready(&self, time: f64) -> bool {
         let _ = time;
         true
+    }
+
+    /// Whether the solver is to go on where another surrogate would jump, so that this one can be fitted.
+    fn wants_solver(&self) -> bool {
+        false
     }
 
     /// Strides that it lets itself jump, `most` at most, beside what control allows.
@@ -139,6 +157,11 @@ pub trait Surrogate {
     fn learn(&mut self, strides: usize) -> Result<Option<Lesson>> {
         let _ = strides;
         Ok(None)
+    }
+
+    /// Whether it reckons with the times at which its strides end: none is then made longer for what another one is ahead.
+    fn is_exact_in_time(&self) -> bool {
+        false
     }
 
     /// Time by which a step brings it further than its stride, s, in the first jump or in later ones; negative: less far.

@@ -24,6 +24,8 @@ pub(crate) struct Totals {
     /// Wall time of strides and of handing over, s.
     pub seconds: [f64; 2],
     pub jumps: usize,
+    /// Jumps of each surrogate, and the time that it replaced, s.
+    pub by: Vec<(usize, f64)>,
     /// Jumps that ended early because a prediction was not finite, or not accepted.
     pub ended_early: usize,
     /// Strides of all jumps.
@@ -47,14 +49,19 @@ pub(crate) struct Totals {
     /// Rows of the table of jumps that this part of the run has.
     #[serde(skip)]
     pub rows: usize,
+    /// And rows of that of strides.
+    #[serde(skip)]
+    pub stride_rows: usize,
 }
 
 impl Totals {
-    pub fn begin_jump(&mut self, surrogate: usize, time: f64) {
+    pub fn begin_jump(&mut self, surrogate: usize, surrogates: usize, time: f64) {
         if self.jumps == 0 {
             self.takeover = Some(time);
         }
         self.jumps += 1;
+        self.by.resize(surrogates, (0, 0.0));
+        self.by[surrogate].0 += 1;
         self.last = surrogate;
     }
 
@@ -75,9 +82,11 @@ impl Ride<'_> {
     pub fn end(&mut self) -> String {
         let digits = self.digits();
         if self.settings.mode == Mode::Observe {
-            let rider = &self.riders[0];
-            if let Some(observer) = &self.observer {
-                self.log.text += &observer.summary(rider.surrogate.as_ref(), rider.control.as_ref(), digits);
+            for i in 0..self.riders.len() {
+                let (who, rider) = (self.who(i), &self.riders[i]);
+                if let Some(observer) = &rider.observer {
+                    self.log.text += &observer.summary(&who, rider, digits);
+                }
             }
             return String::new();
         }
@@ -103,9 +112,19 @@ impl Ride<'_> {
             digits.of(t.seconds[1]),
             digits.of(setup)
         );
-        let mut entries: Vec<(&str, String)> = Vec::new();
+        let mut entries: Vec<(String, String)> = Vec::new();
+        if self.riders.len() > 1 {
+            let by = t.by.iter().copied().chain(std::iter::repeat((0, 0.0)));
+            for (rider, (jumps, replaced)) in self.riders.iter().zip(by) {
+                let name = rider.surrogate.name();
+                *text += &format!("m4gn: of these {jumps} jumps and {} s by {name}\n\n", digits.of(replaced));
+                entries.push((format!("jumps_{name}"), jumps.to_string()));
+                entries.push((format!("replaced_{name}"), digits.of(replaced)));
+            }
+        }
+        let mut more: Vec<(&str, String)> = Vec::new();
         if let Some(learner) = self.riders.iter().find(|r| r.surrogate.has_begun()) {
-            entries.extend([
+            more.extend([
                 ("adapt_ahead", digits.of(learner.surrogate.ahead(true))),
                 ("adapt_runs", t.adapt_runs.to_string()),
                 ("adapt_runs_used", t.adapt_used.to_string()),
@@ -114,24 +133,26 @@ impl Ride<'_> {
             ]);
             if t.adapt_used > 0 {
                 let [before, after] = t.adapt_errors.map(|e| digits.of(e));
-                entries.extend([("adapt_error_before", before), ("adapt_error_after", after)]);
+                more.extend([("adapt_error_before", before), ("adapt_error_after", after)]);
             }
         }
         if self.settings.control.is_some() {
-            entries.extend([
+            more.extend([
                 ("strides_measured", t.measured.to_string()),
                 ("jumps_refused", t.refused.to_string()),
             ]);
         }
+        let held = self.quantities.summary(&self.settings.quantities);
+        entries.extend(held.into_iter().map(|(name, value)| (name, digits.of(value))));
         if let Some((judged, [before, after], capped)) = self.watch.summary() {
-            entries.extend([
+            more.extend([
                 ("jumps_watched", judged.to_string()),
                 ("correctors_before", digits.of(before)),
                 ("correctors_after", digits.of(after)),
                 ("jumps_to_the_cap", capped.to_string()),
             ]);
         }
-        entries.extend([
+        more.extend([
             ("replaced_time", digits.of(t.replaced)),
             ("solver_time", digits.of(total - t.replaced)),
             ("replaced_fraction", digits.of(fraction)),
@@ -144,6 +165,7 @@ impl Ride<'_> {
             ("hand_over_seconds", digits.of(t.seconds[1])),
             ("setup_seconds", digits.of(setup)),
         ]);
+        entries.extend(more.into_iter().map(|(name, value)| (name.to_string(), value)));
         let lines: Vec<String> =
             entries.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
         format!("{{\n{}\n}}\n", lines.join(",\n"))

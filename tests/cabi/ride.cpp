@@ -112,7 +112,7 @@ void takesTurns()
 void observes()
 {
     Host host(R"({"mode": "observe", "rollout_steps": 2, "write_errors": true})");
-    REQUIRE(m4gn_ride_difference(host.ride.get(), 0, host.U.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_difference(host.ride.get(), 0, 0, host.U.data()) == M4GN_ERROR_INPUT);
     host.run(11);
     std::istringstream rows(host.ride.text(M4GN_RIDE_ERRORS));
     std::string line;
@@ -124,8 +124,8 @@ void observes()
     REQUIRE(n == 2);
     REQUIRE(!host.ride.text(M4GN_RIDE_SEGMENT_ERRORS).empty());
     std::vector<double> off(host.U.size());
-    m4gn::check(m4gn_ride_difference(host.ride.get(), 0, off.data()));
-    REQUIRE(m4gn_ride_difference(host.ride.get(), 2, off.data()) == M4GN_ERROR_INPUT);
+    m4gn::check(m4gn_ride_difference(host.ride.get(), 0, 0, off.data()));
+    REQUIRE(m4gn_ride_difference(host.ride.get(), 0, 2, off.data()) == M4GN_ERROR_INPUT);
     REQUIRE(host.ride.text(M4GN_RIDE_SUMMARY).empty() && contains(host.ride.text(M4GN_RIDE_LOG), "mean rms errors"));
 }
 
@@ -203,10 +203,11 @@ void ridesOnItsOwn()
     const char* names[] = {"p"};
     const int32_t components[] = {1};
     m4gn_surrogate own{"growth", 0.01, 1, names, components, grow, &nCells};
+    const m4gn_ride_surrogates surrogates{nullptr, &own, nullptr, 0};
     const m4gn_ride_step start = host.now();
     const char* options = R"({"mode": "replace", "solver_steps": 1, "surrogate_steps": 3})";
     m4gn_ride* ride = nullptr;
-    m4gn::check(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride));
+    m4gn::check(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride));
     m4gn_ride_answer answer{};
     host.time = dt*static_cast<double>(++host.index);
     m4gn_ride_step now = host.now();
@@ -228,13 +229,13 @@ void ridesOnItsOwn()
     m4gn_ride_free(ride);
 
     own.step = nullptr;
-    REQUIRE(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT && !ride);
+    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT && !ride);
     own.step = grow;
     own.n_fields = 0;
-    REQUIRE(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
     own.n_fields = 1;
     options = R"({"mode": "observe", "adapt": {"mode": "before"}})";
-    REQUIRE(m4gn_ride_new_own(M4GN_NO_MPI, &own, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "does not learn"));
 }
 
@@ -246,12 +247,24 @@ void refuses()
     const m4gn_ride_step start = host.now();
     const auto made = [&](const char* options)
     {
-        return m4gn_ride_new(host.session.get(), &host.mesh.data, options, &start, &none);
+        const m4gn_ride_surrogates surrogates{host.session.get(), nullptr, nullptr, 0};
+        return m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &none);
     };
     for (const char* options : {"", "{}", R"({"mode": "ride"})", R"({"mode": "observe", "control": {"tolerance": 0.1, "fields": ["q"]}})"})
     {
         REQUIRE(made(options) == M4GN_ERROR_INPUT && !none);
     }
+    // What the settings name is there, and nothing else.
+    REQUIRE(made(R"({"mode": "observe", "surrogates": ["network", "linear"]})") == M4GN_ERROR_INPUT);
+    REQUIRE(contains(m4gn_last_error(), "no arrays of the state"));
+    REQUIRE(made(R"({"mode": "observe", "surrogates": ["linear"]})") == M4GN_ERROR_INPUT);
+    REQUIRE(contains(m4gn_last_error(), "do not name network"));
+    m4gn_ride_array array{"p", 3, 1, 1, 0, 1, host.p.data()};
+    const m4gn_ride_surrogates both{host.session.get(), nullptr, &array, 1};
+    const char* named = R"({"mode": "observe", "surrogates": ["network", "linear"]})";
+    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &both, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(m4gn_last_error(), "array p: 3 numbers"));
+    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, nullptr, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_options_check("ride", R"({"mode": "observe", "control": {"tolerence": 1}})") == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "tolerence"));
     m4gn_ride* ride = host.ride.get();

@@ -63,8 +63,6 @@ linear 'longest 5;'
 refused 'longest not below first' icoFoam
 linear 'intervall 0.05;'
 refused 'interval' icoFoam
-function_object m4gnSurrogate "mode observe; surrogates (linear);"
-refused 'mode replace for linear' icoFoam
 sed -i '/ddtSchemes/,/}/s/default .*/default CrankNicolson 0.9;/' system/fvSchemes
 linear
 clean_case

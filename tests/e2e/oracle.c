@@ -395,17 +395,21 @@ static void* real(const char* name)
     }
 
 int32_t m4gn_ride_new(
-    m4gn_session* s, const m4gn_mesh_data* mesh, const char* options, const m4gn_ride_step* start, m4gn_ride** ride)
+    int32_t comm, const m4gn_ride_surrogates* surrogates, const m4gn_mesh_data* mesh, const char* options,
+    const m4gn_ride_step* start, m4gn_ride** ride)
 {
+    m4gn_session* s = surrogates->session;
     const char* names[MAX_FIELDS];
     for (int32_t i = 0; i < s->header.n_fields; ++i) names[i] = s->header.name[i];
     const m4gn_surrogate own = {
         "oracle", m4gn_session_stride(s), s->header.n_fields, names, s->header.components, step, s};
+    const m4gn_ride_surrogates found = {NULL, &own, surrogates->arrays, surrogates->n_arrays};
     int32_t (*begin)(
-        int32_t, const m4gn_surrogate*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*, m4gn_ride**) =
-        (int32_t(*)(int32_t, const m4gn_surrogate*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*, m4gn_ride**))
-            real("m4gn_ride_new_own");
-    const int32_t status = begin(s->comm, &own, mesh, options, start, ride);
+        int32_t, const m4gn_ride_surrogates*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*, m4gn_ride**) =
+        (int32_t(*)(int32_t, const m4gn_ride_surrogates*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*,
+            m4gn_ride**))real("m4gn_ride_new");
+    (void)comm;
+    const int32_t status = begin(s->comm, &found, mesh, options, start, ride);
     if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))();
     return status;
 }
@@ -428,7 +432,8 @@ FORWARD(m4gn_ride_save, (m4gn_ride * ride, const char* path), (ride, path))
 FORWARD(m4gn_ride_load, (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer),
     (ride, path, now, answer))
 FORWARD(m4gn_ride_host, (const char* path, char* text, int32_t size), (path, text, size))
-FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t index, double* cells), (ride, index, cells))
+FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t surrogate, int32_t index, double* cells),
+    (ride, surrogate, index, cells))
 
 const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind)
 {

@@ -121,8 +121,16 @@ fn ride_states() {
         let mut run = Run { host: &host, ride: none(), index: 0 };
         let settings = options(settings);
         // SAFETY: a session on this mesh.
-        let status =
-            unsafe { m4gn_ride_new(session, &host.data, settings.as_ptr(), &run.now(), &mut run.ride) };
+        let status = unsafe {
+            m4gn_ride_new(
+                NO_MPI,
+                &surrogates(session),
+                &host.data,
+                settings.as_ptr(),
+                &run.now(),
+                &mut run.ride,
+            )
+        };
         (status, run)
     };
     let good = [None, Some("gradient"), Some("ridge")].map(|method| {

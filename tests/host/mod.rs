@@ -3,7 +3,8 @@
 #![allow(dead_code, unsafe_code)]
 
 use m4gn::{
-    CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep, SolidData,
+    CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep,
+    RideSurrogates, SolidData,
 };
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
@@ -53,7 +54,8 @@ unsafe extern "C" {
     ) -> i32;
     pub fn m4gn_session_outside(session: Handle, count: *mut i32, why: *mut c_char, why_size: i32) -> i32;
     pub fn m4gn_ride_new(
-        session: Handle,
+        comm: i32,
+        surrogates: *const RideSurrogates,
         mesh: *const MeshData,
         options: *const c_char,
         start: *const RideStep,
@@ -147,6 +149,11 @@ unsafe extern "C" {
 }
 
 /// Message of the last failed call.
+/// A session for a ride.
+pub fn surrogates(session: Handle) -> RideSurrogates {
+    RideSurrogates { session, own: std::ptr::null(), arrays: std::ptr::null(), n_arrays: 0 }
+}
+
 pub fn message() -> String {
     // SAFETY: a string of this thread until its next call.
     unsafe { CStr::from_ptr(m4gn_last_error()) }.to_string_lossy().into_owned()

@@ -57,7 +57,9 @@ impl Bench {
         let start = now(if odd == Some("time") { 3 } else { 0 });
         let start = unless(odd == Some("no start"), &raw const start);
         // SAFETY: a session, and arrays of their lengths, or the null pointers that the call refuses.
-        let ended = self.made(panic, || unsafe { m4gn_ride_new(session, mesh, given, start, place) });
+        let ended = self.made(panic, || unsafe {
+            m4gn_ride_new(m4gn_mesh::parallel::NO_MPI, &surrogates(session), mesh, given, start, place)
+        });
         (ended, ride)
     }
 

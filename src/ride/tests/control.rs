@@ -24,15 +24,16 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
     assert_eq!(host.events[..2], [Solved(10), Jumped(0, most)]);
     // Each stride that was measured is a row and a line, whether a jump followed or not.
     let rows = host.tables[1].lines().filter(|l| !l.starts_with('#')).count();
-    let lines = host.log.matches("a stride of the surrogate beside the solver was off by").count();
+    let lines = host.log.matches("the surrogate beside the solver was off by").count();
     let summary = host.ride.end();
     assert!(rows > 2 && rows == lines, "{rows} {lines}");
-    assert!(summary.contains(&format!("\"strides_measured\": {rows},")), "{summary} {rows}");
+    // What was measured before the solver had made its five steps was decided on then.
+    assert!(summary.contains(&format!("\"strides_measured\": {},", rows - 1)), "{summary} {rows}");
     assert!(summary.contains("\"jumps_refused\": 0,"), "{summary}");
     assert!(host.log.contains("; a stride beside the solver was off by 0.0"), "{}", host.log);
     assert!(host.log.contains("does not say how its errors of a grow"), "{}", host.log);
     let row: Vec<&str> = host.tables[1].lines().last().unwrap().split('\t').collect();
-    assert_eq!((row[1], row.len()), ("toy", 6));
+    assert_eq!((row[1], row.len()), ("toy", 7));
     assert!(host.tables[1].contains("error(a)"), "{}", host.tables[1]);
 }
 
@@ -125,7 +126,17 @@ fn of_several_surrogates_the_one_jumps_that_was_off_by_least() {
             "{jumps:?}"
         );
         assert!(host.log.contains("by fine;"), "{}", host.log);
-        assert!(host.tables[1].contains("\tcoarse\t") && host.tables[1].contains("\tfine\t"));
+        // Each stride is a row with what was decided of it; the bad one does not stop the other.
+        let rows: Vec<Vec<&str>> = host.tables[1].lines().map(|l| l.split('\t').collect()).collect();
+        let decided =
+            |name: &str, word: &str| rows.iter().any(|r| r.len() > 4 && (r[1], r[4]) == (name, word));
+        assert!(decided("fine", "jumps") && decided("coarse", "another"), "{}", host.tables[1]);
+        assert!(!decided("coarse", "jumps"));
+        assert!(host.log.contains("the fine surrogate jumps"), "{}", host.log);
+        assert!(host.tables[0].contains("\tfine\t"), "{}", host.tables[0]);
+        let summary = host.ride.end();
+        assert!(summary.contains(&format!("\"jumps_fine\": {},", jumps.len())), "{summary}");
+        assert!(summary.contains("\"jumps_coarse\": 0,"), "{summary}");
     }
     // The nearest one at each time: each is good where the other is not.
     let first = Toy::new(0.5).named("early").jumping(1.2, 0.3);
@@ -134,6 +145,25 @@ fn of_several_surrogates_the_one_jumps_that_was_off_by_least() {
     host.run().unwrap();
     let by = |who| host.events.iter().any(|e| matches!(e, Jumped(i, _) if *i == who));
     assert!(by(0) && by(1), "{:?}", host.events);
+}
+
+#[test]
+fn surrogates_of_other_strides_are_compared_when_all_have_been_measured() {
+    // Strides of 0.5 and 0.7 s: after each jump the first to arrive waits for the other.
+    let toys = vec![Toy::new(0.5).named("short").biased(0.01), Toy::new(0.7).named("long")];
+    let mut host = Host::of(&settings(r#""tolerance": 0.5"#), toys, 8.0);
+    host.run().unwrap();
+    let jumps: Vec<_> = host.events.iter().filter(|e| matches!(e, Jumped(..))).collect();
+    assert!(!jumps.is_empty() && jumps.iter().all(|j| matches!(j, Jumped(1, _))), "{:?}", host.events);
+}
+
+#[test]
+fn one_that_stays_bad_does_not_stop_the_run_beside_another() {
+    let toys = vec![Toy::new(0.5).named("bad").biased(0.5), Toy::new(0.5).named("good")];
+    let stop = settings(r#""tolerance": 0.02, "onFailure": "stop", "patience": 2"#);
+    let mut host = Host::of(&stop, toys, 9.0);
+    host.run().unwrap();
+    assert!(host.events.iter().any(|e| matches!(e, Jumped(1, _))), "{:?}", host.events);
 }
 
 #[test]

@@ -49,6 +49,8 @@ pub struct Host {
     pub correctors: Vec<[usize; 2]>,
     /// Strides of the jump that is going on.
     jumped: usize,
+    /// The first component is reported, in a jump with so much more.
+    pub report: Option<f64>,
     /// Steps that the solver leaves out of what it tells.
     pub every: i64,
     /// Stops the run at the first time after this one.
@@ -71,6 +73,7 @@ impl Host {
             folder: None,
             correctors: Vec::new(),
             jumped: 0,
+            report: None,
             every: 1,
             stop_after: f64::INFINITY,
         }
@@ -145,6 +148,12 @@ impl Host {
     pub fn go_on(&mut self, mut answer: Answer) -> Result<()> {
         loop {
             let fields = toy::of(self.state);
+            if let (Some(more), Action::Solve | Action::Stride | Action::HandBack) =
+                (self.report, answer.action)
+            {
+                let more = if self.jumped > 0 { more } else { 0.0 };
+                self.ride.reported(&[self.state[0] + more])?;
+            }
             answer = match answer.action {
                 Action::Solve => break,
                 // Without fields where they are not asked for.

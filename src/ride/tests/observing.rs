@@ -41,7 +41,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     near(segments[2][1], (rollout[0] - toy::solver(2.5)[0]).abs());
     near(segments[2][2], (rollout[1] - toy::solver(2.5)[1]).abs());
     assert!(host.tables[3].contains("a:0") && host.tables[3].contains("a:1"));
-    let (difference, time) = host.ride.difference().unwrap();
+    let (difference, time) = host.ride.difference(0).unwrap();
     assert_eq!((difference[0].len(), time), (2, "4"));
     // The face that holds its value has the host's, the other its cell's.
     assert_eq!(boundary.borrow()[0], 9.0);
@@ -110,7 +110,7 @@ fn a_run_that_is_shorter_than_a_stride_says_so() {
     let mut host = Host::of(r#"{"mode": "observe"}"#, vec![Toy::new(0.5)], 0.3);
     host.run().unwrap();
     host.ride.end();
-    assert!(host.ride.take(Text::Log).contains("shorter than a stride"));
+    assert!(host.ride.take(Text::Log).contains("came to no end of a stride"));
     assert!(ride(r#"{"mode": "observe"}"#, vec![Toy::new(0.5)]).unwrap().end().is_empty());
 }
 

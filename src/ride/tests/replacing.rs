@@ -53,6 +53,46 @@ fn the_schedule_ends_at_its_time_and_has_a_summary() {
 }
 
 #[test]
+fn a_quantity_that_is_off_at_the_end_of_a_jump_makes_the_next_ones_shorter() {
+    // The first component is reported: in a jump as it is, or with more than that.
+    let quantities = r#""quantities": [{"object": "probe", "result": "first", "tolerance": 0.05}]"#;
+    let settings = format!(
+        r#"{{"mode": "replace", "solverSteps": 10, "surrogateSteps": 8, "timeStart": 9, {quantities}}}"#
+    );
+    for more in [0.0, 0.3] {
+        let mut host = Host::of(&settings, vec![Toy::new(0.5)], 40.0);
+        host.report = Some(more);
+        host.run().unwrap();
+        let strides: Vec<usize> = host
+            .events
+            .iter()
+            .filter_map(|e| match e {
+                Jumped(_, n) => Some(*n),
+                Solved(_) => None,
+            })
+            .collect();
+        assert_eq!(strides[0], 8);
+        let summary = host.ride.end();
+        match more {
+            0.0 => assert!(strides.iter().rev().skip(1).all(|n| *n == 8), "{strides:?} {}", host.log),
+            _ => assert!(
+                strides[..3] == [8, 4, 2] && host.log.contains("the next jumps have 4 strides at most"),
+                "{strides:?} {}",
+                host.log
+            ),
+        }
+        assert!(summary.contains("\"worst_probe_first\""), "{summary}");
+    }
+    let wrong = host_error(&settings);
+    assert!(wrong.contains("0 quantities: expected 1"), "{wrong}");
+}
+
+fn host_error(settings: &str) -> String {
+    let mut host = Host::of(settings, vec![Toy::new(0.5)], 1.0);
+    host.ride.reported(&[]).unwrap_err().to_string()
+}
+
+#[test]
 fn before_its_start_there_is_no_summary() {
     let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 0.5);
     host.run().unwrap();

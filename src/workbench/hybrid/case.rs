@@ -3,7 +3,7 @@
 use super::correctors::Worked;
 use super::record::{Cost, RunRecord, kept, remove};
 use super::score::Score;
-use super::variant::{FULL, Kind};
+use super::variant::{FULL, Kind, NETWORK};
 use super::{DrawResult, Event, Plan};
 use crate::compare::log::Log;
 use crate::compare::{self, Options};
@@ -131,8 +131,9 @@ impl Job<'_> {
             write_interval: schedule.interval,
         };
         let functions = match kind {
-            Some(Kind::Hybrid { entries, .. }) => {
-                self.surrogate(times.delta_t, entries) + &self.recorder(times.delta_t, index, name, &draw)?
+            Some(Kind::Hybrid { surrogates, entries, .. }) => {
+                self.surrogate(times.delta_t, surrogates, entries)
+                    + &self.recorder(times.delta_t, index, name, &draw)?
             }
             _ => String::new(),
         };
@@ -244,7 +245,9 @@ impl Job<'_> {
         let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
         let mut compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
         let mut replaced = compared.replaced_fraction;
-        if matches!(kind, Kind::Hybrid { entries, .. } if controlled(entries)) && replaced.is_none() {
+        if matches!(kind, Kind::Hybrid { surrogates, entries, .. } if *surrogates != NETWORK || controlled(entries))
+            && replaced.is_none()
+        {
             // Error control let no jump go: the solver's own run is what came of it.
             options.takeover = Some(takeover);
             compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
@@ -288,18 +291,28 @@ impl Job<'_> {
     }
 
     /// The function object's entries; those of the variant come last, so that they count.
-    fn surrogate(&self, delta_t: f64, entries: &str) -> String {
+    fn surrogate(&self, delta_t: f64, surrogates: &str, entries: &str) -> String {
         let s = &self.plan.schedule;
+        let mut own = String::new();
+        if let Some(model) = self.plan.model.as_ref().filter(|_| surrogates.contains(NETWORK)) {
+            let place = self.plan.family.recording.location.entry();
+            own +=
+                &format!("    model           \"{}\";\n    precision       auto;\n{place}", model.display());
+        }
+        own += &match surrogates == NETWORK {
+            true => format!(
+                "    solverSteps     {};\n    surrogateSteps  {};\n",
+                (s.solver_time / delta_t).round().max(1.0),
+                s.surrogate_steps
+            ),
+            // How far it goes a fit says itself.
+            false => format!("    linear          {{ interval {}; }}\n", s.interval),
+        };
         // The function object allows for half a step of rounding.
         let start = s.start_up + s.solver_time;
         format!(
             "surrogate\n{{\n    type            m4gnSurrogate;\n    libs            (m4gnFoam);\n    mode            replace;\n    \
-             model           \"{}\";\n    precision       auto;\n{}    timeStart       {start};\n    solverSteps     {};\n    \
-             surrogateSteps  {};\n\n{entries}\n}}\n",
-            self.plan.model.display(),
-            self.plan.family.recording.location.entry(),
-            (s.solver_time / delta_t).round().max(1.0),
-            s.surrogate_steps
+             surrogates      ({surrogates});\n{own}    timeStart       {start};\n\n{entries}\n}}\n"
         )
     }
 

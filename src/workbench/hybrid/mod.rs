@@ -40,8 +40,8 @@ pub struct Plan {
     pub schedule: Hybrid,
     /// What the user sets, over what the schedule sets.
     pub settings: Settings,
-    /// Model file, with its whole path.
-    pub model: PathBuf,
+    /// Model file, with its whole path; none: surrogates that need none.
+    pub model: Option<PathBuf>,
     /// Seed of the draws.
     pub seed: u64,
     /// Number of draws.
@@ -116,7 +116,7 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     }
     let mut surrogate = Digest::default();
     let libraries = ["libm4gn.so", "libm4gnFoam.so"].map(|name| plugin::find(name, "./Allrun builds it"));
-    for file in libraries.into_iter().chain([Ok(plan.model.clone())]) {
+    for file in libraries.into_iter().chain(plan.model.clone().map(Ok)) {
         let file = file?;
         let bytes = std::fs::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         surrogate.add("file", &bytes);

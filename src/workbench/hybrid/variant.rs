@@ -7,8 +7,16 @@ use std::path::Path;
 
 /// Name of the full run.
 pub const FULL: &str = "full";
-/// What is run with the family's own schedule: a name, and entries of the function object beside the usual ones.
-const HYBRIDS: [(&str, &str); 1] = [("hybrid", "")];
+/// A network with the family's own schedule.
+pub(super) const NETWORK: &str = "network";
+/// What is run: name, surrogates, entries of the function object beside the usual ones, and the plain solver of the family whose settings
+/// the solver has in it.
+const HYBRIDS: [(&str, &str, &str, Option<&str>); 4] = [
+    ("hybrid", NETWORK, "", None),
+    ("linear", "linear", "", None),
+    ("network-linear", "network linear", "control { tolerance 0.1; }", None),
+    ("linear-loose", "linear", "", Some("loose")),
+];
 
 /// One way to run a case.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,8 +30,10 @@ pub struct Variant {
 /// What is different from the full run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// The surrogate.
+    /// The solver and surrogates by turns.
     Hybrid {
+        /// Those of the function object's entry `surrogates`.
+        surrogates: &'static str,
         /// Entries that replace or join those of the function object.
         entries: String,
         /// Parameters of the case that are other ones.
@@ -42,7 +52,7 @@ impl Kind {
     }
 }
 
-/// The hybrid with the family's schedule, then the variants `NAME=FILE` or `NAME=FILE,PARAMETER=VALUE,...`, whose file has
+/// The hybrids with the family's schedule, those of a network where there is a model, those of a linear surrogate where the family is of flows; then the variants `NAME=FILE` or `NAME=FILE,PARAMETER=VALUE,...`, whose file has
 /// entries for the function object, and the plain solvers: those of the family, or, where any are given, these: `NAME` of the
 /// family's, or `NAME=PARAMETER=VALUE,...`. The hybrids have the family's `hybrid_set`.
 ///
@@ -52,17 +62,36 @@ impl Kind {
 pub fn variants(
     family: &Family,
     schedule: &Hybrid,
+    model: bool,
     hybrids: &[String],
     plain: &[String],
 ) -> Result<Vec<Variant>> {
-    let hybrid = |name: &str, entries: &str, settings| Variant {
+    let hybrid = |name: &str, surrogates, entries: &str, settings| Variant {
         name: name.into(),
-        kind: Kind::Hybrid { entries: entries.into(), settings },
+        kind: Kind::Hybrid { surrogates, entries: entries.into(), settings },
     };
-    let usual = HYBRIDS.iter();
-    let mut all: Vec<Variant> =
-        usual.map(|(name, entries)| hybrid(name, entries, schedule.hybrid_set.clone())).collect();
+    let known = |name: &str| schedule.plain.iter().find(|p| p.name == name);
+    let flows = family.recording.fields.iter().any(|f| f == "U");
+    let mut all = Vec::new();
+    for (name, surrogates, entries, plain) in HYBRIDS {
+        let has = |kind| surrogates.split(' ').any(|s| s == kind);
+        if has(NETWORK) && !model || has("linear") && !flows {
+            continue;
+        }
+        let mut settings = schedule.hybrid_set.clone();
+        match plain.map(known) {
+            Some(Some(plain)) => settings.extend(plain.set.clone()),
+            Some(None) => continue,
+            None => {}
+        }
+        all.push(hybrid(name, surrogates, entries, settings));
+    }
     for text in hybrids {
+        if !model {
+            return Err(Error::Input(format!(
+                "--variant {text}: expected --model as well, whose surrogate it is"
+            )));
+        }
         let (name, rest) = text.split_once('=').ok_or_else(|| {
             Error::Input(format!("--variant {text}: expected NAME=FILE or NAME=FILE,PARAMETER=VALUE,..."))
         })?;
@@ -76,9 +105,8 @@ pub fn variants(
         family.check_settings(&settings)?;
         let entries = std::fs::read_to_string(file)
             .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
-        all.push(hybrid(name, &entries, settings));
+        all.push(hybrid(name, NETWORK, &entries, settings));
     }
-    let known = |name: &str| schedule.plain.iter().find(|p| p.name == name);
     let own = schedule.plain.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
     for text in if plain.is_empty() { &own } else { plain } {
         if text == "none" {
@@ -126,19 +154,30 @@ mod tests {
         let hybrid = [format!("fp32={}", file.display())];
         let names = |hybrids: &[String], plain: &[&str]| {
             let plain: Vec<String> = plain.iter().map(ToString::to_string).collect();
-            variants(&family, &schedule, hybrids, &plain)
+            variants(&family, &schedule, true, hybrids, &plain)
                 .map(|all| all.into_iter().map(|v| v.name).collect::<Vec<_>>())
         };
-        assert_eq!(names(&hybrid, &[]).unwrap(), ["hybrid", "fp32", "loose", "coarse"]);
-        assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid"]);
+        assert_eq!(
+            names(&hybrid, &[]).unwrap(),
+            ["hybrid", "linear", "network-linear", "linear-loose", "fp32", "loose", "coarse"]
+        );
+        assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid", "linear", "network-linear", "linear-loose"]);
+        // Without a model those that need none.
+        let alone = variants(&family, &schedule, false, &[], &["none".into()]).unwrap();
+        assert_eq!(alone.iter().map(|v| v.name.as_str()).collect::<Vec<_>>(), ["linear", "linear-loose"]);
+        let loose = &schedule.plain.iter().find(|p| p.name == "loose").unwrap().set;
+        assert!(loose.iter().all(|(name, value)| alone[1].kind.settings()[name] == *value));
+        assert!(
+            variants(&family, &schedule, false, &hybrid, &[]).unwrap_err().to_string().contains("--model")
+        );
         let coarse = [hybrid[0].clone() + ",cells=0.5"];
-        let all = variants(&family, &schedule, &coarse, &["none".into()]).unwrap();
-        assert_eq!(all[1].kind.settings()["cells"].to_string(), "0.5");
+        let all = variants(&family, &schedule, true, &coarse, &["none".into()]).unwrap();
+        assert_eq!(all[4].kind.settings()["cells"].to_string(), "0.5");
         assert!(all[0].kind.settings().is_empty());
         let unknown = [hybrid[0].clone() + ",size=2"];
         let message = names(&unknown, &[]).unwrap_err().to_string();
         assert!(message.contains("no parameter 'size'"), "{message}");
-        assert_eq!(names(&[], &["loose", "half=cells=0.5,courant=2"]).unwrap(), ["hybrid", "loose", "half"]);
+        assert_eq!(names(&[], &["loose", "half=cells=0.5,courant=2"]).unwrap()[4..], ["loose", "half"]);
         for (plain, words) in [
             ("fine", "loose, coarse"),
             ("full=cells=2", "'full' cannot be"),

@@ -63,7 +63,8 @@ fn extrapolation(scene: &Scene) -> Result<Option<Prediction>> {
 fn linear(scene: &Scene) -> Result<Option<Prediction>> {
     let pace = scene.pace();
     let stride = pace.interval * pace.frames as f64;
-    let settings = Settings { interval: stride, storage: Storage::Single, fit: FitSettings::default() };
+    let settings =
+        Settings { interval: stride, storage: Storage::Single, fit: FitSettings::default(), held: 0 };
     let every = settings.fit.tail;
     let fields =
         (0..scene.n_fields()).map(|k| Field::weighted(&k.to_string(), scene.width(k), scene.volumes()));

@@ -1,0 +1,237 @@
+//! What other parts of a run report of each state (a drag, a probe), and how far jumps may go by it.
+//!
+//! A host tells the values after each step of the solver and after each stride. Where a jump ends, the value of its last state is compared
+//! with the one that the solver's first two steps from there lead back to, relative to the root mean square of what the solver's values
+//! vary by about their mean. Beyond the tolerance the next jump has half as many strides at most, and none any more after one of a single
+//! stride; within it, half as many again as the last one that was limited.
+
+use m4gn_mesh::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Values of the solver that a variation is taken over, at most.
+const WINDOW: usize = 2000;
+
+/// A result of another part of the run that is to be held.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QuantitySettings {
+    /// Whose result it is: the name of a function object.
+    pub object: String,
+    /// Its name there.
+    pub result: String,
+    /// Largest error at the end of a jump, over what the quantity varies by.
+    pub tolerance: f64,
+}
+
+impl QuantitySettings {
+    pub(crate) fn check(&self) -> Result<()> {
+        match self.tolerance.is_finite()
+            && self.tolerance > 0.0
+            && !self.object.is_empty()
+            && !self.result.is_empty()
+        {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "ride: quantities: object '{}', result '{}', tolerance {}: expected two names and an error above 0, such as 0.01",
+                self.object, self.result, self.tolerance
+            ))),
+        }
+    }
+}
+
+/// One of them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Track {
+    /// Of the solver.
+    values: VecDeque<f64>,
+    /// Of the last state.
+    last: Option<f64>,
+    /// The largest error at the end of a jump so far, over the variation.
+    worst: f64,
+}
+
+impl Track {
+    /// Root mean square about the mean; 0 where that is rounding.
+    fn variation(&self) -> f64 {
+        let n = self.values.len().max(1) as f64;
+        let mean = self.values.iter().sum::<f64>() / n;
+        let square = self.values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+        if square > (1e-12 * mean).powi(2) { square.sqrt() } else { 0.0 }
+    }
+}
+
+/// The quantities of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Quantities {
+    tracks: Vec<Track>,
+    /// Of the state that a jump ended with, and of the solver's first step from it.
+    handed_back: Vec<f64>,
+    first: Vec<f64>,
+    /// Strides of the jump that is judged.
+    jump: usize,
+    /// Most strides of the next jump; none: no limit.
+    most: Option<usize>,
+    judged: usize,
+    beyond: usize,
+}
+
+/// What came of a comparison, for people; a warning where there are no more jumps.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Held {
+    pub note: String,
+    pub warning: Option<String>,
+}
+
+impl Quantities {
+    /// The values after the present state: of the solver, or of a stride.
+    pub fn reported(
+        &mut self,
+        settings: &[QuantitySettings],
+        values: &[f64],
+        solver: bool,
+        time: &str,
+    ) -> Held {
+        self.tracks.resize(settings.len(), Track::default());
+        let mut held = Held::default();
+        if solver && !self.handed_back.is_empty() {
+            match self.first.is_empty() {
+                true => self.first = values.to_vec(),
+                false => held = self.judge(settings, values, time),
+            }
+        }
+        for (track, &value) in self.tracks.iter_mut().zip(values) {
+            track.last = value.is_finite().then_some(value);
+            if solver && value.is_finite() {
+                if track.values.len() == WINDOW {
+                    track.values.pop_front();
+                }
+                track.values.push_back(value);
+            }
+        }
+        held
+    }
+
+    /// A jump of so many strides has ended with the state that was reported last.
+    pub fn handed_back(&mut self, strides: usize) {
+        self.jump = strides;
+        self.first.clear();
+        self.handed_back = self.tracks.iter().map(|t| t.last.unwrap_or(f64::NAN)).collect();
+    }
+
+    /// Most strides of a jump, where so many are wanted.
+    pub fn most(&self, wanted: usize) -> usize {
+        self.most.map_or(wanted, |most| wanted.min(most))
+    }
+
+    fn judge(&mut self, settings: &[QuantitySettings], second: &[f64], time: &str) -> Held {
+        let (handed, first) = (std::mem::take(&mut self.handed_back), std::mem::take(&mut self.first));
+        let (mut told, mut beyond) = (Vec::new(), false);
+        for (i, s) in settings.iter().enumerate() {
+            let variation = self.tracks[i].variation();
+            let off = (handed[i] - (2.0 * first[i] - second[i])).abs();
+            let error = match (off, variation) {
+                (0.0, _) => 0.0,
+                (off, v) if off.is_finite() && v > 0.0 => off / v,
+                _ => f64::INFINITY,
+            };
+            self.tracks[i].worst = self.tracks[i].worst.max(error);
+            beyond |= error > s.tolerance;
+            told.push(format!(
+                "{} of {} was off by {error:.2e} of what it varies by (tolerance {})",
+                s.result, s.object, s.tolerance
+            ));
+        }
+        self.judged += 1;
+        let mut note = format!("m4gn: time {time}: at the end of the jump {}", told.join("; "));
+        let mut warning = None;
+        if beyond {
+            self.beyond += 1;
+            let most = self.jump / 2;
+            self.most = Some(most);
+            note += &format!("; the next jumps have {most} strides at most");
+            if most == 0 {
+                warning = Some(format!(
+                    "At time {time} a jump of one stride left a quantity further off than its tolerance allows: {}. The run goes on with the \
+                     solver alone\n    Raise the tolerance, or leave the quantity out",
+                    told.join("; ")
+                ));
+            }
+        } else if let Some(most) = self.most.filter(|most| *most > 0 && self.jump >= *most) {
+            self.most = Some(most + most.div_ceil(2));
+        }
+        Held { note: note + "\n\n", warning }
+    }
+
+    /// Entries of the summary: of each quantity the worst error at the end of a jump, then how many jumps were judged and beyond.
+    pub fn summary(&self, settings: &[QuantitySettings]) -> Vec<(String, f64)> {
+        if self.judged == 0 {
+            return Vec::new();
+        }
+        let worst = settings.iter().zip(&self.tracks);
+        let mut all: Vec<(String, f64)> =
+            worst.map(|(s, t)| (format!("worst_{}_{}", s.object, s.result), t.worst.min(1e15))).collect();
+        all.push(("quantities_judged".into(), self.judged as f64));
+        all.push(("quantities_beyond".into(), self.beyond as f64));
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> Vec<QuantitySettings> {
+        vec![QuantitySettings { object: "forces".into(), result: "Cd".into(), tolerance: 0.05 }]
+    }
+
+    /// Forty steps of the solver about 3, of a variation of 1.
+    fn after_steps() -> Quantities {
+        let mut q = Quantities::default();
+        for i in 0..40 {
+            let held = q.reported(&settings(), &[if i % 2 == 0 { 2.0 } else { 4.0 }], true, "1");
+            assert_eq!(held, Held::default());
+        }
+        q
+    }
+
+    fn jump(q: &mut Quantities, strides: usize, ends: f64, steps: [f64; 2]) -> Held {
+        q.reported(&settings(), &[ends], false, "2");
+        q.handed_back(strides);
+        assert_eq!(q.reported(&settings(), &[steps[0]], true, "2.1"), Held::default());
+        q.reported(&settings(), &[steps[1]], true, "2.2")
+    }
+
+    #[test]
+    fn the_end_of_a_jump_is_compared_with_what_the_solver_leads_back_to() {
+        let mut q = after_steps();
+        assert_eq!(q.most(60), 60);
+        // On the line through the solver's steps: nothing is off.
+        let held = jump(&mut q, 60, 3.0, [3.1, 3.2]);
+        assert!(held.note.contains("Cd of forces") && held.warning.is_none(), "{held:?}");
+        assert_eq!(q.most(60), 60);
+        // A tenth of the variation is beyond a twentieth.
+        jump(&mut q, 60, 3.1, [3.0, 3.0]);
+        assert_eq!(q.most(60), 30);
+        jump(&mut q, 30, 3.0, [3.0, 3.0]);
+        assert_eq!(q.most(60), 45);
+        let summary = q.summary(&settings());
+        assert_eq!(summary[0].0, "worst_forces_Cd");
+        assert!((summary[0].1 - 0.1).abs() < 0.02, "{summary:?}");
+        assert_eq!((summary[1].1, summary[2].1), (3.0, 1.0));
+    }
+
+    #[test]
+    fn after_a_single_stride_beyond_there_are_no_more_jumps() {
+        let mut q = after_steps();
+        let held = jump(&mut q, 1, 4.0, [3.0, 3.0]);
+        assert!(held.warning.is_some_and(|w| w.contains("solver alone")));
+        assert_eq!(q.most(60), 0);
+        // What is not reported is no value within a tolerance.
+        let mut q = after_steps();
+        jump(&mut q, 8, f64::NAN, [3.0, 3.0]);
+        assert_eq!(q.most(60), 4);
+    }
+}
