@@ -31,18 +31,16 @@ scalar* numbers(Field<Type>& values)
     return reinterpret_cast<scalar*>(values.data());
 }
 
-//- Has the solver an equation in time for a field of cells? Pressure and viscosity follow from others, with the noise of the tolerance that
-//  they are solved to: the fit is made of those that evolve, and carries the rest.
-struct evolving
+//- Does it follow from other fields, without an equation in time? It then has the noise of the tolerance that it is solved to: the fit is
+//  made of the fields that evolve, and carries it.
+bool follows(const regIOobject& object, const dimensionSet& dimensions)
 {
-    bool found;
-
-    template<class Type, template<class> class Patch, class Mesh>
-    void operator()(GeometricField<Type, Patch, Mesh>& field)
-    {
-        found = found || (std::is_same<Mesh, volMesh>::value && field.nOldTimes());
-    }
-};
+    static const wordHashSet coefficients({"nut", "mut", "alphat"});
+    static const wordHashSet pressures({"p", "p_rgh"});
+    return
+        coefficients.found(object.name())
+     || (pressures.found(object.name()) && dimensions == sqr(dimVelocity));
+}
 
 //- What the arrays are
 struct describe
@@ -51,7 +49,6 @@ struct describe
     std::vector<m4gn_ride_array>& layout;
     const scalarField& volumes;
     const label solvedDirections;
-    const bool evolve;
 
     void add
     (
@@ -75,7 +72,7 @@ struct describe
         const label n = pTraits<Type>::nComponents;
         const bool measured = std::is_same<Mesh, volMesh>::value && (n == 1 || n == 3);
         const label solved = !measured ? 0 : n == 1 ? 1 : solvedDirections;
-        add(field.name(), field.primitiveField().size(), n, solved, !evolve || field.nOldTimes());
+        add(field.name(), field.primitiveField().size(), n, solved, !follows(field, field.dimensions()));
         label faces = 0;
         for (const auto& patch : field.boundaryField())
         {
@@ -200,9 +197,7 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     {
         solved += mesh.solutionD()[d] > 0;
     }
-    evolving asked{false};
-    each(asked);
-    describe describing{names_, layout_, volumes_, solved, asked.found};
+    describe describing{names_, layout_, volumes_, solved};
     each(describing);
 
     bool measured = false;
