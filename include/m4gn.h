@@ -364,7 +364,7 @@ typedef struct m4gn_ride_step
 
 typedef struct m4gn_ride_answer
 {
-    double duration;            /* of ADVANCE: time by which the stride advances, s */
+    double duration;            /* of ADVANCE: time by which the stride advances, s; of STRIDE: the length of one */
     double delta_t;             /* within a jump the solver's time step, s; else 0 */
     int64_t solver_steps;       /* of ADVANCE: time steps of the solver that it stands for */
     int64_t since;              /* time steps since the last jump; -1: there was none */
@@ -411,6 +411,7 @@ typedef struct m4gn_ride_array
     int32_t positive;           /* not 0: predictions are not below the least value of the run's states */
     int32_t fitted;             /* not 0, of a field that is solved: the fit is made of it, as of all fields with an equation in time;
                                    0: it is carried along and measured (an incompressible pressure, with the noise of its tolerance) */
+    int32_t input;              /* not 0: a value that is prescribed; m4gn_ride_inputs says what it will be */
     const double* weights;      /* [n/components] volumes of the cells where the fit is made of it, else NULL */
 } m4gn_ride_array;
 
@@ -481,8 +482,13 @@ int32_t m4gn_ride_new(
 /* Collective. The arrays of the state after a step of the solver, where the last answer asks for them: after m4gn_ride_solved. */
 int32_t m4gn_ride_record(m4gn_ride* ride, const double* const* arrays, int32_t n_arrays);
 
-/* The arrays of the state that was predicted, where the last answer is M4GN_RIDE_ADVANCE. No two places may overlap. */
-int32_t m4gn_ride_arrays(const m4gn_ride* ride, double* const* arrays, int32_t n_arrays);
+/* Values of all arrays that are inputs, in their order, at the end of the next stride: after the answer M4GN_RIDE_STRIDE, whose duration says
+ * how long that one is. A stride whose prediction is off from them is not taken. */
+int32_t m4gn_ride_inputs(m4gn_ride* ride, const double* const* arrays, int32_t n_arrays);
+
+/* The arrays of the state that the last stride of a jump predicted, until it is handed back; before (s) > 0: after
+ * m4gn_ride_advanced those of a state so long before it, where the solver's time scheme has an old level. No two places may overlap. */
+int32_t m4gn_ride_arrays(const m4gn_ride* ride, double before, double* const* arrays, int32_t n_arrays);
 
 /* Collective. */
 void m4gn_ride_free(m4gn_ride* ride);

@@ -3,7 +3,9 @@
 #include "m4gnHandOver.H"
 #include "m4gnDictionary.H"
 #include "StringStream.H"
+#include "cloud.H"
 #include "surfaceFields.H"
+#include "Time.H"
 #include "volFields.H"
 
 namespace
@@ -26,6 +28,15 @@ bool computed(const volScalarField& field)
         }
     }
     return some;
+}
+
+//- Does a source begin or end between the start and the end of the run?
+bool isForAWhile(const dictionary& dict, const Time& time)
+{
+    const scalar begin = dict.getOrDefault<scalar>("timeStart", -1);
+    return
+        begin >= 0
+     && (begin > time.startTime().value() || begin + dict.getOrDefault<scalar>("duration", 0) < time.endTime().value());
 }
 
 } // End anonymous namespace
@@ -85,6 +96,67 @@ Foam::string Foam::m4gn::notHandedOver
         }
     }
 
+    return string();
+}
+
+Foam::string Foam::m4gn::notInFields(const fvMesh& mesh)
+{
+    OStringStream why;
+
+    const wordList meshes(mesh.time().sortedNames<fvMesh>());
+    if (meshes.size() > 1)
+    {
+        why << "there are several meshes (" << join(meshes).c_str() << "), which go on in step";
+        return why.str();
+    }
+    const wordList clouds(mesh.sortedNames<cloud>());
+    if (clouds.size())
+    {
+        why << "particles go with the flow (" << join(clouds).c_str() << ")";
+        return why.str();
+    }
+    for (const word& name : mesh.sortedNames<volScalarField>())
+    {
+        if (name.starts_with("alpha."))
+        {
+            why << "there are several phases (" << name << ")";
+            return why.str();
+        }
+    }
+    for (const word& name : mesh.sortedNames())
+    {
+        const auto* object = mesh.findObject<regIOobject>(name);
+        const word kind(object ? object->type() : word::null);
+        if
+        (
+            (kind.starts_with("point") || kind.starts_with("area") || kind.starts_with("edge")) && kind.ends_with("Field")
+         && object->readOpt() != IOobject::NO_READ && object->writeOpt() == IOobject::AUTO_WRITE
+        )
+        {
+            why << "the field " << name << " is a " << kind << ", neither of cells nor of faces";
+            return why.str();
+        }
+    }
+    if (const auto* dict = mesh.findObject<dictionary>("fvOptions"))
+    {
+        for (const entry& e : *dict)
+        {
+            if (!e.isDict() || !e.dict().getOrDefault<bool>("active", true))
+            {
+                continue;
+            }
+            bool timed = isForAWhile(e.dict(), mesh.time());
+            for (const entry& own : e.dict())
+            {
+                timed = timed || (own.isDict() && isForAWhile(own.dict(), mesh.time()));
+            }
+            if (timed)
+            {
+                why << "the source " << e.keyword() << " of fvOptions begins or ends in the run (timeStart, duration)";
+                return why.str();
+            }
+        }
+    }
     return string();
 }
 

@@ -82,6 +82,13 @@ public:
         }
     }
 
+    //- The old levels are those of a step of this length: that is what
+    //  deltaT0 will be in the next one
+    static void precede(Time& time, const scalar deltaT)
+    {
+        time.*(&clockwork::deltaTSave_) = deltaT;
+    }
+
     //- Does deltaT differ from controlDict's, so that an edited one is not
     //  heeded?
     static bool& changed(Time& time)
@@ -200,6 +207,10 @@ bool Foam::m4gnJump::run
         {
             timer.increment();
             state_->complete(deltaT, last);
+            if (ride_.setOldLevels(surrogatei, deltaT))
+            {
+                clockwork::precede(time_, deltaT);
+            }
             if (last)
             {
                 state_->beforeStep(0);
@@ -217,7 +228,7 @@ bool Foam::m4gnJump::run
         {
             timer.increment();
             state_->beforeStride();
-            answer = ride_.stride(surrogatei, predicted_);
+            answer = ride_.stride(answer, predicted_);
             if (answer.action != M4GN_RIDE_ADVANCE)
             {
                 break;

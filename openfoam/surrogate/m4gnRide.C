@@ -526,11 +526,16 @@ m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
     return answer;
 }
 
-m4gn_ride_answer Foam::m4gnRide::stride(const label surrogatei, List<scalarField>& predicted)
+m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scalarField>& predicted)
 {
-    const word& kind = kinds_[surrogatei];
+    const word& kind = kinds_[asked.surrogate];
     const bool linear = kind == "linear";
     const std::vector<m4gn_field> fields(gather(!linear, linear));
+    if (linear)
+    {
+        const std::vector<const double*> inputs(run_->inputs(asked.duration));
+        m4gn::check(m4gn_ride_inputs(ride_, inputs.data(), inputs.size()), "m4gnSurrogate cannot step");
+    }
     const std::vector<advancedField> to(advances(kind));
     std::vector<m4gn_field_out> outputs(to.size());
     predicted.resize(to.size());
@@ -555,11 +560,24 @@ m4gn_ride_answer Foam::m4gnRide::stride(const label surrogatei, List<scalarField
     if (linear && answer.action == M4GN_RIDE_ADVANCE)
     {
         const std::vector<double*> places(run_->places());
-        m4gn::check(m4gn_ride_arrays(ride_, places.data(), places.size()), "m4gnSurrogate cannot step");
+        m4gn::check(m4gn_ride_arrays(ride_, 0, places.data(), places.size()), "m4gnSurrogate cannot step");
     }
     // What a network advances to is in the fields alone
     gathered_ = gathered_ && linear;
     return answer;
+}
+
+bool Foam::m4gnRide::setOldLevels(const label surrogatei, const scalar deltaT)
+{
+    if (kinds_[surrogatei] != "linear" || !run_->hasOldLevels())
+    {
+        return false;
+    }
+    const std::vector<double*> places(run_->places());
+    m4gn::check(m4gn_ride_arrays(ride_, deltaT, places.data(), places.size()), "m4gnSurrogate cannot hand over");
+    run_->setOldLevels();
+    gathered_ = false;
+    return true;
 }
 
 m4gn_ride_answer Foam::m4gnRide::advanced()

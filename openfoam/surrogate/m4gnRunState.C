@@ -3,26 +3,44 @@
 #include "m4gnRunState.H"
 #include "m4gnDictionary.H"
 #include "m4gnFluxProjection.H"
+#include "m4gnHandOver.H"
 #include "Time.H"
 
 namespace
 {
 using namespace Foam;
 
-//- Fields that stay positive
-const wordHashSet& positive()
+//- Does it stay positive? Pressures are absolute where the density varies.
+bool positive(const word& name, const dimensionSet& dimensions)
 {
-    static const wordHashSet names({"k", "epsilon", "omega", "nut", "nuTilda", "alphat", "T", "rho"});
-    return names;
+    static const wordHashSet names
+    ({
+        "k", "epsilon", "omega", "nut", "nuTilda", "alphat", "T", "rho", "thermo:rho", "thermo:psi", "thermo:mu", "thermo:alpha"
+    });
+    return names.found(name) || (name == "p" && dimensions == dimPressure);
 }
 
-//- Does the solver read and write it? Old levels are not read as such, and means are other function objects'
+//- Does the solver read and write it?
+bool isRead(const regIOobject& object)
+{
+    return
+        object.writeOpt() == IOobject::AUTO_WRITE && object.readOpt() != IOobject::NO_READ
+     && !object.name().ends_with("Mean");
+}
+
+//- Does the solver go on from it? What it reads and writes, and what it keeps beside (enthalpy, compressibility, stress): those
+//  fields are its own variables, while those of function objects and of caches belong to the registry. Of the time schemes'
+//  own fields, which do so too, CrankNicolson's are part of the state; old levels are those of their fields.
 bool isState(const regIOobject& object)
 {
     const word& name = object.name();
+    const auto beside = [&](const char* end)
+    {
+        return name.ends_with(end) && object.db().found(name.substr(0, name.size() - strlen(end)));
+    };
     return
-        object.writeOpt() == IOobject::AUTO_WRITE && object.readOpt() != IOobject::NO_READ
-     && !name.ends_with("_0") && !name.ends_with("Mean") && !name.starts_with("m4gn");
+        !beside("_0") && !beside("PrevIter") && !name.starts_with("m4gn")
+     && (isRead(object) || !object.ownedByRegistry() || name.starts_with("ddt0(") || name.starts_with("ddtCorrDdt0("));
 }
 
 template<class Type>
@@ -52,7 +70,8 @@ struct describe
 
     void add
     (
-        const std::string& name, const label n, const label components, const label solved, const bool fitted
+        const std::string& name, const label n, const label components, const label solved, const bool fitted,
+        const bool positive
     )
     {
         names.push_back(name);
@@ -60,7 +79,7 @@ struct describe
         array.n = n*components;
         array.components = components;
         array.solved = solved;
-        array.positive = positive().found(name);
+        array.positive = positive;
         array.fitted = solved && fitted;
         array.weights = array.fitted ? volumes.cdata() : nullptr;
         layout.push_back(array);
@@ -70,15 +89,16 @@ struct describe
     void operator()(GeometricField<Type, Patch, Mesh>& field)
     {
         const label n = pTraits<Type>::nComponents;
-        const bool measured = std::is_same<Mesh, volMesh>::value && (n == 1 || n == 3);
+        const bool measured = std::is_same<Mesh, volMesh>::value && (n == 1 || n == 3) && isRead(field);
         const label solved = !measured ? 0 : n == 1 ? 1 : solvedDirections;
-        add(field.name(), field.primitiveField().size(), n, solved, !follows(field, field.dimensions()));
+        const bool isPositive = positive(field.name(), field.dimensions());
+        add(field.name(), field.primitiveField().size(), n, solved, !follows(field, field.dimensions()), isPositive);
         label faces = 0;
         for (const auto& patch : field.boundaryField())
         {
             faces += patch.size();
         }
-        add(field.name() + ".boundary", faces, n, 0, false);
+        add(field.name() + ".boundary", faces, n, 0, false, isPositive);
     }
 };
 
@@ -104,15 +124,22 @@ struct copyOut
     }
 };
 
-//- And back: old levels get the old state
+//- And back: into the fields, which keep what they have as old levels, or into the old levels that they have
 struct copyIn
 {
     const List<scalarField>& values;
+    const bool old;
     label arrayi;
 
     template<class Type, template<class> class Patch, class Mesh>
-    void operator()(GeometricField<Type, Patch, Mesh>& field)
+    void operator()(GeometricField<Type, Patch, Mesh>& present)
     {
+        if (old && !present.nOldTimes())
+        {
+            arrayi += 2;
+            return;
+        }
+        auto& field = old ? present.oldTime() : present;
         std::copy(values[arrayi].begin(), values[arrayi].end(), numbers<Type>(field.primitiveFieldRef()));
         const scalar* from = values[arrayi + 1].begin();
         for (auto& patch : field.boundaryFieldRef())
@@ -150,31 +177,52 @@ void Foam::m4gnRunState::each(Action& action) const
     }
 }
 
-void Foam::m4gnRunState::checkScheme() const
+void Foam::m4gnRunState::checkCase()
 {
-    const word used(m4gn::scheme(mesh_.schemesDict(), "ddtSchemes", "default"));
+    const string why(m4gn::notInFields(mesh_));
 
-    if (used != "Euler" && used != "backward")
+    if (why.size())
     {
         FatalErrorInFunction
-            << "The linear surrogate does not handle the time scheme " << used << nl
-            << "    Handled as default of ddtSchemes: Euler, backward"
-            << exit(FatalError);
+            << "The linear surrogate cannot hand states of this case over to its"
+            << " solver: " << why.c_str() << exit(FatalError);
     }
-    if (mesh_.foundObject<volVectorField>("D"))
+
+    for (const word group : {"ddtSchemes", "d2dt2Schemes"})
     {
-        FatalErrorInFunction
-            << "The linear surrogate does not handle solvers of a displacement"
-            << " D, which is of second order in time" << exit(FatalError);
+        const wordHashSet handled
+        (
+            group == "ddtSchemes"
+          ? wordHashSet({"Euler", "backward", "CrankNicolson", "none"})
+          : wordHashSet({"Euler", "steadyState", "none"})
+        );
+
+        for (const entry& e : mesh_.schemesDict().subOrEmptyDict(group))
+        {
+            const word used(m4gn::scheme(mesh_.schemesDict(), group, e.keyword()));
+
+            if (!handled.found(used))
+            {
+                FatalErrorInFunction
+                    << "The linear surrogate does not handle the time scheme "
+                    << used << " of " << group << " (" << e.keyword() << ')' << nl
+                    << "    Handled: " << m4gn::join(handled.sortedToc())
+                    << exit(FatalError);
+            }
+            hasOldLevels_ =
+                hasOldLevels_ || used == "backward" || used == "CrankNicolson"
+             || (group == "d2dt2Schemes" && used == "Euler");
+        }
     }
 }
 
 Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
 :
     m4gnSolverState(mesh),
-    volumes_(mesh.V())
+    volumes_(mesh.V()),
+    hasOldLevels_(false)
 {
-    checkScheme();
+    checkCase();
 
     wordHashSet names(mesh.names<volScalarField>());
     names.insert(mesh.names<volVectorField>());
@@ -200,13 +248,24 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     describe describing{names_, layout_, volumes_, solved};
     each(describing);
 
-    bool measured = false;
     values_.resize(layout_.size());
-    forAll(values_, i)
+
+    inputs_.reset(new m4gnPrescribed(mesh, fields_));
+    forAll(inputs_->values(), i)
+    {
+        describing.add(inputs_->name(i), inputs_->values()[i].size(), 1, 0, false, false);
+        layout_.back().input = 1;
+    }
+
+    bool measured = false;
+    for (size_t i = 0; i < layout_.size(); ++i)
     {
         layout_[i].name = names_[i].c_str();
-        values_[i].resize(layout_[i].n);
         measured = measured || layout_[i].solved;
+    }
+    forAll(values_, i)
+    {
+        values_[i].resize(layout_[i].n);
     }
     if (!measured)
     {
@@ -214,7 +273,17 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
             << "The solver has no field of cells that it reads and writes: the"
             << " linear surrogate has nothing to be fitted to" << exit(FatalError);
     }
-    Info<< "m4gn: the linear surrogate advances " << m4gn::join(fields_) << nl << endl;
+    DynamicList<word> read, beside;
+    for (const word& name : fields_)
+    {
+        (isRead(mesh.lookupObject<regIOobject>(name)) ? read : beside).append(name);
+    }
+    Info<< "m4gn: the linear surrogate advances " << m4gn::join(wordList(read));
+    if (beside.size())
+    {
+        Info<< " and, with them, " << m4gn::join(wordList(beside));
+    }
+    Info<< nl << endl;
 }
 
 std::vector<const double*> Foam::m4gnRunState::gather()
@@ -224,6 +293,22 @@ std::vector<const double*> Foam::m4gnRunState::gather()
 
     std::vector<const double*> all;
     for (const scalarField& values : values_)
+    {
+        all.push_back(values.cdata());
+    }
+    for (const double* values : inputs(0))
+    {
+        all.push_back(values);
+    }
+    return all;
+}
+
+std::vector<const double*> Foam::m4gnRunState::inputs(const scalar later)
+{
+    inputs_->say(later);
+
+    std::vector<const double*> all;
+    for (const scalarField& values : inputs_->values())
     {
         all.push_back(values.cdata());
     }
@@ -254,13 +339,23 @@ std::vector<double*> Foam::m4gnRunState::places()
     {
         all.push_back(values.data());
     }
+    for (scalarField& values : inputs_->values())
+    {
+        all.push_back(values.data());
+    }
     return all;
 }
 
 void Foam::m4gnRunState::advance(const List<scalarField>&, const scalar duration)
 {
     step(duration);
-    copyIn copying{values_, 0};
+    copyIn copying{values_, false, 0};
+    each(copying);
+}
+
+void Foam::m4gnRunState::setOldLevels()
+{
+    copyIn copying{values_, true, 0};
     each(copying);
 }
 

@@ -17,6 +17,7 @@ pub struct ArrayData {
     pub solved: i32,
     pub positive: i32,
     pub fitted: i32,
+    pub input: i32,
     pub weights: *const f64,
 }
 
@@ -44,7 +45,11 @@ pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<(Vec<Fie
                 }
                 advanced.push(Advanced { name: name.clone(), components, solved });
             }
-            fields.push(Field { name, len, components, weight, positive: given.positive != 0 });
+            let input = given.input != 0;
+            if input && solved == 0 {
+                weight = Weight::One;
+            }
+            fields.push(Field { name, len, components, weight, positive: given.positive != 0, input });
         }
     }
     Ok((fields, advanced))

@@ -92,6 +92,8 @@ pub struct RideHandle {
     owners: Vec<i32>,
     /// Lengths of the state's arrays.
     arrays: Vec<usize>,
+    /// Those of the ones that are inputs.
+    inputs: Vec<usize>,
     /// What was taken last.
     text: CString,
     /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
@@ -349,7 +351,7 @@ unsafe fn new(
     };
     door::together("m4gn_ride_new", &comm, read, |setup| {
         let Setup { settings, mut learning, start, mesh, mut own, mut arrays, .. } = setup;
-        let mut lengths = Vec::new();
+        let (mut lengths, mut inputs) = (Vec::new(), Vec::new());
         let mut rows = mesh.as_ref().map_or(0, |mesh| mesh.cell_global.len());
         let mut riding: Vec<Box<dyn Surrogate>> = Vec::new();
         for kind in &settings.surrogates {
@@ -372,6 +374,7 @@ unsafe fn new(
                     own = kept;
                     let (fields, advanced) = arrays.take().unwrap_or_default();
                     lengths = fields.iter().map(|f| f.len).collect();
+                    inputs = fields.iter().filter(|f| f.input).map(|f| f.len).collect();
                     if mesh.is_none() {
                         let first = fields.iter().find(|f| f.measured());
                         rows = first.map_or(0, |f| f.len / f.components.max(1));
@@ -396,6 +399,7 @@ unsafe fn new(
             n_boundary: mesh.as_ref().map_or(0, boundary_values),
             owners: mesh.iter().flat_map(|mesh| mesh.boundary.iter().map(|face| face.owner)).collect(),
             arrays: lengths,
+            inputs,
             text: CString::default(),
             broken: false,
         })
@@ -438,12 +442,23 @@ exports! {
         })
     }
 
-    /// The arrays of the state that was predicted.
-    fn m4gn_ride_arrays(ride: *const RideHandle, arrays: *const *mut f64, n_arrays: i32) -> i32, or |s| s; {
+    /// What the inputs will be at the end of the next stride.
+    fn m4gn_ride_inputs(ride: *mut RideHandle, arrays: *const *const f64, n_arrays: i32) -> i32, or |s| s; {
+        // SAFETY: a ride of ours and the host's arrays, as the header says.
+        unsafe {
+            let handle = raw::reference_mut("ride", ride)?;
+            let inputs = linear::read(arrays, n_arrays, &handle.inputs)?;
+            handle.ride.inputs(&inputs)?;
+        }
+        Ok(0)
+    }
+
+    /// The arrays of the state that was predicted, or of one before it.
+    fn m4gn_ride_arrays(ride: *const RideHandle, before: f64, arrays: *const *mut f64, n_arrays: i32) -> i32, or |s| s; {
         // SAFETY: a ride of ours and the host's arrays, as the header says.
         unsafe {
             let handle = raw::reference("ride", ride)?;
-            handle.ride.arrays(&mut linear::places(arrays, n_arrays, &handle.arrays)?)?;
+            handle.ride.arrays(before, &mut linear::places(arrays, n_arrays, &handle.arrays)?)?;
         }
         Ok(0)
     }

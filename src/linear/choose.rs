@@ -101,6 +101,11 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// Mean square of what a field varies by; 0 for one that does not.
+    pub fn variation(&self, field: usize) -> f64 {
+        self.variation[field]
+    }
+
     /// Error of the tail over that of holding, all fields that vary together.
     pub fn tail_error(&self) -> f64 {
         relative(&self.tail)

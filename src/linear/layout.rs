@@ -26,6 +26,8 @@ pub struct Field {
     pub weight: Weight,
     /// Whether a prediction is kept from falling below the least value that the snapshots in use have (k, omega, T).
     pub positive: bool,
+    /// Whether its values at later times are known: a fit that says others of them does not hold there.
+    pub input: bool,
 }
 
 impl Field {
@@ -37,12 +39,20 @@ impl Field {
             components,
             weight: Weight::Items(weights),
             positive: false,
+            input: false,
         }
     }
 
     /// A field that is carried along.
     pub fn carried(name: &str, len: usize) -> Self {
-        Field { name: name.to_string(), len, components: 1, weight: Weight::Carried, positive: false }
+        Field {
+            name: name.to_string(),
+            len,
+            components: 1,
+            weight: Weight::Carried,
+            positive: false,
+            input: false,
+        }
     }
 
     /// Whether it takes part in the inner product.

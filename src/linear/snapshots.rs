@@ -27,21 +27,27 @@ pub enum Storage {
 pub(crate) enum Values {
     Double(Vec<f64>),
     Single(Vec<f32>),
+    /// There is no difference: what does not change takes no memory.
+    Same,
 }
 
 impl Values {
-    fn zeros(storage: Storage, n: usize) -> Self {
-        match storage {
-            Storage::Double => Values::Double(vec![0.0; n]),
-            Storage::Single => Values::Single(vec![0.0; n]),
+    fn set(&mut self, storage: Storage, values: &[f64], reference: &[f64]) {
+        if values == reference {
+            *self = Values::Same;
+            return;
         }
-    }
-
-    fn set(&mut self, values: &[f64], reference: &[f64]) {
+        if *self == Values::Same {
+            *self = match storage {
+                Storage::Double => Values::Double(vec![0.0; values.len()]),
+                Storage::Single => Values::Single(vec![0.0; values.len()]),
+            };
+        }
         let pairs = values.iter().zip(reference);
         match self {
             Values::Double(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = x - r),
             Values::Single(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = (x - r) as f32),
+            Values::Same => {}
         }
     }
 
@@ -51,6 +57,7 @@ impl Values {
         match self {
             Values::Double(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * d),
             Values::Single(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * f64::from(*d)),
+            Values::Same => {}
         }
     }
 
@@ -60,6 +67,7 @@ impl Values {
         match self {
             Values::Double(v) => dot(sum, other, &v[from..to], |d| d),
             Values::Single(v) => dot(sum, other, &v[from..to], f64::from),
+            Values::Same => {}
         }
     }
 }
@@ -178,7 +186,7 @@ impl Snapshots {
         })
     }
 
-    /// Bytes on this rank when all snapshots are there, one more to interpolate from included.
+    /// Bytes on this rank when all snapshots are there and all fields change, one more to interpolate from included.
     pub fn memory(&self) -> usize {
         let numbers: usize = self.fields.iter().map(|f| f.len).sum();
         let each = match self.storage {
@@ -232,14 +240,13 @@ impl Snapshots {
             true => {
                 let used = |slot: &usize| self.entries.iter().any(|e| e.slot == *slot);
                 let slot = (0..self.capacity).find(|s| !used(s)).unwrap_or(0);
-                let values = self.fields.iter().map(|f| Values::zeros(self.storage, f.len)).collect();
-                Entry { number, slot, values, least: Vec::new() }
+                Entry { number, slot, values: vec![Values::Same; self.fields.len()], least: Vec::new() }
             }
             false => self.entries.remove(spare(self).min(self.entries.len() - 1)),
         };
         entry.number = number;
         for ((to, x), r) in entry.values.iter_mut().zip(state).zip(&self.reference) {
-            to.set(x, r);
+            to.set(self.storage, x, r);
         }
         let least = |(f, x): (&Field, &&[f64])| match f.positive {
             true => -x.iter().copied().fold(f64::INFINITY, f64::min),

@@ -9,7 +9,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-const MAGIC: &[u8; 8] = b"m4gnlin1";
+const MAGIC: &[u8; 8] = b"m4gnlin2";
 
 /// The file of a run's snapshots.
 #[derive(Debug)]
@@ -136,10 +136,12 @@ fn record(entry: &Entry) -> Vec<u8> {
     let mut bytes = entry.number.to_le_bytes().to_vec();
     bytes.extend((entry.slot as u64).to_le_bytes());
     entry.least.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    bytes.extend(entry.values.iter().map(|v| u8::from(*v != Values::Same)));
     for values in &entry.values {
         match values {
             Values::Double(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
             Values::Single(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::Same => {}
         }
     }
     bytes
@@ -148,15 +150,19 @@ fn record(entry: &Entry) -> Vec<u8> {
 fn entry(bytes: &[u8], snapshots: &Snapshots) -> Option<Entry> {
     let (fields, storage) = (snapshots.fields(), snapshots.storage());
     let width = if storage == Storage::Double { 8 } else { 4 };
-    let numbers: usize = fields.iter().map(|f| f.len).sum();
     let (head, rest) = bytes.split_at_checked(16 + 8 * fields.len())?;
+    let (there, rest) = rest.split_at_checked(fields.len())?;
+    let numbers: usize = fields.iter().zip(there).filter(|(_, t)| **t != 0).map(|(f, _)| f.len).sum();
     if rest.len() != numbers * width {
         return None;
     }
     let whole = |i: usize| head[8 * i..].first_chunk::<8>().copied().unwrap_or_default();
     let slot = usize::try_from(u64::from_le_bytes(whole(1))).ok().filter(|s| *s < snapshots.capacity())?;
     let mut at = 0;
-    let values = fields.iter().map(|f| {
+    let values = fields.iter().zip(there).map(|(f, there)| {
+        if *there == 0 {
+            return Values::Same;
+        }
         let part = &rest[at..at + f.len * width];
         at += f.len * width;
         match storage {

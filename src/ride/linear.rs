@@ -154,8 +154,10 @@ pub struct Fitted {
     places: Vec<usize>,
     interval: f64,
     kept: Kept,
-    /// What the last step predicted, and the advanced fields of it.
-    predicted: Option<(Combination, Vec<Vec<f64>>)>,
+    /// Strides from the present sample to what the last step predicted, and the advanced fields of it.
+    predicted: Option<(f64, Vec<Vec<f64>>)>,
+    /// What the inputs will be at the end of the next stride.
+    inputs: Vec<Vec<f64>>,
     /// Where the rollout beside the solver began, and how long after that sample, in strides.
     rollout: Option<(Outlook, f64)>,
     /// What is still to be said.
@@ -197,6 +199,7 @@ impl Fitted {
             places,
             interval,
             predicted: None,
+            inputs: Vec::new(),
             rollout: None,
             note: String::new(),
         })
@@ -363,8 +366,9 @@ impl Surrogate for Fitted {
         let prediction = self.linear.predict(strides);
         let prediction = prediction
             .ok_or_else(|| Error::Numerical("the linear surrogate has no fit to predict with".into()))?;
+        self.check_inputs(&prediction)?;
         let values = self.put(&prediction, out)?;
-        self.predicted = Some((prediction, values));
+        self.predicted = Some((strides, values));
         Ok(())
     }
 
@@ -381,8 +385,24 @@ impl Surrogate for Fitted {
         self.put(&prediction, out).map(|_| ())
     }
 
-    fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
-        let Some((prediction, values)) = &self.predicted else {
+    fn inputs(&mut self, arrays: &[&[f64]]) -> Result<()> {
+        let fields = self.linear.snapshots().fields().iter().filter(|f| f.input);
+        if !fields.map(|f| f.len).eq(arrays.iter().map(|a| a.len())) {
+            return Err(Error::Input("linear: the arrays are not the inputs of the state".into()));
+        }
+        self.inputs = arrays.iter().map(|a| a.to_vec()).collect();
+        Ok(())
+    }
+
+    fn arrays(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
+        let present = self.kept.offset + self.kept.ahead as f64;
+        // The advanced fields of the last prediction are there already.
+        let (strides, values) = match &self.predicted {
+            Some((strides, values)) if before <= 0.0 => (Some(*strides), Some(values)),
+            _ if before > 0.0 => (Some(present - before / self.interval), None),
+            _ => (None, None),
+        };
+        let Some(prediction) = strides.and_then(|s| self.linear.predict(s)) else {
             return Err(Error::Input("linear: nothing was predicted".into()));
         };
         let fields = self.linear.snapshots().fields();
@@ -390,9 +410,9 @@ impl Surrogate for Fitted {
             return Err(Error::Input("linear: the arrays are not those of the state".into()));
         }
         for (f, o) in out.iter_mut().enumerate() {
-            match self.places.iter().position(|place| *place == f) {
-                Some(i) => o.copy_from_slice(&values[i]),
-                None => self.linear.field(f, prediction, o),
+            match (values, self.places.iter().position(|place| *place == f)) {
+                (Some(values), Some(i)) => o.copy_from_slice(&values[i]),
+                _ => self.linear.field(f, &prediction, o),
             }
         }
         Ok(())
@@ -457,6 +477,29 @@ impl Fitted {
             o.cells.copy_from_slice(v);
         }
         Ok(values)
+    }
+
+    /// [`Error::Numerical`] where a prediction is off from what the inputs will be by more than `tolerance` of their variation. Collective.
+    fn check_inputs(&mut self, prediction: &Combination) -> Result<()> {
+        let given = std::mem::take(&mut self.inputs);
+        let snapshots = self.linear.snapshots();
+        let fields = snapshots.fields().iter().enumerate().filter(|(_, f)| f.input);
+        for ((f, field), values) in fields.zip(&given) {
+            let mut predicted = vec![0.0; field.len];
+            self.linear.field(f, prediction, &mut predicted);
+            let off = predicted.iter().zip(values).map(|(a, b)| (a - b).powi(2));
+            let mut sums = [off.sum(), values.iter().map(|v| v * v).sum::<f64>()];
+            snapshots.comm().sum_f64(&mut sums);
+            let variation = self.linear.fitted().map_or(0.0, |fit| fit.variation(f));
+            let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
+            if sums[0] > 0.0 && share > self.settings.tolerance {
+                return Err(Error::Numerical(format!(
+                    "the input {} will be other than the fit says of it: the solver goes on",
+                    field.name
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// This rank's file of snapshots.

@@ -178,7 +178,7 @@ impl Host {
             assert_eq!(answer.action, Action::Advance);
             who = answer.surrogate;
             // A network has no arrays.
-            match self.ride.arrays(&mut [&mut self.u, &mut self.phi]) {
+            match self.ride.arrays(0.0, &mut [&mut self.u, &mut self.phi]) {
                 Ok(()) => assert_eq!(out, self.u),
                 Err(_) => self.u.copy_from_slice(&out),
             }
@@ -230,6 +230,18 @@ fn what_is_handed_out_is_one_combination_for_all_arrays() {
     let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
     host.run(1e9, |h| h.jumps.len() == 1);
     assert!(largest(&host.phi, &flux(&host.u)) < 1e-13);
+}
+
+#[test]
+fn an_old_level_is_a_state_on_the_way() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    // Behind the third stride of the first jump.
+    host.run(1e9, |h| h.time > 5.55);
+    let (mut u, mut phi) = (vec![0.0; CELLS], vec![0.0; CELLS]);
+    host.ride.arrays(DELTA_T, &mut [&mut u, &mut phi]).unwrap();
+    let (own, before) = (solver(host.time, 1e9), solver(host.time - DELTA_T, 1e9));
+    assert!(largest(&u, &before) < 1e-5 && largest(&own, &before) > 1e-3, "{u:?}");
+    assert!(largest(&phi, &flux(&u)) < 1e-13);
 }
 
 #[test]

@@ -284,7 +284,10 @@ impl<'a> Ride<'a> {
             strides: jump.map_or(0, |_| self.left().max(0) as usize),
             delta_t: jump.map_or(0.0, |jump| jump.delta_t),
             stepped: self.stepped,
-            duration: 0.0,
+            duration: match (action, jump) {
+                (Action::Stride, Some(jump)) => self.riders[jump.surrogate].surrogate.stride(),
+                _ => 0.0,
+            },
             solver_steps: 0,
             last_but_one: false,
             arrays: false,
@@ -398,13 +401,27 @@ impl<'a> Ride<'a> {
         Ok(())
     }
 
-    /// The arrays of the state that was predicted: what the host advances to.
+    /// What the arrays that are inputs will be at the end of the next stride, in their order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where no stride is to be taken, or for arrays that do not fit.
+    pub fn inputs(&mut self, arrays: &[&[f64]]) -> Result<()> {
+        match &self.phase {
+            Phase::Jumping(jump) => self.riders[jump.surrogate].surrogate.inputs(arrays),
+            _ => Err(self.out_of_turn("inputs")),
+        }
+    }
+
+    /// The arrays of the state that was predicted last: what the host advances to. `before` above 0, s: once it has been advanced to, those of
+    /// a state so long before, which is an old level of the solver's time scheme.
     ///
     /// # Errors
     /// [`Error::Input`] where nothing was predicted, or the surrogate that jumps has no arrays.
-    pub fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
+    pub fn arrays(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
         match &self.phase {
-            Phase::Advancing(jump) => self.riders[jump.surrogate].surrogate.arrays(out),
+            Phase::Advancing(jump) | Phase::Jumping(jump) | Phase::HandingBack(jump) => {
+                self.riders[jump.surrogate].surrogate.arrays(before, out)
+            }
             _ => Err(self.out_of_turn("arrays")),
         }
     }

@@ -104,12 +104,21 @@ pub trait Surrogate {
         Ok(String::new())
     }
 
-    /// The arrays of the state that the last step predicted.
+    /// Takes what the arrays that are inputs will be at the end of the next stride.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there are no such arrays.
+    fn inputs(&mut self, arrays: &[&[f64]]) -> Result<()> {
+        let _ = arrays;
+        Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
+    }
+
+    /// The arrays of the state that the last step predicted; `before` above 0: of one so many seconds before the present.
     ///
     /// # Errors
     /// [`Error::Input`] where it has none.
-    fn arrays(&self, out: &mut [&mut [f64]]) -> Result<()> {
-        let _ = out;
+    fn arrays(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
+        let _ = (before, out);
         Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
     }
 

@@ -63,7 +63,3 @@ linear 'longest 5;'
 refused 'longest not below first' icoFoam
 linear 'intervall 0.05;'
 refused 'interval' icoFoam
-sed -i '/ddtSchemes/,/}/s/default .*/default CrankNicolson 0.9;/' system/fvSchemes
-linear
-clean_case
-refused 'does not handle the time scheme CrankNicolson' icoFoam

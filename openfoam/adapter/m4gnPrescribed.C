@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnPrescribed.H"
+#include "fixedValueFvPatchFields.H"
+#include "StringStream.H"
+#include "Time.H"
+
+namespace
+{
+using namespace Foam;
+
+//- Kinds of Foam::Function1 that are not constant
+bool isFunction(const word& name)
+{
+    static const wordHashSet names
+    ({
+        "coded", "csvFile", "halfCosineRamp", "linearRamp", "polynomial", "quadraticRamp", "quarterCosineRamp", "quarterSineRamp", "scale",
+        "sine", "square", "table", "tableFile"
+    });
+    return names.found(name);
+}
+
+//- Has a dictionary a function of time?
+bool hasFunction(const dictionary& dict)
+{
+    for (const entry& e : dict)
+    {
+        if (e.isDict())
+        {
+            if (hasFunction(e.dict()))
+            {
+                return true;
+            }
+        }
+        else if (e.stream().size() && e.stream().first().isWord() && isFunction(e.stream().first().wordToken()))
+        {
+            return true;
+        }
+    }
+    return false;
+}
+
+//- By chance: a random number for each time
+bool isRandom(const word& type)
+{
+    static const wordHashSet names
+    ({
+        "turbulentInlet", "turbulentDFSEMInlet", "turbulentDigitalFilterInlet", "atmosphericTurbulentInlet"
+    });
+    return names.found(type);
+}
+
+//- Is the value or the gradient prescribed in time?
+template<class Type>
+bool changes(const fvPatchField<Type>& patch)
+{
+    // Functions of a place or of a flow rate
+    static const wordHashSet others({"fan", "fanPressure", "fixedProfile"});
+    if (others.found(patch.type()))
+    {
+        return false;
+    }
+    for (const char* of : {"coded", "expr", "groovy", "oscillating", "timeVarying"})
+    {
+        if (patch.type().starts_with(of))
+        {
+            return true;
+        }
+    }
+    OStringStream os;
+    patch.write(os);
+    IStringStream is(os.str());
+    dictionary dict(is);
+    dict.remove("value");
+    return hasFunction(dict);
+}
+
+} // End anonymous namespace
+
+template<class Type>
+void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label>>& found) const
+{
+    const auto* field = mesh_.findObject<GeometricField<Type, fvPatchField, volMesh>>(name);
+
+    // The processors' patches are not those of all ranks
+    for (label patchi = 0; field && patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi)
+    {
+        const fvPatchField<Type>& patch = field->boundaryField()[patchi];
+        const bool random = isRandom(patch.type());
+
+        if (random || changes(patch))
+        {
+            if (random || !isA<fixedValueFvPatchField<Type>>(patch))
+            {
+                FatalErrorInFunction
+                    << "Nobody can say beforehand what the condition "
+                    << patch.type() << " of " << name << " at the patch "
+                    << patch.patch().name() << " will be at a later time" << nl
+                    << "    Expected fixed values, or conditions that do not"
+                    << " change by themselves" << exit(FatalError);
+            }
+            found.append({name, patchi});
+        }
+    }
+}
+
+template<class Type>
+void Foam::m4gnPrescribed::say(const label i, const scalar later)
+{
+    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
+
+    if (!mesh_.foundObject<fieldType>(found_[i].first()))
+    {
+        return;
+    }
+    const fieldType& field = mesh_.lookupObject<fieldType>(found_[i].first());
+    const fvPatchField<Type>& patch = field.boundaryField()[found_[i].second()];
+    Field<Type> said(patch);
+
+    if (later > 0)
+    {
+        Time& time = const_cast<Time&>(mesh_.time());
+        const scalar now = time.value();
+        time.setTime(now + later, time.timeIndex());
+        tmp<fvPatchField<Type>> copy(patch.clone(patch.internalField()));
+        copy.ref().evaluate();
+        said = copy();
+        time.setTime(now, time.timeIndex());
+    }
+
+    const auto* from = reinterpret_cast<const scalar*>(said.cdata());
+    values_[i].resize(said.size()*pTraits<Type>::nComponents);
+    std::copy(from, from + values_[i].size(), values_[i].begin());
+}
+
+Foam::m4gnPrescribed::m4gnPrescribed(const fvMesh& mesh, const wordList& fields)
+:
+    mesh_(mesh)
+{
+    DynamicList<Tuple2<word, label>> found;
+    for (const word& name : fields)
+    {
+        find<scalar>(name, found);
+        find<vector>(name, found);
+    }
+    found_ = found;
+    values_.resize(found_.size());
+    say(0);
+}
+
+Foam::string Foam::m4gnPrescribed::name(const label i) const
+{
+    return found_[i].first() + " at " + mesh_.boundary()[found_[i].second()].name();
+}
+
+void Foam::m4gnPrescribed::say(const scalar later)
+{
+    forAll(found_, i)
+    {
+        say<scalar>(i, later);
+        say<vector>(i, later);
+    }
+}

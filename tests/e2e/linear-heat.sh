@@ -1,0 +1,98 @@
+#!/usr/bin/env bash
+# m4gnSurrogate with surrogates (linear) and heat: a cavity between a warm and a cold wall on its way to rest, with a density that varies
+# (buoyantPimpleFoam) and with Boussinesq's (buoyantBoussinesqPimpleFoam), and a plate that cools (laplacianFoam). The pressure p_rgh is found,
+# enthalpy, density and compressibility go with the temperature, and so does the heat that goes through the walls.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+mkdir -p case/{0,constant,system} && cd case
+{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
+vertices ((0 0 0) (0.05 0 0) (0.05 0.05 0) (0 0.05 0) (0 0 0.01) (0.05 0 0.01) (0.05 0.05 0.01) (0 0.05 0.01));
+blocks (hex (0 1 2 3 4 5 6 7) (16 16 1) simpleGrading (1 1 1));
+boundary
+(
+    warm { type wall; faces ((0 4 7 3)); }
+    cold { type wall; faces ((1 2 6 5)); }
+    floor { type wall; faces ((0 1 5 4) (3 7 6 2)); }
+    frontAndBack { type empty; faces ((0 3 2 1) (4 5 6 7)); }
+);
+EOD
+{ header controlDict; cat <<'EOD'; } > system/controlDict
+startFrom startTime; startTime 0; stopAt endTime; endTime 24; deltaT 0.05; writeControl adjustableRunTime; writeInterval 12;
+writeFormat ascii; writePrecision 12; timePrecision 8; runTimeModifiable no;
+functions { #include "functions" }
+EOD
+{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
+ddtSchemes { default Euler; }
+gradSchemes { default Gauss linear; }
+divSchemes { default Gauss linear; div(phi,K) Gauss linear; }
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+EOD
+{ header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers
+{
+    "rho.*" { solver diagonal; }
+    "p_rgh.*" { solver PCG; preconditioner DIC; tolerance 1e-10; relTol 0.01; }
+    "(U|h|T|DT).*" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-10; relTol 0; }
+}
+PIMPLE { momentumPredictor yes; nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }
+SIMPLE { nNonOrthogonalCorrectors 0; }
+EOD
+{ header g uniformDimensionedVectorField; echo 'dimensions [0 1 -2 0 0 0 0]; value (0 -9.81 0);'; } > constant/g
+{ header turbulenceProperties; echo 'simulationType laminar;'; } > constant/turbulenceProperties
+{ header thermophysicalProperties; cat <<'EOD'; } > constant/thermophysicalProperties
+thermoType { type heRhoThermo; mixture pureMixture; transport const; thermo hConst; equationOfState perfectGas; specie specie; energy sensibleEnthalpy; }
+mixture { specie { molWeight 28.9; } thermodynamics { Cp 1000; Hf 0; } transport { mu 1.8e-05; Pr 0.7; } }
+EOD
+{ header transportProperties
+  echo 'transportModel Newtonian; nu 1.5e-5; beta 3.3e-3; TRef 300; Pr 0.7; Prt 0.85; DT DT [0 2 -1 0 0 0 0] 2e-5;'; } > constant/transportProperties
+# field NAME CLASS DIMENSIONS VALUE PATCHES
+field() {
+    { header "$1" "$2"; echo "dimensions [$3]; internalField uniform $4; boundaryField { $5 frontAndBack { type empty; } }"; } > "0/$1"
+}
+field U volVectorField '0 1 -1 0 0 0 0' '(0 0 0)' '".*" { type noSlip; }'
+field T volScalarField '0 0 0 1 0 0 0' 300 'warm { type fixedValue; value uniform 302; } cold { type fixedValue; value uniform 298; }
+    floor { type zeroGradient; }'
+field alphat volScalarField '0 2 -1 0 0 0 0' 0 '".*" { type calculated; value uniform 0; }'
+: > system/functions
+runs blockMesh
+
+# compared SOLVER FIELDS: the hybrid run beside the plain one
+compared() {
+    local solver=$1 name
+    shift
+    echo "${heat:-}" > system/functions
+    clean_case
+    runs "$solver"
+    rm -rf ../plain && mkdir ../plain && mv 12 24 ../plain
+    if [ -n "${heat:-}" ]; then mv postProcessing ../plain; fi
+    echo "${heat:-} test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (linear); linear { interval 0.25; least 24; enough 0.025; } }" > system/functions
+    runs "$solver"
+    grep '^m4gn: \(the linear\|jumped\)' log.run
+    below 0.1 "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$solver: least that is replaced"
+    for name in "$@"; do
+        # Over the largest value; the temperature's is 302 K, and it varies by 4
+        below "$(difference ../plain/24/"$name" 24/"$name")" "$([ "$name" = T ] && echo 2.6e-4 || echo 0.02)" "$solver: largest error of $name"
+    done
+}
+
+field T volScalarField '0 0 0 1 0 0 0' 300 'warm { type fixedValue; value uniform 302; } cold { type fixedValue; value uniform 298; }
+    floor { type zeroGradient; }'
+compared laplacianFoam T
+
+field p_rgh volScalarField '0 2 -2 0 0 0 0' 0 '".*" { type fixedFluxPressure; value uniform 0; }'
+compared buoyantBoussinesqPimpleFoam T U
+grep -q '^m4gn: the linear surrogate advances T, U, alphat, p_rgh, phi and, with them, .*rhok' log.run || fail "p_rgh is not found"
+
+sed -i 's/pRefValue 0/pRefValue 1e5/' system/fvSolution
+field alphat volScalarField '1 -1 -1 0 0 0 0' 0 '".*" { type calculated; value uniform 0; }'
+field p volScalarField '1 -1 -2 0 0 0 0' 1e5 '".*" { type calculated; value uniform 1e5; }'
+field p_rgh volScalarField '1 -1 -2 0 0 0 0' 1e5 '".*" { type fixedFluxPressure; value uniform 1e5; }'
+heat='heat { type wallHeatFlux; libs (fieldFunctionObjects); patches (warm cold); writeControl timeStep; writeInterval 1; }'
+compared buoyantPimpleFoam T U
+grep -q '^m4gn: the linear surrogate advances .*p_rgh, phi and, with them, .*h, rho, .*thermo:psi' log.run || fail "enthalpy and density are not handed over"
+flux() { awk '/^[0-9]/ && $1 == 24 && $2 == "warm" { v = $NF } END { print v }' "$1"; }
+plain=$(flux ../plain/postProcessing/heat/0/wallHeatFlux.dat)
+hybrid=$(flux postProcessing/heat/0/wallHeatFlux.dat)
+below "$(awk "BEGIN { d = ($hybrid)/($plain) - 1; print d < 0 ? -d : d }")" 0.03 "heat through the warm wall, $plain W/m2, is off by"

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# m4gnSurrogate with surrogates (linear) and time schemes that look at more than the present state: backward and CrankNicolson, whose old
+# levels and rates are states of the fit; pimpleFoam with outer correctors; what is refused.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+sed -i 's/^endTime .*/endTime 4;/; s/^deltaT .*/deltaT 0.005;/; s/^writeInterval .*/writeInterval 2;/' system/controlDict
+sed -i 's/tolerance  *1e-10/tolerance 1e-7/; s/relTol  *0;/relTol 0.05;/' system/fvSolution
+cp -r 0 ../zero
+
+while read -r scheme; do
+    sed -i "/ddtSchemes/,/}/s/default .*;/default $scheme;/" system/fvSchemes
+    : > system/functions
+    clean_case
+    runs icoFoam
+    rm -rf ../plain && mkdir ../plain && mv 2 4 ../plain
+    function_object m4gnSurrogate 'mode replace; surrogates (linear); timeStart 2; linear { interval 0.05; least 24; tolerance 0.1; enough 0.1; }'
+    runs icoFoam
+    grep '^m4gn: \(the linear\|jumped\)' log.run
+    below 0.2 "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$scheme: least that is replaced"
+    # Half of the run changes it by a quarter and more
+    below "$(difference ../plain/4/U 4/U)" 0.13 "$scheme: largest error of U"
+done <<'EOD'
+backward
+CrankNicolson 0.9
+EOD
+grep -q 'the linear surrogate advances U, ddt0(U), ddtCorrDdt0(' log.run || fail "what CrankNicolson keeps is not handed over"
+
+sed -i "/ddtSchemes/,/}/s/default .*;/default steadyState;/" system/fvSchemes
+clean_case
+refused 'does not handle the time scheme steadyState of ddtSchemes' icoFoam
