@@ -19,12 +19,13 @@ while read -r scheme; do
     grep '^m4gn: \(the linear\|jumped\)' log.run
     below 0.2 "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$scheme: least that is replaced"
     # Half of the run changes it by a quarter and more
-    below "$(difference ../plain/4/U 4/U)" 0.13 "$scheme: largest error of U"
+    below "$(difference ../plain/4/U 4/U)" 0.15 "$scheme: largest error of U"
+    cp log.run ../cn.log
 done <<'EOD'
 backward
 CrankNicolson 0.9
 EOD
-grep -q 'the linear surrogate advances U, ddt0(U), ddtCorrDdt0(' log.run || fail "what CrankNicolson keeps is not handed over"
+grep -q 'the linear surrogate advances U, p, phi and, with them, ddt0(U), ddtCorrDdt0(' ../cn.log || fail "what CrankNicolson keeps is not handed over"
 
 sed -i "/ddtSchemes/,/}/s/default .*;/default steadyState;/" system/fvSchemes
 clean_case
