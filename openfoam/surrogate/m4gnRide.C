@@ -467,13 +467,6 @@ void Foam::m4gnRide::checkDictionary(const dictionary& dict)
         own.subDict("linear").get<bool>("keep");
         own.subDict("linear").remove("keep");
     }
-    if (Pstream::parRun() && own.subOrEmptyDict("adapt").getOrDefault<bool>("overlap", false))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry overlap of adapt is for runs on one rank: more would sum"
-            << " gradients over MPI beside a solver that uses it. Leave it out"
-            << exit(FatalIOError);
-    }
     if (m4gn_options_check("ride", settings(own).c_str()) != M4GN_OK)
     {
         FatalIOErrorInFunction(dict) << m4gn_last_error() << exit(FatalIOError);

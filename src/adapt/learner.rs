@@ -2,12 +2,11 @@
 
 use super::round::Split;
 use super::window::Window;
-use super::{Clock, Layers, Method, Settings};
+use super::{Clock, Method, Settings};
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::NativeBackend;
 use m4gn_learn::TrainingConfig;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::regression::Regression;
 use m4gn_learn::samples::Sample;
 use m4gn_learn::together::{learn_together, roll_out_together};
 use m4gn_learn::{Backend, Batch, Example};
@@ -18,7 +17,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Most checks of the first round, and least steps between them; it ends after so many that brought nothing.
@@ -34,11 +32,9 @@ const LATER_RATE: f64 = 0.3;
 pub(super) struct Knowledge {
     /// The weights that are used, and how they came about.
     pub optimiser: Optimiser,
-    /// The sums of the oldest stretch, and the ridge that its frames chose.
-    pub fitted: Option<(Regression, f64)>,
     /// Of these weights; none before it was measured.
     pub clock: Option<Clock>,
-    /// Optimisation steps made, or regressions.
+    /// Optimisation steps made.
     pub steps: u64,
     /// Wall time of them, s.
     pub seconds: f64,
@@ -47,12 +43,12 @@ pub(super) struct Knowledge {
 impl Knowledge {
     /// Of weights that have learned nothing yet.
     pub fn of(optimiser: Optimiser) -> Self {
-        Knowledge { optimiser, fitted: None, clock: None, steps: 0, seconds: 0.0 }
+        Knowledge { optimiser, clock: None, steps: 0, seconds: 0.0 }
     }
 }
 
 /// A model and the frames that it learns from.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Learner {
     pub settings: Settings,
     /// What the settings mean for this model.
@@ -70,8 +66,6 @@ pub(super) struct Learner {
     pub sample: Arc<Sample>,
     pub window: Window,
     pub knowledge: Knowledge,
-    /// Set from another thread where no more is to be learned.
-    pub stop: Arc<AtomicBool>,
 }
 
 /// What the learning of a round did; the weights are the best ones, or those from before.
@@ -89,18 +83,16 @@ impl Learned {
     /// For people.
     pub(super) fn note(&self, split: &Split, frames: usize, seconds: f64, method: Method) -> String {
         let (steps, before, after) = (self.steps, self.before, self.after);
-        let what = match method {
-            Method::Gradient => "step",
-            Method::Ridge => "regression",
-            Method::Clock => return format!("not adapted but timed in {seconds:.1} s on {frames} frames"),
-        };
+        if method == Method::Clock {
+            return format!("not adapted but timed in {seconds:.1} s on {frames} frames");
+        }
         let plural = |n: u64| if n == 1 { "" } else { "s" };
         let so = match after < before {
             true => "",
             false => ", so that the weights stay as they were",
         };
         format!(
-            "adapted in {seconds:.1} s ({steps} {what}{} on {frames} frames): error of rollouts of {} stride{} on the \
+            "adapted in {seconds:.1} s ({steps} step{} on {frames} frames): error of rollouts of {} stride{} on the \
              held-back frames {before:.3} -> {after:.3} of holding{so}{}",
             plural(steps),
             split.strides,
@@ -142,7 +134,6 @@ impl Learner {
         let before = self.score(comm, backend, split)?;
         match self.settings.method {
             Method::Gradient => self.descend(comm, backend, split, before, began),
-            Method::Ridge => self.fit(comm, backend, split, before),
             Method::Clock => Ok(Learned { steps: 0, before, after: before, ended: "" }),
         }
     }
@@ -191,11 +182,8 @@ impl Learner {
 
     /// Whether the budget of wall time is spent, by the first rank's clock. Collective.
     fn late(&self, comm: &Comm, began: Instant) -> bool {
-        let budget = match self.settings.budget {
-            // The run has come to its end.
-            _ if self.stop.load(Ordering::Relaxed) => 0.0,
-            Some(budget) => budget,
-            None => return false,
+        let Some(budget) = self.settings.budget else {
+            return false;
         };
         let spent = self.knowledge.seconds + began.elapsed().as_secs_f64();
         let mut late = [i64::from(comm.is_root() && spent >= budget)];
@@ -237,14 +225,13 @@ impl Learner {
             examples: &examples,
             micro: t.micro_batch,
             total: t.batch_size,
-            unroll: self.settings.unroll,
+            unroll: 1,
             accumulate: false,
             learn: true,
         };
         let learned =
             learn_together(comm, backend, &self.knowledge.optimiser.weights, &self.normaliser, &batch)?;
-        let mut gradient = learned.gradient.unwrap_or_default();
-        self.mask(&mut gradient);
+        let gradient = learned.gradient.unwrap_or_default();
         let length = norm(&gradient);
         if !(length.is_finite() && learned.losses.iter().all(|l| l.is_finite())) {
             return Ok(false);
@@ -254,33 +241,8 @@ impl Learner {
             None => LATER_RATE * t.learning_rate,
         };
         self.knowledge.optimiser.update(&gradient, length, rate, t.gradient_clip, 0.0);
-        let pull = (rate * self.settings.pull).min(1.0) as f32;
-        if pull > 0.0 {
-            let pairs = self.knowledge.optimiser.weights.iter_mut().zip(&self.shipped);
-            pairs.for_each(|(weight, shipped)| *weight -= pull * (*weight - shipped));
-        }
         self.knowledge.steps += 1;
         Ok(true)
-    }
-
-    /// Clears the derivatives by weights that do not learn.
-    fn mask(&self, gradient: &mut [f32]) {
-        let last = format!("decoder.{}.", self.spec.architecture.hidden_layers);
-        let learns = |name: &str| match self.settings.layers {
-            Layers::All => true,
-            Layers::Decoder => name.starts_with("decoder."),
-            Layers::Last => name.starts_with(&last),
-        };
-        let mut rest = gradient;
-        for (name, shape) in self.layout.entries() {
-            let Some((own, after)) = rest.split_at_mut_checked(shape.iter().product()) else {
-                return;
-            };
-            if !learns(name) {
-                own.fill(0.0);
-            }
-            rest = after;
-        }
     }
 
     /// Error of the rollouts over that of holding their first frames; infinite if one leaves the finite numbers. Collective.

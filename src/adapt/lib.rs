@@ -5,9 +5,7 @@
 //! gradients summed, so that the weights are those of one rank up to rounding. The last frames are held back: the adapted
 //! weights are used only where a rollout there is nearer to the solver than with the weights before.
 
-mod beside;
 mod clock;
-mod fit;
 mod learner;
 mod round;
 mod settings;
@@ -18,9 +16,8 @@ mod window;
 
 pub use clock::{Ahead, Clock};
 pub use round::Outcome;
-pub use settings::{Layers, Method, Mode, Settings};
+pub use settings::{Method, Mode, Settings};
 
-use beside::Beside;
 use learner::{Knowledge, Learner};
 use m4gn_domain::cells::Levels;
 use m4gn_engine::backward::{Layout, Optimiser};
@@ -46,8 +43,6 @@ pub struct Adaptation {
     levels: Levels,
     /// Node of the undecomposed mesh of each row that the ranks send.
     places: Vec<usize>,
-    /// A round that goes on beside the run.
-    beside: Option<Beside>,
     /// Whether nothing more is to be learned.
     done: bool,
 }
@@ -59,7 +54,7 @@ impl Adaptation {
     /// [`Error::Input`] for settings that ask for nothing; [`Error::Mesh`] for global numbers that are no permutation.
     pub fn new(session: &Session, mesh: &Mesh, model: &Model, settings: Settings) -> Result<Self> {
         let comm = session.comm().clone();
-        comm.agree(check(&settings, comm.size() as usize))?;
+        comm.agree(check(&settings))?;
         let whole = m4gn_domain::whole(mesh, &comm)?;
         let (segments, labels) = segments(session, mesh);
         let (spec, resolution) = (&model.spec, session.resolution());
@@ -102,9 +97,7 @@ impl Adaptation {
                 normaliser,
                 whole,
                 window,
-                stop: Arc::default(),
             },
-            beside: None,
             comm,
             done: false,
         })
@@ -248,15 +241,9 @@ impl Adaptation {
     }
 }
 
-fn check(settings: &Settings, ranks: usize) -> Result<()> {
+fn check(settings: &Settings) -> Result<()> {
     if settings.mode == Mode::Off {
         return Err(Error::Input("adapt: mode off asks for nothing".into()));
-    }
-    if settings.overlap && ranks > 1 {
-        return Err(Error::Input(format!(
-            "adapt: overlap yes is for runs on one rank, and this one has {ranks}, which would sum gradients over MPI beside a solver \
-             that uses it: leave overlap out"
-        )));
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use super::clock;
 use super::learner::Learner;
-use super::{Adaptation, Mode};
+use super::{Adaptation, Method, Mode};
 use m4gn_learn::NativeBackend;
 use m4gn_learn::Rollout;
 use m4gn_learn::Workload;
@@ -20,9 +20,9 @@ const ROLLOUTS: usize = 4;
 pub struct Outcome {
     /// Whether the weights are others now.
     pub used: bool,
-    /// Optimisation steps made, or regressions.
+    /// Optimisation steps made.
     pub steps: u64,
-    /// Wall time, s; of a round beside the run, that of waiting for it.
+    /// Wall time, s.
     pub seconds: f64,
     /// Frames in memory.
     pub frames: usize,
@@ -41,8 +41,6 @@ pub(super) struct Split {
     pub frames_a_step: usize,
     /// First frames of examples: of the oldest stretch, and of all later ones.
     pub starts: [Vec<usize>; 2],
-    /// The same with those that are held back.
-    pub all: [Vec<usize>; 2],
     pub rollouts: Vec<Rollout>,
     pub strides: usize,
     /// Rollouts that tell the clock.
@@ -57,36 +55,15 @@ impl Adaptation {
     /// nothing more to do. Collective; all ranks fail together, and
     /// the weights are then those from before.
     ///
-    /// Where rounds go on beside the run (`overlap`), the weights are those of the round that the last call began, and another
-    /// one begins.
-    ///
     /// # Errors
     /// What the engine may fail with.
     pub fn run(&mut self, strides: usize) -> Result<Outcome> {
         if self.done {
             return Ok(Outcome::default());
         }
-        if let Some(beside) = self.beside.take() {
-            let (outcome, knowledge) = beside.end()?;
-            self.learner.knowledge = knowledge;
-            if self.learner.settings.mode == Mode::Before {
-                self.finish();
-            } else if let Ok(split) = self.learner.split(strides) {
-                self.begin(strides, split)?;
-            }
-            return Ok(outcome);
-        }
         let mut outcome = Outcome { frames: self.frames(), ..Outcome::default() };
         match self.learner.split(strides) {
             Err(why) => outcome.note = format!("not adapted: {why}"),
-            Ok(split) if self.learner.settings.overlap => {
-                self.begin(strides, split)?;
-                outcome.note = format!(
-                    "learning from {} frames beside the run, for the next jump but one",
-                    outcome.frames
-                );
-                return Ok(outcome);
-            }
             Ok(split) => {
                 self.learner.prepare()?;
                 let before = self.learner.knowledge.clone();
@@ -102,19 +79,11 @@ impl Adaptation {
         }
         Ok(outcome)
     }
-
-    /// Begins a round beside the run, on a copy of the frames.
-    fn begin(&mut self, strides: usize, split: Split) -> Result<()> {
-        let Learner { sample, window, .. } = &self.learner;
-        let own = self.learner.with((**sample).clone(), window.clone());
-        self.beside = Some(own.beside(strides, split)?);
-        Ok(())
-    }
 }
 
 impl Learner {
     /// Makes the frames ready to be learned from.
-    pub(super) fn prepare(&mut self) -> Result<()> {
+    fn prepare(&mut self) -> Result<()> {
         let sample = Arc::get_mut(&mut self.sample);
         let sample = sample.ok_or_else(|| Error::Internal("frames that are still being read".into()))?;
         sample.settle_boundary();
@@ -122,7 +91,7 @@ impl Learner {
     }
 
     /// Learns; the knowledge is of no use where it fails. Collective.
-    pub(super) fn round(&mut self, comm: &Comm, split: &Split) -> Result<Outcome> {
+    fn round(&mut self, comm: &Comm, split: &Split) -> Result<Outcome> {
         let began = Instant::now();
         let frames = self.frames();
         let work = Workload {
@@ -135,13 +104,14 @@ impl Learner {
         let mut backend = comm.agree(backend)?;
         let learned = self.learn(comm, &mut backend, split, began)?;
         let used = learned.after < learned.before;
-        if self.settings.clock() && (used || split.fresh || self.knowledge.clock.is_none()) {
+        let timed = self.settings.method == Method::Clock;
+        if timed && (used || split.fresh || self.knowledge.clock.is_none()) {
             self.knowledge.clock = self.measure_clock(comm, &backend, split)?;
         }
         let seconds = began.elapsed().as_secs_f64();
         self.knowledge.seconds += seconds;
         let mut note = learned.note(split, frames, seconds, self.settings.method);
-        if self.settings.clock() {
+        if timed {
             let clock = self.knowledge.clock.map(|clock| clock.note(self.spec.stride));
             note += "; ";
             note += &clock
@@ -161,7 +131,7 @@ impl Learner {
 
     /// Divides the frames. In a first round the last ones are held back; later the newest stretch of the solver, which no
     /// gradient has seen.
-    pub(super) fn split(&self, strides: usize) -> std::result::Result<Split, String> {
+    fn split(&self, strides: usize) -> std::result::Result<Split, String> {
         let mut ranges = self.window.stretches();
         let Some(n) = self.window.frames_a_stride() else {
             return Err("there are fewer than two frames of the solver".into());
@@ -187,9 +157,8 @@ impl Learner {
             cut = newest.start;
         }
         let longest = behind(cut);
-        let span = self.settings.unroll * n;
         let starts = |cut: usize| {
-            let of = |r: &std::ops::Range<usize>| r.start..r.end.min(cut).saturating_sub(span).max(r.start);
+            let of = |r: &std::ops::Range<usize>| r.start..r.end.min(cut).saturating_sub(n).max(r.start);
             [&ranges[..1], &ranges[1..]].map(|ranges| ranges.iter().flat_map(of).collect::<Vec<_>>())
         };
         let [old, new] = starts(cut);
@@ -212,7 +181,6 @@ impl Learner {
         Ok(Split {
             frames_a_step: n,
             starts: [old, new],
-            all: starts(frames),
             rollouts: (0..count).map(|i| Rollout { sample: 0, frame: pick(i), steps: strides }).collect(),
             strides,
             fresh: clock.last().is_some_and(|r| r.frame >= newest.start),

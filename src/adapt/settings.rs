@@ -31,23 +31,8 @@ pub enum Method {
     /// Optimisation steps along the gradient.
     #[default]
     Gradient,
-    /// The decoder's last layer by ridge regression.
-    Ridge,
-    /// Not at all: the clock alone is measured.
+    /// Not at all: it is measured how much more time a step takes than it says ([`Clock`](super::Clock)).
     Clock,
-}
-
-/// Which weights learn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Layers {
-    /// All.
-    #[default]
-    All,
-    /// Those of the decoder.
-    Decoder,
-    /// Those of the decoder's last linear layer.
-    Last,
 }
 
 /// Settings of an adaptation; `mode` suffices. Keys are written as in OpenFOAM's dictionaries (`learningRate`).
@@ -58,9 +43,6 @@ pub struct Settings {
     pub mode: Mode,
     /// How it learns.
     pub method: Method,
-    /// Whether it is measured, with the weights that are used, how much more time a step takes than it says: see
-    /// [`Clock`](super::Clock). None: with all methods but gradient, whose weights change after each stretch of the solver.
-    pub clock: Option<bool>,
     /// Only the frames of the last so many seconds are kept; none: all.
     pub window: Option<f64>,
     /// Most frames that are kept in memory.
@@ -69,24 +51,14 @@ pub struct Settings {
     pub steps: u64,
     /// Optimisation steps after each later stretch of the solver.
     pub steps_each: u64,
-    /// Model steps in the loss.
-    pub unroll: usize,
     /// Graphs an optimisation step.
     pub batch: usize,
-    /// Which rule makes updates of gradients.
-    pub optimiser: UpdateRule,
     /// Learning rate of the first step; it falls to a tenth along half a cosine.
     pub learning_rate: f64,
     /// Standard deviation of the noise on each input, as a share of the field's own over the model's training data.
     pub noise: f64,
-    /// What the square of an error's smooth part counts in the loss beside that of the error itself.
-    pub smooth_loss: f64,
     /// Share of the frames, the last ones, that no gradient sees and that decide whether the adapted weights are used.
     pub held_back: f64,
-    /// Share of the distance to the shipped weights that a step takes away, times the learning rate.
-    pub pull: f64,
-    /// Which weights learn.
-    pub layers: Layers,
     /// Most wall time of all adaptation together, s; none: no limit.
     pub budget: Option<f64>,
     /// Arithmetic of the large products.
@@ -95,9 +67,6 @@ pub struct Settings {
     pub seed: u64,
     /// Threads of each rank; none: those of the session.
     pub threads: Option<usize>,
-    /// Whether rounds go on beside the run, on these threads. What a round learned is used from the jump on that follows the
-    /// next stretch of the solver. On one rank only.
-    pub overlap: bool,
 }
 
 impl Default for Settings {
@@ -105,25 +74,18 @@ impl Default for Settings {
         Settings {
             mode: Mode::Before,
             method: Method::Gradient,
-            clock: None,
             window: None,
             max_frames: 400,
             steps: 300,
             steps_each: 20,
-            unroll: 1,
             batch: 2,
-            optimiser: UpdateRule::Muon,
             learning_rate: 2e-4,
             noise: 0.01,
-            smooth_loss: 0.0,
             held_back: 0.1,
-            pull: 0.0,
-            layers: Layers::All,
             budget: None,
             precision: PrecisionChoice::Auto,
             seed: 1,
             threads: None,
-            overlap: false,
         }
     }
 }
@@ -148,8 +110,6 @@ impl Settings {
             ("budget", self.budget, self.budget.is_none_or(not_negative), "seconds, 0 or more"),
             ("learningRate", Some(self.learning_rate), positive(self.learning_rate), "above 0"),
             ("noise", Some(self.noise), not_negative(self.noise), "0 or more"),
-            ("smoothLoss", Some(self.smooth_loss), not_negative(self.smooth_loss), "0 or more"),
-            ("pull", Some(self.pull), not_negative(self.pull), "0 or more"),
             (
                 "heldBack",
                 Some(self.held_back),
@@ -165,7 +125,6 @@ impl Settings {
             ("maxFrames", self.max_frames as u64, 3, 1 << 20),
             ("steps", self.steps, 1, 1 << 32),
             ("stepsEach", self.steps_each, 1, 1 << 32),
-            ("unroll", self.unroll as u64, 1, 64),
             ("batch", self.batch as u64, 1, 4096),
             ("threads", self.threads.unwrap_or(1) as u64, 1, MAX_THREADS as u64),
         ] {
@@ -173,15 +132,7 @@ impl Settings {
                 return bad(key, value, &format!("{least} to {most}"));
             }
         }
-        if self.method == Method::Clock && self.clock == Some(false) {
-            return bad("method", "clock, and clock no", "a clock that is measured");
-        }
         Ok(())
-    }
-
-    /// Whether the clock is measured.
-    pub(super) fn clock(&self) -> bool {
-        self.clock.unwrap_or(self.method != Method::Gradient)
     }
 
     /// The training that these settings mean for a model: noise in the fields' units; weights of the losses, and whether
@@ -223,7 +174,7 @@ impl Settings {
             seed: self.seed,
             batch_size: self.batch,
             precision,
-            optimiser: self.optimiser,
+            optimiser: UpdateRule::Muon,
             learning_rate: self.learning_rate,
             learning_rate_end: 0.1 * self.learning_rate,
             decay: Decay::Cosine,
@@ -234,9 +185,7 @@ impl Settings {
             noise,
             history_pace: share("history_pace"),
             history_noise: share("history_noise"),
-            smooth_loss: self.smooth_loss,
             loss_weights: spec.fields.iter().filter_map(|f| weight(&f.name)).collect(),
-            unroll: vec![[0, self.unroll as u64]],
             ..TrainingConfig::default()
         }
     }
@@ -256,9 +205,8 @@ mod tests {
         for (text, named) in [
             (r#"{"mode": "after"}"#, "before"),
             (r#"{"learning_rate": 1}"#, "learningRate"),
-            (r#"{"optimiser": "sgd"}"#, "muon"),
             (r#"{"steps": 0}"#, "steps"),
-            (r#"{"method": "clock", "clock": false}"#, "clock"),
+            (r#"{"method": "ridge"}"#, "clock"),
             (r#"{"heldBack": 1}"#, "heldBack"),
             (r#"{"heldBack": 1e999}"#, "adapt"),
             (r#"{"maxFrames": 2}"#, "maxFrames"),

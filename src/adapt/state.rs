@@ -4,7 +4,6 @@
 use super::learner::{Knowledge, Learner};
 use super::window::Window;
 use super::{Adaptation, Clock};
-use m4gn_learn::regression::Regression;
 use m4gn_mesh::files::write_whole;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::tensor_file::{Arrays, TensorFile};
@@ -17,7 +16,7 @@ const ENTRY: &str = "m4gn_adaptation";
 /// What the file says about itself; the `m4gn_adaptation` entry of its header.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Description {
-    /// Version of this schema: 1.
+    /// Version of this schema: 2.
     version: u32,
     /// Digest of the shipped weights.
     model: u64,
@@ -27,21 +26,8 @@ struct Description {
     updates: u64,
     seconds: f64,
     done: bool,
-    /// Of the regression, which has its sums in the array `regression` then.
-    #[serde(default)]
-    ridge: Option<f64>,
     #[serde(default)]
     clock: Option<Clock>,
-    window: Window,
-    /// A round beside the run, which has its frames in the array `beside`.
-    #[serde(default)]
-    beside: Option<Round>,
-}
-
-/// A round that went on when the state was written.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Round {
-    strides: usize,
     window: Window,
 }
 
@@ -74,22 +60,17 @@ impl Adaptation {
     /// [`Error::Internal`] where it cannot be written down.
     pub fn bytes(&self) -> Result<Vec<u8>> {
         let Learner { knowledge, sample, window, shipped, .. } = &self.learner;
-        let Knowledge { optimiser, fitted, .. } = knowledge;
+        let optimiser = &knowledge.optimiser;
         let description = Description {
-            version: 1,
+            version: 2,
             model: digest(shipped),
             nodes: sample.structure.graph.n_owned,
             steps: knowledge.steps,
             updates: optimiser.updates,
             seconds: knowledge.seconds,
             done: self.done,
-            ridge: fitted.as_ref().map(|(_, ridge)| *ridge),
             clock: knowledge.clock,
             window: window.clone(),
-            beside: self
-                .beside
-                .as_ref()
-                .map(|round| Round { strides: round.strides, window: round.window.clone() }),
         };
         let mut arrays = Arrays::default();
         // Before anything was learned the weights are those of the model's file, and there are no moments.
@@ -99,12 +80,6 @@ impl Adaptation {
             arrays.floats("second", &optimiser.second);
         }
         arrays.floats("frames", &sample.frames);
-        if let Some(round) = &self.beside {
-            arrays.floats("beside", &round.sample.frames);
-        }
-        if let Some((sums, _)) = fitted {
-            arrays.doubles("regression", &sums.sums);
-        }
         let bytes = arrays.bytes(ENTRY, &description);
         bytes.map_err(|e| Error::Internal(format!("the state of the adaptation: {e}")))
     }
@@ -145,8 +120,8 @@ impl Adaptation {
     fn take(&mut self, bytes: &[u8]) -> std::result::Result<(), String> {
         let (found, file): (Description, _) = TensorFile::parse(bytes, ENTRY)?;
         let learner = &mut self.learner;
-        if found.version != 1 {
-            return Err(format!("schema version {}, this program reads 1", found.version));
+        if found.version != 2 {
+            return Err(format!("schema version {}, this program reads 2", found.version));
         }
         if found.model != digest(&learner.shipped) {
             return Err("it began from the weights of another model".into());
@@ -172,12 +147,8 @@ impl Adaptation {
                 )),
             }
         };
-        let size = nodes * learner.sample.width;
-        let frames_of = |name: &str, window: &Window| {
-            let expected = window.frames().checked_mul(size).ok_or("too many frames")?;
-            array(name, expected)
-        };
-        let frames = frames_of("frames", &window)?;
+        let size = window.frames().checked_mul(nodes * learner.sample.width);
+        let frames = array("frames", size.ok_or("too many frames")?)?;
         let n = learner.layout.len();
         let (weights, first, second) = match found.steps {
             0 => (learner.shipped.clone(), vec![0.0; n], vec![0.0; n]),
@@ -186,45 +157,15 @@ impl Adaptation {
         if second.iter().any(|v| *v < 0.0) {
             return Err("tensor `second`: a negative number".into());
         }
-        let mut fitted = Regression::new(&learner.spec);
-        let fitted = match found.ridge {
-            Some(ridge) if ridge.is_finite() && ridge > 0.0 => {
-                let sums = file.doubles("regression").unwrap_or_default();
-                if sums.len() != fitted.sums.len() || sums.iter().any(|v| !v.is_finite()) {
-                    let expected = fitted.sums.len();
-                    return Err(format!("tensor `regression`: expected {expected} finite numbers"));
-                }
-                fitted.sums = sums;
-                Some((fitted, ridge))
-            }
-            Some(ridge) => return Err(format!("a ridge of {ridge}")),
-            None => None,
-        };
         let mut optimiser = learner.knowledge.optimiser.clone();
         (optimiser.weights, optimiser.first, optimiser.second) = (weights, first, second);
         optimiser.updates = found.updates;
         let knowledge =
-            Knowledge { optimiser, fitted, clock: found.clock, steps: found.steps, seconds: found.seconds };
-        // The round begins again, and comes to the same end.
-        let beside = match found.beside {
-            Some(Round { strides, mut window }) => {
-                window.follow(&learner.window)?;
-                if strides > i32::MAX as usize {
-                    return Err(format!("jumps of {strides} strides"));
-                }
-                let mut sample = (*learner.sample).clone();
-                (sample.frames, sample.n_frames) = (frames_of("beside", &window)?, window.frames());
-                let mut own = learner.with(sample, window);
-                own.knowledge = knowledge.clone();
-                let split = own.split(strides)?;
-                Some(own.beside(strides, split).map_err(|e| e.to_string())?)
-            }
-            None => None,
-        };
+            Knowledge { optimiser, clock: found.clock, steps: found.steps, seconds: found.seconds };
         let sample = Arc::get_mut(&mut learner.sample).ok_or("its frames are being read")?;
         (sample.frames, sample.n_frames) = (frames, window.frames());
         (learner.window, learner.knowledge) = (window, knowledge);
-        (self.beside, self.done) = (beside, found.done);
+        self.done = found.done;
         Ok(())
     }
 }

@@ -85,11 +85,6 @@ pub struct TrainingConfig {
     /// How far trajectories of small changes weigh up to those of large ones in the loss: 0 not at all, so that fast flows
     /// decide, 1 almost wholly. See [`Workload::weights`](crate::Workload::weights).
     pub balance: f64,
-    /// What the square of an error's smooth part counts in the loss beside that of the error itself: averages over
-    /// `smooth_hops` hops of neighbouring nodes. On the native backend.
-    pub smooth_loss: f64,
-    /// Hops of these averages.
-    pub smooth_hops: usize,
     /// Reflect half of the samples in the second direction (y -> -y). Right for geometries whose law is symmetric.
     pub mirror: bool,
     /// `[[from_step, model_steps], ...]`: how many model steps are unrolled in the loss.
@@ -148,8 +143,6 @@ impl Default for TrainingConfig {
             history_noise: 0.0,
             loss_weights: BTreeMap::new(),
             balance: 0.0,
-            smooth_loss: 0.0,
-            smooth_hops: 8,
             mirror: false,
             unroll: vec![[0, 1]],
             unroll_gradient: true,

@@ -76,11 +76,7 @@ impl NativeBackend<'_> {
                 keep = 1;
             }
             domain.target(&state, &next, &mut target);
-            let mut d = self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses);
-            if let Some(smoother) = self.smoothers.get(example.sample) {
-                smoother.add_smooth(&mut d, m);
-            }
-            d_outputs.push(d);
+            d_outputs.push(self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses));
             let new = match step < batch.unroll {
                 true => {
                     scales.output.to_physical(&mut outputs);

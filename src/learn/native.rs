@@ -3,7 +3,6 @@
 use super::backend::{Backend, Batch, Example, Learned, Rollout};
 use super::config::TrainingConfig;
 use super::normaliser::Normaliser;
-use super::smoother::Smoother;
 use super::workload::Workload;
 use m4gn_domain::{Components, Domain, Edges};
 use m4gn_engine as engine;
@@ -74,8 +73,6 @@ pub struct NativeBackend<'a> {
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(crate) groups: Vec<(usize, usize, f64)>,
     pub(crate) through_unroll: bool,
-    /// Of each training trajectory, where the loss asks for the smooth part of errors.
-    pub(crate) smoothers: Vec<Smoother>,
     /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
     pub(crate) precision: Precision,
     /// Nanoseconds of all threads: weights taken, forward, backward, sums.
@@ -120,14 +117,6 @@ impl<'a> NativeBackend<'a> {
             noise_spread: t.noise_spread,
             history_pace: if spec.has_history() { t.history_pace } else { 0.0 },
             history_noise: t.history_noise,
-            smoothers: match t.smooth_loss > 0.0 {
-                true => work
-                    .train
-                    .iter()
-                    .map(|s| Smoother::new(&s.structure.graph, t.smooth_hops, t.smooth_loss))
-                    .collect(),
-                false => Vec::new(),
-            },
             groups,
             through_unroll: t.unroll_gradient,
             precision: t.precision,

@@ -96,8 +96,6 @@ pub struct Fit {
     pub(crate) variation: Vec<f64>,
     /// Of the held-back tail, over all its snapshots.
     pub tail: Vec<FieldError>,
-    /// The fit without the tail: how much it differs from this one tells how far both can be trusted.
-    pub(crate) earlier: Dmd,
 }
 
 impl Fit {
@@ -165,7 +163,6 @@ struct Candidate {
     score: f64,
     shape: Shape,
     length: usize,
-    dmd: Dmd,
     /// Weights of the snapshots for each of the tail.
     predictions: Vec<Vec<f64>>,
 }
@@ -206,19 +203,19 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
                     let score = (sum * scale).max(SAME * SAME);
                     if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
                         let shape = Shape { delays, rank, growing };
-                        best = Some(Candidate { score, shape, length, dmd, predictions });
+                        best = Some(Candidate { score, shape, length, predictions });
                     }
                 }
             }
         }
     }
-    let Candidate { shape, length, dmd: earlier, predictions, .. } = best?;
+    let Candidate { shape, length, predictions, .. } = best?;
     let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
     let variation = variations(snapshots, &slots);
     let whole = window(snapshots, &slots, &numbers, &variation);
     let dmd = Delayed::new(&whole, shape.delays, shape.rank)?.modes(shape.rank, shape.growing)?;
     let tail = tail_errors(snapshots, &slots, &variation, &predictions);
-    Some(Fit { dmd, numbers, slots, variation, tail, earlier })
+    Some(Fit { dmd, numbers, slots, variation, tail })
 }
 
 /// Windows to choose from.

@@ -189,11 +189,6 @@ impl Dmd {
         &self.eigenvalues
     }
 
-    /// Snapshots of its window.
-    pub fn snapshots(&self) -> usize {
-        self.m
-    }
-
     /// Amplitudes of the modes at present. `history`: products of the last `delays` states with the window's snapshots, oldest first.
     pub fn amplitudes(&self, history: &[&[f64]]) -> Vec<[f64; 2]> {
         let r = self.eigenvalues.len();

@@ -1,7 +1,6 @@
 //! The surrogate: states of a run go in at uniform times; what a fit of them says of later times comes out.
 
 use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
-use crate::dmd::Dmd;
 use crate::layout::Field;
 use crate::sampling::Grid;
 use crate::snapshots::{Combination, Snapshots, Storage};
@@ -241,7 +240,12 @@ impl Linear {
     /// What the fit says of the times after the present sample. None as for [`predict`](Self::predict).
     pub fn outlook(&self) -> Option<Outlook> {
         let fit = self.state.fit.as_ref()?;
-        self.outlook_of(fit, &fit.dmd)
+        let present = self.state.present?;
+        let first = present - fit.dmd.shape.delays as i64 + 1;
+        let rows = (first..=present).map(|n| self.products(n, fit)).collect::<Option<Vec<Vec<f64>>>>()?;
+        let history: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
+        let (dmd, slots) = (fit.dmd.clone(), fit.slots.clone());
+        Some(Outlook { amplitudes: dmd.amplitudes(&history), dmd, slots })
     }
 
     /// The state at `strides` after an outlook's sample.
@@ -254,32 +258,8 @@ impl Linear {
         self.held = outlook.map(|o| o.slots.clone()).unwrap_or_default();
     }
 
-    /// How far the fit and the one without the tail are from each other after `strides`, over the variation, all fields together.
-    pub fn doubt(&self, strides: f64) -> Option<f64> {
-        let fit = self.state.fit.as_ref()?;
-        let a = self.later(&self.outlook_of(fit, &fit.dmd)?, strides);
-        let b = self.later(&self.outlook_of(fit, &fit.earlier)?, strides);
-        let fields = fit.variation.iter().enumerate().filter(|(_, v)| **v > 0.0);
-        let squares: Vec<f64> = fields.map(|(f, v)| self.snapshots.distance(f, &a, &b) / v).collect();
-        Some((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt())
-    }
-
-    fn outlook_of(&self, fit: &Fit, dmd: &Dmd) -> Option<Outlook> {
-        let present = self.state.present?;
-        let own = dmd_slots(dmd, fit);
-        let rows: Option<Vec<Vec<f64>>> =
-            (present - dmd.shape.delays as i64 + 1..=present).map(|n| self.products(n, fit, own)).collect();
-        let rows = rows?;
-        let history: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
-        Some(Outlook {
-            amplitudes: dmd.amplitudes(&history),
-            dmd: dmd.clone(),
-            slots: fit.slots[..own].to_vec(),
-        })
-    }
-
-    /// Products of a state of the run with the first `n` snapshots of the window, each field over its variation.
-    fn products(&self, number: i64, fit: &Fit, n: usize) -> Option<Vec<f64>> {
+    /// Products of a state of the run with the snapshots of the window, each field over its variation.
+    fn products(&self, number: i64, fit: &Fit) -> Option<Vec<f64>> {
         let state = match self.snapshots.single(number) {
             Some(state) => state,
             None => self.state.predicted.iter().find(|p| p.number == number)?.state.clone(),
@@ -287,7 +267,7 @@ impl Linear {
         let c = self.snapshots.capacity();
         let used: Vec<(usize, f64)> =
             state.0.iter().copied().enumerate().filter(|(_, w)| *w != 0.0).collect();
-        let mut products = vec![0.0; n];
+        let mut products = vec![0.0; fit.slots.len()];
         for (table, v) in self.snapshots.products.iter().zip(&fit.variation).filter(|(_, v)| **v > 0.0) {
             for (p, slot) in products.iter_mut().zip(&fit.slots) {
                 *p += used.iter().map(|(s, w)| w * table[s * c + slot]).sum::<f64>() / v;
@@ -407,9 +387,4 @@ impl Linear {
 fn is_passed_next(grid: Grid, time: f64, delta_t: f64) -> bool {
     let next = grid.time_of(grid.after(time));
     next < time + 2.0 * delta_t && grid.at(time + delta_t) != Some(grid.after(time))
-}
-
-/// Snapshots of the window that a decomposition of the fit knows: all, or all but the tail.
-fn dmd_slots(dmd: &Dmd, fit: &Fit) -> usize {
-    dmd.snapshots().min(fit.slots.len())
 }

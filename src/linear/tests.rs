@@ -115,7 +115,6 @@ fn far_states_of_waves_are_predicted_in_one_go_and_conserve_what_is_linear() {
         assert!(largest(&flux, &phi(&u)) < 1e-13, "{strides}: {:e}", largest(&flux, &phi(&u)));
         assert_eq!(flux[N].to_bits(), std::f64::consts::PI.to_bits(), "what never changes stays to the bit");
     }
-    assert!(linear.doubt(50.0).unwrap() < 1e-4);
 }
 
 #[test]

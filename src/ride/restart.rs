@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"M4GNRIDE";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Bytes before the description, and behind everything.
 const HEAD: usize = 8 + 4 + 8;
@@ -164,8 +164,8 @@ mod tests {
             read::<Sample>(&path, &bytes).unwrap_err().to_string()
         };
         let mut newer = bytes.clone();
-        newer[8] = 2;
-        assert!(sealed(newer).contains("of version 2, this library reads 1"));
+        newer[8] = 3;
+        assert!(sealed(newer).contains("of version 3, this library reads 2"));
         let mut long = bytes.clone();
         long[12] = 255;
         assert!(sealed(long).contains("longer than the file"));

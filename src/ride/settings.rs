@@ -225,13 +225,11 @@ impl RideSettings {
                     "mode: found during, which adapts after jumps, and mode observe has none; expected before",
                 );
             }
-            if entries.get("overlap") == Some(&Value::Bool(true)) {
+            if entries.get("method").and_then(Value::as_str) == Some("clock") {
                 return bad(
-                    "overlap is for mode replace: what is learned beside the run is used from the next jump but one on",
+                    "method: found clock, which gives jumps another time, and mode observe has none; expected gradient",
                 );
             }
-            // It is jumps that are given another time.
-            entries.insert("clock".into(), Value::Bool(false));
         }
         Ok(AdaptEntries { wanted, start, write_model, learning: Value::Object(entries).to_string(), during })
     }
@@ -266,7 +264,7 @@ mod tests {
             (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
             (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
             (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
-            (r#"{"mode": "observe", "adapt": {"overlap": true}}"#, "overlap"),
+            (r#"{"mode": "observe", "adapt": {"method": "clock"}}"#, "expected gradient"),
             (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
         ] {
             let error = RideSettings::parse(text).unwrap_err().to_string();
@@ -284,7 +282,7 @@ mod tests {
         assert_eq!((entries.start, entries.write_model), (Some(2.0), Some("a.safetensors".into())));
         assert_eq!(entries.learning, r#"{"maxFrames":9,"mode":"during"}"#);
         assert!(!of(r#"{"mode": "observe", "adapt": {"mode": "off"}}"#).wanted);
-        let observed = of(r#"{"mode": "observe", "adapt": {"method": "ridge"}}"#);
-        assert_eq!(observed.learning, r#"{"clock":false,"method":"ridge"}"#);
+        let observed = of(r#"{"mode": "observe", "adapt": {"steps": 7}}"#);
+        assert_eq!(observed.learning, r#"{"steps":7}"#);
     }
 }

@@ -21,7 +21,7 @@ pub struct Advanced {
 pub struct Lesson {
     /// Whether the surrogate is another one now.
     pub used: bool,
-    /// Optimisation steps, or regressions.
+    /// Optimisation steps.
     pub steps: u64,
     /// Wall time, s.
     pub seconds: f64,

@@ -217,12 +217,6 @@ impl Config {
                 return bad(key, &value.to_string(), "0 without [contact] history = 1");
             }
         }
-        if !(t.smooth_loss.is_finite() && t.smooth_loss >= 0.0) {
-            return bad("training.smooth_loss", &t.smooth_loss.to_string(), "a weight, 0 or more");
-        }
-        if !(1..=1024).contains(&t.smooth_hops) {
-            return bad("training.smooth_hops", &t.smooth_hops.to_string(), "1 to 1024");
-        }
         if !(0.0..=1.0).contains(&t.balance) {
             return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");
         }

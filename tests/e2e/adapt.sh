@@ -80,23 +80,7 @@ printf 'damaged' > 0.75/uniform/test.state
 refused 'is not the state of a run' icoFoam
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 
-# Beside the run: the first jump is that of the shipped weights, the second has what was learned from the frames before the first;
-# a run that is carried on while it is learned comes to the same
-surrogate 'adapt { mode during; start 0.1; steps 150; stepsEach 4; overlap yes; }'
 clean_case
-runs icoFoam
-grep -q '^m4gn: learning from [0-9]* frames beside the run' log.run || fail "nothing was learned beside the run"
-grep '^m4gn: adapted in .* beside the run, which waited' log.run || fail "nothing came of it"
-[ "$(error)" = "$before" ] || fail "error of U after the first jump $(error), expected that of the shipped weights, $before"
-rm -rf ../whole && mkdir ../whole && cp -r 1.05 ../whole
-carried_on 0.75 '^m4gn: adapted in .* beside the run' 'learned beside'
-sed -i 's/^startTime .*/startTime 0;/' system/controlDict
-clean_case
-runs decomposePar
-refused 'overlap of adapt is for runs on one rank' mpirun -np 2 icoFoam -parallel
-clean_case
-function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; adapt { overlap yes; }"
-refused 'adapt: overlap is for mode replace' icoFoam
 # Observed, it learns before it is compared
 function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; timeStart 0.5; adapt { start 0.1; steps 10; }"
 runs icoFoam
@@ -144,8 +128,10 @@ sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 
 # What is wrong is said before the run begins
 clean_case
-surrogate 'adapt { method clock; clock no; }'
-refused 'clock, and clock no' icoFoam
+surrogate 'adapt { method ridge; }'
+refused 'expected `gradient` or `clock`' icoFoam
+function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; adapt { method clock; }"
+refused 'mode observe has none; expected gradient' icoFoam
 surrogate 'adapt { mode later; }'
 refused 'later' icoFoam
 surrogate 'adapt { learning_rate 1; }'

@@ -133,7 +133,7 @@ fn ride_states() {
         };
         (status, run)
     };
-    let good = [None, Some("gradient"), Some("ridge")].map(|method| {
+    let good = [None, Some("gradient"), Some("clock")].map(|method| {
         let (made, mut run) = begin(&usual(method));
         assert_eq!(made, 0, "{}", message());
         run.go_on(14, RideAnswer::default(), &mut Random::new(3));

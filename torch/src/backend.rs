@@ -23,18 +23,15 @@ pub struct TorchBackend {
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for a loss of the smooth part of errors, or noise of several sizes;
+    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for noise of several sizes;
     /// [`m4gn_mesh::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
         let t = &task.config.training;
-        for (key, found, known) in
-            [("smooth_loss", t.smooth_loss, 0.0), ("noise_spread", t.noise_spread, 1.0)]
-        {
-            if found != known {
-                return Err(Error::Input(format!(
-                    "training.{key}: found {found}, and libtorch knows {known} alone; use --backend native, or leave it out"
-                )));
-            }
+        if t.noise_spread != 1.0 {
+            return Err(Error::Input(format!(
+                "training.noise_spread: found {}, and libtorch knows 1 alone; use --backend native, or leave it out",
+                t.noise_spread
+            )));
         }
         if task.spec.has_history() {
             return Err(Error::Input(

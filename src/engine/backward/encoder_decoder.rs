@@ -269,13 +269,6 @@ impl<T: Number> Decoder<T> {
         }
     }
 
-    /// The last layer's inputs, `[cells x width]` in the graph's order.
-    pub fn last_inputs(&self, graph: &TrainGraph, tape: &DecoderTape<T>, width: usize, rows: &mut [f32]) {
-        for (&(_, cell), from) in graph.cells.iter().zip(tape.last[0].chunks_exact(self.columns)) {
-            rows[cell as usize * width..][..width].copy_from_slice(&from[..width]);
-        }
-    }
-
     /// From dL/d outputs; what falls on nodes and on the table is added there.
     #[allow(clippy::too_many_arguments)]
     pub fn backward(

@@ -61,15 +61,6 @@ impl Scale {
         Scale { mean, std, inverse }
     }
 
-    /// Rows of physical channels to normalised ones.
-    pub fn to_normalised(&self, rows: &mut [f32]) {
-        for row in rows.chunks_exact_mut(self.mean.len()) {
-            let scales = self.mean.iter().zip(&self.inverse);
-            let pairs = row.iter_mut().zip(scales);
-            pairs.for_each(|(x, (mean, inverse))| *x = (*x - mean) * inverse);
-        }
-    }
-
     /// Rows of normalised channels to physical ones.
     pub fn to_physical(&self, rows: &mut [f32]) {
         for row in rows.chunks_exact_mut(self.mean.len()) {
@@ -130,7 +121,6 @@ trait AnyNetwork: Debug + Send + Sync {
         d_outputs: &[f32],
         inputs: Option<&mut InputGradient>,
     );
-    fn last_inputs(&self, worker: &Worker, at: usize, graph: &TrainGraph, rows: &mut Vec<f32>);
     fn flush(&self, worker: &mut Worker, flat: &mut [f32]);
     fn memory(&self, worker: &Worker) -> (usize, usize, usize);
 }
@@ -180,13 +170,6 @@ impl<T: Number, P: Processor<T>> AnyNetwork for Network<T, P> {
         inputs: Option<&mut InputGradient>,
     ) {
         self.backward(graph, scales, d_outputs, self.of(worker), at, inputs);
-    }
-
-    fn last_inputs(&self, worker: &Worker, at: usize, graph: &TrainGraph, rows: &mut Vec<f32>) {
-        match worker.0.downcast_ref() {
-            Some(thread) => self.last_inputs(graph, thread, at, rows),
-            None => unreachable!("a worker of another network"),
-        }
     }
 
     fn flush(&self, worker: &mut Worker, flat: &mut [f32]) {
@@ -264,11 +247,6 @@ impl Trainable {
         inputs: Option<&mut InputGradient>,
     ) {
         self.0.backward(worker, at, (graph, scales), d_outputs, inputs);
-    }
-
-    /// What the decoder's last linear layer was applied to in tape `at`, in fp32: `[cells x width]`, in the graph's order.
-    pub fn last_inputs(&self, worker: &Worker, at: usize, graph: &TrainGraph, rows: &mut Vec<f32>) {
-        self.0.last_inputs(worker, at, graph, rows);
     }
 
     /// Adds the worker's gradient to a flat one and clears it.

@@ -237,21 +237,6 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         }
     }
 
-    /// What the decoder's last layer was applied to in tape `at`: `[cells x width]`, in the graph's order.
-    pub fn last_inputs(
-        &self,
-        graph: &TrainGraph,
-        thread: &Thread<T, P::Tape>,
-        at: usize,
-        rows: &mut Vec<f32>,
-    ) {
-        let width = self.spec.architecture.width;
-        rows.resize(graph.n_cells() * width, 0.0);
-        if let Some(tape) = thread.tapes.get(at) {
-            self.decoder.last_inputs(graph, &tape.decoder, width, rows);
-        }
-    }
-
     /// Bytes of the weights, of a thread's own buffers, and of each tape of it.
     pub fn memory(&self, thread: &Thread<T, P::Tape>) -> (usize, usize, usize) {
         let weights = self.nodes.bytes() + self.processor.bytes() + self.decoder.bytes();
