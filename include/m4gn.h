@@ -293,12 +293,9 @@ int32_t m4gn_session_set_obstacle(
     int32_t n_obstacle);
 
 /* Collective. Displacement one stride before the next step, m: of this rank's points [3*n_points], n_points being the n_cells of
- * its mesh, and of the obstacle's points [3*n_obstacle], of which that of the first rank counts. A model with a history
- * (contact.history, `m4gn info`) reads what the displacement changed by since then. Call it before a step from a state that is
- * neither the result of the step before (a host's rounding is let pass) nor undeformed: of a body that a solver has moved, or
- * that rests deformed, which gives the displacement that it has. Such a step is refused without (M4GN_ERROR_INPUT), as nothing
- * else tells the change. It holds for one step. Another model that says so (carried, `m4gn calibrate`) takes a step over that stride
- * too, from a state that is not the result of the step before, and corrects its next steps by what it was off by. The rest check
+ * its mesh, and of the obstacle's points [3*n_obstacle], of which that of the first rank counts. It holds for one step. A model that
+ * says so (carried, `m4gn calibrate`) takes a step over that stride too, before a step from a state that is not the result of the
+ * step before (a host's rounding is let pass), and corrects its next steps by what it was off by. The rest check
  * the values and do not use them, so that a host need not ask; M4GN_ERROR_INPUT for a model of fields at cells. */
 int32_t m4gn_session_set_before(
     m4gn_session* session,

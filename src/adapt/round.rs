@@ -132,14 +132,10 @@ impl Learner {
     /// Divides the frames. In a first round the last ones are held back; later the newest stretch of the solver, which no
     /// gradient has seen.
     fn split(&self, strides: usize) -> std::result::Result<Split, String> {
-        let mut ranges = self.window.stretches();
+        let ranges = self.window.stretches();
         let Some(n) = self.window.frames_a_stride() else {
             return Err("there are fewer than two frames of the solver".into());
         };
-        if self.spec.has_history() {
-            // What the stride before a stretch changed is not known: its frames teach, and start rollouts, from the second stride on.
-            ranges.iter_mut().for_each(|r| r.start = r.end.min(r.start + n));
-        }
         let Some(newest) = ranges.last() else {
             return Err("there are fewer than two frames of the solver".into());
         };

@@ -164,12 +164,6 @@ impl Settings {
         let weights = |name: &str| of_losses.and_then(|w| w.get(name)).and_then(serde_json::Value::as_f64);
         let weight =
             |name: &String| Some((name.clone(), weights(name).filter(|w| w.is_finite() && *w >= 0.0)?));
-        // What it was taught of the stride before it is taught here.
-        let share = |key: &str| {
-            let value = own(key).and_then(serde_json::Value::as_f64);
-            let usable = |v: &f64| spec.has_history() && (0.0..=1.0).contains(v);
-            value.filter(usable).unwrap_or(0.0)
-        };
         TrainingConfig {
             seed: self.seed,
             batch_size: self.batch,
@@ -183,8 +177,6 @@ impl Settings {
             gradient_clip: 1.0,
             mirror: own("mirror").and_then(serde_json::Value::as_bool).unwrap_or(false),
             noise,
-            history_pace: share("history_pace"),
-            history_noise: share("history_noise"),
             loss_weights: spec.fields.iter().filter_map(|f| weight(&f.name)).collect(),
             ..TrainingConfig::default()
         }

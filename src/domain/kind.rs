@@ -4,7 +4,7 @@ use crate::body::has_feature;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::whole::{Place, whole_mesh};
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{ContactSpec, ModalOperator, ModelSpec, N_CONTACT_INPUTS, SegmentSpec};
+use m4gn_model::{ContactSpec, ModalOperator, ModelSpec, SegmentSpec};
 
 /// A kind of domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,8 +82,8 @@ pub struct Statistics {
     pub node: fn(&[f32], usize) -> bool,
     /// Whether a row of edge features has one of them.
     pub edge: fn(&[f32], usize) -> bool,
-    /// Where the components of a vector have one deviation: of the outputs, and of node inputs from here on.
-    pub alike_from: Option<usize>,
+    /// Whether all outputs have one deviation.
+    pub outputs_alike: bool,
 }
 
 impl Statistics {
@@ -93,12 +93,8 @@ impl Statistics {
     /// deviation: a direction in which a body hardly moves is not worth more than another.
     pub fn of(spec: &ModelSpec) -> Self {
         match Kind::of_model(spec) {
-            Kind::Body => Statistics {
-                node: |row, i| row[i] != 0.0,
-                edge: has_feature,
-                alike_from: Some(N_CONTACT_INPUTS),
-            },
-            Kind::Cells => Statistics { node: |_, _| true, edge: |_, _| true, alike_from: None },
+            Kind::Body => Statistics { node: |row, i| row[i] != 0.0, edge: has_feature, outputs_alike: true },
+            Kind::Cells => Statistics { node: |_, _| true, edge: |_, _| true, outputs_alike: false },
         }
     }
 }

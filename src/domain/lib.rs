@@ -44,11 +44,6 @@ pub trait Domain: Debug + Send + Sync {
         false
     }
 
-    /// Whether what the fields changed by over the stride before is an input too. A state is then followed by this change, row by row.
-    fn has_history(&self) -> bool {
-        false
-    }
-
     /// Whether the edges are others in each state.
     fn moves(&self) -> bool {
         false
@@ -87,17 +82,6 @@ pub trait Domain: Debug + Send + Sync {
         None
     }
 
-    /// The rows of a state, and what follows them where there is a history.
-    fn parts<'a>(&self, state: &'a [f32]) -> (&'a [f32], Option<&'a [f32]>) {
-        match self.has_history() {
-            true => {
-                let (now, change) = state.split_at(state.len() / 2);
-                (now, Some(change))
-            }
-            false => (state, None),
-        }
-    }
-
     /// Physical outputs that lead exactly to `next`: changes from the present state, with its noise, or values.
     fn target(&self, state: &[f32], next: &[f32], target: &mut Vec<f32>) {
         target.clear();
@@ -119,8 +103,7 @@ pub trait Domain: Debug + Send + Sync {
         }
     }
 
-    /// The state one step later from physical outputs. `next` holds what is prescribed at the new time: of a history, what held nodes
-    /// and the boundary change by; that of the other nodes is the output.
+    /// The state one step later from physical outputs. `next` holds what is prescribed at the new time.
     fn advance(&self, state: &[f32], outputs: &[f32], next: &[f32]) -> Vec<f32> {
         let c = self.components();
         let mut new = next.to_vec();
@@ -129,9 +112,6 @@ pub trait Domain: Debug + Send + Sync {
             for ((&i, delta), y) in c.outputs.iter().zip(&c.delta).zip(row) {
                 let at = node * c.count + i;
                 new[at] = if *delta { state[at] + y } else { *y };
-                if self.has_history() {
-                    new[next.len() / 2 + at] = *y;
-                }
             }
         }
         self.boundary().follow(&mut new, |i| !c.given.contains(&i));
@@ -151,9 +131,6 @@ pub trait Domain: Debug + Send + Sync {
                 *y += d_next[at];
                 if *delta {
                     d_state[at] = d_next[at];
-                }
-                if self.has_history() {
-                    *y += d_next[d_next.len() / 2 + at];
                 }
             }
         }

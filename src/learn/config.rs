@@ -73,13 +73,6 @@ pub struct TrainingConfig {
     /// How many times smaller the noise of an example may be: its deviations are drawn between `noise / noise_spread` and `noise`,
     /// evenly in their logarithm. 1: all examples have `noise`. On the native backend.
     pub noise_spread: f64,
-    /// Of models with a history (`contact.history`) the part of examples whose body came to where it is in another time: in 0 to 2
-    /// strides, 0 being at rest. Right where the law knows neither inertia nor rates: few frames of a trajectory are at rest, from
-    /// which rollouts begin.
-    pub history_pace: f64,
-    /// Of models with a history, the deviation of the share of another stride's change, of the same trajectory, that is added to the
-    /// change over the stride before; `noise_spread` holds for it too. 0: none.
-    pub history_noise: f64,
     /// Weight of each predicted field's loss; 1 where none is given.
     pub loss_weights: BTreeMap<String, f64>,
     /// How far trajectories of small changes weigh up to those of large ones in the loss: 0 not at all, so that fast flows
@@ -139,8 +132,6 @@ impl Default for TrainingConfig {
             ema_decay: 0.0,
             noise: BTreeMap::new(),
             noise_spread: 1.0,
-            history_pace: 0.0,
-            history_noise: 0.0,
             loss_weights: BTreeMap::new(),
             balance: 0.0,
             mirror: false,

@@ -43,7 +43,7 @@ impl NativeBackend<'_> {
         let live = &self.lives[example.sample][usize::from(example.mirror)];
         let (domain, base) = (&live.domain, &live.graph);
         let stride = self.work.frames_a_step;
-        let frame = |step: usize| sample.state(example.frame + step * stride, stride, example.mirror);
+        let frame = |step: usize| sample.state(example.frame + step * stride, example.mirror);
         let began = Instant::now();
         let mut state = self.start(sample, example)?;
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
@@ -127,7 +127,7 @@ impl NativeBackend<'_> {
                 }
             }
             if keep < unroll && step + 1 < unroll {
-                let next = sample.state(example.frame + (step + 1) * stride, stride, example.mirror)?;
+                let next = sample.state(example.frame + (step + 1) * stride, example.mirror)?;
                 domain.inputs(&application.state, &next, &mut inputs);
                 unread.resize(d.len(), 0.0);
                 self.network.forward(worker, 0, graph, scales, &inputs, &mut unread);
@@ -192,27 +192,9 @@ impl NativeBackend<'_> {
         d
     }
 
-    /// The state that an example starts from: its frame with noise. With a history, what is said of the stride before is not always that
-    /// of the trajectory.
-    pub(crate) fn start(&self, sample: &Sample, example: &Example) -> Result<Vec<f32>> {
-        // Numbers of its own, so that those of the noise are the same with a history and without.
-        let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
-        rng.set_stream(1);
-        let stride = self.work.frames_a_step;
-        let frames = match rng.random::<f64>() < self.history_pace {
-            true => rng.random_range(0..=2 * stride),
-            false => stride,
-        };
-        let mut state = sample.state(example.frame, frames, example.mirror)?;
-        if self.history_noise > 0.0 && sample.domain.has_history() {
-            let other = rng.random_range(0..sample.n_frames);
-            let other = sample.state(other, stride, example.mirror)?;
-            let first = sample.domain.parts(&state).0.len();
-            let moving = first..first + self.noise.len() * sample.n_cells();
-            let times = (self.share(&mut rng) * self.history_noise * normal(&mut rng)) as f32;
-            let pairs = state[moving.clone()].iter_mut().zip(&other[moving]);
-            pairs.for_each(|(change, other)| *change += times * other);
-        }
+    /// The state that an example starts from: its frame with noise.
+    fn start(&self, sample: &Sample, example: &Example) -> Result<Vec<f32>> {
+        let mut state = sample.state(example.frame, example.mirror)?;
         self.add_noise(sample, example.seed, &mut state);
         Ok(state)
     }
@@ -234,20 +216,13 @@ impl NativeBackend<'_> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let share = self.share(&mut rng);
         let width = self.noise.len();
-        let (now, changes) = state.split_at_mut(sample.domain.parts(state).0.len());
-        let mut changes = changes.chunks_exact_mut(width);
-        let rows = now.chunks_exact_mut(width).take(sample.n_cells());
+        let rows = state.chunks_exact_mut(width).take(sample.n_cells());
         for (cell, row) in rows.enumerate() {
-            let mut change = changes.next();
             let held = sample.domain.is_held(cell);
             for (i, std) in self.noise.iter().enumerate().filter(|(_, std)| **std > 0.0) {
                 let noise = (share * std * normal(&mut rng)) as f32;
                 if !held {
                     row[i] += noise;
-                    // It came in the stride before: where the body was then is known.
-                    if let Some(change) = &mut change {
-                        change[i] += noise;
-                    }
                 }
             }
         }

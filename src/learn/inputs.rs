@@ -4,19 +4,11 @@ use super::normaliser::Moments;
 use super::workload::Workload;
 use m4gn_domain::Components;
 use m4gn_mesh::Result;
-use m4gn_model::{ContactSpec, FieldSpec, Model, ModelSpec};
+use m4gn_model::{FieldSpec, Model, ModelSpec};
 
 /// Whether `new` has the fields of `old`, and after them none but inputs that are not predicted.
 pub fn follow(old: &[FieldSpec], new: &[FieldSpec]) -> bool {
     new.starts_with(old) && new[old.len()..].iter().all(FieldSpec::is_given)
-}
-
-/// Whether `new` is the contact of `old`, or that with a history.
-pub fn follow_contact(old: Option<ContactSpec>, new: Option<ContactSpec>) -> bool {
-    match (old, new) {
-        (Some(old), Some(new)) => old.radius == new.radius && old.history <= new.history,
-        (old, new) => old == new,
-    }
 }
 
 /// The model with the inputs that `spec` has after those of the model. Their weights are zero, so that the network says
@@ -30,20 +22,14 @@ pub fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Mod
         return Ok(model);
     }
     let components = Components::new(spec);
-    // A body's fields are no inputs, and what is added is its history.
-    let added = components.inputs.get(old..).unwrap_or(&[]);
+    let added = &components.inputs[old..];
     let mut moments = Moments::new(new - old);
     for sample in &work.train {
         for frame in [0, sample.n_frames / 2, sample.n_frames - 1] {
-            let frame = sample.state(frame, work.frames_a_step, false)?;
-            moments.add(&match sample.domain.parts(&frame) {
-                (_, Some(changes)) => Moments::of_changes(changes),
-                (frame, None) => {
-                    let rows = frame.chunks_exact(components.count);
-                    let values: Vec<f32> = rows.flat_map(|row| added.iter().map(|&c| row[c])).collect();
-                    Moments::of(&values, added.len())
-                }
-            });
+            let frame = sample.frame(frame)?;
+            let rows = frame.chunks_exact(components.count);
+            let values: Vec<f32> = rows.flat_map(|row| added.iter().map(|&c| row[c])).collect();
+            moments.add(&Moments::of(&values, added.len()));
         }
     }
     let (mean, std) = moments.mean_std();
@@ -64,6 +50,5 @@ pub fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Mod
     tensor.data = widened.collect();
     tensor.shape[1] += new - old;
     model.spec.fields = spec.fields.clone();
-    model.spec.contact = spec.contact;
     Model::new(model.spec, model.tensors)
 }

@@ -67,9 +67,6 @@ pub struct NativeBackend<'a> {
     pub(crate) noise: Vec<f64>,
     /// How many times smaller it may be in an example.
     pub(crate) noise_spread: f64,
-    /// Of a history: the part of examples that came at another pace, and the share of another stride's change that is added.
-    pub(crate) history_pace: f64,
-    pub(crate) history_noise: f64,
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(crate) groups: Vec<(usize, usize, f64)>,
     pub(crate) through_unroll: bool,
@@ -115,8 +112,6 @@ impl<'a> NativeBackend<'a> {
             network,
             noise: noise.collect(),
             noise_spread: t.noise_spread,
-            history_pace: if spec.has_history() { t.history_pace } else { 0.0 },
-            history_noise: t.history_noise,
             groups,
             through_unroll: t.unroll_gradient,
             precision: t.precision,

@@ -51,26 +51,6 @@ impl Moments {
         self
     }
 
-    /// What displacements change by, `[n x 3]`: of the nodes that move, and with one deviation around 0.
-    pub(crate) fn of_changes(rows: &[f32]) -> Self {
-        Self::of_present(rows, 3, |row, i| row[i] != 0.0).alike_from(0)
-    }
-
-    /// The same with one deviation, around 0, for the channels from `first` on.
-    fn alike_from(mut self, first: usize) -> Self {
-        let last = Moments {
-            count: self.count.split_off(first),
-            sum: self.sum.split_off(first),
-            square: self.square.split_off(first),
-        };
-        let n = last.count.len().max(1) as f64;
-        self.count.extend(&last.count);
-        self.count[first..].fill(last.count.iter().sum::<f64>() / n);
-        self.sum.resize(first + last.sum.len(), 0.0);
-        self.square.resize(first + last.square.len(), last.square.iter().sum::<f64>() / n);
-        self
-    }
-
     /// One row that stands for many with this mean and deviation.
     fn standing_for(mean: &[f32], std: &[f32]) -> Self {
         let wide = |x: &f32| f64::from(*x);
@@ -146,10 +126,8 @@ impl Normaliser {
         let statistics = Statistics::of(spec);
         let node = Moments::of_present(inputs, spec.n_field_inputs(), statistics.node);
         let edge = Moments::of_present(edges, spec.n_edge_features(), statistics.edge);
-        match statistics.alike_from {
-            Some(first) => Normaliser { node: node.alike_from(first), edge, output: output.alike() },
-            None => Normaliser { node, edge, output },
-        }
+        let output = if statistics.outputs_alike { output.alike() } else { output };
+        Normaliser { node, edge, output }
     }
 
     /// Those of a model.
@@ -268,24 +246,6 @@ mod tests {
         let (mean, std) = seen.output.mean_std();
         assert_eq!(mean, [0.0; 3]);
         assert!(std.iter().all(|s| (s - 3f32.sqrt()).abs() < 1e-6), "{std:?}");
-    }
-
-    #[test]
-    fn the_changes_of_a_history_have_one_deviation() {
-        let mut spec = m4gn_samples::model::bodies();
-        spec.contact.as_mut().unwrap().history = 1;
-        // Two nodes: a motion of 2 and then 4 of the obstacle, changes (3 4 0) and (0 0 5); what is 0 is not there.
-        let mut inputs = [0.0; 22];
-        (inputs[0], inputs[11]) = (2.0, 4.0);
-        (inputs[8], inputs[9], inputs[21]) = (3.0, 4.0, 5.0);
-        let seen = Normaliser::of_example(&spec, &inputs, &[], &[]);
-        let (mean, std) = seen.node.mean_std();
-        assert_eq!((mean[0], std[0]), (3.0, 1.0));
-        // (9 + 16 + 25) / 3
-        assert_eq!(mean[8..], [0.0; 3]);
-        assert!(std[8..].iter().all(|s| (s - (50f32 / 3.0).sqrt()).abs() < 1e-5), "{std:?}");
-        let alone = Moments::of_changes(&[3.0, 4.0, 0.0, 0.0, 0.0, 5.0]);
-        assert_eq!(alone.mean_std().1, std[8..]);
     }
 
     #[test]

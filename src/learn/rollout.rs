@@ -83,7 +83,7 @@ impl NativeBackend<'_> {
         let sample = &self.work.valid[rollout.sample];
         let (domain, comm) = (&*sample.domain, Comm::serial());
         let stride = self.work.frames_a_step;
-        let frame = |step: usize| sample.state(rollout.frame + step * stride, stride, false);
+        let frame = |step: usize| sample.state(rollout.frame + step * stride, false);
         let mut state = frame(0)?;
         let options = EngineOptions {
             precision: self.precision,

@@ -13,7 +13,6 @@ const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
 
 /// Most strides before that a model of bodies is told of.
-const MAX_HISTORY: usize = 1;
 
 /// What to do where a table was left in from another configuration.
 const WITHOUT_CONTACT: &str =
@@ -102,12 +101,6 @@ impl ModelSpec {
         };
         expect(contact.radius.is_finite() && contact.radius > 0.0, || {
             format!("contact.radius: expected a positive length in m, found {}", contact.radius)
-        })?;
-        expect(contact.history <= MAX_HISTORY, || {
-            format!(
-                "contact.history: expected 0, or 1 for the change over the stride before, found {}",
-                contact.history
-            )
         })?;
         expect(self.dim == 3, || {
             format!("contact: bodies are three-dimensional, found {} directions; {WITHOUT_CONTACT}", self.dim)
@@ -226,17 +219,12 @@ mod tests {
         let contact = |radius, input| {
             let mut s = bodies();
             s.fields[0].input = input;
-            s.contact = Some(ContactSpec { radius, history: 0 });
+            s.contact = Some(ContactSpec { radius });
             s
         };
         assert!(contact(0.01, false).check().is_ok());
         for (word, s) in [
             ("radius", contact(0.0, false)),
-            ("contact.history", {
-                let mut s = bodies();
-                s.contact = Some(ContactSpec { radius: 0.01, history: 2 });
-                s
-            }),
             ("edges carry", contact(0.01, true)),
             ("reads no edges", {
                 let mut s = bodies();
@@ -247,7 +235,7 @@ mod tests {
             let message = s.check().unwrap_err().to_string();
             assert!(message.contains(word), "{message}");
             let remedy = message.contains("delete the table [contact]");
-            assert_eq!(remedy, !["radius", "contact.history"].contains(&word), "{message}");
+            assert_eq!(remedy, word != "radius", "{message}");
         }
         let mut s = spec();
         s.architecture.m4gn_mut().unwrap().segment_transformer =

@@ -104,27 +104,12 @@ impl FieldSpec {
 ///
 /// Nodes are the bodies' points and the obstacle's. The first field is the displacement from rest: it carries the
 /// positions, enters through edges and distances from the obstacle, and its change is what the model predicts. Every node has
-/// [`N_CONTACT_INPUTS`] features of the obstacle, and, with a `history`, those of how it came here.
+/// [`N_CONTACT_INPUTS`] features of the obstacle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactSpec {
     /// World edges lead from the obstacle's points to points of a body's skin that are nearer than this, m.
     pub radius: f64,
-    /// Strides before the present state that the network is told of: 0, or 1 where what the displacement of a node, of the body or
-    /// of the obstacle, changed by over the stride before is an input.
-    #[serde(default, skip_serializing_if = "is_none")]
-    pub history: usize,
-}
-
-fn is_none(history: &usize) -> bool {
-    *history == 0
-}
-
-impl ContactSpec {
-    /// Node inputs: [`N_CONTACT_INPUTS`], then three for each stride of the history.
-    pub fn n_inputs(&self) -> usize {
-        N_CONTACT_INPUTS + 3 * self.history
-    }
 }
 
 /// Node inputs of bodies at points: the motion of an obstacle's point, or how near the obstacle is to a point of the skin, now and
@@ -185,7 +170,7 @@ impl ModelSpec {
     pub fn n_field_inputs(&self) -> usize {
         let inputs = self.fields.iter().filter(|f| f.input);
         let fields: usize = inputs.map(|f| f.components(self.dim)).sum();
-        fields + self.contact.map_or(0, |contact| contact.n_inputs())
+        fields + self.contact.map_or(0, |_| N_CONTACT_INPUTS)
     }
 
     /// Node features: field inputs, then those that do not change with time.
@@ -220,11 +205,6 @@ impl ModelSpec {
             Some(_) => 3 * (self.dim + 1) + 1,
             None => self.dim + 1,
         }
-    }
-
-    /// Whether what the displacement changed by over the stride before is an input: of bodies whose `contact` has a history.
-    pub fn has_history(&self) -> bool {
-        self.contact.is_some_and(|contact| contact.history > 0)
     }
 
     /// Whether the network sees a field: as an input, or, of bodies, through the edges, which the displacement moves.

@@ -157,11 +157,9 @@ impl Session {
     }
 
     /// Takes the displacement one stride before the next step, m: of this rank's points, and of the obstacle's points `[Q]`, of which
-    /// that of the first rank counts. A model with a history (`contact.history`) reads what the displacement changed by since then.
-    /// Needed before a step from a state that is neither the result of the step before nor undeformed: of a body that a solver has
-    /// moved, or that rests deformed. Other models of bodies are corrected in the next steps by what they are off by over that stride,
-    /// where they say how much of it to carry on ([`m4gn_model::Calibration::carried`]); the rest do without. The values are checked
-    /// all the same, so that a host need not ask. Collective; all ranks fail together.
+    /// that of the first rank counts. Before a step from a state that is not the result of the step before, models are corrected in
+    /// the next steps by what they are off by over that stride, where they say how much of it to carry on
+    /// ([`m4gn_model::Calibration::carried`]); the rest do without. The values are checked all the same, so that a host need not ask. Collective; all ranks fail together.
     ///
     /// # Errors
     /// [`Error::Input`] for other lengths, or a session without body; [`Error::Numerical`] for values that are not

@@ -205,18 +205,6 @@ impl Config {
         if !(t.noise_spread.is_finite() && t.noise_spread >= 1.0) {
             return bad("training.noise_spread", &t.noise_spread.to_string(), "a number, 1 or more");
         }
-        let history = self.contact.is_some_and(|contact| contact.history > 0);
-        for (key, value, most, expected) in [
-            ("training.history_pace", t.history_pace, 1.0, "a part of the examples, 0 to 1"),
-            ("training.history_noise", t.history_noise, f64::MAX, "a deviation, 0 or more"),
-        ] {
-            if !(0.0..=most).contains(&value) {
-                return bad(key, &value.to_string(), expected);
-            }
-            if value > 0.0 && !history {
-                return bad(key, &value.to_string(), "0 without [contact] history = 1");
-            }
-        }
         if !(0.0..=1.0).contains(&t.balance) {
             return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");
         }

@@ -94,12 +94,6 @@ fn each_wrong_value_is_named() {
         ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),
         ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
         ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
-        (
-            "[training]",
-            "[training]\nhistory_pace = 0.5",
-            "training.history_pace: found 0.5, expected 0 without [contact] history = 1",
-        ),
-        ("[training]", "[training]\nhistory_noise = -0.1", "training.history_noise"),
         ("[training]", "[training]\nnoise_spread = 0.5", "training.noise_spread"),
         (" steps = 10\n", " steps = 0\n", "training.steps"),
         (

@@ -188,7 +188,7 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
     if let Some((what, found, expected)) = pairs.into_iter().find(|(_, found, expected)| found != expected) {
         return Err(misfit(what, found, expected));
     }
-    match inputs::follow_contact(old.contact, spec.contact) {
+    match old.contact == spec.contact {
         true => Ok(()),
         false => {
             let text = |contact: Option<ContactSpec>| {

@@ -64,10 +64,9 @@ pub fn rollouts(
     Ok(all)
 }
 
-/// What may be carried on of a correction ([`Calibration::carried`]): 0, nothing, first. Of bodies, unless their model reads itself what the
-/// stride before changed; else none.
+/// What may be carried on of a correction ([`Calibration::carried`]): 0, nothing, first. Of bodies; else none.
 pub fn carried(model: &Model) -> &'static [f64] {
-    match Kind::of_model(&model.spec).moves() && !model.spec.has_history() {
+    match Kind::of_model(&model.spec).moves() {
         true => &[0.0, 0.5, 0.8, 0.9, 0.95],
         false => &[],
     }

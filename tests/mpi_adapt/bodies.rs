@@ -74,35 +74,29 @@ pub fn run(comm: &Comm, failures: &mut Vec<String>) -> Result<()> {
     let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 3;
     spec.segments.modes = 1;
-    let model = Model::random(spec.clone(), 5)?;
-    if let Some(contact) = &mut spec.contact {
-        contact.history = 1;
-    }
-    let with_history = Model::random(spec, 5)?;
+    let model = Model::random(spec, 5)?;
     let body = sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
     let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
     // Planes of points in turns, so that a rank's points are no single stretch of the numbering.
     let size = comm.size() as usize;
     let ranks: Vec<i32> = (0..body.positions.len()).map(|p| (p % 7 % size) as i32).collect();
-    for (which, model) in [("no history", &model), ("history", &with_history)] {
-        let whole = body.mesh(Some(&obstacle));
-        let (alone, expected, _) = adapt(&Comm::serial(), &whole, model)?;
-        let part = body.share(Some(&obstacle), &ranks, comm.rank());
-        let (together, found, [before, after]) = adapt(comm, &part, model)?;
-        for (a, b) in found.iter().zip(&expected) {
-            let same = (a.used, a.steps, a.frames, a.strides) == (b.used, b.steps, b.frames, b.strides);
-            if !same || (a.after / b.after - 1.0).abs() > 1e-3 {
-                failures.push(format!("body, {which}: {} and, alone, {}", a.note, b.note));
-            }
+    let whole = body.mesh(Some(&obstacle));
+    let (alone, expected, _) = adapt(&Comm::serial(), &whole, &model)?;
+    let part = body.share(Some(&obstacle), &ranks, comm.rank());
+    let (together, found, [before, after]) = adapt(comm, &part, &model)?;
+    for (a, b) in found.iter().zip(&expected) {
+        let same = (a.used, a.steps, a.frames, a.strides) == (b.used, b.steps, b.frames, b.strides);
+        if !same || (a.after / b.after - 1.0).abs() > 1e-3 {
+            failures.push(format!("body: {} and, alone, {}", a.note, b.note));
         }
-        let off = distance(&together, &alone);
-        if off > super::TOLERANCE {
-            failures.push(format!("body, {which}: weights are {off:e} from those of one rank"));
-        }
-        if !found[0].used || after > 0.5 * before {
-            let note = &found[0].note;
-            failures.push(format!("body, {which}: a step is off by {before}, then {after}: {note}"));
-        }
+    }
+    let off = distance(&together, &alone);
+    if off > super::TOLERANCE {
+        failures.push(format!("body: weights are {off:e} from those of one rank"));
+    }
+    if !found[0].used || after > 0.5 * before {
+        let note = &found[0].note;
+        failures.push(format!("body: a step is off by {before}, then {after}: {note}"));
     }
     refusals(comm, &model, (&body, &obstacle, &ranks), failures)
 }

@@ -8,13 +8,13 @@ use m4gn_samples::bodies as sample;
 use m4gn_step::{Session, SessionOptions};
 
 /// The description of a model of bodies with this network.
-fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize, history: usize) -> ModelSpec {
+fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize) -> ModelSpec {
     let mut s = base;
     s.fields.truncate(1);
     s.fields[0].name = "D".into();
     s.fields[0].input = false;
     s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    s.contact = Some(ContactSpec { radius: 0.6, history });
+    s.contact = Some(ContactSpec { radius: 0.6 });
     s.segments = SegmentSpec { method, count: 6, modes: 1, overlap, ..SegmentSpec::default() };
     s
 }
@@ -22,20 +22,15 @@ fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize, history: usize) 
 /// What differs from a run on one rank.
 pub fn failures(comm: &Comm, base: &ModelSpec) -> Vec<String> {
     let mut failures = Vec::new();
-    for (method, overlap, history) in
-        [(SegmentMethod::SlicExp, 0, 0), (SegmentMethod::Metis, 1, 0), (SegmentMethod::SlicExp, 0, 1)]
-    {
-        let name = format!("body, {method}, overlap {overlap}, history {history}");
-        match compare(comm, spec(base.clone(), method, overlap, history)) {
+    for (method, overlap) in [(SegmentMethod::SlicExp, 0), (SegmentMethod::Metis, 1)] {
+        let name = format!("body, {method}, overlap {overlap}");
+        match compare(comm, spec(base.clone(), method, overlap)) {
             Ok(error) if error < super::TOLERANCE => {}
             Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
             Err(e) => failures.push(format!("{name}: {e}")),
         }
     }
-    if let Err(e) = past(comm, spec(base.clone(), SegmentMethod::SlicExp, 0, 1)) {
-        failures.push(format!("body, history: {e}"));
-    }
-    let mut corrected = spec(base.clone(), SegmentMethod::SlicExp, 0, 0);
+    let mut corrected = spec(base.clone(), SegmentMethod::SlicExp, 0);
     corrected.calibration = Some(Calibration::of_carried(0.9));
     if let Err(e) = past(comm, corrected) {
         failures.push(format!("body, corrected: {e}"));
@@ -69,13 +64,6 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
         let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.2 * f64::from(s % 4)]; 6];
         let (now, next) = (at(step), at(step + 1));
         let (mut alone, mut shared) = (start.clone(), own(&start));
-        // Every second time the session says itself that nothing is displaced, or is told.
-        if step > 0 {
-            let past: Vec<[f64; 3]> = start.iter().map(|u| u.map(|v| 0.7 * v)).collect();
-            let earlier = at(step - 1);
-            serial.set_before(&past, &earlier)?;
-            session.set_before(&own(&past), &earlier)?;
-        }
         serial.step_body(&mut alone, [&now, &next])?;
         session.step_body(&mut shared, [&now, &next])?;
         for ((a, b), before) in own(&alone).iter().zip(&shared).zip(own(&start)) {
@@ -113,7 +101,7 @@ fn past(comm: &Comm, spec: ModelSpec) -> Result<()> {
     let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.1 * f64::from(s)]; 6];
     for step in 0..4 {
         let (now, next) = (at(step), at(step + 1));
-        if step == 0 && model.spec.calibration.is_some() {
+        if step == 0 {
             // A hand-over: what a network was off by over this stride corrects the next ones.
             serial.set_before(&alone, &at(-1))?;
             session.set_before(&shared, &at(-1))?;
@@ -128,32 +116,25 @@ fn past(comm: &Comm, spec: ModelSpec) -> Result<()> {
             return Err(Error::Internal(format!("step {step} is off by {:e} m", worst[0])));
         }
     }
-    // The last rank alone has moved its points, names too few of them, or one that is nowhere: all ranks say so.
+    // The last rank alone names too few points, or one that is nowhere: all ranks say so.
     let last = comm.rank() + 1 == comm.size();
     let still = at(4);
-    let mut moved = shared.clone();
-    if last {
-        moved.iter_mut().for_each(|u| u[0] += 0.1);
-    }
     let mut wrong = shared.clone();
     if last {
         wrong[0][2] = f64::NAN;
     }
     let short = &shared[usize::from(last)..];
     let refused = [
-        session.step_body(&mut moved, [&still, &still]),
         session.set_before(short, &still),
         session.set_before(&wrong, &still),
         session.set_before(&shared, &still[usize::from(last)..]),
     ];
-    // A model without a history takes a state that it knows nothing of.
-    let known = usize::from(!model.spec.has_history());
-    for (number, result) in refused.into_iter().enumerate().skip(known) {
+    for (number, result) in refused.into_iter().enumerate() {
         if result.is_ok() {
             return Err(Error::Internal(format!("refusal {number} did not come on rank {}", comm.rank())));
         }
     }
     // The session works on, with what it is told.
     session.set_before(&shared, &still)?;
-    session.step_body(&mut moved, [&still, &still])
+    session.step_body(&mut shared, [&still, &still])
 }

@@ -78,7 +78,7 @@ pub fn oddities(call: &str) -> &'static [Oddity] {
             "no body",
             "no obstacle",
         ],
-        "session_step_of_body" => &["nan", "moved", "name", "null", "output", "missing", "count"],
+        "session_step_of_body" => &["nan", "name", "null", "output", "missing", "count"],
         "session_step" => &["missing", "null", "nan", "count", "output"],
         "session_outside" => &["null", "size"],
         "segments_new" => &[

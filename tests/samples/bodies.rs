@@ -79,5 +79,5 @@ pub fn octahedron(centre: Vector, radius: f64) -> Obstacle {
 
 /// A small network for bodies whose points see the obstacle's within this radius, m.
 pub fn spec(radius: f64) -> ModelSpec {
-    ModelSpec { contact: Some(ContactSpec { radius, history: 0 }), ..m4gn_samples::model::bodies() }
+    ModelSpec { contact: Some(ContactSpec { radius }), ..m4gn_samples::model::bodies() }
 }

@@ -58,6 +58,6 @@ pub fn bodies() -> ModelSpec {
     s.fields[0].dimensions = [0, 1, 0, 0, 0, 0, 0];
     s.fields[0].input = false;
     s.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    s.contact = Some(ContactSpec { radius: 0.5, history: 0 });
+    s.contact = Some(ContactSpec { radius: 0.5 });
     s
 }

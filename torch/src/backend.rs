@@ -33,12 +33,6 @@ impl TorchBackend {
                 t.noise_spread
             )));
         }
-        if task.spec.has_history() {
-            return Err(Error::Input(
-                "contact.history: found 1, and libtorch knows 0 alone; use --backend native, or leave it out"
-                    .into(),
-            ));
-        }
         // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
         tch::set_num_threads(1);
         let spec = Arc::new(task.spec.clone());

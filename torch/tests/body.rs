@@ -38,7 +38,7 @@ fn spec() -> ModelSpec {
             activation: Activation::Relu,
             kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
         },
-        contact: Some(ContactSpec { radius: 0.6, history: 0 }),
+        contact: Some(ContactSpec { radius: 0.6 }),
         resolution: None,
         segments: SegmentSpec {
             method: SegmentMethod::SlicExp,

@@ -293,7 +293,7 @@ fn gradients_of_bodies_are_those_of_libtorch() {
         output: Output::Delta,
     }];
     spec.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    spec.contact = Some(ContactSpec { radius: 0.6, history: 0 });
+    spec.contact = Some(ContactSpec { radius: 0.6 });
     spec.segments.method = SegmentMethod::SlicExp;
     spec.segments.modes = 1;
     compare("bodies", &spec, &solids(&spec), Precision::Fp32, 1e-5);

@@ -252,12 +252,8 @@ fn model(path: &Path) -> Result<(String, Value)> {
     if let Some(contact) = &spec.contact {
         let _ = writeln!(
             text,
-            "contact     bodies at points; world edges within {} m of an obstacle's{}",
-            contact.radius,
-            match contact.history {
-                0 => "",
-                _ => "; history 1: the change over the stride before is an input",
-            }
+            "contact     bodies at points; world edges within {} m of an obstacle's",
+            contact.radius
         );
     }
     match a.segment_transformer() {

@@ -5,7 +5,6 @@ use crate::{Boundary, Components, Domain, Edges};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::N_CONTACT_INPUTS;
 use m4gn_structure::graph::Graph;
 
 impl Body {
@@ -42,10 +41,6 @@ impl Domain for Body {
         self.held[point]
     }
 
-    fn has_history(&self) -> bool {
-        self.history
-    }
-
     fn moves(&self) -> bool {
         true
     }
@@ -76,22 +71,11 @@ impl Domain for Body {
     }
 
     fn inputs(&self, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
-        let (displacement, change) = self.parts(state);
-        self.inputs_at(displacement, change, next, inputs);
+        self.inputs_at(state, next, inputs);
     }
 
-    fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]) {
-        // The motion of an obstacle is prescribed, and how near it is counts as given.
-        if !self.history {
-            return;
-        }
-        let (_, change) = d_state.split_at_mut(d_state.len() / 2);
-        let rows = d_inputs.chunks_exact(N_CONTACT_INPUTS + 3);
-        for (d, row) in change.as_chunks_mut::<3>().0.iter_mut().zip(rows) {
-            let by = d.iter_mut().zip(&row[N_CONTACT_INPUTS..]);
-            by.for_each(|(d, x)| *d += x);
-        }
-    }
+    /// The motion of an obstacle is prescribed, and how near it is counts as given.
+    fn inputs_backward(&self, _d_inputs: &[f32], _d_state: &mut [f32]) {}
 
     fn reflected(&self) -> Box<dyn Domain> {
         Box::new(self.mirrored())

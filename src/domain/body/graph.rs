@@ -43,8 +43,6 @@ pub struct MeshEdge {
 pub struct Body {
     pub(super) components: Components,
     pub(super) boundary: Boundary,
-    /// Whether what the displacement changed by over the stride before is an input.
-    pub(super) history: bool,
     radius: f64,
     n_owned: usize,
     n_local: usize,
@@ -153,7 +151,6 @@ impl Body {
         let body = Body {
             components: Components::new(spec),
             boundary: Boundary::new(&part.mesh, &spec.fields, spec.dim),
-            history: spec.has_history(),
             radius: contact.radius,
             n_owned,
             n_local,

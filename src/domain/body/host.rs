@@ -35,17 +35,15 @@ pub struct BodyHost {
     solid: Solid,
     /// Displacement of the obstacle's points now and after the step, once it is known.
     motion: Option<[Vec<Vector>; 2]>,
-    /// Displacement of the local nodes `[n_local x 3]`, and, of a history, what it changed by over the stride before.
+    /// Displacement of the local nodes `[n_local x 3]`.
     state: Vec<f32>,
     /// The obstacle's displacement after the step, at its local nodes `[n_local x 3]`.
     next: Vec<f32>,
     /// Change of the displacement of the own points `[n x 3]`, as the network says.
     outputs: Vec<f32>,
     projection: Option<(Projection, ProjectionReport)>,
-    /// Where the model reads it, or is corrected by it.
-    history: Option<History>,
-    /// Of the network by what it was off by over the stride before a hand-over, where it does not read the change over that stride.
-    correction: Option<Correction>,
+    /// Of the network by what it was off by over the stride before a hand-over, where its model says so, and what is known of that stride.
+    correction: Option<(History, Correction)>,
 }
 
 impl BodyHost {
@@ -74,7 +72,7 @@ impl BodyHost {
         });
         let size = cell_size(&part.mesh, comm);
         let carried = spec.calibration.as_ref().and_then(|c| c.carried);
-        let carried = carried.filter(|&decay| decay > 0.0 && !spec.has_history());
+        let carried = carried.filter(|&decay| decay > 0.0);
         let local = 3 * body.n_local();
         let host = BodyHost {
             field: spec.fields[0].name.clone(),
@@ -82,15 +80,14 @@ impl BodyHost {
             obstacle: obstacle.cloned(),
             solid: Solid::of_body(&whole),
             motion: None,
-            state: vec![0.0; local * if spec.has_history() { 2 } else { 1 }],
+            state: vec![0.0; local],
             next: vec![0.0; local],
             outputs: vec![0.0; 3 * part.points.len()],
             points: part.points,
             place,
             body,
             projection,
-            history: (spec.has_history() || carried.is_some()).then(|| History::new(size)),
-            correction: carried.map(Correction::new),
+            correction: carried.map(|decay| (History::new(size), Correction::new(decay))),
         };
         Ok(Hosted {
             host: Box::new(host),
@@ -115,28 +112,23 @@ impl BodyHost {
         };
         let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
-        // States are kept for a history alone.
-        let start =
-            self.history.is_some().then(|| State { body: displacement.to_vec(), obstacle: now.clone() });
-        let mut correction = None;
-        if let (Some(history), Some(start)) = (&mut self.history, &start) {
-            if self.correction.is_some() {
-                let origin = history.origin(comm, start);
-                correction = self.correct(comm, network, origin, [start.body.as_slice(), &now, &after])?;
-            } else {
-                let before = history.before(comm, start)?;
-                self.set_change(&before, start);
+        let correction = match &mut self.correction {
+            Some((history, _)) => {
+                let start = State { body: displacement.to_vec(), obstacle: now.clone() };
+                let origin = history.origin(comm, &start);
+                self.correct(comm, network, origin, [&start.body, &now, &after])?
             }
-        }
+            None => None,
+        };
         self.predict(comm, network, displacement, [&now, &after])?;
         let mut end = comm.agree(self.moved(displacement, correction.as_deref()))?;
         self.project(comm, &mut end, &after)?;
-        displacement.copy_from_slice(&end);
-        if let (Some(history), Some(start)) = (&mut self.history, start) {
+        if let Some((history, _)) = &mut self.correction {
             // What the projection corrected is part of the change.
-            let obstacle = after;
-            history.done(start, State { body: end, obstacle });
+            let start = State { body: displacement.to_vec(), obstacle: now };
+            history.done(start, State { body: end.clone(), obstacle: after });
         }
+        displacement.copy_from_slice(&end);
         Ok(())
     }
 
@@ -181,33 +173,20 @@ impl BodyHost {
                 let was = (0..n).map(|p| of_free(p, std::array::from_fn(|k| body[p][k] - before.body[p][k])));
                 let said = (0..n).map(|p| of_free(p, changes[self.place[p]].map(f64::from)));
                 let (was, said): (Vec<Vector>, Vec<Vector>) = (was.collect(), said.collect());
-                if let Some(correction) = &mut self.correction {
+                if let Some((_, correction)) = &mut self.correction {
                     correction.measure(comm, (&was, &said));
                 }
                 before.obstacle
             }
             Origin::Unknown => {
-                self.correction.iter_mut().for_each(Correction::forget);
+                self.weights_changed();
                 return Ok(None);
             }
         };
-        let next = self.correction.as_mut().and_then(|c| c.next([&before, now, after]));
+        let next = self.correction.as_mut().and_then(|(_, c)| c.next([&before, now, after]));
         let scaled =
             |(weight, error): (f64, &[Vector])| error.iter().map(|e| e.map(|v| weight * v)).collect();
         Ok(next.map(scaled))
-    }
-
-    /// Takes into the state what the displacement changed by from a state to another one.
-    fn set_change(&mut self, before: &State, now: &State) {
-        let changes = |before: &[Vector], now: &[Vector]| -> Vec<Vector> {
-            let pairs = before.iter().zip(now);
-            pairs.map(|(a, b)| std::array::from_fn(|i| b[i] - a[i])).collect()
-        };
-        let change = &mut self.state[3 * self.body.n_local()..];
-        let own = self.place.iter().copied();
-        fill(change, own, &changes(&before.body, &now.body));
-        let obstacle = self.body.obstacle_nodes().iter().map(|&node| node as usize);
-        fill(change, obstacle, &changes(&before.obstacle, &now.obstacle));
     }
 
     /// The displacement of the host's own points after the change that the network says, and a correction of it; held points stay.
@@ -312,7 +291,7 @@ impl Host for BodyHost {
 
     fn weights_changed(&mut self) {
         // The error is that of the weights from before.
-        self.correction.iter_mut().for_each(Correction::forget);
+        self.correction.iter_mut().for_each(|(_, correction)| correction.forget());
     }
 
     fn projection(&self) -> Option<&ProjectionReport> {

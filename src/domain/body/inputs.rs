@@ -1,5 +1,4 @@
-//! What a network of bodies is told at its nodes: how the obstacle moves until the next state, how near it comes to the skin, and how
-//! body and obstacle came here.
+//! What a network of bodies is told at its nodes: how the obstacle moves until the next state, and how near it comes to the skin.
 
 use super::graph::Body;
 use m4gn_mesh::surface::Surface;
@@ -8,8 +7,7 @@ use m4gn_model::N_CONTACT_INPUTS;
 
 impl Body {
     /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of all local nodes `[n_local x 3]`, and that of the
-    /// obstacle's points after the step, in rows of the same order. Of a model with a history the rows end with what the displacement of the
-    /// owned nodes changed by over the stride before, `change [n_owned x 3]`; none of one without.
+    /// obstacle's points after the step, in rows of the same order.
     ///
     /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
     /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
@@ -18,23 +16,10 @@ impl Body {
     /// other points.
     ///
     /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
-    pub(super) fn inputs_at(
-        &self,
-        displacement: &[f32],
-        change: Option<&[f32]>,
-        next: &[f32],
-        inputs: &mut Vec<f32>,
-    ) {
-        let n_owned = self.n_owned();
-        let width = N_CONTACT_INPUTS + change.map_or(0, |_| 3);
+    pub(super) fn inputs_at(&self, displacement: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
         inputs.clear();
-        inputs.resize(n_owned * width, 0.0);
-        let mut rows: Vec<&mut [f32]> = inputs.chunks_exact_mut(width).collect();
-        if let Some(change) = change {
-            for (row, change) in rows.iter_mut().zip(change.as_chunks::<3>().0) {
-                row[N_CONTACT_INPUTS..].copy_from_slice(change);
-            }
-        }
+        inputs.resize(self.n_owned() * N_CONTACT_INPUTS, 0.0);
+        let rows = inputs.as_chunks_mut::<N_CONTACT_INPUTS>().0;
         let n = self.n_points();
         let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
             let rows = rows.as_chunks::<3>().0;
@@ -94,17 +79,15 @@ mod tests {
     use m4gn_samples::bodies as sample;
 
     /// A cube of one brick; the lowest corner of an octahedron is 0.5 above the cube's corner (1, 1, 1), point 7.
-    fn cube(history: usize) -> Body {
+    fn cube() -> Body {
         let body = sample::block([1, 1, 1], [1.0; 3]);
-        touched(&body, [1.0, 1.0, 2.0], history)
+        touched(&body, [1.0, 1.0, 2.0])
     }
 
-    fn touched(body: &m4gn_mesh::body::Body, obstacle: Vector, history: usize) -> Body {
+    fn touched(body: &m4gn_mesh::body::Body, obstacle: Vector) -> Body {
         let obstacle = sample::octahedron(obstacle, 0.5);
         let part = BodyPart::whole(body, Some(&obstacle)).unwrap();
-        let mut spec = sample::spec(0.6);
-        spec.contact.as_mut().unwrap().history = history;
-        Body::new(&part, &spec, &Comm::serial()).unwrap().0
+        Body::new(&part, &sample::spec(0.6), &Comm::serial()).unwrap().0
     }
 
     /// The points' displacement and the obstacle's.
@@ -126,7 +109,7 @@ mod tests {
 
     #[test]
     fn a_point_is_told_how_near_the_obstacle_comes() {
-        let body = cube(0);
+        let body = cube();
         let rows = inputs(&body, &[0.0; 24], [[0.0; 3], [0.0, 0.0, -0.2]]);
         close(&rows[7], &[0.0, 0.0, 0.0, 0.1, 0.3, 0.0, 0.0, -0.3]);
         rows[..7].iter().for_each(|row| close(row, &[0.0; N_CONTACT_INPUTS]));
@@ -137,7 +120,7 @@ mod tests {
     #[test]
     fn parts_are_told_how_near_they_come() {
         let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
-        let touched = touched(&body, [1.0, 1.0, 5.0], 0);
+        let touched = touched(&body, [1.0, 1.0, 5.0]);
         // The upper one moves down by 0.1: the gap is 0.3, 0.3 nearer than the radius.
         let mut u = vec![0.0; 3 * 16];
         (8..16).for_each(|p| u[3 * p + 2] = -0.1);
@@ -158,28 +141,14 @@ mod tests {
     #[test]
     fn a_point_inside_is_nearer_than_the_radius() {
         // The corner is 0.3 below the octahedron's centre, on its axis.
-        let rows = inputs(&cube(0), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
+        let rows = inputs(&cube(), &[0.0; 24], [[0.0, 0.0, -0.7], [0.0, 0.0, 5.0]]);
         let depth = 0.2 / 3f32.sqrt();
         close(&rows[7], &[0.0, 0.0, 0.0, 0.6 + depth, 0.0, 0.0, 0.0, 0.0]);
     }
 
     #[test]
-    fn a_history_follows_what_the_obstacle_says() {
-        let change: Vec<f32> = (0..3 * 14).map(|i| i as f32).collect();
-        let [now, next] = [[0.0; 3], [0.0, 0.0, -0.2]].map(|u| state(&[0.0; 24], u));
-        let (mut without, mut with) = (Vec::new(), Vec::new());
-        cube(0).inputs(&now, &next, &mut without);
-        cube(1).inputs(&[&now[..], &change].concat(), &next, &mut with);
-        assert_eq!((without.len(), with.len()), (14 * 8, 14 * 11));
-        for (node, (row, old)) in with.chunks_exact(11).zip(without.chunks_exact(8)).enumerate() {
-            assert_eq!(row[..8], *old, "{node}");
-            assert_eq!(row[8..], change[3 * node..][..3], "{node}");
-        }
-    }
-
-    #[test]
     fn a_reflection_is_told_the_same() {
-        let body = cube(0);
+        let body = cube();
         let displacement: Vec<f32> = (0..24).map(|i| 0.03 * (1.7 * i as f32).sin()).collect();
         let motion = [[0.05, 0.02, -0.3], [0.1, -0.05, -0.45]];
         let flip = |u: [f32; 3]| [u[0], -u[1], u[2]];

@@ -2,8 +2,8 @@
 //!
 //! [`Body`] is the domain: world edges that come and go, and what its points are told of the obstacle. [`segments`] cuts it into segments,
 //! [`gap`] is the distance between its skin and the obstacle, [`projection`] pushes it out of the obstacle and its parts out of one another,
-//! and [`quality`] has the paper's mesh metrics (appendix C.2). In a host's run the stride before is known as well: it is an input, or
-//! corrects the strides after a hand-over.
+//! and [`quality`] has the paper's mesh metrics (appendix C.2). In a host's run the stride before is known as well: it corrects the
+//! strides after a hand-over.
 
 mod correction;
 mod domain;

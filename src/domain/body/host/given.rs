@@ -21,7 +21,7 @@ impl BodyHost {
     }
 
     /// Takes the displacement one stride before the next step, m: of the host's own points, and of the obstacle's, of which that of
-    /// the first rank counts. Where the model neither reads it nor is corrected by it, it is checked and forgotten.
+    /// the first rank counts. Where the model is not corrected by it, it is checked and forgotten.
     /// Collective; all ranks fail together.
     ///
     /// # Errors
@@ -31,7 +31,7 @@ impl BodyHost {
         let checked = self.check(body, when);
         comm.agree(checked.and_then(|()| self.check_obstacle(obstacle, when)))?;
         let obstacle = of_root(comm, obstacle);
-        if let Some(history) = &mut self.history {
+        if let Some((history, _)) = &mut self.correction {
             let body = body.to_vec();
             history.give(State { body, obstacle });
         }
