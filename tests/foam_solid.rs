@@ -133,24 +133,3 @@ fn a_force_that_is_not_known_is_not_guessed() {
     put(dir.path(), "constant/solidProperties", "dictionary", updated);
     assert_eq!(unknown(), Reaction::Unknown(Unknown::Moved));
 }
-
-#[test]
-fn where_correctors_end() {
-    let _alone = alone();
-    let dir = TempDir::new().unwrap();
-    cube(dir.path(), false, "patch");
-    let limits = || {
-        let found = open(dir.path()).unwrap().corrector_limits().unwrap();
-        (found.most, found.tolerance)
-    };
-    assert_eq!(limits(), (None, None));
-    let stock = "solvers{} stressAnalysis { compactNormalStress yes; nCorrectors 400; D 5e-6; }";
-    put(dir.path(), "system/fvSolution", "dictionary", stock);
-    assert_eq!(limits(), (Some(400), Some(5e-6)));
-    let model = "solidModel linearGeometry; linearGeometryCoeffs { nCorrectors 700; }";
-    put(dir.path(), "constant/solidProperties", "dictionary", model);
-    assert_eq!(limits(), (Some(700), None));
-    // What solids4foam takes where nothing is said
-    put(dir.path(), "constant/solidProperties", "dictionary", "solidModel linearGeometry;");
-    assert_eq!(limits(), (Some(10_000), None));
-}

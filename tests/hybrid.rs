@@ -182,18 +182,12 @@ fn solids_are_compared_by_their_displacement() {
         .unwrap();
     assert!(run.status.success(), "{}", text(&run));
     assert!(text(&run).contains("D %") && !text(&run).contains("drag"), "{}", text(&run));
-    for column in ["D/range %", "force %", "at cap", "full's"] {
+    for column in ["D/range %", "force %"] {
         assert!(text(&run).contains(column), "{column}: {}", text(&run));
     }
     let found: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
-    // The case of the full run never comes to the cap of 400 correctors; 0.6 s are 600 steps
-    let full = &found["cases"][0]["full"]["correctors"];
-    let steps = full["steps"].as_u64().unwrap();
-    assert_eq!((full["at_cap"].as_u64(), full["at_cap_alone"].as_u64()), (Some(0), None));
-    assert!(steps == 600 && full["mean"].as_f64().unwrap() > 1.0, "{full}");
     for name in ["hybrid", "loose"] {
         let score = &found["cases"][0]["runs"][name]["score"];
-        let worked = &found["cases"][0]["runs"][name]["correctors"];
         // The clamp's force is known at all times: solidDisplacementFoam's sigma is written at the surrogate's too
         let reaction = score["reaction"].as_f64().unwrap_or_else(|| panic!("{score}"));
         assert!(reaction > 0.0 && score["reaction_left_out"].is_null(), "{name}: {score}");
@@ -206,19 +200,6 @@ fn solids_are_compared_by_their_displacement() {
         }
         let range = score["range"].as_f64().unwrap();
         assert!(range > 0.0 && range < score["displacement"].as_f64().unwrap(), "{name}: {score}");
-        assert_eq!(
-            (worked["cap"].as_u64(), worked["at_cap_alone"].as_u64()),
-            (full["cap"].as_u64(), Some(0))
-        );
-        if name == "hybrid" {
-            assert!(worked["steps"].as_u64().unwrap() < steps, "{worked}");
-            // The network's displacement is rougher than the solver's
-            let [after, of_full] = ["after", "after_in_full"].map(|k| worked[k].as_f64().unwrap());
-            assert!(after > of_full && of_full > 1.0, "{worked}");
-        } else {
-            assert_eq!((worked["steps"].as_u64(), worked["hand_backs"].as_u64()), (Some(steps), Some(0)));
-            assert!(worked["mean"].as_f64() < full["mean"].as_f64(), "{worked}");
-        }
         let number = |key: &str| score[key].as_f64().unwrap_or_else(|| panic!("{name} {key}: {score}"));
         assert!(number("end") < 0.2, "{score}");
         assert!(number("displacement") > 0.0 && number("displacement") < 0.2, "{score}");

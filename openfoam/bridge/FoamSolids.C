@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What a case of a solid says beside its displacement: the force on a patch, and where its solver's correctors end.
+// What a case of a solid says beside its displacement: the force on a patch.
 
 #include "FoamData.H"
 
@@ -118,28 +118,5 @@ rust::Vec<double> m4gn::FoamCase::reaction(rust::Str patch, std::size_t time)
     }
     result.push_back(given);
     for (Foam::direction d = 0; d < 3; ++d) { result.push_back(sum[d]); }
-    return result;
-}
-
-rust::Vec<double> m4gn::FoamCase::corrector_limits() const
-{
-    Foam::label most = 0;
-    Foam::scalar tolerance = 0;
-    const Foam::dictionary solid(data_->solid_properties());
-    const auto model = solid.lookupOrDefault<Foam::word>("solidModel", Foam::word::null);
-    if (!model.empty())
-    {
-        // The value that solids4foam takes where none is given
-        most = solid.subOrEmptyDict(model + "Coeffs").lookupOrDefault<Foam::label>("nCorrectors", 10000);
-    }
-    else if (const Foam::dictionary* own = data_->mesh->solutionDict().findDict("stressAnalysis"))
-    {
-        // solidDisplacementFoam
-        most = own->lookupOrDefault<Foam::label>("nCorrectors", 1);
-        tolerance = own->lookupOrDefault<Foam::scalar>("D", 0);
-    }
-    rust::Vec<double> result;
-    result.push_back(most);
-    result.push_back(tolerance);
     return result;
 }

@@ -1,4 +1,4 @@
-//! The C interface that m4gn loads, version 5. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
+//! The C interface that m4gn loads, version 6. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
 //!
 //! Everything is said with four calls on an open case: `m4gn_foam_describe` gives a JSON object, `m4gn_foam_query`
 //! answers a JSON request with numbers, `m4gn_foam_mesh` hands out the structs of `m4gn.h`, and `m4gn_foam_write` writes
@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Version of this interface; m4gn refuses a library of another.
-const ABI_VERSION: u32 = 5;
+const ABI_VERSION: u32 = 6;
 
 /// An open case and what it was last asked.
 pub struct Case {
@@ -48,9 +48,6 @@ enum Query {
     /// Force on a patch of a solid, N: 0 and the vector `[4]`, or why there is none `[1]`: 1 no `sigma` is stored, 2 it was
     /// not advanced by the surrogate, 3 it is over the density, 4 the mesh moves with the body.
     Reaction { patch: String, time: usize },
-    /// Most correctors of a solid's solver in a time step, 0 where that is not known, and the residual at which it ends
-    /// them, 0 where its log says whether it was reached: `[2]`
-    CorrectorLimits,
     /// A field in the folder of the start time: 0 there is none, 1 the note in its header begins with `mark`, 2 it
     /// does not.
     StartField { name: String, mark: String },
@@ -277,7 +274,6 @@ fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx:
         Query::Force { patch, time } => case.force(&patch, time)?,
         Query::Flow { patch, time } => case.flow(&patch, time)?,
         Query::Reaction { patch, time } => case.reaction(&patch, time)?,
-        Query::CorrectorLimits => case.corrector_limits()?,
         Query::StartField { name, mark } => {
             let note = case.start_note(&name)?;
             vec![match (note.is_empty(), note.starts_with(&mark)) {

@@ -37,7 +37,6 @@ mod foam {
         fn force(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Vec<f64>>;
         fn flow(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Vec<f64>>;
         fn reaction(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Vec<f64>>;
-        fn corrector_limits(&self) -> Result<Vec<f64>>;
         fn set_node_types(self: Pin<&mut FoamCase>, keys: &Vec<String>, types: &Vec<String>) -> Result<()>;
         fn mesh(&self) -> *const m4gn_mesh_data;
         fn body(&self) -> *const m4gn_solid;

@@ -1,4 +1,4 @@
-//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`openfoam/bridge/abi.rs`, version 5).
+//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`openfoam/bridge/abi.rs`, version 6).
 #![allow(unsafe_code)]
 
 use m4gn_mesh::ffi::host::{self, MeshData, SolidData};
@@ -17,7 +17,7 @@ use std::{
 pub const LIBRARY: Description = Description {
     file: "libm4gn_foam_bridge.so",
     prefix: "m4gn_foam",
-    version: 5,
+    version: 6,
     remedy: "It is built by setup/build.sh and needs the libraries of the OpenFOAM that it was built against (Debian: \
              package libopenfoam)",
     global: true,

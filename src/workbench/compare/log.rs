@@ -26,7 +26,7 @@ pub struct Log {
 }
 
 /// What a line of a log is.
-pub(crate) enum Line<'a> {
+enum Line<'a> {
     /// A time step begins, s.
     Begins(f64),
     /// A time step is done.
@@ -36,7 +36,7 @@ pub(crate) enum Line<'a> {
 }
 
 /// The lines of a log.
-pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
+fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
     // Newer versions write the unit behind the time: 2s
     let number = |text: &str| text.split_whitespace().next()?.trim_end_matches('s').parse::<f64>().ok();
     text.lines().map(str::trim_start).map(move |line| {

@@ -6,7 +6,7 @@ mod mesh;
 mod solid;
 
 pub use fields::Stored;
-pub use solid::{CorrectorLimits, Reaction, Unknown};
+pub use solid::{Reaction, Unknown};
 
 use crate::foam_bridge;
 use crate::foam_bridge::CaseHandle;

@@ -38,16 +38,6 @@ impl Unknown {
     }
 }
 
-/// Where the correctors of a solid's solver end.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CorrectorLimits {
-    /// Most of them in a time step (`nCorrectors`); none where the case does not say.
-    pub most: Option<usize>,
-    /// Initial residual at which they end before, where the solver's log does not say how they ended
-    /// (solidDisplacementFoam).
-    pub tolerance: Option<f64>,
-}
-
 impl FoamCase {
     /// Force on a patch at time number `time`, from the stored `sigma`; with the large strains of solids4foam's total
     /// Lagrangian models, on the deformed areas, by the stored `F` or else the gradient of `D`.
@@ -72,22 +62,5 @@ impl FoamCase {
             }
         };
         Ok(Reaction::Unknown(unknown))
-    }
-
-    /// Where the correctors of its solver end.
-    ///
-    /// # Errors
-    /// OpenFOAM's message for a broken dictionary.
-    pub fn corrector_limits(&mut self) -> Result<CorrectorLimits> {
-        let answer = self.handle.query(&json!({ "query": "corrector_limits" }))?;
-        let [most, tolerance] = answer[..] else {
-            return Err(Error::Internal(format!(
-                "limits of the correctors: the bridge to OpenFOAM answered {answer:?}"
-            )));
-        };
-        Ok(CorrectorLimits {
-            most: (most >= 1.0).then_some(most as usize),
-            tolerance: (tolerance > 0.0).then_some(tolerance),
-        })
     }
 }

@@ -1,6 +1,5 @@
 //! The runs of one draw: files, solver, cost, comparison, and the result that stays.
 
-use super::correctors::Worked;
 use super::record::{Cost, RunRecord, kept, remove};
 use super::score::Score;
 use super::variant::{FULL, Kind, NETWORK};
@@ -211,16 +210,9 @@ impl Job<'_> {
             ..RunRecord::default()
         };
         let _one = self.one();
-        match run.kind {
-            None => record.correctors = Worked::of(case, solver)?.map(|full| full.alone()),
-            Some(kind) => {
-                let full = &folder.join(FULL);
-                if let (Some(full), Some(own)) = (Worked::of(full, solver)?, Worked::of(case, solver)?) {
-                    record.correctors = Some(own.beside(&full));
-                }
-                let (score, comparison) = self.compare(folder, case, kind, takeover)?;
-                (record.score, record.comparison) = (Some(score), Some(comparison));
-            }
+        if let Some(kind) = run.kind {
+            let (score, comparison) = self.compare(folder, case, kind, takeover)?;
+            (record.score, record.comparison) = (Some(score), Some(comparison));
         }
         Ok(record)
     }

@@ -5,14 +5,12 @@
 //! [`crate::compare`]. [`run`] keeps what is finished, so that the same command goes on where it was stopped.
 
 mod case;
-mod correctors;
 mod html;
 mod record;
 mod score;
 mod tables;
 mod variant;
 
-pub use correctors::Correctors;
 pub use html::report;
 pub use record::{Cost, RunRecord};
 pub use score::Score;

@@ -1,6 +1,5 @@
 //! The result of a run, as it is kept beside the cases.
 
-use super::correctors::Correctors;
 use super::score::Score;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -24,8 +23,6 @@ pub struct RunRecord {
     pub made_with: String,
     /// What it took.
     pub cost: Cost,
-    /// How hard the solver of a solid worked; none where its log does not tell.
-    pub correctors: Option<Correctors>,
     /// Its figures against the full run; none of the full run itself.
     pub score: Option<Score>,
     /// The whole comparison.

@@ -18,7 +18,7 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 20] = [
+const FIGURES: [Figure; 16] = [
     ("whole %", "whole", |d, r| percent(whole_time(d, r, |c| c.processor))),
     ("whole wall %", "whole_wall", |d, r| percent(whole_time(d, r, |c| c.wall))),
     ("first stride", "first", |_, r| score(r)?.first),
@@ -33,27 +33,14 @@ const FIGURES: [Figure; 20] = [
     ("force %", "reaction", |_, r| percent(score(r)?.reaction)),
     ("solver's %", "reaction_of_solver", |_, r| percent(score(r)?.reaction_of_solver)),
     ("force max %", "reaction_max", |_, r| percent(score(r)?.reaction_max)),
-    ("at cap", AT_CAP, |_, r| count(r.correctors.as_ref()?.at_cap)),
-    ("at cap alone", AT_CAP_ALONE, |_, r| count(r.correctors.as_ref()?.at_cap_alone)),
-    ("correctors", "correctors_after", |_, r| r.correctors.as_ref()?.after),
-    ("full's", "correctors_after_in_full", |_, r| r.correctors.as_ref()?.after_in_full),
     ("times as fast", TIMES_AS_FAST, |d, r| times_as_fast(d, r)),
     ("stretch %", "time", |d, r| percent(relative_time(d, r))),
 ];
 
-/// The figure that the full run has as well.
-const AT_CAP: &str = "at_cap";
-const AT_CAP_ALONE: &str = "at_cap_alone";
 /// The figure of which more is better.
 const TIMES_AS_FAST: &str = "times_as_fast";
-/// Figures that a log may not tell, which is said with a dash.
-const OF_LOGS: [&str; 4] = [AT_CAP, AT_CAP_ALONE, "correctors_after", "correctors_after_in_full"];
-/// Figures of a patch's force, likewise where no time has the stress.
+/// Figures of a patch's force, a dash where no time has the stress.
 const OF_STRESSES: [&str; 3] = ["reaction", "reaction_of_solver", "reaction_max"];
-
-fn count(value: Option<usize>) -> Option<f64> {
-    value.map(|n| n as f64)
-}
 
 fn percent(value: Option<f64>) -> Option<f64> {
     value.map(|v| 100.0 * v)
@@ -84,19 +71,10 @@ fn text(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| number(v, 3))
 }
 
-/// A figure of one run; steps are counted.
-fn figure_text(key: &str, value: Option<f64>) -> String {
-    match value {
-        Some(steps) if [AT_CAP, AT_CAP_ALONE].contains(&key) => format!("{steps:.0}"),
-        _ => text(value),
-    }
-}
-
 /// The figures that some run has or could have: flows have no displacement, solids no drag.
 fn shown(results: &[DrawResult]) -> Vec<&'static Figure> {
     let could = |figure: &Figure, s: &Score| {
         (figure.1 == "lift" && s.unsteadiness.is_some())
-            || (OF_LOGS.contains(&figure.1) && s.displacement.is_some())
             || (OF_STRESSES.contains(&figure.1) && s.reaction_left_out.is_some())
     };
     let has = |figure: &Figure| {
@@ -126,11 +104,7 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
         if let Some(full) = &draw.full {
             let mut row = first.to_vec();
             row.push("full".into());
-            row.extend(figures.iter().map(|figure| match figure.1 == AT_CAP {
-                true => figure_text(figure.1, figure.2(draw, full)),
-                false => "-".into(),
-            }));
-            row.extend(["-".into(), "-".into()]);
+            row.extend(vec!["-".to_string(); figures.len() + 2]);
             row.extend(cost(full));
             table.row(row);
         }
@@ -141,7 +115,7 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
             row.extend(figures.iter().map(|(_, key, value)| match (*key, score(run)) {
                 ("lift", Some(Score { unsteadiness: Some(u), .. })) if *u > SHEDS => "sheds".into(),
                 ("lift", Some(Score { unsteadiness: Some(_), .. })) => "steady".into(),
-                _ => figure_text(key, value(draw, run)),
+                _ => text(value(draw, run)),
             }));
             row.push(text(percent(score(run).and_then(|s| s.replaced))));
             row.push(score(run).map_or("-".into(), |s| s.cells.to_string()));

@@ -1,7 +1,7 @@
 //! Tests of the tables.
 
 use super::*;
-use crate::hybrid::{Correctors, Cost};
+use crate::hybrid::Cost;
 
 fn record(time: f64, end: Option<f64>) -> RunRecord {
     // Two seconds of start-up
@@ -65,12 +65,11 @@ fn medians_and_worst_on_paper() {
     assert!(!table.contains("D %") && table.contains("drag %"), "{table}");
 }
 
-/// One draw of a solid: the hybrid run with a log and a force at some times, the plain one with neither.
+/// One draw of a solid: the hybrid run with a force at some times, the plain one with none.
 #[test]
 fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
-    let solid = |correctors, reaction: Option<f64>, left: Option<&str>| {
+    let solid = |reaction: Option<f64>, left: Option<&str>| {
         let mut run = record(1.0, Some(0.5));
-        run.correctors = correctors;
         let score = run.score.as_mut().unwrap();
         (score.drag, score.unsteadiness) = (None, None);
         (score.displacement, score.range) = (Some(0.2), Some(0.0123));
@@ -79,21 +78,11 @@ fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
         score.reaction_left_out = left.map(Into::into);
         run
     };
-    let worked = Correctors {
-        at_cap: Some(3),
-        at_cap_alone: Some(2),
-        after: Some(61.5),
-        after_in_full: Some(20.25),
-        ..Correctors::default()
-    };
     let mut draw = draws(1).remove(0);
-    draw.full.as_mut().unwrap().correctors = Some(Correctors { at_cap: Some(1), ..Correctors::default() });
     let left = "reaction force on clamp: compared at 1 of 4 times";
-    draw.runs = [
-        ("hybrid".to_string(), solid(Some(worked), Some(0.04), Some(left))),
-        ("loose".to_string(), solid(None, None, None)),
-    ]
-    .into();
+    draw.runs =
+        [("hybrid".to_string(), solid(Some(0.04), Some(left))), ("loose".to_string(), solid(None, None))]
+            .into();
     let all = [draw];
     let names = ["hybrid".to_string(), "loose".to_string()];
     let table = case_table(&all, &names, "depth").to_string();
@@ -101,13 +90,11 @@ fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
         let line = table.lines().find(|l| l.split_whitespace().nth(2) == Some(name));
         line.unwrap_or_else(|| panic!("{table}")).split_whitespace().map(str::to_string).collect::<Vec<_>>()
     };
-    // Of 'D %' and 'D/range %', of the force, of the correctors
+    // Of 'D %' and 'D/range %', of the force
     let hybrid = row("hybrid").join(" ");
-    assert!(hybrid.contains("20.0 1.23") && hybrid.contains("4.00 2.00 8.00 3 2 61.5 20.2"), "{table}");
-    assert!(row("loose").join(" ").contains("20.0 1.23 - - - - - - -"), "{table}");
-    assert_eq!(row("full").iter().filter(|w| *w == "1").count(), 1, "{table}");
+    assert!(hybrid.contains("20.0 1.23") && hybrid.contains("4.00 2.00 8.00"), "{table}");
+    assert!(row("loose").join(" ").contains("20.0 1.23 - - -"), "{table}");
     assert_eq!(remarks(&all), [format!("0000 hybrid: {left}")]);
     let found = &summary(&all, &names)[0]["runs"];
-    assert_eq!(found["hybrid"]["at_cap_alone"]["worst"], 2.0);
     assert!(found["loose"]["reaction"]["worst"].is_null());
 }

@@ -2,26 +2,24 @@
 
 use super::prediction::{FieldErrors, Prediction};
 use super::scene::Scene;
-use super::smoothing::Smoothing;
 use crate::errors::SquaredError;
 use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use std::borrow::Cow;
 
-/// The row of a baseline on a scene; none where the scene has no use for it.
-type Baseline = fn(&Scene) -> Result<Option<Prediction>>;
+/// The row of a baseline on a scene.
+type Baseline = fn(&Scene) -> Result<Prediction>;
 
 /// All of them, in the order of the tables.
-const BASELINES: [Baseline; 5] = [persistence, extrapolation, linear, hold_first, smoothed];
+const BASELINES: [Baseline; 4] = [persistence, extrapolation, linear, hold_first];
 
 /// The rows of all baselines.
 ///
 /// # Errors
 /// What the mesh metrics fail with.
 pub(super) fn all(scene: &Scene) -> Result<Vec<Prediction>> {
-    let rows = BASELINES.iter().map(|baseline| baseline(scene));
-    rows.filter_map(Result::transpose).collect()
+    BASELINES.iter().map(|baseline| baseline(scene)).collect()
 }
 
 /// What is predicted of field `k` at the end of step `i + 1`.
@@ -44,23 +42,23 @@ fn row(
 }
 
 /// The recorded frame one stride before, held.
-fn persistence(scene: &Scene) -> Result<Option<Prediction>> {
+fn persistence(scene: &Scene) -> Result<Prediction> {
     let last = |k, i| Cow::Borrowed(scene.truth(k, i));
-    Ok(Some(row(scene, ("persistence", "persistence"), &last, &last)))
+    Ok(row(scene, ("persistence", "persistence"), &last, &last))
 }
 
 /// The line through the two recorded frames before; through the first one alone at first.
-fn extrapolation(scene: &Scene) -> Result<Option<Prediction>> {
+fn extrapolation(scene: &Scene) -> Result<Prediction> {
     let line = |k: usize, i: usize| {
         let pairs = scene.truth(k, i).iter().zip(scene.truth(k, i.saturating_sub(1)));
         Cow::Owned(pairs.map(|(a, b)| 2.0 * a - b).collect())
     };
-    Ok(Some(row(scene, ("extrapolation", "extrapolation"), &line, &line)))
+    Ok(row(scene, ("extrapolation", "extrapolation"), &line, &line))
 }
 
 /// A surrogate that is fitted to the frames before (higher-order dynamic mode decomposition), a stride ahead; where they are too few for
 /// a fit, the last one is held. A rollout from the first frame has no history to be fitted to.
-fn linear(scene: &Scene) -> Result<Option<Prediction>> {
+fn linear(scene: &Scene) -> Result<Prediction> {
     let pace = scene.pace();
     let stride = pace.interval * pace.frames as f64;
     let settings =
@@ -85,36 +83,20 @@ fn linear(scene: &Scene) -> Result<Option<Prediction>> {
             errors.single.push(scene.error(k, &found, i + 1));
         }
     }
-    Ok(Some(Prediction {
+    Ok(Prediction {
         key: "linear",
         name: "linear, fitted to the frames before",
         fields: errors,
         ..Prediction::default()
-    }))
+    })
 }
 
 /// The first frame; of single steps, which start anew each time, persistence.
-fn hold_first(scene: &Scene) -> Result<Option<Prediction>> {
+fn hold_first(scene: &Scene) -> Result<Prediction> {
     let (last, first) = (|k, i| Cow::Borrowed(scene.truth(k, i)), |k, _| Cow::Borrowed(scene.truth(k, 0)));
     let quality = (1..=scene.pace().steps).map(|frame| scene.quality(scene.truth(0, 0), frame));
-    Ok(Some(Prediction {
+    Ok(Prediction {
         quality: quality.collect::<Result<Option<Vec<_>>>>()?,
         ..row(scene, ("hold_first", "hold first"), &last, &first)
-    }))
-}
-
-/// Of a mesh of cells: the true change from the recorded frame one stride before, smoothed over cells. What its error is, no
-/// smooth prediction gets right.
-fn smoothed(scene: &Scene) -> Result<Option<Prediction>> {
-    let Some(smoothing) = Smoothing::new(scene.mesh()) else {
-        return Ok(None);
-    };
-    let smooth = |k: usize, i: usize| {
-        let (before, after) = (scene.truth(k, i), scene.truth(k, i + 1));
-        let change: Vec<f64> = after.iter().zip(before).map(|(b, a)| b - a).collect();
-        let smooth = smoothing.apply(&change, scene.width(k));
-        Cow::Owned(before.iter().zip(smooth).map(|(a, change)| a + change).collect())
-    };
-    let name = ("smoothed", "true change, smoothed over cells");
-    Ok(Some(row(scene, name, &smooth, &smooth)))
+    })
 }

@@ -22,7 +22,6 @@ mod prediction;
 mod scene;
 mod series;
 mod shape;
-mod smoothing;
 mod summary;
 
 pub use html::report;

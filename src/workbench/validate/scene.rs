@@ -131,11 +131,6 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The mesh of the recording.
-    pub(super) fn mesh(&self) -> &Mesh {
-        self.mesh
-    }
-
     /// Values a row of predicted field `k`.
     pub(super) fn width(&self, k: usize) -> usize {
         self.tracks[k].width
