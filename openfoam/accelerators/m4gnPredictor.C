@@ -6,7 +6,6 @@
 #include "m4gnExtrapolate.H"
 #include "m4gnReplacer.H"
 #include "m4gnRun.H"
-#include "SolverPerformance.H"
 
 namespace Foam
 {
@@ -33,9 +32,7 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
         FatalErrorInFunction
             << "Function object " << name() << " of type " << type()
             << " needs a displacement " << DName_ << ", sigmaD, divSigmaExp,"
-            << " E, nu and rho (solidDisplacementFoam)" << nl
-            << "    For other solvers: the linear solver m4gnPredicted in"
-            << " fvSolution" << exit(FatalError);
+            << " E, nu and rho (solidDisplacementFoam)" << exit(FatalError);
     }
 
     const label nCorrectors =
@@ -84,13 +81,7 @@ void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
 Foam::tmp<Foam::vectorField>
 Foam::functionObjects::m4gnPredictor::guess() const
 {
-    const m4gnPredictorChoice::predictorType used = choice_->used();
-
-    if
-    (
-        used == m4gnPredictorChoice::NONE
-     || nStates_ < (used == m4gnPredictorChoice::QUADRATIC ? 3 : 2)
-    )
+    if (nStates_ < (quadratic_ ? 3 : 2))
     {
         return nullptr;
     }
@@ -98,7 +89,7 @@ Foam::functionObjects::m4gnPredictor::guess() const
     const scalar deltaT = time_.deltaTValue();
     const vectorField rate((last_ - old_)/deltaT_);
 
-    if (used == m4gnPredictorChoice::LINEAR)
+    if (!quadratic_)
     {
         return deltaT*rate;
     }
@@ -122,6 +113,7 @@ Foam::functionObjects::m4gnPredictor::m4gnPredictor
 :
     fvMeshFunctionObject(name, runTime, dict),
     DName_("D"),
+    quadratic_(false),
     timeIndex_(-1),
     deltaT_(0),
     deltaTOld_(0),
@@ -138,10 +130,16 @@ bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
     fvMeshFunctionObject::read(dict);
     m4gn::checkStatic(mesh_, dict);
     m4gn::checkKeys(dict, {"predictor", "D"}, true);
-    m4gnPredictorChoice::check(dict);
 
+    const word predictor(dict.getOrDefault<word>("predictor", "linear"));
+    if (predictor != "linear" && predictor != "quadratic")
+    {
+        FatalIOErrorInFunction(dict)
+            << "Entry predictor is " << predictor
+            << "; expected linear or quadratic" << exit(FatalIOError);
+    }
+    quadratic_ = predictor == "quadratic";
     DName_ = dict.getOrDefault<word>("D", "D");
-    choice_.reset(new m4gnPredictorChoice(dict));
 
     return true;
 }
@@ -155,10 +153,6 @@ bool Foam::functionObjects::m4gnPredictor::execute()
     }
 
     volVectorField& D = lookupObjectRef<volVectorField>(DName_);
-
-    List<SolverPerformance<vector>> solves;
-    m4gn::solverPerformance(mesh_).readIfPresent(DName_, solves);
-    choice_->next(solves.size());
 
     remember(D.primitiveField());
 
@@ -185,17 +179,5 @@ bool Foam::functionObjects::m4gnPredictor::execute()
 
 bool Foam::functionObjects::m4gnPredictor::write()
 {
-    return true;
-}
-
-bool Foam::functionObjects::m4gnPredictor::end()
-{
-    if (stress_)
-    {
-        Info<< "m4gn: " << DName_ << " by predictor:";
-        choice_->report(Info, "correctors");
-        Info<< endl;
-    }
-
     return true;
 }
