@@ -58,7 +58,7 @@ fn duct() -> (TempDir, std::path::PathBuf) {
 #[test]
 fn two_cells_on_paper() {
     let (dir, case) = duct();
-    let text = accepted(&case, "--segments 2 --json figures.json --plan 1,2");
+    let text = accepted(&case, "--segments 2 --json figures.json");
     let json: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(dir.path().join("figures.json")).unwrap()).unwrap();
     // Between the cells 1/0.5, to each end 1/0.25, to each of two walls 0.5/0.5: K = [8 -2; -2 8], V = 1/2. The mode with
@@ -70,7 +70,6 @@ fn two_cells_on_paper() {
         assert_eq!((&m["conductance"], &m["silhouette"]), (&1.0.into(), &0.0.into()), "{m}");
     }
     assert_eq!(json["methods"].as_array().unwrap().len(), 4, "{json}");
-    assert_eq!((&json["plan"][1]["ghosts_max"], &json["plan"][1]["cut_faces"]), (&1.0.into(), &1.into()));
     assert!(text.contains("m4gnSegment, m4gnMode1 in "), "{text}");
     assert_eq!(names(&case.join("0")), ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]);
     let field = fs::read_to_string(case.join("0/m4gnSegment")).unwrap();
@@ -111,7 +110,6 @@ fn bad_input_writes_nothing() {
     refused(&case, "--segments 0", 2, "expected a number from 1");
     refused(&case, "--segments 3", 1, "3 segments for 2 cells: expected 1 to 2");
     refused(&case, "--segments 2 --modes 2", 1, "2 modes of 2 cells");
-    refused(&case, "--segments 2 --plan 3", 1, "a plan for 3 ranks: expected 1 to 2");
     refused(&case, "--segments 2 --tau nan", 1, "tau");
     refused(&case, "--segments 2 --json none/figures.json", 1, "none/figures.json: cannot be written");
     refused(&case, "--segments 2 --picture none/p.png", 1, "none/p.png: cannot be written");

@@ -3,8 +3,7 @@
 use m4gn_mesh::NodeType;
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
-use m4gn_model::{Resolution, SegmentEntries, SegmentMethod};
-use m4gn_workbench::survey::plan;
+use m4gn_model::{SegmentEntries, SegmentMethod};
 use serde_json::Value;
 use std::path::PathBuf;
 
@@ -77,18 +76,6 @@ pub struct Args {
     /// Take the segmentation that this model was trained with
     #[arg(long, value_name = "FILE")]
     pub(super) model: Option<PathBuf>,
-    /// Say what runs on so many ranks would exchange, compute and keep in memory; the ranks are not needed
-    #[arg(long, value_name = "NP1,NP2,...", value_delimiter = ',', value_parser = ranks)]
-    pub(super) plan: Vec<usize>,
-    /// Mean distance of the network's nodes in the plan: auto (the model's), off (a node a cell) or a length, m
-    #[arg(long, value_name = "M", default_value = "auto")]
-    pub(super) resolution: Resolution,
-    /// Latent width of the network of the plan [default: the model's, or 128]
-    #[arg(long, value_name = "D", value_parser = count)]
-    pub(super) width: Option<usize>,
-    /// Message-passing layers of the network of the plan [default: the model's, or 7]
-    #[arg(long, value_name = "L", value_parser = count)]
-    pub(super) layers: Option<usize>,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
@@ -134,17 +121,9 @@ impl Args {
 }
 
 fn count(text: &str) -> std::result::Result<usize, String> {
-    within(text, MAX_SEGMENTS)
-}
-
-fn ranks(text: &str) -> std::result::Result<usize, String> {
-    within(text, plan::MAX_RANKS)
-}
-
-fn within(text: &str, most: usize) -> std::result::Result<usize, String> {
     match text.trim().parse() {
-        Ok(n) if (1..=most).contains(&n) => Ok(n),
-        _ => Err(format!("expected a number from 1 to {most}")),
+        Ok(n) if (1..=MAX_SEGMENTS).contains(&n) => Ok(n),
+        _ => Err(format!("expected a number from 1 to {MAX_SEGMENTS}")),
     }
 }
 

@@ -7,27 +7,17 @@ pub use args::Args;
 
 use input::Input;
 use input::Stored;
-use m4gn_engine::{EngineOptions, Precision, PrecisionChoice};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentMethod, SegmentSpec};
 use m4gn_report::write_file;
 use m4gn_structure::Record;
-use m4gn_structure::coarse::Coarse;
 use m4gn_structure::graph::Graph;
-use m4gn_workbench::bench::{Shape, machine};
 use m4gn_workbench::survey;
-use m4gn_workbench::survey::{Options, Pictured, Survey, plan};
-use serde_json::{Value, json};
+use m4gn_workbench::survey::{Options, Pictured, Survey};
 use std::path::Path;
 use std::sync::atomic::Ordering;
-
-/// Width, layers and hidden layers of a plan when no model says: the paper's.
-const NETWORK: (usize, usize, usize) = (128, 7, 2);
-
-/// Share of a thread's peak that a step reaches, about (docs/performance.md: 61 % at a width of 64, 75 % at 128).
-const SHARE_OF_PEAK: f64 = 0.6;
 
 /// Width of one panel of the picture, pixels.
 const PANEL: usize = 400;
@@ -80,11 +70,6 @@ pub fn run(args: Args) -> Result<()> {
 
     let written = wanted.written(&survey);
     let mut figures = survey.json();
-    if !args.plan.is_empty() {
-        let (text, json) = planned(&args, &mesh, &mut graph, written, model.as_ref())?;
-        println!("\n{text}");
-        json.into_iter().for_each(|(key, value)| figures[key] = value);
-    }
     if let Some(path) = &args.picture {
         let map = input.map(&mesh, PANEL)?.ok_or_else(|| no_picture(path))?;
         let what = Pictured {
@@ -208,7 +193,7 @@ impl Wanted {
         Ok(Options { spec, methods, counts })
     }
 
-    /// The segmentation that is written, pictured and planned with: of the wanted method, where it applies.
+    /// The segmentation that is written and pictured: of the wanted method, where it applies.
     fn written<'a>(&self, survey: &'a Survey) -> &'a survey::Entry {
         let method = match survey.entries.iter().any(|e| e.method == self.spec.method) {
             true => self.spec.method,
@@ -224,79 +209,6 @@ fn no_picture(path: &Path) -> Error {
         "{}: pictures are drawn of 2-D meshes only; open the written fields in ParaView",
         path.display()
     ))
-}
-
-/// What runs on the ranks of `--plan` would exchange, compute and keep, as text and figures.
-fn planned(
-    args: &Args,
-    mesh: &Mesh,
-    graph: &mut Graph,
-    written: &survey::Entry,
-    model: Option<&ModelSpec>,
-) -> Result<(String, [(&'static str, Value); 3])> {
-    let comm = Comm::serial();
-    let network = network(args, mesh.dim(), model);
-    let length = args.resolution.of(model.and_then(|spec| spec.resolution));
-    let (coarse, cost) = survey::Cost::of(|| match length {
-        Some(length) => Coarse::new(mesh, length, &comm),
-        None => Ok(None),
-    })?;
-    let plans = |nodes: &Mesh, graph: &mut Graph, labels: &[i32]| {
-        plan::plans(nodes, graph, labels, written.count, &args.plan, &network)
-    };
-    let (plans, nodes) = match &coarse {
-        Some(coarse) => {
-            let mut graph = Graph::new(&coarse.mesh, &comm)?;
-            let labels = coarse.labels_of_groups(mesh, &written.labels, &comm);
-            let groups = format!(
-                "{} groups of {:.1} cells, made in {}",
-                coarse.n_groups,
-                mesh.n_cells() as f64 / coarse.n_groups as f64,
-                survey::cost_text(&cost)
-            );
-            (plans(&coarse.mesh, &mut graph, &labels)?, groups)
-        }
-        None => (plans(mesh, graph, &written.labels)?, "the cells".into()),
-    };
-    let options = EngineOptions { precision: network.precision, ..EngineOptions::default() };
-    let rate = SHARE_OF_PEAK * machine::peak(&options).gflops();
-    let text = format!(
-        "A step of width {}, {} layers, with the {} segments of {}, on {nodes}; ms at {rate:.0} GFLOP/s, {:.0} % of what a \
-         thread of this processor reaches in {}:\n\n{}\n",
-        network.width(),
-        network.layers(),
-        written.count,
-        written.method,
-        100.0 * SHARE_OF_PEAK,
-        network.precision.name(),
-        plan::table(&plans, rate)
-    );
-    let figures = [
-        ("plan", plan::json(&plans)),
-        ("network", json!({ "width": network.width(), "layers": network.layers(), "gflops": rate })),
-        ("groups", json!(coarse.map_or(0, |c| c.n_groups))),
-    ];
-    Ok((text, figures))
-}
-
-/// The model's, or where there is none, or the command line says otherwise, one of the paper's kind.
-fn network(args: &Args, dim: usize, model: Option<&ModelSpec>) -> plan::Network {
-    let own = model.filter(|_| args.width.is_none() && args.layers.is_none());
-    let (width, layers, hidden_layers) = model.map_or(NETWORK, |m| {
-        let a = &m.architecture;
-        (a.width, a.layers(), a.hidden_layers)
-    });
-    let shape = Shape {
-        dim,
-        layers: args.layers.unwrap_or(layers),
-        width: args.width.unwrap_or(width),
-        hidden_layers,
-        segments: Some(1),
-    };
-    plan::Network {
-        spec: own.cloned().unwrap_or_else(|| shape.spec()),
-        precision: PrecisionChoice::Auto.agreed(Precision::Fp32, &Comm::serial()),
-    }
 }
 
 #[cfg(test)]

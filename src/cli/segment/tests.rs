@@ -27,7 +27,6 @@ fn bad_usage() {
         ("case --segments 0", "expected a number from 1"),
         ("case --sweep 4,x", "expected a number from 1"),
         ("case --sweep 4,99999", "8192"),
-        ("case --plan 0", "expected a number from 1"),
         ("case --method slick", "expected metis, slic-md"),
         ("case --node-type cylinder", "PATCH=TYPE"),
         ("case --node-type cylinder=fluid", "wall, inlet"),
@@ -37,10 +36,9 @@ fn bad_usage() {
         let message = args(line).unwrap_err();
         assert!(message.contains(text), "{line}: {message}");
     }
-    let good = args("case --node-type cylinder=obstacle --method slic,metis --plan 2,64").unwrap();
+    let good = args("case --node-type cylinder=obstacle --method slic,metis").unwrap();
     assert_eq!(good.node_type, [("cylinder".to_string(), NodeType::Obstacle)]);
     assert_eq!(good.method, [SegmentMethod::Slic, SegmentMethod::Metis]);
-    assert_eq!(good.plan, [2, 64]);
 }
 
 #[test]

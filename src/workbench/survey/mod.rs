@@ -3,7 +3,6 @@
 
 mod json;
 mod picture;
-pub mod plan;
 mod tables;
 
 pub use picture::{Pictured, picture};
