@@ -118,21 +118,6 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     list
 }
 
-/// Bytes that the native engine keeps for a graph: latents of edges and nodes, the senders' parts, the encoded edges or
-/// in their place the features to encode in each step, and the graph in its own order. Weights and the tiles of the
-/// threads are small beside them.
-pub fn kept_bytes(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> f64 {
-    let d = spec.architecture.width as f64;
-    let [nodes, edges] = [sizes.nodes, sizes.edges].map(|x| x as f64);
-    let [edge, node, sender] = [storage.edge, storage.node, storage.sender].map(|x| x as f64);
-    if !spec.architecture.needs().edges {
-        // Latents and scaled latents.
-        return edges * 8.0 + nodes * (2.0 * node * d + 24.0);
-    }
-    let initial = if encoded { edge * d } else { 4.0 * spec.n_edge_features() as f64 };
-    edges * (edge * d + initial + 8.0) + nodes * ((node + sender) * d + 20.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,23 +166,5 @@ mod tests {
         // Encoder 3 rows; per layer q, k, v, o and twice 4 rows a segment, and scores and mixtures.
         let expected = 36.0 * 32768.0 * (3.0 + 4.0 * 12.0) + 4.0 * 4.0 * 36.0 * 36.0 * 128.0;
         assert_eq!(stage.flops, expected);
-    }
-
-    #[test]
-    fn a_million_cells_in_half_precision() {
-        // 100^3 cells and 6 x 100^2 boundary nodes; faces and boundary faces both ways.
-        let sizes = Sizes {
-            nodes: 1_060_000,
-            cells: 1_000_000,
-            edges: 2 * (3 * 99 * 100 * 100) + 2 * 60_000,
-            segments: 0,
-        };
-        let storage = Storage { edge: 2, node: 4, sender: 2 };
-        let mut s = shape(7, 128, 2, None);
-        s.dim = 3;
-        // 6.06 million edges of 2 x 128 + 16 + 8 bytes, 1.06 million nodes of 6 x 128 + 20.
-        let bytes = kept_bytes(&s.spec(), sizes, storage, false);
-        assert_eq!(bytes, 6.06e6 * 280.0 + 1.06e6 * 788.0);
-        assert!(bytes < 3.0 * (1u64 << 30) as f64);
     }
 }
