@@ -12,8 +12,6 @@ const FORMAT: u32 = 1;
 const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
 
-/// Most strides before that a model of bodies is told of.
-
 /// What to do where a table was left in from another configuration.
 const WITHOUT_CONTACT: &str =
     "for fields at cells, or a body that nothing touches, delete the table [contact]";

@@ -64,7 +64,7 @@ fn bodies_at_points() {
         size(&h)
     });
     // SAFETY: freed once.
-    models.into_iter().for_each(|model| unsafe { m4gn_model_free(model) });
+    unsafe { m4gn_model_free(model) };
 }
 
 /// A step with all that is said before it.

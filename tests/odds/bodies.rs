@@ -141,9 +141,8 @@ impl Bench {
 
     fn body_step(&self, session: Handle, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let mut displacement = vec![0.0; 3 * n];
-        match odd {
-            Some("nan") => displacement[2] = f64::NAN,
-            _ => (),
+        if odd == Some("nan") {
+            displacement[2] = f64::NAN;
         }
         let mut end = displacement.clone();
         let name = if odd == Some("name") { c"U" } else { c"D" };

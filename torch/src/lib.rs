@@ -7,7 +7,6 @@ pub mod backend;
 pub mod capi;
 pub mod contact;
 pub mod device;
-pub mod fused;
 pub mod inference;
 pub mod learner;
 pub mod network;

@@ -1,10 +1,8 @@
 //! The forward pass of M4GN on libtorch: the same function as the engine of the core crate, differentiable.
 //!
 //! The first linear layer of each edge and node MLP acts on a concatenation; here its weight is cut into one
-//! block an operand, so that node blocks are multiplied once a node and gathered after, not once an edge. On the
-//! CPU some operations are joined (`fused`); beside each stands the plain way.
+//! block an operand, so that node blocks are multiplied once a node and gathered after, not once an edge.
 
-use crate::fused;
 use crate::processor;
 use crate::weights::Weights;
 use m4gn_model::{Activation, Architecture, MacroSpec};
@@ -92,20 +90,12 @@ pub struct Rows {
 pub struct Network<'a> {
     architecture: &'a Architecture,
     weights: &'a Weights,
-    /// Whether passes over memory are joined ([`crate::fused`]): on the CPU, with the activation it knows.
-    fused: bool,
 }
 
 impl<'a> Network<'a> {
     /// Puts an architecture and weights together.
     pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
-        let fused = weights.device() == Device::Cpu && architecture.activation == Activation::Relu;
-        Network { architecture, weights, fused }
-    }
-
-    /// The same network in libtorch's own operations only, which run anywhere: what the fused ones are tested against.
-    pub fn plain(self) -> Self {
-        Network { fused: false, ..self }
+        Network { architecture, weights }
     }
 
     /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
@@ -142,14 +132,9 @@ impl<'a> Network<'a> {
         let none = None::<&Tensor>;
         let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
         let own = e.operand.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
-        let first = if self.fused {
-            let ends = h.operand.linear(&Tensor::cat(&blocks[1..], 0), none);
-            fused::edge_input(&own, &ends, &graph.senders, &graph.receivers)
-        } else {
-            let senders = pick(&h.operand.linear(&blocks[1], none), &graph.senders);
-            let receivers = pick(&h.operand.linear(&blocks[2], none), &graph.receivers);
-            self.activate(&(own + senders + receivers))
-        };
+        let senders = pick(&h.operand.linear(&blocks[1], none), &graph.senders);
+        let receivers = pick(&h.operand.linear(&blocks[2], none), &graph.receivers);
+        let first = self.activate(&(own + senders + receivers));
         let (rows, sums) = self.add_normed(&edge, Some(e), &self.hidden(&edge, first), Some(graph));
         *e = rows;
         let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
@@ -169,13 +154,6 @@ impl<'a> Network<'a> {
         x: &Tensor,
         graph: Option<&Topology>,
     ) -> (Rows, Option<Tensor>) {
-        let (scale, shift) = (format!("{name}.norm.weight"), format!("{name}.norm.bias"));
-        if self.fused {
-            let receivers = graph.map(|g| (&g.receivers, g.nodes));
-            let (scale, shift) = (self.weights.full(&scale), self.weights.full(&shift));
-            let normed = fused::norm(residual.map(|r| &r.full), x, scale, shift, receivers);
-            return (Rows { full: normed.rows, operand: normed.operand }, normed.sums);
-        }
         let normed = self.layer_norm(&format!("{name}.norm"), x);
         let full = match residual {
             Some(residual) => &residual.full + normed,
