@@ -82,8 +82,6 @@ pub struct TrainingConfig {
     pub mirror: bool,
     /// `[[from_step, model_steps], ...]`: how many model steps are unrolled in the loss.
     pub unroll: Vec<[u64; 2]>,
-    /// Whether gradients flow through the unrolled states.
-    pub unroll_gradient: bool,
     /// Batches from which the normalisers are accumulated; then they are frozen.
     pub normaliser_steps: u64,
     /// The first of these steps only accumulate and do not change the weights.
@@ -136,7 +134,6 @@ impl Default for TrainingConfig {
             balance: 0.0,
             mirror: false,
             unroll: vec![[0, 1]],
-            unroll_gradient: true,
             normaliser_steps: 1000,
             normaliser_warmup: 100,
             validation_interval: 2000,

@@ -133,7 +133,7 @@ impl NativeBackend<'_> {
                 self.network.forward(worker, 0, graph, scales, &inputs, &mut unread);
             }
             let tape = if keep < unroll { 0 } else { step };
-            let wanted = step > 0 && self.through_unroll;
+            let wanted = step > 0;
             if wanted {
                 by_inputs.nodes.resize(graph.n_nodes() * self.spec.n_field_inputs(), 0.0);
                 by_inputs.edges = application.graph.as_ref().map(|_| vec![0.0; graph.edge_features().len()]);

@@ -69,7 +69,6 @@ pub struct NativeBackend<'a> {
     pub(crate) noise_spread: f64,
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(crate) groups: Vec<(usize, usize, f64)>,
-    pub(crate) through_unroll: bool,
     /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
     pub(crate) precision: Precision,
     /// Nanoseconds of all threads: weights taken, forward, backward, sums.
@@ -113,7 +112,6 @@ impl<'a> NativeBackend<'a> {
             noise: noise.collect(),
             noise_spread: t.noise_spread,
             groups,
-            through_unroll: t.unroll_gradient,
             precision: t.precision,
             clock: Default::default(),
             spec: spec.clone(),

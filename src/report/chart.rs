@@ -21,8 +21,6 @@ pub const BLUE: (u8, u8, u8) = (0, 114, 178);
 /// See [`BLUE`].
 pub const ORANGE: (u8, u8, u8) = (213, 94, 0);
 /// See [`BLUE`].
-pub const GREEN: (u8, u8, u8) = (0, 158, 115);
-/// See [`BLUE`].
 pub const GREY: (u8, u8, u8) = (120, 120, 120);
 
 impl Series {

@@ -234,9 +234,6 @@ impl Learner {
             }
             if step < unroll {
                 state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
-                if !self.config.training.unroll_gradient {
-                    state = State { cells: state.cells.detach(), boundary: state.boundary.detach() };
-                }
                 graph = contact::at_state(graph, &bodies, &state)?;
                 edges = contact::edge_features(&graph, &state);
             }
