@@ -1,7 +1,6 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
 use m4gn_data::{Split, Trajectory, list};
-use m4gn_domain::Kind;
 use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::{Error, Result};
@@ -183,7 +182,7 @@ fn line(case: &Case) -> String {
 impl Args {
     /// The rollouts that are asked for.
     fn ways(&self, model: &Model) -> Result<Vec<Way>> {
-        if !Kind::of_model(&model.spec).moves() {
+        if !m4gn_domain::moves(&model.spec) {
             for (given, option) in [
                 (self.projection.is_some(), "--projection"),
                 (self.self_contact, "--self-contact"),

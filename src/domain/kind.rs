@@ -6,6 +6,32 @@ use m4gn_mesh::whole::{Place, whole_mesh};
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{ContactSpec, ModalOperator, ModelSpec, SegmentSpec};
 
+/// Whether the nodes of a model's domain move and may be touched.
+pub fn moves(spec: &ModelSpec) -> bool {
+    Kind::of_model(spec) == Kind::Body
+}
+
+/// Whose modes the segments of a training on a mesh are made of.
+///
+/// # Errors
+/// As [`SegmentSpec::is_elastic`].
+pub fn operator(mesh: &Mesh, segments: &SegmentSpec) -> Result<Option<ModalOperator>> {
+    Ok(match Kind::of_mesh(mesh) {
+        Kind::Body => segments.operator,
+        Kind::Cells if segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
+        Kind::Cells => Some(ModalOperator::Laplacian),
+    })
+}
+
+/// Whether a mesh is of the kind that a contact, of a model or a configuration, is for; else both kinds, that of the mesh last.
+///
+/// # Errors
+/// The kinds, where they differ.
+pub fn check_kind(contact: Option<ContactSpec>, mesh: &Mesh) -> std::result::Result<(), [Kind; 2]> {
+    let kinds = [Kind::of_contact(contact), Kind::of_mesh(mesh)];
+    if kinds[0] == kinds[1] { Ok(()) } else { Err(kinds) }
+}
+
 /// A kind of domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -17,12 +43,12 @@ pub enum Kind {
 
 impl Kind {
     /// Of the model that `spec` describes.
-    pub fn of_model(spec: &ModelSpec) -> Self {
+    pub(crate) fn of_model(spec: &ModelSpec) -> Self {
         Kind::of_contact(spec.contact)
     }
 
     /// By the contact that a model or a configuration has.
-    pub fn of_contact(contact: Option<ContactSpec>) -> Self {
+    fn of_contact(contact: Option<ContactSpec>) -> Self {
         match contact {
             Some(_) => Kind::Body,
             None => Kind::Cells,
@@ -30,28 +56,11 @@ impl Kind {
     }
 
     /// Of a mesh.
-    pub fn of_mesh(mesh: &Mesh) -> Self {
+    pub(crate) fn of_mesh(mesh: &Mesh) -> Self {
         match mesh.body {
             Some(_) => Kind::Body,
             None => Kind::Cells,
         }
-    }
-
-    /// Whether its nodes move and may be touched.
-    pub fn moves(self) -> bool {
-        self == Kind::Body
-    }
-
-    /// Whose modes the segments of a training are made of. `mesh` is of this kind.
-    ///
-    /// # Errors
-    /// As [`SegmentSpec::is_elastic`].
-    pub fn operator(self, mesh: &Mesh, segments: &SegmentSpec) -> Result<Option<ModalOperator>> {
-        Ok(match self {
-            Kind::Body => segments.operator,
-            Kind::Cells if segments.is_elastic(mesh)? => Some(ModalOperator::Elastic),
-            Kind::Cells => Some(ModalOperator::Laplacian),
-        })
     }
 
     /// What a trajectory of this kind asks of the configuration of a training, for people.

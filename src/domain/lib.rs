@@ -16,7 +16,7 @@ pub use boundary::{Boundary, faces_seen_as_their_cells, impose, see_as_cells};
 pub use components::Components;
 pub use field::{Field, FieldMut, OutputShape, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, open};
-pub use kind::{Kind, Statistics, whole};
+pub use kind::{Kind, Statistics, check_kind, moves, operator, whole};
 
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};

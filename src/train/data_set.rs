@@ -8,7 +8,6 @@ use super::widen;
 use super::worth;
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
-use m4gn_domain::Kind;
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
 use m4gn_learn::samples::Sample;
@@ -219,11 +218,8 @@ fn check_memory(spec: &ModelSpec) -> Result<()> {
 
 /// Whether the trajectory is of the kind, at cells or at points, that the configuration is for.
 fn check_kind(trajectory: &Trajectory, config: &Config) -> Result<()> {
-    let kind = Kind::of_mesh(trajectory.mesh());
-    match kind == Kind::of_contact(config.contact) {
-        true => Ok(()),
-        false => Err(Error::file(trajectory.path(), kind.asks_of_configuration())),
-    }
+    let checked = m4gn_domain::check_kind(config.contact, trajectory.mesh());
+    checked.map_err(|[_, data]| Error::file(trajectory.path(), data.asks_of_configuration()))
 }
 
 /// Whether a trajectory has the fields, the directions and the frame interval that the first one promised.
@@ -280,7 +276,7 @@ fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
             output: wanted.output,
         })
     });
-    let operator = Kind::of_mesh(mesh).operator(mesh, &config.segments)?;
+    let operator = m4gn_domain::operator(mesh, &config.segments)?;
     Ok(ModelSpec {
         format: 1,
         dim: mesh.dim(),

@@ -2,7 +2,6 @@
 
 use crate::validate::{Scene, fits, predicted, stepper};
 use m4gn_data::Trajectory;
-use m4gn_domain::Kind;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, Model, RolloutErrors};
@@ -66,7 +65,7 @@ pub fn rollouts(
 
 /// What may be carried on of a correction ([`Calibration::carried`]): 0, nothing, first. Of bodies; else none.
 pub fn carried(model: &Model) -> &'static [f64] {
-    match Kind::of_model(&model.spec).moves() {
+    match m4gn_domain::moves(&model.spec) {
         true => &[0.0, 0.5, 0.8, 0.9, 0.95],
         false => &[],
     }

@@ -139,8 +139,7 @@ impl Case {
 /// [`Pace::new`].
 pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
     let misfit = |message: String| Err(Error::Model(message));
-    let kinds = [Kind::of_model(&model.spec), Kind::of_mesh(trajectory.mesh())];
-    if kinds[0] != kinds[1] {
+    if let Err(kinds) = m4gn_domain::check_kind(model.spec.contact, trajectory.mesh()) {
         let [model, data] = kinds.map(Kind::name);
         return misfit(format!("the model is of {model}, the data are {data}"));
     }
@@ -206,7 +205,7 @@ pub fn stepper<'a>(
     outside: &'a mut Vec<String>,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
-    let moves = Kind::of_model(session.spec()).moves();
+    let moves = m4gn_domain::moves(session.spec());
     move |fields, out, given| {
         if has_obstacle {
             session.set_obstacle(given.motion[0], given.motion[1])?;
