@@ -8,35 +8,21 @@
 //! Where a body is of several parts, which share no point, world edges lead from the skin of each part to the free points of the
 //! others' as well, and so both ways. The points of all skins are then ghosts of all ranks.
 
+mod edges;
+
+pub use edges::{MeshEdge, N_FEATURES, has_feature};
+
 use super::part::BodyPart;
 use super::skins::Skins;
 use crate::{Boundary, Components, Domain};
+pub(super) use edges::features_backward;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, sub};
-use m4gn_mesh::within::Within;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
 use m4gn_structure::graph::Graph;
-
-/// Features of an edge in three directions, each with its length: of an edge of the mesh its vector at rest and what the
-/// deformation has added to that; of a world edge its vector at present; then whether it is a world edge.
-///
-/// The two vectors of table 2, at rest and at present, say the same. But a strain is a small difference of the two, which a network
-/// reads badly from two inputs that are each normalised to their own size.
-pub const N_FEATURES: usize = 13;
-
-/// An edge that is there in all steps.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MeshEdge {
-    /// Local node, may be a ghost.
-    pub sender: i32,
-    /// Owned node.
-    pub receiver: i32,
-    /// Sender's position minus receiver's at rest, m.
-    pub rest: Vector,
-}
 
 /// Bodies at points with an obstacle. Its nodes are its own points, on the first rank the obstacle's, and ghosts.
 #[derive(Clone, Debug)]
@@ -233,72 +219,6 @@ impl Body {
         (!points.is_empty()).then(|| Surface::open(&points, &self.triangles))
     }
 
-    /// Edges that are there in all steps, sorted by receiver.
-    pub fn mesh_edges(&self) -> &[MeshEdge] {
-        &self.edges
-    }
-
-    /// World edges at a displacement of all local nodes from rest `[n_local x 3]`, m, sorted by receiver.
-    pub fn world_edges(&self, displacement: &[f32]) -> Vec<MeshEdge> {
-        let at = |x: Vector, node: usize| -> Vector {
-            std::array::from_fn(|i| x[i] + f64::from(displacement[3 * node + i]))
-        };
-        let positions: Vec<Vector> =
-            self.obstacle.iter().zip(&self.obstacle_nodes).map(|(x, &node)| at(*x, node as usize)).collect();
-        let grid = Within::new(&positions, self.radius);
-        let parts = self.skins_at(displacement);
-        let (mut near, mut edges) = (Vec::new(), Vec::new());
-        for &p in &self.skin {
-            let rest = self.rest[p as usize];
-            near.clear();
-            grid.query(at(rest, p as usize), &mut near);
-            edges.extend(near.iter().map(|&q| MeshEdge {
-                sender: self.obstacle_nodes[q as usize],
-                receiver: p as i32,
-                rest: sub(self.obstacle[q as usize], rest),
-            }));
-            let Some((skins, nodes)) = &self.skins else {
-                continue;
-            };
-            let others = parts.iter().filter(|part| part.number != self.part[p as usize]);
-            for part in others {
-                near.clear();
-                part.grid.query(at(rest, p as usize), &mut near);
-                edges.extend(near.iter().map(|&q| {
-                    let q = part.points[q as usize];
-                    MeshEdge { sender: nodes[q], receiver: p as i32, rest: sub(skins.rest[q], rest) }
-                }));
-            }
-        }
-        edges
-    }
-
-    /// The skin of each part at a displacement of all local nodes; none of a body in one part.
-    fn skins_at(&self, displacement: &[f32]) -> Vec<PartGrid> {
-        let Some((skins, _)) = &self.skins else {
-            return Vec::new();
-        };
-        let places = self.skin_places(displacement);
-        let grid = |number: u32| {
-            let points: Vec<usize> = (0..places.len()).filter(|&q| skins.parts[q] == number).collect();
-            let own: Vec<Vector> = points.iter().map(|&q| places[q]).collect();
-            PartGrid { number, grid: Within::new(&own, self.radius), points }
-        };
-        (0..skins.triangles.len() as u32).map(grid).collect()
-    }
-
-    /// Positions of the points of all skins at a displacement of all local nodes, m.
-    fn skin_places(&self, displacement: &[f32]) -> Vec<Vector> {
-        let Some((skins, nodes)) = &self.skins else {
-            return Vec::new();
-        };
-        let place = |(x, &node): (&Vector, &i32)| {
-            let u = &displacement[3 * node as usize..][..3];
-            std::array::from_fn(|i| x[i] + f64::from(u[i]))
-        };
-        skins.rest.iter().zip(nodes).map(place).collect()
-    }
-
     /// The skins of all parts as surfaces, by part, at a displacement of all local nodes, m.
     pub(crate) fn skin_surfaces(&self, displacement: &[f32]) -> Vec<Surface> {
         let Some((skins, _)) = &self.skins else {
@@ -312,187 +232,5 @@ impl Body {
     /// The part of an own point.
     pub(crate) fn part_of(&self, point: usize) -> usize {
         self.part.get(point).map_or(0, |&part| part as usize)
-    }
-
-    /// The edges of a displacement of all local nodes, m.
-    pub(super) fn edges_at(&self, displacement: &[f32], graph: &mut Graph) {
-        let world = self.world_edges(displacement);
-        let Graph { row, senders, receivers, edge_features, n_owned, .. } = graph;
-        row.clear();
-        senders.clear();
-        receivers.clear();
-        edge_features.clear();
-        row.push(0);
-        let (mut mesh, mut world) = (self.edges.iter().peekable(), world.iter().peekable());
-        for node in 0..*n_owned as i32 {
-            let of_mesh = std::iter::from_fn(|| mesh.next_if(|e| e.receiver == node)).map(|e| (e, false));
-            let of_world = std::iter::from_fn(|| world.next_if(|e| e.receiver == node)).map(|e| (e, true));
-            for (edge, is_world) in of_mesh.chain(of_world) {
-                senders.push(edge.sender);
-                receivers.push(node);
-                edge_features.extend(features(edge, is_world, displacement));
-            }
-            row.push(senders.len() as u32);
-        }
-    }
-}
-
-/// Points of the skin of one part, as places in [`Skins`], sorted for search.
-struct PartGrid {
-    number: u32,
-    points: Vec<usize>,
-    grid: Within,
-}
-
-/// Features of an edge for the displacement of all local nodes.
-fn features(edge: &MeshEdge, is_world: bool, displacement: &[f32]) -> [f32; N_FEATURES] {
-    let u = |node: i32, i: usize| displacement[3 * node as usize + i];
-    let rest = edge.rest.map(|v| v as f32);
-    let added: Vector32 = std::array::from_fn(|i| u(edge.sender, i) - u(edge.receiver, i));
-    let now: Vector32 = std::array::from_fn(|i| rest[i] + added[i]);
-    let mut f = [0.0; N_FEATURES];
-    match is_world {
-        false => {
-            f[..3].copy_from_slice(&rest);
-            f[3] = length(rest);
-            f[4..7].copy_from_slice(&added);
-            // The difference of two lengths, without the loss of its digits.
-            let twice: f32 = (0..3).map(|i| added[i] * (now[i] + rest[i])).sum();
-            f[7] = twice / (length(now) + length(rest)).max(f32::MIN_POSITIVE);
-        }
-        true => {
-            f[8..11].copy_from_slice(&now);
-            f[11] = length(now);
-            f[12] = 1.0;
-        }
-    }
-    f
-}
-
-/// Whether an edge with these features is of the kind that has this one; the others are 0.
-pub fn has_feature(features: &[f32], number: usize) -> bool {
-    match number {
-        0..8 => features[N_FEATURES - 1] == 0.0,
-        8..12 => features[N_FEATURES - 1] != 0.0,
-        _ => true,
-    }
-}
-
-/// From the derivative by an edge's features to that by the sender's displacement; the derivative by the receiver's is the opposite.
-pub fn features_backward(features: &[f32], d: &[f32]) -> Vector32 {
-    let (now, first): (Vector32, usize) = match features[N_FEATURES - 1] != 0.0 {
-        false => (std::array::from_fn(|i| features[i] + features[4 + i]), 4),
-        true => (std::array::from_fn(|i| features[8 + i]), 8),
-    };
-    let length = length(now);
-    let along = if length > 0.0 { d[first + 3] / length } else { 0.0 };
-    std::array::from_fn(|i| d[first + i] + along * now[i])
-}
-
-type Vector32 = [f32; 3];
-
-fn length(v: Vector32) -> f32 {
-    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use m4gn_samples::bodies as sample;
-
-    /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
-    fn cube() -> (Body, Graph, usize) {
-        let body = sample::block([1, 1, 1], [1.0; 3]);
-        let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
-        let (body, graph) = seen_within(0.6, &BodyPart::whole(&body, Some(&obstacle)).unwrap());
-        let mesh = body.mesh_edges().len();
-        (body, graph, mesh)
-    }
-
-    fn seen_within(radius: f64, part: &BodyPart) -> (Body, Graph) {
-        Body::new(part, &sample::spec(radius), &Comm::serial()).unwrap()
-    }
-
-    #[test]
-    fn world_edges_come_and_go() {
-        let (contact, mut graph, mesh) = cube();
-        // 12 edges of the cube and 12 of the octahedron, both ways.
-        assert_eq!(mesh, 48);
-        let comm = Comm::serial();
-        assert_eq!((graph.n_cells, graph.n_owned, graph.n_local), (8, 14, 14));
-        // Point 7 is the corner (1, 1, 1); obstacle point 5, node 13, is 0.5 above it.
-        assert_eq!(graph.senders.len(), mesh + 1);
-        let e = graph.row[8] as usize - 1;
-        assert_eq!((graph.senders[e], graph.receivers[e]), (13, 7));
-        let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
-        let mut expected = [0.0; N_FEATURES];
-        expected[8..].copy_from_slice(&[0.0, 0.0, 0.5, 0.5, 1.0]);
-        assert_eq!(row, expected);
-        assert_eq!(graph.node_types[..2], [NodeType::Handle as i32, NodeType::Body as i32]);
-        assert_eq!(graph.node_types[13], NodeType::Obstacle as i32);
-
-        // The obstacle goes up by 0.2 and is out of reach; point 1 moves by (0.1, 0, 0).
-        let mut u = vec![0.0; 3 * 14];
-        (8..14).for_each(|node| u[3 * node + 2] = 0.2);
-        u[3] = 0.1;
-        contact.set_edges(&comm, &mut u, &mut graph).unwrap();
-        assert_eq!(graph.senders.len(), mesh);
-        let from = |s: i32, r: i32| {
-            let e = (0..mesh).find(|&e| (graph.senders[e], graph.receivers[e]) == (s, r));
-            &graph.edge_features[N_FEATURES * e.unwrap()..][..N_FEATURES]
-        };
-        let mut expected = [0.0; N_FEATURES];
-        expected[..8].copy_from_slice(&[1.0, 0.0, 0.0, 1.0, 0.1, 0.0, 0.0, 0.1]);
-        assert!(from(1, 0).iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6));
-        assert!(contact.set_edges(&comm, &mut u[3..], &mut graph).is_err());
-        u[0] = f32::NAN;
-        assert!(contact.set_edges(&comm, &mut u, &mut graph).unwrap_err().to_string().contains("node 0"));
-    }
-
-    /// Two cubes of one brick, 0.4 apart: each free corner of the one sees the corner of the other across the gap, both ways.
-    #[test]
-    fn parts_see_each_other() {
-        let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
-        let (contact, graph) = seen_within(0.6, &BodyPart::whole(&body, None).unwrap());
-        let world = |contact: &Body, u: &[f32]| -> Vec<(i32, i32)> {
-            let edges = contact.world_edges(u);
-            edges.iter().map(|e| (e.sender, e.receiver)).collect()
-        };
-        // Corners of the lower cube's top are 4 to 7, of the upper one's bottom 8 to 11; those at x = 0 are held, and send alone.
-        let mut u = vec![0.0; 3 * 16];
-        let both = [(9, 5), (11, 7), (5, 9), (7, 11)];
-        assert_eq!(world(&contact, &u), both);
-        let e = graph.row[6] as usize - 1;
-        assert_eq!((graph.senders[e], graph.receivers[e]), (9, 5));
-        let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
-        let mut expected = [0.0; N_FEATURES];
-        expected[8..].copy_from_slice(&[0.0, 0.0, 0.4, 0.4, 1.0]);
-        assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?}");
-        assert_eq!(world(&contact.mirrored(), &u), both);
-        // Farther apart than the radius none is left, nearer by 0.2 than the diagonal of a face none is new.
-        (8..16).for_each(|p| u[3 * p + 2] = 0.25);
-        assert_eq!(world(&contact, &u), []);
-        (8..16).for_each(|p| u[3 * p + 2] = -0.2);
-        assert_eq!(world(&contact, &u), both);
-    }
-
-    #[test]
-    fn held_points_are_not_touched() {
-        let (contact, mut graph, mesh) = cube();
-        // The obstacle above the held corner (0, 1, 1).
-        let mut u = vec![0.0; 3 * 14];
-        (8..14).for_each(|node| u[3 * node] = -1.0);
-        contact.set_edges(&Comm::serial(), &mut u, &mut graph).unwrap();
-        assert_eq!(graph.senders.len(), mesh);
-    }
-
-    #[test]
-    fn a_reflection_is_reflected() {
-        let (contact, ..) = cube();
-        let mirror = contact.mirrored();
-        for (a, b) in contact.mesh_edges().iter().zip(mirror.mesh_edges()) {
-            assert_eq!(a.rest, [b.rest[0], -b.rest[1], b.rest[2]]);
-        }
-        assert_eq!(mirror.world_edges(&[0.0; 42]).len(), 1);
     }
 }
