@@ -1,7 +1,6 @@
 //! Edges of a state: those of the mesh, and world edges, which are found anew, with their features.
 
 use super::Body;
-use crate::body::skins::Skins;
 use m4gn_mesh::vector::{Vector, sub};
 use m4gn_mesh::within::Within;
 use m4gn_structure::graph::Graph;
@@ -114,7 +113,7 @@ impl Body {
     }
 }
 
-/// Points of the skin of one part, as places in [`Skins`], sorted for search.
+/// Points of the skin of one part, as places in [`Skins`](crate::body::skins::Skins), sorted for search.
 struct PartGrid {
     number: u32,
     points: Vec<usize>,
