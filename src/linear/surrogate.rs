@@ -1,6 +1,7 @@
 //! The surrogate: states of a run go in at uniform times; what a fit of them says of later times comes out.
 
 use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
+use crate::dmd::Dmd;
 use crate::layout::Field;
 use crate::sampling::Grid;
 use crate::snapshots::{Combination, Snapshots, Storage};
