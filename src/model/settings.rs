@@ -105,21 +105,22 @@ fn rename(
     Ok(())
 }
 
-/// The entry that is refused even alone, by its path, and what is wrong with it.
+/// The entry that is refused alone with the same words, by its path, and what is wrong with it. What all entries at a place lack is said
+/// of the place.
 fn culprit<T: DeserializeOwned>(whole: &Value, problem: &serde_json::Error) -> (Vec<String>, String) {
-    let (mut path, mut problem, mut at) = (Vec::new(), problem.to_string(), whole);
+    let (mut path, problem, mut at) = (Vec::new(), problem.to_string(), whole);
     while let Value::Object(entries) = at {
-        let refused = entries.iter().find_map(|(name, inner)| {
+        let is_refused = |(name, inner): &(&String, &Value)| {
             let alone = |inner: Value, name: &String| json!({ name.as_str(): inner });
-            let nested = path.iter().rev().fold(alone(inner.clone(), name), alone);
-            let problem = T::deserialize(&nested).err()?;
-            Some((name, inner, problem.to_string()))
-        });
-        let Some((name, inner, found)) = refused else {
+            let nested = path.iter().rev().fold(alone((*inner).clone(), name), alone);
+            T::deserialize(&nested).is_err_and(|e| e.to_string() == problem)
+        };
+        let refused: Vec<_> = entries.iter().filter(is_refused).collect();
+        let Some(&(name, inner)) = refused.first().filter(|_| refused.len() < entries.len().max(2)) else {
             break;
         };
         path.push(name.clone());
-        (problem, at) = (found, inner);
+        at = inner;
     }
     (path, in_words(&problem))
 }
@@ -253,6 +254,31 @@ mod tests {
             let message = whole(text).unwrap_err().to_string();
             assert!(message.contains(expected), "{text}: {message}");
         }
+    }
+
+    #[test]
+    fn a_name_is_found_beside_a_right_one_where_another_entry_is_required() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Inner {
+            #[serde(rename = "interval")]
+            _interval: Option<f64>,
+        }
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Outer {
+            #[serde(rename = "mode")]
+            _mode: String,
+            #[serde(rename = "linear")]
+            _linear: Option<Inner>,
+        }
+        let found = |text| parse::<Outer>("ride", text, &[]).unwrap_err().to_string();
+        let message = found(r#"{"linear": {"interval": 1, "intervall": 2}, "mode": "replace"}"#);
+        assert!(message.contains("linear") && message.contains("intervall"), "{message}");
+        assert!(message.contains("interval") && !message.contains("mode"), "{message}");
+        let message = found(r#"{"linear": {"interval": 1}, "other": 1, "mode": "replace"}"#);
+        assert!(message.contains("other") && !message.contains("missing"), "{message}");
+        assert!(found(r#"{"linear": {"interval": 1}}"#).contains("missing field mode"));
     }
 
     #[test]
