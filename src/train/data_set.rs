@@ -50,7 +50,10 @@ pub(super) fn load(
     let needed = 1 + frames * config.training.longest_unroll();
     // As the last stretch of a hybrid run may be.
     let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
-    let types: Vec<NodeType> = train.iter().filter(|t| !short(t)).flat_map(Trajectory::node_types).collect();
+    // Where none is long enough, that is what is said.
+    let all_short = train.iter().all(short);
+    let types: Vec<NodeType> =
+        train.iter().filter(|t| all_short || !short(t)).flat_map(Trajectory::node_types).collect();
     spec.node_types = NodeType::ALL.into_iter().filter(|t| types.contains(t)).collect();
     if let Some(model) = from {
         carry_on(&mut spec, model)?;
