@@ -57,7 +57,8 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     assert!(number("short", "replaced") < number("hybrid", "replaced"));
     // No jump is within that tolerance: the solver goes on alone, which is a result
     assert_eq!((number("strict", "replaced"), number("strict", "end")), (0.0, 0.0));
-    for name in ["hybrid", "short", "strict", "loose", "half"] {
+    let run = ["hybrid", "linear", "network-linear", "linear-loose", "short", "strict", "loose", "half"];
+    for name in run {
         for key in ["first", "jump", "end", "drag", "cells"] {
             assert!(number(name, key).is_finite());
         }
@@ -83,7 +84,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let heading = text(&first);
     assert!(heading.find("whole %").unwrap() < heading.find("first stride").unwrap(), "{heading}");
     let page = fs::read_to_string(path("f.html")).unwrap();
-    assert_eq!(page.matches("<circle").count(), 5);
+    assert_eq!(page.matches("<circle").count(), run.len());
     // Results stay, the runs themselves do not.
     let names = || {
         let all = fs::read_dir(path("runs/0000")).unwrap();
@@ -91,7 +92,9 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
         names.sort();
         names
     };
-    assert_eq!(names(), ["full.json", "half.json", "hybrid.json", "loose.json", "short.json", "strict.json"]);
+    let mut kept: Vec<String> = run.iter().chain(&["full"]).map(|name| format!("{name}.json")).collect();
+    kept.sort();
+    assert_eq!(names(), kept);
 
     // The same command runs nothing.
     let again = hybrid(dir.path(), &options);
