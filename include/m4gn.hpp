@@ -474,9 +474,16 @@ public:
         check(m4gn_ride_record(ride_.get(), arrays.data(), size(arrays)));
     }
 
-    void arrays(const std::vector<double*>& places) const
+    // Those of a state so long before it (s), where a time scheme has an old level.
+    void arrays(const std::vector<double*>& places, double before = 0) const
     {
-        check(m4gn_ride_arrays(ride_.get(), places.data(), size(places)));
+        check(m4gn_ride_arrays(ride_.get(), before, places.data(), size(places)));
+    }
+
+    // What is known of the inputs at the end of the next stride.
+    void inputs(const std::vector<const double*>& arrays)
+    {
+        check(m4gn_ride_inputs(ride_.get(), arrays.data(), size(arrays)));
     }
 
     // What the setting quantities names is after the present state.

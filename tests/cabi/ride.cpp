@@ -259,7 +259,11 @@ void refuses()
     REQUIRE(contains(m4gn_last_error(), "no arrays of the state"));
     REQUIRE(made(R"({"mode": "observe", "surrogates": ["linear"]})") == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "do not name network"));
-    m4gn_ride_array array{"p", 3, 1, 1, 0, 1, host.p.data()};
+    m4gn_ride_array array{};
+    array.name = "p";
+    array.n = 3;
+    array.components = array.solved = array.fitted = 1;
+    array.weights = host.p.data();
     const m4gn_ride_surrogates both{host.session.get(), nullptr, &array, 1};
     const char* named = R"({"mode": "observe", "surrogates": ["network", "linear"]})";
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &both, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);
