@@ -449,8 +449,7 @@ Foam::wordList Foam::m4gnRide::keys()
     return
     {
         "mode", "surrogates", "linear", "solverSteps", "surrogateSteps", "rolloutSteps", "writeErrors", "adapt", "control",
-        "quantities",
-        "writePrecision"
+        "quantities", "writePrecision"
     };
 }
 

@@ -1,8 +1,8 @@
 //! The surrogate that is fitted to the run's own states: when it is fitted, and how far it lets itself jump.
 //!
-//! A fit is used if it predicts the held-back end of its window to a share of what holding the last state would be off by. A jump has
-//! `first` strides; while a stride beside the solver after the jump agrees to the same share, the next one is longer, else the solver goes
-//! on until a new fit holds.
+//! A fit is used if it predicts the held-back end of its window to a share of what holding the last state would be off by, and waiting
+//! would not better it. A jump has `first` strides; while a stride beside the solver after the jump agrees to twice that share, the next one
+//! is longer, else the solver goes on until a new fit holds.
 
 use crate::schedule::Step;
 use crate::surrogate::{Advanced, Surrogate};
