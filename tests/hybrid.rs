@@ -165,6 +165,31 @@ fn a_family_that_was_edited_is_run_anew() {
     assert!(text(&inside).contains("inside of the family's folder"), "{}", text(&inside));
 }
 
+/// A flow that begins at rest tells where it goes once the full run is done, and no other run is made then.
+#[test]
+fn a_patch_along_a_flow_from_rest_is_refused_before_the_variants() {
+    let dir = tempfile::tempdir().unwrap();
+    let own = dir.path().join("own");
+    let templates = Path::new(HOME).join("openfoam/templates/cylinder-flow");
+    assert!(Command::new("cp").arg("-r").arg(templates).arg(&own).status().unwrap().success());
+    let edit = |file: &str, from: &str, to: &str| {
+        let text = fs::read_to_string(own.join(file)).unwrap();
+        assert!(text.contains(from), "{text}");
+        fs::write(own.join(file), text.replace(from, to)).unwrap();
+    };
+    edit("family.toml", "patch = \"cylinder\"", "patch = \"walls\"");
+    // The lower wall alone is flat.
+    edit("mesh.geo", "\"walls\") = {volume[2], volume[4]}", "\"walls\") = {volume[2]}");
+    edit("mesh.geo", "\"cylinder\") = {", "\"cylinder\") = {volume[4], ");
+    let inlet = fs::read_to_string(own.join("0/U")).unwrap();
+    let inlet = &inlet[inlet.find("        // 4 u0").unwrap()..inlet.find("        value").unwrap()];
+    let ramp = "type uniformFixedValue; uniformValue table ((0 (0 0 0)) (0.2 (0.5 0 0)));\n";
+    edit("0/U", inlet, ramp);
+    let run = hybrid(dir.path(), &format!("--family {}", own.display()));
+    assert_eq!(run.status.code(), Some(1), "{}", text(&run));
+    assert!(text(&run).contains("1 runs failed:\n  0000 full: patch walls"), "{}", text(&run));
+}
+
 #[test]
 fn solids_are_compared_by_their_displacement() {
     let dir = tempfile::tempdir().unwrap();
@@ -226,14 +251,18 @@ fn solids_are_compared_by_their_displacement() {
 fn what_cannot_be_is_refused_before_anything_runs() {
     let dir = tempfile::tempdir().unwrap();
     // A family that says nothing of hybrid runs
-    let family = fs::read_to_string(Path::new(HOME).join("openfoam/templates/vibrating-beam/family.toml"));
+    let family = fs::read_to_string(Path::new(HOME).join("openfoam/templates/cylinder-flow/family.toml"));
     let family = family.unwrap();
-    fs::create_dir(dir.path().join("own")).unwrap();
     let without = family.split("[hybrid]").next().unwrap();
-    fs::write(dir.path().join("own/family.toml"), without).unwrap();
-    let own = format!("--family {}", dir.path().join("own").display());
+    let lacking = family.replace("[hybrid]\n", "[hybrid]\nlibraries = [\"libm4gnNone.so\"]\n");
+    let own = ["without", "lacking"].map(|name| format!("--family {}", dir.path().join(name).display()));
+    for (name, text) in [("without", without), ("lacking", lacking.as_str())] {
+        fs::create_dir(dir.path().join(name)).unwrap();
+        fs::write(dir.path().join(name).join("family.toml"), text).unwrap();
+    }
     for (options, words) in [
-        (own.as_str(), "[hybrid]"),
+        (own[0].as_str(), "[hybrid]"),
+        (own[1].as_str(), "libm4gnNone.so"),
         ("--family none-such", "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam"),
         ("--set u0=-1", "above 0"),
         ("--plain fast", "loose, coarse"),

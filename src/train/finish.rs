@@ -71,7 +71,8 @@ impl Trainer<'_> {
             false => Ok(()),
         };
         self.comm.agree(written)?;
-        report.line(&format!("best at step {step}: {}; {}", v.absolute(), self.request.out.display()));
+        let (field, errors) = (self.predicted().next().unwrap_or_default(), v.absolute());
+        report.line(&format!("best at step {step}, {field}: {errors}; {}", self.request.out.display()));
         let figures = serde_json::json!({
             "model": { "rmse_1": v.rmse_1[0], "rmse_50": v.rmse_horizon[0], "rmse_all": v.rmse_all[0] },
             "persistence": { "rmse_1": v.rmse_1[1], "rmse_50": v.rmse_horizon[1], "rmse_all": v.rmse_all[1] },

@@ -58,12 +58,18 @@ impl Report {
         self.bar.borrow().set_position(step);
     }
 
-    /// After an interval of the log.
-    pub fn row(&self, row: &Row) {
+    /// After an interval of the log; `fields` are those that the losses are of.
+    pub fn row(&self, row: &Row, fields: &[&str]) {
         let mut since = self.since.borrow_mut();
         let rate = (row.step - since.1.min(row.step)) as f64 / since.0.elapsed().as_secs_f64().max(1e-9);
         *since = (Instant::now(), row.step);
-        let text = format!("loss {}, {} steps/s", number(row.loss, 4), number(rate, 3));
+        let each = fields.iter().zip(&row.losses).map(|(f, loss)| format!("{f} {}", number(*loss, 4)));
+        let text = format!(
+            "loss {} ({}), {} steps/s",
+            number(row.loss, 4),
+            each.collect::<Vec<_>>().join(", "),
+            number(rate, 3)
+        );
         if self.terminal {
             self.bar.borrow().set_message(text);
         } else if self.speaks {
@@ -74,10 +80,10 @@ impl Report {
         }
     }
 
-    /// After a validation.
-    pub fn validation(&self, step: u64, v: &Validation, better: bool) {
+    /// After a validation, which is of this field.
+    pub fn validation(&self, step: u64, field: &str, v: &Validation, better: bool) {
         self.line(&format!(
-            "validation at step {step}: {}{}",
+            "validation of {field} at step {step}: {}{}",
             v.relative(),
             if better { ", best so far" } else { "" }
         ));

@@ -166,8 +166,7 @@ fn describe(
 
 impl Trainer<'_> {
     fn run(&mut self, stop: &AtomicU8, report: &Report) -> Result<serde_json::Value> {
-        let predicted = self.spec.fields.iter().filter(|f| f.output != Output::None);
-        let fields: Vec<String> = predicted.map(|f| f.name.clone()).collect();
+        let fields: Vec<String> = self.predicted().map(String::from).collect();
         let open = || -> Result<(Option<Journal>, Option<TrainingPage>)> {
             if !self.comm.is_root() {
                 return Ok((None, None));
@@ -193,6 +192,12 @@ impl Trainer<'_> {
         };
         show(&journal, &State::Ended(how.trim_end_matches('.')));
         outcome
+    }
+
+    /// Names of the fields that have a loss each; validations are of the first one.
+    pub(super) fn predicted(&self) -> impl Iterator<Item = &str> {
+        let outputs = self.spec.fields.iter().filter(|f| f.output != Output::None);
+        outputs.map(|f| f.name.as_str())
     }
 
     /// The steps that are left, and the figures of the end. `show` brings the page of `--html` up to date.
@@ -240,7 +245,7 @@ impl Trainer<'_> {
                     None => Ok(()),
                 };
                 self.comm.agree(written)?;
-                report.row(&row);
+                report.row(&row, &self.predicted().collect::<Vec<_>>());
                 if let Some(journal) = &journal {
                     let told = advice.look(journal.rows(), t);
                     told.iter().for_each(|text| report.line(text));

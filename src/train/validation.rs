@@ -59,7 +59,8 @@ impl Trainer<'_> {
             let exported = if self.comm.is_root() { self.export() } else { Ok(()) };
             self.comm.agree(exported)?;
         }
-        report.validation(self.progress.step, &validation, better);
+        let field = self.predicted().next().unwrap_or_default();
+        report.validation(self.progress.step, field, &validation, better);
         Ok(validation)
     }
 }

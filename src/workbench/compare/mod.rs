@@ -191,18 +191,18 @@ pub fn compare(
     Ok((comparison, snapshots))
 }
 
-/// Whether the forces on a patch can be compared, as far as a case says that has not run yet.
+/// Whether the forces on a patch can be compared, as far as the last stored time up to `time` (s) says.
 ///
 /// # Errors
 /// [`Error::Input`] for a patch that there is not, or one of a flow without extent across it.
-pub fn check_patch(case: &mut FoamCase, patch: Option<&str>) -> Result<()> {
-    let Some(patch) = patch else { return Ok(()) };
+pub fn check_patch(case: &mut FoamCase, patch: &str, time: f64) -> Result<()> {
     known(case.description(), patch)?;
-    if is_solid(case)? || case.description().times.is_empty() {
+    let stored = case.description().times.iter().filter(|t| **t <= time * (1.0 + 1e-6)).count();
+    if is_solid(case)? || stored == 0 {
         return Ok(());
     }
     // A flow may begin without a field that says where it enters.
-    let velocity = forces::inlet_velocity(case, 0).ok().flatten();
+    let velocity = forces::inlet_velocity(case, stored - 1).ok().flatten();
     let options = Options { patch: Some(patch.into()), ..Options::default() };
     velocity.map_or(Ok(()), |v| Reference::of(case.description(), &options, v).map(|_| ()))
 }

@@ -174,6 +174,9 @@ pub struct Hybrid {
     /// Settings of the runs with the surrogate, beside these.
     #[serde(default)]
     pub hybrid_set: Settings,
+    /// Files in `lib`, beside `libm4gnFoam.so`, that the runs load.
+    #[serde(default)]
+    pub libraries: Vec<String>,
     /// Cheaper plain solvers, to compare at equal cost.
     #[serde(default)]
     pub plain: Vec<Plain>,

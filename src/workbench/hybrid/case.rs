@@ -188,10 +188,12 @@ impl Job<'_> {
         }
         plan.family.write(&run.files, &run.functions, case)?;
         plan.family.prepare(&run.draw, case, &plan.tools)?;
-        if run.kind.is_none() {
+        let check_patch = |time| {
             let _one = self.one();
-            compare::check_patch(&mut FoamCase::open(case)?, schedule.patch.as_deref())?;
-        }
+            let patch = schedule.patch.as_deref().filter(|_| run.kind.is_none());
+            patch.map_or(Ok(()), |patch| compare::check_patch(&mut FoamCase::open(case)?, patch, time))
+        };
+        check_patch(0.0)?;
         let start = Instant::now();
         plan.tools.run(case, &plan.family.solver)?;
         let wall = start.elapsed().as_secs_f64();
@@ -209,6 +211,8 @@ impl Job<'_> {
             },
             ..RunRecord::default()
         };
+        // A flow that begins at rest does not say before where it goes.
+        check_patch(takeover)?;
         let _one = self.one();
         if let Some(kind) = run.kind {
             let (score, comparison) = self.compare(folder, case, kind, takeover)?;
@@ -228,22 +232,11 @@ impl Job<'_> {
         let log = case.join(format!("log.{}", program(&plan.family.solver)));
         let (mut a, mut b) = (FoamCase::open(&folder.join(FULL))?, FoamCase::open(case)?);
         let plain = matches!(kind, Kind::Plain(_));
-        let mut options = Options {
-            patch: schedule.patch.clone(),
-            takeover: plain.then_some(takeover),
-            interpolate: plain && !compare::is_solid(&mut a)?,
-            ..Options::default()
-        };
-        let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
-        let mut compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
-        let mut replaced = compared.replaced_fraction;
+        let mut replaced = compare::surrogate::read(case)?.and_then(|s| s.replaced_fraction);
         if matches!(kind, Kind::Hybrid { surrogates, entries, .. } if *surrogates != NETWORK || controlled(entries))
-            && replaced.is_none()
         {
-            // Error control let no jump go: the solver's own run is what came of it.
-            options.takeover = Some(takeover);
-            compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
-            replaced = Some(0.0);
+            // Where error control let no jump go, the solver's own run is what came of it.
+            replaced = replaced.or(Some(0.0));
         }
         if !plain && replaced.is_none() {
             return Err(Error::file(
@@ -255,6 +248,14 @@ impl Job<'_> {
                 ),
             ));
         }
+        let options = Options {
+            patch: schedule.patch.clone(),
+            takeover: (plain || replaced == Some(0.0)).then_some(takeover),
+            interpolate: plain && !compare::is_solid(&mut a)?,
+            ..Options::default()
+        };
+        let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
+        let compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
         let last = compared.times.last().copied().unwrap_or(f64::NAN);
         if (last - schedule.end).abs() > 0.5 * schedule.interval {
             return Err(Error::file(

@@ -113,8 +113,10 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
         plan.family.check_outside(folder)?;
     }
     let mut surrogate = Digest::default();
-    let libraries = ["libm4gn.so", "libm4gnFoam.so"].map(|name| plugin::find(name, "./Allrun builds it"));
-    for file in libraries.into_iter().chain(plan.model.clone().map(Ok)) {
+    let own = plan.schedule.libraries.iter().map(String::as_str);
+    let remedy = "./Allrun builds it; setup/solids4foam.sh what needs solids4foam (docs/solids.md)";
+    let libraries = ["libm4gn.so", "libm4gnFoam.so"].into_iter().chain(own);
+    for file in libraries.map(|name| plugin::find(name, remedy)).chain(plan.model.clone().map(Ok)) {
         let file = file?;
         let bytes = std::fs::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         surrogate.add("file", &bytes);
