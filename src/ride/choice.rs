@@ -3,6 +3,7 @@
 
 use crate::ride::{Jump, Ride};
 use crate::rider::Verdict;
+use crate::settings::Mode;
 use crate::tables::row;
 use crate::values::Given;
 use m4gn_mesh::Result;
@@ -24,11 +25,18 @@ impl Ride<'_> {
         }
     }
 
-    /// The solver goes on from here: strides beside it begin. `anew`: from another state than it arrived at. Collective.
+    /// Whether a surrogate needs the solver's states before any jumps.
+    fn waits(&self) -> bool {
+        self.settings.mode == Mode::Replace && self.riders.iter().any(|r| r.surrogate.wants_solver())
+    }
+
+    /// The solver goes on from here: strides beside it begin, where one could be followed by a jump. `anew`: from another state than it arrived
+    /// at. Collective.
     pub(crate) fn begin_shadows(&mut self, anew: bool, given: &Given) -> Result<()> {
+        let waits = self.waits();
         for rider in &mut self.riders {
             rider.shadow.waiting &= !anew;
-            if rider.can_begin(&self.step) {
+            if !waits && rider.can_begin(&self.step) {
                 let bad = rider.shadow.begin(&self.comm, rider.surrogate.as_mut(), &self.step, given)?;
                 self.stepped = true;
                 self.log.not_finite(&self.step.name, bad);
@@ -90,11 +98,10 @@ impl Ride<'_> {
                 best = Some((i, strides));
             }
         }
-        let waits = self.riders.iter().any(|r| r.surrogate.wants_solver());
+        best = best.filter(|_| !self.waits());
         if let Some((who, _)) = best {
-            self.riders[who].verdict = if waits { Verdict::Waits } else { Verdict::Jumps };
+            self.riders[who].verdict = Verdict::Jumps;
         }
-        best = best.filter(|_| !waits);
         self.totals.refused += usize::from(best.is_none() && self.settings.control.is_some());
         best
     }

@@ -1,8 +1,8 @@
 //! The surrogate that is fitted to the run's own states: when it is fitted, and how far it lets itself jump.
 //!
 //! A fit is used if it predicts the held-back end of its window to a share of what holding the last state would be off by, and waiting
-//! would not better it. A jump has `first` strides; while a stride beside the solver after the jump agrees to twice that share, the next one
-//! is longer, else the solver goes on until a new fit holds.
+//! would not better it. A jump has `first` strides. A stride beside the solver after the jump that agrees to twice that share lets the next one
+//! be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
 use crate::schedule::Step;
 use crate::surrogate::{Advanced, Surrogate};
@@ -24,6 +24,9 @@ const WAITED: usize = 3;
 
 /// Errors fall where a try's is below this times an earlier one's.
 const FALLS: f64 = 0.7;
+
+/// Error below which later fits are likely to hold.
+const PROMISING: f64 = 0.2;
 
 /// Settings of a linear surrogate in a run. All have defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -66,7 +69,7 @@ impl Default for LinearSettings {
         let fit = FitSettings::default();
         LinearSettings {
             interval: None,
-            tolerance: 0.025,
+            tolerance: 0.02,
             enough: 0.005,
             first: 10,
             growth: 1.5,
@@ -104,7 +107,7 @@ impl LinearSettings {
             return bad(format!("interval {interval}: expected a time above 0, s"));
         }
         if !above(self.tolerance) {
-            return bad(format!("tolerance {}: expected an error above 0, such as 0.025", self.tolerance));
+            return bad(format!("tolerance {}: expected an error above 0, such as 0.02", self.tolerance));
         }
         if !above(self.enough) {
             return bad(format!("enough {}: expected an error above 0, such as 0.005", self.enough));
@@ -140,7 +143,7 @@ struct Kept {
     tried: usize,
     /// Errors of the tail in the last tries since a fit was dropped; last, of the fit in use.
     errors: Vec<f64>,
-    /// Strides that others have jumped since then, and how many they may before the solver goes on for a fit.
+    /// Strides that others have jumped since a fit was far off, and how many they may before the solver goes on for a fit.
     others: f64,
     turn: f64,
 }
@@ -233,12 +236,10 @@ impl Fitted {
         if !holds {
             self.linear.forget();
         }
-        match (holds, error < tolerance) {
-            (true, _) => (self.kept.others, self.kept.turn) = (0.0, self.settings.window as f64),
-            // It will hold: the solver goes on.
-            (_, true) => {}
-            // Others have twice as long a turn.
-            _ => (self.kept.others, self.kept.turn) = (0.0, 2.0 * self.kept.turn),
+        match error < PROMISING {
+            // Where a fit holds, or will, the others wait for it: what they make is no state of the solver, and the window would begin anew.
+            true => (self.kept.others, self.kept.turn) = (f64::MAX, self.settings.window as f64),
+            false => (self.kept.others, self.kept.turn) = (0.0, 2.0 * self.kept.turn),
         }
         self.kept.length = self.settings.first as f64;
         format!(
@@ -256,7 +257,7 @@ impl Fitted {
         )
     }
 
-    /// Largest error of a stride beside the solver with the present fit: twice what the fit was used with.
+    /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.
     fn limit(&self) -> f64 {
         let used = self.kept.errors.last().map_or(0.0, |e| 2.0 * e);
         used.max(self.settings.enough).min(self.settings.tolerance)
@@ -272,13 +273,16 @@ impl Fitted {
             "m4gn: time {}: a stride of the fit beside the solver was off by {error:.3} of what holding would be",
             step.name
         );
-        if error >= self.limit() {
+        let good = error < self.limit();
+        if jumped && error < self.settings.tolerance {
+            let growth = if good { self.settings.growth } else { 1.0 / self.settings.growth };
+            let (first, longest) = (self.settings.first as f64, self.settings.longest as f64);
+            self.kept.length = (self.kept.length * growth).clamp(first, longest);
+            let _ = write!(said, "; the next jump may have {} strides", self.kept.length as usize);
+        } else if !good {
             self.kept.errors.clear();
             self.linear.forget();
             said += "; the fit is dropped";
-        } else if jumped {
-            self.kept.length = (self.kept.length * self.settings.growth).min(self.settings.longest as f64);
-            let _ = write!(said, "; the next jump may have {} strides", self.kept.length as usize);
         }
         said + "\n\n"
     }

@@ -26,8 +26,6 @@ pub(crate) enum Verdict {
     Tolerance,
     /// It was off by too much of what the solver changed.
     RelTol,
-    /// The solver goes on in its place, so that another one can be fitted.
-    Waits,
     /// It was not measured, as it can take no stride from here: a fit that does not hold.
     Unfit,
 }
@@ -41,7 +39,6 @@ impl Verdict {
             Verdict::Another => "another",
             Verdict::Tolerance => "tolerance",
             Verdict::RelTol => "relTol",
-            Verdict::Waits => "waits",
             Verdict::Unfit => "unfit",
         }
     }
@@ -174,7 +171,6 @@ impl<'a> Rider<'a> {
             Verdict::Jumps | Verdict::Another => format!("{off}, {estimate} is expected of a jump"),
             Verdict::Tolerance => format!("{off}, and {estimate} is expected of a step"),
             Verdict::RelTol => format!("{off}, more than relTol of what the solver changed"),
-            Verdict::Waits => format!("{off}, and leaves the time to the solver, for a fit"),
             Verdict::Unfit => format!("{who} has nothing to jump with"),
         }
     }
