@@ -37,7 +37,7 @@ pub struct Args {
     seed: u64,
     #[command(flatten)]
     set: SetArgs,
-    /// A further hybrid: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
+    /// A further hybrid, of the network or, without --model, of the linear surrogate: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
     /// of its case can follow, NAME=FILE,PARAMETER=VALUE,...
     #[arg(long, value_name = "NAME=FILE")]
     variant: Vec<String>,

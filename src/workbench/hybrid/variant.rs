@@ -87,11 +87,6 @@ pub fn variants(
         all.push(hybrid(name, surrogates, entries, settings));
     }
     for text in hybrids {
-        if !model {
-            return Err(Error::Input(format!(
-                "--variant {text}: expected --model as well, whose surrogate it is"
-            )));
-        }
         let (name, rest) = text.split_once('=').ok_or_else(|| {
             Error::Input(format!("--variant {text}: expected NAME=FILE or NAME=FILE,PARAMETER=VALUE,..."))
         })?;
@@ -105,7 +100,7 @@ pub fn variants(
         family.check_settings(&settings)?;
         let entries = std::fs::read_to_string(file)
             .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
-        all.push(hybrid(name, NETWORK, &entries, settings));
+        all.push(hybrid(name, if model { NETWORK } else { "linear" }, &entries, settings));
     }
     let own = schedule.plain.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
     for text in if plain.is_empty() { &own } else { plain } {
