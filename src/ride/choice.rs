@@ -1,7 +1,8 @@
 //! Who jumps, and how far: each surrogate is measured on strides beside the solver, and of those that control lets jump the one takes the
 //! next jump that was off by least.
 
-use crate::ride::{Jump, Ride};
+use crate::jump::Jump;
+use crate::ride::Ride;
 use crate::rider::Verdict;
 use crate::settings::Mode;
 use crate::tables::row;

@@ -5,8 +5,10 @@
 //! is allowed by their errors ([`control`]), the watch over the solver's first steps after a jump, what surrogates learn, an observer's
 //! rollouts, the state of a run that is carried on, and what is told of all that in tables, messages and a summary.
 
+mod arrays;
 mod choice;
 pub mod control;
+mod jump;
 mod linear;
 #[cfg(test)]
 mod linear_tests;

@@ -1,6 +1,7 @@
 //! What a ride has to say: lines of the log, warnings, rows of its tables. The host takes them and puts them where they belong.
 
-use crate::ride::{Jump, Ride};
+use crate::jump::Jump;
+use crate::ride::Ride;
 use crate::surrogate::Lesson;
 use crate::tables::row;
 use crate::watch::Judgement;

@@ -1,9 +1,10 @@
 //! What a ride keeps for a run that is carried on.
 
 use crate::control::StrideError;
+use crate::jump::Jump;
 use crate::quantities::Quantities;
 use crate::restart;
-use crate::ride::{Answer, Jump, Phase, Ride};
+use crate::ride::{Answer, Phase, Ride};
 use crate::schedule::Step;
 use crate::shadow::Shadow;
 use crate::totals::Totals;
