@@ -3,41 +3,11 @@
 #include "m4gnRide.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
-#include "m4gnExplicitStress.H"
 #include "m4gnRun.H"
-#include "m4gnSegmentField.H"
-#include "directionMixedFvPatchFields.H"
-#include "HashSet.H"
-#include "m4gnNodeTypes.H"
-#include "mixedFvPatchFields.H"
-#include "OFstream.H"
 #include "OSspecific.H"
-#include "SolverPerformance.H"
 #include "stateFunctionObject.H"
-#include "StringStream.H"
 #include "Time.H"
 #include "writeFile.H"
-#include <algorithm>
-
-//- A table is there from its first row on
-class Foam::m4gnRide::table
-:
-    public functionObjects::writeFile
-{
-public:
-    table(const fvMesh& mesh, const word& name, const word& file, const dictionary& dict)
-    :
-        writeFile(mesh, name, file, dict)
-    {}
-
-    void write(const std::string& rows)
-    {
-        if (Pstream::master() && writeToFile())
-        {
-            file() << rows.c_str() << flush;
-        }
-    }
-};
 
 namespace
 {
@@ -78,52 +48,6 @@ std::string settings(const dictionary& dict)
     return text + (text.find(':') == std::string::npos ? "" : ", ") + "\"quantities\": [" + list + "]}";
 }
 
-//- Which faces hold a field's value; where they let go, a face has its cell's
-template<class Type>
-void mark(const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNodes& nodes, List<int32_t>& held)
-{
-    held.resize(nodes.nBoundary());
-    label nodei = 0;
-
-    for (const label patchi : nodes.valuePatches())
-    {
-        const fvPatchField<Type>& patch = field.boundaryField()[patchi];
-        const auto* mixed = dynamic_cast<const mixedFvPatchField<Type>*>(&patch);
-        const auto* directionMixed = dynamic_cast<const directionMixedFvPatchField<Type>*>(&patch);
-
-        forAll(patch, facei)
-        {
-            held[nodei++] =
-                mixed ? mixed->valueFraction()[facei] > 0.5
-              : directionMixed ? tr(directionMixed->valueFraction()[facei]) > 0.5
-              : patch.fixesValue();
-        }
-    }
-}
-
-//- What each patch was told to be, as a dictionary. Collective.
-std::string typesOf(const fvMesh& mesh, const m4gn_mesh_data& data)
-{
-    labelList types(mesh.boundaryMesh().nNonProcessor(), -1);
-    for (label facei = 0; facei < data.n_boundary; ++facei)
-    {
-        const word name(data.patch_names[data.boundary_patch[facei]]);
-        types[mesh.boundaryMesh().findPatchID(name)] = data.boundary_type[facei];
-    }
-    Pstream::listCombineGather(types, maxEqOp<label>());
-
-    std::string text;
-    forAll(types, patchi)
-    {
-        if (types[patchi] >= 0)
-        {
-            text += m4gn::quoted(mesh.boundaryMesh()[patchi].name()) + ' '
-              + m4gnNodeTypes::names.get(types[patchi]) + "; ";
-        }
-    }
-    return text;
-}
-
 } // End anonymous namespace
 
 m4gn_ride_step Foam::m4gnRide::now(const label correctors) const
@@ -140,137 +64,12 @@ m4gn_ride_step Foam::m4gnRide::now(const label correctors) const
     step.index = time.timeIndex();
     step.name = timeName_.c_str();
     step.correctors = correctors;
-    step.most_correctors =
-        mesh_.solutionDict().subOrEmptyDict("stressAnalysis").getOrDefault<label>("nCorrectors", 1);
+    if (correctors >= 0)
+    {
+        const dictionary* stress = mesh_.solutionDict().findDict("stressAnalysis");
+        step.most_correctors = stress ? stress->getOrDefault<label>("nCorrectors", 1) : 1;
+    }
     return step;
-}
-
-Foam::label Foam::m4gnRide::correctors() const
-{
-    if (!m4gnExplicitStress::registered(mesh_))
-    {
-        return -1;
-    }
-
-    List<SolverPerformance<vector>> solves;
-    m4gn::solverPerformance(mesh_).readIfPresent(dict_.getOrDefault<word>("D", "D"), solves);
-
-    return solves.size() ? solves.size() : -1;
-}
-
-std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool linear)
-{
-    std::vector<m4gn_field> fields;
-
-    if (network && session_)
-    {
-        fields_.gather(session_->nodes());
-        fields = fields_.view();
-    }
-    if (linear && run_)
-    {
-        if (!gathered_)
-        {
-            run_->gather();
-        }
-        gathered_ = true;
-        for (const m4gn_field& field : run_->measured())
-        {
-            const auto same = [&](const m4gn_field& f) { return std::string(f.name) == field.name; };
-            if (std::none_of(fields.begin(), fields.end(), same))
-            {
-                fields.push_back(field);
-            }
-        }
-    }
-    return fields;
-}
-
-std::vector<m4gn_field> Foam::m4gnRide::gather(const bool wanted)
-{
-    return gather(wanted, wanted);
-}
-
-std::vector<Foam::m4gnRide::advancedField> Foam::m4gnRide::advances(const word& kind) const
-{
-    std::vector<advancedField> all;
-
-    if (kind == "linear")
-    {
-        for (const m4gn_field& field : run_->measured())
-        {
-            all.push_back({field.name, field.components});
-        }
-        return all;
-    }
-    forAll(session_->outputs(), i)
-    {
-        all.push_back({session_->outputs()[i], session_->outputComponents(i)});
-    }
-    return all;
-}
-
-std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
-{
-    std::vector<const int32_t*> marks;
-
-    if (!wanted || !observes_ || !session_)
-    {
-        return marks;
-    }
-
-    held_.resize(fields_.size());
-    // Of the fields of a linear surrogate alone none is asked for
-    marks.resize(fields_.size() + (run_ ? run_->measured().size() : 0), nullptr);
-    for (label fieldi = 0; fieldi < fields_.size(); ++fieldi)
-    {
-        const word& name = fields_.name(fieldi);
-        if (!session_->outputs().found(name))
-        {
-            continue;
-        }
-        if (fields_.components(fieldi) == 1)
-        {
-            mark(mesh_.lookupObject<volScalarField>(name), session_->nodes(), held_[fieldi]);
-        }
-        else
-        {
-            mark(mesh_.lookupObject<volVectorField>(name), session_->nodes(), held_[fieldi]);
-        }
-        marks[fieldi] = held_[fieldi].cdata();
-    }
-    return marks;
-}
-
-void Foam::m4gnRide::listen()
-{
-    static const char* const files[] =
-        {"surrogate", "strides", "surrogateError", "surrogateSegmentError"};
-
-    for (label i = 0; i < tables_.size(); ++i)
-    {
-        const std::string rows(m4gn_ride_text(ride_, M4GN_RIDE_JUMPS + i));
-        if (rows.size())
-        {
-            if (!tables_.set(i))
-            {
-                tables_.set(i, new table(mesh_, name_, files[i], dict_));
-            }
-            tables_[i].write(rows);
-        }
-    }
-
-    const std::string text(m4gn_ride_text(ride_, M4GN_RIDE_LOG));
-    if (text.size())
-    {
-        Info<< text.c_str() << flush;
-    }
-
-    std::string warning;
-    while ((warning = m4gn_ride_text(ride_, M4GN_RIDE_WARNING)).size())
-    {
-        WarningInFunction << warning.c_str() << endl;
-    }
 }
 
 template<class Call>
@@ -281,7 +80,11 @@ m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
 
     // The row of the stride that ends a run
     std::string error(status == M4GN_OK ? "" : m4gn_last_error());
-    listen();
+    if (status != M4GN_OK || answer.action != M4GN_RIDE_DECIDE)
+    {
+        // Else decide() follows, and listens
+        listen();
+    }
 
     if (status != M4GN_OK)
     {
@@ -292,58 +95,6 @@ m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
         session_->stepped();
     }
     return answer;
-}
-
-template<class Type>
-void Foam::m4gnRide::writeError(const label surrogatei, const label fieldi, const word& name) const
-{
-    const word of(kinds_.size() > 1 ? word(kinds_[surrogatei] + ':' + name, false) : name);
-    tmp<GeometricField<Type, fvPatchField, volMesh>> tfield
-    (
-        m4gn::cellField<Type>(mesh_, "error(" + of + ')', mesh_.time().timeName())
-    );
-    auto& field = tfield.ref();
-
-    auto* cells = reinterpret_cast<scalar*>(field.primitiveFieldRef().data());
-    if (m4gn_ride_difference(ride_, surrogatei, fieldi, cells) != M4GN_OK)
-    {
-        // None has been compared yet
-        return;
-    }
-    field.correctBoundaryConditions();
-    field.dimensions().reset
-    (
-        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(name).dimensions()
-    );
-    field.note() =
-        "m4gn: the surrogate's " + name + " at time "
-      + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's";
-    field.write();
-}
-
-void Foam::m4gnRide::writeErrors() const
-{
-    if (!observes_ || !mesh_.time().writeTime() || !dict_.getOrDefault<bool>("writeErrors", false))
-    {
-        return;
-    }
-
-    forAll(kinds_, surrogatei)
-    {
-        label fieldi = 0;
-        for (const advancedField& field : advances(kinds_[surrogatei]))
-        {
-            if (field.components == 1)
-            {
-                writeError<scalar>(surrogatei, fieldi, field.name);
-            }
-            else
-            {
-                writeError<vector>(surrogatei, fieldi, field.name);
-            }
-            ++fieldi;
-        }
-    }
 }
 
 Foam::m4gnRide::m4gnRide
@@ -376,7 +127,7 @@ Foam::m4gnRide::m4gnRide
         own.set("setupSeconds", session->setupSeconds());
         if (!session->nodes().atPoints())
         {
-            own.set("host", string(typesOf(mesh, session->nodes().data())));
+            own.set("host", string(types()));
         }
     }
     own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
@@ -425,7 +176,7 @@ Foam::m4gnRide::m4gnRide
 
     if (!observes_)
     {
-        tables_.set(0, new table(mesh, name, "surrogate", dict));
+        tables_.set(0, new functionObjects::writeFile(mesh, name, "surrogate", dict));
     }
 }
 
@@ -528,13 +279,13 @@ m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scal
         const std::vector<const double*> inputs(run_->inputs(asked.duration));
         m4gn::check(m4gn_ride_inputs(ride_, inputs.data(), inputs.size()), "m4gnSurrogate cannot step");
     }
-    const std::vector<advancedField> to(advances(kind));
+    const std::vector<m4gn_field> to(advances(kind));
     std::vector<m4gn_field_out> outputs(to.size());
     predicted.resize(to.size());
     forAll(predicted, i)
     {
         predicted[i].resize(to[i].components*(linear ? mesh_.nCells() : session_->nodes().size()));
-        outputs[i].name = to[i].name.c_str();
+        outputs[i].name = to[i].name;
         outputs[i].components = to[i].components;
         outputs[i].cells = predicted[i].data();
     }
@@ -655,95 +406,4 @@ m4gn_ride_answer Foam::m4gnRide::handedBack
         },
         "m4gnSurrogate cannot go on"
     );
-}
-
-Foam::fileName Foam::m4gnRide::stateFile(const word& name, const Time& time, const word& at)
-{
-    // A file handler that collates has the times of all ranks in one folder
-    const fileName ranks(fileHandler().filePath(time.path()/at));
-
-    return (ranks.empty() ? time.path()/at : ranks)/"uniform"/(name + ".state");
-}
-
-bool Foam::m4gnRide::stored(const word& name, const Time& time)
-{
-    const fileName path(stateFile(name, time, time.timeName()));
-    bool found = Pstream::master() && isFile(path, false);
-    reduce(found, orOp<bool>());
-    return found;
-}
-
-Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
-{
-    const fileName path(stateFile(name, time, time.timeName()));
-    string text;
-    if (Pstream::master())
-    {
-        char found[8192] = "";
-        // What is damaged is refused when it is taken up
-        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK)
-        {
-            text = found;
-        }
-    }
-    Pstream::scatter(text);
-
-    IStringStream stream(text);
-    return dictionary(stream);
-}
-
-void Foam::m4gnRide::save()
-{
-    if (observes_ && !dict_.found("adapt"))
-    {
-        return;
-    }
-
-    // The first rank writes when the fields of all ranks are there
-    const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
-    if (Pstream::master())
-    {
-        mkDir(path.path());
-    }
-    returnReduce(true, andOp<bool>());
-    m4gn::check(m4gn_ride_save(ride_, path.c_str()), "m4gnSurrogate cannot write its state");
-}
-
-bool Foam::m4gnRide::load(m4gn_ride_answer& answer)
-{
-    const m4gn_ride_step step(now());
-    const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
-    const int32_t status = m4gn_ride_load(ride_, path.c_str(), &step, &answer);
-
-    if (status == M4GN_ERROR_MODEL)
-    {
-        WarningInFunction
-            << m4gn_last_error() << ": the schedule of " << name_
-            << " begins anew" << endl;
-        return false;
-    }
-    m4gn::check(status, "m4gnSurrogate cannot carry on");
-    listen();
-    return true;
-}
-
-void Foam::m4gnRide::end()
-{
-    const std::string summary(m4gn_ride_text(ride_, M4GN_RIDE_SUMMARY));
-    listen();
-
-    if (summary.empty() || !Pstream::master())
-    {
-        return;
-    }
-
-    const fileName dir(m4gn::outputDir(name_, mesh_));
-    mkDir(dir);
-    OFstream os(dir/"summary.json");
-    os  << summary.c_str();
-
-    if (!os.good())
-    {
-        FatalErrorInFunction << "Cannot write " << os.name() << exit(FatalError);
-    }
 }

@@ -257,17 +257,23 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
         layout_.back().input = 1;
     }
 
-    bool measured = false;
     for (size_t i = 0; i < layout_.size(); ++i)
     {
         layout_[i].name = names_[i].c_str();
-        measured = measured || layout_[i].solved;
     }
     forAll(values_, i)
     {
         values_[i].resize(layout_[i].n);
+        if (layout_[i].solved)
+        {
+            m4gn_field field{};
+            field.name = layout_[i].name;
+            field.components = layout_[i].components;
+            field.cells = values_[i].cdata();
+            measured_.push_back(field);
+        }
     }
-    if (!measured)
+    if (measured_.empty())
     {
         FatalErrorInFunction
             << "The solver has no field of cells that it reads and writes: the"
@@ -313,23 +319,6 @@ std::vector<const double*> Foam::m4gnRunState::inputs(const scalar later)
         all.push_back(values.cdata());
     }
     return all;
-}
-
-std::vector<m4gn_field> Foam::m4gnRunState::measured() const
-{
-    std::vector<m4gn_field> fields;
-    forAll(values_, i)
-    {
-        if (layout_[i].solved)
-        {
-            m4gn_field field{};
-            field.name = layout_[i].name;
-            field.components = layout_[i].components;
-            field.cells = values_[i].cdata();
-            fields.push_back(field);
-        }
-    }
-    return fields;
 }
 
 std::vector<double*> Foam::m4gnRunState::places()
