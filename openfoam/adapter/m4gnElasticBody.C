@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticBody.H"
-#include "m4gnAddressing.H"
+#include "m4gnNodes.H"
 #include "globalIndex.H"
 #include "globalMeshData.H"
 #include "StringStream.H"
@@ -16,7 +16,7 @@ void Foam::m4gnElasticBody::setPoints()
     if
     (
         Pstream::parRun()
-     && !m4gn::procAddressing(mesh_, "pointProcAddressing", mesh_.nPoints(), global)
+     && !m4gnNodes::procAddressing(mesh_, "pointProcAddressing", mesh_.nPoints(), global)
     )
     {
         labelList unique;

@@ -31,22 +31,8 @@ void Foam::m4gnElasticBody::setMaterials(const m4gnMechanicalProperties& propert
 
     for (const entry& material : materials)
     {
-        const dictionary& dict = material.dict();
-        scalar E = 0;
-        scalar nu = 0;
-        scalar rho = 0;
-
-        if (!m4gnMechanicalProperties::moduli(dict, E, nu, rho))
-        {
-            FatalErrorInFunction
-                << "The material " << material.keyword() << " of "
-                << m4gnMechanicalProperties::fileName
-                << " has neither E and nu nor mu and K with rho, each a number: "
-                << m4gn::join(dict.toc()) << nl
-                << "    Give the function object's dictionary"
-                << " material { E ...; nu ...; rho ...; }, or operator"
-                << " laplacian" << exit(FatalError);
-        }
+        scalar E = 0, nu = 0, rho = 0;
+        m4gnMechanicalProperties::moduli(material.dict(), E, nu, rho);
 
         const label zonei = mesh_.cellZones().findZoneID(material.keyword());
 
@@ -95,6 +81,16 @@ void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
     nu_.resize(n);
     rho_.resize(n);
 
+    const string why(unknown(mesh_, dict));
+    if (why.size())
+    {
+        FatalErrorInFunction
+            << "The material of the elastic body is not known: " << why.c_str() << nl
+            << "    Give the function object's dictionary"
+            << " material { E ...; nu ...; rho ...; }, or operator laplacian"
+            << exit(FatalError);
+    }
+
     const m4gnMechanicalProperties properties(mesh_);
     bool planeStress =
         properties.found()
@@ -120,27 +116,9 @@ void Foam::m4gnElasticBody::setMaterial(const dictionary& dict)
     {
         setMaterials(properties);
     }
-    else if (properties.uniform())
-    {
-        setUniform(properties.dict());
-    }
     else
     {
-        FatalErrorInFunction
-            << "The material of the elastic body is not known: expected E, nu"
-            << " and rho as registered fields or in constant/"
-            << m4gnMechanicalProperties::fileName << ", found "
-            << word
-               (
-                   properties.found()
-                 ? "there " + m4gn::join(properties.dict().toc())
-                 : word("no such file", false),
-                   false
-               )
-            << nl
-            << "    Give the function object's dictionary"
-            << " material { E ...; nu ...; rho ...; }, or operator laplacian"
-            << exit(FatalError);
+        setUniform(properties.dict());
     }
 
     data_.young = E_.cdata();
@@ -157,22 +135,15 @@ Foam::string Foam::m4gnElasticBody::unknown(const fvMesh& mesh, const dictionary
     {
         return string();
     }
-    if (!properties.found())
-    {
-        return "there is no constant/" + m4gnMechanicalProperties::fileName;
-    }
     if (!properties.listed())
     {
-        return
-            properties.uniform()
-          ? string()
-          : string
-            (
-                m4gnMechanicalProperties::fileName
-              + " has no uniform E, nu and rho"
-            );
+        return properties.uniform() ? string() : string
+        (
+            "expected E, nu and rho as registered fields or in constant/"
+          + m4gnMechanicalProperties::fileName + ", found "
+          + (properties.found() ? "there " + m4gn::join(properties.dict().toc()) : std::string("no such file"))
+        );
     }
-
     const PtrList<entry> materials(properties.materials());
     for (const entry& material : materials)
     {
@@ -185,13 +156,8 @@ Foam::string Foam::m4gnElasticBody::unknown(const fvMesh& mesh, const dictionary
               + " has neither E and nu nor mu and K with rho, each a number";
         }
     }
-
     return
         materials.size()
       ? string()
-      : string
-        (
-            "the list mechanical of " + m4gnMechanicalProperties::fileName
-          + " is empty"
-        );
+      : string("the list mechanical of " + m4gnMechanicalProperties::fileName + " is empty");
 }

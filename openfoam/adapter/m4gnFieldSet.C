@@ -1,21 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnFieldSet.H"
-#include "m4gnCellSize.H"
-#include "m4gnObstacleFields.H"
-#include "m4gnRate.H"
-#include "m4gnTimeStep.H"
-#include "m4gnViscosity.H"
-
-//- Bring fields that no solver registers up to date
-static void provide(const Foam::fvMesh& mesh, const Foam::word& name)
-{
-    Foam::m4gnCellSize::provide(mesh, name);
-    Foam::m4gnObstacleFields::provide(mesh, name);
-    Foam::m4gnRate::provide(mesh, name);
-    Foam::m4gnTimeStep::provide(mesh, name);
-    Foam::m4gnViscosity::provide(mesh, name);
-}
+#include "m4gnOwnFields.H"
 
 Foam::m4gnFieldSet::m4gnFieldSet(const fvMesh& mesh, const wordList& names)
 :
@@ -33,7 +19,7 @@ void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
         const word& name = names_[fieldi];
         m4gnNodes::values& values = values_[fieldi];
 
-        provide(mesh_, name);
+        m4gnOwnFields::provide(mesh_, name);
 
         if (!nodes.gather(name, values))
         {
@@ -73,7 +59,7 @@ Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values(const m4gnNodes& nodes)
 
 bool Foam::m4gnFieldSet::registered(const fvMesh& mesh, const m4gnNodes& nodes, const word& name)
 {
-    provide(mesh, name);
+    m4gnOwnFields::provide(mesh, name);
 
     return nodes.registered(name);
 }

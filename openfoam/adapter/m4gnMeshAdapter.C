@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnMeshAdapter.H"
-#include "m4gnAddressing.H"
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
 #include "cyclicFvPatch.H"
@@ -132,7 +131,7 @@ void Foam::m4gnMeshAdapter::setCells()
     labelList global;
     const bool decomposed =
         Pstream::parRun()
-     && m4gn::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global);
+     && procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global);
 
     const globalIndex consecutive(mesh_.nCells());
 
@@ -216,7 +215,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     if
     (
         !Pstream::parRun()
-     || !m4gn::procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces(), faceGlobal)
+     || !procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces(), faceGlobal)
     )
     {
         const globalIndex consecutive(nBoundary);
@@ -333,7 +332,7 @@ template<class Type>
 bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
 {
     autoPtr<fieldOf<Type>> owned;
-    const fieldOf<Type>* field = find(name, mesh_, owned);
+    const fieldOf<Type>* field = find(mesh_, name, owned);
 
     if (!field)
     {

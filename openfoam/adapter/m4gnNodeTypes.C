@@ -3,6 +3,7 @@
 #include "m4gnNodeTypes.H"
 #include "m4gn.h"
 #include "m4gnDictionary.H"
+#include "m4gnNodes.H"
 #include "pointFields.H"
 #include "volFields.H"
 #include "directionMixedFvPatchFields.H"
@@ -29,37 +30,6 @@ const Foam::Enum<int> Foam::m4gnNodeTypes::names
 
 namespace Foam
 {
-static const fvMesh& of(const fvMesh& mesh, const fvMesh*)
-{
-    return mesh;
-}
-
-static const pointMesh& of(const fvMesh& mesh, const pointMesh*)
-{
-    return pointMesh::New(mesh);
-}
-
-//- The field as registered, or as stored at this time (post-processing);
-//  nullptr if there is none
-template<class FieldType>
-static const FieldType* find(const fvMesh& mesh, const word& name, autoPtr<FieldType>& stored)
-{
-    if (mesh.foundObject<regIOobject>(name))
-    {
-        return mesh.findObject<FieldType>(name);
-    }
-
-    IOobject io(name, mesh.time().timeName(), mesh, IOobject::MUST_READ, IOobject::NO_WRITE, false);
-
-    if (io.typeHeaderOk<FieldType>(true))
-    {
-        const typename FieldType::Mesh* kind = nullptr;
-        stored.reset(new FieldType(io, of(mesh, kind)));
-    }
-
-    return stored.get();
-}
-
 //- Does the displacement fix its value there? A condition whose library is not
 //  loaded, as in post-processing, does not know: its name does.
 static bool fixes(const fvPatchVectorField& pD)
@@ -259,18 +229,18 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
 
     autoPtr<volVectorField> storedU;
     autoPtr<volScalarField> storedP;
-    const volVectorField* U = find(mesh, velocityName, storedU);
-    const volScalarField* p = find(mesh, pressureName, storedP);
+    const volVectorField* U = m4gnNodes::find(mesh, velocityName, storedU);
+    const volScalarField* p = m4gnNodes::find(mesh, pressureName, storedP);
 
     // solids4foam registers a velocity and a pressure as well
     autoPtr<volVectorField> storedD;
-    const volVectorField* D = find(mesh, displacementName, storedD);
+    const volVectorField* D = m4gnNodes::find(mesh, displacementName, storedD);
 
     // solids4foam's incremental models have the conditions at the increment
     autoPtr<volVectorField> storedDD;
     const volVectorField* DD =
         D && !conditioned(*D)
-      ? find(mesh, "D" + displacementName, storedDD)
+      ? m4gnNodes::find(mesh, "D" + displacementName, storedDD)
       : nullptr;
     if (DD && conditioned(*DD))
     {
@@ -278,11 +248,11 @@ Foam::m4gnNodeTypes::m4gnNodeTypes
     }
 
     autoPtr<pointVectorField> storedPointD;
-    const pointVectorField* pointD = find(mesh, displacementName, storedPointD);
+    const pointVectorField* pointD = m4gnNodes::find(mesh, displacementName, storedPointD);
 
     autoPtr<surfaceScalarField> storedPhi;
     const surfaceScalarField* phi =
-        find(mesh, dict.getOrDefault<word>("phi", "phi"), storedPhi);
+        m4gnNodes::find(mesh, dict.getOrDefault<word>("phi", "phi"), storedPhi);
 
     forAll(mesh.boundary(), patchi)
     {

@@ -5,6 +5,7 @@
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnPointAdapter.H"
+#include "labelIOList.H"
 #include "pointFields.H"
 #include "volFields.H"
 
@@ -69,6 +70,39 @@ std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
     }
 
     return place;
+}
+
+bool Foam::m4gnNodes::procAddressing
+(
+    const polyMesh& mesh,
+    const word& name,
+    const label size,
+    labelList& addressing
+)
+{
+    const labelIOList stored
+    (
+        IOobject
+        (
+            name,
+            mesh.facesInstance(),
+            polyMesh::meshSubDir,
+            mesh,
+            IOobject::READ_IF_PRESENT,
+            IOobject::NO_WRITE,
+            false
+        )
+    );
+
+    addressing = stored;
+
+    // A rank may be without cells, and without the file
+    return returnReduce
+    (
+        size == 0
+     || (stored.headerClassName() == labelIOList::typeName && stored.size() == size),
+        andOp<bool>()
+    );
 }
 
 Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)

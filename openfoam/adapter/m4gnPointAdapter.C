@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPointAdapter.H"
-#include "m4gnAddressing.H"
 #include "m4gnDictionary.H"
 #include "globalIndex.H"
 #include "processorFvPatch.H"
@@ -100,7 +99,7 @@ void Foam::m4gnPointAdapter::setPoints()
     if
     (
         !Pstream::parRun()
-     || !m4gn::procAddressing(mesh_, "pointProcAddressing", nPoints, global_)
+     || !procAddressing(mesh_, "pointProcAddressing", nPoints, global_)
     )
     {
         const globalIndex consecutive(points_.size());
@@ -343,7 +342,7 @@ template<class Type>
 bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
 {
     autoPtr<fieldOf<Type>> owned;
-    const fieldOf<Type>* field = find(name, pointMesh::New(mesh_), owned);
+    const fieldOf<Type>* field = find(mesh_, name, owned);
 
     if (!field)
     {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentField.H"
-#include "m4gnAddressing.H"
 #include "m4gnFieldFiles.H"
-#include "m4gnSegmentRecord.H"
+#include "IFstream.H"
+#include "m4gnNodes.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
@@ -15,8 +15,32 @@ const Foam::word Foam::m4gn::segmentName("m4gnSegment");
 
 const Foam::word Foam::m4gn::groupName("m4gnGroup");
 
+static const char* const recordName = "m4gnSegmentDict";
+
 namespace Foam
 {
+//- How they were made, into this folder
+static void writeRecord(m4gnFieldFiles& files, const Time& time, const fileName& folder, const std::string& record)
+{
+    files.write
+    (
+        time,
+        folder/recordName,
+        [&](Ostream& os)
+        {
+            os  << "// How m4gnSegment was made (m4gn); a run compares it with"
+                << " what its model wants" << nl
+                << "FoamFile" << nl << '{' << nl
+                << "    version     2.0;" << nl
+                << "    format      ascii;" << nl
+                << "    class       dictionary;" << nl
+                << "    object      m4gnSegmentDict;" << nl << '}' << nl << nl;
+            os.writeQuoted("record #{" + record + "#};\n", false);
+        },
+        true
+    );
+}
+
 //- To the undecomposed case, from the ranks of a case that decomposePar made
 static void writeUndecomposed(const volScalarField& field, const labelList& global)
 {
@@ -138,6 +162,42 @@ Foam::fileNameList Foam::m4gn::segmentFolders(const fvMesh& mesh, const word& in
     };
 }
 
+Foam::string Foam::m4gn::readSegmentRecord(const fileNameList& folders)
+{
+    for (const fileName& folder : folders)
+    {
+        const fileName file(folder/recordName);
+
+        if (isFile(file))
+        {
+            IFstream is(file);
+            const dictionary dict(is);
+
+            const string record(dict.getOrDefault<string>("record", "none"));
+
+            // Line breaks are for people
+            return string(record).replaceAll("\n", " ");
+        }
+    }
+
+    return string();
+}
+
+Foam::string Foam::m4gn::noteOf(const Time& time, const fileName& file)
+{
+    // Compressed files too
+    if (!isFile(file))
+    {
+        return string();
+    }
+
+    IFstream is(file);
+    IOobject io(file.name(), time.constant(), time);
+    const bool read = io.readHeader(is);
+
+    return read && io.note().size() ? string(io.note()) : string("unknown");
+}
+
 void Foam::m4gn::writeLabels
 (
     const fvMesh& mesh,
@@ -158,7 +218,7 @@ void Foam::m4gn::writeLabels
     writeToInstance(field);
 
     labelList global;
-    if (Pstream::parRun() && procAddressing(mesh, "cellProcAddressing", mesh.nCells(), global))
+    if (Pstream::parRun() && m4gnNodes::procAddressing(mesh, "cellProcAddressing", mesh.nCells(), global))
     {
         writeUndecomposed(field, global);
     }
@@ -213,7 +273,7 @@ bool Foam::m4gn::writeSegments
             {
                 // One by one: folders may be links to each other
                 m4gnFieldFiles files;
-                writeSegmentRecord(files, time, folders[i], record);
+                writeRecord(files, time, folders[i], record);
                 files.rename();
             }
         }

@@ -6,7 +6,6 @@
 #include "IFstream.H"
 #include "OSspecific.H"
 #include "m4gnFieldFiles.H"
-#include "m4gnSegmentRecord.H"
 #include "m4gnSegmentField.H"
 
 rust::String m4gn::FoamCase::start_note(rust::Str name) const

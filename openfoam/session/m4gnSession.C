@@ -6,7 +6,7 @@
 #include "m4gnHandOver.H"
 #include "m4gnElasticModes.H"
 #include "m4gnMechanicalProperties.H"
-#include "m4gnObstacleFields.H"
+#include "m4gnOwnFields.H"
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
@@ -89,7 +89,7 @@ void Foam::m4gnSession::checkFields()
     }
     inputNames_.transfer(inputs);
 
-    const string misfit(m4gnObstacleFields::misfit(mesh_, inputNames_, stride_));
+    const string misfit(m4gnOwnFields::obstacleMisfit(mesh_, inputNames_, stride_));
     if (misfit.size() && outOfRange_ != "ignore")
     {
         FatalErrorInFunction

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnStoredSegments.H"
-#include "m4gnAddressing.H"
+#include "m4gnNodes.H"
 #include "m4gnCore.H"
 #include "m4gnSegmentField.H"
-#include "m4gnSegmentRecord.H"
 #include "IFstream.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
@@ -108,7 +107,7 @@ bool Foam::m4gnStoredSegments::readUndecomposed()
     Pstream::scatter(file);
 
     labelList global;
-    if (file.empty() || !m4gn::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global))
+    if (file.empty() || !m4gnNodes::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global))
     {
         return false;
     }

@@ -2,7 +2,7 @@
 
 #include "m4gnDisplacementState.H"
 #include "m4gnDictionary.H"
-#include "m4gnRate.H"
+#include "m4gnOwnFields.H"
 #include "Time.H"
 
 namespace
@@ -29,7 +29,7 @@ Foam::volVectorField& Foam::m4gnDisplacementState::D() const
 
 Foam::volVectorField& Foam::m4gnDisplacementState::rate() const
 {
-    return mesh_.lookupObjectRef<volVectorField>(m4gnRate::nameOf(DName_));
+    return mesh_.lookupObjectRef<volVectorField>(m4gnOwnFields::rateOf(DName_));
 }
 
 Foam::word Foam::m4gnDisplacementState::displacementName(const dictionary& dict)
@@ -70,7 +70,7 @@ Foam::m4gnDisplacementState::m4gnDisplacementState
     wordList needed(1, DName_);
     if (dynamic_)
     {
-        needed.append(m4gnRate::nameOf(DName_));
+        needed.append(m4gnOwnFields::rateOf(DName_));
     }
 
     for (const word& name : needed)
@@ -143,7 +143,7 @@ Foam::wordList Foam::m4gnDisplacementState::advanced() const
     (
         wordList
         ({
-            DName_, m4gnRate::nameOf(DName_), "sigmaD", "divSigmaExp"
+            DName_, m4gnOwnFields::rateOf(DName_), "sigmaD", "divSigmaExp"
         })
     );
     return names;

@@ -2,7 +2,7 @@
 
 #include "m4gnJump.H"
 #include "m4gnOthers.H"
-#include "m4gnTimeStep.H"
+#include "m4gnOwnFields.H"
 #include "m4gnClock.H"
 #include "functionObjectList.H"
 #include "Time.H"
@@ -195,7 +195,7 @@ bool Foam::m4gnJump::run
     const word lastSolved(time_.timeName());
 
     {
-        const m4gnTimeStep::held solverStep(mesh_, ride_.fields());
+        const m4gnOwnFields::heldTimeStep solverStep(mesh_, ride_.fields().names());
         m4gnClock timer;
         scalar surrogate = 0, handOver = 0;
         const m4gnReplacer::state before(last_);

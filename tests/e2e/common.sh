@@ -21,6 +21,43 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 # skip WHY: the machine lacks what the test needs. 77 is what ./Alltest counts as skipped.
 skip() { echo "skipped: $*"; exit 77; }
 
+# header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
+header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
+
+# control_dict APPLICATION END DELTA_T WRITE_CONTROL WRITE_INTERVAL PRECISION: system/controlDict of a run from time 0.
+control_dict() {
+    { header controlDict; cat <<EOD; } > system/controlDict
+application     $1;
+startFrom       startTime;
+startTime       0;
+stopAt          endTime;
+endTime         $2;
+deltaT          $3;
+writeControl    $4;
+writeInterval   $5;
+writeFormat     ascii;
+writePrecision  $6;
+timePrecision   8;
+runTimeModifiable no;
+functions       { #include "functions" }
+EOD
+}
+
+# block 'X Y Z' 'NX NY NZ' PATCHES: a mesh of one block from the origin, of these lengths and cells; faces of its patches are LEFT and RIGHT (along
+# x), BOTTOM and TOP, BACK and FRONT.
+block() {
+    local x y z patches=$3
+    read -r x y z <<< "$1"
+    patches=${patches//LEFT/(0 4 7 3)} patches=${patches//RIGHT/(1 2 6 5)} patches=${patches//BOTTOM/(0 1 5 4)}
+    patches=${patches//TOP/(3 7 6 2)} patches=${patches//BACK/(0 3 2 1)} patches=${patches//FRONT/(4 5 6 7)}
+    { header blockMeshDict; cat <<EOD; } > system/blockMeshDict
+vertices ((0 0 0) ($x 0 0) ($x $y 0) (0 $y 0) (0 0 $z) ($x 0 $z) ($x $y $z) (0 $y $z));
+blocks (hex (0 1 2 3 4 5 6 7) ($2) simpleGrading (1 1 1));
+boundary ($patches);
+EOD
+    runs blockMesh
+}
+
 # make_case FOLDER: about 900 triangles, icoFoam, 0.002 s a step, ASCII fields every 0.01 s to 0.06 s.
 make_case() {
     cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow" "$1"
@@ -28,22 +65,7 @@ make_case() {
     sed -i -e 's/@x@/0.31/; s/@y@/0.212/; s/@radius@/0.052/; s/@size@/0.058/; s/@nu@/1e-3/; s/@shape@/0/; s/@elements@/0/' \
         -e 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' mesh.geo 0/U constant/transportProperties
     sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/1/' system/fv{Solution,Schemes}
-    cat > system/controlDict <<'EOF'
-FoamFile { version 2.0; format ascii; class dictionary; object controlDict; }
-application     icoFoam;
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         0.06;
-deltaT          0.002;
-writeControl    adjustableRunTime;
-writeInterval   0.01;
-writeFormat     ascii;
-writePrecision  12;
-timePrecision   8;
-runTimeModifiable no;
-functions       { #include "functions" }
-EOF
+    control_dict icoFoam 0.06 0.002 adjustableRunTime 0.01 12
     cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
     # Ranks differ in where their linear solvers stop; that is not what is tested
     sed -i 's/tolerance  *1e-6/tolerance 1e-10/; s/relTol  *0.05/relTol 0/' system/fvSolution
@@ -92,39 +114,11 @@ decay_steps = 1
 EOD
 }
 
-# header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
-header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
-
 # make_beam FOLDER: a beam of 0.4 x 0.05 m, clamped at its left, loaded at its tip at time 0; solidDisplacementFoam. One
 # period is some 0.5 s.
 make_beam() {
     mkdir -p "$1/0" "$1/constant" "$1/system" && cd "$1"
-    { header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (0.4 0 0) (0.4 0.05 0) (0 0.05 0) (0 0 0.01) (0.4 0 0.01) (0.4 0.05 0.01) (0 0.05 0.01));
-blocks (hex (0 1 2 3 4 5 6 7) (24 4 1) simpleGrading (1 1 1));
-boundary
-(
-    clamp { type patch; faces ((0 4 7 3)); }
-    tip { type patch; faces ((1 2 6 5)); }
-    sides { type wall; faces ((0 1 5 4) (3 7 6 2)); }
-    frontAndBack { type empty; faces ((0 3 2 1) (4 5 6 7)); }
-);
-EOD
-    { header controlDict; cat <<'EOD'; } > system/controlDict
-application     solidDisplacementFoam;
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         0.255;
-deltaT          0.005;
-writeControl    timeStep;
-writeInterval   1;
-writeFormat     ascii;
-writePrecision  14;
-timePrecision   8;
-runTimeModifiable no;
-functions       { #include "functions" }
-EOD
+    control_dict solidDisplacementFoam 0.255 0.005 timeStep 1 14
     { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
 d2dt2Schemes { default Euler; }
 ddtSchemes { default Euler; }
@@ -156,7 +150,8 @@ boundaryField
 }
 EOD
     : > system/functions
-    runs blockMesh
+    block '0.4 0.05 0.01' '24 4 1' 'clamp { type patch; faces (LEFT); } tip { type patch; faces (RIGHT); }
+        sides { type wall; faces (BOTTOM TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
 }
 
 # Removes what a run left.

@@ -10,20 +10,6 @@ cd channel
 cp -r "$M4GN_HOME/tests/e2e/igloo/system" .
 head="FoamFile { version 2.0; format ascii; class dictionary; object x; }"
 echo 'libs (m4gnFoam);' >> system/controlDict
-cat > system/blockMeshDict << EOD
-$head
-scale 1;
-vertices ((0 0 0) (4 0 0) (4 1.2 0) (0 1.2 0) (0 0 0.1) (4 0 0.1) (4 1.2 0.1) (0 1.2 0.1));
-blocks (hex (0 1 2 3 4 5 6 7) (40 12 1) simpleGrading (1 1 1));
-edges ();
-boundary
-(
-    left { type cyclic; neighbourPatch right; faces ((0 4 7 3)); }
-    right { type cyclic; neighbourPatch left; faces ((1 2 6 5)); }
-    walls { type wall; faces ((0 1 5 4) (3 7 6 2)); }
-    sides { type empty; faces ((0 3 2 1) (4 5 6 7)); }
-);
-EOD
 cat > system/topoSetDict << EOD
 $head
 actions
@@ -35,7 +21,8 @@ actions
     { name other; type faceSet; action new; source boxToFace; sourceInfo { box (3.4 -0.01 -1) (3.9 0.01 1); } }
 );
 EOD
-runs blockMesh
+block '4 1.2 0.1' '40 12 1' 'left { type cyclic; neighbourPatch right; faces (LEFT); } right { type cyclic; neighbourPatch left; faces (RIGHT); }
+    walls { type wall; faces (BOTTOM TOP); } sides { type empty; faces (BACK FRONT); }'
 runs topoSet
 printf 'type m4gnSegments; libs (m4gnFoam); recompute yes; segments { count 16; modes 4; }\n' > system/m4gnSegments
 

@@ -3,29 +3,18 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-
 # A channel that is periodic in x, with a jet along its middle
 mkdir -p case/{0,constant,system}
 : > case/system/functions
 cd case
 cp "$M4GN_HOME"/openfoam/templates/cylinder-flow/system/{fvSchemes,fvSolution} system
 sed -i 's/@tolerance@/1e-10/; s/@correctors@/1/; s/@convection@/0/; s/relTol  *0.05/relTol 0/; s/nCorrectors  *2;/nCorrectors 2; pRefCell 0; pRefValue 0;/' system/fv{Solution,Schemes}
-{
-    header controlDict
-    echo 'application icoFoam; startFrom startTime; startTime 0; stopAt endTime; endTime 0.06; deltaT 0.002;'
-    echo 'writeControl adjustableRunTime; writeInterval 0.01; writePrecision 12; timePrecision 8; functions { #include "functions" }'
-} > system/controlDict
+control_dict icoFoam 0.06 0.002 adjustableRunTime 0.01 12
 { header decomposeParDict; echo 'numberOfSubdomains 2; method simple; coeffs { n (2 1 1); }'; } > system/decomposeParDict
 mesh() { # TYPE ENTRIES ENTRIES: of the ends, the left and the right one
-    {
-        header blockMeshDict
-        echo 'vertices ((0 0 0) (1 0 0) (1 0.4 0) (0 0.4 0) (0 0 0.1) (1 0 0.1) (1 0.4 0.1) (0 0.4 0.1));'
-        echo 'blocks (hex (0 1 2 3 4 5 6 7) (20 8 1) simpleGrading (1 1 1)); boundary ('
-        echo "left { type $1; neighbourPatch right; $2 faces ((0 4 7 3)); }"
-        echo "right { type $1; neighbourPatch left; $3 faces ((1 2 6 5)); }"
-        echo 'walls { type wall; faces ((0 1 5 4) (3 7 6 2)); } sides { type empty; faces ((0 3 2 1) (4 5 6 7)); } );'
-    } > system/blockMeshDict
-    runs blockMesh
+    block '1 0.4 0.1' '20 8 1' "left { type $1; neighbourPatch right; $2 faces (LEFT); }
+        right { type $1; neighbourPatch left; $3 faces (RIGHT); }
+        walls { type wall; faces (BOTTOM TOP); } sides { type empty; faces (BACK FRONT); }"
 }
 fields() { # TYPE of the ends
     {

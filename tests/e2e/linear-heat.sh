@@ -5,22 +5,7 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 mkdir -p case/{0,constant,system} && cd case
-{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (0.05 0 0) (0.05 0.05 0) (0 0.05 0) (0 0 0.01) (0.05 0 0.01) (0.05 0.05 0.01) (0 0.05 0.01));
-blocks (hex (0 1 2 3 4 5 6 7) (16 16 1) simpleGrading (1 1 1));
-boundary
-(
-    warm { type wall; faces ((0 4 7 3)); }
-    cold { type wall; faces ((1 2 6 5)); }
-    floor { type wall; faces ((0 1 5 4) (3 7 6 2)); }
-    frontAndBack { type empty; faces ((0 3 2 1) (4 5 6 7)); }
-);
-EOD
-{ header controlDict; cat <<'EOD'; } > system/controlDict
-startFrom startTime; startTime 0; stopAt endTime; endTime 24; deltaT 0.05; writeControl adjustableRunTime; writeInterval 12;
-writeFormat ascii; writePrecision 12; timePrecision 8; runTimeModifiable no;
-functions { #include "functions" }
-EOD
+control_dict laplacianFoam 24 0.05 adjustableRunTime 12 12
 { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
 ddtSchemes { default Euler; }
 gradSchemes { default Gauss linear; }
@@ -56,7 +41,8 @@ field T volScalarField '0 0 0 1 0 0 0' 300 'warm { type fixedValue; value unifor
     floor { type zeroGradient; }'
 field alphat volScalarField '0 2 -1 0 0 0 0' 0 '".*" { type calculated; value uniform 0; }'
 : > system/functions
-runs blockMesh
+block '0.05 0.05 0.01' '16 16 1' 'warm { type wall; faces (LEFT); } cold { type wall; faces (RIGHT); }
+    floor { type wall; faces (BOTTOM TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
 
 # compared SOLVER FIELDS: the hybrid run beside the plain one
 compared() {
@@ -77,8 +63,6 @@ compared() {
     done
 }
 
-field T volScalarField '0 0 0 1 0 0 0' 300 'warm { type fixedValue; value uniform 302; } cold { type fixedValue; value uniform 298; }
-    floor { type zeroGradient; }'
 compared laplacianFoam T
 
 field p_rgh volScalarField '0 2 -2 0 0 0 0' 0 '".*" { type fixedFluxPressure; value uniform 0; }'

@@ -28,11 +28,7 @@ mesh() {
         defaultPatch { name frontAndBack; type empty; }"
 }
 mesh > system/blockMeshDict
-{ header controlDict; cat <<'EOD'; } > system/controlDict
-application pimpleFoam; startFrom startTime; startTime 0; stopAt endTime; endTime 1.2; deltaT 0.001;
-writeControl adjustableRunTime; writeInterval 0.4; writeFormat ascii; writePrecision 12; timePrecision 8; runTimeModifiable no;
-functions { #include "functions" }
-EOD
+control_dict pimpleFoam 1.2 0.001 adjustableRunTime 0.4 12
 { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
 ddtSchemes { default Euler; }
 gradSchemes { default Gauss linear; }

@@ -14,18 +14,7 @@ boundary
     sides { type patch; faces ((1 2 6 5) (0 1 5 4) (3 7 6 2) (4 5 6 7)); }
 );
 EOD
-{ header controlDict; cat <<'EOD'; } > system/controlDict
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         3;
-deltaT          1;
-writeControl    timeStep;
-writeInterval   1;
-writeFormat     ascii;
-writePrecision  12;
-functions       { #include "functions" }
-EOD
+control_dict none 3 1 timeStep 1 12
 { header fvSchemes; echo 'ddtSchemes {} gradSchemes { default Gauss linear; } divSchemes {} interpolationSchemes { default linear; }
 laplacianSchemes { default Gauss linear corrected; } snGradSchemes { default corrected; }'; } > system/fvSchemes
 header fvSolution > system/fvSolution

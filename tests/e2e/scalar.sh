@@ -7,32 +7,7 @@
 
 # A channel of 1 x 0.3 m, flow from left to right, its lower wall heated; g points down
 mkdir -p case/0 case/constant case/system && cd case
-{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (1 0 0) (1 0.3 0) (0 0.3 0) (0 0 0.1) (1 0 0.1) (1 0.3 0.1) (0 0.3 0.1));
-blocks (hex (0 1 2 3 4 5 6 7) (20 6 1) simpleGrading (1 1 1));
-boundary
-(
-    left { type patch; faces ((0 4 7 3)); }
-    right { type patch; faces ((1 2 6 5)); }
-    bottom { type wall; faces ((0 1 5 4)); }
-    top { type wall; faces ((3 7 6 2)); }
-    frontAndBack { type empty; faces ((0 3 2 1) (4 5 6 7)); }
-);
-EOD
-{ header controlDict; cat <<'EOD'; } > system/controlDict
-application     buoyantBoussinesqPimpleFoam;
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         0.06;
-deltaT          0.002;
-writeControl    adjustableRunTime;
-writeInterval   0.01;
-writeFormat     ascii;
-writePrecision  12;
-timePrecision   8;
-functions       { #include "functions" }
-EOD
+control_dict buoyantBoussinesqPimpleFoam 0.06 0.002 adjustableRunTime 0.01 12
 { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
 ddtSchemes { default Euler; }
 gradSchemes { default Gauss linear; }
@@ -67,7 +42,8 @@ field T volScalarField '[0 0 0 1 0 0 0]' 300 'type fixedValue; value uniform 300
 still='type calculated; value uniform 0;'
 field alphat volScalarField '[0 2 -1 0 0 0 0]' 0 "$still" "$still" "$still" "$still"
 : > system/functions
-runs blockMesh
+block '1 0.3 0.1' '20 6 1' 'left { type patch; faces (LEFT); } right { type patch; faces (RIGHT); } bottom { type wall; faces (BOTTOM); }
+    top { type wall; faces (TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
 
 surrogate() { function_object m4gnSurrogate "model \"$M4GN_HOME/tests/e2e/scalar.safetensors\"; p p_rgh; timeStart 0.02; $1"; }
 

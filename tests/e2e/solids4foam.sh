@@ -15,31 +15,7 @@ make_oracle
 
 # A beam of 0.2 x 0.04 x 0.02 m, clamped at its left, loaded at its tip at time 0. One period is some 0.2 s.
 mkdir -p case/0 case/constant case/system/dualMesh && cd case
-{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (0.2 0 0) (0.2 0.04 0) (0 0.04 0) (0 0 0.02) (0.2 0 0.02) (0.2 0.04 0.02) (0 0.04 0.02));
-blocks (hex (0 1 2 3 4 5 6 7) (20 4 2) simpleGrading (1 1 1));
-boundary
-(
-    clamp { type patch; faces ((0 4 7 3)); }
-    tip { type patch; faces ((1 2 6 5)); }
-    sides { type patch; faces ((0 1 5 4) (3 7 6 2) (0 3 2 1) (4 5 6 7)); }
-);
-EOD
-{ header controlDict; cat <<'EOD'; } > system/controlDict
-application     solids4Foam;
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         0.052;
-deltaT          0.001;
-writeControl    timeStep;
-writeInterval   1;
-writeFormat     ascii;
-writePrecision  14;
-timePrecision   8;
-runTimeModifiable no;
-functions       { #include "functions" }
-EOD
+control_dict solids4Foam 0.052 0.001 timeStep 1 14
 schemes() { header fvSchemes; cat <<EOD; }
 d2dt2Schemes { default $1; }
 ddtSchemes { default $1; }
@@ -99,7 +75,8 @@ EOD
     esac
 }
 : > system/functions
-runs blockMesh
+block '0.2 0.04 0.02' '20 4 2' 'clamp { type patch; faces (LEFT); } tip { type patch; faces (RIGHT); }
+    sides { type patch; faces (BOTTOM TOP BACK FRONT); }'
 
 # The solver to 0.02, the surrogate to 0.03, the solver to 0.04, the surrogate to 0.05, the solver to the end
 export ORACLE_STRIDE=0.005 ORACLE_FRAMES=5
