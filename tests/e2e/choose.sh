@@ -6,7 +6,6 @@ make_case case
 sed -i 's/^endTime .*/endTime 4;/; s/^writeInterval .*/writeInterval 0.25;/; s/^writeFormat .*/writeFormat binary;/' system/controlDict
 sed -i 's/tolerance  *1e-10/tolerance 1e-7/; s/relTol  *0;/relTol 0.05;/' system/fvSolution
 strides=postProcessing/test/0/strides.dat
-entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/0/summary.json; }
 
 # Observing leaves the run alone, and has errors of both
 runs icoFoam
@@ -26,13 +25,7 @@ done
 with_drag() {
     function_object m4gnSurrogate "mode replace; surrogates (network linear); model cylinder-flow.safetensors; timeStart 2;
         linear { interval 0.05; } quantities ( { object $1; result $2; tolerance 0.5; } );"
-    cat >> system/functions <<'EOD'
-forces
-{
-    type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1; log no;
-    CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
-}
-EOD
+    drag forces >> system/functions
 }
 clean_case
 with_drag forces Cd

@@ -167,6 +167,32 @@ function_object() {
     echo "test { type $type; libs (m4gnFoam); $* }" > system/functions
 }
 
+# drag NAME [ENTRIES]: a function object for forces on the cylinder.
+drag() {
+    echo "$1 { type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1; log no;
+        CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1); ${2:-} }"
+}
+
+# entry NAME [START]: of the summary of a run from this time, else of any.
+entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/${2:-*}/summary.json; }
+
+# plain SOLVER TIMES...: the run without function objects, whose times are then in ../plain.
+plain() {
+    : > system/functions
+    clean_case
+    runs "$1"
+    rm -rf ../plain && mkdir ../plain && mv "${@:2}" ../plain
+}
+
+# replaces LEAST WHAT: at least this share of the run's time was replaced.
+replaces() {
+    grep '^m4gn: \(the linear\|jumped\)' log.run
+    below "$1" "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$2: least that is replaced"
+}
+
+# content FILE: what a recording has, wherever it stands.
+content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
+
 # shipped_model_is_near FAMILY LIMIT: the model of a family of solids that ships, on a draw that no training has had: three quarters of
 # the first second are the surrogate's, and the error of D over its root mean square is at most LIMIT.
 shipped_model_is_near() {

@@ -15,7 +15,6 @@ surrogate() {
 }
 # Steps of the jumps, one after the other
 steps() { awk '!/^#/ { printf "%s ", $2 }' postProcessing/test/0/surrogate.dat 2>/dev/null; }
-entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/0/summary.json; }
 
 # Tolerances that nothing reaches: as without control, and the first jump begins at timeStart
 surrogate 'control { tolerance 1000; relTol 1000; }'

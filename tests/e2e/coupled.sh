@@ -38,7 +38,6 @@ fields cyclic
 
 function_object m4gnHarvest
 runs icoFoam
-content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
 file=postProcessing/test/0/trajectory.h5
 content $file
 content $file | grep -q '40 boundary faces, 16 cyclic faces' || fail "the cyclic faces were not recorded as such"

@@ -9,8 +9,7 @@ make_case case
 : > any
 
 sed -i 's/^endTime .*/endTime 1.35;/; s/^writeInterval .*/writeInterval 10;/' system/controlDict
-forces='forces { type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1;
-    log no; CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1); }'
+forces=$(drag forces)
 coefficients=postProcessing/forces/0/coefficient.dat
 
 # error SCHEME ERROR: largest relative error of drag on the first, and on the fifth, step after the two jumps

@@ -5,7 +5,6 @@
 make_case case
 
 # What a trajectory holds, without what says where it came from
-content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
 
 # While the solver runs: a frame each 5 of 30 steps
 function_object m4gnHarvest 'writeControl timeStep; writeInterval 5; split test; provenance { note "a test"; seed 3; }'

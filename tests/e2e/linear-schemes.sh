@@ -6,18 +6,13 @@
 make_case case
 sed -i 's/^endTime .*/endTime 4;/; s/^deltaT .*/deltaT 0.005;/; s/^writeInterval .*/writeInterval 2;/' system/controlDict
 sed -i 's/tolerance  *1e-10/tolerance 1e-7/; s/relTol  *0;/relTol 0.05;/' system/fvSolution
-cp -r 0 ../zero
 
 while read -r scheme; do
     sed -i "/ddtSchemes/,/}/s/default .*;/default $scheme;/" system/fvSchemes
-    : > system/functions
-    clean_case
-    runs icoFoam
-    rm -rf ../plain && mkdir ../plain && mv 2 4 ../plain
+    plain icoFoam 2 4
     function_object m4gnSurrogate 'mode replace; surrogates (linear); timeStart 2; linear { interval 0.05; least 24; tolerance 0.1; enough 0.1; }'
     runs icoFoam
-    grep '^m4gn: \(the linear\|jumped\)' log.run
-    below 0.2 "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$scheme: least that is replaced"
+    replaces 0.2 "$scheme"
     # Half of the run changes it by a quarter and more
     below "$(difference ../plain/4/U 4/U)" 0.15 "$scheme: largest error of U"
     cp log.run ../cn.log

@@ -24,8 +24,7 @@ runs icoFoam
 grep -q '^m4gn: the linear surrogate advances U, p, phi' log.run || { grep m4gn log.run; fail "the fields are not named"; }
 # A pressure without an equation in time is carried: the noise of its tolerance is none of the fit's
 grep -q 'of the variation: U [^,]*); it is used' log.run || { grep 'fit of' log.run; fail "the fit is not made of U alone"; }
-fraction=$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)
-below 0.2 "$fraction" "least that is replaced"
+replaces 0.2 icoFoam
 jumps=$(grep -vc '^#' postProcessing/test/0/surrogate.dat)
 # What is handed back is as free of divergence as the solver's own, and so is the solver's next step
 below "$(largest log.run)" "$(awk "BEGIN { print 1.5*$plain }")" "largest continuity error"

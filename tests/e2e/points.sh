@@ -37,7 +37,6 @@ done
 
 file=postProcessing/test/0/trajectory.h5
 function_object m4gnHarvest 'fields (pointD); location points;'
-content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
 eigenvalues() { m4gn segment "$1" --method slic-md --segments 6 --modes 8 --json "$2" > log.segment; }
 numbers() { sed -n '/"eigenvalues"/,/]/p' "$1" | grep -E '^ *[0-9]'; }
 runs postProcess -time '1:'

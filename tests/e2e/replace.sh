@@ -6,13 +6,7 @@ make_case case
 
 # From 0.02: two steps of 0.01 at a time, five of the solver in between
 function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 5; surrogateSteps 2;"
-cat >> system/functions <<'EOF'
-forces
-{
-    type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1; log no;
-    CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
-}
-EOF
+drag forces >> system/functions
 runs icoFoam
 table=postProcessing/test/0/surrogate.dat
 [ "$(grep -vc '^#' $table)" -eq 1 ] || { cat $table; fail "expected one jump"; }

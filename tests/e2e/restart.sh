@@ -39,7 +39,6 @@ whole() {
     rm -rf ../whole && mkdir ../whole
     cp -r "$@" ../whole
 }
-entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" "postProcessing/test/$2/summary.json"; }
 
 for control in '' 'control { tolerance 1000; relTol 1000; }' 'control { tolerance 0.09; relTol 1000; }'; do
     surrogate "$control"

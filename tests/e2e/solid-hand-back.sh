@@ -34,7 +34,6 @@ surrogate() {
 # Correctors of the first five steps after the jump, and their sum
 after() { sed -n 's/^m4gn: correctors .* after the jump: \(.*\); median.*/\1/p' log.run | head -n 1; }
 sum() { after | awk '{ print $1 + $2 + $3 + $4 + $5 }'; }
-entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/*/summary.json; }
 # energy FOLDER: elastic and kinetic, of the cells (plane stress, E 1 MPa, nu 0.3, 1000 kg/m^3)
 energy() {
     paste <(values "$1/grad(D)") <(values "$1/ddt(D)") | awk '

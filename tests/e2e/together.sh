@@ -72,14 +72,7 @@ runs icoFoam
 ! m4gn info postProcessing/second/0/trajectory.h5 | grep -q hybrid || fail "a recording of the solver alone says hybrid"
 
 # scalarTransport with the surrogate's stride, five times the solver's, would have to be at 22 times
-cat > ../s <<'EOF'
-transport { type scalarTransport; libs (solverFunctionObjects); field s; D 1e-3; nCorr 0; resetOnStartUp no; log yes; }
-forces
-{
-    type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1; log no;
-    CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
-}
-EOF
+{ echo 'transport { type scalarTransport; libs (solverFunctionObjects); field s; D 1e-3; nCorr 0; resetOnStartUp no; log yes; }'; drag forces; } > ../s
 echo "$(header s volScalarField) dimensions [0 0 0 0 0 0 0]; internalField uniform 0;
 boundaryField { inlet { type fixedValue; value uniform 1; } frontAndBack { type empty; } \".*\" { type zeroGradient; } }" > 0/s
 sed -i 's/div(phi,U).*/div(phi,U) Gauss linear; div(phi,s) Gauss upwind;/' system/fvSchemes

@@ -5,9 +5,7 @@
 make_case case
 
 # The solver to 0.02 in steps of 0.002, two strides of 0.01 to 0.04, the solver again
-table() { echo "$1 { type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; magUInf 1; lRef 1; Aref 1; log no;
-    CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1); executeControl $2; executeInterval $3;
-    writeControl $2; writeInterval $3; }"; }
+table() { drag "$1" "executeControl $2; executeInterval $3; writeControl $2; writeInterval $3;"; }
 # case_with CONTROL INTERVAL END
 case_with() {
     clean_case
