@@ -90,40 +90,23 @@ void Foam::m4gnSegmentation::compute
 
 void Foam::m4gnSegmentation::count(const dictionary& dict)
 {
-    label lowest = labelMax;
-    label highest = -1;
+    // Each of them is a label (m4gnStoredSegments)
+    label highest = 0;
     for (const int32_t segment : cells_)
     {
-        lowest = Foam::min(lowest, label(segment));
         highest = Foam::max(highest, label(segment));
     }
-    reduce(lowest, minOp<label>());
     reduce(highest, maxOp<label>());
 
-    // Before room is made for each: a stored field may hold anything
-    const label nCells = returnReduce(cells_.size(), sumOp<label>());
-    if (highest >= nCells)
+    labelList sizes(highest + 1, Zero);
+    for (const int32_t segment : cells_)
     {
-        FatalErrorInFunction
-            << from_.c_str() << " is no segmentation: it has the label "
-            << highest << ", and the mesh has " << nCells
-            << " cells; expected labels below that" << nl
-            << "    Remove the file to have segments computed anew."
-            << exit(FatalError);
-    }
-
-    labelList sizes(Foam::max(highest, label(0)) + 1, Zero);
-    if (lowest >= 0)
-    {
-        for (const int32_t segment : cells_)
-        {
-            ++sizes[segment];
-        }
+        ++sizes[segment];
     }
     Pstream::listCombineGather(sizes, plusEqOp<label>());
     Pstream::listCombineScatter(sizes);
 
-    if (lowest < 0 || min(sizes) == 0)
+    if (min(sizes) == 0)
     {
         FatalErrorInFunction
             << from_.c_str() << " is no segmentation: expected the labels 0 to "

@@ -9,7 +9,16 @@ namespace
 {
 using namespace Foam;
 
-static const char* const entryName = "executeOthers";
+const char* const entryName = "executeOthers";
+
+//- Types of function objects that do more than look
+const wordHashSet acting
+({
+    "age", "electricPotential", "energyTransport", "externalCoupled",
+    "hydrostaticPressure", "icoUncoupledKinematicCloud", "limitFields",
+    "m4gnAnderson", "phaseScalarTransport", "scalarTransport", "setFlow",
+    "setTimeStep"
+});
 
 //- Is the entry a list?
 bool isList(const dictionary& dict)
@@ -39,19 +48,6 @@ word typeOf(const functionObject& object, const Time& time)
 
 } // End anonymous namespace
 
-const Foam::wordList& Foam::m4gnOthers::acting()
-{
-    static const wordList types
-    ({
-        "age", "electricPotential", "energyTransport", "externalCoupled",
-        "hydrostaticPressure", "icoUncoupledKinematicCloud", "limitFields",
-        "m4gnAnderson", "phaseScalarTransport", "scalarTransport", "setFlow",
-        "setTimeStep"
-    });
-
-    return types;
-}
-
 void Foam::m4gnOthers::checkDictionary(const dictionary& dict)
 {
     if (isList(dict))
@@ -73,9 +69,7 @@ Foam::wordHashSet Foam::m4gnOthers::chosen
 {
     const functionObjectList& list = time.functionObjects();
 
-    wordHashSet known;
-    wordHashSet watching;
-    wordHashSet left;
+    wordHashSet known, watching, left;
 
     forAll(list, i)
     {
@@ -86,14 +80,7 @@ Foam::wordHashSet Foam::m4gnOthers::chosen
         }
 
         known.insert(other);
-        if (acting().found(typeOf(list[i], time)))
-        {
-            left.insert(other);
-        }
-        else
-        {
-            watching.insert(other);
-        }
+        (acting.found(typeOf(list[i], time)) ? left : watching).insert(other);
     }
 
     if (isList(dict))

@@ -232,13 +232,7 @@ m4gn_ride_answer Foam::m4gnRide::solved()
         [&](m4gn_ride_answer* a) { return m4gn_ride_solved(ride_, &step, a); },
         "m4gnSurrogate cannot go on"
     );
-    record(answer);
-    return answer;
-}
-
-void Foam::m4gnRide::record(const m4gn_ride_answer& asked)
-{
-    if (asked.arrays)
+    if (answer.arrays)
     {
         const std::vector<const double*> arrays(run_->gather());
         gathered_ = true;
@@ -248,11 +242,12 @@ void Foam::m4gnRide::record(const m4gn_ride_answer& asked)
         );
         listen();
     }
+    return answer;
 }
 
 m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
 {
-    const std::vector<m4gn_field> fields(gather(asked.fields));
+    const std::vector<m4gn_field> fields(gather(asked.fields, asked.fields));
     const std::vector<const int32_t*> marks(held(asked.fields));
     const m4gn_ride_answer answer = ask
     (
@@ -389,7 +384,7 @@ m4gn_ride_answer Foam::m4gnRide::handedBack
 )
 {
     const m4gn_ride_step step(now());
-    const std::vector<m4gn_field> fields(gather(asked.fields));
+    const std::vector<m4gn_field> fields(gather(asked.fields, asked.fields));
     std::vector<m4gn_ride_quantity> told;
     for (const quantity& q : quantities)
     {

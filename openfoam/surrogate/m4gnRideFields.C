@@ -81,11 +81,6 @@ std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool li
     return fields;
 }
 
-std::vector<m4gn_field> Foam::m4gnRide::gather(const bool wanted)
-{
-    return gather(wanted, wanted);
-}
-
 std::vector<m4gn_field> Foam::m4gnRide::advances(const word& kind) const
 {
     if (kind == "linear")

@@ -49,6 +49,24 @@ scalar* numbers(Field<Type>& values)
     return reinterpret_cast<scalar*>(values.data());
 }
 
+template<class Type>
+const scalar* numbers(const Field<Type>& values)
+{
+    return reinterpret_cast<const scalar*>(values.cdata());
+}
+
+template<class Type, template<class> class Patch, class Mesh>
+constexpr label componentsOf(const GeometricField<Type, Patch, Mesh>&)
+{
+    return pTraits<Type>::nComponents;
+}
+
+template<class Type, template<class> class Patch, class Mesh>
+constexpr bool isOfCells(const GeometricField<Type, Patch, Mesh>&)
+{
+    return std::is_same<Mesh, volMesh>::value;
+}
+
 //- Does it follow from other fields, without an equation in time? It then has the noise of the tolerance that it is solved to: the fit is
 //  made of the fields that evolve, and carries it.
 bool follows(const regIOobject& object, const dimensionSet& dimensions)
@@ -60,100 +78,8 @@ bool follows(const regIOobject& object, const dimensionSet& dimensions)
      || (pressures.found(object.name()) && dimensions == sqr(dimVelocity));
 }
 
-//- What the arrays are
-struct describe
-{
-    std::vector<std::string>& names;
-    std::vector<m4gn_ride_array>& layout;
-    const scalarField& volumes;
-    const label solvedDirections;
-
-    void add
-    (
-        const std::string& name, const label n, const label components, const label solved, const bool fitted,
-        const bool positive
-    )
-    {
-        names.push_back(name);
-        m4gn_ride_array array{};
-        array.n = n*components;
-        array.components = components;
-        array.solved = solved;
-        array.positive = positive;
-        array.fitted = solved && fitted;
-        array.weights = array.fitted ? volumes.cdata() : nullptr;
-        layout.push_back(array);
-    }
-
-    template<class Type, template<class> class Patch, class Mesh>
-    void operator()(GeometricField<Type, Patch, Mesh>& field)
-    {
-        const label n = pTraits<Type>::nComponents;
-        const bool measured = std::is_same<Mesh, volMesh>::value && (n == 1 || n == 3) && isRead(field);
-        const label solved = !measured ? 0 : n == 1 ? 1 : solvedDirections;
-        const bool isPositive = positive(field.name(), field.dimensions());
-        add(field.name(), field.primitiveField().size(), n, solved, !follows(field, field.dimensions()), isPositive);
-        label faces = 0;
-        for (const auto& patch : field.boundaryField())
-        {
-            faces += patch.size();
-        }
-        add(field.name() + ".boundary", faces, n, 0, false, isPositive);
-    }
-};
-
-//- From the fields into the arrays
-struct copyOut
-{
-    List<scalarField>& values;
-    label arrayi;
-
-    template<class Type, template<class> class Patch, class Mesh>
-    void operator()(GeometricField<Type, Patch, Mesh>& field)
-    {
-        const Field<Type>& cells = field.primitiveField();
-        const auto* from = reinterpret_cast<const scalar*>(cells.cdata());
-        std::copy(from, from + values[arrayi].size(), values[arrayi].begin());
-        scalar* to = values[arrayi + 1].begin();
-        for (const auto& patch : field.boundaryField())
-        {
-            from = reinterpret_cast<const scalar*>(patch.cdata());
-            to = std::copy(from, from + patch.size()*pTraits<Type>::nComponents, to);
-        }
-        arrayi += 2;
-    }
-};
-
-//- And back: into the fields, which keep what they have as old levels, or into the old levels that they have
-struct copyIn
-{
-    const List<scalarField>& values;
-    const bool old;
-    label arrayi;
-
-    template<class Type, template<class> class Patch, class Mesh>
-    void operator()(GeometricField<Type, Patch, Mesh>& present)
-    {
-        if (old && !present.nOldTimes())
-        {
-            arrayi += 2;
-            return;
-        }
-        auto& field = old ? present.oldTime() : present;
-        std::copy(values[arrayi].begin(), values[arrayi].end(), numbers<Type>(field.primitiveFieldRef()));
-        const scalar* from = values[arrayi + 1].begin();
-        for (auto& patch : field.boundaryFieldRef())
-        {
-            const label n = patch.size()*pTraits<Type>::nComponents;
-            std::copy(from, from + n, numbers<Type>(patch));
-            from += n;
-        }
-        arrayi += 2;
-    }
-};
-
 template<class FieldType, class Action>
-void apply(const fvMesh& mesh, const word& name, Action& action)
+void apply(const fvMesh& mesh, const word& name, const Action& action)
 {
     if (auto* field = mesh.getObjectPtr<FieldType>(name))
     {
@@ -164,7 +90,7 @@ void apply(const fvMesh& mesh, const word& name, Action& action)
 } // End anonymous namespace
 
 template<class Action>
-void Foam::m4gnRunState::each(Action& action) const
+void Foam::m4gnRunState::each(const Action& action) const
 {
     for (const word& name : fields_)
     {
@@ -245,15 +171,46 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     {
         solved += mesh.solutionD()[d] > 0;
     }
-    describe describing{names_, layout_, volumes_, solved};
-    each(describing);
+    const auto add = [&]
+    (
+        const std::string& name, const label n, const label components, const label solvedComponents, const bool fitted,
+        const bool isPositive
+    )
+    {
+        names_.push_back(name);
+        m4gn_ride_array array{};
+        array.n = n*components;
+        array.components = components;
+        array.solved = solvedComponents;
+        array.positive = isPositive;
+        array.fitted = solvedComponents && fitted;
+        array.weights = array.fitted ? volumes_.cdata() : nullptr;
+        layout_.push_back(array);
+    };
+    each([&](auto& field)
+    {
+        const label n = componentsOf(field);
+        const bool measured = isOfCells(field) && (n == 1 || n == 3) && isRead(field);
+        const bool isPositive = positive(field.name(), field.dimensions());
+        add
+        (
+            field.name(), field.primitiveField().size(), n, !measured ? 0 : n == 1 ? 1 : solved,
+            !follows(field, field.dimensions()), isPositive
+        );
+        label faces = 0;
+        for (const auto& patch : field.boundaryField())
+        {
+            faces += patch.size();
+        }
+        add(field.name() + ".boundary", faces, n, 0, false, isPositive);
+    });
 
     values_.resize(layout_.size());
 
     inputs_.reset(new m4gnPrescribed(mesh, fields_));
     forAll(inputs_->values(), i)
     {
-        describing.add(inputs_->name(i), inputs_->values()[i].size(), 1, 0, false, false);
+        add(inputs_->name(i), inputs_->values()[i].size(), 1, 0, false, false);
         layout_.back().input = 1;
     }
 
@@ -294,8 +251,17 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
 
 std::vector<const double*> Foam::m4gnRunState::gather()
 {
-    copyOut copying{values_, 0};
-    each(copying);
+    label arrayi = 0;
+    each([&](auto& field)
+    {
+        std::copy_n(numbers(field.primitiveField()), values_[arrayi].size(), values_[arrayi].begin());
+        scalar* to = values_[arrayi + 1].begin();
+        for (const auto& patch : field.boundaryField())
+        {
+            to = std::copy_n(numbers(patch), patch.size()*componentsOf(field), to);
+        }
+        arrayi += 2;
+    });
 
     std::vector<const double*> all;
     for (const scalarField& values : values_)
@@ -338,14 +304,28 @@ std::vector<double*> Foam::m4gnRunState::places()
 void Foam::m4gnRunState::advance(const List<scalarField>&, const scalar duration)
 {
     step(duration);
-    copyIn copying{values_, false, 0};
-    each(copying);
+    put(false);
 }
 
-void Foam::m4gnRunState::setOldLevels()
+void Foam::m4gnRunState::put(const bool old)
 {
-    copyIn copying{values_, true, 0};
-    each(copying);
+    label arrayi = 0;
+    each([&](auto& present)
+    {
+        if (!old || present.nOldTimes())
+        {
+            auto& field = old ? present.oldTime() : present;
+            std::copy(values_[arrayi].begin(), values_[arrayi].end(), numbers(field.primitiveFieldRef()));
+            const scalar* from = values_[arrayi + 1].begin();
+            for (auto& patch : field.boundaryFieldRef())
+            {
+                const label n = patch.size()*componentsOf(field);
+                std::copy_n(from, n, numbers(patch));
+                from += n;
+            }
+        }
+        arrayi += 2;
+    });
 }
 
 Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnRunState::quantities() const

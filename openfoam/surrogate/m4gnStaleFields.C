@@ -70,26 +70,6 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
      && !derived_.found(word(name, false));
 }
 
-Foam::m4gnStaleFields::m4gnStaleFields(const fvMesh& mesh)
-:
-    mesh_(mesh),
-    said_(false)
-{}
-
-Foam::wordList Foam::m4gnStaleFields::names() const
-{
-    DynamicList<word> found;
-    for (const word& name : mesh_.sortedNames<regIOobject>())
-    {
-        if (stale(mesh_.lookupObject<regIOobject>(name)))
-        {
-            found.append(name);
-        }
-    }
-
-    return wordList(std::move(found));
-}
-
 void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& since)
 {
     advanced_ = wordHashSet(state.advanced());
@@ -100,20 +80,22 @@ void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& sinc
         return;
     }
 
-    const wordList marked(names());
-    List<string> notes(marked.size());
-
-    forAll(marked, i)
+    DynamicList<word> marked;
+    DynamicList<string> notes;
+    for (const word& name : mesh_.sortedNames<regIOobject>())
     {
-        string& note = mesh_.lookupObjectRef<regIOobject>(marked[i]).note();
-        notes[i] = note;
-        note =
-            std::string(m4gn::staleNote) + ", values of time " + since;
+        auto& object = mesh_.lookupObjectRef<regIOobject>(name);
+        if (stale(object))
+        {
+            marked.append(name);
+            notes.append(object.note());
+            object.note() = std::string(m4gn::staleNote) + ", values of time " + since;
+        }
     }
 
     if (marked.size() && !said_)
     {
-        Info<< "m4gn: the model does not advance " << m4gn::join(marked)
+        Info<< "m4gn: the model does not advance " << m4gn::join(wordList(marked))
             << ": what is written of them in a jump has the values of the"
             << " solver's last step, and a note that says so" << endl;
         said_ = true;
