@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# m4gnSurrogate with surrogates (linear) where a network is refused or knows less than the solver: a pipe as a wedge, and a zone that
+# rotates (MRF, pimpleFoam), both behind an inlet that pulsates.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+mkdir -p case/{0,constant,system} && cd case
+control_dict pimpleFoam 3 0.005 adjustableRunTime 1.5 12
+: > system/functions
+{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
+ddtSchemes { default Euler; }
+gradSchemes { default Gauss linear; }
+divSchemes { default Gauss linear; }
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+EOD
+{ header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers
+{
+    "p.*" { solver PCG; preconditioner DIC; tolerance 1e-8; relTol 0.01; }
+    "U.*" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-8; relTol 0; }
+}
+PIMPLE { nCorrectors 2; nOuterCorrectors 1; }
+PISO { nCorrectors 2; }
+EOD
+echo "$(header x) simulationType laminar; transportModel Newtonian; nu 1e-2;" | tee constant/turbulenceProperties > constant/transportProperties
+# field NAME CLASS DIMENSIONS INLET OUTLET WALL OTHERS
+field() {
+    { header "$1" "$2"; echo "dimensions [$3]; internalField uniform $4; boundaryField { inlet { $5 } outlet { $6 } wall { $7 } $8 }"; } > "0/$1"
+}
+fields() {
+    field U volVectorField '0 1 -1 0 0 0 0' '(1 0 0)' 'type uniformFixedValue; uniformValue { type sine; frequency 2; amplitude 0.1; scale (1 0 0);
+        level (1 0 0); } value uniform (1 0 0);' 'type zeroGradient;' 'type noSlip;' "$1"
+    field p volScalarField '0 2 -2 0 0 0 0' 0 'type zeroGradient;' 'type fixedValue; value uniform 0;' 'type zeroGradient;' "$1"
+}
+# compared SOLVER WHAT: the hybrid run beside the plain one
+compared() {
+    plain "$1" 1.5 3
+    function_object m4gnSurrogate 'mode replace; surrogates (linear); linear { interval 0.05; longest 20; least 24; tolerance 0.1; enough 0.05; }'
+    runs "$1"
+    replaces 0.1 "$2"
+    for name in U p; do
+        below "$(difference ../plain/3/$name 3/$name)" 0.05 "$2: largest error of $name"
+    done
+}
+
+block '1 0.4 0.1' '20 8 1' 'inlet { type patch; faces (LEFT); } outlet { type patch; faces (RIGHT); } wall { type wall; faces (BOTTOM TOP); }
+    sides { type empty; faces (BACK FRONT); }'
+{ header topoSetDict; echo 'actions ( { name rotor; type cellSet; action new; source boxToCell; sourceInfo { box (0.3 0.1 -1) (0.7 0.3 1); } }
+    { name rotor; type cellZoneSet; action new; source setToCellZone; sourceInfo { set rotor; } } );'; } > system/topoSetDict
+runs topoSet
+{ header MRFProperties; echo 'rotor { cellZone rotor; active yes; nonRotatingPatches (); origin (0.5 0.2 0); axis (0 0 1); omega 2; }'; } \
+    > constant/MRFProperties
+fields 'sides { type empty; }'
+compared pimpleFoam 'a zone that rotates'
+
+rm constant/MRFProperties
+{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
+vertices ((0 0 0) (1 0 0) (1 0.1 -0.004) (0 0.1 -0.004) (1 0.1 0.004) (0 0.1 0.004));
+blocks (hex (0 1 2 3 0 1 4 5) (16 6 1) simpleGrading (1 1 1));
+boundary
+(
+    inlet { type patch; faces ((0 5 3 0)); }
+    outlet { type patch; faces ((1 2 4 1)); }
+    wall { type wall; faces ((3 5 4 2)); }
+    back { type wedge; faces ((0 3 2 1)); }
+    front { type wedge; faces ((0 1 4 5)); }
+    axis { type empty; faces ((0 1 1 0)); }
+);
+EOD
+rm -rf constant/polyMesh
+runs blockMesh
+fields '"back|front" { type wedge; } axis { type empty; }'
+compared icoFoam 'a pipe as a wedge'
