@@ -3,7 +3,7 @@
 
 All contestants are the same network (the same random weights; their outputs are compared first) on the same graph, in
 processes of their own that live through the whole comparison and take turns: start-up is not measured, and a machine
-that slows down slows all of them. PhysicsNeMo is installed into an environment of its own and run in inference mode as
+that slows down slows all of them. PhysicsNeMo runs in the Python that --physicsnemo names (bench/README.md), in inference mode, as
 it comes, with its options for speed (do_concat_trick, torch.compile), and under bf16 autocast.
 
 With --train a step is one update in training (forward, backward, Adam) with batches of --batch graphs, in place of one
@@ -18,8 +18,6 @@ precision that suits it best) over m4gn's native training in the precision that 
 
 import argparse
 import contextlib
-import fcntl
-import importlib.util
 import itertools
 import json
 import os
@@ -39,9 +37,6 @@ CACHE = pathlib.Path(
     or pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "m4gn"
 )
 TORCH = "2.11.0"
-PACKAGES = ["nvidia-physicsnemo==2.2.2", f"torch=={TORCH}", "torch-geometric==2.8.1", "setuptools<81", "wheel", "ninja"]
-SCATTER = "torch-scatter==2.1.2"
-CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 
 
 class Failure(Exception):
@@ -51,14 +46,10 @@ class Failure(Exception):
 def main():
     args = arguments()
     try:
-        python = None if args.without_physicsnemo else environment()
-        if args.install_only:
-            print(python)
-            return 0
-        figures = compare(args, python)
+        figures = compare(args, args.physicsnemo)
         if args.json:
-            write(args.json, json.dumps(figures, indent=2) + "\n")
-    except (Failure, KeyboardInterrupt) as failure:
+            args.json.write_text(json.dumps(figures, indent=2) + "\n")
+    except (Failure, OSError, KeyboardInterrupt) as failure:
         print(f"compare.py: {failure or 'stopped'}", file=sys.stderr)
         return 1
     return 0
@@ -79,10 +70,9 @@ def arguments():
     add("--rounds", type=positive, default=15, metavar="R", help="turns of each contestant (15)")
     add("--m4gn", type=pathlib.Path, metavar="FILE", help="the program m4gn (of this checkout's target/release, or in PATH)")
     add("--json", type=pathlib.Path, metavar="FILE", help="write the figures to this file")
-    add("--without-physicsnemo", action="store_true", help="compare with the libtorch model only; installs nothing")
+    add("--physicsnemo", type=pathlib.Path, metavar="PYTHON", help="a Python with PhysicsNeMo (README.md); without, the libtorch model only")
     add("--without-paper", action="store_true", help="leave out M4GN of the paper's size against the libtorch model")
     add("--no-compile", action="store_true", help="do not try PhysicsNeMo with torch.compile (a minute or more each)")
-    add("--install-only", action="store_true", help="install PhysicsNeMo, print the environment's Python, and end")
     return parser.parse_args()
 
 
@@ -91,58 +81,6 @@ def positive(text):
     if value < 1:
         raise argparse.ArgumentTypeError("expected a positive number")
     return value
-
-
-# The environment
-
-
-def environment():
-    """Python of an environment with PhysicsNeMo in it, made where it is missing."""
-    folder = CACHE / "venv-physicsnemo"
-    python = folder / "bin" / "python"
-    stamp = folder / ".complete"
-    wanted = "\n".join([sys.version.split()[0], *PACKAGES, SCATTER]) + "\n"
-    CACHE.mkdir(parents=True, exist_ok=True)
-    with open(CACHE / ".venv-physicsnemo.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if stamp.is_file() and stamp.read_text() == wanted:
-            return python
-        if sys.version_info < (3, 11):
-            raise Failure("PhysicsNeMo 2.2.2 needs Python 3.11 or newer; run compare.py with one")
-        for module in ["venv", "ensurepip"]:
-            if importlib.util.find_spec(module) is None:
-                raise Failure(f"this Python has no {module}; type 'apt-get install python3-venv' or use another Python")
-        # As it is unpacked, with the CUDA libraries that the wheels of PyPI are linked to.
-        free = shutil.disk_usage(CACHE).free
-        if free < 8e9:
-            raise Failure(f"{CACHE} has {free / 1e9:.1f} GB free and PhysicsNeMo may need 8; set M4GN_CACHE to another folder")
-        print(f"  installing PhysicsNeMo into {folder} (once; some minutes, up to 3 GB to download)", flush=True)
-        stamp.unlink(missing_ok=True)
-        shutil.rmtree(folder, ignore_errors=True)
-        log = CACHE / "venv-physicsnemo.log"
-        with open(log, "w") as out:
-
-            def call(*command, **variables):
-                out.write(f"+ {' '.join(map(str, command))}\n")
-                out.flush()
-                # What the user's shell sets for libtorch must not reach this one.
-                clean = {k: v for k, v in os.environ.items() if k not in ("LD_LIBRARY_PATH", "PYTHONPATH")}
-                done = subprocess.run(command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=clean | variables)
-                return done.returncode == 0
-
-            pip = [python, "-m", "pip", "install", "--no-cache-dir", "--disable-pip-version-check", "--progress-bar", "off"]
-            if not call(sys.executable, "-m", "venv", folder):
-                raise Failure(f"the environment {folder} could not be made; see {log}")
-            # The CPU build is a tenth of the size; not every network lets one reach it.
-            if not call(*pip, "--retries", "0", "--timeout", "10", f"torch=={TORCH}", "--index-url", CPU_INDEX):
-                print("  (the index of CPU builds cannot be reached: torch from PyPI, with CUDA's libraries)", flush=True)
-            if not call(*pip, *PACKAGES):
-                raise Failure(f"PhysicsNeMo could not be installed; check the network and pip's settings, see {log}")
-            flags = {"FORCE_ONLY_CPU": "1", "FORCE_CUDA": "0", "MAX_JOBS": str(len(cores()))}
-            if not call(*pip, "--no-build-isolation", "--no-deps", SCATTER, **flags):
-                raise Failure(f"torch-scatter could not be compiled; it needs g++ and Python's headers, see {log}")
-        stamp.write_text(wanted)
-    return python
 
 
 # Contestants
@@ -255,10 +193,7 @@ def compare(args, python):
                 )
                 # PhysicsNeMo has no M4GN.
                 rival = None if extra else python
-                if batch:
-                    results.append(match_training(args, m4gn, rival, folder, network, layers, threads, shape, batch))
-                else:
-                    results.append(match(args, m4gn, rival, folder, network, layers, threads))
+                results.append(match(args, m4gn, rival, folder, network, layers, threads, shape, batch))
                 results[-1]["network"] = "m4gn" if extra else "mgn"
     figures = {"machine": machine(), "width": args.width, "results": results}
     if len(results) == 1:
@@ -310,60 +245,40 @@ def show(everybody, ms):
         )
 
 
-def match_training(args, m4gn, python, folder, network, layers, threads, shape, batch):
-    """Training one network on one number of threads, with batches of one size."""
-    command = [m4gn, "bench", "--train", "--worker", *shape, "--batch", batch, "--nodes", args.nodes, "--threads", threads]
+def match(args, m4gn, python, folder, network, layers, threads, shape, batch):
+    """One network on one number of threads; its training with batches of one size, where that is not 0."""
+    network_of = ["--train", *shape, "--batch", batch] if batch else ["--model", folder / "model.safetensors"]
+    command = [m4gn, "bench", "--worker", *network_of, "--nodes", args.nodes, "--threads", threads]
     with starter(network) as start:
-        everybody = {}
+        everybody, row = {}, {"layers": layers, "threads": threads}
         for precision in ["fp32", "bf16"]:
             own = [*command, "--precision", precision]
             everybody[precision] = Contestant(f"m4gn, {precision}", start("m4gn", own, threads))
-            process = start("m4gn on libtorch", [*own, "--backend", "torch"], threads, with_libtorch())
-            everybody[f"torch_{precision}"] = Contestant(f"m4gn on libtorch, {precision}", process)
-        row = {"layers": layers, "threads": threads, "batch": batch}
+            if batch or precision == "fp32":
+                process = start("m4gn on libtorch", [*own, "--backend", "torch"], threads, with_libtorch())
+                everybody[f"torch_{precision}"] = Contestant(f"m4gn on libtorch, {precision}", process)
         if python:
             everybody |= physicsnemo(args, python, folder, threads, start, row, batch)
         by_turns(everybody.values(), args.rounds)
         ms = row["ms"] = {name: c.median() for name, c in everybody.items()}
-        best = min(ms["fp32"], ms["bf16"])
-        row["train_vs_torch"] = min(ms["torch_fp32"], ms["torch_bf16"]) / best
-        if python:
-            row["train_vs_physicsnemo"] = ms["physicsnemo"] / best
-            row["train_vs_physicsnemo_fastest"] = min(ms["physicsnemo_fastest"], ms["physicsnemo_bf16"]) / best
         row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
-        show(everybody, ms)
-        return row
-
-
-def match(args, m4gn, python, folder, network, layers, threads):
-    """One network on one number of threads."""
-    command = [m4gn, "bench", "--worker", "--model", folder / "model.safetensors", "--nodes", args.nodes, "--threads", threads]
-    with starter(network) as start:
-        everybody = {
-            "fp32": Contestant("m4gn, fp32", start("m4gn", [*command, "--precision", "fp32"], threads)),
-            "bf16": Contestant("m4gn, bf16", start("m4gn", [*command, "--precision", "bf16"], threads)),
-        }
-        process = start("the libtorch model", [*command, "--backend", "torch"], threads, with_libtorch())
-        everybody["tch"] = Contestant("libtorch model", process)
-        row = {"layers": layers, "threads": threads}
-        if python:
-            everybody |= physicsnemo(args, python, folder, threads, start, row)
-        by_turns(everybody.values(), args.rounds)
-
-        ms = row["ms"] = {name: c.median() for name, c in everybody.items()}
-        for name in ["fp32", "bf16"]:
+        if batch:
+            best = min(ms["fp32"], ms["bf16"])
+            row |= {"batch": batch, "train_vs_torch": min(ms["torch_fp32"], ms["torch_bf16"]) / best}
             if python:
-                row[f"{name}_vs_physicsnemo"] = ms["physicsnemo"] / ms[name]
-                row[f"{name}_vs_physicsnemo_fastest"] = ms["physicsnemo_fastest"] / ms[name]
-            row[f"{name}_vs_tch"] = ms["tch"] / ms[name]
-        if python:
-            row["bf16_vs_physicsnemo_bf16"] = ms["physicsnemo_bf16"] / ms["bf16"]
-        row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
+                row["train_vs_physicsnemo"] = ms["physicsnemo"] / best
+                row["train_vs_physicsnemo_fastest"] = min(ms["physicsnemo_fastest"], ms["physicsnemo_bf16"]) / best
+        else:
+            for name, rival in itertools.product(["fp32", "bf16"], ["torch_fp32", "physicsnemo", "physicsnemo_fastest"]):
+                if rival in ms:
+                    row[f"{name}_vs_{rival.replace('torch_fp32', 'tch')}"] = ms[rival] / ms[name]
+            if python:
+                row["bf16_vs_physicsnemo_bf16"] = ms["physicsnemo_bf16"] / ms["bf16"]
         show(everybody, ms)
         return row
 
 
-def physicsnemo(args, python, folder, threads, start, row, batch=0):
+def physicsnemo(args, python, folder, threads, start, row, batch):
     """As it comes, and its fastest ways here in fp32 and under bf16 autocast."""
     names = [name for name, (_, compiled) in VARIANTS.items() if not (compiled and args.no_compile)]
     request = {"folder": str(folder), "threads": threads, "variants": names, "batch": batch}
@@ -397,15 +312,6 @@ def machine():
             if line.startswith("model name"):
                 return f"{line.split(':', 1)[1].strip()}, {len(cores())} cores"
     return "unknown"
-
-
-def write(path, text):
-    beside = path.with_name(path.name + ".tmp")
-    try:
-        beside.write_text(text)
-        beside.replace(path)
-    except OSError as error:
-        raise Failure(f"{path} cannot be written: {error}") from error
 
 
 if __name__ == "__main__":

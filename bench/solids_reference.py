@@ -1,46 +1,28 @@
-#!/usr/bin/env python3
 """Eigenvalues of small solid bodies by an independent library, FElupe (PyPI, GPL).
 
-  bench/solids_reference.py            compare with src/modes/fem/reference.json, exit 1 if they differ by 1e-9
-  bench/solids_reference.py --write    write that file
+  ~/.cache/m4gn/solids/bin/python bench/solids_reference.py [--write]
+
+Compares with src/modes/fem/reference.json, exit 1 if they differ by 1e-9, or writes that file.
 
 The same bodies are solved by `cargo test --release fem::reference`. Isoparametric elements: K and M are FElupe's (the
 wedge is given to it as an element of its own, with 3 x 2 quadrature points). Smoothed elements: FElupe knows none; K and
 M are made here, from the definition, with matrices of gradients and averages, in a way that shares nothing with m4gn.
-The Python environment is made once, in ~/.cache/m4gn/felupe-11.3.0.
+setup/solids.sh makes the Python environment.
 """
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
-FELUPE = "11.3.0"
-HERE = Path(__file__).resolve().parent
-REFERENCE = HERE.parent / "src" / "fem" / "reference.json"
-VENV = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "m4gn" / f"felupe-{FELUPE}"
+import felupe
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
 
+HOME = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(HOME / "tools"))
+from m4gn_solids.elements import Wedge  # noqa: E402
 
-def enter_environment():
-    """Runs this script again with the Python that has FElupe."""
-    python = VENV / "bin" / "python"
-    if Path(sys.prefix).resolve() == VENV.resolve():
-        return
-    if not (VENV / "done").exists():
-        print(f"making {VENV}", file=sys.stderr)
-        subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
-        subprocess.run([python, "-m", "pip", "install", "-q", f"felupe=={FELUPE}", "scipy==1.17.1"], check=True)
-        (VENV / "done").touch()
-    os.execv(python, [str(python), *sys.argv])
-
-
-if __name__ == "__main__":
-    enter_environment()
-
-import felupe  # noqa: E402
-import numpy as np  # noqa: E402
-import scipy.linalg  # noqa: E402
-import scipy.sparse as sp  # noqa: E402
+REFERENCE = HOME / "src/modes/fem/reference.json"
 
 FACES = {
     "tetrahedron": [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
@@ -75,25 +57,6 @@ def body(shape, n, lengths, seed):
             corners += [at(0, 0, 1), at(1, 0, 1), at(1, 1, 1), at(0, 1, 1)]
         cells += [[corners[p] for p in cut] for cut in CUTS[shape]]
     return points, np.array(cells), np.flatnonzero(points[:, 0] == 0)
-
-
-class Wedge(felupe.Element):
-    """Six points, linear in the triangle and along it."""
-
-    def __init__(self):
-        self.points = np.array([[0, 0, -1], [1, 0, -1], [0, 1, -1], [0, 0, 1], [1, 0, 1], [0, 1, 1]], float)
-        self.cells = np.arange(6).reshape(1, -1)
-        self.cell_type = "wedge"
-
-    def function(self, r):
-        flat = np.array([1 - r[0] - r[1], r[0], r[1]])
-        return np.concatenate([flat * (1 - r[2]) / 2, flat * (1 + r[2]) / 2])
-
-    def gradient(self, r):
-        flat = np.array([1 - r[0] - r[1], r[0], r[1]])
-        slope = np.array([[-1, -1], [1, 0], [0, 1.0]])
-        lower = np.column_stack([slope * (1 - r[2]) / 2, -flat / 2])
-        return np.vstack([lower, np.column_stack([slope * (1 + r[2]) / 2, flat / 2])])
 
 
 def quadrature(shape, mass):

@@ -5,8 +5,7 @@
 
 use m4gn_mesh::NodeType;
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, ModalOperator, Model, ModelSpec, Output,
-    SegmentSpec,
+    Activation, Architecture, FieldSpec, Kind, ModalOperator, Model, ModelSpec, Output, SegmentSpec,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -59,38 +58,12 @@ fn scalar() -> ModelSpec {
 }
 
 fn flow() -> ModelSpec {
-    ModelSpec {
-        format: 1,
-        dim: 2,
-        stride: 0.01,
-        fields: vec![
-            field("U", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
-            field("p", false, [0, 2, -2, 0, 0, 0, 0], Output::Value),
-        ],
-        node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
-        architecture: Architecture {
-            width: 8,
-            hidden_layers: 1,
-            activation: Activation::Silu,
-            kind: Kind::M4gn(M4gn {
-                layers_before: 2,
-                layers_after: 1,
-                segment_transformer: MacroSpec {
-                    layers: 1,
-                    heads: 2,
-                    ffn_width: 16,
-                    rwse_steps: 4,
-                    centroids: true,
-                    offsets: true,
-                },
-            }),
-        },
-        contact: None,
-        resolution: None,
-        segments: SegmentSpec { count: 4, modes: 3, ..SegmentSpec::default() },
-        precision: m4gn_model::Precision::Fp32,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::json!({ "note": "random weights" }),
+    let mut spec = m4gn_samples::model::spec();
+    spec.architecture.activation = Activation::Silu;
+    if let Kind::M4gn(m) = &mut spec.architecture.kind {
+        (m.segment_transformer.ffn_width, m.segment_transformer.rwse_steps) = (16, 4);
     }
+    spec.segments.modes = 3;
+    spec.training = serde_json::json!({ "note": "random weights" });
+    spec
 }

@@ -83,10 +83,17 @@ fn hexahedra_and_a_model_file() {
     assert!(String::from_utf8_lossy(&refused.stderr).contains("dimensions"));
 }
 
+/// A step of the network, and one of its training.
 #[test]
 fn a_worker_answers_line_by_line() {
+    answers(&["--worker"]);
+    answers(&["--worker", "--train", "--unroll", "2", "--batch", "3"]);
+    answers(&["--worker", "--train", "--segments", "5", "--precision", "bf16", "--threads", "2"]);
+}
+
+fn answers(options: &[&str]) {
     let mut worker = Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .args([&SMALL[..], &["--worker"]].concat())
+        .args([&SMALL[..], options].concat())
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
@@ -115,44 +122,13 @@ fn bad_usage_is_told() {
         (&["bench", "--model", "/nonexistent"], "/nonexistent"),
         (&["bench", "--nodes", "60", "--segments", "100"], "100 segments for 60 nodes"),
         (&["bench", "--worker", "--json", "x"], "cannot be used with"),
+        (&["bench", "--worker", "--train", "--batch", "0"], "--batch 0"),
+        (&["bench", "--batch", "2"], "--train"),
+        (&["bench", "--train"], "--worker"),
     ] {
         let output = m4gn(args);
         assert!(!output.status.success());
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(error.contains(message), "{args:?}: {error}");
     }
-}
-
-#[test]
-fn figures_of_a_step_of_training() {
-    let dir = tempfile::tempdir().unwrap();
-    let json = dir.path().join("train.json");
-    for extra in [
-        &["--precision", "fp32"][..],
-        &["--precision", "bf16", "--threads", "2", "--unroll", "2"],
-        &["--segments", "5", "--batch", "3"],
-    ] {
-        let options = ["--train", "--steps", "3", "--json", json.to_str().unwrap()];
-        let text = success(&m4gn(&[&SMALL[..], &options[..], extra].concat()));
-        assert!(text.contains("samples/s") && text.contains("backward"), "{text}");
-        let found: serde_json::Value =
-            serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
-        for key in ["gflop_per_step", "gemm_peak_gflops", "peak_share", "tape_mib"] {
-            assert!(found[key].as_f64().is_some_and(|v| v > 0.0), "{key}: {found}");
-        }
-        assert_eq!(found["native"]["steps"], 3);
-        assert_eq!(found["phases"].as_array().unwrap().len(), 4);
-        if extra == ["--precision", "fp32"] {
-            // As of a step of the network with its edges encoded, 344 rows more, three times for each of two graphs.
-            let rows = 2 * (2 * 344 + 5 * 60) + 2 * 60 + 344;
-            let gflop = 6.0 * (f64::from(rows * 512) + 2.0 * 96.0 * 60.0 + 96.0 * 344.0) * 1e-9;
-            let counted = found["gflop_per_step"].as_f64().unwrap();
-            assert!((counted / gflop - 1.0).abs() < 1e-9, "{counted} {gflop}");
-        }
-    }
-    let bad = m4gn(&[&SMALL[..], &["--train", "--batch", "0"]].concat());
-    assert_eq!(bad.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&bad.stderr).contains("--batch 0"));
-    let alone = m4gn(&[&SMALL[..], &["--batch", "2"]].concat());
-    assert_eq!(alone.status.code(), Some(2), "--batch is for --train");
 }

@@ -7,12 +7,14 @@
 mod checks;
 #[path = "mpi_core/pairs.rs"]
 mod pairs;
+#[path = "ranks/mod.rs"]
+mod ranks;
 #[path = "mpi_core/segments.rs"]
 mod segments;
 
 use checks::{Checks, compare_modes, compare_segments};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::{Comm, finalize};
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
@@ -24,14 +26,11 @@ use m4gn_structure::{Segmentation, segment};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let comm = match Comm::world() {
-        Ok(comm) => comm,
-        Err(e) => {
-            eprintln!("mpi_core: {e}");
-            return ExitCode::FAILURE;
-        }
-    };
-    let mut checks = Checks::new(&comm);
+    ranks::run("mpi_core", |comm| Ok(run(comm)))
+}
+
+fn run(comm: &Comm) -> Vec<String> {
+    let mut checks = Checks::new(comm);
     if comm.size() == 2 && comm.is_root() {
         // PETSc first started by one rank alone must not keep the others from starting it later.
         let modes = whole_modes(&sample::chain(150, 1.0));
@@ -47,19 +46,7 @@ fn main() -> ExitCode {
     segments::check(&mut checks);
     pairs::pairs(&mut checks);
     broken_meshes(&mut checks);
-
-    for failure in &checks.failures {
-        eprintln!("mpi_core: rank {}: {failure}", comm.rank());
-    }
-    let mut failed = [checks.failures.len() as i64];
-    comm.sum_i64(&mut failed);
-    if comm.is_root() && failed[0] == 0 {
-        println!("mpi_core: {} checks passed at np {}", checks.count, comm.size());
-    }
-    drop(checks);
-    drop(comm);
-    finalize();
-    if failed[0] == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    checks.failures
 }
 
 fn meshes() -> Vec<(&'static str, Mesh)> {

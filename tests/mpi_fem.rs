@@ -2,57 +2,27 @@
 //!
 //! Every rank also computes the serial answer of the whole mesh, and compares by global numbers.
 
-use m4gn_mesh::parallel::{Comm, finalize};
+#[path = "ranks/mod.rs"]
+mod ranks;
+
+use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::{ModalOptions, ModeCount};
 use m4gn_modes::fem::{Fixed, MassKind, Material, Options, Plane, PointMesh, SolidModes, modes};
 use m4gn_samples::points as sample;
 use m4gn_samples::points::{Flat, Kind};
+use ranks::Checks;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let comm = match Comm::world() {
-        Ok(comm) => comm,
-        Err(e) => {
-            eprintln!("mpi_fem: {e}");
-            return ExitCode::FAILURE;
+    ranks::run("mpi_fem", |comm| {
+        let mut checks = Checks::new(comm);
+        for body in bodies() {
+            decompositions(&mut checks, &body);
         }
-    };
-    let mut checks = Checks { comm: comm.clone(), count: 0, failures: Vec::new() };
-    for body in bodies() {
-        decompositions(&mut checks, &body);
-    }
-    beam(&mut checks);
-    errors_are_shared(&mut checks);
-    for failure in &checks.failures {
-        eprintln!("mpi_fem: rank {}: {failure}", comm.rank());
-    }
-    let mut failed = [checks.failures.len() as i64];
-    comm.sum_i64(&mut failed);
-    if comm.is_root() && failed[0] == 0 {
-        println!("mpi_fem: {} checks passed at np {}", checks.count, comm.size());
-    }
-    drop(checks);
-    drop(comm);
-    finalize();
-    match failed[0] {
-        0 => ExitCode::SUCCESS,
-        _ => ExitCode::FAILURE,
-    }
-}
-
-struct Checks {
-    comm: Comm,
-    count: usize,
-    failures: Vec<String>,
-}
-
-impl Checks {
-    fn that(&mut self, holds: bool, what: impl Into<String>) {
-        self.count += 1;
-        if !holds {
-            self.failures.push(what.into());
-        }
-    }
+        beam(&mut checks);
+        errors_are_shared(&mut checks);
+        Ok(checks.failures)
+    })
 }
 
 struct Body {

@@ -2,31 +2,19 @@
 //!
 //! Run as `mpirun -np P <this binary>` for P = 1, 2, 3; without mpirun this is a run on one rank.
 
+#[path = "ranks/mod.rs"]
+mod ranks;
+
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::{Comm, finalize};
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_samples::mesh as sample;
 use std::path::Path;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let outcome = Comm::world().and_then(|comm| {
-        let result = checks(&comm);
-        comm.agree(result)?;
-        if comm.is_root() {
-            println!("mpi_recorder: passed at np {}", comm.size());
-        }
-        Ok(())
-    });
-    finalize();
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            eprintln!("mpi_recorder: {e}");
-            ExitCode::FAILURE
-        }
-    }
+    ranks::run("mpi_recorder", |comm| checks(comm).map(|()| Vec::new()))
 }
 
 fn checks(comm: &Comm) -> Result<()> {

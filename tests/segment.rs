@@ -110,10 +110,10 @@ fn bad_input_writes_nothing() {
     refused(&case, "--segments 0", 2, "expected a number from 1");
     refused(&case, "--segments 3", 1, "3 segments for 2 cells: expected 1 to 2");
     refused(&case, "--segments 2 --modes 2", 1, "2 modes of 2 cells");
-    refused(&case, "--segments 2 --tau nan", 1, "tau");
+    refused(&case, "--segments 2 --set tau=nan", 1, "tau");
     refused(&case, "--segments 2 --json none/figures.json", 1, "none/figures.json: cannot be written");
     refused(&case, "--segments 2 --picture none/p.png", 1, "none/p.png: cannot be written");
-    refused(&case, "--segments 2 --obstacle wing", 1, "wing is no patch");
+    refused(&case, r#"--segments 2 --set obstacles=["wing"]"#, 1, "wing is no patch");
     refused(&case, "--segments 2 --node-type wing=wall", 1, "fit no patch");
     refused(&case, "--segments 2 --model none.safetensors", 1, "none.safetensors");
     assert_eq!(names(&case.join("0")), before);

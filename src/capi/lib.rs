@@ -21,14 +21,17 @@ mod segments;
 mod session;
 mod solids;
 
+pub use fit::*;
 pub use linear::ArrayData;
-pub use modes::CsrData;
+pub use model::*;
+pub use modes::*;
 pub use own::SurrogateData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
-pub use recorder::RecorderField;
-pub use ride::{RideAnswer, RideQuantity, RideStep, RideSurrogates};
-pub use segments::RankReport;
-pub use session::{FieldInfo, ProjectionData};
+pub use recorder::*;
+pub use ride::*;
+pub use segments::*;
+pub use session::*;
+pub use solids::*;
 
 use std::ffi::c_char;
 

@@ -2,7 +2,9 @@
 
 use crate::output::filled;
 use m4gn_data::Trajectory;
+use m4gn_engine::torch::TorchTrial;
 use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
+use m4gn_learn::NativeBackend;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
@@ -57,8 +59,8 @@ pub struct Args {
     /// portable, avx2, avx512, avx512-bf16 or amx [default: the widest that the processor has]
     #[arg(long, value_name = "SET", conflicts_with = "train")]
     instructions: Option<String>,
-    /// What runs the network: native, torch, torch:DEVICE
-    #[arg(long, default_value = "native")]
+    /// With --worker, what runs the network: native, torch, torch:DEVICE
+    #[arg(long, default_value = "native", requires = "worker")]
     backend: String,
     /// Steps to time [default: as many as fit into 4 s, at least five]
     #[arg(long, value_name = "N")]
@@ -69,9 +71,8 @@ pub struct Args {
     /// Write model.safetensors and graph.safetensors with inputs and outputs to this folder, for other programs
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
-    /// Measure a step of training instead: forward, backward and update, on the native engine and by turns on libtorch
-    /// where libm4gn_torch.so is there
-    #[arg(long, conflicts_with_all = ["model", "data", "export"])]
+    /// With --worker, a step of training in place of one of the network: forward, backward and update
+    #[arg(long, requires = "worker", conflicts_with_all = ["model", "data", "export"])]
     train: bool,
     /// With --train: graphs in a batch
     #[arg(long, value_name = "B", default_value_t = 2, requires = "train")]
@@ -108,28 +109,21 @@ pub fn run(args: Args) -> Result<()> {
         isa: args.instructions.as_deref().map(Isa::parse).transpose()?,
         ..EngineOptions::default()
     };
-    if args.train {
-        let trial = args.trial(&options);
-        return match args.worker {
-            true => super::bench_train::serve(&trial, &args.backend),
-            false => super::bench_train::run(&trial, args.steps, &args.backend, args.json.as_deref()),
-        };
-    }
     let backend = Backend::parse(&args.backend)?;
+    if args.train {
+        return serve_training(&args.trial(&options), &backend);
+    }
     let workload = workload(&args)?;
     if let Some(folder) = &args.export {
         println!("{}", bench::export(&workload, folder)?);
         return Ok(());
     }
-    let backend = match &backend {
-        Backend::Native => None,
-        Backend::Torch(device) => Some(device.as_deref()),
-    };
-    match (args.worker, backend) {
-        (true, None) => serve(&workload, |structure| workload.engine(structure, &options)),
-        (true, Some(device)) => serve(&workload, |structure| workload.torch(structure, device, args.threads)),
-        (false, None) => measure(&workload, &args, &options),
-        (false, Some(device)) => measure_torch(&workload, &args, device),
+    match (args.worker, &backend) {
+        (false, _) => measure(&workload, &args, &options),
+        (true, Backend::Native) => serve(&workload, |structure| workload.engine(structure, &options)),
+        (true, Backend::Torch(device)) => {
+            serve(&workload, |structure| workload.torch(structure, device.as_deref(), args.threads))
+        }
     }
 }
 
@@ -279,8 +273,8 @@ fn print(f: &Value) {
     println!("{held}");
 }
 
-/// Times and work of the phases of a step; bytes where they are counted.
-pub(super) fn phases(list: &Value) -> Table {
+/// Times and work of the phases of a step.
+fn phases(list: &Value) -> Table {
     let columns = [
         ("phase", "{phase}"),
         ("ms", "{ms:2}"),
@@ -289,35 +283,11 @@ pub(super) fn phases(list: &Value) -> Table {
         ("of peak", "{peak_share:0%} %"),
         ("GB", "{gbytes:3}"),
     ];
-    let count = 5 + usize::from(list[0].get("gbytes").is_some());
-    let mut table = Table::new(columns[..count].iter().map(|c| c.0));
+    let mut table = Table::new(columns.iter().map(|c| c.0));
     for phase in list.as_array().into_iter().flatten() {
-        table.row(columns[..count].iter().map(|c| filled(c.1, phase)));
+        table.row(columns.iter().map(|c| filled(c.1, phase)));
     }
     table
-}
-
-/// Time and memory of the model on libtorch.
-fn measure_torch(workload: &Workload, args: &Args, device: Option<&str>) -> Result<()> {
-    let structure = workload.structure()?;
-    let (inputs, mut outputs) = workload.values(&structure.graph)?;
-    let mut network = workload.torch(&structure, device, args.threads)?;
-    let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
-    let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
-    let peak = Memory::read().map(|m| m.peak as f64 / (1 << 20) as f64);
-    let figures = json!({
-        "network": workload.describe(&structure.graph), "threads": args.threads, "steps": step.count(),
-        "ms_per_step": step.median(), "ms_least": step.least(),
-        "ms_quartiles": [step.quantile(0.25), step.quantile(0.75)], "peak_memory_mib": peak,
-    });
-    println!(
-        "{}",
-        filled(
-            "step        {ms_per_step:2} ms median; least {ms_least:2}, quartiles {ms_quartiles/0:2} and {ms_quartiles/1:2} (libtorch, {steps} steps)",
-            &figures
-        )
-    );
-    super::write_json(args.json.as_deref(), &figures)
 }
 
 /// A step of a network for another program.
@@ -329,11 +299,31 @@ fn serve<N: Forward>(workload: &Workload, make: impl Fn(&Structure) -> Result<N>
     answer(workload.describe(&structure.graph), || network.forward(&workload.comm, &inputs, &mut outputs))
 }
 
+/// A step of training for another program.
+fn serve_training(trial: &Trial, backend: &Backend) -> Result<()> {
+    let prepared = trial.prepare()?;
+    let graph = &prepared.work.train[0].structure.graph;
+    let mut optimiser = prepared.optimiser();
+    let description = json!({
+        "parameters": optimiser.weights.len(), "nodes": graph.n_owned, "edges": graph.senders.len(),
+    });
+    if let Backend::Torch(device) = backend {
+        let described = serde_json::to_value(trial).map_err(|e| Error::Internal(e.to_string()))?;
+        let mut torch = TorchTrial::new(&described, device.as_deref().unwrap_or("cpu"))?;
+        torch.step()?;
+        return answer(description, || torch.step().map(|_| ()));
+    }
+    let training = &prepared.config.training;
+    let mut native = NativeBackend::new(training, &prepared.spec, &prepared.work, trial.threads)?;
+    prepared.step(&mut native, &mut optimiser)?;
+    answer(description, || prepared.step(&mut native, &mut optimiser).map(|_| ()))
+}
+
 /// Says the description, then answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
 ///
 /// # Errors
 /// What the step returns; [`Error::File`] where the other side is gone; [`Error::Input`] for another line.
-pub(super) fn answer(description: Value, mut step: impl FnMut() -> Result<()>) -> Result<()> {
+fn answer(description: Value, mut step: impl FnMut() -> Result<()>) -> Result<()> {
     let failed = |e: std::io::Error| Error::file("standard output", e.to_string());
     let mut out = std::io::stdout().lock();
     let mut say = |line: String| writeln!(out, "{line}").and_then(|()| out.flush()).map_err(failed);

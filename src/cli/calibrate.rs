@@ -1,6 +1,6 @@
 //! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
 
-use crate::validate::{Choice, Progress, name_file, trajectories};
+use crate::validate::{Progress, SPLITS, name_file, trajectories};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
@@ -26,8 +26,8 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// Trajectories to use
-    #[arg(long, value_enum, default_value_t = Choice::Valid)]
-    split: Choice,
+    #[arg(long, default_value = "valid", value_parser = SPLITS)]
+    split: String,
     /// Longest jump, strides of the model
     #[arg(long, value_name = "N", default_value_t = 20)]
     strides: usize,
@@ -82,7 +82,7 @@ pub fn run(args: Args) -> Result<()> {
     };
     let options =
         SessionOptions { n_threads: args.threads, resolution: args.resolution, ..SessionOptions::default() };
-    let found = trajectories(&args.data, args.split, &model)?;
+    let found = trajectories(&args.data, &args.split, &model)?;
     let candidates: Vec<Option<Calibration>> = match &known {
         Some(known) => vec![Some(known.clone())],
         None if calibrate::carried(&model).is_empty() => vec![None],

@@ -1,7 +1,6 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
 use m4gn_mesh::{Error, Result};
-use m4gn_report::write_file;
 use m4gn_workbench::compare::{self, Options};
 use m4gn_workbench::foam_case::FoamCase;
 use std::path::PathBuf;
@@ -26,12 +25,6 @@ pub struct Args {
     /// Of a solid, the patch beside whose centre a cell is followed [default: the cell that moves most].
     #[arg(long, value_name = "PATCH")]
     follow: Option<String>,
-    /// Reference speed of the force coefficients, m/s [default: mean inlet velocity].
-    #[arg(long, value_name = "M/S")]
-    speed: Option<f64>,
-    /// Reference length, m [default: extent of the patch across the flow].
-    #[arg(long, value_name = "M")]
-    length: Option<f64>,
     /// Count errors from this time on, s [default: the takeover that m4gnSurrogate recorded in CASE_B].
     #[arg(long, value_name = "S")]
     from: Option<f64>,
@@ -50,40 +43,29 @@ pub struct Args {
     /// Write a report with plots and pictures, self-contained.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Write the pictures of the velocity alone.
-    #[arg(long, value_name = "FILE")]
-    png: Option<PathBuf>,
-    /// Times that are pictured.
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pictures: usize,
 }
+
+/// Times that are pictured.
+const PICTURES: usize = 3;
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
-    let positive = [
-        ("--speed", args.speed),
-        ("--length", args.length),
-        ("--wall-a", args.wall_a),
-        ("--wall-b", args.wall_b),
-    ];
-    for (name, value) in positive {
+    for (name, value) in [("--wall-a", args.wall_a), ("--wall-b", args.wall_b)] {
         if let Some(v) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(Error::Input(format!("{name} {v}: expected a positive number")));
         }
     }
-    super::check_outputs([&args.json, &args.html, &args.png].map(|p| p.as_deref()))?;
+    super::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
     let mut a = FoamCase::open(&args.case_a)?;
     let mut b = FoamCase::open(&args.case_b)?;
     let options = Options {
         patch: args.patch,
         follow: args.follow,
-        speed: args.speed,
-        length: args.length,
         takeover: args.from,
         wall_a: args.wall_a,
         wall_b: args.wall_b,
         interpolate: args.interpolate,
-        snapshots: args.pictures,
+        snapshots: if args.html.is_some() { PICTURES } else { 0 },
     };
     let bar = super::progress_bar(0, "times");
     let progress = |done: usize, of: usize| {
@@ -95,22 +77,6 @@ pub fn run(args: Args) -> Result<()> {
     let result = compare::compare(&mut a, &mut b, &options, progress);
     bar.iter().for_each(|b| b.finish_and_clear());
     let (comparison, snapshots) = result?;
-    let picture = match args.html.is_some() || args.png.is_some() {
-        true => comparison.picture(&a.polygons()?, &snapshots),
-        false => None,
-    };
-    let no_picture = |path: &PathBuf| {
-        Error::Input(format!(
-            "--png {}: there is no picture to write; pictures need a 2-D flow and --pictures above 0",
-            path.display()
-        ))
-    };
-    let png = match (&args.png, &picture) {
-        (Some(path), None) => return Err(no_picture(path)),
-        (Some(path), Some(raster)) => Some((path, raster.png()?)),
-        (None, _) => None,
-    };
-
     println!("full    {}", comparison.case_a);
     println!("hybrid  {}", comparison.case_b);
     println!(
@@ -130,12 +96,10 @@ pub fn run(args: Args) -> Result<()> {
 
     super::write_json(args.json.as_deref(), &comparison.json()?)?;
     if let Some(path) = &args.html {
+        let picture = comparison.picture(&a.polygons()?, &snapshots);
         comparison.report(picture.as_ref())?.write(path)?;
     }
-    if let Some((path, bytes)) = png {
-        write_file(path, &bytes)?;
-    }
-    for path in [&args.json, &args.html, &args.png].into_iter().flatten() {
+    for path in [&args.json, &args.html].into_iter().flatten() {
         println!("  wrote {}", path.display());
     }
     Ok(())

@@ -5,7 +5,6 @@
 mod output;
 
 pub mod bench;
-mod bench_train;
 pub mod calibrate;
 pub mod compare;
 pub mod doctor;

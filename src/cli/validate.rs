@@ -27,8 +27,8 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// Trajectories to use
-    #[arg(long, value_enum, default_value_t = Choice::All)]
-    split: Choice,
+    #[arg(long, default_value = "all", value_parser = SPLITS)]
+    split: String,
     /// Time that RMSE-50 covers, s [default: 50 frames of the data]
     #[arg(long, value_name = "S")]
     horizon: Option<f64>,
@@ -61,29 +61,8 @@ pub struct Args {
     vtu: Option<PathBuf>,
 }
 
-/// Which trajectories.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Choice {
-    /// To report on.
-    Test,
-    /// To choose settings on.
-    Valid,
-    /// To train on.
-    Train,
-    /// Each of them.
-    All,
-}
-
-impl Choice {
-    fn takes(self, split: Split) -> bool {
-        match self {
-            Choice::Test => split == Split::Test,
-            Choice::Valid => split == Split::Valid,
-            Choice::Train => split == Split::Train,
-            Choice::All => true,
-        }
-    }
-}
+/// Which trajectories: to report on, to choose settings on, to train on, or each of them.
+pub const SPLITS: [&str; 4] = ["test", "valid", "train", "all"];
 
 /// Which rollouts of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -111,7 +90,7 @@ pub fn run(args: Args) -> Result<()> {
     crate::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
     let model = Model::read(&args.model)?;
     let ways = args.ways(&model)?;
-    let trajectories = trajectories(&args.data, args.split, &model)?;
+    let trajectories = trajectories(&args.data, &args.split, &model)?;
     // One trajectory is pictured: the first of the split that counts.
     let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
     let shown = shown.unwrap_or(0);
@@ -218,11 +197,11 @@ impl Args {
 ///
 /// # Errors
 /// When a file cannot be read or does not fit, and when there is none.
-pub fn trajectories(data: &Path, split: Choice, model: &Model) -> Result<Vec<(Trajectory, Pace)>> {
+pub fn trajectories(data: &Path, split: &str, model: &Model) -> Result<Vec<(Trajectory, Pace)>> {
     let mut trajectories = Vec::new();
     for path in list(data)? {
         let trajectory = Trajectory::open(&path)?;
-        if split.takes(trajectory.split()) {
+        if split == "all" || split == trajectory.split().name() {
             let pace = name_file(validate::fits(model, &trajectory), &path)?;
             trajectories.push((trajectory, pace));
         }

@@ -8,7 +8,6 @@ use m4gn_engine::backward::{InputGradient, Scales, Worker, normal};
 use m4gn_mesh::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use std::time::Instant;
 
 /// Bytes that one thread keeps of unrolled steps; beyond it they are computed again in the backward pass.
 const KEEP: usize = 1 << 30;
@@ -44,7 +43,6 @@ impl NativeBackend<'_> {
         let (domain, base) = (&live.domain, &live.graph);
         let stride = self.work.frames_a_step;
         let frame = |step: usize| sample.state(example.frame + step * stride, example.mirror);
-        let began = Instant::now();
         let mut state = self.start(sample, example)?;
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
         let mut moments = None;
@@ -89,11 +87,9 @@ impl NativeBackend<'_> {
                 graph = live.at(&mut state)?;
             }
         }
-        let began = self.lap(1, began);
         self.backward(worker, scales, live, sample, example, (applied, d_outputs, keep))?;
         let mut gradient = vec![0.0; self.network.layout().len()];
         self.network.flush(worker, &mut gradient);
-        self.lap(2, began);
         Ok(Piece { gradient: Some(gradient), losses, moments })
     }
 

@@ -15,8 +15,7 @@ use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::time::Instant;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A domain to learn on, and its graph; of a domain whose edges move at rest.
 #[derive(Debug)]
@@ -71,8 +70,6 @@ pub struct NativeBackend<'a> {
     pub(crate) groups: Vec<(usize, usize, f64)>,
     /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
     pub(crate) precision: Precision,
-    /// Nanoseconds of all threads: weights taken, forward, backward, sums.
-    clock: [AtomicU64; 4],
 }
 
 impl<'a> NativeBackend<'a> {
@@ -113,27 +110,10 @@ impl<'a> NativeBackend<'a> {
             noise_spread: t.noise_spread,
             groups,
             precision: t.precision,
-            clock: Default::default(),
             spec: spec.clone(),
             work,
             components: c.clone(),
         })
-    }
-
-    /// Bytes of the packed weights, of a thread without its tapes, and of each tape.
-    pub fn memory(&self) -> (usize, usize, usize) {
-        let each = self.workers.iter().map(|w| self.network.memory(w));
-        each.fold((0, 0, 0), |a, b| (a.0.max(b.0), a.1.max(b.1), a.2.max(b.2)))
-    }
-
-    /// Seconds of all threads since the clock was started: weights taken, forward, backward, sums.
-    pub fn clock(&self) -> [f64; 4] {
-        std::array::from_fn(|i| self.clock[i].load(Ordering::Relaxed) as f64 * 1e-9)
-    }
-
-    /// Starts the clock anew.
-    pub fn restart_clock(&self) {
-        self.clock.iter().for_each(|c| c.store(0, Ordering::Relaxed));
     }
 
     /// Does `task` for each of n on the threads; results in order.
@@ -159,12 +139,6 @@ impl<'a> NativeBackend<'a> {
         let mut tensors = self.network.layout().unflatten(weights);
         tensors.extend(normaliser.tensors());
         Model { spec: self.spec.clone(), tensors }
-    }
-
-    pub(crate) fn lap(&self, phase: usize, since: Instant) -> Instant {
-        let now = Instant::now();
-        self.clock[phase].fetch_add((now - since).as_nanos() as u64, Ordering::Relaxed);
-        now
     }
 }
 
@@ -221,11 +195,9 @@ impl Backend for NativeBackend<'_> {
     }
 
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned> {
-        let began = Instant::now();
         if batch.learn {
             self.network.load(weights);
         }
-        self.lap(0, began);
         let scales = normaliser.scales();
         // An example's share of the batch: its piece's, by cells.
         let shares: Vec<f64> = batch
@@ -241,7 +213,6 @@ impl Backend for NativeBackend<'_> {
         let pieces = self.each(batch.examples.len(), |backend, worker, i| {
             backend.learn_one(worker, &scales, &batch.examples[i], batch, shares[i])
         });
-        let began = Instant::now();
         let mut sum = Learned {
             gradient: batch.learn.then(|| vec![0.0; weights.len()]),
             losses: vec![0.0; self.groups.len()],
@@ -256,7 +227,6 @@ impl Backend for NativeBackend<'_> {
                 sum.add(&moments);
             }
         }
-        self.lap(3, began);
         Ok(sum)
     }
 

@@ -5,22 +5,25 @@ use crate::vector::{Vector, dot, sub};
 /// Points in a balanced tree: the middle of each range splits it by the coordinate in which it is widest.
 #[derive(Clone, Debug)]
 pub struct Nearest {
-    points: Vec<Vector>,
+    /// Points, and their places among those that were given.
+    points: Vec<(Vector, usize)>,
     axis: Vec<u8>,
 }
 
 impl Nearest {
     /// Builds the tree.
     pub fn new(points: &[Vector]) -> Self {
-        let mut tree = Nearest { points: points.to_vec(), axis: vec![0; points.len()] };
+        let numbered = points.iter().copied().zip(0..);
+        let mut tree = Nearest { points: numbered.collect(), axis: vec![0; points.len()] };
         let mut ranges = vec![(0, points.len())];
         while let Some((from, to)) = ranges.pop() {
             if to - from < 2 {
                 continue;
             }
-            let axis = widest(&tree.points[from..to]);
+            let axis = widest(tree.points[from..to].iter().map(|p| &p.0));
             let middle = (from + to) / 2;
-            tree.points[from..to].select_nth_unstable_by(middle - from, |a, b| a[axis].total_cmp(&b[axis]));
+            tree.points[from..to]
+                .select_nth_unstable_by(middle - from, |a, b| a.0[axis].total_cmp(&b.0[axis]));
             tree.axis[middle] = axis as u8;
             ranges.extend([(from, middle), (middle + 1, to)]);
         }
@@ -30,7 +33,17 @@ impl Nearest {
     /// Squared distance to the nearest point, m^2; infinite where there are no points. That of a plain search bit by
     /// bit, in whatever order the points came.
     pub fn distance_squared(&self, x: Vector) -> f64 {
-        let mut best = f64::INFINITY;
+        self.find(x).0
+    }
+
+    /// The nearest point, by its place among those that were given; none where no distance is finite.
+    pub fn nearest(&self, x: Vector) -> Option<usize> {
+        let (distance, place) = self.find(x);
+        distance.is_finite().then_some(place)
+    }
+
+    fn find(&self, x: Vector) -> (f64, usize) {
+        let (mut best, mut place) = (f64::INFINITY, 0);
         // Ranges still to be searched, with the squared distance to the plane in front of them
         let mut ranges = vec![(0, self.points.len(), 0.0)];
         while let Some((from, to, least)) = ranges.pop() {
@@ -38,9 +51,12 @@ impl Nearest {
                 continue;
             }
             let middle = (from + to) / 2;
-            let (p, axis) = (self.points[middle], usize::from(self.axis[middle]));
+            let ((p, number), axis) = (self.points[middle], usize::from(self.axis[middle]));
             let d = sub(x, p);
-            best = best.min(dot(d, d));
+            let distance = dot(d, d);
+            if distance < best {
+                (best, place) = (distance, number);
+            }
             let (near, far) = if d[axis] < 0.0 {
                 ((from, middle), (middle + 1, to))
             } else {
@@ -49,14 +65,14 @@ impl Nearest {
             ranges.push((far.0, far.1, d[axis] * d[axis]));
             ranges.push((near.0, near.1, least));
         }
-        best
+        (best, place)
     }
 }
 
 /// The coordinate in which finite points lie farthest apart.
-pub(crate) fn widest(points: &[Vector]) -> usize {
+pub(crate) fn widest<'a>(points: impl Iterator<Item = &'a Vector> + Clone) -> usize {
     let extent = |axis: usize| {
-        let values = points.iter().map(|p| p[axis]);
+        let values = points.clone().map(|p| p[axis]);
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         high - low
     };
@@ -71,6 +87,7 @@ mod tests {
     #[test]
     fn no_points() {
         assert_eq!(Nearest::new(&[]).distance_squared([0.0; 3]), f64::INFINITY);
+        assert_eq!(Nearest::new(&[]).nearest([0.0; 3]), None);
     }
 
     #[test]
@@ -87,8 +104,11 @@ mod tests {
         fn as_looking_at_all(points in prop::collection::vec(prop::array::uniform3(0..6i32), 1..80),
                              x in prop::array::uniform3(-2.0..8.0f64)) {
             let points: Vec<Vector> = points.iter().map(|p| p.map(f64::from)).collect();
-            let plain = points.iter().map(|p| { let d = sub(x, *p); dot(d, d) }).fold(f64::INFINITY, f64::min);
-            prop_assert_eq!(Nearest::new(&points).distance_squared(x), plain);
+            let square = |p: &Vector| { let d = sub(x, *p); dot(d, d) };
+            let plain = points.iter().map(square).fold(f64::INFINITY, f64::min);
+            let tree = Nearest::new(&points);
+            prop_assert_eq!(tree.distance_squared(x), plain);
+            prop_assert_eq!(square(&points[tree.nearest(x).unwrap()]), plain);
         }
     }
 }

@@ -225,7 +225,7 @@ fn build(
         return;
     }
     let centres: Vec<Vector> = order.iter().map(|&t| middles[t]).collect();
-    let axis = widest(&centres);
+    let axis = widest(centres.iter());
     let half = order.len() / 2;
     order.select_nth_unstable_by(half, |&a, &b| middles[a][axis].total_cmp(&middles[b][axis]));
     let (left, right) = order.split_at_mut(half);

@@ -4,12 +4,13 @@ use super::{
     picture::Scale,
     raster::{PAPER, Raster, Rgb},
 };
+use m4gn_mesh::nearest::Nearest;
 use m4gn_mesh::{BoundaryFace, Mesh};
 
 /// Samples a pixel has in each direction; their mean smooths edges.
-pub(super) const SAMPLES: usize = 2;
+const SAMPLES: usize = 2;
 
-/// The colour of things that have no value (NaN): obstacles.
+/// The colour of values that are none (NaN).
 const NO_VALUE: Rgb = [170, 170, 170];
 
 /// Which cell each sample of a picture shows.
@@ -20,9 +21,7 @@ pub struct CellMap {
     /// Rows of pixels.
     pub height: usize,
     /// `[SAMPLES height x SAMPLES width]`, from the top; -1 outside the mesh.
-    pub(super) cells: Vec<i32>,
-    /// How light each sample is, 0 to 1; empty: all as light as can be.
-    pub(super) light: Vec<f32>,
+    cells: Vec<i32>,
 }
 
 impl CellMap {
@@ -48,16 +47,17 @@ impl CellMap {
     ) -> Option<Self> {
         let corners: Vec<[f64; 2]> = centres.iter().copied().chain(boundary.iter().map(|b| b.0)).collect();
         let (mut map, grid) = Self::blank(&corners, width)?;
-        let faces: Vec<[f64; 2]> = boundary.iter().map(|b| b.0).collect();
-        let (near_cell, near_face) = (Bins::new(centres), Bins::new(&faces));
+        let space = |p: &[f64; 2]| [p[0], p[1], 0.0];
+        let near_cell = Nearest::new(&centres.iter().map(space).collect::<Vec<_>>());
+        let near_face = Nearest::new(&boundary.iter().map(|b| space(&b.0)).collect::<Vec<_>>());
         for j in 0..SAMPLES * map.height {
             for i in 0..SAMPLES * map.width {
                 let x = grid.position(i, j);
-                let outside = near_face.nearest(x).is_some_and(|face| {
+                let outside = near_face.nearest(space(&x)).is_some_and(|face| {
                     let (centre, normal) = boundary[face];
                     (x[0] - centre[0]) * normal[0] + (x[1] - centre[1]) * normal[1] > 0.0
                 });
-                if let Some(cell) = near_cell.nearest(x).filter(|_| !outside) {
+                if let Some(cell) = near_cell.nearest(space(&x)).filter(|_| !outside) {
                     map.cells[j * SAMPLES * map.width + i] = cell as i32;
                 }
             }
@@ -99,7 +99,7 @@ impl CellMap {
         let height = ((width as f64 * aspect).round() as usize).clamp(8, 2 * requested.max(8));
         let scale = [(SAMPLES * width) as f64 / (right - left), (SAMPLES * height) as f64 / (top - bottom)];
         let cells = vec![-1; SAMPLES * SAMPLES * width * height];
-        let map = CellMap { width, height, cells, light: Vec::new() };
+        let map = CellMap { width, height, cells };
         Some((map, Grid { left, top, scale }))
     }
 
@@ -145,9 +145,7 @@ impl CellMap {
                             Some(v) if v.is_nan() => NO_VALUE,
                             Some(&v) => scale.colour(v),
                         };
-                        let light = self.light.get(sample).copied().unwrap_or(1.0);
-                        let lit = colour.map(|c| (f32::from(c) * light).round() as u32);
-                        sum.iter_mut().zip(lit).for_each(|(s, c)| *s += c);
+                        sum.iter_mut().zip(colour).for_each(|(s, c)| *s += u32::from(c));
                     }
                 }
                 raster.set(left + x, top + y, sum.map(|s| (s / (SAMPLES * SAMPLES) as u32) as u8));
@@ -170,62 +168,6 @@ impl Grid {
 
     fn position(&self, i: usize, j: usize) -> [f64; 2] {
         [self.left + (i as f64 + 0.5) / self.scale[0], self.top - (j as f64 + 0.5) / self.scale[1]]
-    }
-}
-
-/// Points in square bins, for the nearest one.
-struct Bins<'a> {
-    points: &'a [[f64; 2]],
-    bins: std::collections::HashMap<(i64, i64), Vec<usize>>,
-    size: f64,
-    reach: i64,
-}
-
-impl<'a> Bins<'a> {
-    fn new(points: &'a [[f64; 2]]) -> Self {
-        let extent = |axis: usize| {
-            let low = points.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
-            points.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) - low
-        };
-        let (w, h) = (extent(0), extent(1));
-        let size = (w.max(1e-300) * h.max(1e-300) / points.len().max(1) as f64)
-            .sqrt()
-            .max(1e-3 * w.max(h))
-            .max(1e-300);
-        let mut bins = std::collections::HashMap::<_, Vec<usize>>::new();
-        for (k, p) in points.iter().enumerate() {
-            bins.entry(Self::bin(*p, size)).or_default().push(k);
-        }
-        // Samples lie inside the points' bounding box, up to rounding.
-        let reach = (w.max(h) / size) as i64 + 2;
-        Bins { points, bins, size, reach }
-    }
-
-    fn bin(p: [f64; 2], size: f64) -> (i64, i64) {
-        ((p[0] / size).floor() as i64, (p[1] / size).floor() as i64)
-    }
-
-    fn nearest(&self, x: [f64; 2]) -> Option<usize> {
-        let (bx, by) = Self::bin(x, self.size);
-        let mut best: Option<(f64, usize)> = None;
-        for ring in 0..=self.reach {
-            // A point of this ring is at least ring - 1 bins away.
-            if best.is_some_and(|(d, _)| d.sqrt() < (ring - 1) as f64 * self.size) {
-                break;
-            }
-            for i in -ring..=ring {
-                let step = if i.abs() == ring { 1 } else { (2 * ring).max(1) };
-                for j in (-ring..=ring).step_by(step as usize) {
-                    for &k in self.bins.get(&(bx + i, by + j)).into_iter().flatten() {
-                        let d = (self.points[k][0] - x[0]).powi(2) + (self.points[k][1] - x[1]).powi(2);
-                        if best.is_none_or(|(b, _)| d < b) {
-                            best = Some((d, k));
-                        }
-                    }
-                }
-            }
-        }
-        best.map(|b| b.1)
     }
 }
 
@@ -284,13 +226,5 @@ mod tests {
         let map = CellMap::from_centres(&centres, &boundary, 120).unwrap();
         let hole = std::f64::consts::PI * 0.04;
         assert!((shares(&map, -1) - hole).abs() < 0.01, "{}", shares(&map, -1));
-        // The bins give the same answer as trying all.
-        let bins = Bins::new(&centres);
-        for k in 0..200 {
-            let x = [(k as f64 * 0.618).fract(), (k as f64 * 0.414).fract()];
-            let distance = |c: &[f64; 2]| (c[0] - x[0]).hypot(c[1] - x[1]);
-            let best = centres.iter().map(distance).fold(f64::INFINITY, f64::min);
-            assert_eq!(distance(&centres[bins.nearest(x).unwrap()]), best);
-        }
     }
 }

@@ -6,17 +6,16 @@ pub mod chart;
 pub mod page;
 pub mod picture;
 pub mod raster;
-pub mod surface;
+pub mod snapshot;
 pub mod table;
-pub mod velocity;
 pub mod vtu;
 
 pub use cells::CellMap;
 pub use chart::{Chart, Series};
 pub use page::Page;
 pub use picture::FieldPicture;
+pub use snapshot::Snapshot;
 pub use table::Table;
-pub use velocity::VelocityRow;
 pub use vtu::{Grid, PointCloud};
 
 pub use m4gn_mesh::files::write_whole as write_file;

@@ -1,4 +1,4 @@
-//! Pictures of fields: of the cells of 2-D meshes, of surfaces.
+//! Pictures of fields on the cells of 2-D meshes.
 
 use super::cells::CellMap;
 use super::raster::{INK, Raster, Rgb, TEXT_HEIGHT};
@@ -95,8 +95,6 @@ impl Scale {
 pub struct Panel {
     /// Text above it.
     pub title: String,
-    /// Index of its map.
-    pub map: usize,
     /// A value for each cell of the map.
     pub values: Vec<f64>,
     /// Index of its scale.
@@ -106,8 +104,8 @@ pub struct Panel {
 /// Rows of panels of the same size, with their colour bars below.
 #[derive(Clone, Debug)]
 pub struct FieldPicture {
-    /// What the panels show their values on, all of one size.
-    pub maps: Vec<CellMap>,
+    /// What the panels show their values on.
+    pub map: CellMap,
     /// Colour scales that the panels refer to.
     pub scales: Vec<Scale>,
     /// Panels, row by row.
@@ -118,7 +116,7 @@ impl FieldPicture {
     /// Draws everything.
     pub fn raster(&self) -> Raster {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
-        let (width, height) = self.maps.first().map_or((0, 0), |m| (m.width, m.height));
+        let (width, height) = (self.map.width, self.map.height);
         let (cell_w, cell_h) = (width + GAP, height + TEXT_HEIGHT + GAP);
         let with_bar = |s: &&Scale| s.palette != Palette::Labels;
         let bars = match self.scales.iter().filter(with_bar).count() {
@@ -130,8 +128,8 @@ impl FieldPicture {
             for (c, panel) in row.iter().enumerate() {
                 let (left, top) = (GAP + c * cell_w, GAP / 2 + r * cell_h);
                 raster.text(left, top, &panel.title);
-                if let (Some(scale), Some(map)) = (self.scales.get(panel.scale), self.maps.get(panel.map)) {
-                    map.paint(&mut raster, left, top + TEXT_HEIGHT, &panel.values, scale);
+                if let Some(scale) = self.scales.get(panel.scale) {
+                    self.map.paint(&mut raster, left, top + TEXT_HEIGHT, &panel.values, scale);
                 }
             }
         }
@@ -172,8 +170,8 @@ mod tests {
         let points = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
         let map = CellMap::from_polygons(&[0, 4], &points, 200).unwrap();
         let scale = Scale { label: "|U| [m/s]".into(), low: 0.0, high: 2.0, palette: Palette::Viridis };
-        let panel = Panel { title: "full".into(), map: 0, values: vec![2.0], scale: 0 };
-        let raster = FieldPicture { maps: vec![map], scales: vec![scale], rows: vec![vec![panel]] }.raster();
+        let panel = Panel { title: "full".into(), values: vec![2.0], scale: 0 };
+        let raster = FieldPicture { map, scales: vec![scale], rows: vec![vec![panel]] }.raster();
         assert_eq!(raster.get(GAP + 100, GAP / 2 + TEXT_HEIGHT + 50), [253, 231, 37]);
         assert!(CellMap::from_polygons(&[0], &[], 200).is_none());
     }

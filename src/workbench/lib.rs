@@ -19,7 +19,6 @@ pub mod errors;
 mod foam_bridge;
 pub mod foam_case;
 pub mod generate;
-pub mod holding;
 pub mod hybrid;
 pub mod signal;
 pub mod survey;

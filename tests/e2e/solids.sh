@@ -10,15 +10,16 @@ export PYTHONDONTWRITEBYTECODE=1
 
 # What the unit tests read is what the package writes now
 PYTHONPATH=$M4GN_HOME/tools "$python" -m m4gn_solids.fixture bar.h5
-runs m4gn info bar.h5 --metrics --json now.json
-runs m4gn info "$M4GN_HOME/tests/data/solid.h5" --metrics --json kept.json
-"$python" - <<'PY' || fail "tests/data/solid.h5 is not what m4gn_solids.fixture writes"
-import json, math
-now, kept = (json.load(open(f"{name}.json")) for name in ("now", "kept"))
-assert now["points"] == kept["points"] == 12 and now["fields"][0]["name"] == kept["fields"][0]["name"] == "D"
-for kind in ("persistence", "hold_first"):
-    for key, value in kept["holding"][kind].items():
-        assert math.isclose(now["holding"][kind][key], value, rel_tol=1e-3, abs_tol=1e-12), (kind, key)
+runs m4gn info bar.h5
+"$python" - "$M4GN_HOME/tests/data/solid.h5" <<'PY' || fail "tests/data/solid.h5 is not what m4gn_solids.fixture writes"
+import sys, h5py, numpy
+now, kept = h5py.File("bar.h5"), h5py.File(sys.argv[1])
+arrays = []
+kept.visititems(lambda name, item: arrays.append(name) if getattr(item, "dtype", None) is not None and item.dtype.kind in "fiu" else None)
+assert any(name.split("/")[-1] == "D" or "/D/" in f"/{name}/" for name in arrays), arrays
+for name in arrays:
+    a, b = now[name][()], kept[name][()]
+    assert a.shape == b.shape and abs(a - b).max(initial=0) <= 1e-3 * abs(b).max(initial=1e-9), name
 PY
 
 for family in deforming-plate deforming-beam stacked-beams; do
@@ -39,8 +40,6 @@ for family in deforming-plate deforming-beam stacked-beams; do
     grep -q '1 trajectories made' log.run || fail "$family does not go on"
     runs m4gn info $family
     grep -q 'redraws, worst gap' log.run || fail "info does not count redraws"
-    runs m4gn info $family/0001.h5 --metrics
-    grep -q 'persistence' log.run || fail "no metrics"
 done
 refused 'family "deforming-beam" instead of' m4gn generate deforming-plate --count 2 --seed 5 --out deforming-beam
 

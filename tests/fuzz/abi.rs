@@ -4,7 +4,6 @@ use crate::damaged::{at, host, n_cells, not_internal, settings_as_text, shorter,
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{place, read_all, root};
-use m4gn::{CsrData, FieldData, FieldOut, RecorderField};
 use m4gn_mesh::parallel::NO_MPI;
 use m4gn_samples::mesh as sample;
 use m4gn_samples::points::{Flat, Kind, block, rectangle};
@@ -52,19 +51,8 @@ fn session_arguments() {
                 let (cells, faces) = (vec![value; 3 * n], vec![value; 3 * b]);
                 let mut out = vec![0.0; 4 * n];
                 let (u_out, p_out) = out.split_at_mut(3 * n);
-                let field = |name: &'static CStr, components: i32| FieldData {
-                    name: name.as_ptr(),
-                    components,
-                    cells: cells.as_ptr(),
-                    boundary: faces.as_ptr(),
-                };
-                let to = |name: &'static CStr, components: i32, cells: &mut [f64]| FieldOut {
-                    name: name.as_ptr(),
-                    components,
-                    cells: cells.as_mut_ptr(),
-                };
-                let fields = [field(c"U", 3), field(c"p", 1)];
-                let outputs = [to(c"U", 3, u_out), to(c"p", 1, p_out)];
+                let fields = [field(c"U", 3, &cells, &faces), field(c"p", 1, &cells, &faces)];
+                let outputs = [output(c"U", 3, u_out), output(c"p", 1, p_out)];
                 if m4gn_session_step(session, fields.as_ptr(), 2, outputs.as_ptr(), 2) == 0 {
                     assert!(out.iter().all(|v| v.is_finite()), "a step gave what is not finite");
                 }

@@ -4,7 +4,6 @@ use crate::damaged::{at, body_host, not_internal, settings_as_text, shorter, siz
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::place;
-use m4gn::{FieldData, FieldOut};
 use m4gn_mesh::body::Obstacle;
 use m4gn_mesh::parallel::NO_MPI;
 use m4gn_samples::mesh as sample;
@@ -71,13 +70,12 @@ fn bodies_at_points() {
 ///
 /// # Safety
 /// `session` must be one of a body of `n` points under an obstacle of so many.
-unsafe fn step(session: Handle, n: usize, n_obstacle: usize, r: &mut Random) {
+unsafe fn step(session: Session, n: usize, n_obstacle: usize, r: &mut Random) {
     let (now, after) = (displacement(n_obstacle, r), displacement(n_obstacle, r));
     let (before, there) = (displacement(n, r), displacement(n_obstacle, r));
     let start = displacement(n, r);
     let mut end = start.clone();
-    let field = FieldData { name: c"D".as_ptr(), components: 3, cells: start.as_ptr(), boundary: null() };
-    let out = FieldOut { name: c"D".as_ptr(), components: 3, cells: end.as_mut_ptr() };
+    let (field, out) = (field(c"D", 3, &start, &[]), output(c"D", 3, &mut end));
     // SAFETY: arrays at least of the lengths that the counts say.
     let stepped = unsafe {
         if r.below(8) > 0 {

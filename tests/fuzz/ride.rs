@@ -3,7 +3,6 @@
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{damage_header, place, root};
-use m4gn::{FieldData, FieldOut, RideAnswer, RideStep};
 use m4gn_mesh::parallel::NO_MPI;
 use m4gn_ride::control::{Control, ControlSettings, StrideError};
 use m4gn_samples::mesh as sample;
@@ -17,7 +16,7 @@ const DT: f64 = 0.002;
 /// A host whose fields are one number.
 struct Run<'a> {
     host: &'a Host,
-    ride: Handle,
+    ride: *mut RideHandle,
     index: i64,
 }
 
@@ -45,19 +44,8 @@ impl Run<'_> {
             let cells = vec![value; 3 * mesh.n_cells()];
             let (mut u, mut p) = (cells.clone(), cells.clone());
             let faces = vec![value; 3 * mesh.boundary.len()];
-            let field = |name: &'static std::ffi::CStr, components: i32| FieldData {
-                name: name.as_ptr(),
-                components,
-                cells: cells.as_ptr(),
-                boundary: faces.as_ptr(),
-            };
-            let fields = [field(c"U", 3), field(c"p", 1)];
-            let place = |name: &'static std::ffi::CStr, components: i32, cells: &mut [f64]| FieldOut {
-                name: name.as_ptr(),
-                components,
-                cells: cells.as_mut_ptr(),
-            };
-            let out = [place(c"U", 3, &mut u), place(c"p", 1, &mut p)];
+            let fields = [field(c"U", 3, &cells, &faces), field(c"p", 1, &cells, &faces)];
+            let out = [output(c"U", 3, &mut u), output(c"p", 1, &mut p)];
             let now = self.now();
             // SAFETY: a ride on this mesh, arrays of the lengths that mesh and components say.
             let status = unsafe {

@@ -1,159 +1,24 @@
-//! The C ABI as a host sees it: its functions, and meshes as plain arrays.
+//! The C ABI as a host sees it: its functions, with meshes as plain arrays.
 // Each test program uses a part of it.
 #![allow(dead_code, unsafe_code)]
 
-use m4gn::{
-    CsrData, FieldData, FieldOut, MeshData, RecorderField, RideAnswer, RideQuantity, RideStep,
-    RideSurrogates, SolidData,
-};
+pub use m4gn::*;
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
 use m4gn_model::{Calibration, Model};
 use m4gn_modes::fem::PointMesh;
 use m4gn_samples::model::bodies;
-use std::ffi::{CStr, CString, c_char, c_void};
+use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
 
-pub type Handle = *mut c_void;
+pub type Session = *mut SessionHandle;
 
-unsafe extern "C" {
-    pub fn m4gn_last_error() -> *const c_char;
-    pub fn m4gn_finalize();
-    pub fn m4gn_options_check(kind: *const c_char, options: *const c_char) -> i32;
-    pub fn m4gn_model_open(comm: i32, path: *const c_char, model: *mut Handle) -> i32;
-    pub fn m4gn_model_free(model: Handle);
-    pub fn m4gn_model_elastic_modes(model: Handle) -> i32;
-    pub fn m4gn_session_new(
-        comm: i32,
-        mesh: *const MeshData,
-        model: Handle,
-        options: *const c_char,
-        cell_segment: *const i32,
-        session: *mut Handle,
-    ) -> i32;
-    pub fn m4gn_session_free(session: Handle);
-    pub fn m4gn_session_step(
-        session: Handle,
-        fields: *const FieldData,
-        n_in: i32,
-        out: *const FieldOut,
-        n_out: i32,
-    ) -> i32;
-    pub fn m4gn_session_set_obstacle(
-        session: Handle,
-        now: *const f64,
-        after: *const f64,
-        n_obstacle: i32,
-    ) -> i32;
-    pub fn m4gn_session_set_before(
-        session: Handle,
-        displacement: *const f64,
-        n_points: i32,
-        obstacle: *const f64,
-        n_obstacle: i32,
-    ) -> i32;
-    pub fn m4gn_session_outside(session: Handle, count: *mut i32, why: *mut c_char, why_size: i32) -> i32;
-    pub fn m4gn_ride_new(
-        comm: i32,
-        surrogates: *const RideSurrogates,
-        mesh: *const MeshData,
-        options: *const c_char,
-        start: *const RideStep,
-        ride: *mut Handle,
-    ) -> i32;
-    pub fn m4gn_ride_free(ride: Handle);
-    pub fn m4gn_ride_solved(ride: Handle, now: *const RideStep, answer: *mut RideAnswer) -> i32;
-    pub fn m4gn_ride_decide(
-        ride: Handle,
-        fields: *const FieldData,
-        held: *const *const i32,
-        n_fields: i32,
-        answer: *mut RideAnswer,
-    ) -> i32;
-    pub fn m4gn_ride_stride(
-        ride: Handle,
-        fields: *const FieldData,
-        n_fields: i32,
-        out: *const FieldOut,
-        n_out: i32,
-        answer: *mut RideAnswer,
-    ) -> i32;
-    pub fn m4gn_ride_advanced(ride: Handle, now: *const RideStep, answer: *mut RideAnswer) -> i32;
-    pub fn m4gn_ride_handed_back(
-        ride: Handle,
-        now: *const RideStep,
-        quantities: *const RideQuantity,
-        n_quantities: i32,
-        fields: *const FieldData,
-        n_fields: i32,
-        answer: *mut RideAnswer,
-    ) -> i32;
-    pub fn m4gn_ride_save(ride: Handle, path: *const c_char) -> i32;
-    pub fn m4gn_ride_load(
-        ride: Handle,
-        path: *const c_char,
-        now: *const RideStep,
-        answer: *mut RideAnswer,
-    ) -> i32;
-    pub fn m4gn_ride_text(ride: Handle, kind: i32) -> *const c_char;
-    pub fn m4gn_segments_new(
-        comm: i32,
-        mesh: *const MeshData,
-        model: Handle,
-        options: *const c_char,
-        cell_segment: *const i32,
-        segments: *mut Handle,
-    ) -> i32;
-    pub fn m4gn_segments_free(segments: Handle);
-    pub fn m4gn_segments_cells(segments: Handle, cell_segment: *mut i32) -> i32;
-    pub fn m4gn_segments_record(segments: Handle) -> *const c_char;
-    pub fn m4gn_segments_fit(
-        comm: i32,
-        mesh: *const MeshData,
-        model: Handle,
-        options: *const c_char,
-        cell_segment: *const i32,
-        record: *const c_char,
-        fit: *mut i32,
-        why: *mut c_char,
-        why_size: i32,
-    ) -> i32;
-    pub fn m4gn_modes_new(
-        comm: i32,
-        stiffness: *const CsrData,
-        mass: *const CsrData,
-        options: *const c_char,
-        positions: *const f64,
-        modes: *mut Handle,
-    ) -> i32;
-    pub fn m4gn_modes_count(modes: Handle) -> i32;
-    pub fn m4gn_modes_eigenvalues(modes: Handle, eigenvalues: *mut f64) -> i32;
-    pub fn m4gn_modes_free(modes: Handle);
-    pub fn m4gn_solid_modes_new(
-        comm: i32,
-        body: *const SolidData,
-        options: *const c_char,
-        modes: *mut Handle,
-    ) -> i32;
-    pub fn m4gn_recorder_new(
-        comm: i32,
-        mesh: *const MeshData,
-        options: *const c_char,
-        fields: *const RecorderField,
-        n_fields: i32,
-        recorder: *mut Handle,
-    ) -> i32;
-    pub fn m4gn_recorder_append(recorder: Handle, time: f64, fields: *const FieldData, n_fields: i32) -> i32;
-    pub fn m4gn_recorder_finish(recorder: Handle) -> i32;
-    pub fn m4gn_recorder_free(recorder: Handle);
+/// A session for a ride.
+pub fn surrogates(session: Session) -> RideSurrogates {
+    RideSurrogates { session: session.cast(), own: null(), arrays: null(), n_arrays: 0 }
 }
 
 /// Message of the last failed call.
-/// A session for a ride.
-pub fn surrogates(session: Handle) -> RideSurrogates {
-    RideSurrogates { session, own: std::ptr::null(), arrays: std::ptr::null(), n_arrays: 0 }
-}
-
 pub fn message() -> String {
     // SAFETY: a string of this thread until its next call.
     unsafe { CStr::from_ptr(m4gn_last_error()) }.to_string_lossy().into_owned()
@@ -358,16 +223,26 @@ pub fn body_model() -> Model {
 }
 
 /// No handle yet.
-pub fn none() -> Handle {
+pub fn none<T>() -> *mut T {
     null_mut()
 }
 
 /// A model of this process alone, to be freed.
-pub fn open_model(path: impl AsRef<std::path::Path>) -> Handle {
+pub fn open_model(path: impl AsRef<std::path::Path>) -> *mut ModelHandle {
     let path = CString::new(path.as_ref().to_str().unwrap()).unwrap();
     let mut model = none();
     // SAFETY: a C string and a place for the handle.
     let status = unsafe { m4gn_model_open(m4gn_mesh::parallel::NO_MPI, path.as_ptr(), &mut model) };
     assert_eq!(status, 0, "{}", message());
     model
+}
+
+/// A field as a host hands it in.
+pub fn field(name: &'static CStr, components: i32, cells: &[f64], boundary: &[f64]) -> FieldData {
+    FieldData { name: name.as_ptr(), components, cells: cells.as_ptr(), boundary: boundary.as_ptr() }
+}
+
+/// A place for a field.
+pub fn output(name: &'static CStr, components: i32, cells: &mut [f64]) -> FieldOut {
+    FieldOut { name: name.as_ptr(), components, cells: cells.as_mut_ptr() }
 }

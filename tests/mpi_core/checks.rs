@@ -1,42 +1,9 @@
-//! Counted checks, and comparisons of a rank's part with the whole.
+//! Comparisons of a rank's part with the whole.
 
+pub use crate::ranks::Checks;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::Modes;
 use m4gn_structure::Segmentation;
-
-/// Counts checks and remembers what failed on this rank.
-pub struct Checks {
-    pub comm: Comm,
-    pub count: usize,
-    pub failures: Vec<String>,
-}
-
-impl Checks {
-    pub fn new(comm: &Comm) -> Self {
-        Checks { comm: comm.clone(), count: 0, failures: Vec::new() }
-    }
-
-    pub fn that(&mut self, holds: bool, what: impl Into<String>) {
-        self.count += 1;
-        if !holds {
-            self.failures.push(what.into());
-        }
-    }
-
-    /// The value, or a failure that all ranks share: no rank goes on alone.
-    pub fn value<T>(&mut self, result: Result<T>, what: &str) -> Option<T> {
-        self.count += 1;
-        match self.comm.agree(result) {
-            Ok(value) => Some(value),
-            Err(e) => {
-                self.failures.push(format!("{what}: {e}"));
-                None
-            }
-        }
-    }
-}
 
 /// Eigenvalues to 1e-8, modes to 1e-7.
 pub fn compare_modes(checks: &mut Checks, name: &str, part: &Mesh, found: &Modes, expected: &Modes) {

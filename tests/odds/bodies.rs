@@ -1,6 +1,6 @@
 //! Sessions of a body at points under an obstacle, whose model is corrected by the stride before.
 
-use crate::calls::{Bench, Ended, Oddity, field, output, unless};
+use crate::calls::{Bench, Ended, Oddity, unless};
 use crate::host::*;
 use crate::timed;
 use m4gn_mesh::NodeType;
@@ -59,7 +59,7 @@ impl Bench {
         host
     }
 
-    pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
+    pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Session) {
         let mut settings = json!({ "projection": {} });
         match odd {
             Some("backend") => settings["backend"] = "torch".into(),
@@ -96,7 +96,7 @@ impl Bench {
         after.into_iter().fold(ended, |ended, next| self.then(ended, next))
     }
 
-    fn set_obstacle(&self, session: Handle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn set_obstacle(&self, session: Session, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (mut now, mut after) = (motion(0), motion(1));
         match odd {
             Some("nan") => now[4] = f64::NAN,
@@ -116,7 +116,7 @@ impl Bench {
     }
 
     /// Of a body at rest.
-    fn set_before(&self, session: Handle, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn set_before(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (mut body, mut obstacle) = (vec![0.0; 3 * n], motion(0));
         match odd {
             Some("nan") => body[1] = f64::NAN,
@@ -139,7 +139,7 @@ impl Bench {
         self.made(panic, || unsafe { m4gn_session_set_before(session, body, n_points, obstacle, n_obstacle) })
     }
 
-    fn body_step(&self, session: Handle, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn body_step(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let mut displacement = vec![0.0; 3 * n];
         if odd == Some("nan") {
             displacement[2] = f64::NAN;

@@ -2,7 +2,6 @@
 
 use crate::host::*;
 use crate::{FAULT, SCENARIO, timed};
-use m4gn::{FieldData, FieldOut};
 use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
 use m4gn_samples::mesh as sample;
 use std::ffi::CString;
@@ -11,122 +10,51 @@ use std::ptr::null;
 /// What is wrong on the odd rank.
 pub type Oddity = &'static str;
 
-/// What may be wrong in a call.
-pub fn oddities(call: &str) -> &'static [Oddity] {
-    match call {
-        "model_open" => &["null", "no path", "no file", "other model"],
-        "session_new" => &[
-            "null",
-            "no mesh",
-            "no model",
-            "volume",
-            "owner",
-            "global",
-            "components",
-            "segments",
-            "modes",
-            "overlap",
-            "iterations",
-            "tau",
-            "size",
-            "method",
-            "precision",
-            "energy",
-            "connected",
-            "distance",
-            "obstacles",
-            "solver",
-            "petsc",
-            "operator",
-            "model",
-            "labels",
-            "text",
-            "backend",
-            "resolution",
-            "projection",
-            "solid",
-        ],
-        "session_new_of_body" => &[
-            "null",
-            "no mesh",
-            "type",
-            "element",
-            "inverted",
-            "material",
-            "position",
-            "global",
-            "obstacle",
-            "triangle",
-            "overlap",
-            "no obstacle",
-            "no types",
-            "elements",
-            "faces",
-            "backend",
-            "projection",
-            "no projection",
-            "far projection",
-        ],
-        "session_set_obstacle" => &["nan", "infinite", "count", "short", "none", "no now", "no after"],
-        "session_set_before" => &[
-            "nan",
-            "obstacle nan",
-            "count",
-            "short",
-            "obstacle count",
-            "obstacle short",
-            "no body",
-            "no obstacle",
-        ],
-        "session_step_of_body" => &["nan", "name", "null", "output", "missing", "count"],
-        "session_step" => &["missing", "null", "nan", "count", "output"],
-        "session_outside" => &["null", "size"],
-        "segments_new" => &[
-            "null",
-            "no mesh",
-            "no options",
-            "volume",
-            "owner",
-            "global",
-            "spec",
-            "json",
-            "solver",
-            "petsc",
-            "modes",
-            "labels",
-        ],
-        "modes_new" => &[
-            "null",
-            "no stiffness",
-            "no options",
-            "nan",
-            "column",
-            "modes",
-            "symmetric",
-            "block",
-            "shift",
-            "energy",
-            "solver",
-            "petsc",
-            "mass",
-        ],
+/// What may be wrong in a call, by name.
+pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
+    let names = match call {
+        "model_open" => "null, no path, no file, other model",
+        "session_new" => {
+            "null, no mesh, no model, volume, owner, global, components, segments, modes, overlap, \
+             iterations, tau, size, method, precision, energy, connected, distance, obstacles, solver, \
+             petsc, operator, model, labels, text, backend, resolution, projection, solid"
+        }
+        "session_new_of_body" => {
+            "null, no mesh, type, element, inverted, material, position, global, obstacle, triangle, \
+             overlap, no obstacle, no types, elements, faces, backend, projection, no projection, far \
+             projection"
+        }
+        "session_set_obstacle" => "nan, infinite, count, short, none, no now, no after",
+        "session_set_before" => {
+            "nan, obstacle nan, count, short, obstacle count, obstacle short, no body, no obstacle"
+        }
+        "session_step_of_body" => "nan, name, null, output, missing, count",
+        "session_step" => "missing, null, nan, count, output",
+        "session_outside" => "null, size",
+        "segments_new" => {
+            "null, no mesh, no options, volume, owner, global, spec, json, solver, petsc, modes, labels"
+        }
+        "modes_new" => {
+            "null, no stiffness, no options, nan, column, modes, symmetric, block, shift, energy, \
+             solver, petsc, mass"
+        }
         "solid_modes_new" => {
-            &["null", "no body", "no options", "start", "young", "modes", "lumped", "free", "solver", "fixed"]
+            "null, no body, no options, start, global, point, face point, turned, faces, young, no \
+             young, poisson, density, modes, lumped, free, solver, block, fixed"
         }
-        "recorder_new" => {
-            &["null", "no mesh", "no options", "path", "fields", "split", "overwrite", "volume", "json"]
-        }
-        "recorder_finish" => &["taken", "lost"],
-        "recorder_append" => &["missing", "nan", "count", "time"],
-        "segments_fit" => &["null", "no mesh", "no options", "spec", "json", "labels", "size"],
-        "ride_new" => &["null", "no mesh", "no settings", "no start", "time", "json", "mode", "steps"],
-        "ride_decide" => &["missing", "null", "nan", "count"],
-        "ride_stride" => &["missing", "null", "no places", "count"],
-        "ride_handed_back" => &["missing", "name", "time"],
-        "ride_save" => &["null", "path"],
-        "ride_load" => &["null", "path", "time"],
-        _ => &[],
-    }
+        "recorder_new" => "null, no mesh, no options, path, fields, split, overwrite, volume, json",
+        "recorder_finish" => "taken, lost",
+        "recorder_append" => "missing, nan, count, time",
+        "segments_fit" => "null, no mesh, no options, spec, json, labels, size",
+        "ride_new" => "null, no mesh, no settings, no start, time, json, mode, steps",
+        "ride_decide" => "missing, null, nan, count",
+        "ride_stride" => "missing, null, no places, count",
+        "ride_handed_back" => "missing, name, time",
+        "ride_save" => "null, path",
+        "ride_load" => "null, path, time",
+        _ => "",
+    };
+    names.split_terminator(", ")
 }
 
 /// How a call ended on this rank.
@@ -311,12 +239,4 @@ pub fn values(host: &Host) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let n = host.mesh.n_cells();
     let u = (0..3 * n).map(|i| 0.01 * i as f64).collect();
     (u, vec![1.0; n], vec![0.0; 3 * host.mesh.boundary.len()])
-}
-
-pub fn field(name: &'static std::ffi::CStr, components: i32, cells: &[f64], boundary: &[f64]) -> FieldData {
-    FieldData { name: name.as_ptr(), components, cells: cells.as_ptr(), boundary: boundary.as_ptr() }
-}
-
-pub fn output(name: &'static std::ffi::CStr, components: i32, cells: &mut [f64]) -> FieldOut {
-    FieldOut { name: name.as_ptr(), components, cells: cells.as_mut_ptr() }
 }

@@ -240,7 +240,7 @@ fn odds(bench: &Bench, call: &str) -> Vec<String> {
     for odd_rank in [0, world.size() - 1] {
         let odd = world.rank() == odd_rank;
         for what in oddities(call) {
-            let found = bench.run(call, odd.then_some(*what), None);
+            let found = bench.run(call, odd.then_some(what), None);
             let (low, high) = bench.range(found.status);
             if low <= 0 {
                 failures.push(format!(

@@ -3,7 +3,6 @@
 use crate::calls::{Bench, Ended, Oddity, unless, unless_mut};
 use crate::host::*;
 use crate::timed;
-use m4gn::CsrData;
 use m4gn_samples::mesh as sample;
 use m4gn_samples::points::{Kind, block, part as body_part};
 use serde_json::json;
@@ -65,14 +64,24 @@ impl Bench {
         let whole = block(Kind::ALL[0], [6, 2, 2], [1.0, 0.3, 0.3]);
         let ranks = sample::strips(whole.n_cells, self.world.size());
         let mut mesh = body_part(&whole, &ranks, self.world.rank());
-        if odd == Some("start") {
+        match odd {
             // The sum of it and 3 is no i32.
-            mesh.face_start[1] = i32::MAX;
+            Some("start") => mesh.face_start[1] = i32::MAX,
+            Some("global") => mesh.point_global[0] = 1 << 20,
+            Some("point") => mesh.points[2][1] = f64::NAN,
+            Some("face point") => mesh.face_points[5] = 10_000,
+            Some("turned") => mesh.face_points.swap(0, 1),
+            _ => (),
         }
         let mut host = BodyHost::new(mesh);
-        let (young, fixed) = (vec![f64::NAN; host.mesh.n_cells], [1 << 30]);
+        let (wrong, fixed) = (vec![f64::NAN; host.mesh.n_cells], [1 << 30]);
+        let stiff = vec![0.5; host.mesh.n_cells];
         match odd {
-            Some("young") => host.data.young = young.as_ptr(),
+            Some("faces") => host.data.n_faces = -1,
+            Some("young") => host.data.young = wrong.as_ptr(),
+            Some("no young") => host.data.young = null(),
+            Some("poisson") => host.data.poisson = stiff.as_ptr(),
+            Some("density") => host.data.density = wrong.as_ptr(),
             Some("lumped") => host.data.lumped_mass = 1,
             Some("free") => host.data.free_body = 1,
             Some("fixed") => (host.data.n_fixed, host.data.fixed_point) = (1, fixed.as_ptr()),
@@ -82,6 +91,8 @@ impl Bench {
         match odd {
             Some("modes") => settings["modes"] = 4.into(),
             Some("solver") => settings["modal_solver"] = "iterative".into(),
+            // For matrices of the host alone.
+            Some("block") => settings["block"] = 3.into(),
             _ => (),
         }
         let settings = options(&settings);

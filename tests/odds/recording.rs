@@ -1,14 +1,13 @@
 //! Recordings.
 
-use crate::calls::{Bench, Ended, Oddity, field, unless, unless_mut, values};
+use crate::calls::{Bench, Ended, Oddity, unless, unless_mut, values};
 use crate::host::*;
 use crate::timed;
-use m4gn::RecorderField;
 use serde_json::json;
 use std::path::PathBuf;
 
 impl Bench {
-    pub fn recorder_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
+    pub fn recorder_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, *mut RecorderHandle) {
         let host = self.host(odd);
         let name = if odd == Some("path") { "b.h5" } else { "a.h5" };
         let path = self.folder.path().join(name);
@@ -73,7 +72,7 @@ impl Bench {
     }
 
     /// A recording with one frame.
-    fn recorded(&self) -> (Ended, Handle) {
+    fn recorded(&self) -> (Ended, *mut RecorderHandle) {
         let (made, recorder) = self.recorder_new(None, None);
         if made.status != 0 {
             return (made, recorder);
@@ -87,7 +86,7 @@ impl Bench {
     }
 
     /// The handle is all that this call is given, and must be valid; the rest of what may go wrong is with the file.
-    fn finished(&self, recorder: Handle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn finished(&self, recorder: *mut RecorderHandle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         // The first rank's folder is the one that is written to.
         let mut folder = self.folder.path().display().to_string().into_bytes();
         self.world.broadcast(&mut folder);

@@ -1,9 +1,8 @@
 //! Hybrid runs, whose model learns.
 
-use crate::calls::{Bench, Ended, Oddity, c, field, output, unless, unless_mut, values};
+use crate::calls::{Bench, Ended, Oddity, c, unless, unless_mut, values};
 use crate::host::*;
 use crate::timed;
-use m4gn::{RideAnswer, RideQuantity, RideStep};
 use std::ffi::{CStr, CString};
 use std::ptr::null;
 
@@ -31,11 +30,11 @@ impl Bench {
     /// A ride of this session's model.
     pub fn ride_made(
         &self,
-        session: Handle,
+        session: Session,
         host: &Host,
         odd: Option<Oddity>,
         panic: Option<u32>,
-    ) -> (Ended, Handle) {
+    ) -> (Ended, *mut RideHandle) {
         let steps = if odd == Some("steps") { 3 } else { 2 };
         // Random weights predict changes that control would not let a jump have
         let control = match odd {
@@ -144,14 +143,14 @@ impl Bench {
         self.then(ended, again)
     }
 
-    fn solved(&self, ride: Handle, index: i64) {
+    fn solved(&self, ride: *mut RideHandle, index: i64) {
         // SAFETY: a ride of ours.
         unsafe { m4gn_ride_solved(ride, &now(index), &mut RideAnswer::default()) };
     }
 
     fn ride_decide(
         &self,
-        ride: Handle,
+        ride: *mut RideHandle,
         host: &Host,
         index: i64,
         odd: Option<Oddity>,
@@ -177,7 +176,13 @@ impl Bench {
         self.made(panic, || unsafe { m4gn_ride_decide(ride, fields.as_ptr(), null(), n, place) })
     }
 
-    fn ride_stride(&self, ride: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn ride_stride(
+        &self,
+        ride: *mut RideHandle,
+        host: &Host,
+        odd: Option<Oddity>,
+        panic: Option<u32>,
+    ) -> Ended {
         let (u, p, b) = values(host);
         let (mut next_u, mut next_p) = (u.clone(), p.clone());
         let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
@@ -198,7 +203,13 @@ impl Bench {
         })
     }
 
-    fn ride_back(&self, ride: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn ride_back(
+        &self,
+        ride: *mut RideHandle,
+        host: &Host,
+        odd: Option<Oddity>,
+        panic: Option<u32>,
+    ) -> Ended {
         let (u, p, b) = values(host);
         let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
         let quantity = RideQuantity { name: unless(odd == Some("name"), c"energy".as_ptr()), value: 1.0 };
@@ -211,7 +222,7 @@ impl Bench {
         })
     }
 
-    fn ride_file(&self, call: &str, ride: Handle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn ride_file(&self, call: &str, ride: *mut RideHandle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let name = match odd {
             Some("path") => "b",
             _ => "a",

@@ -1,6 +1,6 @@
 //! Sessions and segments.
 
-use crate::calls::{Bench, Ended, Oddity, c, field, output, unless, unless_mut, values};
+use crate::calls::{Bench, Ended, Oddity, c, unless, unless_mut, values};
 use crate::host::*;
 use crate::timed;
 use serde_json::{Value, json};
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::ptr::null;
 
 impl Bench {
-    pub fn session_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Handle) {
+    pub fn session_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Session) {
         let host = self.host(odd);
         let labels = vec![0; host.mesh.n_cells()];
         let folder = format!("{}/../../tests", env!("CARGO_MANIFEST_DIR"));
@@ -58,7 +58,7 @@ impl Bench {
         cell_segment: *const i32,
         odd: Option<Oddity>,
         panic: Option<u32>,
-    ) -> (Ended, Handle) {
+    ) -> (Ended, Session) {
         let (model, settings) = (open_model(model), options(settings));
         let mut session = none();
         let place = unless_mut(odd == Some("null"), &raw mut session);
@@ -79,7 +79,7 @@ impl Bench {
     }
 
     /// A step of a session of U and p.
-    fn flow_step(&self, session: Handle, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    fn flow_step(&self, session: Session, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (mut u, p, b) = values(host);
         if odd == Some("nan") {
             u[0] = f64::NAN;

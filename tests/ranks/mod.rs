@@ -1,4 +1,6 @@
 //! The way in and out of a test program that runs on several ranks and collects what failed.
+// Each test program uses a part of it.
+#![allow(dead_code)]
 
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, finalize};
@@ -23,4 +25,28 @@ pub fn run(name: &str, checks: impl FnOnce(&Comm) -> Result<Vec<String>>) -> Exi
     drop(comm);
     finalize();
     if count[0] == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Remembers what failed on this rank.
+pub struct Checks {
+    pub comm: Comm,
+    pub failures: Vec<String>,
+}
+
+impl Checks {
+    pub fn new(comm: &Comm) -> Self {
+        Checks { comm: comm.clone(), failures: Vec::new() }
+    }
+
+    pub fn that(&mut self, holds: bool, what: impl Into<String>) {
+        if !holds {
+            self.failures.push(what.into());
+        }
+    }
+
+    /// The value, or a failure that all ranks share: no rank goes on alone.
+    pub fn value<T>(&mut self, result: Result<T>, what: &str) -> Option<T> {
+        let agreed = self.comm.agree(result);
+        agreed.map_err(|e| self.failures.push(format!("{what}: {e}"))).ok()
+    }
 }

@@ -10,6 +10,7 @@ use m4gn_mesh::Result;
 use m4gn_workbench::generate::automatic_split;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::generate::queue::{Case, Made, Outcome, Queue};
+use m4gn_workbench::generate::solids::Family as Body;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -33,9 +34,31 @@ pub struct Args {
 /// Families of cases.
 #[derive(Debug, clap::Subcommand)]
 enum Family {
-    DeformingPlate(solids::PlateArgs),
-    DeformingBeam(solids::BeamArgs),
-    StackedBeams(solids::StackedArgs),
+    /// Hyperelastic plates with holes, pressed by a rigid obstacle (the paper's DeformingPlate)
+    ///
+    /// Plates of 8 to 12 cm x 4 to 6 cm x 4 to 8 mm with one to three holes, held at both ends, at one end or all round;
+    /// a sphere, cylinder or rounded block is pressed into them and slides. Tetrahedra, about 1271 points; neo-Hookean,
+    /// E 1 MPa, nu 0.4 unless set, rho 1000 kg/m^3; quasi-static, frictionless. A draw that has no quasi-static path (the body snaps
+    /// or slips off) is drawn again and counted. Needs gmsh, and the Python environment that setup/solids.sh makes.
+    DeformingPlate(solids::SolidArgs),
+    /// Nearly incompressible beams, pressed by a rigid obstacle (the paper's DeformingBeam)
+    ///
+    /// Tapered and bowed beams of 8 to 12 cm, held at one end, at both, or propped; a cylinder, sphere or rounded block is
+    /// pressed into them and slides or turns. Wedges, about 1542 points; material and the rest as for deforming-plate.
+    DeformingBeam {
+        #[command(flatten)]
+        solid: solids::SolidArgs,
+        /// The paper's DeformingBeam (large): twice the length, 1.5 times the height, cells of the same size, about 4540
+        /// points
+        #[arg(long)]
+        large: bool,
+    },
+    /// Two beams in contact with each other, the first of which is pressed by a rigid obstacle
+    ///
+    /// Straight tapered beams of 8 to 12 cm, held at one end or at both, the second behind the first at a distance of up to a few
+    /// cells; a cylinder, sphere or rounded block presses the first against it, and both bend. About 1542 points of both together;
+    /// material and the rest as for deforming-plate.
+    StackedBeams(solids::SolidArgs),
     #[command(external_subcommand)]
     Folder(Vec<OsString>),
 }
@@ -83,9 +106,9 @@ pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
 /// Missing programs, a folder that cannot be used, interruption, or a case that failed.
 pub fn run(args: Args) -> Result<()> {
     match args.family {
-        Family::DeformingPlate(args) => solids::run_plate(args),
-        Family::DeformingBeam(args) => solids::run_beam(args),
-        Family::StackedBeams(args) => solids::run_stacked(args),
+        Family::DeformingPlate(solid) => solids::run(&solid, Body::DeformingPlate, false),
+        Family::DeformingBeam { solid, large } => solids::run(&solid, Body::DeformingBeam, large),
+        Family::StackedBeams(solid) => solids::run(&solid, Body::StackedBeams, false),
         Family::Folder(arguments) => folder::run(&arguments),
     }
 }

@@ -7,54 +7,14 @@ use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
 use m4gn_workbench::generate::queue::Made;
 use m4gn_workbench::generate::solids::{Family, Figures, POISSON, Request, find_python};
+use m4gn_workbench::signal::median;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Hyperelastic plates with holes, pressed by a rigid obstacle (the paper's DeformingPlate)
-///
-/// Plates of 8 to 12 cm x 4 to 6 cm x 4 to 8 mm with one to three holes, held at both ends, at one end or all round;
-/// a sphere, cylinder or rounded block is pressed into them and slides. Tetrahedra, about 1271 points; neo-Hookean,
-/// E 1 MPa, nu 0.4 unless set, rho 1000 kg/m^3; quasi-static, frictionless. A draw that has no quasi-static path (the body snaps
-/// or slips off) is drawn again and counted. Needs gmsh, and the Python environment that setup/solids.sh makes.
 #[derive(Debug, clap::Args)]
-pub(super) struct PlateArgs {
+pub(super) struct SolidArgs {
     #[command(flatten)]
     common: Common,
-    #[command(flatten)]
-    solid: SolidArgs,
-}
-
-/// Nearly incompressible beams, pressed by a rigid obstacle (the paper's DeformingBeam)
-///
-/// Tapered and bowed beams of 8 to 12 cm, held at one end, at both, or propped; a cylinder, sphere or rounded block is
-/// pressed into them and slides or turns. Wedges, about 1542 points; material and the rest as for deforming-plate.
-#[derive(Debug, clap::Args)]
-pub(super) struct BeamArgs {
-    #[command(flatten)]
-    common: Common,
-    #[command(flatten)]
-    solid: SolidArgs,
-    /// The paper's DeformingBeam (large): twice the length, 1.5 times the height, cells of the same size, about 4540
-    /// points
-    #[arg(long)]
-    large: bool,
-}
-
-/// Two beams in contact with each other, the first of which is pressed by a rigid obstacle
-///
-/// Straight tapered beams of 8 to 12 cm, held at one end or at both, the second behind the first at a distance of up to a few
-/// cells; a cylinder, sphere or rounded block presses the first against it, and both bend. About 1542 points of both together;
-/// material and the rest as for deforming-plate.
-#[derive(Debug, clap::Args)]
-pub(super) struct StackedArgs {
-    #[command(flatten)]
-    common: Common,
-    #[command(flatten)]
-    solid: SolidArgs,
-}
-
-#[derive(Debug, clap::Args)]
-struct SolidArgs {
     /// About how many points a body has [default: as many as in the paper]
     #[arg(long, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     points: Option<u32>,
@@ -69,30 +29,6 @@ struct SolidArgs {
     frame_interval: f64,
 }
 
-/// Runs `deforming-plate`.
-///
-/// # Errors
-/// As [`super::run`].
-pub(super) fn run_plate(args: PlateArgs) -> Result<()> {
-    run(&args.common, &args.solid, Family::DeformingPlate, false)
-}
-
-/// Runs `deforming-beam`.
-///
-/// # Errors
-/// As [`super::run`].
-pub(super) fn run_beam(args: BeamArgs) -> Result<()> {
-    run(&args.common, &args.solid, Family::DeformingBeam, args.large)
-}
-
-/// Runs `stacked-beams`.
-///
-/// # Errors
-/// As [`super::run`].
-pub(super) fn run_stacked(args: StackedArgs) -> Result<()> {
-    run(&args.common, &args.solid, Family::StackedBeams, false)
-}
-
 fn poisson(text: &str) -> std::result::Result<f64, String> {
     match text.parse() {
         Ok(ratio) if (0.0..=0.49).contains(&ratio) => Ok(ratio),
@@ -100,7 +36,12 @@ fn poisson(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-fn run(common: &Common, solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
+/// Makes bodies of a family.
+///
+/// # Errors
+/// As [`super::run`].
+pub(super) fn run(solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
+    let common = &solid.common;
     if find_program("gmsh").is_none() {
         return Err(Error::Input("gmsh not found in PATH: install it (Debian: apt-get install gmsh)".into()));
     }
@@ -164,10 +105,7 @@ fn whole(made: &[Value]) -> (String, Value) {
     let Some(worst) = of("worst_gap").into_iter().min_by(f64::total_cmp) else {
         return (String::new(), json!({}));
     };
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
+    let median = |values| median(values).unwrap_or(f64::NAN);
     let (cpu, wall) = (median(of("cpu_seconds")), median(of("seconds")));
     let line = format!(
         "; {redraws} redraws, worst gap {worst:+.4} cells, median {cpu:.1} s of processor time, {wall:.1} s in all"

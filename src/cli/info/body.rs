@@ -2,10 +2,9 @@
 
 use m4gn_data::Trajectory;
 use m4gn_domain::body::gap::cell_size;
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material};
 use m4gn_mesh::elements::ElementKind;
-use m4gn_mesh::{NodeType, Result};
-use m4gn_workbench::holding::{Score, score};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -49,33 +48,6 @@ pub(super) fn describe(t: &Trajectory, body: &Body, text: &mut String, figures: 
     figures["edges"] = body.edges.len().into();
     figures["cell_size"] = size.into();
     figures["obstacle_points"] = json!(t.obstacle().map(|o| o.positions.len()));
-}
-
-/// Reads every frame and scores the predictions that need no model; added to the text, and as figures.
-pub(super) fn metrics(t: &Trajectory, text: &mut String) -> Result<Value> {
-    let scores = score(t, 1)?;
-    if let Some(gap) = scores.worst_gap {
-        let _ = writeln!(
-            text,
-            "worst gap   {:+.4} cell sizes to the obstacle's surface, or between the body's parts",
-            gap.cells
-        );
-    }
-    let _ = writeln!(
-        text,
-        "{:<11} {:>10} {:>10} {:>10} {:>10} {:>10}",
-        "prediction", "rmse m", "gf_h m", "gf_c m2", "mc", "ar"
-    );
-    for (name, Score { rmse, quality: q }) in
-        [("persistence", scores.persistence), ("hold first", scores.hold_first)]
-    {
-        let _ = writeln!(
-            text,
-            "{name:<11} {rmse:>10.3e} {:>10.3e} {:>10.3e} {:>10.3e} {:>10.3e}",
-            q.gf_h, q.gf_c, q.mc, q.ar
-        );
-    }
-    Ok(json!(scores))
 }
 
 /// What the generator recorded of a folder's trajectories, together; None where it recorded none of them.

@@ -16,10 +16,6 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Trajectory (*.h5), folder of trajectories, or model (*.safetensors)
     path: PathBuf,
-    /// Of a trajectory of a deforming body: also the worst gap to the obstacle in all frames, and what holding the last
-    /// or the first frame scores in the mesh metrics
-    #[arg(long)]
-    metrics: bool,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -39,7 +35,7 @@ pub fn run(args: Args) -> Result<()> {
     } else if is_model {
         model(path)?
     } else {
-        trajectory(&Trajectory::open(path)?, args.metrics)?
+        trajectory(&Trajectory::open(path)?)?
     };
     print!("{text}");
     write_json(args.json.as_deref(), &figures)?;
@@ -68,7 +64,7 @@ fn spacing(times: &[f64]) -> (Option<f64>, String) {
     }
 }
 
-fn trajectory(t: &Trajectory, metrics: bool) -> Result<(String, Value)> {
+fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
     let path = t.path();
     let bytes = path.metadata().map_or(0, |m| m.len());
     let mut text =
@@ -100,9 +96,6 @@ fn trajectory(t: &Trajectory, metrics: bool) -> Result<(String, Value)> {
         fields.push(json!({"name": field.name, "vector": field.vector, "dimensions": field.dimensions, "last_range": [from, to]}));
     }
     figures["fields"] = fields.into();
-    if metrics {
-        figures["holding"] = body::metrics(t, &mut text)?;
-    }
     if let Some(entries) = t.provenance().as_object() {
         for (key, value) in entries {
             let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);

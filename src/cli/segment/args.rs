@@ -1,10 +1,10 @@
 //! What `m4gn segment` is told.
 
-use m4gn_mesh::NodeType;
+use m4gn_mesh::{NodeType, Result};
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
-use m4gn_model::{SegmentEntries, SegmentMethod};
-use serde_json::Value;
+use m4gn_model::{SegmentEntries, SegmentMethod, settings};
+use serde_json::{Map, Value};
 use std::path::PathBuf;
 
 /// Cut the mesh of a case or a trajectory into segments, and say how good they are
@@ -38,37 +38,12 @@ pub struct Args {
     /// Number of Laplacian modes m [default: 6]
     #[arg(long, value_name = "M")]
     pub(super) modes: Option<usize>,
-    /// As many modes as have this share of the energy, at most --modes
-    #[arg(long, value_name = "SHARE")]
-    pub(super) energy: Option<f64>,
     /// The way to the modes: auto, direct or iterative [default: auto, by size]
     #[arg(long, value_name = "SOLVER", value_parser = modal_solver)]
     pub(super) modal_solver: Option<ModalSolver>,
-    /// Options for PETSc and SLEPc, with the prefix m4gn_: "-m4gn_eps_tol 1e-9"
-    #[arg(long, value_name = "OPTIONS", allow_hyphen_values = true)]
-    pub(super) petsc: Option<String>,
-    /// Weight tau of positions against modes [default: 1]
-    #[arg(long, value_name = "TAU")]
-    pub(super) tau: Option<f64>,
-    /// Size S of a segment, m [default: from the domain and K]
-    #[arg(long, value_name = "M")]
-    pub(super) size: Option<f64>,
-    /// Most SLIC sweeps [default: 20]
-    #[arg(long, value_name = "N")]
-    pub(super) iterations: Option<usize>,
-    /// Layers that segments overlap by [default: 0]
-    #[arg(long, value_name = "LAYERS")]
-    pub(super) overlap: Option<usize>,
-    /// Leave pieces that do not hang together with their segment where they are, as the paper does
-    #[arg(long)]
-    pub(super) no_connect: bool,
-    /// Patch that is the obstacle of slic-mdodl and slic-mdode; may be repeated [default: walls that do not reach the
-    /// outside of the mesh]
-    #[arg(long, value_name = "PATCH")]
-    pub(super) obstacle: Vec<String>,
-    /// Length that the distance to the obstacle is taken over, m; 0: none, as in the paper [default: S]
-    #[arg(long, value_name = "M")]
-    pub(super) distance_scale: Option<f64>,
+    /// Another entry of 'segments', as in a dictionary (docs/dictionary.md): tau=0.5, overlap=1, obstacles=["wing"]; may be repeated
+    #[arg(long, value_name = "ENTRY=VALUE", value_parser = entry)]
+    pub(super) set: Vec<(String, Value)>,
     /// Node type of a patch of a case: wall, inlet, outlet, symmetry or obstacle; may be repeated [default: the
     /// function object's nodeTypes, else from the boundary conditions]
     #[arg(long, value_name = "PATCH=TYPE", value_parser = node_type)]
@@ -95,29 +70,25 @@ pub struct Args {
 
 impl Args {
     /// What the command line says of the segments.
-    pub(super) fn entries(&self) -> SegmentEntries {
-        let mut entries = SegmentEntries::default();
-        let mut say = |name: &str, value: Option<Value>| {
-            if let Some(value) = value {
-                entries.set(name, value);
-            }
-        };
-        say("method", self.method.first().map(|m| m.name().into()));
-        say("count", self.segments.map(Value::from));
-        say("modes", self.modes.map(Value::from));
-        say("energy", self.energy.map(Value::from));
-        say("modal_solver", self.modal_solver.map(|s| serde_json::json!(s)));
-        say("petsc_options", self.petsc.clone().map(Value::from));
-        say("tau", self.tau.map(Value::from));
-        say("size", self.size.map(Value::from));
-        say("iterations", self.iterations.map(Value::from));
-        say("overlap", self.overlap.map(Value::from));
-        say("connected", self.no_connect.then_some(Value::Bool(false)));
-        let obstacles = Some(&self.obstacle).filter(|names| !names.is_empty());
-        say("obstacles", obstacles.map(|names| names.clone().into()));
-        say("distance_scale", self.distance_scale.map(Value::from));
-        entries
+    ///
+    /// # Errors
+    /// [`Error::Input`](m4gn_mesh::Error::Input) for an entry that is unknown or not of its type.
+    pub(super) fn entries(&self) -> Result<SegmentEntries> {
+        let mut entries: Map<String, Value> = self.set.iter().cloned().collect();
+        let named = [
+            ("method", self.method.first().map(|m| m.name().into())),
+            ("count", self.segments.map(Value::from)),
+            ("modes", self.modes.map(Value::from)),
+            ("modal_solver", self.modal_solver.map(|s| serde_json::json!(s))),
+        ];
+        entries.extend(named.into_iter().filter_map(|(name, value)| Some((name.into(), value?))));
+        settings::parse("--set", &Value::Object(entries).to_string(), &[])
     }
+}
+
+fn entry(text: &str) -> std::result::Result<(String, Value), String> {
+    let (name, value) = text.split_once('=').ok_or("expected ENTRY=VALUE")?;
+    Ok((name.into(), serde_json::from_str(value).unwrap_or_else(|_| value.into())))
 }
 
 fn count(text: &str) -> std::result::Result<usize, String> {

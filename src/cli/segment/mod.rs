@@ -140,7 +140,7 @@ impl Wanted {
     /// Command line before the case's dictionary, before model, before defaults.
     fn new(args: &Args, model: Option<&ModelSpec>, case: &SegmentEntries) -> Result<Self> {
         let trained = model.filter(|m| m.architecture.needs().segments).map(|m| m.segments.clone());
-        let line = args.entries();
+        let line = args.entries()?;
         let said = line.has("count") || case.has("count") || trained.is_some();
         let spec = line.over(&case.over(&trained.unwrap_or_default())?)?;
         let count = said.then_some(spec.count);

@@ -48,13 +48,16 @@ fn numbers_of_segments_and_methods() {
     assert_eq!((o.counts, o.methods.len(), o.spec.modes), (vec![36], 4, 6));
     let o = options("case --sweep 9,4,9 --method metis,metis", &mesh).unwrap();
     assert_eq!((o.counts, o.methods), (vec![4, 9], vec![SegmentMethod::Metis]));
-    let o = options("case --sweep 9,4 --segments 16 --no-connect --tau 0.5 --size 0.1", &mesh).unwrap();
+    let o =
+        options("case --sweep 9,4 --segments 16 --set connected=false --set tau=0.5 --set size=0.1", &mesh)
+            .unwrap();
     assert_eq!((o.counts, o.spec.connected), (vec![4, 9, 16], false));
     assert_eq!((o.spec.tau, o.spec.size), (0.5, Some(0.1)));
+    assert!(options("case --set taw=1", &mesh).unwrap_err().to_string().contains("is tau meant?"));
     let error = options("case --segments 101", &mesh).unwrap_err().to_string();
     assert!(error.contains("101 segments for 100 cells: expected 1 to 100"), "{error}");
-    assert!(options("case --tau=-1", &mesh).is_err());
-    let error = options("case --obstacle wing", &mesh).unwrap_err().to_string();
+    assert!(options("case --set tau=-1", &mesh).is_err());
+    let error = options(r#"case --set obstacles=["wing"]"#, &mesh).unwrap_err().to_string();
     assert!(error.contains("wing is no patch"), "{error}");
 }
 

@@ -52,15 +52,14 @@ impl Reference {
                 description.times[time]
             ))
         })?;
-        Reference::of(&description, options, velocity).map(Some)
+        Reference::of(&description, wanted, velocity).map(Some)
     }
 
-    /// Reference values in a flow of this velocity, m/s.
+    /// Reference values of a patch in a flow of this velocity, m/s.
     ///
     /// # Errors
     /// As [`Reference::find`].
-    pub(super) fn of(description: &Description, options: &Options, velocity: [f64; 3]) -> Result<Self> {
-        let wanted = options.patch.as_deref().unwrap_or(DEFAULT_PATCH);
+    pub(super) fn of(description: &Description, wanted: &str, velocity: [f64; 3]) -> Result<Self> {
         let patch = super::known(description, wanted)?;
         let speed = velocity.iter().map(|v| v * v).sum::<f64>().sqrt();
         let drag_direction = velocity.map(|v| v / speed);
@@ -68,22 +67,15 @@ impl Reference {
         let extent =
             |n: [f64; 3]| (0..3).map(|d| n[d].abs() * (patch.upper[d] - patch.lower[d])).sum::<f64>();
         let span = cross(drag_direction, lift_direction);
-        let length = options.length.unwrap_or_else(|| extent(lift_direction));
+        let length = extent(lift_direction);
         let area = length * extent(span);
         if area.is_nan() || area <= 0.0 {
             return Err(Error::Input(format!(
-                "patch {wanted} of {} has no extent across the flow ({length} m); give --length, or name another patch",
+                "patch {wanted} of {} has no extent across the flow ({length} m); name another patch",
                 description.path
             )));
         }
-        Ok(Reference {
-            patch: wanted.into(),
-            speed: options.speed.unwrap_or(speed),
-            length,
-            area,
-            drag_direction,
-            lift_direction,
-        })
+        Ok(Reference { patch: wanted.into(), speed, length, area, drag_direction, lift_direction })
     }
 }
 

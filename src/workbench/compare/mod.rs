@@ -15,16 +15,15 @@ pub mod motion;
 mod pairing;
 pub mod reaction;
 mod report;
-mod snapshot;
 pub mod surrogate;
 
 pub use cost::Cost;
-pub use snapshot::Snapshot;
 
 use crate::errors::{FieldErrors, Track};
 use crate::foam_case::{Description, FoamCase, Patch};
 use forces::{Forces, Reference};
 use m4gn_mesh::{Error, Result};
+use m4gn_report::Snapshot;
 use motion::Motion;
 use pairing::{common_times, mapping};
 use reaction::Reaction;
@@ -40,10 +39,6 @@ pub struct Options {
     pub patch: Option<String>,
     /// Of a solid: the patch beside whose centre a cell is followed; none: the cell that moves most.
     pub follow: Option<String>,
-    /// Of a flow: reference speed of the coefficients, m/s; none: mean inlet velocity of A.
-    pub speed: Option<f64>,
-    /// Of a flow: reference length, m; none: extent of the patch across the flow.
-    pub length: Option<f64>,
     /// Takeover, s; none: what the surrogate of B recorded.
     pub takeover: Option<f64>,
     /// Wall seconds of A; none: from its log, in whole seconds.
@@ -142,7 +137,7 @@ pub fn compare(
     let name = if solid { "D" } else { "U" };
     let mut headline = Track::new(components(&a.vector_field(name, hold.0)?, &directions));
     let mut others = other_fields(a, b, solid, hold, &pairs)?;
-    let kept = snapshot::choose(pairs.len(), if solid { 0 } else { options.snapshots });
+    let kept = choose(pairs.len(), if solid { 0 } else { options.snapshots });
     let (mut snapshots, mut displacements) = (Vec::new(), motion::Fields::default());
     for (done, &(i, j)) in pairs.iter().enumerate() {
         let (fa, fb) = (a.vector_field(name, i)?, mapping.vector(b.vector_field(name, j)?));
@@ -203,28 +198,19 @@ pub fn check_patch(case: &mut FoamCase, patch: &str, time: f64) -> Result<()> {
     }
     // A flow may begin without a field that says where it enters.
     let velocity = forces::inlet_velocity(case, stored - 1).ok().flatten();
-    let options = Options { patch: Some(patch.into()), ..Options::default() };
-    velocity.map_or(Ok(()), |v| Reference::of(case.description(), &options, v).map(|_| ()))
+    velocity.map_or(Ok(()), |v| Reference::of(case.description(), patch, v).map(|_| ()))
 }
 
 impl Options {
     /// Whether the options are of what the case is of.
     fn check(&self, solid: bool, path: &str) -> Result<()> {
-        let of_flows = [
-            ("--speed", self.speed.is_some()),
-            ("--length", self.length.is_some()),
-            ("--interpolate", self.interpolate && solid),
-        ];
-        match (solid, &self.follow) {
-            (false, Some(patch)) => Err(Error::Input(format!(
+        match (solid, &self.follow, self.interpolate) {
+            (false, Some(patch), _) => Err(Error::Input(format!(
                 "--follow {patch}: cells are followed of a solid, and {path} is a flow's; leave it out"
             ))),
-            (true, _) => match of_flows.iter().find(|(_, given)| *given) {
-                Some((name, _)) => Err(Error::Input(format!(
-                    "{name}: of a displacement there are no coefficients and no interpolation; leave it out"
-                ))),
-                None => Ok(()),
-            },
+            (true, _, true) => Err(Error::Input(
+                "--interpolate: of a displacement there is no interpolation; leave it out".into(),
+            )),
             _ => Ok(()),
         }
     }
@@ -282,6 +268,15 @@ fn components(field: &[[f64; 3]], directions: &[usize]) -> Vec<f64> {
     field.iter().flat_map(|u| directions.iter().map(|&d| u[d])).collect()
 }
 
+/// `count` indices below `n`: the last one, and before it ones at halving distance from the start.
+fn choose(n: usize, count: usize) -> Vec<usize> {
+    let mut chosen: Vec<usize> =
+        (0..count).map(|k| (n >> k).max(1)).map(|h| h - 1).filter(|&i| i < n).collect();
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen
+}
+
 /// The patch of this name.
 ///
 /// # Errors
@@ -301,6 +296,13 @@ fn known<'a>(description: &'a Description, patch: &str) -> Result<&'a Patch> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn chosen_times() {
+        assert_eq!(choose(100, 3), [24, 49, 99]);
+        assert_eq!(choose(1, 3), [0]);
+        assert!(choose(0, 3).is_empty() && choose(5, 0).is_empty());
+    }
 
     #[test]
     fn only_solved_components_count() {

@@ -1,12 +1,12 @@
 //! The comparison as tables, a page to read and a picture to show.
 
-use super::{Comparison, Snapshot};
+use super::Comparison;
 use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
 use m4gn_mesh::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::raster::Raster;
-use m4gn_report::{CellMap, Chart, Page, Series, Table, VelocityRow, number, percent, seconds, velocity};
+use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, number, percent, seconds, snapshot};
 
 /// A figure of both runs: what it is, A and B, and the error.
 pub(super) type Row = (String, [Option<f64>; 2], String);
@@ -121,17 +121,8 @@ impl Comparison {
         if snapshots.is_empty() {
             return None;
         }
-        let rows: Vec<VelocityRow> = snapshots
-            .iter()
-            .map(|s| VelocityRow {
-                time: seconds(s.time),
-                reference: &s.full,
-                other: &s.hybrid,
-                difference: &s.difference,
-            })
-            .collect();
         let [_, field, unit] = self.names();
-        Some(velocity::picture(map, ["full", "hybrid"], [field, unit], &rows).raster())
+        Some(snapshot::picture(map, ["full", "hybrid"], [field, unit], snapshots).raster())
     }
 
     /// The report.

@@ -27,7 +27,7 @@ pub(super) fn is_reserved(name: &str) -> bool {
 /// # Errors
 /// [`Error::Input`] naming the expression, where it is none, has an unknown name, or a value on the way is no finite number.
 pub fn number(expression: &str, variables: &Variables) -> Result<f64> {
-    let value = parse(expression).and_then(|e| e.value(variables)?.number());
+    let value = computed(expression, variables).and_then(Value::number);
     value.map_err(|what| fault(expression, variables, &what))
 }
 
@@ -36,7 +36,7 @@ pub fn number(expression: &str, variables: &Variables) -> Result<f64> {
 /// # Errors
 /// As [`number`].
 pub fn holds(expression: &str, variables: &Variables) -> Result<bool> {
-    let value = parse(expression).and_then(|e| e.value(variables));
+    let value = computed(expression, variables);
     Ok(value.map_err(|what| fault(expression, variables, &what))?.holds())
 }
 
@@ -71,17 +71,6 @@ impl Value {
     }
 }
 
-enum Expression {
-    Value(Value),
-    Name(String),
-    Negative(Box<Expression>),
-    Not(Box<Expression>),
-    Operation(&'static str, Box<[Expression; 2]>),
-    /// Condition, value where it holds, value where not.
-    Choice(Box<[Expression; 3]>),
-    Function(String, Vec<Expression>),
-}
-
 /// A function of one or two numbers.
 enum Function {
     One(fn(f64) -> f64),
@@ -113,64 +102,49 @@ fn steps(least: f64) -> f64 {
     all.filter(|&n| n >= least).fold(f64::INFINITY, f64::min)
 }
 
-impl Expression {
-    fn value(&self, variables: &Variables) -> Fallible<Value> {
-        let number = |e: &Expression| e.value(variables)?.number();
-        let finite = |v: f64, what: &dyn Fn() -> String| match v.is_finite() {
-            true => Ok(Value::Number(v)),
-            false => Err(format!("{} is {v}: expected a finite number", what())),
-        };
-        match self {
-            Expression::Value(v) => Ok(*v),
-            Expression::Name(name) => match variables.get(name) {
-                Some(&v) => finite(v, &|| name.clone()),
-                None => Err(format!("there is no '{name}'")),
-            },
-            Expression::Negative(e) => Ok(Value::Number(-number(e)?)),
-            Expression::Not(e) => Ok(Value::Truth(!e.value(variables)?.holds())),
-            Expression::Choice(parts) => {
-                let [condition, yes, no] = &**parts;
-                let chosen = if condition.value(variables)?.holds() { yes } else { no };
-                chosen.value(variables)
-            }
-            Expression::Operation(word @ ("and" | "or"), sides) => {
-                let first = sides[0].value(variables)?.holds();
-                match first == (*word == "or") {
-                    true => Ok(Value::Truth(first)),
-                    false => Ok(Value::Truth(sides[1].value(variables)?.holds())),
-                }
-            }
-            Expression::Operation(sign, sides) => {
-                let (a, b) = (number(&sides[0])?, number(&sides[1])?);
-                let shown = || format!("{a} {sign} {b}");
-                match *sign {
-                    "+" => finite(a + b, &shown),
-                    "-" => finite(a - b, &shown),
-                    "*" => finite(a * b, &shown),
-                    "/" => finite(a / b, &shown),
-                    "**" => finite(a.powf(b), &shown),
-                    "<" => Ok(Value::Truth(a < b)),
-                    "<=" => Ok(Value::Truth(a <= b)),
-                    ">" => Ok(Value::Truth(a > b)),
-                    ">=" => Ok(Value::Truth(a >= b)),
-                    "==" => Ok(Value::Truth(a == b)),
-                    _ => Ok(Value::Truth(a != b)),
-                }
-            }
-            Expression::Function(name, arguments) => {
-                let values = arguments.iter().map(number).collect::<Fallible<Vec<f64>>>()?;
-                let shown = || {
-                    let values: Vec<String> = values.iter().map(f64::to_string).collect();
-                    format!("{name}({})", values.join(", "))
-                };
-                match (function(name), &values[..]) {
-                    (Some(Function::One(f)), [x]) => finite(f(*x), &shown),
-                    (Some(Function::Two(f)), [x, y]) => finite(f(*x, *y), &shown),
-                    (Some(_), _) => Err(format!("{}: another number of arguments is expected", shown())),
-                    (None, _) => Err(format!("there is no function '{name}'")),
-                }
-            }
-        }
+/// A number that may be the value of what is shown.
+fn finite(value: f64, shown: impl FnOnce() -> String) -> Fallible<Value> {
+    match value.is_finite() {
+        true => Ok(Value::Number(value)),
+        false => Err(format!("{} is {value}: expected a finite number", shown())),
+    }
+}
+
+/// What an operation makes of both sides. The second side of `and` and `or` counts where the first one does not decide.
+fn operation(sign: &str, left: Fallible<Value>, right: Fallible<Value>) -> Fallible<Value> {
+    if sign == "and" || sign == "or" {
+        let first = left?.holds();
+        let decided = first == (sign == "or");
+        return Ok(Value::Truth(if decided { first } else { right?.holds() }));
+    }
+    let (a, b) = (left?.number()?, right?.number()?);
+    let shown = || format!("{a} {sign} {b}");
+    match sign {
+        "+" => finite(a + b, shown),
+        "-" => finite(a - b, shown),
+        "*" => finite(a * b, shown),
+        "/" => finite(a / b, shown),
+        "**" => finite(a.powf(b), shown),
+        "<" => Ok(Value::Truth(a < b)),
+        "<=" => Ok(Value::Truth(a <= b)),
+        ">" => Ok(Value::Truth(a > b)),
+        ">=" => Ok(Value::Truth(a >= b)),
+        "==" => Ok(Value::Truth(a == b)),
+        _ => Ok(Value::Truth(a != b)),
+    }
+}
+
+fn applied(name: &str, arguments: Vec<Fallible<Value>>) -> Fallible<Value> {
+    let values = arguments.into_iter().map(|v| v?.number()).collect::<Fallible<Vec<f64>>>()?;
+    let shown = || {
+        let values: Vec<String> = values.iter().map(f64::to_string).collect();
+        format!("{name}({})", values.join(", "))
+    };
+    match (function(name), &values[..]) {
+        (Some(Function::One(f)), [x]) => finite(f(*x), shown),
+        (Some(Function::Two(f)), [x, y]) => finite(f(*x, *y), shown),
+        (Some(_), _) => Err(format!("{}: another number of arguments is expected", shown())),
+        (None, _) => Err(format!("there is no function '{name}'")),
     }
 }
 
@@ -203,20 +177,25 @@ fn tokens(text: &str) -> Fallible<Vec<&str>> {
     Ok(found)
 }
 
-struct Parser<'a> {
+/// Reads an expression and computes it on the way.
+struct Reader<'a> {
     tokens: Vec<&'a str>,
     at: usize,
     depth: usize,
+    variables: &'a Variables,
 }
 
-fn parse(text: &str) -> Fallible<Expression> {
+/// What is read: a value, or what is wrong with it, which counts where the value does.
+type Read = Fallible<Fallible<Value>>;
+
+fn computed(text: &str, variables: &Variables) -> Fallible<Value> {
     if text.len() > LONGEST {
         return Err(format!("has {} letters: expected at most {LONGEST}", text.len()));
     }
-    let mut parser = Parser { tokens: tokens(text)?, at: 0, depth: 0 };
-    let found = parser.choice()?;
-    match parser.tokens.get(parser.at) {
-        None => Ok(found),
+    let mut reader = Reader { tokens: tokens(text)?, at: 0, depth: 0, variables };
+    let found = reader.choice()?;
+    match reader.tokens.get(reader.at) {
+        None => found,
         Some(token) => Err(format!("syntax error at '{token}'")),
     }
 }
@@ -226,7 +205,7 @@ const LEVELS: [&[&str]; 5] =
     [&["or"], &["and"], &["<", "<=", ">", ">=", "==", "!="], &["+", "-"], &["*", "/"]];
 const COMPARISONS: usize = 2;
 
-impl Parser<'_> {
+impl Reader<'_> {
     fn take(&mut self, token: &str) -> bool {
         let found = self.tokens.get(self.at) == Some(&token);
         self.at += usize::from(found);
@@ -253,7 +232,7 @@ impl Parser<'_> {
     }
 
     /// `A if C else B`
-    fn choice(&mut self) -> Fallible<Expression> {
+    fn choice(&mut self) -> Read {
         let yes = self.level(0)?;
         if !self.take("if") {
             return Ok(yes);
@@ -261,16 +240,16 @@ impl Parser<'_> {
         let condition = self.level(0)?;
         self.expect("else")?;
         let no = self.deeper(Self::choice)?;
-        Ok(Expression::Choice(Box::new([condition, yes, no])))
+        Ok(condition.and_then(|c| if c.holds() { yes } else { no }))
     }
 
-    fn level(&mut self, level: usize) -> Fallible<Expression> {
+    fn level(&mut self, level: usize) -> Read {
         let Some(signs) = LEVELS.get(level) else {
             return self.signed();
         };
         if level == COMPARISONS && self.take("not") {
             let not = self.deeper(|p| p.level(COMPARISONS))?;
-            return Ok(Expression::Not(Box::new(not)));
+            return Ok(not.map(|v| Value::Truth(!v.holds())));
         }
         let mut left = self.level(level + 1)?;
         let mut compared = false;
@@ -278,29 +257,28 @@ impl Parser<'_> {
             if level == COMPARISONS && std::mem::replace(&mut compared, true) {
                 return Err("compares twice: write A < B and B < C".into());
             }
-            let right = self.level(level + 1)?;
-            left = Expression::Operation(sign, Box::new([left, right]));
+            left = operation(sign, left, self.level(level + 1)?);
         }
         Ok(left)
     }
 
     /// A sign binds less than a power.
-    fn signed(&mut self) -> Fallible<Expression> {
+    fn signed(&mut self) -> Read {
         if self.take("-") {
-            return Ok(Expression::Negative(Box::new(self.deeper(Self::signed)?)));
+            let value = self.deeper(Self::signed)?;
+            return Ok(value.and_then(Value::number).map(|v| Value::Number(-v)));
         }
         if self.take("+") {
             return self.deeper(Self::signed);
         }
         let base = self.atom()?;
-        if !self.take("**") {
-            return Ok(base);
+        match self.take("**") {
+            true => Ok(operation("**", base, self.deeper(Self::signed)?)),
+            false => Ok(base),
         }
-        let power = self.deeper(Self::signed)?;
-        Ok(Expression::Operation("**", Box::new([base, power])))
     }
 
-    fn atom(&mut self) -> Fallible<Expression> {
+    fn atom(&mut self) -> Read {
         if self.take("(") {
             let inner = self.deeper(Self::choice)?;
             self.expect(")")?;
@@ -312,10 +290,10 @@ impl Parser<'_> {
         if token.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
             let number = token.parse().ok().filter(|v: &f64| v.is_finite());
             let number = number.ok_or_else(|| format!("syntax error: '{token}' is no number"))?;
-            return Ok(Expression::Value(Value::Number(number)));
+            return Ok(Ok(Value::Number(number)));
         }
         match token {
-            "true" | "false" => return Ok(Expression::Value(Value::Truth(token == "true"))),
+            "true" | "false" => return Ok(Ok(Value::Truth(token == "true"))),
             word if WORDS.contains(&word)
                 || !word.starts_with(|c: char| c == '_' || c.is_ascii_alphabetic()) =>
             {
@@ -324,7 +302,8 @@ impl Parser<'_> {
             _ => {}
         }
         if !self.take("(") {
-            return Ok(Expression::Name(token.into()));
+            let known = self.variables.get(token).ok_or_else(|| format!("there is no '{token}'"));
+            return Ok(known.and_then(|&v| finite(v, || token.into())));
         }
         let mut arguments = Vec::new();
         while !self.take(")") {
@@ -333,7 +312,7 @@ impl Parser<'_> {
             }
             arguments.push(self.deeper(Self::choice)?);
         }
-        Ok(Expression::Function(token.into(), arguments))
+        Ok(applied(token, arguments))
     }
 }
 

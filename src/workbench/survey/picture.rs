@@ -20,7 +20,6 @@ pub struct Pictured {
 pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> Raster {
     let panel = |e: &Entry| Panel {
         title: format!("{}, {} segments", e.method, e.count),
-        map: 0,
         values: colours(e, mesh).into_iter().map(|c| c as f64).collect(),
         scale: 0,
     };
@@ -39,7 +38,6 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> R
         .enumerate()
         .map(|(i, (phi, lambda))| Panel {
             title: format!("mode {}, {} 1/m2", i + 1, m4gn_report::number(*lambda, 4)),
-            map: 0,
             values: phi.clone(),
             scale: 1,
         })
@@ -51,8 +49,7 @@ pub fn picture(survey: &Survey, mesh: &Mesh, map: CellMap, what: &Pictured) -> R
     }
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0).max(2);
     rows.extend(shapes.chunks(columns).map(<[Panel]>::to_vec));
-    let maps = vec![map];
-    FieldPicture { maps, scales, rows }.raster()
+    FieldPicture { map, scales, rows }.raster()
 }
 
 /// A colour number for each cell, the same within a segment: the least used one that no segment across a face has.

@@ -56,7 +56,7 @@ impl Survey {
     pub fn notes(&self) -> String {
         let mut text = String::new();
         if self.entries.iter().any(|e| !e.converged()) {
-            text += "* the sweeps were used up before all cells stayed (--iterations)\n";
+            text += "* the sweeps were used up before all cells stayed (--set iterations=N)\n";
         }
         if let Some(e) = self.entries.iter().find(|e| e.quality.silhouette_cells < self.n_cells) {
             text += &format!(

@@ -84,7 +84,7 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
     if let Some((case, rollout)) = chosen.iter().find_map(|c| Some((c, c.kept()?)))
         && let Some(picture) = pictures::picture(case, rollout)?
     {
-        page.heading(if has_elements { "Shapes" } else { "Fields" });
+        page.heading("Fields");
         let raster = picture.raster();
         let caption = format!("Rollout of {} on {}.", rollout.name, case.path.display());
         page.png(&raster.png()?, raster.width, &caption);

@@ -260,7 +260,8 @@ impl<'a> Scene<'a> {
 
     /// Largest value of the headline field, of a vector its length.
     fn largest(&self, values: &[f64]) -> f64 {
-        lengths(values, self.tracks[0].width).into_iter().fold(0.0, f64::max)
+        let rows = values.chunks_exact(self.tracks[0].width);
+        rows.map(|r| r.iter().map(|v| v * v).sum::<f64>().sqrt()).fold(0.0, f64::max)
     }
 
     /// One step from a state, at the start of step `i`; whether that is the recorded one.
@@ -301,12 +302,6 @@ pub(super) fn recorded(trajectory: &Trajectory, field: &str, frame: usize) -> Re
     let vector = trajectory.field(field)?.vector;
     let values = trajectory.read_frame(field, frame)?.cells;
     Ok(widen(&values, vector, &trajectory.mesh().directions))
-}
-
-/// Lengths of the rows of a field, of a scalar its absolute values.
-pub(super) fn lengths(values: &[f64], width: usize) -> Vec<f64> {
-    let rows = values.chunks_exact(width);
-    rows.map(|r| r.iter().map(|v| v * v).sum::<f64>().sqrt()).collect()
 }
 
 /// Components in the solved directions to rows of x, y, z.
