@@ -17,10 +17,13 @@ const Foam::word Foam::m4gn::groupName("m4gnGroup");
 
 static const char* const recordName = "m4gnSegmentDict";
 
-namespace Foam
-{
-//- How they were made, into this folder
-static void writeRecord(m4gnFieldFiles& files, const Time& time, const fileName& folder, const std::string& record)
+void Foam::m4gn::writeSegmentRecord
+(
+    m4gnFieldFiles& files,
+    const Time& time,
+    const fileName& folder,
+    const std::string& record
+)
 {
     files.write
     (
@@ -41,6 +44,8 @@ static void writeRecord(m4gnFieldFiles& files, const Time& time, const fileName&
     );
 }
 
+namespace Foam
+{
 //- To the undecomposed case, from the ranks of a case that decomposePar made
 static void writeUndecomposed(const volScalarField& field, const labelList& global)
 {
@@ -273,7 +278,7 @@ bool Foam::m4gn::writeSegments
             {
                 // One by one: folders may be links to each other
                 m4gnFieldFiles files;
-                writeRecord(files, time, folders[i], record);
+                writeSegmentRecord(files, time, folders[i], record);
                 files.rename();
             }
         }
