@@ -55,6 +55,33 @@ inline void checkVersion()
     }
 }
 
+namespace detail
+{
+struct Free
+{
+    void operator()(m4gn_model* model) const noexcept { m4gn_model_free(model); }
+    void operator()(m4gn_session* session) const noexcept { m4gn_session_free(session); }
+    void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
+    void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
+    void operator()(m4gn_recorder* recorder) const noexcept { m4gn_recorder_free(recorder); }
+    void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
+};
+
+template<class Type>
+using Handle = std::unique_ptr<Type, Free>;
+
+// What the call makes.
+template<class Type, class Call>
+Handle<Type> made(const Call& call)
+{
+    checkVersion();
+    Type* object = nullptr;
+    check(call(&object));
+    return Handle<Type>(object);
+}
+
+} // namespace detail
+
 // Throws if these settings (the text of a JSON object, see m4gn.h) are not valid for m4gn_<kind>_new.
 inline void checkOptions(const std::string& kind, const std::string& options)
 {
@@ -81,12 +108,9 @@ class Model
 {
 public:
     Model(int32_t comm, const std::string& path)
-    {
-        checkVersion();
-        m4gn_model* model = nullptr;
-        check(m4gn_model_open(comm, path.c_str(), &model));
-        model_.reset(model);
-    }
+    :
+        model_(detail::made<m4gn_model>([&](m4gn_model** made) { return m4gn_model_open(comm, path.c_str(), made); }))
+    {}
 
     // Modes of the elastic body that the mesh must have for the model's segments.
     int32_t elasticModes() const
@@ -102,12 +126,7 @@ public:
     const m4gn_model* get() const noexcept { return model_.get(); }
 
 private:
-    struct Free
-    {
-        void operator()(m4gn_model* model) const noexcept { m4gn_model_free(model); }
-    };
-
-    std::unique_ptr<m4gn_model, Free> model_;
+    detail::Handle<m4gn_model> model_;
 };
 
 // A model on a mesh. Made and destroyed by all ranks together.
@@ -123,12 +142,10 @@ public:
         const std::string& options = "{}",
         const int32_t* cellSegment = nullptr
     )
-    {
-        checkVersion();
-        m4gn_session* session = nullptr;
-        check(m4gn_session_new(comm, &mesh, model.get(), options.c_str(), cellSegment, &session));
-        session_.reset(session);
-    }
+    :
+        session_(detail::made<m4gn_session>([&](m4gn_session** made)
+            { return m4gn_session_new(comm, &mesh, model.get(), options.c_str(), cellSegment, made); }))
+    {}
 
     // Time that one step advances, s.
     double stride() const { return m4gn_session_stride(session_.get()); }
@@ -212,12 +229,7 @@ public:
     m4gn_session* get() const noexcept { return session_.get(); }
 
 private:
-    struct Free
-    {
-        void operator()(m4gn_session* session) const noexcept { m4gn_session_free(session); }
-    };
-
-    std::unique_ptr<m4gn_session, Free> session_;
+    detail::Handle<m4gn_session> session_;
 };
 
 // Segments of a mesh, of a model's segmentation or of the default one. Made by all ranks together.
@@ -233,12 +245,10 @@ public:
         const int32_t* cellSegment = nullptr,
         const Model* model = nullptr
     )
-    {
-        checkVersion();
-        m4gn_segments* segments = nullptr;
-        check(m4gn_segments_new(comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, &segments));
-        segments_.reset(segments);
-    }
+    :
+        segments_(detail::made<m4gn_segments>([&](m4gn_segments** made)
+            { return m4gn_segments_new(comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, made); }))
+    {}
 
     // Segments K.
     int32_t count() const { return m4gn_segments_count(segments_.get()); }
@@ -303,12 +313,7 @@ public:
     }
 
 private:
-    struct Free
-    {
-        void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
-    };
-
-    std::unique_ptr<m4gn_segments, Free> segments_;
+    detail::Handle<m4gn_segments> segments_;
 };
 
 // Modes of a solver's own pair of matrices. Made by all ranks together.
@@ -325,24 +330,18 @@ public:
         const double* positions = nullptr
     )
     :
-        nRows_(static_cast<std::size_t>(stiffness.n_rows))
-    {
-        checkVersion();
-        m4gn_modes* modes = nullptr;
-        check(m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, &modes));
-        modes_.reset(modes);
-    }
+        nRows_(static_cast<std::size_t>(stiffness.n_rows)),
+        modes_(detail::made<m4gn_modes>([&](m4gn_modes** made)
+            { return m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, made); }))
+    {}
 
     // Of an elastic body: each vector has the displacement (x, y, z) of each of this rank's points.
     Modes(int32_t comm, const m4gn_solid& body, const std::string& options = "{}")
     :
-        nRows_(3*static_cast<std::size_t>(body.n_points))
-    {
-        checkVersion();
-        m4gn_modes* modes = nullptr;
-        check(m4gn_solid_modes_new(comm, &body, options.c_str(), &modes));
-        modes_.reset(modes);
-    }
+        nRows_(3*static_cast<std::size_t>(body.n_points)),
+        modes_(detail::made<m4gn_modes>([&](m4gn_modes** made)
+            { return m4gn_solid_modes_new(comm, &body, options.c_str(), made); }))
+    {}
 
     int32_t size() const { return m4gn_modes_count(modes_.get()); }
 
@@ -366,13 +365,8 @@ public:
     }
 
 private:
-    struct Free
-    {
-        void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
-    };
-
     std::size_t nRows_;
-    std::unique_ptr<m4gn_modes, Free> modes_;
+    detail::Handle<m4gn_modes> modes_;
 };
 
 // A trajectory being recorded. Made and destroyed by all ranks together; without finish() nothing is left behind.
@@ -387,18 +381,15 @@ public:
         const std::string& options,
         const std::vector<m4gn_recorder_field>& fields
     )
-    {
-        checkVersion();
-        m4gn_recorder* recorder = nullptr;
-        check
-        (
-            m4gn_recorder_new
+    :
+        recorder_(detail::made<m4gn_recorder>([&](m4gn_recorder** made)
+        {
+            return m4gn_recorder_new
             (
-                comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), &recorder
-            )
-        );
-        recorder_.reset(recorder);
-    }
+                comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), made
+            );
+        }))
+    {}
 
     // Appends a frame. Collective.
     void append(double time, const std::vector<m4gn_field>& fields)
@@ -412,12 +403,7 @@ public:
     void finish() { check(m4gn_recorder_finish(recorder_.get())); }
 
 private:
-    struct Free
-    {
-        void operator()(m4gn_recorder* recorder) const noexcept { m4gn_recorder_free(recorder); }
-    };
-
-    std::unique_ptr<m4gn_recorder, Free> recorder_;
+    detail::Handle<m4gn_recorder> recorder_;
 };
 
 // A hybrid run (m4gn.h says who calls what when). Made and destroyed by all ranks together.
@@ -440,11 +426,10 @@ public:
         const std::string& options,
         const m4gn_ride_step& start
     )
-    {
-        m4gn_ride* ride = nullptr;
-        check(m4gn_ride_new(comm, &surrogates, mesh, options.c_str(), &start, &ride));
-        ride_.reset(ride);
-    }
+    :
+        ride_(detail::made<m4gn_ride>([&](m4gn_ride** made)
+            { return m4gn_ride_new(comm, &surrogates, mesh, options.c_str(), &start, made); }))
+    {}
 
     m4gn_ride_answer solved(const m4gn_ride_step& now)
     {
@@ -527,11 +512,6 @@ public:
     m4gn_ride* get() const noexcept { return ride_.get(); }
 
 private:
-    struct Free
-    {
-        void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
-    };
-
     template<class List>
     static int32_t size(const List& list)
     {
@@ -546,7 +526,7 @@ private:
         return found;
     }
 
-    std::unique_ptr<m4gn_ride, Free> ride_;
+    detail::Handle<m4gn_ride> ride_;
 };
 
 } // namespace m4gn
