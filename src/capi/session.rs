@@ -10,7 +10,6 @@ use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, Output};
 use m4gn_step::{FieldMut, Session, SessionOptions};
 use std::ffi::{CString, c_char};
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// `m4gn_projection_report`
@@ -70,7 +69,7 @@ unsafe fn new(
             let model = raw::reference("model", model)?;
             let mut options = SessionOptions::parse(raw::options(options)?)?;
             options.cell_segment = raw::labels(cell_segment, mesh.n_cells())?;
-            let same = format!("{}{}\n{}", options.shared()?, shared(&mesh), model.shared());
+            let same = format!("{}{}\n{}", options.shared()?, m4gn_domain::shared(&mesh), model.shared());
             Ok(((mesh, model, options), same))
         }
     };
@@ -78,18 +77,6 @@ unsafe fn new(
         let session = Session::new(comm.clone(), &mesh, &model.model, &options)?;
         handle(session, model.model.clone())
     })
-}
-
-/// What all ranks must describe alike: whether there is a body, and the obstacle.
-fn shared(mesh: &Mesh) -> String {
-    let Some(obstacle) = &mesh.obstacle else {
-        return format!("body {}", mesh.body.is_some());
-    };
-    let mut hasher = DefaultHasher::new();
-    let bits = obstacle.positions.as_flattened().iter().map(|v| v.to_bits());
-    bits.for_each(|b| b.hash(&mut hasher));
-    obstacle.triangles.hash(&mut hasher);
-    format!("body {}\nobstacle {:x}", mesh.body.is_some(), hasher.finish())
 }
 
 fn handle(session: Session, model: Arc<Model>) -> Result<SessionHandle> {

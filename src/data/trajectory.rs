@@ -15,6 +15,13 @@ fn scalar(name: &str, dimensions: [i32; 7]) -> FieldMeta {
     FieldMeta { name: name.into(), vector: false, dimensions }
 }
 
+/// Fields at cells that are not recorded: the size of the cells, and the viscosity of a flow. Of a solid nu is Poisson's ratio.
+fn implied_at_cells(fields: &[FieldMeta], provenance: &serde_json::Value) -> Vec<FieldMeta> {
+    let flow = fields.iter().any(|f| f.name == "U") && provenance[VISCOSITY].is_number();
+    let viscosity = flow.then(|| scalar(VISCOSITY, [0, 2, -1, 0, 0, 0, 0]));
+    std::iter::once(scalar(CELL_SIZE, [0, 1, 0, 0, 0, 0, 0])).chain(viscosity).collect()
+}
+
 /// Values of a field.
 pub(super) enum Values {
     /// At cells or points, and on the boundary, where there are any.
@@ -53,6 +60,8 @@ pub struct Trajectory {
     path: PathBuf,
     mesh: Mesh,
     body: Option<Body>,
+    /// Types of the nodes that are predicted, or held.
+    inside: Vec<NodeType>,
     times: Vec<f64>,
     fields: Vec<FieldMeta>,
     /// What the mesh or the provenance says, where it is not recorded.
@@ -76,25 +85,17 @@ impl Trajectory {
         source.check_self_contained(&root)?;
         let (split, provenance) = source.origin(&root)?;
         let body = source.body(&file)?;
-        let mesh = match &body {
-            Some(body) => body.mesh(source.obstacle(&file, body)?.as_ref()),
-            None => source.mesh(&file)?,
-        };
         let fields = source.fields(&file)?;
-        let mut implied = Vec::new();
-        if body.is_none() {
-            implied.push(scalar(CELL_SIZE, [0, 1, 0, 0, 0, 0, 0]));
-            // Of a solid nu is Poisson's ratio
-            let flow = fields.iter().any(|f| f.name == "U");
-            if flow && provenance[VISCOSITY].is_number() {
-                implied.push(scalar(VISCOSITY, [0, 2, -1, 0, 0, 0, 0]));
-            }
-            implied.retain(|i| fields.iter().all(|f| f.name != i.name));
-        }
+        let (mesh, inside, mut implied) = match &body {
+            Some(body) => (body.mesh(source.obstacle(&file, body)?.as_ref()), body.types.clone(), Vec::new()),
+            None => (source.mesh(&file)?, vec![NodeType::Fluid], implied_at_cells(&fields, &provenance)),
+        };
+        implied.retain(|i| fields.iter().all(|f| f.name != i.name));
         let trajectory = Trajectory {
             path: path.to_path_buf(),
             mesh,
             body,
+            inside,
             times: source.times(&file)?,
             fields,
             implied,
@@ -146,10 +147,9 @@ impl Trajectory {
 
     /// Types of the nodes of its graph, some of them more than once.
     pub fn node_types(&self) -> Vec<NodeType> {
-        let inside = self.body.as_ref().map_or(&[NodeType::Fluid][..], |b| &b.types);
         let faces = self.mesh.boundary.iter().map(|b| b.kind);
         let obstacle = self.obstacle().map(|_| NodeType::Obstacle);
-        inside.iter().copied().chain(faces).chain(obstacle).collect()
+        self.inside.iter().copied().chain(faces).chain(obstacle).collect()
     }
 
     /// Times of the frames, s, increasing; at least one.

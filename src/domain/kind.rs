@@ -4,7 +4,8 @@ use crate::body::has_feature;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::whole::{Place, whole_mesh};
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{ContactSpec, ModalOperator, ModelSpec, SegmentSpec};
+use m4gn_model::{ModalOperator, ModelSpec, SegmentSpec};
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Whether the nodes of a model's domain move and may be touched.
 pub fn moves(spec: &ModelSpec) -> bool {
@@ -23,12 +24,12 @@ pub fn operator(mesh: &Mesh, segments: &SegmentSpec) -> Result<Option<ModalOpera
     })
 }
 
-/// Whether a mesh is of the kind that a contact, of a model or a configuration, is for; else both kinds, that of the mesh last.
+/// Whether a mesh is of the kind that a model is for; else both kinds, that of the mesh last.
 ///
 /// # Errors
 /// The kinds, where they differ.
-pub fn check_kind(contact: Option<ContactSpec>, mesh: &Mesh) -> std::result::Result<(), [Kind; 2]> {
-    let kinds = [Kind::of_contact(contact), Kind::of_mesh(mesh)];
+pub fn check_kind(spec: &ModelSpec, mesh: &Mesh) -> std::result::Result<(), [Kind; 2]> {
+    let kinds = [Kind::of_model(spec), Kind::of_mesh(mesh)];
     if kinds[0] == kinds[1] { Ok(()) } else { Err(kinds) }
 }
 
@@ -44,12 +45,7 @@ pub enum Kind {
 impl Kind {
     /// Of the model that `spec` describes.
     pub(crate) fn of_model(spec: &ModelSpec) -> Self {
-        Kind::of_contact(spec.contact)
-    }
-
-    /// By the contact that a model or a configuration has.
-    fn of_contact(contact: Option<ContactSpec>) -> Self {
-        match contact {
+        match spec.contact {
             Some(_) => Kind::Body,
             None => Kind::Cells,
         }
@@ -106,6 +102,17 @@ impl Statistics {
             Kind::Cells => Statistics { node: |_, _| true, edge: |_, _| true, outputs_alike: false },
         }
     }
+}
+
+/// What all ranks must describe alike of a mesh: its kind, and an obstacle, which is whole on each of them.
+pub fn shared(mesh: &Mesh) -> String {
+    let mut hasher = DefaultHasher::new();
+    if let Some(obstacle) = &mesh.obstacle {
+        let bits = obstacle.positions.as_flattened().iter().map(|v| v.to_bits());
+        bits.for_each(|b| b.hash(&mut hasher));
+        obstacle.triangles.hash(&mut hasher);
+    }
+    format!("{:?}\nobstacle {:x}", Kind::of_mesh(mesh), hasher.finish())
 }
 
 /// The undecomposed mesh of all ranks' parts, on each of them. Collective; all ranks fail together.

@@ -12,11 +12,12 @@ mod field;
 mod host;
 mod kind;
 
+pub use body::MeshEdge;
 pub use boundary::{Boundary, faces_seen_as_their_cells, impose, see_as_cells};
 pub use components::Components;
 pub use field::{Field, FieldMut, OutputShape, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, open};
-pub use kind::{Kind, Statistics, check_kind, moves, operator, whole};
+pub use kind::{Kind, Statistics, check_kind, moves, operator, shared, whole};
 
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};
@@ -46,7 +47,7 @@ pub trait Domain: Debug + Send + Sync {
 
     /// Whether the edges are others in each state.
     fn moves(&self) -> bool {
-        false
+        self.mesh_edges().is_some()
     }
 
     /// Gives the graph the edges of a state of its local nodes, whose ghosts are filled first. Collective; all ranks fail together.
@@ -77,9 +78,14 @@ pub trait Domain: Debug + Send + Sync {
         frame
     }
 
-    /// A body, for who builds its edges in tensors.
-    fn body(&self) -> Option<&body::Body> {
+    /// Where edges come and go with the state: those that stay, at rest.
+    fn mesh_edges(&self) -> Option<&[MeshEdge]> {
         None
+    }
+
+    /// The edges that a state of the local nodes has beside those that stay.
+    fn world_edges(&self, _state: &[f32]) -> Vec<MeshEdge> {
+        Vec::new()
     }
 
     /// Physical outputs that lead exactly to `next`: changes from the present state, with its noise, or values.

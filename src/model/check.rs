@@ -1,7 +1,6 @@
 //! What a model's description must satisfy before anything is made from it.
 
 use super::{Architecture, Kind, MacroSpec, ModelSpec, Output};
-use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 
 /// Version of the header schema that this library reads and writes.
@@ -56,9 +55,6 @@ impl ModelSpec {
         };
         expect(length.is_finite() && length > 0.0, || {
             format!("resolution: expected a positive length in m, found {length}")
-        })?;
-        expect(self.contact.is_none(), || {
-            "resolution beside contact: the points of a body that moves cannot be agglomerated; leave one of the two out".into()
         })
     }
 
@@ -81,7 +77,7 @@ impl ModelSpec {
             expect(field.input || field.output != Output::None, || {
                 format!("field '{name}' is neither an input nor an output")
             })?;
-            let carried = self.contact.is_some() && i == 0;
+            let carried = self.nodes().carried && i == 0;
             expect(field.input || field.output != Output::Delta || carried, || {
                 format!(
                     "field '{name}': a change can only be added to a field that is an input; use \"value\""
@@ -99,6 +95,9 @@ impl ModelSpec {
         };
         expect(contact.radius.is_finite() && contact.radius > 0.0, || {
             format!("contact.radius: expected a positive length in m, found {}", contact.radius)
+        })?;
+        expect(self.resolution.is_none(), || {
+            "resolution beside contact: the points of a body that moves cannot be agglomerated; leave one of the two out".into()
         })?;
         expect(self.dim == 3, || {
             format!("contact: bodies are three-dimensional, found {} directions; {WITHOUT_CONTACT}", self.dim)
@@ -124,13 +123,9 @@ impl ModelSpec {
     }
 
     fn check_node_types(&self) -> Verdict {
-        let unknown = match self.contact {
-            Some(_) => NodeType::Body,
-            None => NodeType::Fluid,
-        };
-        expect(self.node_types.contains(&unknown), || {
-            let of = if self.contact.is_some() { "points" } else { "cells" };
-            format!("node_types: '{}' ({of}) is missing", unknown.name())
+        let nodes = self.nodes();
+        expect(self.node_types.contains(&nodes.predicted), || {
+            format!("node_types: '{}' ({}) is missing", nodes.predicted.name(), nodes.name)
         })?;
         for (i, kind) in self.node_types.iter().enumerate() {
             expect(!self.node_types[..i].contains(kind), || {

@@ -6,6 +6,7 @@ mod check;
 mod file;
 mod level;
 pub mod modal;
+mod nodes;
 mod precision;
 mod resolution;
 mod segmentation;
@@ -157,22 +158,6 @@ pub struct ModelSpec {
 }
 
 impl ModelSpec {
-    /// What `precision model` computes in where the processor is fast in it: that of the training. Of bodies fp32, since no phase
-    /// hangs on it and ranks agree to rounding in it.
-    pub fn precision_of_runs(&self) -> Precision {
-        match self.contact {
-            Some(_) => Precision::Fp32,
-            None => self.precision,
-        }
-    }
-
-    /// Features that change with time: of the fields that are inputs, then those of the obstacle where the model knows contact.
-    pub fn n_field_inputs(&self) -> usize {
-        let inputs = self.fields.iter().filter(|f| f.input);
-        let fields: usize = inputs.map(|f| f.components(self.dim)).sum();
-        fields + self.contact.map_or(0, |_| N_CONTACT_INPUTS)
-    }
-
     /// Node features: field inputs, then those that do not change with time.
     pub fn n_node_features(&self) -> usize {
         self.n_field_inputs() + self.n_static_features()
@@ -195,21 +180,6 @@ impl ModelSpec {
     /// Positional features a segment.
     pub fn n_position_features(&self) -> usize {
         self.architecture.segment_transformer().map_or(0, |m| m.n_position_features(self.dim))
-    }
-
-    /// Edge features: displacement from receiver to sender in the solved directions, and its length. With contact that of an edge of
-    /// the mesh at rest, what the deformation has added, that of a world edge at present, and 1 for a world edge (table 2 says the
-    /// same in two vectors, at rest and at present).
-    pub fn n_edge_features(&self) -> usize {
-        match self.contact {
-            Some(_) => 3 * (self.dim + 1) + 1,
-            None => self.dim + 1,
-        }
-    }
-
-    /// Whether the network sees a field: as an input, or, of bodies, through the edges, which the displacement moves.
-    pub fn reads(&self, field: &FieldSpec) -> bool {
-        field.input || self.contact.is_some()
     }
 
     /// Outputs a node, in the order of the fields that are predicted.

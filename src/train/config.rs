@@ -118,23 +118,25 @@ impl Config {
         Architecture::try_from(keys).map_err(|e| fault(&e.to_string()))
     }
 
-    /// The model as far as it is known without data: vectors and dimensions of the fields, and the node types, are
+    /// The model as far as it is known without data: directions, vectors and dimensions of the fields, and the node types, are
     /// stand-ins.
-    fn draft(&self) -> Result<ModelSpec> {
-        let bodies = self.contact.is_some();
+    ///
+    /// # Errors
+    /// As [`Config::architecture`].
+    pub(crate) fn draft(&self) -> Result<ModelSpec> {
         let fields = self.model.fields.iter().map(|f| FieldSpec {
             name: f.name.clone(),
-            vector: bodies,
+            vector: true,
             dimensions: [0; 7],
             input: f.input,
             output: f.output,
         });
         Ok(ModelSpec {
             format: 1,
-            dim: if bodies { 3 } else { 2 },
+            dim: 3,
             stride: self.model.stride,
             fields: fields.collect(),
-            node_types: vec![if bodies { NodeType::Body } else { NodeType::Fluid }],
+            node_types: NodeType::ALL.to_vec(),
             architecture: self.architecture()?,
             contact: self.contact,
             resolution: self.model.resolution,
@@ -147,8 +149,9 @@ impl Config {
     }
 
     fn check(&self) -> Result<()> {
-        let (m, t) = (&self.model, &self.training);
-        self.draft()?.verify().map_err(|e| fault(&e))?;
+        let t = &self.training;
+        let draft = self.draft()?;
+        draft.verify().map_err(|e| fault(&e))?;
         at_least_one("training.batch_size", t.batch_size as u64)?;
         at_least_one("training.micro_batch", t.micro_batch as u64)?;
         for (key, value, most) in [
@@ -208,18 +211,15 @@ impl Config {
         if !(0.0..=1.0).contains(&t.balance) {
             return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");
         }
-        for (key, table) in [("training.noise", &t.noise), ("training.loss_weights", &t.loss_weights)] {
+        let noise = ("training.noise", &t.noise, "an input");
+        let weights = ("training.loss_weights", &t.loss_weights, "an output");
+        for (key, table, what) in [noise, weights] {
+            let fits = |f: &FieldSpec| match key == noise.0 {
+                true => draft.reads(f),
+                false => f.output != Output::None,
+            };
             for (name, &value) in table {
-                let fits = m.fields.iter().any(|f| {
-                    &f.name == name
-                        && if key == "training.noise" {
-                            f.input || self.contact.is_some()
-                        } else {
-                            f.output != Output::None
-                        }
-                });
-                if !fits {
-                    let what = if key == "training.noise" { "an input" } else { "an output" };
+                if !draft.fields.iter().any(|f| &f.name == name && fits(f)) {
                     return bad(
                         &format!("{key}.{name}"),
                         "a field that is not there",

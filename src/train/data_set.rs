@@ -13,7 +13,7 @@ use m4gn_learn::inputs;
 use m4gn_learn::samples::Sample;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{ContactSpec, Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
+use m4gn_model::{Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -28,11 +28,12 @@ pub(super) fn load(
     stop: &AtomicU8,
 ) -> Result<(Workload, ModelSpec)> {
     let paths = dataset::list(folder)?;
+    let draft = config.draft()?;
     let mut train: Vec<Trajectory> = Vec::new();
     let mut valid = Vec::new();
     for path in paths {
         let trajectory = Trajectory::open(&path)?;
-        check_kind(&trajectory, config)?;
+        check_kind(&trajectory, &draft)?;
         match trajectory.split() {
             Split::Train => train.push(trajectory),
             Split::Valid if valid.len() < config.training.validation_rollouts => valid.push(trajectory),
@@ -45,7 +46,7 @@ pub(super) fn load(
             "no complete trajectory of split `train`: make some with `m4gn generate`",
         ));
     };
-    let mut spec = describe(config, first)?;
+    let mut spec = describe(draft, first)?;
     let frames = frames_a_step(first.times(), spec.stride, first.path())?;
     let needed = 1 + frames * config.training.longest_unroll();
     // As the last stretch of a hybrid run may be.
@@ -183,21 +184,15 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
             serde_json::json!(spec.architecture)
         )));
     }
+    let contact = |spec: &ModelSpec| spec.contact.map_or("none".into(), |c| serde_json::json!(c).to_string());
     let pairs = [
         ("model.stride", old.stride.to_string(), spec.stride.to_string()),
         ("directions", old.dim.to_string(), spec.dim.to_string()),
+        ("[contact]", contact(old), contact(spec)),
     ];
-    if let Some((what, found, expected)) = pairs.into_iter().find(|(_, found, expected)| found != expected) {
-        return Err(misfit(what, found, expected));
-    }
-    match old.contact == spec.contact {
-        true => Ok(()),
-        false => {
-            let text = |contact: Option<ContactSpec>| {
-                contact.map_or("none".into(), |c| serde_json::json!(c).to_string())
-            };
-            Err(misfit("[contact]", text(old.contact), text(spec.contact)))
-        }
+    match pairs.into_iter().find(|(_, found, expected)| found != expected) {
+        Some((what, found, expected)) => Err(misfit(what, found, expected)),
+        None => Ok(()),
     }
 }
 
@@ -220,8 +215,8 @@ fn check_memory(spec: &ModelSpec) -> Result<()> {
 }
 
 /// Whether the trajectory is of the kind, at cells or at points, that the configuration is for.
-fn check_kind(trajectory: &Trajectory, config: &Config) -> Result<()> {
-    let checked = m4gn_domain::check_kind(config.contact, trajectory.mesh());
+fn check_kind(trajectory: &Trajectory, draft: &ModelSpec) -> Result<()> {
+    let checked = m4gn_domain::check_kind(draft, trajectory.mesh());
     checked.map_err(|[_, data]| Error::file(trajectory.path(), data.asks_of_configuration()))
 }
 
@@ -267,34 +262,16 @@ fn check_types(trajectory: &Trajectory, spec: &ModelSpec) -> Result<()> {
 }
 
 /// What the data say about a model: dimensions, fields, and whose modes its segments are made of.
-fn describe(config: &Config, first: &Trajectory) -> Result<ModelSpec> {
+fn describe(draft: ModelSpec, first: &Trajectory) -> Result<ModelSpec> {
     let mesh = first.mesh();
-    let fields = config.model.fields.iter().map(|wanted| {
+    let fields = draft.fields.iter().map(|wanted| {
         let found = first.field(&wanted.name)?;
-        Ok(FieldSpec {
-            name: found.name.clone(),
-            vector: found.vector,
-            dimensions: found.dimensions,
-            input: wanted.input,
-            output: wanted.output,
-        })
+        Ok(FieldSpec { vector: found.vector, dimensions: found.dimensions, ..wanted.clone() })
     });
-    let operator = m4gn_domain::operator(mesh, &config.segments)?;
-    Ok(ModelSpec {
-        format: 1,
-        dim: mesh.dim(),
-        stride: config.model.stride,
-        fields: fields.collect::<Result<_>>()?,
-        node_types: Vec::new(),
-        architecture: config.architecture()?,
-        contact: config.contact,
-        resolution: config.model.resolution,
-        segments: SegmentSpec { operator, ..config.segments.clone() },
-        precision: config.training.precision,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::Value::Null,
-    })
+    let fields = fields.collect::<Result<_>>()?;
+    let operator = m4gn_domain::operator(mesh, &draft.segments)?;
+    let segments = SegmentSpec { operator, ..draft.segments };
+    Ok(ModelSpec { dim: mesh.dim(), fields, node_types: Vec::new(), segments, ..draft })
 }
 
 /// Frames in one model step: the stride over the frame interval, which must be a whole number.

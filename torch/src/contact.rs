@@ -1,43 +1,40 @@
-//! Bodies at points: world edges, edge features and node inputs for a displacement; edge features are differentiable in it.
+//! Domains whose edges come and go: world edges, edge features and node inputs for a displacement; edge features are differentiable
+//! in it.
 
 use crate::network::Topology;
 use crate::rollout::State;
 use m4gn_domain::Domain;
-use m4gn_domain::body::Body;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::N_CONTACT_INPUTS;
 use tch::{Device, Kind, Tensor};
 
-/// The graphs of a union with the world edges at a state instead of those they had: `bodies` are the union's, in its
-/// order; none for graphs at cells, which stay as they are.
+/// The graphs of a union with the world edges at a state instead of those they had; graphs that stay are as they were. `domains` are
+/// the union's, in its order.
 ///
 /// Errors: [`Error::Internal`] where a state cannot be read.
-pub fn at_state(graph: Topology, bodies: &[&Body], state: &State) -> Result<Topology> {
-    if bodies.is_empty() {
+pub fn at_state(graph: Topology, domains: &[&dyn Domain], state: &State) -> Result<Topology> {
+    let Some(is_world) = &graph.is_world else {
         return Ok(graph);
-    }
-    let (cells, boundary) = (host(&state.cells)?, host(&state.boundary)?);
+    };
     let (mut senders, mut receivers, mut rest) = (Vec::<i64>::new(), Vec::<i64>::new(), Vec::<f32>::new());
+    let states = each_state(domains, &state.cells, &state.boundary)?;
     let (mut cell, mut face) = (0, 0);
-    for body in bodies {
-        let (n, all) = (body.n_points(), body.n_owned());
-        let mut displacement = cells[3 * cell..3 * (cell + n)].to_vec();
-        displacement.extend_from_slice(&boundary[3 * face..3 * (face + all - n)]);
+    for (domain, state) in domains.iter().zip(states) {
+        let n = domain.boundary().n_inner;
         let place = |node: i32| match (node as usize).checked_sub(n) {
             None => (cell + node as usize) as i64,
             Some(point) => graph.cells + (face + point) as i64,
         };
-        for edge in body.world_edges(&displacement) {
+        for edge in domain.world_edges(&state) {
             senders.push(place(edge.sender));
             receivers.push(place(edge.receiver));
             rest.extend(edge.rest.map(|v| v as f32));
         }
         cell += n;
-        face += all - n;
+        face += domain.boundary().owners().count();
     }
     let device = graph.edges.device();
     // The mesh's edges stand first.
-    let first: i64 = bodies.iter().map(|b| b.mesh_edges().len() as i64).sum();
+    let first: i64 = domains.iter().filter_map(|d| d.mesh_edges()).map(|edges| edges.len() as i64).sum();
     let append =
         |old: &Tensor, new: Tensor| Tensor::cat(&[old.narrow(0, 0, first), new.to_device(device)], 0);
     let count = senders.len() as i64;
@@ -46,12 +43,26 @@ pub fn at_state(graph: Topology, bodies: &[&Body], state: &State) -> Result<Topo
         senders: append(&graph.senders, Tensor::from_slice(&senders)),
         receivers: append(&graph.receivers, Tensor::from_slice(&receivers)),
         edges: append(&graph.edges, Tensor::from_slice(&rest).view([count, 3])),
-        is_world: graph.is_world.as_ref().map(|old| append(old, flags)),
+        is_world: Some(append(is_world, flags)),
         ..graph
     })
 }
 
-/// Physical features of all edges at a state `[E x 13]`, as [`Body`] has them; what the graph holds
+/// The state of each of a union's domains, rows of all components, first of its cells.
+fn each_state(domains: &[&dyn Domain], cells: &Tensor, boundary: &Tensor) -> Result<Vec<Vec<f32>>> {
+    let (cells, boundary) = (host(cells)?, host(boundary)?);
+    let (mut cells, mut boundary) = (&cells[..], &boundary[..]);
+    let mut take = |domain: &&dyn Domain| {
+        let width = domain.components().count;
+        let (of_cells, other) = cells.split_at(width * domain.boundary().n_inner);
+        let (of_boundary, rest) = boundary.split_at(width * domain.boundary().owners().count());
+        (cells, boundary) = (other, rest);
+        [of_cells, of_boundary].concat()
+    };
+    Ok(domains.iter().map(&mut take).collect())
+}
+
+/// Physical features of all edges at a state `[E x 13]`, as the domain has them; what the graph holds
 /// where the nodes do not move.
 pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     let Some(is_world) = &graph.is_world else {
@@ -69,27 +80,23 @@ pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     Tensor::cat(&[&of_mesh, &of_world, is_world], 1)
 }
 
-/// Physical node inputs of bodies between two states `[N x 8]`, as [`Body`] has them; no derivative goes through them.
+/// Physical node inputs between two states, as the domains have them; no derivative goes through them.
 ///
 /// Errors: [`Error::Internal`] where a state cannot be read.
-pub fn node_inputs(bodies: &[&Body], state: &State, next: &State) -> Result<Tensor> {
-    let (cells, boundary, after) = (host(&state.cells)?, host(&state.boundary)?, host(&next.boundary)?);
-    let (mut of_points, mut of_obstacles, mut own) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
-    let (mut cell, mut face) = (0, 0);
-    for body in bodies {
-        let (n, all) = (body.n_points(), body.n_owned());
-        let rows = 3 * face..3 * (face + all - n);
-        let points = &cells[3 * cell..3 * (cell + n)];
-        let state = |obstacle: &[f32]| [points, &obstacle[rows.clone()]].concat();
-        body.inputs(&state(&boundary), &state(&after), &mut own);
-        of_points.extend_from_slice(&own[..n * N_CONTACT_INPUTS]);
-        of_obstacles.extend_from_slice(&own[n * N_CONTACT_INPUTS..]);
-        cell += n;
-        face += all - n;
+pub fn node_inputs(domains: &[&dyn Domain], state: &State, next: &State) -> Result<Tensor> {
+    let now = each_state(domains, &state.cells, &state.boundary)?;
+    let after = each_state(domains, &state.cells, &next.boundary)?;
+    let (mut of_cells, mut of_boundary, mut own) = (Vec::new(), Vec::new(), Vec::new());
+    for (domain, (now, after)) in domains.iter().zip(now.iter().zip(&after)) {
+        domain.inputs(now, after, &mut own);
+        let nodes = now.len() / domain.components().count;
+        let (cells, boundary) = own.split_at(own.len() / nodes * domain.boundary().n_inner);
+        of_cells.extend_from_slice(cells);
+        of_boundary.extend_from_slice(boundary);
     }
-    of_points.extend(of_obstacles);
-    let inputs = Tensor::from_slice(&of_points).view([-1, N_CONTACT_INPUTS as i64]);
-    Ok(inputs.to_device(state.cells.device()))
+    of_cells.extend(of_boundary);
+    let nodes = state.cells.size()[0] + state.boundary.size()[0];
+    Ok(Tensor::from_slice(&of_cells).view([nodes, -1]).to_device(state.cells.device()))
 }
 
 /// The numbers of a tensor, row by row.

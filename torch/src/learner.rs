@@ -7,8 +7,7 @@ use crate::normaliser::{Scales, of_example};
 use crate::rollout::{Boundary, State, Stepper};
 use crate::samples::{HostGraph, Sample};
 use crate::weights::Layout;
-use m4gn_domain::Components;
-use m4gn_domain::body::Body;
+use m4gn_domain::{Components, Domain};
 use m4gn_engine::Precision;
 use m4gn_engine::backward::normal;
 use m4gn_learn::Example;
@@ -189,16 +188,16 @@ impl Learner {
             }
             _ => self.union(examples),
         };
-        let bodies: Vec<&Body> =
-            examples.iter().filter_map(|e| self.train[e.sample].body(e.mirror)).collect();
+        let domains: Vec<&dyn Domain> =
+            examples.iter().map(|e| self.train[e.sample].domain(e.mirror)).collect();
         let mut state = self.state(examples, 0)?;
         self.add_noise(examples, &boundary, &mut state);
-        let mut graph = contact::at_state(fixed, &bodies, &state)?;
+        let mut graph = contact::at_state(fixed, &domains, &state)?;
         let mut edges = contact::edge_features(&graph, &state);
         let mut moments = None;
         if accumulate {
             let next = self.state(examples, 1)?;
-            let inputs = self.stepper.inputs(&bodies, &state, &next)?;
+            let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let target = self.stepper.target(&state, &next.cells);
             moments = Some(Box::new(of_example(&self.spec, [&inputs, &edges, &target])?));
         }
@@ -219,7 +218,7 @@ impl Learner {
         let weights = self.weights(examples);
         for step in 1..=unroll {
             let next = self.state(examples, step)?;
-            let inputs = self.stepper.inputs(&bodies, &state, &next)?;
+            let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
             let square = (&output - target).square() * &weights;
@@ -234,7 +233,7 @@ impl Learner {
             }
             if step < unroll {
                 state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
-                graph = contact::at_state(graph, &bodies, &state)?;
+                graph = contact::at_state(graph, &domains, &state)?;
                 edges = contact::edge_features(&graph, &state);
             }
         }
@@ -274,12 +273,12 @@ impl Learner {
         let mut state = read(0)?;
         let start = state.cells.shallow_clone();
         let mut errors = Vec::with_capacity(steps);
-        let bodies: Vec<&Body> = sample.body(false).into_iter().collect();
+        let domains = [sample.domain(false)];
         for step in 1..=steps {
-            let graph = contact::at_state(sample.topologies[0].share(), &bodies, &state)?;
+            let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;
             let edges = contact::edge_features(&graph, &state);
             let next = read(step)?;
-            let inputs = self.stepper.inputs(&bodies, &state, &next)?;
+            let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
             errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
@@ -359,16 +358,16 @@ impl Learner {
             })
             .collect();
         let copies: Vec<&Tensor> = samples.iter().map(|s| &s.copies).collect();
-        let held: Vec<&Tensor> = samples.iter().filter_map(|s| s.held.as_ref()).collect();
+        let free = |s: &Sample| Tensor::zeros([s.hosts[0].cells as i64, 1], (Kind::Float, self.device));
+        let held = |s: &&Sample| s.held.as_ref().map_or_else(|| free(s), Tensor::shallow_clone);
+        let held: Option<Vec<Tensor>> =
+            samples.iter().any(|s| s.held.is_some()).then(|| samples.iter().map(held).collect());
         (
             topology,
             Boundary {
                 owners: Tensor::cat(&owners, 0),
                 copies: Tensor::cat(&copies, 0),
-                held: match held[..] {
-                    [] => None,
-                    _ => Some(Tensor::cat(&held, 0)),
-                },
+                held: held.map(|held| Tensor::cat(&held, 0)),
             },
         )
     }

@@ -3,8 +3,7 @@
 use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
-use m4gn_domain::Components;
-use m4gn_domain::body::Body;
+use m4gn_domain::{Components, Domain};
 use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 use tch::{Device, Tensor};
@@ -73,12 +72,12 @@ impl Stepper {
         }
     }
 
-    /// Physical node inputs `[N x inputs]`. Of bodies at points they come of the points and of the obstacle's motion until `next`.
+    /// Physical node inputs `[N x inputs]`. Where the domains move they come of both states.
     ///
     /// Errors: [`m4gn_mesh::Error::Internal`] where a state cannot be read.
-    pub fn inputs(&self, bodies: &[&Body], state: &State, next: &State) -> Result<Tensor> {
-        if !bodies.is_empty() {
-            return contact::node_inputs(bodies, state, next);
+    pub fn inputs(&self, domains: &[&dyn Domain], state: &State, next: &State) -> Result<Tensor> {
+        if domains.iter().any(|d| d.moves()) {
+            return contact::node_inputs(domains, state, next);
         }
         let all = Tensor::cat(&[&state.cells, &state.boundary], 0);
         Ok(match &self.inputs {

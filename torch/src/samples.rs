@@ -2,8 +2,7 @@
 
 use crate::network::Topology;
 use crate::rollout::Boundary;
-use m4gn_domain::Domain;
-use m4gn_domain::body::{Body, MeshEdge};
+use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
@@ -44,7 +43,7 @@ pub struct Sample {
     pub owners: Tensor,
     /// 1 where a boundary value is its owner's (outflow, symmetry), 0 where it is prescribed, `[B x components]`.
     pub copies: Tensor,
-    /// 1 for points that are held, 0 for those that move, `[C x 1]`; none for cells.
+    /// 1 for nodes that are held, 0 for the others, `[C x 1]`; none where none is held.
     pub held: Option<Tensor>,
     /// What it is the tensors of; its frames are in memory or on disk.
     recorded: Arc<m4gn_learn::samples::Sample>,
@@ -54,9 +53,9 @@ pub struct Sample {
 
 /// Numbers an edge in [`Topology::edges`]: features, or, of a body, its three components at rest.
 pub fn edge_width(spec: &ModelSpec) -> usize {
-    match spec.contact {
-        Some(_) => spec.dim,
-        None => spec.n_edge_features(),
+    match moves(spec) {
+        true => spec.dim,
+        false => spec.n_edge_features(),
     }
 }
 
@@ -168,7 +167,7 @@ impl HostGraph {
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, edge_width(spec) as i64])),
-            is_world: spec.contact.map(|_| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device))),
+            is_world: moves(spec).then(|| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device))),
             fixed: to(Tensor::from_slice(&fixed).view([nodes as i64, width as i64])),
             member_node: if own_rows { None } else { Some(to(Tensor::from_slice(&member_node))) },
             member_segment: to(Tensor::from_slice(&member_segment)),
@@ -188,15 +187,18 @@ impl Sample {
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know.
     pub fn new(sample: &Arc<m4gn_learn::samples::Sample>, spec: &ModelSpec, device: Device) -> Result<Self> {
-        let mut host = HostGraph::new(&sample.structure, spec)?;
-        // World edges come with each state.
-        if let Some(body) = sample.domain.body() {
-            host.set_edges(body.mesh_edges());
-        }
-        let mut reflected = HostGraph::new(&sample.structure.reflected(spec), spec)?;
-        if let Some(body) = sample.domain.reflected().body() {
-            reflected.set_edges(body.mesh_edges());
-        }
+        let domains = [sample.domain.clone(), sample.domain.reflected()].map(Arc::from);
+        let graph = |structure: &Structure, domain: &Arc<dyn Domain>| {
+            let mut host = HostGraph::new(structure, spec)?;
+            // World edges come with each state.
+            if let Some(edges) = domain.mesh_edges() {
+                host.set_edges(edges);
+            }
+            Ok(host)
+        };
+        let host = graph(&sample.structure, &domains[0])?;
+        let reflected = graph(&sample.structure.reflected(spec), &domains[1])?;
+        let held: Vec<bool> = (0..host.cells).map(|node| sample.domain.is_held(node)).collect();
         let floats = |flags: &[bool]| -> Vec<f32> { flags.iter().map(|&f| f32::from(u8::from(f))).collect() };
         let boundary = sample.domain.boundary();
         let owners: Vec<i64> = boundary.owners().map(|o| o as i64).collect();
@@ -205,12 +207,11 @@ impl Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
             owners: Tensor::from_slice(&owners).to_device(device),
             copies: Tensor::from_slice(&floats(boundary.follows())).view([-1, width]).to_device(device),
-            held: sample
-                .domain
-                .body()
-                .map(|body| Tensor::from_slice(&floats(body.held())).view([-1, 1]).to_device(device)),
+            held: held
+                .contains(&true)
+                .then(|| Tensor::from_slice(&floats(&held)).view([-1, 1]).to_device(device)),
             recorded: sample.clone(),
-            domains: [sample.domain.clone(), sample.domain.reflected()].map(Arc::from),
+            domains,
             hosts: [host, reflected].map(Arc::new),
         })
     }
@@ -228,9 +229,9 @@ impl Sample {
         }
     }
 
-    /// The body at points, or its reflection; none of cells.
-    pub fn body(&self, mirror: bool) -> Option<&Body> {
-        self.domains[usize::from(mirror)].body()
+    /// The domain, or its reflection.
+    pub fn domain(&self, mirror: bool) -> &dyn Domain {
+        &*self.domains[usize::from(mirror)]
     }
 
     /// How boundary values follow cell values.

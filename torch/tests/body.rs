@@ -81,7 +81,7 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
     };
     let scales = Scales { node: scale("node"), edge: scale("edge"), output: scale("output") };
     let stepper = Stepper::new(&spec, &Components::new(&spec), Device::Cpu);
-    let contact: Vec<_> = sample.body(false).into_iter().collect();
+    let domains = [sample.domain(false)];
     let tensor = |rows: &[[f64; 3]]| {
         let flat: Vec<f32> = rows.iter().flatten().map(|&v| v as f32).collect();
         Tensor::from_slice(&flat).view([-1, 3])
@@ -93,9 +93,9 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
         let (now, next) = (at(step), at(step + 1));
         let state = State { cells: tensor(&displacement), boundary: tensor(&now) };
         let target = State { cells: state.cells.shallow_clone(), boundary: tensor(&next) };
-        let graph = contact::at_state(sample.topologies[0].share(), &contact, &state).unwrap();
+        let graph = contact::at_state(sample.topologies[0].share(), &domains, &state).unwrap();
         let edges = contact::edge_features(&graph, &state);
-        let inputs = stepper.inputs(&contact, &state, &target).unwrap();
+        let inputs = stepper.inputs(&domains, &state, &target).unwrap();
         let output = stepper.predict(&network, &graph, (&inputs, &edges), &scales);
         let after = stepper.advance(&scales, &sample.boundary(), &state, &output, &target);
         let before = displacement.clone();

@@ -1,6 +1,6 @@
 //! A body as a domain: edges and inputs of its states, and their derivatives.
 
-use super::graph::{Body, N_FEATURES, features_backward};
+use super::graph::{Body, MeshEdge, N_FEATURES, features_backward};
 use crate::{Boundary, Components, Domain, Edges};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
@@ -39,10 +39,6 @@ impl Domain for Body {
 
     fn is_held(&self, point: usize) -> bool {
         self.held[point]
-    }
-
-    fn moves(&self) -> bool {
-        true
     }
 
     fn set_edges(&self, comm: &Comm, state: &mut [f32], graph: &mut Graph) -> Result<()> {
@@ -89,7 +85,11 @@ impl Domain for Body {
         &frame[..self.n_points() * self.components.count]
     }
 
-    fn body(&self) -> Option<&Body> {
-        Some(self)
+    fn mesh_edges(&self) -> Option<&[MeshEdge]> {
+        Some(&self.edges)
+    }
+
+    fn world_edges(&self, state: &[f32]) -> Vec<MeshEdge> {
+        self.world_edges_at(state)
     }
 }

@@ -187,11 +187,6 @@ impl Body {
         &self.obstacle_nodes
     }
 
-    /// Own points whose displacement is prescribed.
-    pub fn held(&self) -> &[bool] {
-        &self.held
-    }
-
     /// Own points.
     pub fn n_points(&self) -> usize {
         self.rest.len()

@@ -139,7 +139,7 @@ impl Case {
 /// [`Pace::new`].
 pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
     let misfit = |message: String| Err(Error::Model(message));
-    if let Err(kinds) = m4gn_domain::check_kind(model.spec.contact, trajectory.mesh()) {
+    if let Err(kinds) = m4gn_domain::check_kind(&model.spec, trajectory.mesh()) {
         let [model, data] = kinds.map(Kind::name);
         return misfit(format!("the model is of {model}, the data are {data}"));
     }

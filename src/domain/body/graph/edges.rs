@@ -24,13 +24,8 @@ pub struct MeshEdge {
 }
 
 impl Body {
-    /// Edges that are there in all steps, sorted by receiver.
-    pub fn mesh_edges(&self) -> &[MeshEdge] {
-        &self.edges
-    }
-
     /// World edges at a displacement of all local nodes from rest `[n_local x 3]`, m, sorted by receiver.
-    pub fn world_edges(&self, displacement: &[f32]) -> Vec<MeshEdge> {
+    pub(in crate::body) fn world_edges_at(&self, displacement: &[f32]) -> Vec<MeshEdge> {
         let at = |x: Vector, node: usize| -> Vector {
             std::array::from_fn(|i| x[i] + f64::from(displacement[3 * node + i]))
         };
@@ -92,7 +87,7 @@ impl Body {
 
     /// The edges of a displacement of all local nodes, m.
     pub(crate) fn edges_at(&self, displacement: &[f32], graph: &mut Graph) {
-        let world = self.world_edges(displacement);
+        let world = self.world_edges_at(displacement);
         let Graph { row, senders, receivers, edge_features, n_owned, .. } = graph;
         row.clear();
         senders.clear();
@@ -185,7 +180,7 @@ mod tests {
         let body = sample::block([1, 1, 1], [1.0; 3]);
         let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
         let (body, graph) = seen_within(0.6, &BodyPart::whole(&body, Some(&obstacle)).unwrap());
-        let mesh = body.mesh_edges().len();
+        let mesh = body.edges.len();
         (body, graph, mesh)
     }
 
@@ -235,7 +230,7 @@ mod tests {
         let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
         let (contact, graph) = seen_within(0.6, &BodyPart::whole(&body, None).unwrap());
         let world = |contact: &Body, u: &[f32]| -> Vec<(i32, i32)> {
-            let edges = contact.world_edges(u);
+            let edges = contact.world_edges_at(u);
             edges.iter().map(|e| (e.sender, e.receiver)).collect()
         };
         // Corners of the lower cube's top are 4 to 7, of the upper one's bottom 8 to 11; those at x = 0 are held, and send alone.
@@ -270,9 +265,9 @@ mod tests {
     fn a_reflection_is_reflected() {
         let (contact, ..) = cube();
         let mirror = contact.mirrored();
-        for (a, b) in contact.mesh_edges().iter().zip(mirror.mesh_edges()) {
+        for (a, b) in contact.edges.iter().zip(&mirror.edges) {
             assert_eq!(a.rest, [b.rest[0], -b.rest[1], b.rest[2]]);
         }
-        assert_eq!(mirror.world_edges(&[0.0; 42]).len(), 1);
+        assert_eq!(mirror.world_edges_at(&[0.0; 42]).len(), 1);
     }
 }
