@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 13
+#define M4GN_ABI_VERSION 14
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -87,7 +87,6 @@ void m4gn_finalize(void);
  *   count           36          number of segments K
  *   modes           6           number of modes m
  *   operator        null        "laplacian" or "elastic"; null: elastic where the mesh has such modes
- *   energy          null        as many modes as hold this share, (0, 1], of the energy of `modes`; null: all
  *   tau             1.0         weight of positions against modes
  *   size            null        size S of a segment, m; null: from K
  *   iterations      20          most sweeps of SLIC, up to 10000
@@ -96,7 +95,6 @@ void m4gn_finalize(void);
  *   obstacles       []          names of the patches that are the obstacle; []: found by their node types
  *   overlap         0           layers by which segments overlap
  *   modal_solver    "auto"      "auto" (by size), "direct" or "iterative"
- *   petsc_options   ""          for the modes, "-m4gn_eps_tol 1e-9 ..."
  */
 
 /* Whether settings are valid, as far as can be said without a mesh, a model and other ranks: those of m4gn_session_new
@@ -608,10 +606,6 @@ int32_t m4gn_segments_count(const m4gn_segments* segments);
 /* Segment of each of this rank's cells [n_cells], 0 to K-1. */
 int32_t m4gn_segments_cells(const m4gn_segments* segments, int32_t* cell_segment);
 
-/* Over all ranks: nodes (cells and boundary faces) of each segment [K], and edges from one segment to another [K*K];
- * two segments that share n faces have n edges each way. */
-int32_t m4gn_segments_graph(const m4gn_segments* segments, double* sizes, double* adjacency);
-
 /* Modes: as many as spec says, more if the last eigenvalue is repeated. */
 int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
 
@@ -619,24 +613,6 @@ int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
  * scaled to sum V phi^2 = sum V. Of an elastic body the solved components of each of its modes follow each other,
  * each with the eigenvalue, 1/s^2. */
 int32_t m4gn_segments_mode(const m4gn_segments* segments, int32_t index, double* eigenvalue, double* cells);
-
-typedef struct m4gn_rank_report
-{
-    double cut;                 /* faces between segments of different ranks */
-    double imbalance;           /* largest load over its rank's share; 1: perfect */
-} m4gn_rank_report;
-
-/* Not collective; a function of its arguments alone. The rank of each segment, so that every rank has at least one,
- * loads are balanced and few faces lie between ranks. n_segments < n_ranks is an error. */
-int32_t m4gn_segment_ranks(
-    int32_t n_segments,
-    const double* sizes,        /* [n_segments] nodes, or any other work */
-    const double* adjacency,    /* [n_segments*n_segments] as m4gn_segments_graph gives it */
-    int32_t n_ranks,
-    const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
-    const int32_t* fixed,       /* [n_segments] rank that a segment is bound to, -1: free; NULL: all free */
-    int32_t* segment_rank,      /* [n_segments] */
-    m4gn_rank_report* report);  /* may be NULL */
 
 /* ---- modes -------------------------------------------------------------------------------------- */
 
@@ -653,16 +629,12 @@ typedef struct m4gn_csr
     const double* value;        /* [row[n_rows]] */
 } m4gn_csr;
 
-/* Collective. Solves for the modes; `mass` NULL is the identity. On failure *modes is NULL. The settings are
+/* Collective. Solves for the modes of K and M that are symmetric and positive semi-definite; M may be singular, NULL is the
+ * identity. On failure *modes is NULL. The settings are
  *
  *   name            default     meaning
  *   modes           6           how many. Repeated eigenvalues are taken whole: there may be more
- *   energy          null        only as many modes as hold this share, (0, 1], of the sum of 1/lambda over the first
- *                               `modes`; null: all of them
  *   modal_solver    "auto"      "auto" (by size), "direct" (factorisation), "iterative" (multigrid)
- *   petsc_options   ""          options of PETSc and SLEPc, "-m4gn_eps_tol 1e-9 ..."
- *   symmetric       true        K and M are symmetric and positive semi-definite, M may be singular. false: a pair that is
- *                               not, solved as it is for the eigenvalues nearest to the shift
  *   block           1           unknowns a point, in consecutive rows
  *   shift           null        a number a little below the eigenvalues wanted; null: estimated
  */
@@ -717,13 +689,12 @@ typedef struct m4gn_solid
     const int32_t* fixed_components; /* [n_fixed] sum of 1 (x), 2 (y), 4 (z); NULL: all three */
 
     int32_t plane_stress;       /* 2-D: 0 plane strain, 1 plane stress */
-    int32_t lumped_mass;        /* 0 consistent, 1 lumped */
     int32_t free_body;          /* 1: nothing needs to be held; 0: that is an error */
 } m4gn_solid;
 
 /* Collective. Modes K phi = omega^2 M phi: eigenvalues in 1/s^2; m4gn_modes_vector gives the displacement (x, y, z) of
  * each point, [3*n_points], scaled to a root mean square of 1 over the body. Of the settings of m4gn_modes_new there are
- * modes, energy, modal_solver and petsc_options. On failure *modes is NULL. */
+ * modes and modal_solver. On failure *modes is NULL. */
 int32_t m4gn_solid_modes_new(
     int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
     const m4gn_solid* body,

@@ -6,8 +6,8 @@
 mod ranks;
 
 use m4gn_mesh::parallel::Comm;
-use m4gn_model::modal::{ModalOptions, ModeCount};
-use m4gn_modes::fem::{Fixed, MassKind, Material, Options, Plane, PointMesh, SolidModes, modes};
+use m4gn_model::modal::ModalOptions;
+use m4gn_modes::fem::{Fixed, Material, Options, Plane, PointMesh, SolidModes, modes};
 use m4gn_samples::points as sample;
 use m4gn_samples::points::{Flat, Kind};
 use ranks::Checks;
@@ -34,7 +34,7 @@ struct Body {
 }
 
 fn first(n: usize) -> Options {
-    Options { modal: ModalOptions { count: ModeCount::Fixed(n), ..Default::default() }, ..Default::default() }
+    Options { modal: ModalOptions::fixed(n), ..Default::default() }
 }
 
 const SOFT: Material = Material { young: 1e6, poisson: 0.3, density: 1000.0 };
@@ -76,7 +76,6 @@ fn bodies() -> Vec<Body> {
             mesh,
             options: Options {
                 plane: if kind == Flat::Triangles { Plane::Stress } else { Plane::Strain },
-                mass: if kind == Flat::Polygons { MassKind::Lumped } else { MassKind::Consistent },
                 ..first(6)
             },
         });

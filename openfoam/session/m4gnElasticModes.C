@@ -16,16 +16,13 @@ static word displacementOf(const dictionary& dict)
     return dict.getOrDefault<word>("D", "D");
 }
 
-//- The entries that the library takes
+//- The entry that the library takes
 static dictionary solverEntries(const dictionary& dict)
 {
     dictionary own;
-    for (const word key : {"modalSolver", "petscOptions"})
+    if (const entry* e = dict.findEntry("modalSolver"))
     {
-        if (const entry* e = dict.findEntry(key))
-        {
-            own.add(*e);
-        }
+        own.add(*e);
     }
     return own;
 }
@@ -134,7 +131,7 @@ Foam::m4gnElasticModes::m4gnElasticModes
 
 Foam::wordList Foam::m4gnElasticModes::keys()
 {
-    return {"operator", "material", "freeBody", "modalSolver", "petscOptions"};
+    return {"operator", "material", "freeBody", "modalSolver"};
 }
 
 void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)

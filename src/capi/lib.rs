@@ -36,7 +36,7 @@ pub use solids::*;
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 13;
+pub const ABI_VERSION: i32 = 14;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

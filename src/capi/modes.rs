@@ -4,7 +4,7 @@ use super::door;
 use super::raw;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::modal::{ModalOptions, ModalSolver, ModeCount, Modes};
+use m4gn_model::modal::{ModalOptions, ModalSolver, Modes};
 use m4gn_model::{SegmentSpec, settings};
 use m4gn_modes as modes;
 use m4gn_modes::{Mass, Problem, Rows};
@@ -26,16 +26,10 @@ pub struct CsrData {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModesOptions {
-    /// How many modes; with `energy` the most.
+    /// How many modes.
     modes: usize,
-    /// Share of the energy of `modes` that as many modes as are taken hold.
-    energy: Option<f64>,
     /// The way to them.
     modal_solver: ModalSolver,
-    /// Options of PETSc and SLEPc.
-    petsc_options: String,
-    /// Whether both matrices are symmetric and positive semi-definite.
-    symmetric: bool,
     /// Unknowns a point.
     block: usize,
     /// A number a little below the eigenvalues wanted; none: estimated.
@@ -44,8 +38,8 @@ pub(super) struct ModesOptions {
 
 impl Default for ModesOptions {
     fn default() -> Self {
-        let SegmentSpec { modes, energy, modal_solver, petsc_options, .. } = SegmentSpec::default();
-        ModesOptions { modes, energy, modal_solver, petsc_options, symmetric: true, block: 1, shift: None }
+        let SegmentSpec { modes, modal_solver, .. } = SegmentSpec::default();
+        ModesOptions { modes, modal_solver, block: 1, shift: None }
     }
 }
 
@@ -87,10 +81,10 @@ impl ModesOptions {
     pub(super) fn of_body(text: &str) -> Result<Self> {
         let options = Self::parse(text)?;
         let own = ModesOptions::default();
-        match (options.symmetric, options.block, options.shift) == (own.symmetric, own.block, own.shift) {
+        match (options.block, options.shift) == (own.block, own.shift) {
             true => Ok(options),
             false => Err(Error::Input(
-                "modes: symmetric, block and shift are for matrices of the host; expected none of them for an elastic body"
+                "modes: block and shift are for matrices of the host; expected neither of them for an elastic body"
                     .into(),
             )),
         }
@@ -98,14 +92,7 @@ impl ModesOptions {
 
     /// As a modal solution takes them.
     pub(super) fn modal(&self) -> ModalOptions {
-        ModalOptions {
-            count: match self.energy {
-                None => ModeCount::Fixed(self.modes),
-                Some(share) => ModeCount::Energy { share, most: self.modes },
-            },
-            solver: self.modal_solver,
-            petsc: self.petsc_options.clone(),
-        }
+        ModalOptions { count: self.modes, solver: self.modal_solver }
     }
 }
 
@@ -129,14 +116,7 @@ unsafe fn read(
             true => Vec::new(),
             false => raw::vectors("positions", positions, points)?.to_vec(),
         };
-        Ok(Problem {
-            stiffness,
-            mass,
-            symmetric: options.symmetric,
-            block: options.block,
-            positions,
-            shift: options.shift,
-        })
+        Ok(Problem { stiffness, mass, block: options.block, positions, shift: options.shift })
     }
 }
 

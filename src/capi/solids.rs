@@ -28,13 +28,8 @@ unsafe fn new(
             let asked = ModesOptions::of_body(raw::options(options)?)?;
             found.options.modal = asked.modal();
             let o = &found.options;
-            let same = format!(
-                "lumped_mass {:?}\nplane_stress {:?}\nfree_body {}\n{}",
-                o.mass,
-                o.plane,
-                o.free_body,
-                settings::lines(&asked)?
-            );
+            let asked = settings::lines(&asked)?;
+            let same = format!("plane_stress {:?}\nfree_body {}\n{asked}", o.plane, o.free_body);
             Ok((found, same))
         }
     };

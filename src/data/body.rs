@@ -38,12 +38,7 @@ impl Source<'_> {
     fn elements(&self, file: &hdf5::File, n_points: usize) -> Result<Elements> {
         let kind: Vec<i32> = self.values(file, "elements/kind", &[None])?;
         let kind = kind.iter().enumerate().map(|(i, &k)| {
-            let kind =
-                ElementKind::from_code(k).map_err(|e| self.damaged(format!("/elements/kind[{i}]: {e}")))?;
-            match kind.dim() {
-                3 => Ok(kind),
-                _ => Err(self.damaged(format!("/elements/kind[{i}] is flat, expected elements in 3-D"))),
-            }
+            ElementKind::from_code(k).map_err(|e| self.damaged(format!("/elements/kind[{i}]: {e}")))
         });
         let kind: Vec<ElementKind> = kind.collect::<Result<_>>()?;
         let mut start = vec![0];

@@ -107,7 +107,7 @@ fn what_is_inconsistent_is_named() {
         })
     };
     assert!(labels("mesh/point_type", 3, 9).contains("/mesh/point_type[3] is 9, expected 6 (body)"));
-    assert!(labels("elements/kind", 1, 5).contains("/elements/kind[1] is flat"));
+    assert!(labels("elements/kind", 1, 5).contains("/elements/kind[1]: element code 5"));
     assert!(labels("elements/kind", 1, 11).contains("element code 11"));
     assert!(labels("elements/kind", 1, 10).contains("/elements/points has shape [24], expected [22]"));
     assert!(labels("elements/points", 7, 12).contains("/elements/points[7] is 12, expected 0 to below 12"));

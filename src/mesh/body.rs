@@ -301,9 +301,6 @@ impl BodyShare {
         };
         expect("types of the body's points", self.types.len(), own)?;
         expect("materials of the elements", self.material.len(), self.kind.len())?;
-        if let Some(e) = self.kind.iter().position(|k| k.dim() != 3) {
-            return Err(Error::Mesh(format!("element {e} is flat: expected elements in space")));
-        }
         let corners = self.kind.iter().map(|k| k.n_points()).sum();
         expect("points of the elements", self.points.len(), corners)?;
         match self.points.iter().find(|p| !(0..all as i64).contains(p)) {
@@ -353,7 +350,6 @@ mod tests {
         assert!(broken(&|m| m.cell_centres[0][0] = f64::NAN).contains("finite"));
         assert!(share(&|s| s.types[1] = NodeType::Wall).contains("is wall: expected body or handle"));
         assert!(share(&|s| s.points[0] = 12).contains("the point 12: expected 0 to 11"));
-        assert!(share(&|s| s.kind[0] = ElementKind::Quadrilateral).contains("is flat"));
         assert!(share(&|s| s.material[1].young = 0.0).contains("element 1 has E 0 Pa"));
         assert!(share(&|s| s.points[..8].rotate_left(4)).contains("m^3 at rest"));
         assert!(share(&|s| s.types.truncate(3)).contains("expected 12, found 3"));

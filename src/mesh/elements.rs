@@ -1,21 +1,16 @@
-//! Linear elements in two and three dimensions: faces, edges, sizes.
+//! Linear elements in three dimensions: faces, edges, sizes.
 
-use crate::vector::{Vector, cross, dot, norm, sub};
+use crate::vector::{Vector, cross, dot, sub};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
 /// A linear element; the codes are VTK's.
 ///
-/// Points are ordered as usual in finite elements (and as OpenFOAM's cell models): a triangle or quadrilateral goes
-/// around; the fourth point of a tetrahedron lies on the side to which the normal of the first three points; so do a
+/// Points are ordered as usual in finite elements (and as OpenFOAM's cell models): the fourth point of a tetrahedron lies on the side to which the normal of the first three points; so do a
 /// pyramid's tip, a wedge's second triangle and a hexahedron's second quadrilateral, point above point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(i32)]
 pub enum ElementKind {
-    /// 3 points, 2-D.
-    Triangle = 5,
-    /// 4 points, 2-D.
-    Quadrilateral = 9,
     /// 4 points.
     Tetrahedron = 10,
     /// 8 points.
@@ -28,20 +23,12 @@ pub enum ElementKind {
 
 impl ElementKind {
     /// All kinds, in the order of their codes.
-    pub const ALL: [ElementKind; 6] = [
-        ElementKind::Triangle,
-        ElementKind::Quadrilateral,
-        ElementKind::Tetrahedron,
-        ElementKind::Hexahedron,
-        ElementKind::Wedge,
-        ElementKind::Pyramid,
-    ];
+    pub const ALL: [ElementKind; 4] =
+        [ElementKind::Tetrahedron, ElementKind::Hexahedron, ElementKind::Wedge, ElementKind::Pyramid];
 
     /// Lower-case plural.
     pub fn name(self) -> &'static str {
         match self {
-            ElementKind::Triangle => "triangles",
-            ElementKind::Quadrilateral => "quadrilaterals",
             ElementKind::Tetrahedron => "tetrahedra",
             ElementKind::Hexahedron => "hexahedra",
             ElementKind::Wedge => "wedges",
@@ -63,27 +50,16 @@ impl ElementKind {
     /// Number of points.
     pub fn n_points(self) -> usize {
         match self {
-            ElementKind::Triangle => 3,
-            ElementKind::Quadrilateral | ElementKind::Tetrahedron => 4,
+            ElementKind::Tetrahedron => 4,
             ElementKind::Pyramid => 5,
             ElementKind::Wedge => 6,
             ElementKind::Hexahedron => 8,
         }
     }
 
-    /// 2 or 3.
-    pub fn dim(self) -> usize {
-        match self {
-            ElementKind::Triangle | ElementKind::Quadrilateral => 2,
-            _ => 3,
-        }
-    }
-
-    /// What it shares with a neighbour: faces (normals outward), in 2-D sides.
+    /// What it shares with a neighbour: faces, normals outward.
     pub fn sides(self) -> &'static [&'static [usize]] {
         match self {
-            ElementKind::Triangle => &[&[0, 1], &[1, 2], &[2, 0]],
-            ElementKind::Quadrilateral => &[&[0, 1], &[1, 2], &[2, 3], &[3, 0]],
             ElementKind::Tetrahedron => &[&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]],
             ElementKind::Pyramid => &[&[0, 3, 2, 1], &[0, 1, 4], &[1, 2, 4], &[2, 3, 4], &[3, 0, 4]],
             ElementKind::Wedge => &[&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]],
@@ -111,28 +87,15 @@ impl ElementKind {
         edges
     }
 
-    /// Volume (m^3; negative when turned inside out) or in 2-D area (m^2, never negative) of the element at `points`.
+    /// Volume of the element at `points`, m^3; negative when turned inside out.
     ///
     /// Quadrilateral faces are bilinear.
     pub fn measure(self, points: &[Vector]) -> f64 {
-        let polygon = |side: &[usize]| -> (Vector, Vector) {
-            let centre = mean(side.iter().map(|&i| points[i]), side.len());
-            let area = (0..side.len()).fold([0.0; 3], |sum, i| {
-                let (a, b) = (points[side[i]], points[side[(i + 1) % side.len()]]);
-                let n = cross(sub(a, centre), sub(b, centre));
-                [sum[0] + 0.5 * n[0], sum[1] + 0.5 * n[1], sum[2] + 0.5 * n[2]]
-            });
-            (centre, area)
-        };
-        if self.dim() == 2 {
-            let all: &[usize] = &[0, 1, 2, 3][..self.n_points()];
-            return norm(polygon(all).1);
-        }
         // Divergence theorem over triangles around the middle of each face, from the element's own middle.
         let middle = mean(points.iter().copied(), points.len());
         let mut volume = 0.0;
         for side in self.sides() {
-            let (centre, _) = polygon(side);
+            let centre = mean(side.iter().map(|&i| points[i]), side.len());
             for i in 0..side.len() {
                 let (a, b) = (points[side[i]], points[side[(i + 1) % side.len()]]);
                 volume += dot(sub(centre, middle), cross(sub(a, middle), sub(b, middle))) / 6.0;
@@ -186,7 +149,7 @@ impl Elements {
         self.points_of(e).iter().map(|&p| positions[p as usize]).collect()
     }
 
-    /// Volumes (or areas) of all elements, see [`ElementKind::measure`].
+    /// Volumes of all elements, see [`ElementKind::measure`].
     pub fn measures(&self, positions: &[Vector]) -> Vec<f64> {
         (0..self.len()).map(|e| self.kind[e].measure(&self.corners(e, positions))).collect()
     }
@@ -207,7 +170,7 @@ impl Elements {
         sides
     }
 
-    /// Elements that share a face (in 2-D a side) with each element.
+    /// Elements that share a face with each element.
     pub fn neighbours(&self) -> Vec<Vec<usize>> {
         let mut neighbours = vec![Vec::new(); self.len()];
         for (elements, _) in self.sides().into_values() {
@@ -218,13 +181,10 @@ impl Elements {
         neighbours
     }
 
-    /// Faces of one element only (in 2-D: the elements themselves), as point numbers, normals outward.
+    /// Faces of one element only, as point numbers, normals outward.
     pub fn skin(&self) -> Vec<Vec<i32>> {
-        let flat = (0..self.len()).filter(|&e| self.kind[e].dim() == 2);
-        let mut skin: Vec<Vec<i32>> = flat.map(|e| self.points_of(e).to_vec()).collect();
         let outer = self.sides().into_values().filter(|(e, _)| e.len() == 1);
-        skin.extend(outer.map(|(_, face)| face).filter(|f| f.len() > 2));
-        skin
+        outer.map(|(_, face)| face).collect()
     }
 
     /// Each edge of the mesh once, smaller point first, sorted.
@@ -282,8 +242,6 @@ mod tests {
         let at = |z: f64, n: usize| square[..n].iter().map(move |p| [p[0], p[1], z]);
         let triangle = |z: f64| [[0., 0., z], [1., 0., z], [0., 1., z]].into_iter();
         match kind {
-            ElementKind::Triangle => triangle(0.).collect(),
-            ElementKind::Quadrilateral => at(0., 4).collect(),
             ElementKind::Tetrahedron => triangle(0.).chain([[0., 0., 1.]]).collect(),
             ElementKind::Hexahedron => at(0., 4).chain(at(1., 4)).collect(),
             ElementKind::Wedge => triangle(0.).chain(triangle(1.)).collect(),
@@ -293,14 +251,13 @@ mod tests {
 
     #[test]
     fn sizes_of_unit_elements() {
-        let sizes = [0.5, 1.0, 1.0 / 6.0, 1.0, 0.5, 1.0 / 3.0];
+        let sizes = [1.0 / 6.0, 1.0, 0.5, 1.0 / 3.0];
         for (kind, size) in ElementKind::ALL.into_iter().zip(sizes) {
             let points = unit(kind);
             assert_eq!(points.len(), kind.n_points());
             assert!((kind.measure(&points) - size).abs() < 1e-15, "{kind:?}");
             let mirrored: Vec<_> = points.iter().map(|p| [-p[0], p[1], p[2]]).collect();
-            let sign = if kind.dim() == 2 { 1.0 } else { -1.0 };
-            assert!((kind.measure(&mirrored) - sign * size).abs() < 1e-15, "{kind:?}");
+            assert!((kind.measure(&mirrored) + size).abs() < 1e-15, "{kind:?}");
             assert_eq!(ElementKind::from_code(kind as i32).unwrap(), kind);
         }
         assert!(ElementKind::from_code(4).unwrap_err().to_string().contains("13 (wedges)"));
@@ -317,12 +274,10 @@ mod tests {
 
     #[test]
     fn edges_and_euler() {
-        let edges = [3, 4, 6, 12, 9, 8];
+        let edges = [6, 12, 9, 8];
         for (kind, count) in ElementKind::ALL.into_iter().zip(edges) {
             assert_eq!(kind.edges().len(), count, "{kind:?}");
-            if kind.dim() == 3 {
-                assert_eq!(kind.n_points() + kind.sides().len() - count, 2, "{kind:?}");
-            }
+            assert_eq!(kind.n_points() + kind.sides().len() - count, 2, "{kind:?}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
-use crate::modal::{ModalOptions, ModalSolver, ModeCount};
+use crate::modal::{ModalOptions, ModalSolver};
 use crate::settings::{self, object};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::{Error, Result};
@@ -114,14 +114,11 @@ pub struct SegmentSpec {
     pub method: SegmentMethod,
     /// Number of segments, K.
     pub count: usize,
-    /// Number of modes used as features, m; with `energy` the largest number.
+    /// Number of modes used as features, m.
     pub modes: usize,
     /// Whose modes; none: the elastic body's where the mesh has them, else the Laplacian's. A training writes down
     /// which it took.
     pub operator: Option<ModalOperator>,
-    /// As many modes as hold this share, in (0, 1], of the energy of `modes` ([`ModeCount::Energy`]); none: `modes`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub energy: Option<f64>,
     /// Compactness tau of eq. 8.
     pub tau: f64,
     /// Average cluster size S of Algorithm 2, m; none: sqrt(domain area / K) (cube root in 3-D).
@@ -144,13 +141,10 @@ pub struct SegmentSpec {
     /// The way to the modes.
     #[serde(skip_serializing_if = "is_default")]
     pub modal_solver: ModalSolver,
-    /// Options of PETSc and SLEPc for the modes ([`ModalOptions::petsc`]).
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub petsc_options: String,
 }
 
-/// Entries that say how the modes are computed, and nothing of what the segments are.
-const WAY: [&str; 2] = ["modal_solver", "petsc_options"];
+/// The entry that says how the modes are computed, and nothing of what the segments are.
+const WAY: &str = "modal_solver";
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
@@ -163,7 +157,6 @@ impl Default for SegmentSpec {
             count: 36,
             modes: 6,
             operator: None,
-            energy: None,
             tau: 1.0,
             size: None,
             iterations: 20,
@@ -172,7 +165,6 @@ impl Default for SegmentSpec {
             obstacles: Vec::new(),
             overlap: 0,
             modal_solver: ModalSolver::default(),
-            petsc_options: String::new(),
         }
     }
 }
@@ -207,26 +199,14 @@ impl SegmentSpec {
 
     /// How many modes, and the way to them.
     pub fn modal(&self) -> ModalOptions {
-        ModalOptions {
-            count: self.mode_count(),
-            solver: self.modal_solver,
-            petsc: self.petsc_options.clone(),
-        }
+        ModalOptions { count: self.modes, solver: self.modal_solver }
     }
 
     /// The entries that the segments themselves depend on: all but the way to the modes.
     pub fn entries(&self) -> Map<String, Value> {
         let mut all = object(serde_json::to_value(self).unwrap_or_default());
-        all.retain(|name, _| !WAY.contains(&name.as_str()));
+        all.remove(WAY);
         all
-    }
-
-    /// The number of modes as a modal solution takes it.
-    pub fn mode_count(&self) -> ModeCount {
-        match self.energy {
-            Some(share) => ModeCount::Energy { share, most: self.modes },
-            None => ModeCount::Fixed(self.modes),
-        }
     }
 
     /// Checks what does not need a mesh.
@@ -250,11 +230,6 @@ impl SegmentSpec {
             && !(size.is_finite() && size > 0.0)
         {
             return bad("size", "a positive length in m", size);
-        }
-        if let Some(share) = self.energy
-            && !(share > 0.0 && share <= 1.0)
-        {
-            return bad("energy", "a share above 0 and at most 1", share);
         }
         match self.distance_scale {
             Some(l) if !(l.is_finite() && l >= 0.0) => {
@@ -289,7 +264,7 @@ impl SegmentEntries {
     /// Names of the entries that the segments themselves depend on.
     pub fn names(&self) -> Vec<String> {
         let all = self.0.keys().cloned();
-        all.filter(|name| !WAY.contains(&name.as_str())).collect()
+        all.filter(|name| name != WAY).collect()
     }
 
     /// Whether there is an entry of this name.
@@ -366,8 +341,8 @@ mod tests {
         assert_eq!(found.modal().solver, ModalSolver::Direct);
         assert_eq!(given.names(), ["count", "size"]);
         assert!(!found.entries().contains_key("modal_solver"));
-        let message = entries(r#"{"energy": 2}"#).over(&base).unwrap_err().to_string();
-        assert!(message.contains("segments.energy: expected a share above 0"), "{message}");
+        let message = entries(r#"{"tau": -2}"#).over(&base).unwrap_err().to_string();
+        assert!(message.contains("segments.tau: expected a finite number that is not negative"), "{message}");
         let mut unknown = SegmentEntries::default();
         unknown.set("cuont", 3);
         let message = unknown.over(&base).unwrap_err().to_string();
@@ -381,14 +356,12 @@ mod tests {
     #[test]
     fn each_wrong_value_is_named() {
         type Change = fn(&mut SegmentSpec);
-        let broken: [(&str, Change); 8] = [
+        let broken: [(&str, Change); 6] = [
             ("count", |s| s.count = 0),
             ("iterations", |s| s.iterations = 1 << 40),
             ("tau", |s| s.tau = -1.0),
             ("tau", |s| s.tau = f64::NAN),
             ("size", |s| s.size = Some(0.0)),
-            ("energy", |s| s.energy = Some(1.5)),
-            ("energy", |s| s.energy = Some(f64::NAN)),
             ("distance_scale", |s| s.distance_scale = Some(-1.0)),
         ];
         assert!(SegmentSpec::default().check().is_ok());

@@ -63,7 +63,6 @@ pub(super) fn laplacian<'a>(mesh: &'a Mesh, comm: &Comm) -> Result<(Problem, Fra
     let problem = Problem {
         stiffness: Rows { row, column, value },
         mass: Mass::Diagonal(mesh.cell_volumes.clone()),
-        symmetric: true,
         block: 1,
         positions: Vec::new(),
         // Eigenvalues are of the size of 1 / diagonal^2 or larger, or 0.

@@ -109,7 +109,7 @@ fn orthonormalise(comm: &Comm, space: &mut [Pair]) {
     }
 }
 
-/// a^T M b, by the symmetric part of M.
+/// a^T M b, symmetric to rounding.
 fn inner(comm: &Comm, a: &Pair, b: &Pair) -> f64 {
     let mut sum = [0.0];
     for i in 0..a.vector.len() {

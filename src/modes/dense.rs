@@ -3,7 +3,6 @@
 use super::gathered::{self, Gathered, Triplet};
 use super::pair::Pair;
 use super::problem::Problem;
-use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
@@ -16,10 +15,7 @@ pub(super) fn eigenpairs(problem: &Problem, shift: f64, comm: &Comm) -> Result<V
         None => Ok(Vec::new()),
         Some(pair) => {
             let (k, m) = (matrix(pair.n, &pair.k), matrix(pair.n, &pair.m));
-            match problem.symmetric {
-                true => pair.check_symmetry().and_then(|()| symmetric(k, m, shift)),
-                false => general(k, m, shift),
-            }
+            pair.check_symmetry().and_then(|()| symmetric(k, m, shift))
         }
     };
     gathered::share(problem, comm, solved)
@@ -49,59 +45,21 @@ fn symmetric(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
         return Err(crate::negative_mass(&format!("{:e} is an eigenvalue", shift + 1.0 / theta[0])));
     }
     l.transpose().solve_upper_triangular_in_place(y.as_mut());
-    let theta = (0..n).map(|i| (theta[i], 0.0)).collect();
-    Ok(flatten(theta, y.as_ref(), &m, shift))
+    let theta: Vec<f64> = theta.iter().copied().collect();
+    Ok(flatten(&theta, y.as_ref(), &m, shift))
 }
 
-/// Eigenvalues of (K - shift M)^-1 M are 1 / (lambda - shift).
-fn general(k: Mat<f64>, m: Mat<f64>, shift: f64) -> Result<Vec<f64>> {
-    let n = k.nrows();
-    let shifted = &k - faer::Scale(shift) * &m;
-    let a = shifted.partial_piv_lu().solve(&m);
-    if a.col_iter().any(|c| c.iter().any(|x| !x.is_finite())) {
-        return Err(Error::Numerical(format!(
-            "K - ({shift:e}) M of {n} unknowns is singular: is there a row of zeros in both? Otherwise give another \
-             shift"
-        )));
-    }
-    let eigen = a.eigen().map_err(failed(n))?;
-    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-    let mut theta: Vec<(f64, f64)> = (0..n).map(|i| (values[i].re, values[i].im)).collect();
-    let mut y = Mat::zeros(n, n);
-    let mut i = 0;
-    while i < n {
-        let paired = theta[i].1 != 0.0 && i + 1 < n;
-        for row in 0..n {
-            y[(row, i)] = vectors[(row, i)].re;
-            if paired {
-                y[(row, i + 1)] = vectors[(row, i)].im;
-            }
-        }
-        if paired {
-            theta[i + 1] = (theta[i].0, -theta[i].1);
-            i += 1;
-        }
-        i += 1;
-    }
-    Ok(flatten(theta, y.as_ref(), &m, shift))
-}
-
-/// Value, imaginary part, vector, and M times the vector, pair after pair; infinite eigenvalues are left out.
-fn flatten(theta: Vec<(f64, f64)>, vectors: MatRef<f64>, m: &Mat<f64>, shift: f64) -> Vec<f64> {
+/// Value, vector, and M times the vector, pair after pair; infinite eigenvalues are left out.
+fn flatten(theta: &[f64], vectors: MatRef<f64>, m: &Mat<f64>, shift: f64) -> Vec<f64> {
     let n = vectors.nrows();
-    let size = |t: &(f64, f64)| t.0.hypot(t.1);
-    let largest = theta.iter().map(size).fold(0.0, f64::max);
+    let largest = theta.iter().fold(0.0f64, |most, t| most.max(t.abs()));
     let mut order: Vec<usize> =
-        (0..n).filter(|&i| size(&theta[i]) > n as f64 * f64::EPSILON * largest).collect();
-    // Stable, so that the two of a complex pair stay together.
-    order.sort_by(|&a, &b| size(&theta[b]).total_cmp(&size(&theta[a])));
+        (0..n).filter(|&i| theta[i].abs() > n as f64 * f64::EPSILON * largest).collect();
+    order.sort_by(|&a, &b| theta[b].abs().total_cmp(&theta[a].abs()));
     let weighted = m * vectors;
-    let mut flat = Vec::with_capacity(order.len() * (2 + 2 * n));
+    let mut flat = Vec::with_capacity(order.len() * (1 + 2 * n));
     for i in order {
-        // Not by the square, which is 0 where eigenvalues are beyond 1e154.
-        let s = size(&theta[i]);
-        let value = (shift + theta[i].0 / s / s, -theta[i].1 / s / s);
-        gathered::push(&mut flat, value, vectors.col(i).iter(), weighted.col(i).iter());
+        gathered::push(&mut flat, shift + 1.0 / theta[i], vectors.col(i).iter(), weighted.col(i).iter());
     }
     flat
 }

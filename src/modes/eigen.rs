@@ -14,16 +14,16 @@
 use crate::pair::Pair;
 use crate::{Mass, Problem, Request, Rows};
 use m4gn_mesh::parallel::{self, Comm};
-use m4gn_mesh::plugin::{Description, Plugin, c_string};
+use m4gn_mesh::plugin::{Description, Plugin};
 use m4gn_mesh::{Error, Result};
-use std::ffi::{c_char, c_void};
+use std::ffi::c_void;
 use std::sync::OnceLock;
 
 /// The library.
 pub const LIBRARY: Description = Description {
     file: "libm4gn_slepc.so",
     prefix: "m4gn_slepc",
-    version: 1,
+    version: 2,
     remedy: "It computes modes with PETSc and SLEPc (Debian: libslepc-real3.18, libpetsc-real3.18) and is built by \
              setup/build.sh; runs with stored segments, or with segments of METIS alone, need none",
     global: false,
@@ -51,8 +51,6 @@ pub struct RawRows {
 pub struct RawProblem {
     /// As [`Comm::fortran`]; MPI is up also for a rank alone.
     pub comm: i32,
-    /// Whether both matrices are symmetric.
-    pub symmetric: i32,
     /// Unknowns a point.
     pub block: usize,
     /// K.
@@ -67,8 +65,6 @@ pub struct RawProblem {
     pub wanted: usize,
     /// [`m4gn_model::modal::ModalSolver`] as a number.
     pub solver: i32,
-    /// PETSc's options.
-    pub petsc: *const c_char,
 }
 
 /// What the library calls while it works.
@@ -81,8 +77,8 @@ pub struct RawHost {
     pub copied: extern "C" fn(*mut c_void),
     /// [`Request::taken`] of so many eigenvalues; -1: more have to be seen.
     pub taken: extern "C" fn(*mut c_void, *const f64, usize) -> i64,
-    /// A pair: eigenvalue, imaginary part, vector, M times the vector, their length.
-    pub pair: extern "C" fn(*mut c_void, f64, f64, *const f64, *const f64, usize),
+    /// A pair: eigenvalue, vector, M times the vector, their length.
+    pub pair: extern "C" fn(*mut c_void, f64, *const f64, *const f64, usize),
 }
 
 /// Type of `m4gn_slepc_eigenpairs`.
@@ -110,9 +106,9 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Reques
     let prepared = library().and_then(|library| {
         // SAFETY: the type is that of the interface.
         let call = unsafe { library.function::<Eigenpairs>("m4gn_slepc_eigenpairs")? };
-        Ok((library, call, c_string(&request.options.petsc)?))
+        Ok((library, call))
     });
-    let (library, call, petsc) = comm.agree(prepared)?;
+    let (library, call) = comm.agree(prepared)?;
     // PETSc needs MPI on a rank alone too, and whoever starts MPI ends it.
     comm.agree(parallel::start())?;
     announce_end();
@@ -120,7 +116,6 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Reques
         let problem = problem.get();
         RawProblem {
             comm: comm.fortran(),
-            symmetric: i32::from(request.symmetric),
             block: request.block,
             stiffness: raw_rows(&problem.stiffness),
             mass: match &problem.mass {
@@ -134,7 +129,6 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Reques
             shift: request.shift,
             wanted: request.wanted,
             solver: request.options.solver as i32,
-            petsc: petsc.as_ptr(),
         }
     };
     let mut release = || problem.release();
@@ -205,18 +199,11 @@ extern "C" fn taken(context: *mut c_void, values: *const f64, n: usize) -> i64 {
     (host.request.taken)(values).map_or(-1, |n| n as i64)
 }
 
-extern "C" fn pair(
-    context: *mut c_void,
-    value: f64,
-    imaginary: f64,
-    x: *const f64,
-    mx: *const f64,
-    n: usize,
-) {
+extern "C" fn pair(context: *mut c_void, value: f64, x: *const f64, mx: *const f64, n: usize) {
     // SAFETY: as above, for both vectors.
     let (host, vector, weighted) =
         unsafe { (&mut *context.cast::<Host>(), slice(x, n).to_vec(), slice(mx, n).to_vec()) };
-    host.pairs.push(Pair { value, imaginary, vector, weighted });
+    host.pairs.push(Pair { value, vector, weighted });
 }
 
 /// # Safety

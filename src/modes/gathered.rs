@@ -48,8 +48,7 @@ impl Gathered {
                 if off.abs() > ASYMMETRY * largest {
                     let (i, j, _) = place[0];
                     return Err(Error::Input(format!(
-                        "{name} is not symmetric: entries ({i}, {j}) and ({j}, {i}) differ by {off:e}; declare the pair \
-                         non-symmetric"
+                        "{name} is not symmetric: entries ({i}, {j}) and ({j}, {i}) differ by {off:e}"
                     )));
                 }
             }
@@ -73,11 +72,11 @@ fn rows(rows: &Rows, comm: &Comm) -> Option<Vec<Triplet>> {
 /// Appends an eigenpair to the list that [`share`] hands out.
 pub(super) fn push<'a>(
     flat: &mut Vec<f64>,
-    value: (f64, f64),
+    value: f64,
     vector: impl Iterator<Item = &'a f64>,
     weighted: impl Iterator<Item = &'a f64>,
 ) {
-    flat.extend([value.0, value.1]);
+    flat.push(value);
     flat.extend(vector);
     flat.extend(weighted);
 }
@@ -92,12 +91,11 @@ pub(super) fn share(problem: &Problem, comm: &Comm, solved: Result<Vec<f64>>) ->
     comm.sum_i64(&mut total);
     let total = total[0] as usize;
     Ok(flat
-        .chunks_exact(2 + 2 * total)
+        .chunks_exact(1 + 2 * total)
         .map(|pair| Pair {
             value: pair[0],
-            imaginary: pair[1],
-            vector: pair[2 + first..2 + first + n].to_vec(),
-            weighted: pair[2 + total + first..2 + total + first + n].to_vec(),
+            vector: pair[1 + first..1 + first + n].to_vec(),
+            weighted: pair[1 + total + first..1 + total + first + n].to_vec(),
         })
         .collect())
 }

@@ -29,7 +29,7 @@ use frame::Frame;
 use m4gn_mesh::body::Body;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{ElasticModes, Error, Mesh, Result};
-use m4gn_model::modal::{ModalOptions, ModalSource, ModeCount, Modes};
+use m4gn_model::modal::{ModalOptions, ModalSource, Modes};
 use pair::Pair;
 use std::borrow::Cow;
 
@@ -51,20 +51,18 @@ pub fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
     unknowns > limit
 }
 
-/// The error of a symmetric pair whose K - shift M is not positive definite.
+/// The error of a pair whose K - shift M is not positive definite.
 pub fn not_definite(shift: f64, why: &str) -> Error {
     Error::Numerical(format!(
         "K - ({shift:e}) M is not positive definite ({why}): expected a symmetric pair with K and M positive semi-definite \
-         and no vector that both make 0, as a row of zeros in both; give a shift below the spectrum, or declare the pair \
-         non-symmetric"
+         and no vector that both make 0, as a row of zeros in both; give a shift below the spectrum"
     ))
 }
 
-/// The error of a symmetric pair whose M is not positive semi-definite.
+/// The error of a pair whose M is not positive semi-definite.
 pub fn negative_mass(why: &str) -> Error {
     Error::Numerical(format!(
-        "M is not positive semi-definite ({why}): expected masses or volumes that are not negative; a symmetric pair with \
-         another M may be declared non-symmetric"
+        "M is not positive semi-definite ({why}): expected masses or volumes that are not negative"
     ))
 }
 
@@ -96,30 +94,29 @@ pub fn laplacian_modes(mesh: &Mesh, comm: &Comm, options: &ModalOptions) -> Resu
 pub struct Modal(pub ModalOptions);
 
 impl Modal {
-    fn options(&self, count: ModeCount) -> ModalOptions {
+    fn options(&self, count: usize) -> ModalOptions {
         ModalOptions { count, ..self.0.clone() }
     }
 }
 
 impl ModalSource for Modal {
-    fn of_mesh(&self, mesh: &Mesh, elastic: bool, count: ModeCount, comm: &Comm) -> Result<Modes> {
+    fn of_mesh(&self, mesh: &Mesh, elastic: bool, count: usize, comm: &Comm) -> Result<Modes> {
         match mesh.elastic.as_ref().filter(|_| elastic) {
             Some(modes) => comm.agree(of_body(mesh, modes, count)),
             None => laplacian_modes(mesh, comm, &self.options(count)),
         }
     }
 
-    fn of_body(&self, body: &Body, count: ModeCount) -> Result<Modes> {
+    fn of_body(&self, body: &Body, count: usize) -> Result<Modes> {
         fem::body_modes(body, &self.options(count))
     }
 }
 
-fn of_body(mesh: &Mesh, modes: &ElasticModes, count: ModeCount) -> Result<Modes> {
+fn of_body(mesh: &Mesh, modes: &ElasticModes, count: usize) -> Result<Modes> {
     let there = modes.eigenvalues.len();
-    let wanted = select::candidates(count, usize::MAX);
-    if wanted > there {
+    if count > there {
         return Err(Error::Input(format!(
-            "{wanted} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnHarvest)"
+            "{count} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnHarvest)"
         )));
     }
     let n = select::first(&modes.eigenvalues, count);
@@ -133,11 +130,8 @@ fn of_body(mesh: &Mesh, modes: &ElasticModes, count: ModeCount) -> Result<Modes>
 
 /// The first modes of a pair of matrices. Collective; all ranks fail together.
 ///
-/// Symmetric pairs have K and M positive semi-definite, and no vector that both make 0; M may be singular, its null
-/// space has no finite eigenvalues. Of non-symmetric pairs the eigenvalues nearest to the shift are taken, which lies
-/// just below 0 if none is given; they are sorted by real part. A complex pair a +- ib counts as one repeated
-/// eigenvalue a with the real and the imaginary part of its vector; with |b| > |a| / 10 it is an error, as it is no
-/// vibration any more.
+/// K and M are symmetric and positive semi-definite, and no vector makes both 0; M may be singular, its null space has no finite
+/// eigenvalues.
 ///
 /// # Errors
 /// [`m4gn_mesh::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
@@ -192,7 +186,7 @@ impl<'a> Solution<'a> {
 
     fn modes(mut self, plain: bool) -> Result<Modes> {
         let comm = self.comm;
-        let wanted = select::candidates(self.options.count, self.total);
+        let wanted = self.options.count;
         if wanted == 0 {
             return Ok(Modes { eigenvalues: Vec::new(), vectors: Vec::new() });
         }
@@ -207,7 +201,6 @@ impl<'a> Solution<'a> {
                 (values.len() >= wanted).then(|| select::whole_clusters(values, wanted, zero)).flatten()
             };
             let request = Request {
-                symmetric: self.problem.symmetric,
                 block: self.problem.block,
                 shift: self.problem.shift.unwrap_or(-1e-10 * size),
                 wanted,
@@ -220,7 +213,7 @@ impl<'a> Solution<'a> {
             };
             eigen::eigenpairs(comm, &mut problem, &request)?
         };
-        let count = comm.agree(select::count(&pairs, self.options.count, zero, self.total))?;
+        let count = comm.agree(select::count(&pairs, wanted, zero))?;
         pairs.truncate(count);
         pairs.sort_by(|a, b| a.value.total_cmp(&b.value));
         if size > problem::SPAN * smallest && pairs.iter().any(|p| p.value.abs() <= zero) {
@@ -250,11 +243,9 @@ impl<'a> Solution<'a> {
 
 /// What is asked of the solver.
 pub(crate) struct Request<'a> {
-    /// Whether both matrices are symmetric.
-    pub symmetric: bool,
     /// Unknowns a point.
     pub block: usize,
-    /// Below the eigenvalues wanted: K - shift M is positive definite where both are symmetric.
+    /// Below the eigenvalues wanted: K - shift M is positive definite.
     pub shift: f64,
     /// Pairs wanted at first.
     pub wanted: usize,

@@ -3,12 +3,9 @@
 /// An eigenvalue, its vector, and M times it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pair {
-    /// The eigenvalue; of a complex pair, the real part.
+    /// The eigenvalue.
     pub value: f64,
-    /// Imaginary part; 0 for symmetric pairs of matrices.
-    pub imaginary: f64,
-    /// This rank's part of the eigenvector; of a complex pair, its real part for the first and its imaginary part
-    /// for the second.
+    /// This rank's part of the eigenvector.
     pub vector: Vec<f64>,
     /// This rank's part of M times `vector`.
     pub weighted: Vec<f64>,

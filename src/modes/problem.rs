@@ -34,21 +34,19 @@ impl Rows {
 /// The right-hand matrix of K phi = lambda M phi.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mass {
-    /// A diagonal matrix: cell volumes, lumped masses.
+    /// A diagonal matrix: cell volumes.
     Diagonal(Vec<f64>),
     /// A consistent mass matrix, distributed as the stiffness.
     Matrix(Rows),
 }
 
-/// K phi = lambda M phi on this rank.
+/// K phi = lambda M phi on this rank; both are symmetric.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
     /// K.
     pub stiffness: Rows,
     /// M.
     pub mass: Mass,
-    /// Whether both are symmetric; a non-symmetric pair is solved as such.
-    pub symmetric: bool,
     /// Unknowns a point, 1 or more: rows `block * p` to `block * p + block - 1` belong to point p of this rank.
     pub block: usize,
     /// Position of each point of this rank, m. Signs, and bases of repeated eigenvalues, are chosen by them and so
@@ -67,7 +65,6 @@ impl Problem {
     pub(super) fn check(&self, comm: &Comm) -> Result<()> {
         let diagonal = matches!(self.mass, Mass::Diagonal(_));
         let kind = [
-            ("symmetric", i64::from(self.symmetric)),
             ("whether the mass is diagonal", i64::from(diagonal)),
             ("unknowns a point", self.block as i64),
             ("shift", self.shift.map_or(0, |s| 1 + (s.to_bits() >> 2) as i64)),
@@ -149,7 +146,7 @@ impl Problem {
     /// its size says nothing of the modes.
     ///
     /// # Errors
-    /// [`Error::Numerical`] where the diagonals show that a symmetric pair is not positive semi-definite, or has a vector
+    /// [`Error::Numerical`] where the diagonals show that the pair is not positive semi-definite, or has a vector
     /// that both make 0; [`Error::Input`] if M has no diagonal entry above 0, or for magnitudes whose squares are no
     /// doubles any more: the solvers then return wrong eigenvalues, infinite ones among them.
     pub(super) fn eigenvalue_sizes(&self, comm: &Comm) -> Result<[f64; 2]> {
@@ -165,9 +162,7 @@ impl Problem {
                 "the mass matrix M has no diagonal entry above 0: expected masses or volumes".into(),
             ));
         }
-        if self.symmetric {
-            comm.agree(self.check_diagonals(&k, &m))?;
-        }
+        comm.agree(self.check_diagonals(&k, &m))?;
         let weighty: Vec<usize> = (0..m.len()).filter(|&i| m[i] > 1e-12 * largest[0]).collect();
         let ratios = || weighty.iter().map(|&i| (k[i] / m[i]).abs());
         let coupled = weighty.iter().map(|&i| beside[i] / m[i]).fold(0.0, f64::max);
@@ -203,7 +198,7 @@ impl Problem {
         Ok(if size[0] > 0.0 { [size[0], smallest] } else { [1.0; 2] })
     }
 
-    /// What the diagonals of this rank say of a symmetric pair: those of a positive semi-definite matrix are not
+    /// What the diagonals of this rank say of the pair: those of a positive semi-definite matrix are not
     /// negative, and where one is 0 so is its row.
     fn check_diagonals(&self, k: &[f64], m: &[f64]) -> Result<()> {
         match (0..m.len()).find(|&i| m[i] < 0.0 || (m[i] == 0.0 && k[i] == 0.0)) {

@@ -48,10 +48,11 @@ struct Cells {
 }
 
 impl Cells {
-    fn add(&mut self, kind: ElementKind, points: impl Iterator<Item = i32>) {
+    /// `kind`: VTK's code.
+    fn add(&mut self, kind: i32, points: impl Iterator<Item = i32>) {
         self.points.extend(points.map(i64::from));
         self.ends.push(self.points.len() as i64);
-        self.kinds.push(kind as i32 as u8);
+        self.kinds.push(kind as u8);
     }
 }
 
@@ -63,8 +64,8 @@ impl Grid {
             let (kind, p) = (elements.kind[e], elements.points_of(e));
             match kind {
                 // VTK's wedges have the normal of their first triangle outward.
-                ElementKind::Wedge => cells.add(kind, [0, 2, 1, 3, 5, 4].into_iter().map(|i| p[i])),
-                _ => cells.add(kind, p.iter().copied()),
+                ElementKind::Wedge => cells.add(kind as i32, [0, 2, 1, 3, 5, 4].into_iter().map(|i| p[i])),
+                _ => cells.add(kind as i32, p.iter().copied()),
             }
         }
         Grid { cells }
@@ -74,7 +75,7 @@ impl Grid {
     pub fn of_triangles(triangles: &[[i32; 3]]) -> Self {
         let mut cells = Cells::default();
         for t in triangles {
-            cells.add(ElementKind::Triangle, t.iter().copied());
+            cells.add(5, t.iter().copied());
         }
         Grid { cells }
     }

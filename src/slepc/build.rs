@@ -33,12 +33,9 @@ fn main() {
         .allowlist_function("(Slepc|Petsc)(Initialize|Initialized|Finalize|InitializeNoArguments)")
         .allowlist_function("PetscInitialized|PetscFinalized|PetscErrorMessage|PetscPopErrorHandler")
         .allowlist_function(
-            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|ClearValue|HasName|Used)",
+            "PetscPushErrorHandler|PetscReturnErrorHandler|PetscOptions(SetValue|ClearValue|HasName)",
         )
-        .allowlist_function(
-            "Mat(Create|CreateAIJ|Destroy|SetSizes|SetType|SetUp|SetOption|SetValues|SetFromOptions)",
-        )
-        .allowlist_function("Mat(MPIAIJSetPreallocation|SeqAIJSetPreallocation|XAIJSetPreallocation)")
+        .allowlist_function("Mat(Create|Destroy|SetSizes|SetType|SetOption)")
         .allowlist_function(
             "Mat(Mult|SetBlockSize|CreateVecs|MPIAIJSetPreallocationCSR|SeqAIJSetPreallocationCSR)",
         )

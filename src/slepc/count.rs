@@ -10,7 +10,7 @@ use m4gn_mesh::{Error, Result};
 const CONTROLS: [(i32, i32); 3] = [(13, 1), (24, 1), (14, 50)];
 
 impl Matrices {
-    /// Eigenvalues of a symmetric pair below `sigma`: by Sylvester's law of inertia as many as K - sigma M has negative
+    /// Eigenvalues below `sigma`: by Sylvester's law of inertia as many as K - sigma M has negative
     /// pivots. Its factor is made by MUMPS, whose pivoting is stable for indefinite matrices, and dropped. Collective.
     pub(super) fn below(&self, sigma: f64) -> Result<usize> {
         let (mut shifted, mut factor) = (Matrix::null(), Matrix::null());

@@ -6,7 +6,7 @@ use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::ModalSolver;
 use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, solver_of};
 use std::cell::RefCell;
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// This rank's rows of a distributed square matrix; see `m4gn_modes::Rows`.
@@ -74,14 +74,12 @@ pub(crate) enum Mass<'a> {
 
 /// What is asked of the solver.
 pub(crate) struct Call<'a> {
-    pub(crate) symmetric: bool,
     pub(crate) block: usize,
     pub(crate) stiffness: Csr<'a>,
     pub(crate) mass: Mass<'a>,
     pub(crate) shift: f64,
     pub(crate) wanted: usize,
     pub(crate) solver: ModalSolver,
-    pub(crate) petsc: &'a str,
     host: RawHost,
 }
 
@@ -97,9 +95,8 @@ impl Call<'_> {
     }
 
     /// Hands a pair out.
-    pub(crate) fn pair(&self, value: f64, imaginary: f64, vector: &[f64], weighted: &[f64]) {
-        let (x, mx) = (vector.as_ptr(), weighted.as_ptr());
-        (self.host.pair)(self.host.context, value, imaginary, x, mx, vector.len());
+    pub(crate) fn pair(&self, value: f64, vector: &[f64], weighted: &[f64]) {
+        (self.host.pair)(self.host.context, value, vector.as_ptr(), weighted.as_ptr(), vector.len());
     }
 }
 
@@ -156,7 +153,6 @@ unsafe fn solve(problem: &RawProblem, host: RawHost) -> Result<()> {
         // SAFETY: as promised by the caller.
         unsafe {
             Ok(Call {
-                symmetric: problem.symmetric != 0,
                 block: problem.block,
                 stiffness: Csr::new(&problem.stiffness),
                 mass: match problem.mass_diagonal.is_null() {
@@ -166,9 +162,6 @@ unsafe fn solve(problem: &RawProblem, host: RawHost) -> Result<()> {
                 shift: problem.shift,
                 wanted: problem.wanted,
                 solver: solver_of(problem.solver)?,
-                petsc: CStr::from_ptr(problem.petsc)
-                    .to_str()
-                    .map_err(|_| Error::Input("PETSc options: expected UTF-8".into()))?,
                 host,
             })
         }

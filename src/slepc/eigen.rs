@@ -65,10 +65,10 @@ impl Matrices {
             }
         };
         let make = || {
-            let k = Matrix::new(comm, problem.stiffness, problem.symmetric, problem.block)?;
+            let k = Matrix::new(comm, problem.stiffness, problem.block)?;
             let m = match problem.mass {
                 Mass::Diagonal(values) => Matrix::diagonal(comm, values, problem.block)?,
-                Mass::Matrix(rows) => Matrix::new(comm, rows, problem.symmetric, problem.block)?,
+                Mass::Matrix(rows) => Matrix::new(comm, rows, problem.block)?,
             };
             Ok(Matrices {
                 k: ManuallyDrop::new(k),
@@ -110,10 +110,10 @@ impl Drop for Matrices {
     }
 }
 
-/// Refuses a symmetric pair whose M, not diagonal, has a negative eigenvalue: the modes of least magnitude would be found all the same, and
+/// Refuses a pair whose M, not diagonal, has a negative eigenvalue: the modes of least magnitude would be found all the same, and
 /// those below zero be missing. Collective.
-fn check_mass(matrices: &Matrices, request: &Call, method: Method) -> Result<()> {
-    let far = matrices.far.filter(|_| request.symmetric && method.factors());
+fn check_mass(matrices: &Matrices, method: Method) -> Result<()> {
+    let far = matrices.far.filter(|_| method.factors());
     let negative = far.map_or(Ok(0), |sigma| matrices.below(sigma))?;
     match negative {
         0 => Ok(()),
@@ -130,19 +130,17 @@ fn turn() -> MutexGuard<'static, ()> {
 /// Hands eigenpairs out by ascending distance from the shift, those that are taken and a few more. Collective; all ranks fail
 /// together.
 ///
-/// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies: with the
-/// found vectors deflated where the matrices are symmetric, else from other start vectors. Of a symmetric pair that is
-/// factored the eigenvalues are counted, and the sweeps end when all are there; else when one finds nothing new within the
-/// range that is taken.
+/// A Krylov method started from one vector sees a repeated eigenvalue once. Further sweeps look for copies, with the found vectors
+/// deflated. Of a pair that is factored the eigenvalues are counted, and the sweeps end when all are there; else when one finds nothing
+/// new within the range that is taken.
 pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Result<()> {
     let _turn = turn();
     let _quiet = Quiet::new();
     let mut last = Error::Internal("no method was tried".into());
     for &method in Method::of(comm, matrices, request) {
-        let mut options = comm.agree(Options::new(request.petsc))?;
-        let mut run = || {
-            options.defaults(method.defaults())?;
-            check_mass(matrices, request, method)?;
+        let run = || {
+            let _options = Options::new(method.defaults())?;
+            check_mass(matrices, method)?;
             let found = Search::new(comm, matrices, request, method).run()?;
             // The solver with its factor is gone by now.
             found.into_iter().map(|f| f.into_pair(comm, &matrices.m)).collect::<Result<Vec<_>>>()
@@ -150,31 +148,28 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
         let found = run();
         match comm.agree(found) {
             Ok(pairs) => {
-                comm.agree(options.all_used())?;
-                pairs.iter().for_each(|p| request.pair(p.value, p.imaginary, &p.vector, &p.weighted));
+                pairs.iter().for_each(|p| request.pair(p.value, &p.vector, &p.weighted));
                 return Ok(());
             }
-            Err(Error::Numerical(m)) if request.symmetric && m.contains(SINGULAR) => {
+            Err(Error::Numerical(m)) if m.contains(SINGULAR) => {
                 last = m4gn_modes::not_definite(request.shift, "it is singular");
             }
-            Err(e) => last = options.explain(e),
+            Err(e) => last = e,
         }
     }
     Err(last)
 }
 
-/// An eigenvalue and its vector; of a complex pair, the real part for the first and the imaginary part for the second.
-pub(super) struct Found {
-    pub(super) value: f64,
-    pub(super) imaginary: f64,
-    pub(super) vector: Vector,
+/// An eigenvalue and its vector.
+struct Found {
+    value: f64,
+    vector: Vector,
 }
 
 impl Found {
     fn into_pair(self, comm: &Comm, m: &Matrix) -> Result<Pair> {
         let pair = Pair {
             value: self.value,
-            imaginary: self.imaginary,
             weighted: m.times(&self.vector)?.values()?,
             vector: self.vector.values()?,
         };
@@ -189,10 +184,9 @@ impl Found {
     }
 }
 
-/// What is handed out: eigenvalue, imaginary part, vector, M times the vector.
+/// What is handed out: eigenvalue, vector, M times the vector.
 struct Pair {
     value: f64,
-    imaginary: f64,
     vector: Vec<f64>,
     weighted: Vec<f64>,
 }
@@ -234,17 +228,13 @@ impl<'a> Search<'a> {
             return Ok(());
         }
         let (matrices, shift) = (self.matrices, self.request.shift);
-        let kind = match self.request.symmetric {
-            true => c::EPSProblemType_EPS_GHEP,
-            false => c::EPSProblemType_EPS_GNHEP,
-        };
         let eps = &mut self.eps;
         // SAFETY: objects are live; the strings are C strings; ST and KSP are borrowed from the solver.
         unsafe {
             check(c::EPSCreate(raw(self.comm), &mut eps.0))?;
             check(c::EPSSetOptionsPrefix(eps.0, PREFIX.as_ptr()))?;
             check(c::EPSSetOperators(eps.0, matrices.k.0, matrices.m.0))?;
-            check(c::EPSSetProblemType(eps.0, kind))?;
+            check(c::EPSSetProblemType(eps.0, c::EPSProblemType_EPS_GHEP))?;
             check(c::EPSSetType(eps.0, c"krylovschur".as_ptr()))?;
             check(c::EPSSetTarget(eps.0, shift))?;
             check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_TARGET_MAGNITUDE))?;
@@ -266,30 +256,24 @@ impl<'a> Search<'a> {
     }
 
     fn run(mut self) -> Result<Vec<Found>> {
-        let symmetric = self.request.symmetric;
         let total = self.matrices.unknowns as usize;
         let mut ask = (self.request.wanted + 2).min(total);
         let (mut sweeps, mut idle) = (0, 0);
         loop {
             let bound = self.bound();
-            let run = self.sweep(ask)?;
-            let new = match symmetric {
-                true => run,
-                false => super::subspace::independent(self.comm, &self.found, run)?,
-            };
+            let new = self.sweep(ask)?;
             let fresh =
                 self.found.is_empty() || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
             self.found.extend(new);
             let mut found = std::mem::take(&mut self.found);
-            // Stable: the two of a complex pair stay together.
             found.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
             self.found = found;
             (sweeps, idle) = (sweeps + 1, if fresh { 0 } else { idle + 1 });
-            let counts = symmetric && self.method.factors();
+            let counts = self.method.factors();
             let missing = match counts {
                 true => self.missing()?,
                 false if !fresh && self.bound().is_some() => Some(0),
-                false if symmetric && self.nothing_missed()? => Some(0),
+                false if self.nothing_missed()? => Some(0),
                 false => None,
             };
             if missing == Some(0) || self.found.len() >= total {
@@ -306,14 +290,8 @@ impl<'a> Search<'a> {
                 )));
             }
             let left = total - self.found.len();
-            ask = match (symmetric, missing) {
-                // A sweep sees one copy of each.
-                (true, Some(missing)) => missing.min(self.different()).min(left),
-                (true, None) => 2.min(left),
-                // All over again, from another start; wider while the end of a cluster is not seen.
-                (false, _) if self.bound().is_none() => (2 * ask).min(total),
-                (false, _) => ask,
-            };
+            // A sweep sees one copy of each.
+            ask = missing.map_or(2, |missing| missing.min(self.different())).min(left);
         }
     }
 
@@ -351,7 +329,7 @@ impl<'a> Search<'a> {
             Err(e) => e,
             Ok(0) => Error::Numerical(format!(
                 "{missing} modes are missing of those below the eigenvalue {:e}: a repeated eigenvalue did not come out \
-                 whole; ask for fewer or more modes, or give a larger subspace (option -m4gn_eps_ncv)",
+                 whole; ask for fewer or more modes, or give a larger subspace (PETSC_OPTIONS=\"-m4gn_eps_ncv N\")",
                 self.counted.map_or(f64::NAN, |c| c.0)
             )),
             Ok(n) => m4gn_modes::not_definite(self.request.shift, &format!("{n} eigenvalues are below")),
@@ -375,7 +353,7 @@ impl<'a> Search<'a> {
     }
 
     fn distance(&self, f: &Found) -> f64 {
-        (f.value - self.request.shift).hypot(f.imaginary)
+        (f.value - self.request.shift).abs()
     }
 
     /// Distance from the shift of the farthest pair that is taken, once that can be said.
@@ -412,10 +390,7 @@ impl<'a> Search<'a> {
         let default = c::PETSC_DEFAULT;
         // The options' sizes of the subspace are those of the first run.
         let (ncv, mpd) = if self.found.is_empty() { self.space } else { (default, default) };
-        let mut handles: Vec<c::Vec> = match self.request.symmetric {
-            true => self.found.iter().map(|f| f.vector.0).collect(),
-            false => Vec::new(),
-        };
+        let mut handles: Vec<c::Vec> = self.found.iter().map(|f| f.vector.0).collect();
         // SAFETY: the solver is live; PETSc copies the vectors of the deflation space.
         unsafe {
             check(c::EPSSetDimensions(self.eps.0, wanted as i32, ncv, mpd))?;
@@ -441,31 +416,23 @@ impl<'a> Search<'a> {
         if (converged as usize) < wanted.min(left) {
             return Err(Error::Numerical(format!(
                 "{converged} of {wanted} modes converged: are there as many finite eigenvalues (the rank of M)? Ask \
-                 for fewer modes, or look at the mesh for badly scaled cells (option -m4gn_eps_monitor shows the \
-                 progress)"
+                 for fewer modes, or look at the mesh for badly scaled cells (PETSC_OPTIONS=-m4gn_eps_monitor \
+                 shows the progress)"
             )));
         }
         let mut found = Vec::with_capacity(converged as usize);
-        let mut i = 0;
-        while i < converged {
-            let (x, y) = (self.matrices.k.vector()?, self.matrices.k.vector()?);
-            let (mut value, mut imaginary) = (0.0, 0.0);
-            // SAFETY: i is below the number of converged pairs; both vectors have the matrix's layout.
-            check(unsafe { c::EPSGetEigenpair(self.eps.0, i, &mut value, &mut imaginary, x.0, y.0) })?;
-            i += 1;
-            found.push(Found { value, imaginary, vector: x });
-            if imaginary != 0.0 {
-                // Its conjugate is the next one.
-                i += 1;
-                found.push(Found { value, imaginary: -imaginary, vector: y });
-            } else if let Some(last) = found.last_mut() {
-                self.judge(last)?;
-            }
+        for i in 0..converged {
+            let (mut value, vector, null) = (0.0, self.matrices.k.vector()?, std::ptr::null_mut());
+            // SAFETY: i is below the number of converged pairs; the vector has the matrix's layout; no imaginary part is asked for.
+            check(unsafe { c::EPSGetEigenpair(self.eps.0, i, &mut value, null, vector.0, null.cast()) })?;
+            let mut one = Found { value, vector };
+            self.judge(&mut one)?;
+            found.push(one);
         }
         Ok(found)
     }
 
-    /// Sets a symmetric pair's eigenvalue to its Rayleigh quotient, whose error is the square of the vector's, and
+    /// Sets an eigenvalue to its Rayleigh quotient, whose error is the square of the vector's, and
     /// looks at the residual. Collective.
     fn judge(&self, found: &mut Found) -> Result<()> {
         let (x, kx, mx) = (
@@ -486,14 +453,14 @@ impl<'a> Search<'a> {
         }
         self.comm.sum_f64(&mut sums);
         let [k, m, kk, mm, residual] = sums;
-        if self.request.symmetric && m > 0.0 {
+        if m > 0.0 {
             found.value = k / m;
         }
         let size = kk.sqrt() + (found.value.abs() + self.request.shift.abs()) * mm.sqrt();
         if residual.sqrt() > RESIDUAL * size {
             return Err(Error::Numerical(format!(
                 "the mode of eigenvalue {:e} has a relative residual of {:.1e}: the matrices are too badly scaled for \
-                 this method, or a symmetric pair was announced that is none",
+                 this method, or the pair is not symmetric",
                 found.value,
                 residual.sqrt() / size
             )));

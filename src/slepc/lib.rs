@@ -12,7 +12,6 @@ mod door;
 mod eigen;
 mod method;
 mod objects;
-mod subspace;
 
 /// What bindgen makes of `slepceps.h`.
 mod c {

@@ -13,22 +13,16 @@ use std::ffi::CStr;
 pub(super) enum Method {
     /// Factorisation by this package.
     Factor {
-        /// L L^T or, without symmetry, L U.
-        cholesky: bool,
         /// PETSc's name of the package.
         package: &'static CStr,
     },
-    /// Conjugate gradients, or GMRES without symmetry, preconditioned by algebraic multigrid.
-    Multigrid {
-        /// Whether the matrices are.
-        symmetric: bool,
-    },
+    /// Conjugate gradients preconditioned by algebraic multigrid.
+    Multigrid,
 }
 
-const PETSC: Method = Method::Factor { cholesky: true, package: c"petsc" };
-const CHOLMOD: Method = Method::Factor { cholesky: true, package: c"cholmod" };
-const MUMPS: Method = Method::Factor { cholesky: true, package: c"mumps" };
-const MUMPS_LU: Method = Method::Factor { cholesky: false, package: c"mumps" };
+const PETSC: Method = Method::Factor { package: c"petsc" };
+const CHOLMOD: Method = Method::Factor { package: c"cholmod" };
+const MUMPS: Method = Method::Factor { package: c"mumps" };
 
 impl Method {
     /// What is tried, one after the other.
@@ -40,19 +34,16 @@ impl Method {
             ModalSolver::Auto => m4gn_modes::prefers_iterative(unknowns, entries, block),
         };
         let plane = m4gn_modes::is_plane(unknowns, entries, block);
-        match (iterative, request.symmetric, comm.size()) {
-            (true, true, _) => &[Method::Multigrid { symmetric: true }],
-            (true, false, _) => &[Method::Multigrid { symmetric: false }],
+        match (iterative, comm.size()) {
+            (true, _) => &[Method::Multigrid],
             // K - shift M is positive definite, so Cholesky; MUMPS, which pivots, is the second chance where rounding
             // has spoilt that.
             // On one rank PETSc's own factors are the quickest of plane meshes; CHOLMOD's supernodes win in space.
             // The ordering of PETSc's never ends where the entries of a symmetric matrix do not lie symmetrically, as
             // those of one from which zeros were dropped.
-            (false, true, 1) if !matrices.symmetric_pattern => &[CHOLMOD, MUMPS],
-            (false, true, 1) if plane => &[PETSC, MUMPS],
-            (false, true, 1) => &[CHOLMOD, MUMPS],
-            (false, true, _) => &[MUMPS],
-            (false, false, _) => &[MUMPS_LU],
+            (false, 1) if plane && matrices.symmetric_pattern => &[PETSC, MUMPS],
+            (false, 1) => &[CHOLMOD, MUMPS],
+            (false, _) => &[MUMPS],
         }
     }
 
@@ -66,7 +57,7 @@ impl Method {
     pub(super) fn tolerance(self) -> f64 {
         match self {
             Method::Factor { .. } => 1e-11,
-            Method::Multigrid { .. } => 1e-9,
+            Method::Multigrid => 1e-9,
         }
     }
 
@@ -74,7 +65,7 @@ impl Method {
     pub(super) fn defaults(self) -> &'static [(&'static CStr, &'static CStr)] {
         match self {
             Method::Factor { .. } => &[],
-            Method::Multigrid { .. } => &[
+            Method::Multigrid => &[
                 (c"-m4gn_st_pc_hypre_type", c"boomeramg"),
                 (c"-m4gn_st_pc_hypre_boomeramg_coarsen_type", c"HMIS"),
                 (c"-m4gn_st_pc_hypre_boomeramg_interp_type", c"ext+i"),
@@ -93,19 +84,17 @@ impl Method {
         unsafe {
             check(c::KSPGetPC(ksp, &mut pc))?;
             match self {
-                Method::Factor { cholesky, package } => {
+                Method::Factor { package } => {
                     check(c::KSPSetType(ksp, c"preonly".as_ptr()))?;
-                    let kind = if cholesky { c"cholesky" } else { c"lu" };
-                    check(c::PCSetType(pc, kind.as_ptr()))?;
+                    check(c::PCSetType(pc, c"cholesky".as_ptr()))?;
                     check(c::PCFactorSetMatSolverType(pc, package.as_ptr()))?;
                     if package == c"petsc" {
                         // Nested dissection; PETSc's default for Cholesky is no reordering, which fills in.
                         check(c::PCFactorSetMatOrderingType(pc, c"nd".as_ptr()))?;
                     }
                 }
-                Method::Multigrid { symmetric } => {
-                    let kind = if symmetric { c"cg" } else { c"gmres" };
-                    check(c::KSPSetType(ksp, kind.as_ptr()))?;
+                Method::Multigrid => {
+                    check(c::KSPSetType(ksp, c"cg".as_ptr()))?;
                     let default = f64::from(c::PETSC_DEFAULT);
                     check(c::KSPSetTolerances(ksp, 1e-10, default, default, 500))?;
                     check(c::PCSetType(pc, c"hypre".as_ptr()))?;

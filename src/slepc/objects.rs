@@ -29,8 +29,8 @@ owned!(Vector, c::Vec, c::VecDestroy);
 owned!(Solver, c::EPS, c::EPSDestroy);
 
 impl Matrix {
-    /// A matrix of these rows, `block` of them a point. Collective.
-    pub(super) fn new(comm: &Comm, rows: Csr, symmetric: bool, block: usize) -> Result<Self> {
+    /// A symmetric matrix of these rows, `block` of them a point. Collective.
+    pub(super) fn new(comm: &Comm, rows: Csr, block: usize) -> Result<Self> {
         let (row, column, value) = compress(rows);
         let n = rows.n() as c::PetscInt;
         let mut matrix = Matrix::null();
@@ -45,9 +45,7 @@ impl Matrix {
             check(c::MatSeqAIJSetPreallocationCSR(matrix.0, row, column, value))?;
             check(c::MatMPIAIJSetPreallocationCSR(matrix.0, row, column, value))?;
         }
-        if symmetric {
-            matrix.announce_symmetry()?;
-        }
+        matrix.announce_symmetry()?;
         Ok(matrix)
     }
 
@@ -66,7 +64,7 @@ impl Matrix {
         let row: Vec<usize> = (0..=values.len()).collect();
         let column: Vec<i64> = (first..first + values.len() as i64).collect();
         let rows = Csr { row: &row, column: &column, value: values };
-        Matrix::new(comm, rows, true, block)
+        Matrix::new(comm, rows, block)
     }
 
     /// A vector of the matrix's layout. Collective.

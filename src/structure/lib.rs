@@ -14,7 +14,6 @@ mod overlap;
 mod partition;
 mod parts;
 mod quality;
-pub mod ranks;
 mod record;
 mod slic;
 mod structure;
@@ -95,7 +94,7 @@ pub fn segment(
             let modes = match needs_modes(spec, total) {
                 true => {
                     let elastic = comm.agree(spec.is_elastic(mesh))?;
-                    Some(modes.of_mesh(mesh, elastic, spec.mode_count(), comm)?)
+                    Some(modes.of_mesh(mesh, elastic, spec.modes, comm)?)
                 }
                 false => None,
             };

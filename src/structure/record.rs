@@ -73,7 +73,7 @@ fn entries(spec: &SegmentSpec) -> Map<String, Value> {
     // It is added to the labels afterwards.
     all.remove("overlap");
     if !spec.method.uses_modes() {
-        for key in ["modes", "operator", "energy", "tau", "size", "iterations"] {
+        for key in ["modes", "operator", "tau", "size", "iterations"] {
             all.remove(key);
         }
     }

@@ -116,17 +116,6 @@ fn extremes_have_an_answer() {
     assert!(matches!(cut(&two, &spec(3, 6), None), Err(Error::Input(_))));
 }
 
-#[test]
-fn a_share_of_the_energy_takes_as_many_modes_as_it_needs() {
-    let mesh = sample::rectangle(9, 4, 2.3, 1.0);
-    let with = |modes, energy| {
-        let spec = SegmentSpec { count: 6, modes, energy, ..Default::default() };
-        cut(&mesh, &spec, None).unwrap()
-    };
-    assert_eq!(with(5, Some(1.0)), with(5, None));
-    assert_eq!(with(5, Some(1e-3)), with(1, None));
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]

@@ -88,7 +88,7 @@ fn each_wrong_value_is_named() {
         ("kind = \"mesh-graph-net\"", "kind = \"m4gn\"", "the macro stage"),
         ("[training]", "[contact]\nradius = 0.01\n[training]", "the displacement"),
         ("[training]", "[segments]\ncount = 0\n[training]", "segments.count"),
-        ("[training]", "[segments]\nenergy = 2.0\n[training]", "segments.energy"),
+        ("[training]", "[segments]\ntau = -2.0\n[training]", "segments.tau"),
         ("[training]", "[segments]\nmethod = \"slic-x\"\n[training]", "slic-mdode"),
         ("layers = 1", "layers = 1\nlayers_after = 2", "layers_after"),
         ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),

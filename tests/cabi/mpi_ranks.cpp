@@ -3,7 +3,6 @@
 
 #include "mesh.hpp"
 
-#include <algorithm>
 #include <mpi.h>
 
 namespace
@@ -100,16 +99,10 @@ void wrongMatrices(int rank, int size, int32_t comm)
     const Bands good(rank, size, n, {-1, 2, -1});
     expect(good, R"({"modes": 150})", true, "at most 149");
     expect(good, R"({"modal_solver": "fast"})", true, "modal_solver: expected one of auto, direct");
-    expect(good, R"({"petsc_options": "-eps_tol 1"})", true, "-m4gn_");
-    expect(good, R"({"petsc_options": "-m4gn_no_such_option 1"})", true, "not used");
-    expect(good, R"({"energy": 2})", true, "share");
     expect(good, R"({"block": 0})", true, "points");
-    expect(good, R"({"simetric": true})", true, "is symmetric meant?");
+    expect(good, R"({"blok": 2})", true, "is block meant?");
     expect(good, mine && size > 1 ? R"({"modes": 5})" : R"({"modes": 150})", true, size > 1 ? "differ" : "at most");
 
-    const std::string wrong = R"({"petsc_options": "-m4gn_eps_type no_such_type"})";
-    REQUIRE(failure(message, [&] { m4gn::Modes(comm, good.csr, nullptr, wrong); }) > 0);
-    REQUIRE(contains(message, "no_such_type"));
     REQUIRE(m4gn::Modes(comm, good.csr, nullptr, none).size() == 6);
 
     double value = 0;
@@ -121,36 +114,6 @@ void wrongMatrices(int rank, int size, int32_t comm)
 std::string options(const std::string& segments, bool withModes)
 {
     return "{\"segments\": " + segments + ", \"with_modes\": " + (withModes ? "true}" : "false}");
-}
-
-void toRanks(int32_t comm, const Channel& part)
-{
-    const m4gn::Segments found(comm, part.data, options("{\"count\": 12, \"modes\": 4}", false));
-    std::vector<double> sizes, adjacency;
-    found.graph(sizes, adjacency);
-    double nodes = 0;
-    for (double s : sizes)
-    {
-        nodes += s;
-    }
-    // 24 x 8 cells and 64 faces around them
-    REQUIRE(nodes == 24*8 + 64);
-
-    m4gn_rank_report report;
-    const auto rank = m4gn::Segments::ranks(sizes, adjacency, 3, {}, {}, &report);
-    for (int r = 0; r < 3; ++r)
-    {
-        REQUIRE(std::count(rank.begin(), rank.end(), r) > 0);
-    }
-    REQUIRE(report.imbalance >= 1 && report.imbalance < 1.4 && report.cut > 0);
-
-    std::vector<int32_t> fixed(12, -1);
-    fixed[3] = 2;
-    REQUIRE(m4gn::Segments::ranks(sizes, adjacency, 3, {2, 1, 1}, fixed)[3] == 2);
-
-    std::string message;
-    REQUIRE(failure(message, [&] { m4gn::Segments::ranks(sizes, adjacency, 13); }) == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "raise segments"));
 }
 
 void wrongSegments(int rank, int size, int32_t comm, const Channel& part)
@@ -232,7 +195,6 @@ int main(int argc, char** argv)
     wrongMatrices(rank, size, comm);
     {
         const Channel part(24, 8, rank, size);
-        toRanks(comm, part);
         wrongSegments(rank, size, comm, part);
     }
     wrongFields(rank, size, comm);

@@ -144,8 +144,6 @@ void refusesOptions()
     REQUIRE(segments(R"("method": "scissors")") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "scissors"));
     REQUIRE(contains(message, "slic-mdode"));
-    REQUIRE(segments(R"("energy": 1.5)") == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "segments.energy"));
     REQUIRE(segments(R"("connected": 2)") == M4GN_ERROR_INPUT);
     REQUIRE(segments(R"("distance_scale": -1)") == M4GN_ERROR_INPUT);
     REQUIRE(segments(R"("distanceScale": -1)") == M4GN_ERROR_INPUT);

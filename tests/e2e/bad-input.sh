@@ -47,8 +47,8 @@ surrogate "$good model \"$small_model\"; segments { count 100000; }"
 refused '100000' icoFoam
 surrogate "$good model \"$small_model\"; segments { method slic-mdodx; }"
 refused 'segments.method: expected one of metis, .*, slic-mdode, found slic-mdodx; is slic-mdode meant' icoFoam
-surrogate "$good model \"$small_model\"; segments { energy 2; }"
-refused 'expected a share above 0 and at most 1' icoFoam
+surrogate "$good model \"$small_model\"; segments { tau -2; }"
+refused 'segments.tau: expected a finite number that is not negative' icoFoam
 surrogate "$good model \"$small_model\"; segments { method slic-mdode; obstacles (cylnder); }"
 refused 'cylnder: expected some of the patches' icoFoam
 surrogate "$good model \"$small_model\"; segments { connected maybe; }"

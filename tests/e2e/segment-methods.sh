@@ -10,7 +10,7 @@ segments() {
 }
 
 for entries in 'method metis;' 'method slic;' 'method slic-mdodl; obstacles (cylinder); connected no;' \
-    'method slic-mdode; distanceScale 0.1; connected yes; energy 0.9; modes 8; petscOptions "-m4gn_eps_tol 1e-12";'; do
+    'method slic-mdode; distanceScale 0.1; connected yes; modes 8;'; do
     clean_case
     segments "$entries"
     runs icoFoam

@@ -20,26 +20,22 @@ fn session_arguments() {
         let mut o = json!({ "segments": {} });
         let mut cell_segment = null();
         let s = &mut o["segments"];
-        match r.below(16) {
+        match r.below(15) {
             0 => s["count"] = r.integer().into(),
             1 => s["modes"] = r.integer().into(),
             2 => s["overlap"] = r.integer().into(),
             3 => s["iterations"] = r.integer().into(),
             4 => s["tau"] = r.real().into(),
             5 => s["size"] = r.real().into(),
-            6 => s["energy"] = r.real().into(),
-            7 => s["connected"] = r.integer().into(),
-            8 => s["distanceScale"] = r.real().into(),
-            9 => cell_segment = labels.as_ptr(),
-            10 => s["method"] = (*r.pick(&["metis", "slic-md", "slic-mdodl", ""])).into(),
-            11 => s["obstacles"] = json!([r.pick(&["wall", "a,b", "", "left"])]),
-            12 => o["precision"] = (*r.pick(&["bf16", "fp64"])).into(),
-            13 => o["n_threads"] = (r.integer() % 5).into(),
-            14 => o["projection"] = json!({ "radius": r.real(), "sweeps": r.integer() }),
-            _ => {
-                let texts = ["-m4gn_eps_tol 1", "-m4gn_eps_max_it -3", "-", "- - -x"];
-                s["petsc_options"] = (*r.pick(&texts)).into();
-            }
+            6 => s["connected"] = r.integer().into(),
+            7 => s["distanceScale"] = r.real().into(),
+            8 => cell_segment = labels.as_ptr(),
+            9 => s["method"] = (*r.pick(&["metis", "slic-md", "slic-mdodl", ""])).into(),
+            10 => s["obstacles"] = json!([r.pick(&["wall", "a,b", "", "left"])]),
+            11 => o["precision"] = (*r.pick(&["bf16", "fp64"])).into(),
+            12 => o["n_threads"] = (r.integer() % 5).into(),
+            13 => o["projection"] = json!({ "radius": r.real(), "sweeps": r.integer() }),
+            _ => s["modal_solver"] = (*r.pick(&["direct", "iterative", "fast"])).into(),
         }
         let o = settings_as_text(&o, r);
         let mut session = none();
@@ -224,13 +220,11 @@ fn matrices() {
             stiffness.n_rows = -1 - r.below(1 << 30) as i32;
         }
         let mut o = json!({ "modes": 3 });
-        match r.below(8) {
+        match r.below(6) {
             0 => o["modes"] = r.integer().into(),
-            1 => o["symmetric"] = false.into(),
-            2 => o["block"] = r.integer().into(),
-            3 => o["energy"] = r.real().into(),
-            4 => o["shift"] = r.real().into(),
-            5 => o["modal_solver"] = (*r.pick(&["direct", "iterative"])).into(),
+            1 => o["block"] = r.integer().into(),
+            2 => o["shift"] = r.real().into(),
+            3 => o["modal_solver"] = (*r.pick(&["direct", "iterative"])).into(),
             _ => (),
         }
         let o = settings_as_text(&o, r);
@@ -274,18 +268,17 @@ fn elastic_bodies() {
         let n = mesh.n_cells;
         let mut h = BodyHost::new(mesh);
         let (material, fixed) = (vec![r.real(); n], [r.integer() as i32]);
-        match r.below(12) {
+        match r.below(11) {
             0 => h.data.young = material.as_ptr(),
             1 => h.data.poisson = material.as_ptr(),
             2 => h.data.density = material.as_ptr(),
             3 => (h.data.n_fixed, h.data.fixed_point) = (1, fixed.as_ptr()),
             4 => shorter(&mut h.data.n_fixed, r),
             5 => h.data.free_body = 1,
-            6 => h.data.lumped_mass = 1,
-            7 => shorter(&mut h.data.n_internal_faces, r),
-            8 => h.data.n_directions = r.integer() as i32,
-            9 => h.data.face_points = null(),
-            10 => shorter(&mut h.data.n_points, r),
+            6 => shorter(&mut h.data.n_internal_faces, r),
+            7 => h.data.n_directions = r.integer() as i32,
+            8 => h.data.face_points = null(),
+            9 => shorter(&mut h.data.n_points, r),
             _ => (),
         }
         let modes = if r.below(6) == 0 { r.integer() } else { 3 };

@@ -204,7 +204,6 @@ impl BodyHost {
             fixed_point: host.fixed.as_ptr(),
             fixed_components: null(),
             plane_stress: 0,
-            lumped_mass: 0,
             free_body: 0,
         };
         host

@@ -16,8 +16,8 @@ pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
         "model_open" => "null, no path, no file, other model",
         "session_new" => {
             "null, no mesh, no model, volume, owner, global, components, segments, modes, overlap, \
-             iterations, tau, size, method, precision, energy, connected, distance, obstacles, solver, \
-             petsc, operator, model, labels, text, backend, resolution, projection, solid"
+             iterations, tau, size, method, precision, connected, distance, obstacles, solver, operator, \
+             model, labels, text, backend, resolution, projection, solid"
         }
         "session_new_of_body" => {
             "null, no mesh, type, element, inverted, material, position, global, obstacle, triangle, \
@@ -32,15 +32,12 @@ pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
         "session_step" => "missing, null, nan, count, output",
         "session_outside" => "null, size",
         "segments_new" => {
-            "null, no mesh, no options, volume, owner, global, spec, json, solver, petsc, modes, labels"
+            "null, no mesh, no options, volume, owner, global, spec, json, solver, modes, labels"
         }
-        "modes_new" => {
-            "null, no stiffness, no options, nan, column, modes, symmetric, block, shift, energy, \
-             solver, petsc, mass"
-        }
+        "modes_new" => "null, no stiffness, no options, nan, column, modes, block, shift, solver, mass",
         "solid_modes_new" => {
             "null, no body, no options, start, global, point, face point, turned, faces, young, no \
-             young, poisson, density, modes, lumped, free, solver, block, fixed"
+             young, poisson, density, modes, free, solver, block, fixed"
         }
         "recorder_new" => "null, no mesh, no options, path, fields, split, overwrite, volume, json",
         "recorder_finish" => "taken, lost",

@@ -37,12 +37,9 @@ impl Bench {
         let mut settings = json!({ "modes": 3 });
         match odd {
             Some("modes") => settings["modes"] = 4.into(),
-            Some("symmetric") => settings["symmetric"] = false.into(),
             Some("block") => settings["block"] = 2.into(),
             Some("shift") => settings["shift"] = (-0.01).into(),
-            Some("energy") => settings["energy"] = 0.5.into(),
             Some("solver") => settings["modal_solver"] = "iterative".into(),
-            Some("petsc") => settings["petsc_options"] = "-m4gn_eps_tol 1e-3".into(),
             _ => (),
         }
         let settings = options(&settings);
@@ -82,7 +79,6 @@ impl Bench {
             Some("no young") => host.data.young = null(),
             Some("poisson") => host.data.poisson = stiff.as_ptr(),
             Some("density") => host.data.density = wrong.as_ptr(),
-            Some("lumped") => host.data.lumped_mass = 1,
             Some("free") => host.data.free_body = 1,
             Some("fixed") => (host.data.n_fixed, host.data.fixed_point) = (1, fixed.as_ptr()),
             _ => (),

@@ -24,12 +24,10 @@ impl Bench {
             Some("tau") => json!({ "tau": -1.0 }),
             Some("size") => json!({ "size": 0.3 }),
             Some("method") => json!({ "method": "metis" }),
-            Some("energy") => json!({ "energy": 0.5 }),
             Some("connected") => json!({ "connected": false }),
             Some("distance") => json!({ "distance_scale": 0.1 }),
             Some("obstacles") => json!({ "obstacles": ["wall"] }),
             Some("solver") => json!({ "modal_solver": "iterative" }),
-            Some("petsc") => json!({ "petsc_options": "-m4gn_eps_tol 1e-3" }),
             Some("operator") => json!({ "operator": "elastic" }),
             Some("components") => json!({ "cuont": 5 }),
             _ => json!({}),
@@ -141,7 +139,6 @@ impl Bench {
         match odd {
             Some("spec") => settings["segments"]["count"] = 5.into(),
             Some("solver") => settings["segments"]["modal_solver"] = "direct".into(),
-            Some("petsc") => settings["segments"]["petsc_options"] = "-m4gn_eps_tol 1e-3".into(),
             Some("modes") => settings["with_modes"] = false.into(),
             _ => (),
         }

@@ -14,8 +14,8 @@ use std::path::PathBuf;
 /// suggested.
 ///
 /// Segments and modes are written for ParaView and for later runs: in a case as the fields m4gnSegment and m4gnMode1,
-/// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate and 'method m4gn' of decomposePar find them; for a
-/// trajectory as points with values where --vtu says.
+/// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate finds them; for a trajectory as points with values
+/// where --vtu says.
 ///
 /// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
 /// m4gnHarvest),

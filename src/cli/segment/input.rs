@@ -4,7 +4,7 @@ use m4gn_data as dataset;
 use m4gn_data::Trajectory;
 use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
-use m4gn_model::modal::{ModalOptions, ModeCount};
+use m4gn_model::modal::ModalOptions;
 use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries, settings};
 use m4gn_report::{CellMap, PointCloud, write_file};
 use m4gn_workbench::foam_case::FoamCase;
@@ -108,8 +108,7 @@ impl Input {
         if let Input::Case(case) = self
             && wanted
         {
-            let modal =
-                ModalOptions { count: ModeCount::Fixed(options.spec.modes.max(1)), ..options.spec.modal() };
+            let modal = ModalOptions { count: options.spec.modes.max(1), ..options.spec.modal() };
             mesh.elastic = case.elastic_modes(&modal)?;
         }
         Ok(())

@@ -52,7 +52,7 @@ impl Made {
         let needed = spec.architecture.needs().segments;
         // Every rank computes the same modes: bodies at points are small beside what ranks are for.
         let modes = match needed && labels.is_none() && settings.method.uses_modes() && settings.count > 1 {
-            true => Some(comm.agree(modes.of_body(whole, settings.mode_count()))?),
+            true => Some(comm.agree(modes.of_body(whole, settings.modes))?),
             false => None,
         };
         let part = comm.agree(BodyPart::of_rank(whole, obstacle, ranks, comm.rank()))?;

@@ -134,7 +134,7 @@ mod tests {
         spec.segments =
             SegmentSpec { method: SegmentMethod::SlicExp, count: 4, modes: 1, ..SegmentSpec::default() };
         let settings = spec.segments.clone();
-        let modes = Modal::default().of_body(&body, settings.mode_count()).unwrap();
+        let modes = Modal::default().of_body(&body, settings.modes).unwrap();
         // A square section bends alike in both directions: the cluster counts as one mode.
         assert_eq!((modes.vectors.len(), modes.vectors[0].len()), (6, 63));
         let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
@@ -152,7 +152,7 @@ mod tests {
     fn a_body_that_is_held_nowhere_is_refused() {
         let mut body = sample::block([2, 1, 1], [2.0, 1.0, 1.0]);
         body.types.fill(m4gn_mesh::NodeType::Body);
-        let error = Modal::default().of_body(&body, SegmentSpec::default().mode_count()).unwrap_err();
+        let error = Modal::default().of_body(&body, SegmentSpec::default().modes).unwrap_err();
         assert!(error.to_string().contains("handle"), "{error}");
     }
 }

@@ -27,7 +27,6 @@ pub struct SolidData {
     pub fixed_point: *const i32,
     pub fixed_components: *const i32,
     pub plane_stress: i32,
-    pub lumped_mass: i32,
     pub free_body: i32,
 }
 
@@ -49,7 +48,6 @@ pub struct SolidArrays<'a> {
     /// None: all components.
     pub fixed_components: Option<&'a [i32]>,
     pub plane_stress: bool,
-    pub lumped_mass: bool,
     pub free_body: bool,
 }
 
@@ -89,7 +87,6 @@ impl SolidData {
                     false => Some(slice("fixed_components", self.fixed_components, fixed)?),
                 },
                 plane_stress: self.plane_stress != 0,
-                lumped_mass: self.lumped_mass != 0,
                 free_body: self.free_body != 0,
             })
         }

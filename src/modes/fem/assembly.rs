@@ -199,22 +199,3 @@ fn scalar(
     }
     rows
 }
-
-/// Row sums of M, `dim` equal ones a movable point; 0 for held components.
-pub(super) fn lumped(masses: &[CellMass], dim: usize, numbering: &Numbering, movable: &Movable) -> Vec<f64> {
-    let mut sums = vec![0.0; movable.all.len() / 4];
-    for cell in masses {
-        let n = cell.points.len();
-        for (&p, row) in cell.points.iter().zip(cell.mass.chunks_exact(n)) {
-            let own = p - numbering.first_own();
-            if (0..sums.len() as i64).contains(&own) {
-                sums[own as usize] += row.iter().sum::<f64>();
-            }
-        }
-    }
-    let of_point = |(&p, held): (&usize, &[bool; 3])| {
-        let (m, held) = (sums[p], *held);
-        (0..dim).map(move |d| if held[d] { 0.0 } else { m })
-    };
-    movable.own.iter().zip(&movable.held).flat_map(of_point).collect()
-}

@@ -2,7 +2,6 @@
 
 use super::sample::Kind;
 use super::*;
-use m4gn_model::modal::ModeCount;
 use std::f64::consts::PI;
 
 /// The first two bending frequencies, one in either direction, over that of Euler and Bernoulli, 0.851 Hz.
@@ -12,10 +11,7 @@ fn bending(kind: Kind, across: usize, poisson: f64) -> [f64; 2] {
     let material = Material { young: 1e6, poisson, density: 1000.0 };
     let clamped: Vec<Fixed> =
         (0..mesh.points.len()).filter(|&p| mesh.points[p][0] < 1e-9).map(|p| Fixed::all(p as i32)).collect();
-    let options = Options {
-        modal: ModalOptions { count: ModeCount::Fixed(2), ..Default::default() },
-        ..Default::default()
-    };
+    let options = Options { modal: ModalOptions::fixed(2), ..Default::default() };
     let materials = vec![material; mesh.n_cells];
     let found = modes(&mesh, &materials, &clamped, &options, &Comm::serial()).unwrap();
     let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * PI * 0.36) * side * (1000f64 / 12.0).sqrt();

@@ -1,8 +1,8 @@
 //! Modes of a body by its elements.
 
-use super::{Fixed, Material, Options, PointMesh, modes};
+use super::{Fixed, Options, PointMesh, modes};
 use m4gn_mesh::NodeType;
-use m4gn_mesh::body::{self, Body};
+use m4gn_mesh::body::Body;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, Modes};
@@ -21,8 +21,6 @@ pub fn body_modes(body: &Body, modal: &ModalOptions) -> Result<Modes> {
         })
         .collect();
     let mesh = PointMesh::from_cells(body.positions.clone(), &cells);
-    let material = |m: &body::Material| Material { young: m.young, poisson: m.poisson, density: m.density };
-    let materials: Vec<_> = body.material.iter().map(material).collect();
     let held: Vec<Fixed> =
         (0..).zip(&body.types).filter(|(_, t)| **t == NodeType::Handle).map(|(p, _)| Fixed::all(p)).collect();
     if held.is_empty() {
@@ -33,7 +31,7 @@ pub fn body_modes(body: &Body, modal: &ModalOptions) -> Result<Modes> {
         ));
     }
     let options = Options { modal: modal.clone(), ..Options::default() };
-    let found = modes(&mesh, &materials, &held, &options, &Comm::serial())?;
+    let found = modes(&mesh, &body.material, &held, &options, &Comm::serial())?;
     let component = |i: usize| move |u: &[f64; 3]| u[i];
     Ok(Modes {
         eigenvalues: found.eigenvalues.iter().flat_map(|&v| [v; 3]).collect(),

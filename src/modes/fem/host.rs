@@ -1,6 +1,6 @@
 //! An elastic body as a host describes it.
 
-use super::{Fixed, MassKind, Material, Options, Plane, PointMesh};
+use super::{Fixed, Material, Options, Plane, PointMesh};
 use m4gn_mesh::ffi::host::SolidArrays;
 
 /// What [`super::modes`] takes, of a host's arrays.
@@ -40,10 +40,6 @@ impl HostBody {
                 .map(|(&point, mask)| Fixed { point, components: [1, 2, 4].map(|bit| mask & bit != 0) })
                 .collect(),
             options: Options {
-                mass: match host.lumped_mass {
-                    true => MassKind::Lumped,
-                    false => MassKind::Consistent,
-                },
                 plane: match host.plane_stress {
                     true => Plane::Stress,
                     false => Plane::Strain,

@@ -1,17 +1,7 @@
 //! Isotropic linear elasticity, cell by cell.
 
+pub use m4gn_mesh::body::Material;
 use m4gn_mesh::{Error, Result};
-
-/// Moduli and density of one cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Material {
-    /// Young's modulus E, Pa.
-    pub young: f64,
-    /// Poisson's ratio nu, above -1 and below 1/2.
-    pub poisson: f64,
-    /// Density rho, kg/m^3.
-    pub density: f64,
-}
 
 /// What a 2-D mesh is a section of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,45 +13,43 @@ pub enum Plane {
     Stress,
 }
 
-impl Material {
-    /// Lamé's first parameter and the shear modulus, Pa, of `dim` directions.
-    pub(super) fn moduli(&self, dim: usize, plane: Plane) -> (f64, f64) {
-        let (e, nu) = (self.young, self.poisson);
-        let mu = e / (2.0 * (1.0 + nu));
-        let lambda = match (dim, plane) {
-            (2, Plane::Stress) => e * nu / (1.0 - nu * nu),
-            _ => e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)),
-        };
-        (lambda, mu)
-    }
+/// Lamé's first parameter and the shear modulus, Pa, of `dim` directions.
+pub(super) fn moduli(material: &Material, dim: usize, plane: Plane) -> (f64, f64) {
+    let (e, nu) = (material.young, material.poisson);
+    let mu = e / (2.0 * (1.0 + nu));
+    let lambda = match (dim, plane) {
+        (2, Plane::Stress) => e * nu / (1.0 - nu * nu),
+        _ => e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)),
+    };
+    (lambda, mu)
+}
 
-    fn check(&self, cell: usize) -> Result<()> {
-        let positive = |name: &str, unit: &str, value: f64| {
-            if value.is_finite() && value > 0.0 {
-                return Ok(());
-            }
-            Err(Error::Input(format!(
-                "{name} of cell {cell} is {value} {unit}: expected a positive finite number"
-            )))
-        };
-        positive("Young's modulus", "Pa", self.young)?;
-        positive("density", "kg/m^3", self.density)?;
-        if !(self.poisson > -1.0 && self.poisson < 0.5) {
-            return Err(Error::Input(format!(
-                "Poisson's ratio of cell {cell} is {}: expected a value above -1 and below 0.5; for a material that \
-                 keeps its volume set 0.4999",
-                self.poisson
-            )));
+fn check_one(material: &Material, cell: usize) -> Result<()> {
+    let positive = |name: &str, unit: &str, value: f64| {
+        if value.is_finite() && value > 0.0 {
+            return Ok(());
         }
-        // The bulk modulus divides by 1 - 2 nu.
-        if self.poisson > 0.5 - 1e-7 {
-            return Err(Error::Input(format!(
-                "Poisson's ratio of cell {cell} is within 1e-7 of 0.5: the stiffness matrix would be singular to \
-                 rounding; set 0.4999"
-            )));
-        }
-        Ok(())
+        Err(Error::Input(format!(
+            "{name} of cell {cell} is {value} {unit}: expected a positive finite number"
+        )))
+    };
+    positive("Young's modulus", "Pa", material.young)?;
+    positive("density", "kg/m^3", material.density)?;
+    if !(material.poisson > -1.0 && material.poisson < 0.5) {
+        return Err(Error::Input(format!(
+            "Poisson's ratio of cell {cell} is {}: expected a value above -1 and below 0.5; for a material that \
+             keeps its volume set 0.4999",
+            material.poisson
+        )));
     }
+    // The bulk modulus divides by 1 - 2 nu.
+    if material.poisson > 0.5 - 1e-7 {
+        return Err(Error::Input(format!(
+            "Poisson's ratio of cell {cell} is within 1e-7 of 0.5: the stiffness matrix would be singular to \
+             rounding; set 0.4999"
+        )));
+    }
+    Ok(())
 }
 
 /// One material a cell, each with values that make sense.
@@ -72,5 +60,5 @@ pub(super) fn check(materials: &[Material], n_cells: usize) -> Result<()> {
             materials.len()
         )));
     }
-    materials.iter().enumerate().try_for_each(|(c, m)| m.check(c))
+    materials.iter().enumerate().try_for_each(|(c, m)| check_one(m, c))
 }

@@ -10,12 +10,10 @@ mod body;
 mod check;
 mod constraint;
 mod host;
-mod isoparametric;
 mod material;
 mod mesh;
 mod numbering;
 mod plane;
-mod shape;
 mod smoothing;
 mod strain;
 mod volume;
@@ -29,7 +27,6 @@ pub use constraint::Fixed;
 pub use host::HostBody;
 pub use material::{Material, Plane};
 pub use mesh::PointMesh;
-pub use shape::Shape;
 
 use crate::{Mass, Problem};
 use m4gn_mesh::parallel::Comm;
@@ -42,33 +39,9 @@ use strain::CellMass;
 /// Eigenvalues below this, relative to the shift, are those of rigid motions.
 const RIGID: f64 = 1e-4;
 
-/// How strains are made of displacements.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Formulation {
-    /// Smoothed strains on any cells (`smoothing.rs`): locks neither in bending nor at nu near 1/2.
-    #[default]
-    Smoothed,
-    /// Displacement elements of finite-element libraries, fully integrated, for comparisons: they lock.
-    Isoparametric,
-}
-
-/// How masses are put on points.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MassKind {
-    /// The mass matrix of the shape functions.
-    #[default]
-    Consistent,
-    /// Its row sums, a diagonal.
-    Lumped,
-}
-
 /// What is solved.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Elements.
-    pub formulation: Formulation,
-    /// Masses.
-    pub mass: MassKind,
     /// 2-D only: plane strain or plane stress. In 2-D a body is 1 m thick whatever the mesh is.
     pub plane: Plane,
     /// Whether a body that is held nowhere is meant: its rigid motions then come first, with eigenvalues 0.
@@ -138,14 +111,9 @@ pub fn assemble(
 
     let along = |x: &[f64; 3]| [0, 1, 2].map(|d| mesh.directions.get(d).map_or(0.0, |&k| x[k]));
     let x: Vec<[f64; 3]> = mesh.points.iter().map(along).collect();
-    let moduli: Vec<(f64, f64)> = materials.iter().map(|m| m.moduli(dim, options.plane)).collect();
-    let (strains, units) = match options.formulation {
-        Formulation::Smoothed => {
-            let averages = volume::averages(&cells, &mesh.point_global, &numbering, comm);
-            smoothing::strains(&cells, &x, &moduli, &numbering, &averages, comm)?
-        }
-        Formulation::Isoparametric => comm.agree(isoparametric::strains(&cells, &x, &moduli, &numbering))?,
-    };
+    let moduli: Vec<(f64, f64)> = materials.iter().map(|m| material::moduli(m, dim, options.plane)).collect();
+    let averages = volume::averages(&cells, &mesh.point_global, &numbering, comm);
+    let (strains, units) = smoothing::strains(&cells, &x, &moduli, &numbering, &averages, comm)?;
     let masses: Vec<CellMass> = cells
         .iter()
         .zip(units)
@@ -161,15 +129,12 @@ pub fn assemble(
     let strains = strain::to_owners(strains, &numbering, comm);
     let masses = strain::to_owners(masses, &numbering, comm);
     let movable = assembly::Movable::new(&held, dim, comm);
-    let lumped =
-        (options.mass == MassKind::Lumped).then(|| assembly::lumped(&masses, dim, &numbering, &movable));
-    let (stiffness, consistent) = assembly::rows(&strains, &masses, dim, &numbering, &movable, comm);
+    let (stiffness, masses) = assembly::rows(&strains, &masses, dim, &numbering, &movable, comm);
     let owned_points: Vec<usize> = movable.own.iter().map(|&i| numbering.owned[i]).collect();
     Ok(System {
         problem: Problem {
             stiffness,
-            mass: lumped.map_or(Mass::Matrix(consistent), Mass::Diagonal),
-            symmetric: true,
+            mass: Mass::Matrix(masses),
             block: dim,
             positions: owned_points.iter().map(|&p| x[p]).collect(),
             shift: Some(shift(mesh, &x, materials, comm)),
@@ -194,7 +159,7 @@ fn shift(mesh: &PointMesh, x: &[[f64; 3]], materials: &[Material], comm: &Comm) 
         }
     }
     for m in materials {
-        most[6] = most[6].max(m.moduli(mesh.dim(), Plane::Strain).1 / m.density);
+        most[6] = most[6].max(material::moduli(m, mesh.dim(), Plane::Strain).1 / m.density);
     }
     comm.max_f64(&mut most);
     let square: f64 = (0..mesh.dim()).map(|d| (most[d] + most[3 + d]).powi(2)).sum();

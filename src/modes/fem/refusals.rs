@@ -46,14 +46,8 @@ fn materials_out_of_range_are_refused() {
 
 #[test]
 fn broken_meshes_are_refused() {
-    let swap = |mesh: &mut PointMesh| mesh.points.swap(16, 17);
-    for formulation in [Formulation::Smoothed, Formulation::Isoparametric] {
-        let (mut mesh, materials, fixed) = good();
-        swap(&mut mesh);
-        let options = Options { formulation, ..Default::default() };
-        let found = modes(&mesh, &materials, &fixed, &options, &Comm::serial()).expect_err("inverted");
-        assert!(found.to_string().contains("inverted"), "{found}");
-    }
+    let found = message(|m, _, _| m.points.swap(16, 17));
+    assert!(found.contains("inverted"), "{found}");
     let found = message(|m, _, _| m.points[3][1] = f64::NAN);
     assert!(found.contains("points[3]"), "{found}");
     // Neither start plus 3 nor the difference of two starts is an i32
@@ -123,14 +117,4 @@ fn bodies_that_nothing_or_everything_holds_are_refused() {
     assert!(found.contains("fixed point 36: expected 0 to 35"), "{found}");
     let found = message(|_, _, f| f.push(Fixed::all(-1)));
     assert!(found.contains("fixed point -1"), "{found}");
-}
-
-#[test]
-fn only_the_smoothed_formulation_takes_polyhedra() {
-    let mesh = sample::block(Kind::Polyhedra, [3, 3, 2], [1.0, 1.0, 1.0]);
-    let (_, materials, _) = good();
-    let options = Options { formulation: Formulation::Isoparametric, free_body: true, ..Default::default() };
-    let materials = vec![materials[0]; mesh.n_cells];
-    let found = modes(&mesh, &materials, &[], &options, &Comm::serial()).expect_err("polyhedra");
-    assert!(found.to_string().contains("is a polyhedron"), "{found}");
 }

@@ -6,8 +6,7 @@ use m4gn_mesh::parallel::Comm;
 /// A strain that is taken as constant over some volume, and its energy
 /// `1/2 (lambda (tr e)^2 + 2 mu e : e)`, with e the symmetric part of `sum_i u_i (x) g_i`.
 ///
-/// A stiffness matrix is a sum of these whatever the element: one for each quadrature point of an isoparametric
-/// element, one for each smoothing domain of a smoothed one.
+/// A stiffness matrix is a sum of these, one for each smoothing domain.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Strain {
     /// Volume times Lamé's first parameter, J.

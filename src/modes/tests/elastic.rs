@@ -2,7 +2,6 @@ use crate::Modal;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_model::modal::ModalSource;
-use m4gn_model::modal::ModeCount;
 use m4gn_model::{ModalOperator, SegmentSpec};
 use m4gn_samples::mesh as sample;
 use m4gn_structure as segments;
@@ -47,14 +46,10 @@ fn repeated_frequencies_come_whole_and_each_solved_component_is_a_feature() {
         let modes = Modal::default().of_mesh(&mesh, true, count, &comm);
         modes.map(|m| m.eigenvalues)
     };
-    let values = of(ModeCount::Fixed(2)).unwrap();
+    let values = of(2).unwrap();
     assert_eq!(values, [1.0, 1.0, 4.0, 4.0, 4.0 + 1e-9, 4.0 + 1e-9]);
-    assert!(of(ModeCount::Fixed(0)).unwrap().is_empty());
-    // 1, 1/4, 1/4, 1/9: the first holds 62 % of it
-    let energy = |share| ModeCount::Energy { share, most: 4 };
-    assert_eq!(of(energy(0.6)).unwrap().len(), 2);
-    assert_eq!(of(energy(0.7)).unwrap().len(), 6);
-    let message = of(ModeCount::Fixed(5)).unwrap_err().to_string();
+    assert!(of(0).unwrap().is_empty());
+    let message = of(5).unwrap_err().to_string();
     assert!(message.contains("5 elastic modes: the mesh has 4"), "{message}");
 }
 

@@ -108,26 +108,3 @@ fn two_cells_have_one_mode() {
     assert!((m.vectors[0][0] - m.vectors[0][1]).abs() < 1e-12 && (m.vectors[0][0].abs() - 1.0).abs() < 1e-12);
     assert!(matches!(modes(&sample::chain(2, 1.0), 2), Err(Error::Input(_))));
 }
-
-#[test]
-fn the_energy_chooses_the_number_of_modes() {
-    let comm = Comm::serial();
-    let energy = |mesh: &Mesh, share, most| {
-        let options = ModalOptions { count: ModeCount::Energy { share, most }, ..Default::default() };
-        laplacian_modes(mesh, &comm, &options).map(|m| m.eigenvalues.len())
-    };
-    // A chain's 1 / lambda goes as 1, 1/4, 1/9, 1/16 (up to 0.1 % here): 0.702, 0.878, 0.956, 1 of the sum.
-    for n in [60, 300] {
-        let chain = sample::chain(n, 1.0);
-        let counts = [0.5, 0.75, 0.9, 0.99, 1.0].map(|share| energy(&chain, share, 4).unwrap());
-        assert_eq!(counts, [1, 2, 3, 4, 4]);
-        for (share, most) in [(0.0, 4), (1.1, 4), (f64::NAN, 4), (0.5, 0)] {
-            assert!(matches!(energy(&chain, share, most), Err(Error::Input(_))));
-        }
-    }
-    // A square's second and third are a pair: 1, 2/5, 2/5 of the first.
-    assert_eq!(energy(&sample::rectangle(20, 20, 1.0, 1.0), 0.6, 3).unwrap(), 3);
-    // More candidates than cells are cut; the constant of a ring holds nothing and is there nevertheless.
-    assert_eq!(energy(&sample::chain(3, 1.0), 1.0, 50).unwrap(), 2);
-    assert_eq!(energy(&sample::ring(128, 1.0), 0.4, 3).unwrap(), 3);
-}

@@ -128,7 +128,7 @@ impl Survey {
     ) -> Result<Survey> {
         let total = options.methods.len() * options.counts.len() + 1;
         progress(0, total, "modes")?;
-        let (modal, count) = (Modal(options.spec.modal()), options.spec.mode_count());
+        let (modal, count) = (Modal(options.spec.modal()), options.spec.modes);
         let elastic = comm.agree(options.spec.is_elastic(mesh))?;
         let (modes, modes_cost) = Cost::of(|| modal.of_mesh(mesh, elastic, count, comm))?;
         let mut survey =
