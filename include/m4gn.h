@@ -606,6 +606,10 @@ int32_t m4gn_segments_count(const m4gn_segments* segments);
 /* Segment of each of this rank's cells [n_cells], 0 to K-1. */
 int32_t m4gn_segments_cells(const m4gn_segments* segments, int32_t* cell_segment);
 
+/* Over all ranks: nodes (cells and boundary faces) of each segment [K], and edges from one segment to another [K*K];
+ * two segments that share n faces have n edges each way. */
+int32_t m4gn_segments_graph(const m4gn_segments* segments, double* sizes, double* adjacency);
+
 /* Modes: as many as spec says, more if the last eigenvalue is repeated. */
 int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
 
@@ -613,6 +617,24 @@ int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
  * scaled to sum V phi^2 = sum V. Of an elastic body the solved components of each of its modes follow each other,
  * each with the eigenvalue, 1/s^2. */
 int32_t m4gn_segments_mode(const m4gn_segments* segments, int32_t index, double* eigenvalue, double* cells);
+
+typedef struct m4gn_rank_report
+{
+    double cut;                 /* faces between segments of different ranks */
+    double imbalance;           /* largest load over its rank's share; 1: perfect */
+} m4gn_rank_report;
+
+/* Not collective; a function of its arguments alone. The rank of each segment, so that every rank has at least one,
+ * loads are balanced and few faces lie between ranks. n_segments < n_ranks is an error. */
+int32_t m4gn_segment_ranks(
+    int32_t n_segments,
+    const double* sizes,        /* [n_segments] nodes, or any other work */
+    const double* adjacency,    /* [n_segments*n_segments] as m4gn_segments_graph gives it */
+    int32_t n_ranks,
+    const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
+    const int32_t* fixed,       /* [n_segments] rank that a segment is bound to, -1: free; NULL: all free */
+    int32_t* segment_rank,      /* [n_segments] */
+    m4gn_rank_report* report);  /* may be NULL */
 
 /* ---- modes -------------------------------------------------------------------------------------- */
 

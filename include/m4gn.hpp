@@ -262,6 +262,15 @@ public:
         return cellSegment;
     }
 
+    // Nodes of each segment, and edges between them (K*K), over all ranks.
+    void graph(std::vector<double>& sizes, std::vector<double>& adjacency) const
+    {
+        const auto k = static_cast<std::size_t>(count());
+        sizes.resize(k);
+        adjacency.resize(k*k);
+        check(m4gn_segments_graph(segments_.get(), sizes.data(), adjacency.data()));
+    }
+
     int32_t nModes() const { return m4gn_segments_n_modes(segments_.get()); }
 
     // Eigenvalue of mode i (1/m^2), and its values in this rank's nCells cells.
@@ -272,6 +281,35 @@ public:
         check(m4gn_segments_mode(segments_.get(), i, &eigenvalue, cells.data()));
         cells.pop_back();
         return eigenvalue;
+    }
+
+    // The rank of each segment. rankWeights may be empty: equal; so may fixed: all free.
+    static std::vector<int32_t> ranks
+    (
+        const std::vector<double>& sizes,
+        const std::vector<double>& adjacency,
+        int32_t nRanks,
+        const std::vector<double>& rankWeights = {},
+        const std::vector<int32_t>& fixed = {},
+        m4gn_rank_report* report = nullptr
+    )
+    {
+        std::vector<int32_t> rank(sizes.size());
+        check
+        (
+            m4gn_segment_ranks
+            (
+                static_cast<int32_t>(sizes.size()),
+                sizes.data(),
+                adjacency.data(),
+                nRanks,
+                rankWeights.empty() ? nullptr : rankWeights.data(),
+                fixed.empty() ? nullptr : fixed.data(),
+                rank.data(),
+                report
+            )
+        );
+        return rank;
     }
 
 private:

@@ -1,4 +1,4 @@
-//! Exports: segments of a mesh without a model.
+//! Exports: segments of a mesh without a model, and their way to ranks.
 
 use super::door;
 use super::model::ModelHandle;
@@ -11,11 +11,20 @@ use m4gn_model::{SegmentEntries, SegmentSpec, settings};
 use m4gn_modes::Modal;
 use m4gn_structure as segments;
 use m4gn_structure::Record;
-use m4gn_structure::Segmentation;
 use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, ranks};
 use serde::{Deserialize, Serialize};
 use std::ffi::CString;
 use std::ffi::c_char;
+
+/// `m4gn_rank_report`
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)]
+pub struct RankReport {
+    pub cut: f64,
+    pub imbalance: f64,
+}
 
 /// `m4gn_segments`
 pub struct SegmentsHandle {
@@ -192,6 +201,23 @@ exports! {
         Ok(0)
     }
 
+    /// Sizes and adjacency of the segments.
+    fn m4gn_segments_graph(
+        segments: *const SegmentsHandle,
+        sizes: *mut f64,
+        adjacency: *mut f64,
+    ) -> i32, or |s| s; {
+        // SAFETY: segments of ours and the host's arrays of K and K x K, or null.
+        let (found, sizes, adjacency) = unsafe {
+            let found = &raw::reference("segments", segments)?.segmentation;
+            let k = found.count;
+            (found, raw::slice_mut("sizes", sizes, k)?, raw::slice_mut("adjacency", adjacency, k * k)?)
+        };
+        sizes.copy_from_slice(&found.sizes);
+        adjacency.copy_from_slice(&found.adjacency);
+        Ok(0)
+    }
+
     /// Number of modes; -1 for null.
     fn m4gn_segments_n_modes(segments: *const SegmentsHandle) -> i32, or no_count; {
         // SAFETY: segments of ours, or null.
@@ -216,6 +242,47 @@ exports! {
         })?;
         *value = modes.eigenvalues[at];
         cells.copy_from_slice(&modes.vectors[at]);
+        Ok(0)
+    }
+
+    /// The rank of each segment.
+    fn m4gn_segment_ranks(
+        n_segments: i32,
+        sizes: *const f64,
+        adjacency: *const f64,
+        n_ranks: i32,
+        rank_weights: *const f64,
+        fixed: *const i32,
+        segment_rank: *mut i32,
+        report: *mut RankReport,
+    ) -> i32, or |s| s; {
+        let (k, np) = (raw::count("n_segments", n_segments)?, raw::count("n_ranks", n_ranks)?);
+        // SAFETY: the host's arrays, of the lengths that the header gives.
+        let (sizes, adjacency, weights, fixed, out) = unsafe {
+            (
+                raw::slice("sizes", sizes, k)?,
+                raw::slice("adjacency", adjacency, k * k)?,
+                match rank_weights.is_null() {
+                    true => vec![1.0; np],
+                    false => raw::slice("rank_weights", rank_weights, np)?.to_vec(),
+                },
+                match fixed.is_null() {
+                    true => vec![-1; k],
+                    false => raw::slice("fixed", fixed, k)?.to_vec(),
+                },
+                raw::slice_mut("segment_rank", segment_rank, k)?,
+            )
+        };
+        let assigned = ranks::assign_with(sizes, adjacency, &weights, &fixed)?;
+        if !report.is_null() {
+            let found = ranks::report(sizes, adjacency, &weights, &assigned)?;
+            // SAFETY: the host's struct, not null.
+            *unsafe { raw::reference_mut("report", report)? } = RankReport {
+                cut: found.cut,
+                imbalance: found.imbalance,
+            };
+        }
+        out.copy_from_slice(&assigned);
         Ok(0)
     }
 }

@@ -13,7 +13,7 @@ fn layouts_are_those_of_the_header() {
     assert_eq!((offset_of!(MeshData, n_boundary), offset_of!(MeshData, patch_names)), (80, 200));
     assert_eq!((size_of::<FieldData>(), size_of::<FieldOut>(), offset_of!(FieldData, cells)), (32, 24, 16));
     assert_eq!((size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)), (48, 12));
-    assert_eq!(size_of::<RecorderField>(), 40);
+    assert_eq!((size_of::<RecorderField>(), size_of::<RankReport>()), (40, 16));
     assert_eq!((size_of::<SolidData>(), offset_of!(SolidData, fixed_components)), (144, 128));
 }
 

@@ -14,6 +14,7 @@ mod overlap;
 mod partition;
 mod parts;
 mod quality;
+pub mod ranks;
 mod record;
 mod slic;
 mod structure;

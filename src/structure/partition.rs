@@ -10,7 +10,7 @@ use std::sync::Mutex;
 const SEED: i32 = 1;
 
 /// METIS draws from C's rand, which threads share: together they would spoil each other's sequence.
-static METIS_TURN: Mutex<()> = Mutex::new(());
+pub(super) static METIS_TURN: Mutex<()> = Mutex::new(());
 
 /// The part (0 to count - 1, none empty) of each cell.
 ///

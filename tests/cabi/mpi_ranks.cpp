@@ -3,6 +3,7 @@
 
 #include "mesh.hpp"
 
+#include <algorithm>
 #include <mpi.h>
 
 namespace
@@ -116,6 +117,36 @@ std::string options(const std::string& segments, bool withModes)
     return "{\"segments\": " + segments + ", \"with_modes\": " + (withModes ? "true}" : "false}");
 }
 
+void toRanks(int32_t comm, const Channel& part)
+{
+    const m4gn::Segments found(comm, part.data, options("{\"count\": 12, \"modes\": 4}", false));
+    std::vector<double> sizes, adjacency;
+    found.graph(sizes, adjacency);
+    double nodes = 0;
+    for (double s : sizes)
+    {
+        nodes += s;
+    }
+    // 24 x 8 cells and 64 faces around them
+    REQUIRE(nodes == 24*8 + 64);
+
+    m4gn_rank_report report;
+    const auto rank = m4gn::Segments::ranks(sizes, adjacency, 3, {}, {}, &report);
+    for (int r = 0; r < 3; ++r)
+    {
+        REQUIRE(std::count(rank.begin(), rank.end(), r) > 0);
+    }
+    REQUIRE(report.imbalance >= 1 && report.imbalance < 1.4 && report.cut > 0);
+
+    std::vector<int32_t> fixed(12, -1);
+    fixed[3] = 2;
+    REQUIRE(m4gn::Segments::ranks(sizes, adjacency, 3, {2, 1, 1}, fixed)[3] == 2);
+
+    std::string message;
+    REQUIRE(failure(message, [&] { m4gn::Segments::ranks(sizes, adjacency, 13); }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "raise segments"));
+}
+
 void wrongSegments(int rank, int size, int32_t comm, const Channel& part)
 {
     std::string message;
@@ -195,6 +226,7 @@ int main(int argc, char** argv)
     wrongMatrices(rank, size, comm);
     {
         const Channel part(24, 8, rank, size);
+        toRanks(comm, part);
         wrongSegments(rank, size, comm, part);
     }
     wrongFields(rank, size, comm);

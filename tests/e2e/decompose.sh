@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Segments, modes and ranks: the same segments and eigenvalues for any decomposition.
+# Segments, modes and ranks: the same segments and eigenvalues for any decomposition, every segment on one rank with
+# method m4gn, and constraints that hold.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
@@ -9,7 +10,7 @@ decompose_by() {
     shift 2
     echo "FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }
         numberOfSubdomains $np; method $method; $*" > system/decomposeParDict
-    runs decomposePar -force
+    runs decomposePar -force -cellDist
 }
 
 # Every cell somewhere else than its neighbours
@@ -22,6 +23,9 @@ scatter() {
 }
 
 eigenvalues() { sed -n 's/^m4gn: eigenvalue .* = \(.*\) 1\/m^2/\1/p' log.run; }
+
+# Number of segments with cells in more than one processor folder
+straddling() { for p in processor*; do labels "$p/0/m4gnSegment"; done | sort | uniq -d | wc -l; }
 
 # The serial answer, kept in ../serial
 reference() {
@@ -66,6 +70,30 @@ all_decompositions() {
     scatter "$cells" 3
     decompose_by 3 manual 'manualCoeffs { dataFile scattered; }'
     same_answer 3 "$1, manual (scattered), 3 ranks"
+
+    # Side by side with hierarchical; the segments are stored now
+    local table=()
+    for np in 2 3 4; do
+        for method in hierarchical m4gn; do
+            cp ../serial/m4gnSegment 0
+            if [ $np -eq 4 ]; then n='(2 2 1)'; else n="($np 1 1)"; fi
+            decompose_by $np $method "hierarchicalCoeffs { n $n; order xyz; } m4gnCoeffs { count $2; }"
+            [ $method = hierarchical ] || grep -q 'segments read from 0/m4gnSegment' log.run || { tail -n 30 log.run; fail "stored segments were not taken"; }
+            table+=("$(printf '%-9s %2d  %-12s  %4d of %d  %6d  %8s %%' "$1" $np $method "$(straddling)" "$2" \
+                "$(sed -n 's/^Number of processor faces = //p' log.run)" \
+                "$(sed -n 's/^Max number of cells = .*(\(.*\)% above.*/\1/p' log.run | cut -c1-5)")")
+            if [ $method = m4gn ]; then
+                [ "$(straddling)" -eq 0 ] || fail "$1, $np ranks: segments on several ranks"
+                same_answer $np "$1, m4gn, $np ranks"
+            fi
+        done
+    done
+    # Segments that the method itself computes
+    rm -f 0/m4gn*
+    decompose_by 3 m4gn "m4gnCoeffs { count $2; }"
+    cmp <(values ../serial/m4gnSegment) <(values 0/m4gnSegment) || fail "decomposePar stored other segments"
+    [ "$(straddling)" -eq 0 ] || fail "segments on several ranks"
+    printf '%s\n' 'case     NP  method        straddling  faces    largest' "${table[@]}"
 }
 
 make_case cylinder

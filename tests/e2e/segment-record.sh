@@ -51,13 +51,20 @@ runs icoFoam
 reads "stored keep"
 [ "$(table)" != "$own" ] || fail "the test does not see which segments are used"
 
-# Read by two ranks
+# By decomposePar with nothing said
 again
 surrogate
-runs icoFoam
+cp system/decomposeParDict ..
+echo "$(header x) numberOfSubdomains 2; method m4gn;" > system/decomposeParDict
 runs decomposePar -force
+cp ../decomposeParDict system
+[ -f 0/m4gnSegmentDict ] || fail "decomposePar stored no record"
 runs mpirun -np 2 icoFoam -parallel
-reads "two ranks"
+grep -q 'segments stored in .* are not taken' log.run || { cat log.run; fail "segments of decomposePar were taken"; }
+paste <(echo "$own") <(table) | awk '{ for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' ||
+    { echo "$own"; table; fail "after decomposePar: other errors"; }
+runs mpirun -np 2 icoFoam -parallel
+reads "two ranks, a second time"
 
 # Nothing that says how they were made
 again
@@ -68,7 +75,7 @@ rm -rf postProcessing
 runs icoFoam
 anew 'nothing is stored with them'
 
-# A finer mesh: the run does not end; modes of the old mesh go
+# A finer mesh: neither the run nor decomposePar with the method m4gn ends; modes of the old mesh go
 again
 runs m4gn segment .
 [ -f 0/m4gnMode1 ] || fail "no modes were written"
@@ -82,10 +89,14 @@ grep -q 'are not taken: they are of another mesh: [0-9]* values for [0-9]* cells
 [ ! -e 0/m4gnMode1 ] || fail "modes of another mesh were left"
 runs icoFoam
 reads "finer mesh"
+rm -rf 0 && cp -r ../stale 0
+echo "$(header x) numberOfSubdomains 2; method m4gn;" > system/decomposeParDict
+runs decomposePar -force
 surrogate 'segments { stored keep; }'
 rm -rf 0 && cp -r ../stale 0
 refused 'they are of another mesh' icoFoam
-# decomposePar reads all fields of cells and ends. It names the file, and the file has the remedy.
+# With another method OpenFOAM reads all fields of cells and ends. It names the file, and the file has the remedy.
+cp ../decomposeParDict system
 while [ -n "$(find 0 -name m4gnSegment -o -name 'm4gnMode*')" ]; do
     refused 'file: .*/0/m4gn' decomposePar -force
     stale=$(sed -n 's/^file: .*\/0\/\(m4gn[A-Za-z0-9]*\) .*/\1/p' log.run)

@@ -120,13 +120,15 @@ span 0.004 startTime
 runs icoFoam
 reads 0/m4gnSegment
 decompose_dict() {
-    echo "FoamFile { version 2.0; format ascii; class dictionary; object x; } numberOfSubdomains $1; method simple; \
-        coeffs { n ($1 1 1); }" > system/decomposeParDict
+    echo "FoamFile { version 2.0; format ascii; class dictionary; object x; } numberOfSubdomains $1; method m4gn;" \
+        > system/decomposeParDict
 }
 decompose_dict 2
 runs decomposePar -force -time 0
 decompose_dict 3
 runs mpirun -np 3 redistributePar -parallel -overwrite
 reads 0/m4gnSegment
+for p in processor*; do labels "$p/0/m4gnSegment"; done > ../found
+[ "$(wc -l < ../found)" -eq "$(values 0/m4gnSegment | sort -u | wc -l)" ] || fail "redistributePar tore segments"
 echo "renumberMesh, redistributePar: kept"
 echo "stored-segments: passed"

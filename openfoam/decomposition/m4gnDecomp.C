@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnDecomp.H"
+#include "addToRunTimeSelectionTable.H"
+#include "fvMesh.H"
+#include "m4gnCore.H"
+#include "m4gnDictionary.H"
+#include "m4gnSegmentField.H"
+#include "m4gnSegmentGraph.H"
+#include "m4gnSegmentation.H"
+
+namespace Foam
+{
+    defineTypeNameAndDebug(m4gnDecomp, 0);
+    addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionary);
+    #ifdef M4GN_DECOMPOSITION_REGION_TABLE
+    addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionaryRegion);
+    #endif
+}
+
+void Foam::m4gnDecomp::read()
+{
+    m4gnSegmentation::checkDictionary(segmentEntries());
+
+    const scalarList weights(coeffs_.getOrDefault<scalarList>("processorWeights", scalarList()));
+
+    if (weights.size() && weights.size() != nDomains_)
+    {
+        FatalIOErrorInFunction(coeffs_)
+            << "processorWeights has " << weights.size() << " entries, and"
+            << " there are " << nDomains_ << " subdomains"
+            << exit(FatalIOError);
+    }
+
+    for (const scalar weight : weights)
+    {
+        if (!(weight > 0 && weight < GREAT))
+        {
+            FatalIOErrorInFunction(coeffs_)
+                << "processorWeights has the entry " << weight
+                << "; expected positive numbers"
+                << exit(FatalIOError);
+        }
+    }
+
+    weights_.assign(weights.begin(), weights.end());
+}
+
+Foam::dictionary Foam::m4gnDecomp::segmentEntries() const
+{
+    // A dictionary "coeffs" may have entries of other methods
+    return m4gn::without
+    (
+        coeffs_,
+        {
+            "processorWeights", "n", "delta", "order", "transform",
+            "dataFile", "strategy", "domains", "cellWeightsFile", "writeGraph"
+        }
+    );
+}
+
+const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
+{
+    const auto* fv = dynamic_cast<const fvMesh*>(&mesh);
+
+    if (!fv)
+    {
+        FatalErrorInFunction
+            << "Method " << type() << " needs a finite-volume mesh; "
+            << mesh.name() << " is none." << nl
+            << "    Use hierarchical or simple here." << exit(FatalError);
+    }
+
+    return *fv;
+}
+
+Foam::word Foam::m4gnDecomp::constraintNames() const
+{
+    wordList names;
+    for (const decompositionConstraint& constraint : constraints_)
+    {
+        names.append(constraint.type());
+    }
+    return m4gn::join(names);
+}
+
+void Foam::m4gnDecomp::checkConstraints
+(
+    const polyMesh& mesh,
+    const boolList& blockedFace,
+    const PtrList<labelList>& specifiedProcessorFaces,
+    const labelList& specifiedProcessor,
+    const List<labelPair>& explicitConnections,
+    const labelList& decomposition
+) const
+{
+    for (const decompositionConstraint& constraint : constraints_)
+    {
+        labelList applied(decomposition);
+        constraint.apply
+        (
+            mesh,
+            blockedFace,
+            specifiedProcessorFaces,
+            specifiedProcessor,
+            explicitConnections,
+            applied
+        );
+
+        if (returnReduce(applied != decomposition, orOp<bool>()))
+        {
+            FatalErrorInFunction
+                << "The constraint " << constraint.type()
+                << " would move single cells, and tear segments" << nl
+                << "    Remove the constraint, or use another method:"
+                << " surrogates work with any decomposition."
+                << exit(FatalError);
+        }
+    }
+}
+
+Foam::labelList Foam::m4gnDecomp::distribute
+(
+    const labelList& segments,
+    const m4gnSegmentGraph& graph
+) const
+{
+    const label nGroups = graph.nGroups();
+
+    if (nGroups < nDomains_)
+    {
+        FatalErrorInFunction
+            << "Method " << type() << ": " << graph.nSegments()
+            << " segments";
+
+        if (nGroups < graph.nSegments())
+        {
+            FatalError
+                << ", which the constraints (" << constraintNames()
+                << ") hold together in " << nGroups << " groups";
+        }
+
+        FatalError
+            << ", for " << nDomains_ << " subdomains: each needs at least"
+            << " one." << nl
+            << "    Raise count in " << typeName << "Coeffs (and"
+            << " remove " << m4gn::segmentName << " if it is stored),"
+            << " use fewer subdomains";
+
+        if (nGroups < graph.nSegments())
+        {
+            FatalError<< ", or remove constraints";
+        }
+
+        FatalError<< '.' << exit(FatalError);
+    }
+
+    const std::vector<int32_t> fixed(graph.fixed());
+    for (const int32_t rank : fixed)
+    {
+        if (rank >= nDomains_)
+        {
+            FatalErrorInFunction
+                << "The constraints (" << constraintNames()
+                << ") send cells to processor " << label(rank)
+                << "; expected 0 to " << nDomains_ - 1 << exit(FatalError);
+        }
+    }
+
+    std::vector<int32_t> ranks(nGroups);
+    m4gn_rank_report report;
+    m4gn::check
+    (
+        m4gn_segment_ranks
+        (
+            nGroups,
+            graph.sizes().data(),
+            graph.adjacency().data(),
+            nDomains_,
+            weights_.empty() ? nullptr : weights_.data(),
+            fixed.data(),
+            ranks.data(),
+            &report
+        ),
+        "Method m4gn cannot give the segments to ranks"
+    );
+
+    Info<< "m4gn: " << graph.nSegments() << " segments";
+    if (nGroups < graph.nSegments())
+    {
+        Info<< " in " << nGroups << " groups (" << constraintNames() << ')';
+    }
+    Info<< " on " << nDomains_ << " processors: " << report.cut
+        << " faces between processors, largest load " << report.imbalance
+        << " of its share" << endl;
+
+    labelList decomposition(segments.size());
+    forAll(segments, celli)
+    {
+        decomposition[celli] = ranks[graph.group()[segments[celli]]];
+    }
+    return decomposition;
+}
+
+#ifdef M4GN_DECOMPOSITION_REGION_TABLE
+Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict)
+:
+    decompositionMethod(decompDict),
+    coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
+{
+    read();
+}
+#endif
+
+Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict, const word& regionName)
+:
+    decompositionMethod(decompDict, regionName),
+    coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
+{
+    read();
+}
+
+Foam::labelList Foam::m4gnDecomp::decompose
+(
+    const polyMesh& mesh,
+    const pointField& points,
+    const scalarField& pointWeights
+) const
+{
+    if
+    (
+        returnReduce
+        (
+            points.size() != mesh.nCells()
+         || (pointWeights.size() && pointWeights.size() != mesh.nCells()),
+            orOp<bool>()
+        )
+    )
+    {
+        FatalErrorInFunction
+            << "Method " << type() << " decomposes cells, and there are "
+            << points.size() << " points for " << mesh.nCells() << " cells."
+            << nl << "    Use hierarchical or simple here."
+            << exit(FatalError);
+    }
+
+    const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
+    const labelList segments(segmentation.cells());
+
+    const labelList decomposition
+    (
+        distribute(segments, m4gnSegmentGraph(mesh, segments, pointWeights))
+    );
+
+    segmentation.store(mesh.time().timeName());
+
+    return decomposition;
+}
+
+Foam::labelList Foam::m4gnDecomp::withoutMesh() const
+{
+    FatalErrorInFunction
+        << "Method " << type() << " needs a mesh; it cannot decompose a"
+        << " graph of agglomerated cells." << nl
+        << "    Use hierarchical or simple here." << exit(FatalError);
+
+    return labelList();
+}
+
+Foam::labelList Foam::m4gnDecomp::decompose
+(
+    const polyMesh& mesh,
+    const scalarField& cellWeights,
+    const boolList& blockedFace,
+    const PtrList<labelList>& specifiedProcessorFaces,
+    const labelList& specifiedProcessor,
+    const List<labelPair>& explicitConnections
+) const
+{
+    const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
+    const labelList segments(segmentation.cells());
+
+    const labelList decomposition
+    (
+        distribute
+        (
+            segments,
+            m4gnSegmentGraph
+            (
+                mesh,
+                segments,
+                cellWeights,
+                blockedFace,
+                specifiedProcessorFaces,
+                specifiedProcessor,
+                explicitConnections
+            )
+        )
+    );
+
+    checkConstraints
+    (
+        mesh,
+        blockedFace,
+        specifiedProcessorFaces,
+        specifiedProcessor,
+        explicitConnections,
+        decomposition
+    );
+
+    segmentation.store(mesh.time().timeName());
+
+    return decomposition;
+}
