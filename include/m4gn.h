@@ -632,7 +632,6 @@ int32_t m4gn_segment_ranks(
     const double* adjacency,    /* [n_segments*n_segments] as m4gn_segments_graph gives it */
     int32_t n_ranks,
     const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
-    const int32_t* fixed,       /* [n_segments] rank that a segment is bound to, -1: free; NULL: all free */
     int32_t* segment_rank,      /* [n_segments] */
     m4gn_rank_report* report);  /* may be NULL */
 

@@ -283,14 +283,13 @@ public:
         return eigenvalue;
     }
 
-    // The rank of each segment. rankWeights may be empty: equal; so may fixed: all free.
+    // The rank of each segment. rankWeights may be empty: equal.
     static std::vector<int32_t> ranks
     (
         const std::vector<double>& sizes,
         const std::vector<double>& adjacency,
         int32_t nRanks,
         const std::vector<double>& rankWeights = {},
-        const std::vector<int32_t>& fixed = {},
         m4gn_rank_report* report = nullptr
     )
     {
@@ -304,7 +303,6 @@ public:
                 adjacency.data(),
                 nRanks,
                 rankWeights.empty() ? nullptr : rankWeights.data(),
-                fixed.empty() ? nullptr : fixed.data(),
                 rank.data(),
                 report
             )

@@ -74,130 +74,50 @@ const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
     return *fv;
 }
 
-Foam::word Foam::m4gnDecomp::constraintNames() const
-{
-    wordList names;
-    for (const decompositionConstraint& constraint : constraints_)
-    {
-        names.append(constraint.type());
-    }
-    return m4gn::join(names);
-}
-
-void Foam::m4gnDecomp::checkConstraints
-(
-    const polyMesh& mesh,
-    const boolList& blockedFace,
-    const PtrList<labelList>& specifiedProcessorFaces,
-    const labelList& specifiedProcessor,
-    const List<labelPair>& explicitConnections,
-    const labelList& decomposition
-) const
-{
-    for (const decompositionConstraint& constraint : constraints_)
-    {
-        labelList applied(decomposition);
-        constraint.apply
-        (
-            mesh,
-            blockedFace,
-            specifiedProcessorFaces,
-            specifiedProcessor,
-            explicitConnections,
-            applied
-        );
-
-        if (returnReduce(applied != decomposition, orOp<bool>()))
-        {
-            FatalErrorInFunction
-                << "The constraint " << constraint.type()
-                << " would move single cells, and tear segments" << nl
-                << "    Remove the constraint, or use another method:"
-                << " surrogates work with any decomposition."
-                << exit(FatalError);
-        }
-    }
-}
-
 Foam::labelList Foam::m4gnDecomp::distribute
 (
     const labelList& segments,
     const m4gnSegmentGraph& graph
 ) const
 {
-    const label nGroups = graph.nGroups();
+    const label nSegments = graph.sizes().size();
 
-    if (nGroups < nDomains_)
+    if (nSegments < nDomains_)
     {
         FatalErrorInFunction
-            << "Method " << type() << ": " << graph.nSegments()
-            << " segments";
-
-        if (nGroups < graph.nSegments())
-        {
-            FatalError
-                << ", which the constraints (" << constraintNames()
-                << ") hold together in " << nGroups << " groups";
-        }
-
-        FatalError
-            << ", for " << nDomains_ << " subdomains: each needs at least"
-            << " one." << nl
+            << "Method " << type() << ": " << nSegments << " segments for "
+            << nDomains_ << " subdomains: each needs at least one." << nl
             << "    Raise count in " << typeName << "Coeffs (and"
             << " remove " << m4gn::segmentName << " if it is stored),"
-            << " use fewer subdomains";
-
-        if (nGroups < graph.nSegments())
-        {
-            FatalError<< ", or remove constraints";
-        }
-
-        FatalError<< '.' << exit(FatalError);
+            << " or use fewer subdomains." << exit(FatalError);
     }
 
-    const std::vector<int32_t> fixed(graph.fixed());
-    for (const int32_t rank : fixed)
-    {
-        if (rank >= nDomains_)
-        {
-            FatalErrorInFunction
-                << "The constraints (" << constraintNames()
-                << ") send cells to processor " << label(rank)
-                << "; expected 0 to " << nDomains_ - 1 << exit(FatalError);
-        }
-    }
-
-    std::vector<int32_t> ranks(nGroups);
+    std::vector<int32_t> ranks(nSegments);
     m4gn_rank_report report;
     m4gn::check
     (
         m4gn_segment_ranks
         (
-            nGroups,
+            nSegments,
             graph.sizes().data(),
             graph.adjacency().data(),
             nDomains_,
             weights_.empty() ? nullptr : weights_.data(),
-            fixed.data(),
             ranks.data(),
             &report
         ),
         "Method m4gn cannot give the segments to ranks"
     );
 
-    Info<< "m4gn: " << graph.nSegments() << " segments";
-    if (nGroups < graph.nSegments())
-    {
-        Info<< " in " << nGroups << " groups (" << constraintNames() << ')';
-    }
-    Info<< " on " << nDomains_ << " processors: " << report.cut
+    Info<< "m4gn: " << nSegments << " segments on " << nDomains_
+        << " processors: " << report.cut
         << " faces between processors, largest load " << report.imbalance
         << " of its share" << endl;
 
     labelList decomposition(segments.size());
     forAll(segments, celli)
     {
-        decomposition[celli] = ranks[graph.group()[segments[celli]]];
+        decomposition[celli] = ranks[segments[celli]];
     }
     return decomposition;
 }
@@ -271,44 +191,13 @@ Foam::labelList Foam::m4gnDecomp::decompose
 (
     const polyMesh& mesh,
     const scalarField& cellWeights,
-    const boolList& blockedFace,
-    const PtrList<labelList>& specifiedProcessorFaces,
-    const labelList& specifiedProcessor,
-    const List<labelPair>& explicitConnections
+    const boolList&,
+    const PtrList<labelList>&,
+    const labelList&,
+    const List<labelPair>&
 ) const
 {
-    const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
-    const labelList segments(segmentation.cells());
-
-    const labelList decomposition
-    (
-        distribute
-        (
-            segments,
-            m4gnSegmentGraph
-            (
-                mesh,
-                segments,
-                cellWeights,
-                blockedFace,
-                specifiedProcessorFaces,
-                specifiedProcessor,
-                explicitConnections
-            )
-        )
-    );
-
-    checkConstraints
-    (
-        mesh,
-        blockedFace,
-        specifiedProcessorFaces,
-        specifiedProcessor,
-        explicitConnections,
-        decomposition
-    );
-
-    segmentation.store(mesh.time().timeName());
-
-    return decomposition;
+    // The caller applies the constraints, which may move cells out of their
+    // segment
+    return decompose(mesh, mesh.cellCentres(), cellWeights);
 }

@@ -252,13 +252,12 @@ exports! {
         adjacency: *const f64,
         n_ranks: i32,
         rank_weights: *const f64,
-        fixed: *const i32,
         segment_rank: *mut i32,
         report: *mut RankReport,
     ) -> i32, or |s| s; {
         let (k, np) = (raw::count("n_segments", n_segments)?, raw::count("n_ranks", n_ranks)?);
         // SAFETY: the host's arrays, of the lengths that the header gives.
-        let (sizes, adjacency, weights, fixed, out) = unsafe {
+        let (sizes, adjacency, weights, out) = unsafe {
             (
                 raw::slice("sizes", sizes, k)?,
                 raw::slice("adjacency", adjacency, k * k)?,
@@ -266,14 +265,10 @@ exports! {
                     true => vec![1.0; np],
                     false => raw::slice("rank_weights", rank_weights, np)?.to_vec(),
                 },
-                match fixed.is_null() {
-                    true => vec![-1; k],
-                    false => raw::slice("fixed", fixed, k)?.to_vec(),
-                },
                 raw::slice_mut("segment_rank", segment_rank, k)?,
             )
         };
-        let assigned = ranks::assign_with(sizes, adjacency, &weights, &fixed)?;
+        let assigned = ranks::assign(sizes, adjacency, &weights)?;
         if !report.is_null() {
             let found = ranks::report(sizes, adjacency, &weights, &assigned)?;
             // SAFETY: the host's struct, not null.

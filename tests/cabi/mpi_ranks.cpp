@@ -131,16 +131,12 @@ void toRanks(int32_t comm, const Channel& part)
     REQUIRE(nodes == 24*8 + 64);
 
     m4gn_rank_report report;
-    const auto rank = m4gn::Segments::ranks(sizes, adjacency, 3, {}, {}, &report);
+    const auto rank = m4gn::Segments::ranks(sizes, adjacency, 3, {}, &report);
     for (int r = 0; r < 3; ++r)
     {
         REQUIRE(std::count(rank.begin(), rank.end(), r) > 0);
     }
     REQUIRE(report.imbalance >= 1 && report.imbalance < 1.4 && report.cut > 0);
-
-    std::vector<int32_t> fixed(12, -1);
-    fixed[3] = 2;
-    REQUIRE(m4gn::Segments::ranks(sizes, adjacency, 3, {2, 1, 1}, fixed)[3] == 2);
 
     std::string message;
     REQUIRE(failure(message, [&] { m4gn::Segments::ranks(sizes, adjacency, 13); }) == M4GN_ERROR_INPUT);

@@ -16,8 +16,6 @@ const LARGEST_SUM: f64 = (1 << 30) as f64;
 /// The undirected graph of segments in compressed rows, and each rank's share of the nodes.
 pub(super) struct SegmentGraph<'a> {
     pub sizes: &'a [f64],
-    /// Rank that a segment is bound to, -1 for none.
-    pub fixed: &'a [i32],
     /// Nodes that each rank should have.
     pub shares: Vec<f64>,
     row: Vec<usize>,
@@ -34,7 +32,6 @@ impl<'a> SegmentGraph<'a> {
         let weights: f64 = rank_weights.iter().sum();
         let mut graph = SegmentGraph {
             sizes,
-            fixed: &[],
             shares: rank_weights.iter().map(|w| total * w / weights).collect(),
             row: Vec::with_capacity(k + 1),
             column: Vec::new(),
@@ -132,45 +129,6 @@ impl<'a> SegmentGraph<'a> {
         ranks
     }
 
-    pub fn is_free(&self, segment: usize) -> bool {
-        self.fixed[segment] < 0
-    }
-
-    /// Renames the ranks so that bound segments are mostly where they belong, and moves the others there.
-    pub fn respect_fixed(&self, ranks: &mut [i32]) {
-        let np = self.shares.len();
-        let bound: Vec<usize> = (0..ranks.len()).filter(|&s| !self.is_free(s)).collect();
-        if bound.is_empty() {
-            return;
-        }
-        // Nodes that part `from` has of what belongs to rank `to`; only parts of the same share are exchanged.
-        let mut overlap: Vec<(f64, usize, usize)> = Vec::new();
-        for &s in &bound {
-            let (from, to) = (ranks[s] as usize, self.fixed[s] as usize);
-            match overlap.iter_mut().find(|o| (o.1, o.2) == (from, to)) {
-                Some(o) => o.0 += self.sizes[s],
-                None => overlap.push((self.sizes[s], from, to)),
-            }
-        }
-        overlap.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-        let mut name: Vec<usize> = (0..np).collect();
-        let mut settled = vec![false; np];
-        for (_, from, to) in overlap {
-            let other = name.iter().position(|&n| n == to).unwrap_or(from);
-            let same_share = (self.shares[name[from]] - self.shares[to]).abs() <= 1e-9 * self.shares[to];
-            if !settled[from] && !settled[other] && same_share {
-                name.swap(from, other);
-                settled[from] = true;
-            }
-        }
-        for (s, rank) in ranks.iter_mut().enumerate() {
-            *rank = match self.is_free(s) {
-                true => name[*rank as usize] as i32,
-                false => self.fixed[s],
-            };
-        }
-    }
-
     /// Gives each rank without a segment one of a rank that has several, with the least new cut.
     pub fn fill_empty(&self, ranks: &mut [i32]) {
         let mut counts = vec![0usize; self.shares.len()];
@@ -184,7 +142,7 @@ impl<'a> SegmentGraph<'a> {
                 own.map(|(_, w)| w).sum()
             };
             let rich = |s: usize| counts[ranks[s] as usize];
-            let movable = (0..ranks.len()).filter(|&s| self.is_free(s) && rich(s) > 1);
+            let movable = (0..ranks.len()).filter(|&s| rich(s) > 1);
             let order = |a: &usize, b: &usize| {
                 let most = rich(*b).cmp(&rich(*a));
                 most.then(held(*a).total_cmp(&held(*b))).then(a.cmp(b))

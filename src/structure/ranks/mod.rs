@@ -41,24 +41,8 @@ const SMALL: usize = 512;
 /// [`Error::Input`] if there are fewer segments than ranks, if lengths do not fit, or if a number is not finite, a
 /// size or an edge count is negative, or a rank's weight is not positive.
 pub fn assign(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<Vec<i32>> {
-    assign_with(sizes, adjacency, rank_weights, &vec![-1; sizes.len()])
-}
-
-/// [`assign`] with some segments bound to a rank: `fixed` `[K]` gives it, -1 for a free segment.
-///
-/// # Errors
-/// As [`assign`]; [`Error::Input`] too if a rank of `fixed` is none, or if the free segments are too few for the ranks
-/// to which none is bound.
-pub fn assign_with(
-    sizes: &[f64],
-    adjacency: &[f64],
-    rank_weights: &[f64],
-    fixed: &[i32],
-) -> Result<Vec<i32>> {
-    let mut graph = SegmentGraph::new(sizes, adjacency, rank_weights)?;
+    let graph = SegmentGraph::new(sizes, adjacency, rank_weights)?;
     let (k, np) = (sizes.len(), rank_weights.len());
-    check_fixed(fixed, k, np)?;
-    graph.fixed = fixed;
     if np == 1 {
         return Ok(vec![0; k]);
     }
@@ -68,7 +52,6 @@ pub fn assign_with(
         candidates.extend(graph.metis()?);
     }
     for ranks in &mut candidates {
-        graph.respect_fixed(ranks);
         graph.fill_empty(ranks);
     }
     candidates.sort();
@@ -104,24 +87,6 @@ pub fn report(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64], ranks: &[i
         )));
     }
     Ok(graph.report(ranks))
-}
-
-fn check_fixed(fixed: &[i32], k: usize, np: usize) -> Result<()> {
-    if fixed.len() != k || fixed.iter().any(|&r| r < -1 || r >= np as i32) {
-        return Err(Error::Input(format!(
-            "segments bound to ranks: expected {k} numbers from -1 (free) to {}",
-            np - 1
-        )));
-    }
-    let free = fixed.iter().filter(|&&r| r < 0).count();
-    let without = (0..np as i32).filter(|r| !fixed.contains(r)).count();
-    if free < without {
-        return Err(Error::Input(format!(
-            "{without} of {np} ranks have no segment bound to them and only {free} segments are free: raise segments, \
-             or bind fewer of them"
-        )));
-    }
-    Ok(())
 }
 
 fn check(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<()> {

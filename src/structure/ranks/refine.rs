@@ -29,7 +29,7 @@ impl SegmentGraph<'_> {
         for _ in 0..SWEEPS {
             let mut changed = false;
             for segment in 0..self.sizes.len() {
-                changed |= self.is_free(segment) && state.improve(segment);
+                changed |= state.improve(segment);
             }
             if !changed {
                 return;
@@ -107,7 +107,7 @@ impl<'g, 'r> State<'g, 'r> {
                     best = (gain, Some((to, None)));
                 }
             }
-            for &other in self.members[to].iter().filter(|&&o| self.graph.is_free(o)) {
+            for &other in self.members[to].iter() {
                 let (back, taken) = self.moved(other, from);
                 // The edges between the two stay cut, though each by itself would have mended them.
                 let shared: f64 = self

@@ -81,23 +81,6 @@ fn a_grid_of_segments_is_balanced_and_its_cut_small() {
 }
 
 #[test]
-fn bound_segments_stay_where_they_are_bound() {
-    // Opposite ends of the ring, and a pair whose cheapest place would be with them.
-    let mut fixed = vec![-1; 12];
-    (fixed[0], fixed[1], fixed[6]) = (2, 2, 0);
-    let ranks = assign_with(&[10.0; 12], &ring(12, 5.0), &[1.0; 3], &fixed).unwrap();
-    assert_eq!((ranks[0], ranks[1], ranks[6]), (2, 2, 0));
-    let found = report(&[10.0; 12], &ring(12, 5.0), &[1.0; 3], &ranks).unwrap();
-    assert_eq!((found.loads, found.cut), (vec![40.0; 3], 15.0));
-    // All on one rank but one: the other rank has that one.
-    let fixed = [0, 0, 0, -1];
-    assert_eq!(assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &fixed).unwrap(), [0, 0, 0, 1]);
-    let refused = assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 3], &fixed).unwrap_err();
-    assert!(refused.to_string().contains("only 1 segments are free"), "{refused}");
-    assert!(assign_with(&[1.0; 4], &ring(4, 1.0), &[1.0; 2], &[0, 0, 2, -1]).is_err());
-}
-
-#[test]
 fn bad_input_is_said() {
     let message = |r: Result<Vec<i32>>| r.unwrap_err().to_string();
     assert!(message(assign(&[1.0; 3], &ring(3, 1.0), &[1.0; 4])).contains("raise segments to 4"));
