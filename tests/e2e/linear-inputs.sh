@@ -13,7 +13,7 @@ pulsating='uniformValue { type sine; frequency 2; amplitude 0.1; scale (1 0 0); 
 inlet "type uniformFixedValue; $pulsating"
 plain icoFoam 1.5 3
 
-linear='mode replace; surrogates (linear); linear { interval 0.04; longest 20; least 24; tolerance 0.1; enough 0.05; }'
+linear='mode replace; surrogates (linear); linear { interval 0.04; longest 20; least 24; tolerance 0.05; enough 0.05; }'
 function_object m4gnSurrogate "$linear"
 runs icoFoam
 replaces 0.1 'a pulsating inlet'
