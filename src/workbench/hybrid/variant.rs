@@ -162,9 +162,9 @@ mod tests {
         assert_eq!(alone.iter().map(|v| v.name.as_str()).collect::<Vec<_>>(), ["linear", "linear-loose"]);
         let loose = &schedule.plain.iter().find(|p| p.name == "loose").unwrap().set;
         assert!(loose.iter().all(|(name, value)| alone[1].kind.settings()[name] == *value));
-        assert!(
-            variants(&family, &schedule, false, &hybrid, &[]).unwrap_err().to_string().contains("--model")
-        );
+        // A variant is then the linear surrogate's.
+        let linear = variants(&family, &schedule, false, &hybrid, &["none".into()]).unwrap();
+        assert!(matches!(&linear[2].kind, Kind::Hybrid { surrogates: "linear", .. }), "{linear:?}");
         let coarse = [hybrid[0].clone() + ",cells=0.5"];
         let all = variants(&family, &schedule, true, &coarse, &["none".into()]).unwrap();
         assert_eq!(all[4].kind.settings()["cells"].to_string(), "0.5");
