@@ -4,7 +4,7 @@
 
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 const HOME: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -129,13 +129,25 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     assert!(whole.status.success(), "{}", text(&whole));
 }
 
+/// A copy of the family of cylinders that can be edited.
+fn own_family(dir: &Path) -> PathBuf {
+    let own = dir.join("own");
+    let templates = Path::new(HOME).join("openfoam/templates/cylinder-flow");
+    assert!(Command::new("cp").arg("-r").arg(templates).arg(&own).status().unwrap().success());
+    own
+}
+
+fn edit(file: &Path, from: &str, to: &str) {
+    let text = fs::read_to_string(file).unwrap();
+    assert!(text.contains(from), "{text}");
+    fs::write(file, text.replace(from, to)).unwrap();
+}
+
 /// What was made from another family.toml, or from another file of the case, is no result of this one.
 #[test]
 fn a_family_that_was_edited_is_run_anew() {
     let dir = tempfile::tempdir().unwrap();
-    let own = dir.path().join("own");
-    let templates = Path::new(HOME).join("openfoam/templates/cylinder-flow");
-    assert!(Command::new("cp").arg("-r").arg(templates).arg(&own).status().unwrap().success());
+    let own = own_family(dir.path());
     let json = dir.path().join("f.json");
     let options = format!("--family {} --plain none --json {}", own.display(), json.display());
     let run = || {
@@ -147,11 +159,7 @@ fn a_family_that_was_edited_is_run_anew() {
     };
     let first = run();
     assert!(first.0 && run() == (false, first.1.clone()));
-    let edit = |file: &str, from: &str, to: &str| {
-        let text = fs::read_to_string(own.join(file)).unwrap();
-        assert!(text.contains(from), "{text}");
-        fs::write(own.join(file), text.replace(from, to)).unwrap();
-    };
+    let edit = |file: &str, from: &str, to: &str| edit(&own.join(file), from, to);
     // What is said of a family makes no other runs
     edit("family.toml", "about = \"", "about = \"My ");
     assert_eq!(run(), (false, first.1.clone()));
@@ -169,14 +177,8 @@ fn a_family_that_was_edited_is_run_anew() {
 #[test]
 fn a_patch_along_a_flow_from_rest_is_refused_before_the_variants() {
     let dir = tempfile::tempdir().unwrap();
-    let own = dir.path().join("own");
-    let templates = Path::new(HOME).join("openfoam/templates/cylinder-flow");
-    assert!(Command::new("cp").arg("-r").arg(templates).arg(&own).status().unwrap().success());
-    let edit = |file: &str, from: &str, to: &str| {
-        let text = fs::read_to_string(own.join(file)).unwrap();
-        assert!(text.contains(from), "{text}");
-        fs::write(own.join(file), text.replace(from, to)).unwrap();
-    };
+    let own = own_family(dir.path());
+    let edit = |file: &str, from: &str, to: &str| edit(&own.join(file), from, to);
     edit("family.toml", "patch = \"cylinder\"", "patch = \"walls\"");
     // The lower wall alone is flat.
     edit("mesh.geo", "\"walls\") = {volume[2], volume[4]}", "\"walls\") = {volume[2]}");

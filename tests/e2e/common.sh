@@ -154,6 +154,36 @@ EOD
         sides { type wall; faces (BOTTOM TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
 }
 
+# schemes [DIV]: Euler and linear, with these entries of divSchemes beside the default.
+schemes() {
+    { header fvSchemes; cat <<EOD; } > system/fvSchemes
+ddtSchemes { default Euler; }
+gradSchemes { default Gauss linear; }
+divSchemes { default Gauss linear; ${1:-} }
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+EOD
+}
+
+# wedge CELLS: a pipe of 1 m, radius 0.1 m, as a wedge. CELLS '16 6 1': along, across, around.
+wedge() {
+    { header blockMeshDict; cat <<EOD; } > system/blockMeshDict
+vertices ((0 0 0) (1 0 0) (1 0.1 -0.004) (0 0.1 -0.004) (1 0.1 0.004) (0 0.1 0.004));
+blocks (hex (0 1 2 3 0 1 4 5) ($1) simpleGrading (1 1 1));
+boundary
+(
+    inlet { type patch; faces ((0 5 3 0)); }
+    outlet { type patch; faces ((1 2 4 1)); }
+    wall { type wall; faces ((3 5 4 2)); }
+    back { type wedge; faces ((0 3 2 1)); }
+    front { type wedge; faces ((0 1 4 5)); }
+    axis { type empty; faces ((0 1 1 0)); }
+);
+EOD
+    runs blockMesh
+}
+
 # Removes what a run left.
 clean_case() {
     find . -maxdepth 1 \( -name '[0-9]*' ! -name 0 -o -name 'processor[0-9]*' \) -exec rm -rf {} +

@@ -6,14 +6,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 mkdir -p case/{0,constant,system} && cd case
 control_dict laplacianFoam 24 0.05 adjustableRunTime 12 12
-{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
-ddtSchemes { default Euler; }
-gradSchemes { default Gauss linear; }
-divSchemes { default Gauss linear; div(phi,K) Gauss linear; }
-laplacianSchemes { default Gauss linear corrected; }
-interpolationSchemes { default linear; }
-snGradSchemes { default corrected; }
-EOD
+schemes 'div(phi,K) Gauss linear;'
 { header fvSolution; cat <<'EOD'; } > system/fvSolution
 solvers
 {

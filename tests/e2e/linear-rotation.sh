@@ -6,14 +6,7 @@
 mkdir -p case/{0,constant,system} && cd case
 control_dict pimpleFoam 3 0.005 adjustableRunTime 1.5 12
 : > system/functions
-{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
-ddtSchemes { default Euler; }
-gradSchemes { default Gauss linear; }
-divSchemes { default Gauss linear; }
-laplacianSchemes { default Gauss linear corrected; }
-interpolationSchemes { default linear; }
-snGradSchemes { default corrected; }
-EOD
+schemes
 { header fvSolution; cat <<'EOD'; } > system/fvSolution
 solvers
 {
@@ -55,20 +48,7 @@ fields 'sides { type empty; }'
 compared pimpleFoam 'a zone that rotates'
 
 rm constant/MRFProperties
-{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (1 0 0) (1 0.1 -0.004) (0 0.1 -0.004) (1 0.1 0.004) (0 0.1 0.004));
-blocks (hex (0 1 2 3 0 1 4 5) (16 6 1) simpleGrading (1 1 1));
-boundary
-(
-    inlet { type patch; faces ((0 5 3 0)); }
-    outlet { type patch; faces ((1 2 4 1)); }
-    wall { type wall; faces ((3 5 4 2)); }
-    back { type wedge; faces ((0 3 2 1)); }
-    front { type wedge; faces ((0 1 4 5)); }
-    axis { type empty; faces ((0 1 1 0)); }
-);
-EOD
 rm -rf constant/polyMesh
-runs blockMesh
+wedge '16 6 1'
 fields '"back|front" { type wedge; } axis { type empty; }'
 compared icoFoam 'a pipe as a wedge'

@@ -63,20 +63,7 @@ grep -q '^patch  *outlet .*outlet' <(sed 's/^patch  *outlet/& /' ../info) || { c
 # A patch that no node type helps is refused at once
 mkdir -p ../wedge/0 ../wedge/system && cp -r constant ../wedge && rm -rf ../wedge/constant/polyMesh
 cp system/fvSchemes system/fvSolution system/controlDict system/functions ../wedge/system && cd ../wedge
-{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
-vertices ((0 0 0) (1 0 0) (1 0.1 -0.004) (0 0.1 -0.004) (1 0.1 0.004) (0 0.1 0.004));
-blocks (hex (0 1 2 3 0 1 4 5) (8 4 1) simpleGrading (1 1 1));
-boundary
-(
-    inlet { type patch; faces ((0 5 3 0)); }
-    outlet { type patch; faces ((1 2 4 1)); }
-    wall { type wall; faces ((3 5 4 2)); }
-    back { type wedge; faces ((0 3 2 1)); }
-    front { type wedge; faces ((0 1 4 5)); }
-    axis { type empty; faces ((0 1 1 0)); }
-);
-EOD
-runs blockMesh
+wedge '8 4 1'
 echo "$(header U volVectorField) dimensions [0 1 -1 0 0 0 0]; internalField uniform (0 0 0);
 boundaryField { inlet { type fixedValue; value uniform (1 0 0); } outlet { type zeroGradient; } wall { type noSlip; }
 front { type wedge; } back { type wedge; } axis { type empty; } }" > 0/U

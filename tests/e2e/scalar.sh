@@ -8,14 +8,7 @@
 # A channel of 1 x 0.3 m, flow from left to right, its lower wall heated; g points down
 mkdir -p case/0 case/constant case/system && cd case
 control_dict buoyantBoussinesqPimpleFoam 0.06 0.002 adjustableRunTime 0.01 12
-{ header fvSchemes; cat <<'EOD'; } > system/fvSchemes
-ddtSchemes { default Euler; }
-gradSchemes { default Gauss linear; }
-divSchemes { default Gauss linear; div(phi,U) Gauss upwind; div(phi,T) Gauss upwind; }
-laplacianSchemes { default Gauss linear corrected; }
-interpolationSchemes { default linear; }
-snGradSchemes { default corrected; }
-EOD
+schemes 'div(phi,U) Gauss upwind; div(phi,T) Gauss upwind;'
 { header fvSolution; cat <<'EOD'; } > system/fvSolution
 solvers
 {
