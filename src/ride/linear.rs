@@ -236,11 +236,12 @@ impl Fitted {
         if !holds {
             self.linear.forget();
         }
-        match error < PROMISING {
-            // Where a fit holds, or will, the others wait for it: what they make is no state of the solver, and the window would begin anew.
-            true => (self.kept.others, self.kept.turn) = (f64::MAX, self.settings.window as f64),
-            false => (self.kept.others, self.kept.turn) = (0.0, 2.0 * self.kept.turn),
-        }
+        let window = self.settings.window as f64;
+        (self.kept.others, self.kept.turn) = match error < PROMISING {
+            // Where a fit holds, or will, the others' turn is over: what they make is no state of the solver, and the window would begin anew.
+            true => (window, window),
+            false => (0.0, 2.0 * self.kept.turn),
+        };
         self.kept.length = self.settings.first as f64;
         format!(
             "m4gn: time {}: fit of {n} states, {} delays, rank {}, growth {modes}: its last {tail} states, held back, are off by {error:.3} of \
