@@ -57,7 +57,6 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     let model = Model::random(spec, 11)?;
     let mut failures = Vec::new();
     compare(comm, &mesh, &model, &mut failures)?;
-    time(comm, &mesh, &model, &mut failures)?;
     bodies::run(comm, &mut failures)?;
 
     // What one rank finds wrong, all know.
@@ -109,30 +108,6 @@ fn compare(comm: &Comm, mesh: &Mesh, model: &Model, failures: &mut Vec<String>) 
         if off > TOLERANCE {
             failures.push(format!("{how}: weights are {off:e} from those of one rank"));
         }
-    }
-    Ok(())
-}
-
-/// The clock, on four frames a stride, of a model that is adapted by one rank.
-fn time(comm: &Comm, mesh: &Mesh, model: &Model, failures: &mut Vec<String>) -> Result<()> {
-    let round = |comm: &Comm, mesh: &Mesh, model: &Model, settings: &str| -> Result<(Adaptation, String)> {
-        let session = Session::new(comm.clone(), mesh, model, &SessionOptions::default())?;
-        let mut a = Adaptation::new(&session, mesh, model, Settings::parse(settings)?)?;
-        show(&mut a, mesh, 0..120, 0.0025)?;
-        let note = a.run(3)?.note;
-        Ok((a, note))
-    };
-    let settings = r#"{"precision": "fp32", "learningRate": 3e-3, "steps": 60}"#;
-    let learned = round(&Comm::serial(), mesh, model, settings)?.0.model();
-    let timed = |comm: &Comm, mesh: &Mesh| -> Result<(f64, String)> {
-        let (a, note) = round(comm, mesh, &learned, r#"{"precision": "fp32", "method": "clock"}"#)?;
-        Ok((a.ahead().later / model.spec.stride, note))
-    };
-    let (alone, _) = timed(&Comm::serial(), mesh)?;
-    let part = sample::part(mesh, &sample::strips(mesh.n_cells(), comm.size()), comm.rank());
-    let (together, note) = timed(comm, &part)?;
-    if (together - alone).abs() > 1e-3 || !note.contains("the clock by 4 rollouts of 6 strides") {
-        failures.push(format!("{together} of a stride ahead, and alone {alone}: {note}"));
     }
     Ok(())
 }

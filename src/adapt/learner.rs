@@ -1,8 +1,8 @@
 //! What learns: weights, frames, and the optimisation steps of a round.
 
+use super::Settings;
 use super::round::Split;
 use super::window::Window;
-use super::{Clock, Method, Settings};
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::NativeBackend;
 use m4gn_learn::TrainingConfig;
@@ -32,8 +32,6 @@ const LATER_RATE: f64 = 0.3;
 pub(super) struct Knowledge {
     /// The weights that are used, and how they came about.
     pub optimiser: Optimiser,
-    /// Of these weights; none before it was measured.
-    pub clock: Option<Clock>,
     /// Optimisation steps made.
     pub steps: u64,
     /// Wall time of them, s.
@@ -43,7 +41,7 @@ pub(super) struct Knowledge {
 impl Knowledge {
     /// Of weights that have learned nothing yet.
     pub fn of(optimiser: Optimiser) -> Self {
-        Knowledge { optimiser, clock: None, steps: 0, seconds: 0.0 }
+        Knowledge { optimiser, steps: 0, seconds: 0.0 }
     }
 }
 
@@ -81,11 +79,8 @@ pub(super) struct Learned {
 
 impl Learned {
     /// For people.
-    pub(super) fn note(&self, split: &Split, frames: usize, seconds: f64, method: Method) -> String {
+    pub(super) fn note(&self, split: &Split, frames: usize, seconds: f64) -> String {
         let (steps, before, after) = (self.steps, self.before, self.after);
-        if method == Method::Clock {
-            return format!("not adapted but timed in {seconds:.1} s on {frames} frames");
-        }
         let plural = |n: u64| if n == 1 { "" } else { "s" };
         let so = match after < before {
             true => "",
@@ -123,7 +118,7 @@ impl Learner {
         Model { spec, tensors }
     }
 
-    /// Learns as the settings say. Collective.
+    /// Optimisation steps, with checks in between. Collective.
     pub(super) fn learn(
         &mut self,
         comm: &Comm,
@@ -132,21 +127,6 @@ impl Learner {
         began: Instant,
     ) -> Result<Learned> {
         let before = self.score(comm, backend, split)?;
-        match self.settings.method {
-            Method::Gradient => self.descend(comm, backend, split, before, began),
-            Method::Clock => Ok(Learned { steps: 0, before, after: before, ended: "" }),
-        }
-    }
-
-    /// Optimisation steps, with checks in between. Collective.
-    fn descend(
-        &mut self,
-        comm: &Comm,
-        backend: &mut NativeBackend,
-        split: &Split,
-        before: f64,
-        began: Instant,
-    ) -> Result<Learned> {
         let first = self.knowledge.steps == 0;
         let steps = if first { self.settings.steps } else { self.settings.steps_each };
         let interval = match first {

@@ -5,7 +5,6 @@
 //! gradients summed, so that the weights are those of one rank up to rounding. The last frames are held back: the adapted
 //! weights are used only where a rollout there is nearer to the solver than with the weights before.
 
-mod clock;
 mod learner;
 mod round;
 mod settings;
@@ -14,9 +13,8 @@ mod state;
 mod tests;
 mod window;
 
-pub use clock::{Ahead, Clock};
 pub use round::Outcome;
-pub use settings::{Method, Mode, Settings};
+pub use settings::{Mode, Settings};
 
 use learner::{Knowledge, Learner};
 use m4gn_domain::cells::Levels;
@@ -194,12 +192,6 @@ impl Adaptation {
     /// Whether frames and rounds are of no more use.
     pub fn is_done(&self) -> bool {
         self.done
-    }
-
-    /// By how much a model step brings the surrogate further than its stride; 0 where that was not measured.
-    pub fn ahead(&self) -> Ahead {
-        let clock = self.learner.knowledge.clock;
-        clock.map_or(Ahead::default(), |clock| clock.ahead)
     }
 
     /// Forgets the frames: nothing more is to be learned.

@@ -1,8 +1,7 @@
 //! A round of an adaptation: optimisation steps on the frames in memory, checked on those that are held back.
 
-use super::clock;
 use super::learner::Learner;
-use super::{Adaptation, Method, Mode};
+use super::{Adaptation, Mode};
 use m4gn_learn::NativeBackend;
 use m4gn_learn::Rollout;
 use m4gn_learn::Workload;
@@ -43,10 +42,6 @@ pub(super) struct Split {
     pub starts: [Vec<usize>; 2],
     pub rollouts: Vec<Rollout>,
     pub strides: usize,
-    /// Rollouts that tell the clock.
-    pub clock: Vec<Rollout>,
-    /// Whether the newest stretch is one of those that they are on.
-    fresh: bool,
 }
 
 impl Adaptation {
@@ -104,19 +99,9 @@ impl Learner {
         let mut backend = comm.agree(backend)?;
         let learned = self.learn(comm, &mut backend, split, began)?;
         let used = learned.after < learned.before;
-        let timed = self.settings.method == Method::Clock;
-        if timed && (used || split.fresh || self.knowledge.clock.is_none()) {
-            self.knowledge.clock = self.measure_clock(comm, &backend, split)?;
-        }
         let seconds = began.elapsed().as_secs_f64();
         self.knowledge.seconds += seconds;
-        let mut note = learned.note(split, frames, seconds, self.settings.method);
-        if timed {
-            let clock = self.knowledge.clock.map(|clock| clock.note(self.spec.stride));
-            note += "; ";
-            note += &clock
-                .unwrap_or_else(|| "the frames are too few, or too far apart, to tell the clock".into());
-        }
+        let note = learned.note(split, frames, seconds);
         Ok(Outcome {
             used,
             steps: learned.steps,
@@ -164,7 +149,6 @@ impl Learner {
                  solver run longer alone, or start earlier"
             ));
         }
-        let clock = clock::plan(&ranges, strides, n);
         // With a third to spare, so that several rollouts begin at different frames.
         let strides = strides.clamp(1, (2 * longest / 3).max(1));
         let held = ranges.iter().flat_map(|r| cut.max(r.start)..r.end.saturating_sub(strides * n));
@@ -179,8 +163,6 @@ impl Learner {
             starts: [old, new],
             rollouts: (0..count).map(|i| Rollout { sample: 0, frame: pick(i), steps: strides }).collect(),
             strides,
-            fresh: clock.last().is_some_and(|r| r.frame >= newest.start),
-            clock,
         })
     }
 }

@@ -24,25 +24,12 @@ pub enum Mode {
     During,
 }
 
-/// How the model learns.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Optimisation steps along the gradient.
-    #[default]
-    Gradient,
-    /// Not at all: it is measured how much more time a step takes than it says ([`Clock`](super::Clock)).
-    Clock,
-}
-
 /// Settings of an adaptation; `mode` suffices. Keys are written as in OpenFOAM's dictionaries (`learningRate`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase", deny_unknown_fields, default)]
 pub struct Settings {
     /// When the model learns.
     pub mode: Mode,
-    /// How it learns.
-    pub method: Method,
     /// Only the frames of the last so many seconds are kept; none: all.
     pub window: Option<f64>,
     /// Most frames that are kept in memory.
@@ -73,7 +60,6 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             mode: Mode::Before,
-            method: Method::Gradient,
             window: None,
             max_frames: 400,
             steps: 300,
@@ -198,7 +184,7 @@ mod tests {
             (r#"{"mode": "after"}"#, "before"),
             (r#"{"learning_rate": 1}"#, "learningRate"),
             (r#"{"steps": 0}"#, "steps"),
-            (r#"{"method": "ridge"}"#, "clock"),
+            (r#"{"method": "ridge"}"#, "method"),
             (r#"{"heldBack": 1}"#, "heldBack"),
             (r#"{"heldBack": 1e999}"#, "adapt"),
             (r#"{"maxFrames": 2}"#, "maxFrames"),

@@ -1,9 +1,9 @@
 //! An adaptation on disk, so that a run that is carried on has the weights, the moments, the frames and the random numbers
 //! of the uninterrupted one.
 
+use super::Adaptation;
 use super::learner::{Knowledge, Learner};
 use super::window::Window;
-use super::{Adaptation, Clock};
 use m4gn_mesh::files::write_whole;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::tensor_file::{Arrays, TensorFile};
@@ -26,8 +26,6 @@ struct Description {
     updates: u64,
     seconds: f64,
     done: bool,
-    #[serde(default)]
-    clock: Option<Clock>,
     window: Window,
 }
 
@@ -69,7 +67,6 @@ impl Adaptation {
             updates: optimiser.updates,
             seconds: knowledge.seconds,
             done: self.done,
-            clock: knowledge.clock,
             window: window.clone(),
         };
         let mut arrays = Arrays::default();
@@ -132,11 +129,6 @@ impl Adaptation {
         }
         let mut window = found.window;
         window.follow(&learner.window)?;
-        let stride = learner.spec.stride;
-        let ahead = found.clock.unwrap_or_default().ahead;
-        if ![ahead.first, ahead.later].iter().all(|a| a.abs() < stride) {
-            return Err(format!("a clock that is {ahead:?} s off in a stride of {stride} s"));
-        }
         let array = |name: &str, size: usize| {
             let values = file.floats(name).ok_or_else(|| format!("no tensor `{name}`"))?;
             match values.len() == size && values.iter().all(|v| v.is_finite()) {
@@ -160,8 +152,7 @@ impl Adaptation {
         let mut optimiser = learner.knowledge.optimiser.clone();
         (optimiser.weights, optimiser.first, optimiser.second) = (weights, first, second);
         optimiser.updates = found.updates;
-        let knowledge =
-            Knowledge { optimiser, clock: found.clock, steps: found.steps, seconds: found.seconds };
+        let knowledge = Knowledge { optimiser, steps: found.steps, seconds: found.seconds };
         let sample = Arc::get_mut(&mut learner.sample).ok_or("its frames are being read")?;
         (sample.frames, sample.n_frames) = (frames, window.frames());
         (learner.window, learner.knowledge) = (window, knowledge);

@@ -84,38 +84,6 @@ fn a_case_is_learned_and_the_session_takes_it_over() {
 }
 
 #[test]
-fn the_clock_of_a_model_that_goes_too_fast_is_told() {
-    let (_, mut a) = adaptation(r#"{"learningRate": 3e-3, "steps": 4000, "noise": 0.002, "threads": 2}"#);
-    show(&mut a, 0..60);
-    assert!(a.run(10).unwrap().used);
-    assert_eq!(a.ahead(), Ahead::default(), "it was not to be measured");
-    let learned = a.model();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("state");
-    let stride = learned.spec.stride;
-    // Where the vortex moves at nine tenths of the speed, the model's step takes ten ninths of the stride.
-    for (speed, expected) in [(1.0, 0.0), (0.9, 1.0 / 9.0), (1.1, -1.0 / 11.0)] {
-        let (_, mut timed) = adaptation_of(&learned, r#"{"method": "clock", "threads": 2}"#);
-        show_at(&mut timed, 0..120, STEP / 2.0, speed);
-        let outcome = timed.run(3).unwrap();
-        println!("{}", outcome.note);
-        assert!(!outcome.used && outcome.steps == 0 && timed.is_done());
-        for ahead in [timed.ahead().first, timed.ahead().later] {
-            assert!((ahead / stride - expected).abs() < 0.05, "{speed}: {}", outcome.note);
-        }
-        timed.save(&path).unwrap();
-        let (_, mut next) = adaptation_of(&learned, r#"{"method": "clock"}"#);
-        next.load(&path).unwrap();
-        assert_eq!(next.ahead(), timed.ahead(), "of a run that is carried on");
-    }
-    // Two frames of a stride do not tell it.
-    let (_, mut few) = adaptation_of(&learned, r#"{"method": "clock"}"#);
-    show(&mut few, 0..60);
-    let note = few.run(3).unwrap().note;
-    assert!(note.contains("too far apart") && few.ahead() == Ahead::default(), "{note}");
-}
-
-#[test]
 fn weights_that_are_no_better_are_not_used() {
     let (_, mut a) = adaptation(r#"{"learningRate": 30, "steps": 12}"#);
     let shipped = a.learner.shipped.clone();

@@ -52,9 +52,8 @@ impl Ride<'_> {
         self.totals.first_time.get_or_insert(step.time);
         // The next jump is most likely by whom the last one was.
         let stride = self.riders[self.totals.last].surrogate.stride();
-        let due = self.schedule.solver_steps(self.totals.ahead, step.delta_t, stride);
         let measured = self.settings.control.is_none() || self.riders.iter().any(|r| r.fresh);
-        if step.index - self.handed_back < due
+        if step.index - self.handed_back < self.schedule.solver_steps
             || !measured
             || !self.riders.iter().all(|r| r.is_settled(&step))
         {
@@ -82,7 +81,6 @@ impl Ride<'_> {
             done: 0,
             carried_on: false,
             delta_t: step.delta_t,
-            ahead: rider.surrogate.ahead(self.totals.jumps > 0),
             over: false,
             began: self.totals.seconds,
             expected: rider.control.as_ref().map(|_| rider.expected),

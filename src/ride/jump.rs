@@ -1,7 +1,7 @@
 //! A jump: strides of a surrogate, from the decision to the hand-back.
 
 use crate::ride::{Action, Answer, Phase, Ride};
-use crate::schedule::{Step, extra_steps, steps_of};
+use crate::schedule::{Step, steps_of};
 use crate::shadow::predict;
 use crate::values::{Given, rms};
 use m4gn_mesh::{Error, Result};
@@ -17,8 +17,6 @@ pub(crate) struct Jump {
     pub carried_on: bool,
     /// The solver's time step, s.
     pub delta_t: f64,
-    /// Time by which each stride brings the surrogate further than it says, s.
-    pub ahead: f64,
     /// Whether the last of its strides has been taken.
     pub over: bool,
     /// Seconds of surrogate and hand-over when it began.
@@ -43,7 +41,6 @@ impl Ride<'_> {
         if !self.schedule.fits(&self.step, jump.delta_t, stride, 1.0) {
             return self.end_early(jump, given);
         }
-        let exact = rider.surrogate.is_exact_in_time();
         let advanced = rider.surrogate.advances().to_vec();
         let old = given.values(&self.comm, &advanced)?;
         let shapes = out.iter().map(|o| (o.name, o.cells.len()));
@@ -73,30 +70,16 @@ impl Ride<'_> {
         for (place, values) in out.iter_mut().zip(&predicted) {
             place.cells.copy_from_slice(values);
         }
-        // The first stride makes up for the clock of those before.
-        let mut extra = 0;
         if jump.done == 0 && !jump.carried_on {
             self.totals.begin_jump(jump.surrogate, self.riders.len(), self.step.time);
-            if !exact {
-                extra = extra_steps(self.totals.ahead, jump.delta_t, stride);
-            }
-            let fits = |extra: i64| {
-                let strides = 1.0 + extra as f64 * jump.delta_t / stride;
-                self.schedule.fits(&self.step, jump.delta_t, stride, strides)
-            };
-            while extra > 0 && !fits(extra) {
-                extra -= 1;
-            }
         }
         jump.done += 1;
         self.totals.steps += 1;
-        self.totals.ahead += jump.ahead - extra as f64 * jump.delta_t;
-        let duration = stride + extra as f64 * jump.delta_t;
-        self.totals.replaced += duration;
-        self.totals.by[jump.surrogate].1 += duration;
-        let solver_steps = steps_of(stride, jump.delta_t) + extra;
+        self.totals.replaced += stride;
+        self.totals.by[jump.surrogate].1 += stride;
+        let solver_steps = steps_of(stride, jump.delta_t);
         self.phase = Phase::Advancing(jump);
-        Ok(Answer { duration, solver_steps, ..self.answer(Action::Advance) })
+        Ok(Answer { duration: stride, solver_steps, ..self.answer(Action::Advance) })
     }
 
     /// A jump ends before its last stride, or does not begin. Collective.

@@ -318,10 +318,6 @@ impl Surrogate for Fitted {
         &self.advanced
     }
 
-    fn is_exact_in_time(&self) -> bool {
-        true
-    }
-
     /// How far it goes it says itself.
     fn growth(&self, _: &str) -> Option<Vec<f64>> {
         Some(vec![1.0; self.settings.longest])

@@ -153,11 +153,6 @@ impl<S: DerefMut<Target = Session>> Surrogate for Network<S> {
         }))
     }
 
-    fn ahead(&self, later: bool) -> f64 {
-        let ahead = self.begun().map(Adaptation::ahead).unwrap_or_default();
-        if later { ahead.later } else { ahead.first }
-    }
-
     fn state(&self) -> Result<Option<Vec<u8>>> {
         // The first rank writes it.
         let bytes = |adaptation: &Adaptation| match self.session.comm().is_root() {

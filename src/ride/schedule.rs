@@ -62,20 +62,6 @@ impl Schedule {
         let endless = Step { end_time: f64::INFINITY, ..step.clone() };
         !self.fits(step, delta_t, stride, 1.0) && self.fits(&endless, delta_t, stride, 1.0)
     }
-
-    /// Steps of the solver before the next jump where the state is ahead of the time by so much: fewer by those that the first step of
-    /// the jump takes more than a stride, so that the times of the schedule stay, but no fewer than half.
-    pub fn solver_steps(&self, ahead: f64, delta_t: f64, stride: f64) -> i64 {
-        let n = self.solver_steps;
-        (n - extra_steps(ahead, delta_t, stride)).max((n + 1) / 2)
-    }
-}
-
-/// Steps of the solver by which the first step of a jump takes more than the stride, or less: what the state is ahead of the time, half a
-/// stride at most.
-pub fn extra_steps(ahead: f64, delta_t: f64, stride: f64) -> i64 {
-    let most = (0.5 * stride / delta_t).round() as i64;
-    ((ahead / delta_t).round() as i64).max(-most).min(most)
 }
 
 /// Steps of the solver that a stride stands for.
@@ -116,14 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_state_is_ahead_goes_into_the_first_stride() {
-        let s = schedule();
-        assert_eq!(extra_steps(0.26, 0.1, 1.0), 3);
-        assert_eq!([extra_steps(0.9, 0.1, 1.0), extra_steps(-0.9, 0.1, 1.0)], [5, -5]);
-        assert_eq!(s.solver_steps(0.0, 0.1, 1.0), 5);
-        assert_eq!(s.solver_steps(0.1, 0.1, 1.0), 4);
-        assert_eq!(s.solver_steps(-0.2, 0.1, 1.0), 7);
-        assert_eq!(s.solver_steps(0.9, 0.1, 1.0), 3, "no fewer than half");
+    fn a_stride_is_at_least_a_step() {
         assert_eq!([steps_of(0.05, 0.002), steps_of(0.1, 0.3)], [25, 1]);
     }
 }

@@ -225,11 +225,6 @@ impl RideSettings {
                     "mode: found during, which adapts after jumps, and mode observe has none; expected before",
                 );
             }
-            if entries.get("method").and_then(Value::as_str) == Some("clock") {
-                return bad(
-                    "method: found clock, which gives jumps another time, and mode observe has none; expected gradient",
-                );
-            }
         }
         Ok(AdaptEntries { wanted, start, write_model, learning: Value::Object(entries).to_string(), during })
     }
@@ -264,7 +259,6 @@ mod tests {
             (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
             (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
             (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
-            (r#"{"mode": "observe", "adapt": {"method": "clock"}}"#, "expected gradient"),
             (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
         ] {
             let error = RideSettings::parse(text).unwrap_err().to_string();

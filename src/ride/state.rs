@@ -237,14 +237,12 @@ impl Ride<'_> {
             self.phase = Phase::Deciding;
             return Ok(self.deciding());
         }
-        let surrogate = self.riders[found.jumper].surrogate.as_ref();
         let jump = Jump {
             surrogate: found.jumper,
             strides: found.left as usize,
             done: 0,
             carried_on: true,
             delta_t: found.delta_t,
-            ahead: surrogate.ahead(self.totals.jumps > 1),
             over: found.left == 0,
             began: self.totals.seconds,
             expected: self.riders[found.jumper].control.as_ref().map(|c| [c.error(), c.estimate(1)]),

@@ -168,17 +168,6 @@ pub trait Surrogate {
         Ok(None)
     }
 
-    /// Whether it reckons with the times at which its strides end: none is then made longer for what another one is ahead.
-    fn is_exact_in_time(&self) -> bool {
-        false
-    }
-
-    /// Time by which a step brings it further than its stride, s, in the first jump or in later ones; negative: less far.
-    fn ahead(&self, later: bool) -> f64 {
-        let _ = later;
-        0.0
-    }
-
     /// What it has learned, and its frames, for a run that is carried on; none: nothing.
     ///
     /// # Errors

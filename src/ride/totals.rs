@@ -19,8 +19,6 @@ pub(crate) struct Totals {
     pub takeover: Option<f64>,
     /// Simulated time replaced, s.
     pub replaced: f64,
-    /// Time by which the state is ahead of the run's time, by the clock of the surrogates' steps, s.
-    pub ahead: f64,
     /// Wall time of strides and of handing over, s.
     pub seconds: [f64; 2],
     pub jumps: usize,
@@ -123,9 +121,8 @@ impl Ride<'_> {
             }
         }
         let mut more: Vec<(&str, String)> = Vec::new();
-        if let Some(learner) = self.riders.iter().find(|r| r.surrogate.has_begun()) {
+        if self.riders.iter().any(|r| r.surrogate.has_begun()) {
             more.extend([
-                ("adapt_ahead", digits.of(learner.surrogate.ahead(true))),
                 ("adapt_runs", t.adapt_runs.to_string()),
                 ("adapt_runs_used", t.adapt_used.to_string()),
                 ("adapt_steps", t.adapt_steps.to_string()),

@@ -87,7 +87,6 @@ pub struct Toy {
     broken_above: Option<f64>,
     jump_by: Option<(f64, f64)>,
     growth: Option<Vec<f64>>,
-    ahead: [f64; 2],
     pub learned: Rc<RefCell<Learned>>,
     learns: bool,
     begun: bool,
@@ -106,7 +105,6 @@ impl Toy {
             broken_above: None,
             jump_by: None,
             growth: None,
-            ahead: [0.0; 2],
             learned: Rc::default(),
             learns: false,
             begun: false,
@@ -139,11 +137,6 @@ impl Toy {
 
     pub fn growing(mut self, factors: &[f64]) -> Self {
         self.growth = Some(factors.to_vec());
-        self
-    }
-
-    pub fn ahead_by(mut self, first: f64, later: f64) -> Self {
-        self.ahead = [first, later];
         self
     }
 
@@ -230,10 +223,6 @@ impl Surrogate for Toy {
             after: self.bias,
             note: format!("learned from {} frames", self.learned.borrow().frames.len()),
         }))
-    }
-
-    fn ahead(&self, later: bool) -> f64 {
-        self.ahead[usize::from(later)]
     }
 
     fn state(&self) -> Result<Option<Vec<u8>>> {

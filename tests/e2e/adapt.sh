@@ -99,39 +99,10 @@ for field in U p; do
     below "$(difference ../serial/0.75/$field 0.75/$field)" 1e-3 "$field at 0.75, 2 ranks"
 done
 
-# The clock alone, of a model that says 0.045 s of steps that take 0.05 s (and a seed of a digit less): the run keeps its schedule
-# all the same, and a restart goes on with the same clock
-sed 's/\(stride\\":\)0\.05\([,}]\)/\10.045\2/; s/\(seed\\":[0-9]*\)[0-9]\([,}]\)/\1\2/' "$M4GN_HOME/models/cylinder-flow.safetensors" > constant/short.safetensors
-# At a viscosity that the model knows, once the flow has left its start: there rollouts agree on a clock
-sed -i 's/6e-3/1e-3/' constant/transportProperties
-function_object m4gnSurrogate "mode replace; model \"constant/short.safetensors\"; timeStart 0.99; solverSteps 18; surrogateSteps 3;
-    adapt { method clock; start 0.5; }"
-sed -i 's/^endTime .*/endTime 1.89;/; s/^writeInterval .*/writeInterval 0.045;/; s/^deltaT .*/deltaT 0.0025;/' system/controlDict
-clean_case
-runs icoFoam
-grep '^m4gn: .*timed in .* the clock by .* rollouts' log.run || fail "the clock was not measured"
-jumps() { sed -n 's/^m4gn: jumped 3 steps of 0.045 s to time \([^ ]*\) .*/\1/p' log.run | tr '\n' ' '; }
-[ "$(jumps)" = "1.125 1.305 1.485 1.665 1.845 " ] || fail "jumps to $(jumps)"
-clock=$(sed -n 's/.*"adapt_ahead": \(.*\),/\1/p' $summary)
-awk "BEGIN { exit !($clock > 0.001 && $clock < 0.009) }" || fail "a step takes $clock s more than the stride"
-# What is replaced is three strides a jump, and what the clock says of four jumps, the first of which has a clock of its own. (What
-# it says of five strides may be more than the half stride that a jump is made longer at most.)
-replaced=$(sed -n 's/.*"replaced_time": \(.*\),/\1/p' $summary)
-below "$(awk "BEGIN { d = ($replaced - 0.675)/(12*$clock); print d < 1 ? 1/d : d }")" 1.5 "what the clock added beside it"
-cp 1.845/U ../last
-rm -rf 1.[5-8]* postProcessing
-sed -i 's/^startTime .*/startTime 1.485;/' system/controlDict
-runs icoFoam
-[ "$(jumps)" = "1.665 1.845 " ] || fail "jumps after a restart to $(jumps)"
-below "$(difference ../last 1.845/U)" 1e-4 "U at 1.845, restarted at 1.485"
-sed -i 's/^startTime .*/startTime 0;/' system/controlDict
-
 # What is wrong is said before the run begins
 clean_case
 surrogate 'adapt { method ridge; }'
-refused 'expected `gradient` or `clock`' icoFoam
-function_object m4gnSurrogate "mode observe; model cylinder-flow.safetensors; adapt { method clock; }"
-refused 'mode observe has none; expected gradient' icoFoam
+refused 'unknown field `method`' icoFoam
 surrogate 'adapt { mode later; }'
 refused 'later' icoFoam
 surrogate 'adapt { learning_rate 1; }'

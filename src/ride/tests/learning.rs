@@ -21,7 +21,6 @@ fn frames_are_the_steps_from_its_start_on_and_rounds_precede_jumps() {
     );
     let summary = host.ride.end();
     for entry in [
-        "\"adapt_ahead\": 0,",
         "\"adapt_runs\": 2,",
         "\"adapt_runs_used\": 1,",
         "\"adapt_steps\": 6,",

@@ -124,30 +124,6 @@ fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
 }
 
 #[test]
-fn a_surrogate_that_is_ahead_gets_more_time() {
-    // Each stride of 0.5 s stands for 0.05 s more.
-    let toy = Toy::new(0.5).ahead_by(0.05, 0.05);
-    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
-    let mut host = Host::of(settings, vec![toy], 20.0);
-    host.run().unwrap();
-    // After four strides 0.2 s: the solver makes two steps less, and the next jump's first stride two more.
-    let [first, second] = [host.strides[0], host.strides[4]];
-    assert_eq!(first, (0.5, 5));
-    assert!((second.0 - 0.7).abs() < 1e-12 && second.1 == 7, "{second:?}");
-    assert_eq!(host.events[..3], [Solved(5), Jumped(0, 4), Solved(3)]);
-    // One that is behind has less in its first stride.
-    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
-    let mut host = Host::of(settings, vec![Toy::new(0.5).ahead_by(-0.05, -0.05)], 20.0);
-    host.run().unwrap();
-    assert!((host.strides[4].0 - 0.3).abs() < 1e-12, "{:?}", host.strides);
-    assert_eq!(host.events[2], Solved(7));
-    // There is no room for all of it.
-    let mut host = Host::of(settings, vec![Toy::new(0.5).ahead_by(0.05, 0.05)], 3.5);
-    host.run().unwrap();
-    assert_eq!(host.strides[4].1, 6, "{:?}", host.strides);
-}
-
-#[test]
 fn correctors_at_their_cap_make_jumps_shorter() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
     let mut host = Host::of(settings, vec![Toy::new(0.5)], 12.0);

@@ -15,7 +15,7 @@ fn schedules() -> Vec<(String, Makes)> {
             vec![Toy::new(0.5).named("x").jumping(1.0, 0.3), Toy::new(0.4).named("y").biased(0.03)]
         }),
         (format!("{{{base}, \"adapt\": {{\"mode\": \"during\"}}}}"), || {
-            vec![Toy::new(0.5).biased(0.3).learning(0.02).ahead_by(0.04, 0.06)]
+            vec![Toy::new(0.5).biased(0.3).learning(0.02)]
         }),
         (format!("{{{base}, \"control\": {{\"tolerance\": 1e-9}}}}"), || vec![Toy::new(0.5).biased(0.01)]),
     ]
