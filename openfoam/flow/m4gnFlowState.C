@@ -194,7 +194,7 @@ void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
 
     if (!completed_)
     {
-        divInterpolated_ = m4gnFluxProjection::maxDiv(phi());
+        divInterpolated_ = maxDiv(phi());
         completed_ = true;
     }
     projection_.project(p, U(), phi(), handOver);
@@ -202,7 +202,7 @@ void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
     {
         pressure_.solve(U(), phi(), deltaT, p);
     }
-    divProjected_ = m4gnFluxProjection::maxDiv(phi());
+    divProjected_ = maxDiv(phi());
 }
 
 Foam::wordList Foam::m4gnFlowState::advanced() const

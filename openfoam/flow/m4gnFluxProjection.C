@@ -61,13 +61,6 @@ Foam::m4gnFluxProjection::m4gnFluxProjection(const fvMesh& mesh, const dictionar
     }
 }
 
-Foam::scalar Foam::m4gnFluxProjection::maxDiv(const surfaceScalarField& phi)
-{
-    const tmp<volScalarField> div(fvc::div(phi));
-
-    return gMax(mag(div().primitiveField())());
-}
-
 void Foam::m4gnFluxProjection::interpolate(const volVectorField& U, surfaceScalarField& phi)
 {
     phi = fvc::flux(U);

@@ -3,6 +3,7 @@
 #include "m4gnSolverState.H"
 #include "m4gnDictionary.H"
 #include "m4gnSolverStateType.H"
+#include "fvcDiv.H"
 #include "StringStream.H"
 #include "surfaceFields.H"
 #include "Time.H"
@@ -49,6 +50,13 @@ Foam::m4gnSolverState::m4gnSolverState(const fvMesh& mesh)
             << "mode replace does not handle a mesh that moves or changes"
             << exit(FatalError);
     }
+}
+
+Foam::scalar Foam::m4gnSolverState::maxDiv(const surfaceScalarField& phi)
+{
+    const tmp<volScalarField> div(fvc::div(phi));
+
+    return gMax(mag(div().primitiveField())());
 }
 
 void Foam::m4gnSolverState::write() const

@@ -2,7 +2,6 @@
 
 #include "m4gnRunState.H"
 #include "m4gnDictionary.H"
-#include "m4gnFluxProjection.H"
 #include "m4gnHandOver.H"
 #include "Time.H"
 
@@ -335,5 +334,5 @@ Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnRunState::quantities() con
     {
         return {};
     }
-    return {quantity("maxDivAfter", m4gnFluxProjection::maxDiv(*phi))};
+    return {quantity("maxDivAfter", maxDiv(*phi))};
 }
