@@ -217,6 +217,10 @@ void Foam::m4gnRide::checkDictionary(const dictionary& dict)
         own.subDict("linear").get<bool>("keep");
         own.subDict("linear").remove("keep");
     }
+    if (own.subOrEmptyDict("linear").found("file"))
+    {
+        FatalIOErrorInFunction(dict) << "linear has no entry file: keep says whether states are kept" << exit(FatalIOError);
+    }
     if (m4gn_options_check("ride", settings(own).c_str()) != M4GN_OK)
     {
         FatalIOErrorInFunction(dict) << m4gn_last_error() << exit(FatalIOError);

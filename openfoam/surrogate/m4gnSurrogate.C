@@ -147,7 +147,8 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         }
     }
     dict_.set("nodeTypes", types);
-    const scalar from = getProperty<scalar>(writesFrom, time_.startTime().value());
+    scalar from = time_.startTime().value();
+    getProperty(writesFrom, from);
     load();
 
     m4gn_ride_answer answer{};

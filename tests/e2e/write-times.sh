@@ -55,13 +55,13 @@ executed "timeStep, three" 0.006 0.012 0.018 0.03 0.042 0.048 0.054 0.06
 
 # A run that is carried on between two times to write, where a stride ended, writes at those of the run before
 sed -i 's/^writePrecision .*/writePrecision 16;/' system/controlDict
-case_with adjustableRunTime 0.008 0.06
-both "adjustableRunTime, 0.8 strides" 0.008 0.016 0.03 0.04 0.048 0.056
-mkdir ../whole && cp -r 0.056 ../whole
-for time in 0.04 0.048 0.056; do rm -r $time; done
+case_with adjustableRunTime 0.012 0.06
+both "adjustableRunTime, 1.2 strides" 0.012 0.03 0.04 0.048 0.06
+mkdir ../whole && cp -r 0.06 ../whole
+for time in 0.04 0.048 0.06; do rm -r $time; done
 rm -r postProcessing
 sed -i 's/^startTime .*/startTime 0.03;/' system/controlDict
 runs icoFoam
-written "carried on in a jump" 0.008 0.016 0.03 0.04 0.048 0.056
-below "$(difference ../whole/0.056/U 0.056/U)" 1e-12 "U at the end of a run that is carried on in a jump"
+written "carried on in a jump" 0.012 0.03 0.04 0.048 0.06
+below "$(difference ../whole/0.06/U 0.06/U)" 1e-12 "U at the end of a run that is carried on in a jump"
 echo "write-times: passed"
