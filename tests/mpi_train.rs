@@ -60,7 +60,6 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
         steps: Some(steps),
         seed: None,
         json: None,
-        html: None,
         memory: None,
     };
     let go = AtomicU8::new(0);

@@ -43,7 +43,7 @@ fn message(output: &Output) -> String {
 #[test]
 fn a_model_is_trained_carried_on_and_trained_further() {
     let folder = folder();
-    let first = train(folder.path(), "a.safetensors", &["--steps", "4", "--html", "a.html"]);
+    let first = train(folder.path(), "a.safetensors", &["--steps", "4"]);
     assert!(first.status.success(), "{first:?}");
     // Three trajectories of 30 frames, 68 nodes and 3 components in 4 bytes.
     let said = String::from_utf8_lossy(&first.stderr);
@@ -59,7 +59,7 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     let expected =
         "frames: 0.0734 MB in all, 0.0490 MB of 2 trajectories in memory; 1 are read frame by frame";
     assert!(streamed.status.success() && said.contains(expected), "{said}");
-    for file in ["a.safetensors", "a.checkpoint", "a.csv", "a.html"] {
+    for file in ["a.safetensors", "a.checkpoint", "a.csv"] {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
     assert!(message(&train(folder.path(), "a.safetensors", &[])).contains("--resume"));

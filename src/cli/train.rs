@@ -48,10 +48,6 @@ pub struct Args {
     /// Write the figures to this file
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Show how the training goes on a page in this file, self-contained: written anew at each row of the log, and read anew
-    /// by the browser while the training runs
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -88,7 +84,6 @@ pub fn run(args: Args) -> Result<()> {
         steps: args.steps,
         seed: args.seed,
         json: args.json,
-        html: args.html,
     };
     let result = match native {
         true => train_native(&request, stop, &comm).map(|_| ()),

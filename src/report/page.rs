@@ -19,19 +19,13 @@ pub fn escape(text: &str) -> String {
 /// A page that is being written.
 pub struct Page {
     title: String,
-    refresh: Option<u32>,
     body: String,
 }
 
 impl Page {
     /// A page with a title and nothing else.
     pub fn new(title: &str) -> Self {
-        Page { title: title.into(), refresh: None, body: String::new() }
-    }
-
-    /// Browsers are to read the page anew every so many seconds: of a job that is under way.
-    pub fn refresh(&mut self, seconds: u32) {
-        self.refresh = Some(seconds);
+        Page { title: title.into(), body: String::new() }
     }
 
     /// A section's heading.
@@ -73,12 +67,9 @@ impl Page {
 
     /// The whole page.
     pub fn html(&self) -> String {
-        let refresh = self
-            .refresh
-            .map_or(String::new(), |seconds| format!("<meta http-equiv=\"refresh\" content=\"{seconds}\">"));
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><meta name=\"viewport\" \
-             content=\"width=device-width\">{refresh}<title>{0}</title><style>{STYLE}</style></head>\n<body>\n<h1>{0}</h1>\n{1}\
+             content=\"width=device-width\"><title>{0}</title><style>{STYLE}</style></head>\n<body>\n<h1>{0}</h1>\n{1}\
              <p><small>Written by m4gn {2}.</small></p>\n</body>\n</html>\n",
             escape(&self.title),
             self.body,
@@ -109,8 +100,5 @@ mod tests {
                 && html.contains("<figure><svg>")
         );
         assert!(html.contains("base64,AQID") && !html.contains("http"));
-        page.refresh(30);
-        let refreshed = "<meta http-equiv=\"refresh\" content=\"30\">";
-        assert_eq!(page.html().replacen(refreshed, "", 1), html);
     }
 }

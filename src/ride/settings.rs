@@ -219,12 +219,10 @@ impl RideSettings {
         };
         let mode = entries.get("mode").and_then(Value::as_str).unwrap_or("before");
         let (wanted, during) = (mode != "off", mode == "during");
-        if self.mode == Mode::Observe {
-            if during {
-                return bad(
-                    "mode: found during, which adapts after jumps, and mode observe has none; expected before",
-                );
-            }
+        if self.mode == Mode::Observe && during {
+            return bad(
+                "mode: found during, which adapts after jumps, and mode observe has none; expected before",
+            );
         }
         Ok(AdaptEntries { wanted, start, write_model, learning: Value::Object(entries).to_string(), during })
     }

@@ -11,7 +11,6 @@ mod data_set;
 mod finish;
 mod journal;
 mod memory;
-mod page;
 mod ranges;
 pub mod recorded;
 mod report;

@@ -1,7 +1,6 @@
 //! What the command line asks for, as it crosses the C interface.
 
 use super::config::Config;
-use super::page;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -40,9 +39,6 @@ pub struct Request {
     /// File for the figures.
     #[serde(default)]
     pub json: Option<PathBuf>,
-    /// File for a page that shows how the training goes.
-    #[serde(default)]
-    pub html: Option<PathBuf>,
 }
 
 impl Request {
@@ -77,17 +73,7 @@ impl Request {
         if let Some(json) = &self.json {
             m4gn_mesh::files::check_writable(json)?;
         }
-        let Some(html) = &self.html else { return Ok(()) };
-        if self.steps == Some(0) {
-            return Err(Error::Input(
-                "--html: with --steps 0 nothing is trained that a page could show; leave --html out".into(),
-            ));
-        }
-        let (checkpoint, log) = (self.checkpoint(), self.log());
-        let others = [&self.out, &checkpoint, &log, &self.config];
-        let others = others.into_iter().chain(&self.json).chain(&self.from);
-        let others: Vec<&Path> = others.map(PathBuf::as_path).collect();
-        page::check(html, &others)
+        Ok(())
     }
 
     /// Worker threads: as asked, else one a core up to the pieces of work.

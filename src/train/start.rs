@@ -125,14 +125,6 @@ impl Trainer<'_> {
         let config = std::mem::take(&mut self.progress.config);
         self.progress = Progress { config, seed: t.seed, ..earlier.progress };
         report.line(&format!("resumed at step {}", self.progress.step));
-        self.notes.push(match changed.is_empty() {
-            true => format!("Resumed at step {} with the same configuration.", self.progress.step),
-            false => format!(
-                "Resumed at step {}, where the configuration changed: {}.",
-                self.progress.step,
-                changed.join(", ")
-            ),
-        });
         Ok(())
     }
 }

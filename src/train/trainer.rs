@@ -4,7 +4,6 @@ use super::advice::{self, Advice};
 use super::checkpoint::{self, Progress};
 use super::config::Config;
 use super::journal::{Journal, Row, Validation};
-use super::page::{State, TrainingPage};
 use super::report::Report;
 use super::request::Request;
 use super::start::load;
@@ -54,8 +53,6 @@ pub(super) struct Trainer<'a> {
     pub(super) progress: Progress,
     pub(super) best: Option<(Vec<f32>, Normaliser)>,
     pub(super) resumed_seconds: f64,
-    /// What the training was begun or carried on with, for its page.
-    pub(super) notes: Vec<String>,
     started: Instant,
 }
 
@@ -101,7 +98,7 @@ pub fn train(
         interval: (0, 0.0, 0.0, vec![]),
         from: request.from.as_ref().map(|p| p.display().to_string()),
     };
-    let training = format!(
+    report.line(&format!(
         "training {} weights on {} trajectories ({} nodes, {} frames each at most), {} to validate (RMSE-50 over {} s); {}{}",
         layout.len(),
         work.train.len(),
@@ -114,8 +111,7 @@ pub fn train(
             1 => String::new(),
             n => format!(" on each of {n} ranks"),
         }
-    );
-    report.line(&training);
+    ));
     let mut trainer = Trainer {
         request,
         comm,
@@ -136,7 +132,6 @@ pub fn train(
         progress,
         best: None,
         resumed_seconds: 0.0,
-        notes: vec![training],
         started: Instant::now(),
     };
     if let Some(earlier) = loaded.earlier {
@@ -167,31 +162,12 @@ fn describe(
 impl Trainer<'_> {
     fn run(&mut self, stop: &AtomicU8, report: &Report) -> Result<serde_json::Value> {
         let fields: Vec<String> = self.predicted().map(String::from).collect();
-        let open = || -> Result<(Option<Journal>, Option<TrainingPage>)> {
-            if !self.comm.is_root() {
-                return Ok((None, None));
-            }
-            let journal = Journal::open(&self.request.log(), &fields, self.progress.step)?;
-            let page = self.request.html.as_ref().map(|path| {
-                let notes = self.notes.clone();
-                TrainingPage::new(path, &self.request.out, self.config, fields.clone(), notes)
-            });
-            Ok((Some(journal), page.transpose()?))
+        let open = || match self.comm.is_root() {
+            true => Journal::open(&self.request.log(), &fields, self.progress.step).map(Some),
+            false => Ok(None),
         };
-        let (mut journal, mut page) = self.comm.agree(open())?;
-        let mut show = |journal: &Option<Journal>, state: &State| {
-            if let (Some(page), Some(journal)) = (&mut page, journal) {
-                page.write(journal.rows(), state, report);
-            }
-        };
-        show(&journal, &State::Running);
-        let outcome = self.steps(stop, report, &mut journal, &mut show);
-        let how = match &outcome {
-            Ok(_) => format!("ended at step {}", self.progress.step),
-            Err(error) => error.to_string(),
-        };
-        show(&journal, &State::Ended(how.trim_end_matches('.')));
-        outcome
+        let mut journal = self.comm.agree(open())?;
+        self.steps(stop, report, &mut journal)
     }
 
     /// Names of the fields that have a loss each; validations are of the first one.
@@ -200,13 +176,12 @@ impl Trainer<'_> {
         outputs.map(|f| f.name.as_str())
     }
 
-    /// The steps that are left, and the figures of the end. `show` brings the page of `--html` up to date.
+    /// The steps that are left, and the figures of the end.
     fn steps(
         &mut self,
         stop: &AtomicU8,
         report: &Report,
         journal: &mut Option<Journal>,
-        show: &mut impl FnMut(&Option<Journal>, &State),
     ) -> Result<serde_json::Value> {
         let t = &self.config.training;
         let mut advice = Advice::default();
@@ -250,7 +225,6 @@ impl Trainer<'_> {
                     let told = advice.look(journal.rows(), t);
                     told.iter().for_each(|text| report.line(text));
                 }
-                show(journal, &State::Running);
             }
             report.advance(step);
             if last || step.is_multiple_of(t.checkpoint_interval) {

@@ -127,7 +127,6 @@ pub fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request
         steps: Some(steps),
         seed: None,
         json: Some(folder.join(format!("{name}.json"))),
-        html: None,
         memory: None,
     }
 }

@@ -45,7 +45,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
         y_label: "error / hold last".into(),
         series: series.collect(),
         // Variants are factors apart: a plain solver of a tenth of the error, an adaptation of ten times the cost.
-        axis: Axis::BothLogarithmic,
+        axis: Axis::Logarithmic,
     };
     page.svg(
         &chart.svg()?,
