@@ -58,7 +58,8 @@ impl FitSettings {
         if self.ranks.is_empty() || self.ranks.contains(&0) {
             return bad(format!("ranks {:?}: expected numbers of directions, at least 1", self.ranks));
         }
-        let fewest = self.tail + 2 + self.delays.iter().min().copied().unwrap_or(1);
+        let fewest =
+            self.tail.saturating_add(2).saturating_add(self.delays.iter().min().copied().unwrap_or(1));
         if self.least < fewest {
             return bad(format!(
                 "least {}: expected at least {fewest}: tail, the fewest delays, and 2 states to learn from",

@@ -35,7 +35,10 @@ impl Store {
     pub fn save(of: Option<Store>, path: &Path, snapshots: &Snapshots) -> Result<Store> {
         let failed = |e: io::Error| Error::file(path, format!("cannot be written: {e}"));
         match of {
-            Some(store) if store.path == path && store.records <= 3 * snapshots.capacity() => {
+            // Who clears the folder while a run goes on does not end it.
+            Some(store)
+                if store.path == path && store.records <= 3 * snapshots.capacity() && path.is_file() =>
+            {
                 store.append(snapshots).map_err(failed)
             }
             _ => {
@@ -72,6 +75,12 @@ impl Store {
     /// [`Error::File`] where there is none, or it is of other fields.
     pub fn read(path: &Path, snapshots: &Snapshots, last: i64) -> Result<Stored> {
         let bad = |what: String| Error::file(path, what);
+        // A pipe would be waited for.
+        if path.exists() && !path.is_file() {
+            return Err(bad(
+                "expected snapshots of a linear surrogate, found a folder, a pipe or a device".into()
+            ));
+        }
         let mut file = File::open(path).map_err(|e| bad(format!("cannot be read: {e}")))?;
         let mut magic = [0; 8];
         if file.read_exact(&mut magic).is_err() || &magic != MAGIC {

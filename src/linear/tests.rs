@@ -324,6 +324,24 @@ fn a_run_that_is_carried_on_has_the_same_bits() {
 }
 
 #[test]
+fn snapshots_that_someone_removed_are_written_anew_and_a_pipe_is_not_waited_for() {
+    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("post/states");
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..35, |k| waves.at(k));
+    linear.save(&path).unwrap();
+    std::fs::remove_dir_all(path.parent().unwrap()).unwrap();
+    feed(&mut linear, 35..45, |k| waves.at(k));
+    let state = linear.save(&path).unwrap();
+    assert_eq!(two(Storage::Double).restore(&path, state.clone()).unwrap(), "");
+    std::fs::remove_file(&path).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+    let said = two(Storage::Double).restore(&path, state).unwrap();
+    assert!(said.contains("found a folder, a pipe or a device"), "{said}");
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     let comm = Comm::serial();
     let field = || Field::weighted("U", 1, vec![1.0; 3]);
