@@ -151,9 +151,9 @@ impl Problem {
     /// doubles any more: the solvers then return wrong eigenvalues, infinite ones among them.
     pub(super) fn eigenvalue_sizes(&self, comm: &Comm) -> Result<[f64; 2]> {
         let (k, beside) = self.stiffness.diagonal(comm);
-        let m = match &self.mass {
-            Mass::Diagonal(values) => values.clone(),
-            Mass::Matrix(rows) => rows.diagonal(comm).0,
+        let (m, coupled) = match &self.mass {
+            Mass::Diagonal(values) => (values.clone(), Vec::new()),
+            Mass::Matrix(rows) => rows.diagonal(comm),
         };
         let mut largest = [m.iter().copied().fold(0.0, f64::max)];
         comm.max_f64(&mut largest);
@@ -162,7 +162,7 @@ impl Problem {
                 "the mass matrix M has no diagonal entry above 0: expected masses or volumes".into(),
             ));
         }
-        comm.agree(self.check_diagonals(&k, &m))?;
+        comm.agree(self.check_diagonals(&k, &m, &coupled))?;
         let weighty: Vec<usize> = (0..m.len()).filter(|&i| m[i] > 1e-12 * largest[0]).collect();
         let ratios = || weighty.iter().map(|&i| (k[i] / m[i]).abs());
         let coupled = weighty.iter().map(|&i| beside[i] / m[i]).fold(0.0, f64::max);
@@ -199,8 +199,12 @@ impl Problem {
     }
 
     /// What the diagonals of this rank say of the pair: those of a positive semi-definite matrix are not
-    /// negative, and where one is 0 so is its row.
-    fn check_diagonals(&self, k: &[f64], m: &[f64]) -> Result<()> {
+    /// negative, and where one is 0 so is its row. `coupled`: magnitudes beside M's diagonal, if any.
+    fn check_diagonals(&self, k: &[f64], m: &[f64], coupled: &[f64]) -> Result<()> {
+        if let Some(i) = (0..coupled.len()).find(|&i| m[i] == 0.0 && coupled[i] > 0.0) {
+            let why = format!("its diagonal entry {i} on this rank is 0, and others of its row are not");
+            return Err(crate::negative_mass(&why));
+        }
         match (0..m.len()).find(|&i| m[i] < 0.0 || (m[i] == 0.0 && k[i] == 0.0)) {
             None => Ok(()),
             Some(i) if m[i] < 0.0 => {

@@ -42,8 +42,8 @@ fn main() {
         .allowlist_function(
             "Mat(Duplicate|AXPY|GetFactor|MumpsSetIcntl|CholeskyFactor(Symbolic|Numeric)|FactorGetError|GetInertia)",
         )
-        .allowlist_function("MatFactorInfoInitialize")
-        .allowlist_function("Vec(Destroy|GetArrayRead|RestoreArrayRead|GetLocalSize|Norm)")
+        .allowlist_function("MatFactorInfoInitialize|MatGetDiagonal|MatDiagonalScale")
+        .allowlist_function("Vec(Destroy|GetArrayRead|RestoreArrayRead|GetLocalSize|SqrtAbs|Reciprocal)")
         .allowlist_function("ST(Set.*|Get.*)")
         .allowlist_function("KSP(Set.*|Get.*)")
         .allowlist_function("PC(SetType|FactorSetMatSolverType|FactorSetMatOrderingType)")

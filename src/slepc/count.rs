@@ -1,8 +1,9 @@
-//! How many eigenvalues lie below a number, without computing one.
+//! How many eigenvalues lie below a number, without computing one; and whether a mass has one below 0, without a factor.
 
-use super::eigen::Matrices;
-use super::objects::Matrix;
-use super::{c, check};
+use super::eigen::{ITERATIONS, Matrices};
+use super::objects::{Matrix, Solver};
+use super::{c, check, raw};
+use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 
 /// MUMPS's control parameters, by their numbers: ScaLAPACK, which counts no pivots, is kept out of the last front of
@@ -42,5 +43,44 @@ impl Matrices {
             )));
         }
         Ok(negative as usize)
+    }
+
+    /// Smallest eigenvalue, to some `tolerance`, of K - sigma M, or without a sigma of M, scaled to a unit diagonal. Of a mass of finite
+    /// elements it is a few tenths whatever their sizes (Wathen, IMA J. Numer. Anal. 7, 1987), and of a pair that is definite not below 0: a
+    /// small Krylov space sees the sign without a factor. Collective.
+    pub(super) fn smallest(&self, comm: &Comm, sigma: Option<f64>, tolerance: f64) -> Result<f64> {
+        let (mut scaled, mut eps, diagonal) = (Matrix::null(), Solver::null(), self.m.vector()?);
+        let (mut value, mut converged, default) = (0.0, 0, c::PETSC_DEFAULT);
+        let (of, copy) =
+            (if sigma.is_some() { &self.k } else { &self.m }, c::MatDuplicateOption_MAT_COPY_VALUES);
+        // SAFETY: all objects are live; no second matrix, vector or imaginary part is there.
+        unsafe {
+            check(c::MatDuplicate(of.0, copy, &mut scaled.0))?;
+            if let Some(sigma) = sigma {
+                check(c::MatAXPY(scaled.0, -sigma, self.m.0, self.structure()))?;
+            }
+            check(c::MatGetDiagonal(scaled.0, diagonal.0))?;
+            check(c::VecSqrtAbs(diagonal.0))?;
+            check(c::VecReciprocal(diagonal.0))?;
+            check(c::MatDiagonalScale(scaled.0, diagonal.0, diagonal.0))?;
+            scaled.announce_symmetry()?;
+            check(c::EPSCreate(raw(comm), &mut eps.0))?;
+            check(c::EPSSetOperators(eps.0, scaled.0, std::ptr::null_mut()))?;
+            check(c::EPSSetProblemType(eps.0, c::EPSProblemType_EPS_HEP))?;
+            check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_SMALLEST_REAL))?;
+            check(c::EPSSetConvergenceTest(eps.0, c::EPSConv_EPS_CONV_ABS))?;
+            check(c::EPSSetTolerances(eps.0, tolerance, ITERATIONS))?;
+            check(c::EPSSetDimensions(eps.0, 1, default, default))?;
+            check(c::EPSSolve(eps.0))?;
+            check(c::EPSGetConverged(eps.0, &mut converged))?;
+            if converged > 0 {
+                check(c::EPSGetEigenvalue(eps.0, 0, &mut value, std::ptr::null_mut()))?;
+                return Ok(value);
+            }
+        }
+        Err(Error::Numerical(
+            "it could not be told without a factor whether K and M are positive semi-definite; modalSolver direct makes one"
+                .into(),
+        ))
     }
 }

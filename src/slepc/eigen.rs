@@ -17,7 +17,7 @@ const SWEEPS: usize = 40;
 const IDLE: usize = 3;
 
 /// Most restarts of a sweep.
-const ITERATIONS: i32 = 1000;
+pub(super) const ITERATIONS: i32 = 1000;
 
 /// Eigenvalues closer than this, relatively, are copies of one.
 const SAME: f64 = 1e-6;
@@ -33,6 +33,12 @@ const FAR: f64 = 1e10;
 
 /// How MUMPS says that a matrix is singular.
 const SINGULAR: &str = "INFOG(1)=-10";
+
+/// How conjugate gradients say that they do not come to an end.
+const DIVERGED: &str = "KSPSolve has not converged";
+
+/// Below it an eigenvalue of M, scaled to a unit diagonal, is no rounding.
+const NEGATIVE: f64 = -1e-8;
 
 /// A problem's matrices in PETSc; the problem's own stiffness is not needed any more.
 pub(crate) struct Matrices {
@@ -111,13 +117,26 @@ impl Drop for Matrices {
 }
 
 /// Refuses a pair whose M, not diagonal, has a negative eigenvalue: the modes of least magnitude would be found all the same, and
-/// those below zero be missing. Collective.
-fn check_mass(matrices: &Matrices, method: Method) -> Result<()> {
-    let far = matrices.far.filter(|_| method.factors());
-    let negative = far.map_or(Ok(0), |sigma| matrices.below(sigma))?;
-    match negative {
-        0 => Ok(()),
-        n => Err(m4gn_modes::negative_mass(&format!("it has {n} negative eigenvalues"))),
+/// those below zero be missing. Where nothing counts the modes, also one with an eigenvalue far below the shift. Collective.
+fn check_pair(comm: &Comm, matrices: &Matrices, method: Method, shift: f64) -> Result<()> {
+    let scaled = |least: f64| format!("scaled to a diagonal of 1 it has the eigenvalue {least:e}");
+    if let Some(sigma) = matrices.far {
+        let why = match method.factors() {
+            true => Some(matrices.below(sigma)?)
+                .filter(|n| *n > 0)
+                .map(|n| format!("it has {n} negative eigenvalues")),
+            false => Some(matrices.smallest(comm, None, 1e-6)?).filter(|least| *least < NEGATIVE).map(scaled),
+        };
+        if let Some(why) = why {
+            return Err(m4gn_modes::negative_mass(&why));
+        }
+    }
+    if method.factors() {
+        return Ok(());
+    }
+    match matrices.smallest(comm, Some(shift), 1e-3)? {
+        least if least < NEGATIVE => Err(m4gn_modes::not_definite(shift, &scaled(least))),
+        _ => Ok(()),
     }
 }
 
@@ -140,7 +159,7 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
     for &method in Method::of(comm, matrices, request) {
         let run = || {
             let _options = Options::new(method.defaults())?;
-            check_mass(matrices, method)?;
+            check_pair(comm, matrices, method, request.shift)?;
             let found = Search::new(comm, matrices, request, method).run()?;
             // The solver with its factor is gone by now.
             found.into_iter().map(|f| f.into_pair(comm, &matrices.m)).collect::<Result<Vec<_>>>()
@@ -153,6 +172,10 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
             }
             Err(Error::Numerical(m)) if m.contains(SINGULAR) => {
                 last = m4gn_modes::not_definite(request.shift, "it is singular");
+            }
+            Err(Error::Numerical(m)) if m.contains(DIVERGED) => {
+                let why = "or is badly scaled: conjugate gradients with multigrid do not converge; modalSolver direct does without";
+                last = m4gn_modes::not_definite(request.shift, why);
             }
             Err(e) => last = e,
         }
@@ -270,6 +293,10 @@ impl<'a> Search<'a> {
             self.found = found;
             (sweeps, idle) = (sweeps + 1, if fresh { 0 } else { idle + 1 });
             let counts = self.method.factors();
+            if let Some(Found { value, .. }) = self.found.iter().find(|f| f.value < self.request.shift) {
+                let why = format!("{value:e} is an eigenvalue");
+                return Err(m4gn_modes::not_definite(self.request.shift, &why));
+            }
             let missing = match counts {
                 true => self.missing()?,
                 false if !fresh && self.bound().is_some() => Some(0),
@@ -298,9 +325,6 @@ impl<'a> Search<'a> {
     /// How many eigenvalues are not found of those up to the end of what is taken; none: the end is not seen yet.
     fn missing(&mut self) -> Result<Option<usize>> {
         let values: Vec<f64> = self.found.iter().map(|f| f.value).collect();
-        if let Some(value) = values.iter().find(|v| **v < self.request.shift) {
-            return Err(m4gn_modes::not_definite(self.request.shift, &format!("{value:e} is an eigenvalue")));
-        }
         let Some((last, next)) = self.end() else {
             return Ok(None);
         };

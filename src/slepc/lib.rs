@@ -65,6 +65,8 @@ struct Quiet;
 
 impl Quiet {
     fn new() -> Self {
+        // What was said while objects of an earlier failure were destroyed is none of this call's.
+        MESSAGE.take();
         // SAFETY: the handler has the type that PETSc expects and needs no context.
         unsafe { c::PetscPushErrorHandler(Some(remember), std::ptr::null_mut()) };
         Quiet

@@ -2,6 +2,7 @@
 
 use super::super::*;
 use m4gn_mesh::Error;
+use m4gn_model::modal::ModalSolver;
 use std::f64::consts::PI;
 
 /// A matrix of constant bands below, on and above the diagonal, one such band matrix for each unknown of a point.
@@ -174,16 +175,33 @@ fn wrong_pairs_are_refused() {
 
 #[test]
 fn indefinite_pairs_are_refused_at_any_size() {
-    for n in [60, 200] {
+    let solvers = [ModalSolver::Auto, ModalSolver::Direct, ModalSolver::Iterative];
+    for (n, solver) in [60, 200].into_iter().flat_map(|n| solvers.map(|s| (n, s))) {
+        let modes =
+            |p: &Problem, n| solve(p, &Comm::serial(), &ModalOptions { solver, ..ModalOptions::fixed(n) });
         let good = || problem(bands(n, [-1.0, 2.0, -1.0], &[1.0]), None);
         let negative = |k: Rows| problem(k, None);
         let mut mass = good();
         mass.mass = Mass::Diagonal((0..n).map(|i| if i % 7 == 0 { -1.0 } else { 1.0 }).collect());
         let consistent =
             |beside: f64| Problem { mass: Mass::Matrix(bands(n, [beside, 1.0, beside], &[1.0])), ..good() };
-        assert!(modes(&consistent(0.49), 4).is_ok(), "{n} rows");
+        assert!(modes(&consistent(0.49), 4).is_ok(), "{n} rows, {solver:?}");
+        let mut massless = consistent(0.49);
+        if let Mass::Matrix(m) = &mut massless.mass {
+            let own = (m.row[20]..m.row[21]).find(|&e| m.column[e] == 20).unwrap();
+            m.value[own] = 0.0;
+        }
         let inside = Problem { shift: Some(1.01), ..good() };
+        // A row of its own.
+        let mut alone = bands(n, [-1.0, 2.0, -1.0], &[1.0]);
+        for e in 0..alone.value.len() {
+            let own = (alone.row[20]..alone.row[21]).contains(&e);
+            if own || alone.column[e] == 20 {
+                alone.value[e] = if own && alone.column[e] == 20 { -0.01 } else { 0.0 };
+            }
+        }
         for (name, bad, word) in [
+            ("one eigenvalue far below", negative(alone), "shift below"),
             ("K - 0.5 I", negative(bands(n, [-1.0, 1.5, -1.0], &[1.0])), "shift below"),
             ("-K", negative(bands(n, [1.0, -2.0, 1.0], &[1.0])), "shift below"),
             ("a shift inside of the spectrum", inside, "shift below"),
@@ -193,10 +211,11 @@ fn indefinite_pairs_are_refused_at_any_size() {
                 consistent(3.0),
                 "M is not positive semi-definite",
             ),
+            ("a massless row that is coupled", massless, "M is not positive semi-definite"),
             ("a negative mass", mass, "M is not positive semi-definite"),
         ] {
             let error = modes(&bad, 4).unwrap_err().to_string();
-            assert!(error.contains(word), "{n} rows, {name}: {error}");
+            assert!(error.contains(word), "{n} rows, {solver:?}, {name}: {error}");
         }
     }
 }
