@@ -26,15 +26,40 @@ impl Ride<'_> {
         }
     }
 
-    /// Whether a surrogate needs the solver's states before any jumps.
-    fn waits(&self) -> bool {
-        self.settings.mode == Mode::Replace && self.riders.iter().any(|r| r.surrogate.wants_solver())
+    /// Who needs the solver's states before any surrogate jumps.
+    fn waited_for(&self) -> Option<usize> {
+        let wants = self.riders.iter().position(|r| r.surrogate.wants_solver());
+        wants.filter(|_| self.settings.mode == Mode::Replace)
+    }
+
+    /// Says where the others begin to wait, and where their turn comes.
+    pub(crate) fn tell_waiting(&mut self) {
+        if self.riders.len() < 2 || !self.is_controlled() {
+            return;
+        }
+        let whom = self.waited_for();
+        let before = std::mem::replace(&mut self.log.waited_for, whom);
+        let Some(one) = before.xor(whom) else { return };
+        let (time, wanting) = (&self.step.name, self.who(one));
+        let others = (0..self.riders.len()).filter(|i| *i != one).map(|i| self.who(i));
+        let others = others.collect::<Vec<_>>().join(" and ");
+        self.log.text += &match (whom, self.riders[one].surrogate.allows(1)) {
+            (Some(_), _) => {
+                format!(
+                    "m4gn: time {time}: {others} waits, not measured, while {wanting} is given the solver's states\n\n"
+                )
+            }
+            (None, 0) => format!("m4gn: time {time}: {others} has its turn: the last fit was far off\n\n"),
+            (None, _) => {
+                format!("m4gn: time {time}: {others} is measured again, beside a fit that holds\n\n")
+            }
+        };
     }
 
     /// The solver goes on from here: strides beside it begin, where one could be followed by a jump. `anew`: from another state than it arrived
     /// at. Collective.
     pub(crate) fn begin_shadows(&mut self, anew: bool, given: &Given) -> Result<()> {
-        let waits = self.waits();
+        let waits = self.waited_for().is_some();
         for rider in &mut self.riders {
             rider.shadow.waiting &= !anew;
             if !waits && rider.can_begin(&self.step) {
@@ -71,8 +96,9 @@ impl Ride<'_> {
         let Some((surrogate, strides)) = self.choose(most) else {
             return Ok(None);
         };
-        let rider = &self.riders[surrogate];
+        let rider = &mut self.riders[surrogate];
         if !self.schedule.fits(&step, step.delta_t, rider.surrogate.stride(), 1.0) {
+            rider.verdict = Verdict::None;
             return Ok(None);
         }
         Ok(Some(Jump {
@@ -97,7 +123,7 @@ impl Ride<'_> {
                 best = Some((i, strides));
             }
         }
-        best = best.filter(|_| !self.waits());
+        best = best.filter(|_| self.waited_for().is_none());
         if let Some((who, _)) = best {
             self.riders[who].verdict = Verdict::Jumps;
         }

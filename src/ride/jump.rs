@@ -152,6 +152,7 @@ impl Ride<'_> {
         if self.is_controlled() {
             self.begin_shadows(true, given)?;
         }
+        self.tell_waiting();
         self.phase = Phase::Solving;
         Ok(self.answer(Action::Solve))
     }

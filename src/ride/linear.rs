@@ -28,6 +28,9 @@ const FALLS: f64 = 0.7;
 /// Error below which later fits are likely to hold.
 const PROMISING: f64 = 0.2;
 
+/// Most strides of a jump: more than any run has, and few enough for a number each.
+const LONGEST: usize = 1_000_000;
+
 /// Settings of a linear surrogate in a run. All have defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -115,9 +118,9 @@ impl LinearSettings {
         if !(self.growth.is_finite() && self.growth >= 1.0) {
             return bad(format!("growth {}: expected at least 1", self.growth));
         }
-        if self.first == 0 || self.longest < self.first || self.every == 0 {
+        if self.first == 0 || self.every == 0 || !(self.first..=LONGEST).contains(&self.longest) {
             return bad(format!(
-                "first {}, longest {}, every {}: expected at least 1 stride each, and longest not below first",
+                "first {}, longest {}, every {}: expected at least 1 stride each, and longest from first to {LONGEST}",
                 self.first, self.longest, self.every
             ));
         }
@@ -231,7 +234,8 @@ impl Fitted {
         let settled = error < self.settings.enough || settled(&self.kept.errors, error);
         let surplus = (self.kept.errors.len() + 1).saturating_sub(WAITED);
         self.kept.errors.drain(..surplus);
-        self.kept.errors.push(error);
+        // JSON, which the state is kept in, has no infinity; it is one where the last states are all the same.
+        self.kept.errors.push(error.min(f64::MAX));
         let holds = error < tolerance && settled;
         if !holds {
             self.linear.forget();

@@ -15,8 +15,11 @@ use std::rc::Rc;
 const CELLS: usize = 12;
 const DELTA_T: f64 = 0.05;
 
-/// Waves of constant size; from `broken` on of another frequency. Noise where it is not a number.
+/// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative. Noise where it is not a number.
 fn solver(time: f64, broken: f64) -> Vec<f64> {
+    if broken < 0.0 {
+        return solver(time.min(-broken), 1e9);
+    }
     if broken.is_nan() {
         let noise = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T).round() + 78.233 * i as f64).sin();
         return (0..CELLS).map(|i| noise(i).rem_euclid(1.0)).collect();
@@ -300,6 +303,18 @@ fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
     let [before, after] = [host.jumps[first - 1].1, host.jumps[first].1 - 0.2 * host.jumps[first].0 as f64];
     assert!(before >= 8.0 && after - before >= 23.0 * 0.2, "{:?}", host.jumps);
     assert!(host.by[first..].iter().all(|who| *who == 1), "{:?}", host.by);
+    let said = |words: &str| host.log.matches(words).count();
+    assert_eq!(
+        said("the network surrogate waits, not measured, while the linear surrogate is given"),
+        1,
+        "{}",
+        host.log
+    );
+    assert_eq!(said("the network surrogate is measured again, beside a fit that holds"), 1, "{}", host.log);
+    let summary = host.ride.end();
+    let waited = summary.lines().find_map(|l| l.trim().strip_prefix("\"waited\": ")).unwrap();
+    let waited: f64 = waited.trim_end_matches(',').parse().unwrap();
+    assert!((waited - (after - before)).abs() < 0.41, "{waited} of {before} to {after}");
 }
 
 #[test]
@@ -359,13 +374,13 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("states");
     let settings = SETTINGS.replace("\"first\"", &format!("\"file\": {:?}, \"first\"", file));
-    let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, 1e9));
-    whole.run(1e9, |_| false);
-    // In the second jump, and between two samples of the solver.
-    for at in [7.65, 9.05, 4.9] {
+    // In the second jump, between two samples of the solver, and where the last states are all the same.
+    for (broken, at) in [(1e9, 7.65), (1e9, 9.05), (1e9, 4.9), (-4.0, 6.9)] {
+        let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        whole.run(broken, |_| false);
         let path = folder.path().join("ride.state");
-        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, 1e9));
-        first.run(1e9, |h| h.time > at - 1e-9);
+        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        first.run(broken, |h| h.time > at - 1e-9);
         first.ride.save(&path).unwrap();
         let mut second = Host::new(&settings, first.time, first.index, 25.0, first.u.clone());
         let now = second.now();
@@ -383,7 +398,7 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
             _ => false,
         };
         assert!(!stopped);
-        second.run(1e9, |_| false);
+        second.run(broken, |_| false);
         let bits = |h: &Host| h.u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
         assert_eq!(whole.jumps.last(), second.jumps.last());
@@ -397,6 +412,8 @@ fn settings_that_cannot_be_are_named() {
         (r#"{"tolerance": -1}"#, "tolerance"),
         (r#"{"growth": 0.5}"#, "growth"),
         (r#"{"longest": 3}"#, "longest"),
+        (r#"{"longest": 2147483647}"#, "longest"),
+        (r#"{"tail": 18446744073709551615}"#, "least"),
         (r#"{"least": 3}"#, "least"),
         (r#"{"windo": 3}"#, "window"),
     ] {

@@ -13,6 +13,8 @@ pub(crate) struct Log {
     pub warnings: Vec<String>,
     /// Whether the last jump was not allowed.
     pub refused: bool,
+    /// For whom the other surrogates wait.
+    pub waited_for: Option<usize>,
     pub jumps_head: String,
     /// Names of the quantities that are its columns.
     pub quantities: Vec<String>,

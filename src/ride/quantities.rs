@@ -67,9 +67,9 @@ impl Track {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Quantities {
     tracks: Vec<Track>,
-    /// Of the state that a jump ended with, and of the solver's first step from it.
-    handed_back: Vec<f64>,
-    first: Vec<f64>,
+    /// Of the state that a jump ended with, and of the solver's first step from it; none where they are no numbers.
+    handed_back: Vec<Option<f64>>,
+    first: Vec<Option<f64>>,
     /// Strides of the jump that is judged.
     jump: usize,
     /// Most strides of the next jump; none: no limit.
@@ -98,7 +98,7 @@ impl Quantities {
         let mut held = Held::default();
         if solver && !self.handed_back.is_empty() {
             match self.first.is_empty() {
-                true => self.first = values.to_vec(),
+                true => self.first = values.iter().map(|v| v.is_finite().then_some(*v)).collect(),
                 false => held = self.judge(settings, values, time),
             }
         }
@@ -118,7 +118,7 @@ impl Quantities {
     pub fn handed_back(&mut self, strides: usize) {
         self.jump = strides;
         self.first.clear();
-        self.handed_back = self.tracks.iter().map(|t| t.last.unwrap_or(f64::NAN)).collect();
+        self.handed_back = self.tracks.iter().map(|t| t.last).collect();
     }
 
     /// Most strides of a jump, where so many are wanted.
@@ -131,13 +131,17 @@ impl Quantities {
         let (mut told, mut beyond) = (Vec::new(), false);
         for (i, s) in settings.iter().enumerate() {
             let variation = self.tracks[i].variation();
-            let off = (handed[i] - (2.0 * first[i] - second[i])).abs();
+            let off = match (handed[i], first[i]) {
+                (Some(handed), Some(first)) => (handed - (2.0 * first - second[i])).abs(),
+                _ => f64::INFINITY,
+            };
             let error = match (off, variation) {
                 (0.0, _) => 0.0,
                 (off, v) if off.is_finite() && v > 0.0 => off / v,
                 _ => f64::INFINITY,
             };
-            self.tracks[i].worst = self.tracks[i].worst.max(error);
+            // JSON, which the state is kept in, has no infinity.
+            self.tracks[i].worst = self.tracks[i].worst.max(error).min(f64::MAX);
             beyond |= error > s.tolerance;
             told.push(format!(
                 "{} of {} was off by {error:.2e} of what it varies by (tolerance {})",
@@ -221,6 +225,20 @@ mod tests {
         assert_eq!(summary[0].0, "worst_forces_Cd");
         assert!((summary[0].1 - 0.1).abs() < 0.02, "{summary:?}");
         assert_eq!((summary[1].1, summary[2].1), (3.0, 1.0));
+    }
+
+    #[test]
+    fn what_is_no_number_is_kept_for_a_run_that_is_carried_on() {
+        let mut q = after_steps();
+        jump(&mut q, 8, f64::NAN, [3.0, 3.0]);
+        // What never varied, and is off after a jump.
+        q.tracks[0].values = [1.0; 9].into();
+        jump(&mut q, 8, 2.0, [1.0, 1.0]);
+        q.reported(&settings(), &[f64::INFINITY], false, "3");
+        q.handed_back(4);
+        q.reported(&settings(), &[f64::NAN], true, "3.1");
+        let text = serde_json::to_string(&q).unwrap();
+        assert_eq!(serde_json::from_str::<Quantities>(&text).unwrap(), q, "{text}");
     }
 
     #[test]

@@ -214,6 +214,9 @@ impl<'a> Ride<'a> {
             let said = self.watch.stepped(&step.name, correctors);
             self.log.judged(said);
         }
+        if self.log.waited_for.is_some() {
+            self.totals.waited += step.time - self.step.time;
+        }
         self.step = step;
         self.phase = Phase::Deciding;
         Ok(self.deciding())
@@ -338,6 +341,7 @@ impl<'a> Ride<'a> {
         self.frame(false, given)?;
         let answer = self.decided(given);
         self.tell_measured();
+        self.tell_waiting();
         answer
     }
 

@@ -30,6 +30,9 @@ pub(crate) struct Totals {
     pub steps: usize,
     /// Who jumped last.
     pub last: usize,
+    /// Time in which others waited for a surrogate that needs the solver's states, s.
+    #[serde(default)]
+    pub waited: f64,
     /// Strides measured beside the solver, and decisions for no jump.
     pub measured: usize,
     pub refused: usize,
@@ -119,6 +122,8 @@ impl Ride<'_> {
                 entries.push((format!("jumps_{name}"), jumps.to_string()));
                 entries.push((format!("replaced_{name}"), digits.of(replaced)));
             }
+            *text += &format!("m4gn: for {} s one waited for the other\n\n", digits.of(t.waited));
+            entries.push(("waited".into(), digits.of(t.waited)));
         }
         let mut more: Vec<(&str, String)> = Vec::new();
         if self.riders.iter().any(|r| r.surrogate.has_begun()) {
