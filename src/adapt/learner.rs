@@ -12,7 +12,7 @@ use m4gn_learn::together::{learn_together, roll_out_together};
 use m4gn_learn::{Backend, Batch, Example};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};
-use m4gn_model::{Model, ModelSpec, Tensor};
+use m4gn_model::{Model, ModelSpec, Output, Tensor};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
@@ -228,9 +228,11 @@ impl Learner {
     /// Error of the rollouts over that of holding their first frames; infinite if one leaves the finite numbers. Collective.
     pub(super) fn score(&self, comm: &Comm, backend: &mut dyn Backend, split: &Split) -> Result<f64> {
         let (weights, normaliser) = (&self.knowledge.optimiser.weights, &self.normaliser);
-        let outcomes = roll_out_together(comm, backend, weights, normaliser, &split.rollouts)?;
+        let fields = self.spec.fields.iter().filter(|f| f.output != Output::None).count();
+        let outcomes = roll_out_together(comm, backend, weights, normaliser, &split.rollouts, fields)?;
         let (mut model, mut held) = (0.0, 0.0);
-        for (m, h) in outcomes.into_iter().flatten() {
+        // By the first predicted field.
+        for [m, h] in outcomes.into_iter().flat_map(|errors| errors.into_iter().step_by(fields)) {
             model += m;
             held += h;
         }

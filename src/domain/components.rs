@@ -53,23 +53,21 @@ impl Components {
         c
     }
 
-    /// Components of the first predicted field.
-    pub fn headline(&self) -> impl Iterator<Item = usize> {
-        let field = self.field[self.outputs[0]];
-        (0..self.count).filter(move |&i| self.field[i] == field)
+    /// Components of each predicted field.
+    pub fn predicted(&self) -> impl Iterator<Item = &[usize]> {
+        self.outputs.chunk_by(|&a, &b| self.field[a] == self.field[b])
     }
 
-    /// Mean square, over the cells (of which there are `cells`) and its components, of the difference of the first predicted field
-    /// in two frames.
-    pub fn mean_square(&self, a: &[f32], b: &[f32], cells: usize) -> f64 {
-        let (mut sum, mut n) = (0.0, 0.0);
-        let rows = a.chunks_exact(self.count).zip(b.chunks_exact(self.count));
-        for (a, b) in rows.take(cells) {
-            for i in self.headline() {
-                sum += (f64::from(a[i]) - f64::from(b[i])).powi(2);
-                n += 1.0;
-            }
-        }
-        sum / n
+    /// Components of the first predicted field.
+    pub fn headline(&self) -> &[usize] {
+        self.predicted().next().unwrap_or_default()
+    }
+
+    /// Mean square, over the cells (of which there are `cells`) and these components, of the difference of two frames.
+    pub fn mean_square(&self, components: &[usize], a: &[f32], b: &[f32], cells: usize) -> f64 {
+        let rows = a.chunks_exact(self.count).zip(b.chunks_exact(self.count)).take(cells);
+        let squares =
+            rows.flat_map(|(a, b)| components.iter().map(|&i| (f64::from(a[i]) - f64::from(b[i])).powi(2)));
+        squares.sum::<f64>() / (cells * components.len()) as f64
     }
 }

@@ -68,8 +68,7 @@ pub trait Backend {
     /// What the backend may fail with.
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned>;
 
-    /// For each rollout the mean squared error of the first predicted field at each step, of the model and of holding
-    /// the first frame.
+    /// For each rollout, step after step, of each predicted field: the mean squared errors of the model and of holding the first frame.
     ///
     /// # Errors
     /// What the backend may fail with.
@@ -78,5 +77,5 @@ pub trait Backend {
         weights: &[f32],
         normaliser: &Normaliser,
         plan: &[Rollout],
-    ) -> Result<Vec<Vec<(f64, f64)>>>;
+    ) -> Result<Vec<Vec<[f64; 2]>>>;
 }

@@ -235,7 +235,7 @@ impl Backend for NativeBackend<'_> {
         weights: &[f32],
         normaliser: &Normaliser,
         plan: &[Rollout],
-    ) -> Result<Vec<Vec<(f64, f64)>>> {
+    ) -> Result<Vec<Vec<[f64; 2]>>> {
         let model = self.model(weights, normaliser);
         self.on_threads(plan.len(), |i| self.roll_one(&model, &plan[i]))
     }

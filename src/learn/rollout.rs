@@ -15,18 +15,19 @@ type Visit<'a> = dyn FnMut(usize, &[f32], &[f32]) -> Result<()> + 'a;
 
 impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
-    pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<(f64, f64)>> {
+    pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<[f64; 2]>> {
         let sample = &self.work.valid[rollout.sample];
         let c = &self.components;
-        let error = |a: &[f32], b: &[f32]| c.mean_square(a, b, sample.n_cells());
         let first = sample.frame(rollout.frame)?;
-        let mut errors: Vec<(f64, f64)> = Vec::with_capacity(rollout.steps);
+        let mut errors: Vec<[f64; 2]> = Vec::new();
         self.roll(model, rollout, &mut |_, state, next| {
-            errors.push((error(state, next), error(&first, next)));
+            let both =
+                |field| [state, &first[..]].map(|from| c.mean_square(field, from, next, sample.n_cells()));
+            errors.extend(c.predicted().map(both));
             Ok(())
         })?;
         // There is no graph of a body that has flown apart; the error says so.
-        errors.resize(rollout.steps, (f64::INFINITY, 1.0));
+        errors.resize(rollout.steps * c.predicted().count(), [f64::INFINITY, 1.0]);
         Ok(errors)
     }
 

@@ -36,8 +36,8 @@ pub fn learn_together(
     Ok(learned)
 }
 
-/// The errors of all rollouts of a plan ([`Backend::roll_out`]), which the ranks share; the same on all ranks. Collective; all
-/// ranks fail together.
+/// The errors of all rollouts of a plan ([`Backend::roll_out`]) of a model with so many predicted fields, which the ranks share; the same
+/// on all ranks. Collective; all ranks fail together.
 ///
 /// # Errors
 /// What the backend may fail with.
@@ -47,15 +47,14 @@ pub fn roll_out_together(
     weights: &[f32],
     normaliser: &Normaliser,
     plan: &[Rollout],
-) -> Result<Vec<Vec<(f64, f64)>>> {
+    fields: usize,
+) -> Result<Vec<Vec<[f64; 2]>>> {
     let outcomes = comm.agree(backend.roll_out(weights, normaliser, &own_share(comm, plan)))?;
-    let numbers =
-        |errors: Vec<(f64, f64)>| errors.into_iter().flat_map(|(model, held)| [model, held]).collect();
-    let own = outcomes.into_iter().map(numbers);
-    let flat = gather_shares(comm, plan.iter().map(|rollout| 2 * rollout.steps), own);
-    let mut rows = flat.chunks_exact(2).map(|pair| (pair[0], pair[1]));
-    let steps = plan.iter().map(|rollout| rollout.steps);
-    Ok(steps.map(|n| rows.by_ref().take(n).collect()).collect())
+    let own = outcomes.into_iter().map(|errors| errors.as_flattened().to_vec());
+    let rows = plan.iter().map(|rollout| rollout.steps * fields);
+    let flat = gather_shares(comm, rows.clone().map(|n| 2 * n), own);
+    let mut pairs = flat.as_chunks().0.iter().copied();
+    Ok(rows.map(|n| pairs.by_ref().take(n).collect()).collect())
 }
 
 /// This rank's share of a plan: every so many-th of its parts as there are ranks.

@@ -122,6 +122,7 @@ mod tests {
             loss,
             losses: vec![loss],
             gradient,
+            others: Vec::new(),
             validation: score.map(|score| Validation {
                 rmse_1: [1.0, 1.0],
                 rmse_horizon: [score, 1.0],

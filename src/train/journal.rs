@@ -8,7 +8,7 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Errors of a validation and of holding the first frame, in the units of the first predicted field.
+/// Errors of a validation and of holding the first frame, in the units of a predicted field.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Validation {
     /// After one step: model, persistence.
@@ -24,6 +24,19 @@ impl Validation {
     pub fn is_finite(&self) -> bool {
         let all = [self.rmse_1, self.rmse_horizon, self.rmse_all];
         all.as_flattened().iter().all(|v| v.is_finite())
+    }
+
+    /// Of what a row of the log has: the model's three errors, then those of persistence.
+    fn of_row(cells: &[&str; 6]) -> Option<Validation> {
+        let v: Vec<f64> = cells.iter().map_while(|v| v.parse().ok()).collect();
+        let v: [f64; 6] = v.try_into().ok()?;
+        Some(Validation { rmse_1: [v[0], v[3]], rmse_horizon: [v[1], v[4]], rmse_all: [v[2], v[5]] })
+    }
+
+    /// As [`Validation::of_row`] reads it.
+    fn to_row(&self) -> [String; 6] {
+        let pairs = [self.rmse_1, self.rmse_horizon, self.rmse_all];
+        std::array::from_fn(|i| format!("{:.6e}", pairs[i % 3][i / 3]))
     }
 
     /// The three errors by name: model, persistence.
@@ -70,6 +83,10 @@ impl Validation {
     }
 }
 
+/// Columns of a field's validation.
+const ERRORS: [&str; 6] =
+    ["rmse_1", "rmse_50", "rmse_all", "persistence_1", "persistence_50", "persistence_all"];
+
 /// One row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
@@ -87,24 +104,22 @@ pub struct Row {
     pub losses: Vec<f64>,
     /// Mean norm of the gradient.
     pub gradient: f64,
-    /// The validation at this step.
+    /// The validation at this step, of the first predicted field.
     pub validation: Option<Validation>,
+    /// And of the others.
+    pub others: Vec<Validation>,
 }
 
 impl Row {
-    /// A line of the log, of so many predicted fields; none where it is not one.
-    fn parse(line: &str, fields: usize) -> Option<Row> {
+    /// A line of the log, of so many predicted fields and columns; none where it is not one.
+    fn parse(line: &str, fields: usize, columns: usize) -> Option<Row> {
         let cells: Vec<&str> = line.split(',').collect();
-        let (numbers, validation) = cells.split_at_checked(6 + fields)?;
+        let (numbers, validations) = cells.split_at_checked(6 + fields).filter(|_| cells.len() == columns)?;
         let number = |i: usize| numbers[i].parse::<f64>().ok();
-        let validation = match validation {
-            ["", "", "", "", "", ""] => None,
-            [_, _, _, _, _, _] => {
-                let v: Vec<f64> = validation.iter().map_while(|v| v.parse().ok()).collect();
-                let v: [f64; 6] = v.try_into().ok()?;
-                Some(Validation { rmse_1: [v[0], v[3]], rmse_horizon: [v[1], v[4]], rmse_all: [v[2], v[5]] })
-            }
-            _ => return None,
+        let validated = !validations.iter().all(|v| v.is_empty());
+        let mut validations = match validated {
+            true => validations.as_chunks().0.iter().map(Validation::of_row).collect::<Option<Vec<_>>>()?,
+            false => Vec::new(),
         };
         Some(Row {
             step: numbers[0].parse().ok()?,
@@ -114,7 +129,8 @@ impl Row {
             loss: number(4)?,
             losses: (5..5 + fields).map(number).collect::<Option<_>>()?,
             gradient: number(5 + fields)?,
-            validation,
+            others: validations.split_off(validations.len().min(1)),
+            validation: validations.pop(),
         })
     }
 }
@@ -123,6 +139,7 @@ impl Row {
 pub struct Journal {
     path: PathBuf,
     file: File,
+    fields: usize,
     rows: Vec<Row>,
 }
 
@@ -130,23 +147,33 @@ impl Journal {
     /// Starts a log, or carries one on: rows after `step` are dropped, they will be made again, and so is what is no row.
     pub fn open(path: &Path, fields: &[String], step: u64) -> Result<Self> {
         let fail = |e: std::io::Error| Error::file(path, format!("cannot write the training log: {e}"));
-        let losses: Vec<String> = fields.iter().map(|f| format!("loss_{f}")).collect();
-        let mut text = format!(
-            "step,samples,seconds,learning_rate,loss,{},gradient_norm,rmse_1,rmse_50,rmse_all,persistence_1,persistence_50,persistence_all\n",
-            losses.join(",")
-        );
+        let named = |kind: &'static str| fields.iter().map(move |f| format!("{kind}_{f}"));
+        // The columns of the first field came before there were those of the others.
+        let of_field = |i: usize| {
+            let field = if i == 0 { String::new() } else { format!("_{}", fields[i]) };
+            ERRORS.map(|name| format!("{name}{field}"))
+        };
+        let names: Vec<String> = ["step", "samples", "seconds", "learning_rate", "loss"]
+            .map(String::from)
+            .into_iter()
+            .chain(named("loss"))
+            .chain(["gradient_norm".into()])
+            .chain((0..fields.len()).flat_map(of_field))
+            .collect();
+        let mut text = names.join(",") + "\n";
         let old = if step > 0 { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
+        let mut lines = old.lines();
+        let columns = lines.next().map_or(0, |head| head.split(',').count());
         let mut rows = Vec::new();
-        for line in old.lines().skip(1) {
-            if let Some(row) = Row::parse(line, fields.len()).filter(|row| row.step <= step) {
-                text.push_str(line);
-                text.push('\n');
+        for line in lines {
+            if let Some(row) = Row::parse(line, fields.len(), columns).filter(|row| row.step <= step) {
+                text += &format!("{line}{}\n", ",".repeat(names.len().saturating_sub(columns)));
                 rows.push(row);
             }
         }
         std::fs::write(path, text).map_err(fail)?;
         let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
-        Ok(Journal { path: path.to_path_buf(), file, rows })
+        Ok(Journal { path: path.to_path_buf(), file, fields: fields.len(), rows })
     }
 
     /// All rows, of the resumptions before as well.
@@ -158,14 +185,10 @@ impl Journal {
     pub fn append(&mut self, row: &Row) -> Result<()> {
         self.rows.push(row.clone());
         let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
-        let validation = match &row.validation {
-            Some(v) => {
-                [v.rmse_1[0], v.rmse_horizon[0], v.rmse_all[0], v.rmse_1[1], v.rmse_horizon[1], v.rmse_all[1]]
-                    .map(|x| format!("{x:.6e}"))
-                    .join(",")
-            }
-            None => ",,,,,".into(),
-        };
+        let mut errors: Vec<String> =
+            row.validation.iter().chain(&row.others).flat_map(Validation::to_row).collect();
+        errors.resize(ERRORS.len() * self.fields, String::new());
+        let validation = errors.join(",");
         writeln!(
             self.file,
             "{},{},{:.1},{:.6e},{:.6e},{},{:.4e},{validation}",
@@ -194,6 +217,7 @@ mod tests {
             loss: 0.25,
             losses: vec![0.125, 0.0625],
             gradient: 1.0,
+            others: validation.into_iter().collect(),
             validation,
         }
     }
@@ -225,7 +249,7 @@ mod tests {
         (1..=3).for_each(|s| journal.append(&row(s, None)).unwrap());
         let text = std::fs::read_to_string(&path).unwrap();
         let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(columns, [14; 4]);
+        assert_eq!(columns, [20; 4]);
         drop(Journal::open(&path, &fields, 2).unwrap());
         assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 3);
     }
@@ -270,5 +294,13 @@ mod tests {
         assert_eq!(Journal::open(&path, &fields, 9).unwrap().rows(), &rows[..2]);
         let left = std::fs::read_to_string(&path).unwrap();
         assert!(left.ends_with('\n') && left.lines().count() == 3, "{left}");
+        // A log from before there were columns of all fields.
+        let first: Vec<String> =
+            left.lines().map(|l| l.split(',').take(14).collect::<Vec<_>>().join(",")).collect();
+        std::fs::write(&path, first.join("\n")).unwrap();
+        let old = Journal::open(&path, &fields, 9).unwrap();
+        assert_eq!(old.rows()[1], Row { others: Vec::new(), ..rows[1].clone() });
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.lines().all(|l| l.split(',').count() == 20), "{text}");
     }
 }

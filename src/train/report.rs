@@ -64,12 +64,11 @@ impl Report {
         let rate = (row.step - since.1.min(row.step)) as f64 / since.0.elapsed().as_secs_f64().max(1e-9);
         *since = (Instant::now(), row.step);
         let each = fields.iter().zip(&row.losses).map(|(f, loss)| format!("{f} {}", number(*loss, 4)));
-        let text = format!(
-            "loss {} ({}), {} steps/s",
-            number(row.loss, 4),
-            each.collect::<Vec<_>>().join(", "),
-            number(rate, 3)
-        );
+        let loss = match row.samples {
+            0 => "no update yet, normalisers are accumulated".into(),
+            _ => format!("loss {} ({})", number(row.loss, 4), each.collect::<Vec<_>>().join(", ")),
+        };
+        let text = format!("{loss}, {} steps/s", number(rate, 3));
         if self.terminal {
             self.bar.borrow().set_message(text);
         } else if self.speaks {
@@ -80,13 +79,12 @@ impl Report {
         }
     }
 
-    /// After a validation, which is of this field.
-    pub fn validation(&self, step: u64, field: &str, v: &Validation, better: bool) {
-        self.line(&format!(
-            "validation of {field} at step {step}: {}{}",
-            v.relative(),
-            if better { ", best so far" } else { "" }
-        ));
+    /// After a validation of these fields; the first says whether it is a better one.
+    pub fn validation(&self, step: u64, fields: &[String], all: &[Validation], better: bool) {
+        for (i, (field, v)) in fields.iter().zip(all).enumerate() {
+            let best = if better && i == 0 { ", best so far" } else { "" };
+            self.line(&format!("validation of {field} at step {step}: {}{best}", v.relative()));
+        }
     }
 
     /// Takes the bar away.

@@ -170,7 +170,7 @@ impl Trainer<'_> {
         self.steps(stop, report, &mut journal)
     }
 
-    /// Names of the fields that have a loss each; validations are of the first one.
+    /// Names of the fields that have a loss and validations each; the best weights are best at the first one.
     pub(super) fn predicted(&self) -> impl Iterator<Item = &str> {
         let outputs = self.spec.fields.iter().filter(|f| f.output != Output::None);
         outputs.map(|f| f.name.as_str())
@@ -212,7 +212,7 @@ impl Trainer<'_> {
             let out_of_time = late[0] != 0;
             let last = step == t.steps || out_of_time;
             let validated = last || step.is_multiple_of(t.validation_interval);
-            let validation = if validated { Some(self.validate(report)?) } else { None };
+            let validation = if validated { self.validate(report)? } else { Vec::new() };
             if validated || step.is_multiple_of(t.log_interval) {
                 let row = self.row(validation);
                 let written = match journal {
@@ -340,7 +340,7 @@ impl Trainer<'_> {
     }
 
     /// The log row of the interval that ends here.
-    fn row(&mut self, validation: Option<Validation>) -> Row {
+    fn row(&mut self, mut validations: Vec<Validation>) -> Row {
         let seconds = self.seconds();
         let (rows, loss, gradient, sums) = std::mem::take(&mut self.progress.interval);
         let n = rows.max(1) as f64;
@@ -353,7 +353,8 @@ impl Trainer<'_> {
             loss: loss / n,
             losses: (0..outputs).map(|i| sums.get(i).map_or(0.0, |s| s / n)).collect(),
             gradient: gradient / n,
-            validation,
+            others: validations.split_off(validations.len().min(1)),
+            validation: validations.pop(),
         }
     }
 

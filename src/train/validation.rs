@@ -11,8 +11,10 @@ use m4gn_mesh::Result;
 pub const HORIZON: usize = 50;
 
 impl Trainer<'_> {
-    /// Rolls out the validation trajectories and keeps the weights if they are the best so far.
-    pub(super) fn validate(&mut self, report: &Report) -> Result<Validation> {
+    /// Rolls out the validation trajectories and keeps the weights if they are the best so far by the first predicted field. Of each of
+    /// them the errors.
+    pub(super) fn validate(&mut self, report: &Report) -> Result<Vec<Validation>> {
+        let fields: Vec<String> = self.predicted().map(String::from).collect();
         let weights = self.optimiser.best_guess().to_vec();
         let stride = self.work.frames_a_step;
         let short = (HORIZON / stride).max(1);
@@ -32,25 +34,31 @@ impl Trainer<'_> {
         plan.sort_by_key(|p| std::cmp::Reverse(p.0));
         let rollouts: Vec<Rollout> =
             plan.iter().map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps }).collect();
+        let n = fields.len();
         let outcomes =
-            roll_out_together(self.comm, &mut *self.backend, &weights, &self.normaliser, &rollouts)?;
-        // Sums of (model, persistence) squared errors and counts, of the three figures.
-        let mut sums = [[0.0; 3]; 3];
+            roll_out_together(self.comm, &mut *self.backend, &weights, &self.normaliser, &rollouts, n)?;
+        // Of each field sums of (model, persistence) squared errors and counts, of the three figures.
+        let mut sums = vec![[[0.0; 3]; 3]; n];
         for (plan, errors) in plan.iter().zip(outcomes) {
-            let mut add = |figure: usize, errors: &[(f64, f64)]| {
-                for (model, held) in errors {
+            let mut add = |figure: usize, errors: &[[f64; 2]]| {
+                for (i, [model, held]) in errors.iter().enumerate() {
                     let parts = [*model, *held, 1.0];
-                    sums[figure].iter_mut().zip(parts).for_each(|(sum, x)| *sum += x);
+                    sums[i % n][figure].iter_mut().zip(parts).for_each(|(sum, x)| *sum += x);
                 }
             };
             add(plan.0, &errors);
             if plan.0 == 2 {
-                add(1, &errors[..short.min(errors.len())]);
+                add(1, &errors[..(n * short).min(errors.len())]);
             }
         }
         let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
-        let validation =
-            Validation { rmse_1: root(sums[0]), rmse_horizon: root(sums[1]), rmse_all: root(sums[2]) };
+        let of = |[one, horizon, all]: [[f64; 3]; 3]| Validation {
+            rmse_1: root(one),
+            rmse_horizon: root(horizon),
+            rmse_all: root(all),
+        };
+        let all: Vec<Validation> = sums.into_iter().map(of).collect();
+        let validation = all[0];
         let earlier = self.progress.best.as_ref().map(|(_, earlier)| earlier);
         let better = validation.replaces(earlier, self.config.training.best_of);
         if better {
@@ -59,8 +67,7 @@ impl Trainer<'_> {
             let exported = if self.comm.is_root() { self.export() } else { Ok(()) };
             self.comm.agree(exported)?;
         }
-        let field = self.predicted().next().unwrap_or_default();
-        report.validation(self.progress.step, field, &validation, better);
-        Ok(validation)
+        report.validation(self.progress.step, &fields, &all, better);
+        Ok(all)
     }
 }

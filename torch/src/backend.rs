@@ -92,7 +92,7 @@ impl Backend for TorchBackend {
         weights: &[f32],
         normaliser: &Normaliser,
         plan: &[Rollout],
-    ) -> Result<Vec<Vec<(f64, f64)>>> {
+    ) -> Result<Vec<Vec<[f64; 2]>>> {
         let weights = Tensor::from_slice(weights).to_device(self.device);
         let job = |rollout: &Rollout| Job::Rollout {
             weights: weights.shallow_clone(),

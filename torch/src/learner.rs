@@ -64,9 +64,8 @@ pub enum Outcome {
         /// Examples in the piece.
         examples: usize,
     },
-    /// Of [`Job::Rollout`]: mean squared error of the first predicted field at each step, of the model and of
-    /// holding the first frame.
-    Rolled(Vec<(f64, f64)>),
+    /// Of [`Job::Rollout`], as the backend's `roll_out` has them.
+    Rolled(Vec<[f64; 2]>),
 }
 
 /// Everything a worker needs; each thread has its own, tensors share their storage.
@@ -264,15 +263,13 @@ impl Learner {
             let (cells, boundary) = sample.frame(frame + step * self.frames_a_step, self.device)?;
             Ok(State { cells, boundary })
         };
-        let headline = self.components.field[self.components.outputs[0]];
-        let first = self.components.field.iter().position(|&f| f == headline).unwrap_or(0) as i64;
-        let count = self.components.field.iter().filter(|&&f| f == headline).count() as i64;
-        let error = |a: &Tensor, b: &Tensor| {
-            (a - b).narrow(1, first, count).square().mean(Kind::Double).double_value(&[])
+        let error = |field: &[usize], a: &Tensor, b: &Tensor| {
+            let part = (a - b).narrow(1, field[0] as i64, field.len() as i64);
+            part.square().mean(Kind::Double).double_value(&[])
         };
         let mut state = read(0)?;
         let start = state.cells.shallow_clone();
-        let mut errors = Vec::with_capacity(steps);
+        let mut errors = Vec::new();
         let domains = [sample.domain(false)];
         for step in 1..=steps {
             let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;
@@ -281,7 +278,8 @@ impl Learner {
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
-            errors.push((error(&state.cells, &next.cells), error(&start, &next.cells)));
+            let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells));
+            errors.extend(self.components.predicted().map(both));
         }
         Ok(Outcome::Rolled(errors))
     }

@@ -253,8 +253,8 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
     let expected = torch.roll_out(&weights, &normaliser, &rollout).unwrap();
     let found = native.roll_out(&weights, &normaliser, &rollout).unwrap();
     for (a, b) in found[0].iter().zip(&expected[0]) {
-        assert!((a.0 / b.0 - 1.0).abs() < 1e-3, "{name}: rollout {a:?} {b:?}");
-        assert!((a.1 - b.1).abs() <= 1e-6 * b.1, "{name}: hold {a:?} {b:?}");
+        assert!((a[0] / b[0] - 1.0).abs() < 1e-3, "{name}: rollout {a:?} {b:?}");
+        assert!((a[1] - b[1]).abs() <= 1e-6 * b[1], "{name}: hold {a:?} {b:?}");
     }
 }
 
