@@ -401,13 +401,13 @@ typedef struct m4gn_ride_array
     const char* name;           /* unique; of a field the name that it has in m4gn_ride_stride */
     int64_t n;                  /* numbers: items times components, those of an item together */
     int32_t components;         /* numbers an item */
-    int32_t solved;             /* components that are solved of a field at cells, 1 to components: it is measured, and advanced; 0: the
+    int32_t solved;             /* components that are solved of a field at cells or points, 1 to components: it is measured, and advanced; 0: the
                                    array is carried along (fluxes, boundary values) */
     int32_t positive;           /* not 0: predictions are not below the least value of the run's states */
     int32_t fitted;             /* not 0, of a field that is solved: the fit is made of it, as of all fields with an equation in time;
                                    0: it is carried along and measured (an incompressible pressure, with the noise of its tolerance) */
     int32_t input;              /* not 0: a value that is prescribed; m4gn_ride_inputs says what it will be */
-    const double* weights;      /* [n/components] volumes of the cells where the fit is made of it, else NULL */
+    const double* weights;      /* [n/components] volumes of the cells, or the points' shares of them, where the fit is made of it, else NULL */
 } m4gn_ride_array;
 
 /* What may take the solver's place: that which the setting surrogates names. */

@@ -2,6 +2,7 @@
 
 #include "m4gnHandOver.H"
 #include "m4gnDictionary.H"
+#include "m4gnRun.H"
 #include "StringStream.H"
 #include "cloud.H"
 #include "surfaceFields.H"
@@ -103,11 +104,17 @@ Foam::string Foam::m4gn::notInFields(const fvMesh& mesh)
 {
     OStringStream why;
 
-    const wordList meshes(mesh.time().sortedNames<fvMesh>());
+    wordHashSet meshes(mesh.time().names<fvMesh>());
+    // That of solids4foam's vertex-centred models has no state of its own
+    meshes.erase("dualMesh");
     if (meshes.size() > 1)
     {
-        why << "there are several meshes (" << join(meshes).c_str() << "), which go on in step";
+        why << "there are several meshes (" << join(meshes.sortedToc()).c_str() << "), which go on in step";
         return why.str();
+    }
+    if (meshFollowsBody(mesh))
+    {
+        return "the mesh moves with the body (solidModel " + solidModel(mesh) + ')';
     }
     const wordList clouds(mesh.sortedNames<cloud>());
     if (clouds.size())
@@ -123,17 +130,29 @@ Foam::string Foam::m4gn::notInFields(const fvMesh& mesh)
             return why.str();
         }
     }
+    for (const word& name : mesh.sortedNames<volVectorField>())
+    {
+        for (const fvPatchVectorField& patch : mesh.lookupObject<volVectorField>(name).boundaryField())
+        {
+            if (patch.type() == "solidContact")
+            {
+                why << "solidContact at the patch " << patch.patch().name() << " relaxes tractions that are no fields";
+                return why.str();
+            }
+        }
+    }
+    const wordHashSet handled({"pointScalarField", "pointVectorField"});
     for (const word& name : mesh.sortedNames())
     {
         const auto* object = mesh.findObject<regIOobject>(name);
         const word kind(object ? object->type() : word::null);
         if
         (
-            (kind.starts_with("point") || kind.starts_with("area") || kind.starts_with("edge")) && kind.ends_with("Field")
-         && object->readOpt() != IOobject::NO_READ && object->writeOpt() == IOobject::AUTO_WRITE
+            ((kind.starts_with("point") && !handled.found(kind)) || kind.starts_with("area") || kind.starts_with("edge"))
+         && kind.ends_with("Field") && object->readOpt() != IOobject::NO_READ && object->writeOpt() == IOobject::AUTO_WRITE
         )
         {
-            why << "the field " << name << " is a " << kind << ", neither of cells nor of faces";
+            why << "the field " << name << " is a " << kind << "; expected fields of cells and of faces, scalars and vectors of points";
             return why.str();
         }
     }

@@ -2,6 +2,7 @@
 
 #include "m4gnPrescribed.H"
 #include "fixedValueFvPatchFields.H"
+#include "pointFields.H"
 #include "StringStream.H"
 #include "Time.H"
 
@@ -25,6 +26,11 @@ bool hasFunction(const dictionary& dict)
 {
     for (const entry& e : dict)
     {
+        // solids4foam has tables of this name
+        if (e.keyword().ends_with("Series"))
+        {
+            return true;
+        }
         if (e.isDict())
         {
             if (hasFunction(e.dict()))
@@ -51,8 +57,8 @@ bool isRandom(const word& type)
 }
 
 //- Is the value or the gradient prescribed in time?
-template<class Type>
-bool changes(const fvPatchField<Type>& patch)
+template<class Patch>
+bool changes(const Patch& patch)
 {
     // Functions of a place or of a flow rate
     static const wordHashSet others({"fan", "fanPressure", "fixedProfile"});
@@ -75,6 +81,15 @@ bool changes(const fvPatchField<Type>& patch)
     return hasFunction(dict);
 }
 
+template<class Patch>
+void refuse(const word& name, const Patch& patch)
+{
+    FatalErrorInFunction
+        << "Nobody can say beforehand what the condition " << patch.type() << " of " << name << " at the patch "
+        << patch.patch().name() << " will be at a later time" << nl
+        << "    Expected fixed values, or conditions that do not change by themselves" << exit(FatalError);
+}
+
 } // End anonymous namespace
 
 template<class Type>
@@ -92,12 +107,7 @@ void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label
         {
             if (random || !isA<fixedValueFvPatchField<Type>>(patch))
             {
-                FatalErrorInFunction
-                    << "Nobody can say beforehand what the condition "
-                    << patch.type() << " of " << name << " at the patch "
-                    << patch.patch().name() << " will be at a later time" << nl
-                    << "    Expected fixed values, or conditions that do not"
-                    << " change by themselves" << exit(FatalError);
+                refuse(name, patch);
             }
             found.append({name, patchi});
         }
@@ -142,6 +152,16 @@ Foam::m4gnPrescribed::m4gnPrescribed(const fvMesh& mesh, const wordList& fields)
     {
         find<scalar>(name, found);
         find<vector>(name, found);
+        if (const auto* points = mesh_.findObject<pointVectorField>(name))
+        {
+            for (const pointPatchVectorField& patch : points->boundaryField())
+            {
+                if (changes(patch))
+                {
+                    refuse(name, patch);
+                }
+            }
+        }
     }
     found_ = found;
     values_.resize(found_.size());

@@ -3,6 +3,8 @@
 #include "m4gnRunState.H"
 #include "m4gnDictionary.H"
 #include "m4gnHandOver.H"
+#include "m4gnRun.H"
+#include "pointFields.H"
 #include "Time.H"
 
 namespace
@@ -60,10 +62,35 @@ constexpr label componentsOf(const GeometricField<Type, Patch, Mesh>&)
     return pTraits<Type>::nComponents;
 }
 
+//- A field of points has no boundary values beside those of its points
+template<class Type>
+label sizeOf(const Field<Type>& patch) { return patch.size(); }
+
+template<class Type>
+label sizeOf(const pointPatchField<Type>&) { return 0; }
+
+template<class Type>
+scalar* numbers(const pointPatchField<Type>&) { return nullptr; }
+
 template<class Type, template<class> class Patch, class Mesh>
-constexpr bool isOfCells(const GeometricField<Type, Patch, Mesh>&)
+bool isOf(const bool points, const GeometricField<Type, Patch, Mesh>&)
 {
-    return std::is_same<Mesh, volMesh>::value;
+    return points ? std::is_same<Mesh, pointMesh>::value : std::is_same<Mesh, volMesh>::value;
+}
+
+//- The points' shares of the cells' volumes; a point of several ranks has a share of each
+scalarField shares(const fvMesh& mesh)
+{
+    scalarField shares(mesh.nPoints(), Zero);
+    forAll(mesh.cellPoints(), celli)
+    {
+        const labelList& points = mesh.cellPoints()[celli];
+        for (const label pointi : points)
+        {
+            shares[pointi] += mesh.V()[celli]/points.size();
+        }
+    }
+    return shares;
 }
 
 //- Does it follow from other fields, without an equation in time? It then has the noise of the tolerance that it is solved to: the fit is
@@ -99,6 +126,9 @@ void Foam::m4gnRunState::each(const Action& action) const
         apply<volTensorField>(mesh_, name, action);
         apply<surfaceScalarField>(mesh_, name, action);
         apply<surfaceVectorField>(mesh_, name, action);
+        apply<surfaceTensorField>(mesh_, name, action);
+        apply<pointScalarField>(mesh_, name, action);
+        apply<pointVectorField>(mesh_, name, action);
     }
 }
 
@@ -118,8 +148,8 @@ void Foam::m4gnRunState::checkCase()
         const wordHashSet handled
         (
             group == "ddtSchemes"
-          ? wordHashSet({"Euler", "backward", "CrankNicolson", "none"})
-          : wordHashSet({"Euler", "steadyState", "none"})
+          ? wordHashSet({"Euler", "backward", "CrankNicolson", "NewmarkBeta", "none"})
+          : wordHashSet({"Euler", "NewmarkBeta", "steadyState", "none"})
         );
 
         for (const entry& e : mesh_.schemesDict().subOrEmptyDict(group))
@@ -134,9 +164,9 @@ void Foam::m4gnRunState::checkCase()
                     << "    Handled: " << m4gn::join(handled.sortedToc())
                     << exit(FatalError);
             }
-            hasOldLevels_ =
-                hasOldLevels_ || used == "backward" || used == "CrankNicolson"
-             || (group == "d2dt2Schemes" && used == "Euler");
+            // solids4foam's models of increments go on from two levels of the displacement
+            const bool second = group == "d2dt2Schemes" && used == "Euler";
+            nOldLevels_ = max(nOldLevels_, label(second ? 2 : used == "backward" || used == "CrankNicolson"));
         }
     }
 }
@@ -144,8 +174,9 @@ void Foam::m4gnRunState::checkCase()
 Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
 :
     m4gnSolverState(mesh),
-    volumes_(mesh.V()),
-    hasOldLevels_(false)
+    atPoints_(m4gn::solidModel(mesh).starts_with("vertexCentred")),
+    volumes_(atPoints_ ? shares(mesh) : scalarField(mesh.V())),
+    nOldLevels_(0)
 {
     checkCase();
 
@@ -155,6 +186,9 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     names.insert(mesh.names<volTensorField>());
     names.insert(mesh.names<surfaceScalarField>());
     names.insert(mesh.names<surfaceVectorField>());
+    names.insert(mesh.names<surfaceTensorField>());
+    names.insert(mesh.names<pointScalarField>());
+    names.insert(mesh.names<pointVectorField>());
     DynamicList<word> found;
     for (const word& name : names.sortedToc())
     {
@@ -189,7 +223,7 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     each([&](auto& field)
     {
         const label n = componentsOf(field);
-        const bool measured = isOfCells(field) && (n == 1 || n == 3) && isRead(field);
+        const bool measured = isOf(atPoints_, field) && (n == 1 || n == 3) && isRead(field);
         const bool isPositive = positive(field.name(), field.dimensions());
         add
         (
@@ -199,7 +233,7 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
         label faces = 0;
         for (const auto& patch : field.boundaryField())
         {
-            faces += patch.size();
+            faces += sizeOf(patch);
         }
         add(field.name() + ".boundary", faces, n, 0, false, isPositive);
     });
@@ -232,7 +266,7 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     if (measured_.empty())
     {
         FatalErrorInFunction
-            << "The solver has no field of cells that it reads and writes: the"
+            << "The solver has no field that it reads and writes: the"
             << " linear surrogate has nothing to be fitted to" << exit(FatalError);
     }
     DynamicList<word> read, beside;
@@ -257,7 +291,7 @@ std::vector<const double*> Foam::m4gnRunState::gather()
         scalar* to = values_[arrayi + 1].begin();
         for (const auto& patch : field.boundaryField())
         {
-            to = std::copy_n(numbers(patch), patch.size()*componentsOf(field), to);
+            to = std::copy_n(numbers(patch), sizeOf(patch)*componentsOf(field), to);
         }
         arrayi += 2;
     });
@@ -303,22 +337,22 @@ std::vector<double*> Foam::m4gnRunState::places()
 void Foam::m4gnRunState::advance(const List<scalarField>&, const scalar duration)
 {
     step(duration);
-    put(false);
+    put(0);
 }
 
-void Foam::m4gnRunState::put(const bool old)
+void Foam::m4gnRunState::put(const label before)
 {
     label arrayi = 0;
     each([&](auto& present)
     {
-        if (!old || present.nOldTimes())
+        if (before <= present.nOldTimes())
         {
-            auto& field = old ? present.oldTime() : present;
+            auto& field = before == 0 ? present : before == 1 ? present.oldTime() : present.oldTime().oldTime();
             std::copy(values_[arrayi].begin(), values_[arrayi].end(), numbers(field.primitiveFieldRef()));
             const scalar* from = values_[arrayi + 1].begin();
             for (auto& patch : field.boundaryFieldRef())
             {
-                const label n = patch.size()*componentsOf(field);
+                const label n = sizeOf(patch)*componentsOf(field);
                 std::copy_n(from, n, numbers(patch));
                 from += n;
             }

@@ -283,7 +283,7 @@ m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scal
     predicted.resize(to.size());
     forAll(predicted, i)
     {
-        predicted[i].resize(to[i].components*(linear ? mesh_.nCells() : session_->nodes().size()));
+        predicted[i].resize(to[i].components*(linear ? run_->nValues() : session_->nodes().size()));
         outputs[i].name = to[i].name;
         outputs[i].components = to[i].components;
         outputs[i].cells = predicted[i].data();
@@ -311,13 +311,16 @@ m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scal
 
 bool Foam::m4gnRide::setOldLevels(const label surrogatei, const scalar deltaT)
 {
-    if (kinds_[surrogatei] != "linear" || !run_->hasOldLevels())
+    if (kinds_[surrogatei] != "linear" || !run_->nOldLevels())
     {
         return false;
     }
     const std::vector<double*> places(run_->places());
-    m4gn::check(m4gn_ride_arrays(ride_, deltaT, places.data(), places.size()), "m4gnSurrogate cannot hand over");
-    run_->setOldLevels();
+    for (label before = 1; before <= run_->nOldLevels(); ++before)
+    {
+        m4gn::check(m4gn_ride_arrays(ride_, before*deltaT, places.data(), places.size()), "m4gnSurrogate cannot hand over");
+        run_->setOldLevels(before);
+    }
     gathered_ = false;
     return true;
 }

@@ -157,7 +157,9 @@ void Foam::m4gnRide::writeError(const label surrogatei, const label fieldi, cons
 
 void Foam::m4gnRide::writeErrors() const
 {
-    if (!observes_ || !mesh_.time().writeTime() || !dict_.getOrDefault<bool>("writeErrors", false))
+    // Those of points are no fields of cells
+    const bool wanted = dict_.getOrDefault<bool>("writeErrors", false) && !(run_ && run_->atPoints());
+    if (!observes_ || !mesh_.time().writeTime() || !wanted)
     {
         return;
     }
