@@ -34,7 +34,7 @@ impl Validation {
     }
 
     /// As [`Validation::of_row`] reads it.
-    fn to_row(&self) -> [String; 6] {
+    fn to_row(self) -> [String; 6] {
         let pairs = [self.rmse_1, self.rmse_horizon, self.rmse_all];
         std::array::from_fn(|i| format!("{:.6e}", pairs[i % 3][i / 3]))
     }
@@ -186,7 +186,7 @@ impl Journal {
         self.rows.push(row.clone());
         let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
         let mut errors: Vec<String> =
-            row.validation.iter().chain(&row.others).flat_map(Validation::to_row).collect();
+            row.validation.iter().chain(&row.others).copied().flat_map(Validation::to_row).collect();
         errors.resize(ERRORS.len() * self.fields, String::new());
         let validation = errors.join(",");
         writeln!(
