@@ -130,3 +130,20 @@ fn outputs_are_checked_before_anything_is_computed() {
         fails(&run, "/nowhere/report.html: cannot be written");
     }
 }
+
+#[test]
+fn what_is_no_case_is_bad_usage() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    for (case, words) in [
+        (folder.path(), "is a folder without system/controlDict"),
+        (&file, "is no folder"),
+        (Path::new("/nowhere"), "does not exist: expected the folder of an OpenFOAM case, or a family"),
+    ] {
+        let run = m4gn().arg("check").arg(case).output().unwrap();
+        let text = String::from_utf8_lossy(&run.stderr);
+        assert!(run.status.code() == Some(2) && text.contains(words), "{text}");
+    }
+    assert_eq!(m4gn().arg("check").status().unwrap().code(), Some(2));
+}

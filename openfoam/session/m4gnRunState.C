@@ -274,12 +274,24 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     {
         (isRead(mesh.lookupObject<regIOobject>(name)) ? read : beside).append(name);
     }
-    Info<< "m4gn: the linear surrogate advances " << m4gn::join(wordList(read));
-    if (beside.size())
+    read_ = read;
+    beside_ = beside;
+    Info<< "m4gn: the linear surrogate advances " << m4gn::join(read_);
+    if (beside_.size())
     {
-        Info<< " and, with them, " << m4gn::join(wordList(beside));
+        Info<< " and, with them, " << m4gn::join(beside_);
     }
     Info<< nl << endl;
+}
+
+Foam::scalar Foam::m4gnRunState::size() const
+{
+    scalar n = 0;
+    for (const m4gn_ride_array& array : layout_)
+    {
+        n += array.n;
+    }
+    return returnReduce(n, sumOp<scalar>());
 }
 
 std::vector<const double*> Foam::m4gnRunState::gather()

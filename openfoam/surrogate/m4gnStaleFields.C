@@ -70,32 +70,42 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
      && !derived_.found(word(name, false));
 }
 
-void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& since)
+Foam::wordList Foam::m4gnStaleFields::names(const m4gnSolverState& state)
 {
     advanced_ = wordHashSet(state.advanced());
     derive();
+
+    DynamicList<word> found;
+    for (const word& name : mesh_.sortedNames<regIOobject>())
+    {
+        if (stale(mesh_.lookupObject<regIOobject>(name)))
+        {
+            found.append(name);
+        }
+    }
+    return wordList(found);
+}
+
+void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& since)
+{
+    const wordList marked(names(state));
 
     if (!mesh_.time().writeTime())
     {
         return;
     }
 
-    DynamicList<word> marked;
     DynamicList<string> notes;
-    for (const word& name : mesh_.sortedNames<regIOobject>())
+    for (const word& name : marked)
     {
         auto& object = mesh_.lookupObjectRef<regIOobject>(name);
-        if (stale(object))
-        {
-            marked.append(name);
-            notes.append(object.note());
-            object.note() = std::string(m4gn::staleNote) + ", values of time " + since;
-        }
+        notes.append(object.note());
+        object.note() = std::string(m4gn::staleNote) + ", values of time " + since;
     }
 
     if (marked.size() && !said_)
     {
-        Info<< "m4gn: the model does not advance " << m4gn::join(wordList(marked))
+        Info<< "m4gn: the model does not advance " << m4gn::join(marked)
             << ": what is written of them in a jump has the values of the"
             << " solver's last step, and a note that says so" << endl;
         said_ = true;

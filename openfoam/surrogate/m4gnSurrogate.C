@@ -2,6 +2,7 @@
 
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
+#include "m4gnCheck.H"
 #include "m4gnContactProjection.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticSmoothing.H"
@@ -60,6 +61,10 @@ void Foam::functionObjects::m4gnSurrogate::load()
     }
 
     checkOthers();
+    if (check_)
+    {
+        check_->setInterval(dict_);
+    }
     m4gnRunState* run = nullptr;
     const wordList kinds(m4gnRide::kinds(dict_));
     states_.resize(kinds.size());
@@ -82,6 +87,10 @@ void Foam::functionObjects::m4gnSurrogate::load()
     {
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, states_));
         setProperty(writesFrom, time_.startTime().value());
+    }
+    if (check_)
+    {
+        check_->made(run, states_.first(), jump_->frozen());
     }
 }
 
@@ -106,8 +115,12 @@ void Foam::functionObjects::m4gnSurrogate::jump()
     }
 
     jumping_ = true;
-    jump_->run(pending_, *this);
+    const bool jumped = jump_->run(pending_, *this);
     jumping_ = false;
+    if (jumped && check_)
+    {
+        check_->jumped();
+    }
     pending_.action = M4GN_RIDE_SOLVE;
 }
 
@@ -224,6 +237,12 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         return true;
     }
 
+    if (m4gnCheck::asked(dict))
+    {
+        check_.reset(new m4gnCheck(mesh_, dict));
+        return read(check_->jumping());
+    }
+
     // Errors here must be FatalIOError: OpenFOAM turns FatalError during
     // construction into a warning and goes on without the function object.
 
@@ -276,6 +295,12 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     }
     executed_ = time_.timeIndex();
 
+    if (check_ && check_->isOver())
+    {
+        check_->solved();
+        return true;
+    }
+
     if (!ride_ && time_.value() > timeEnd_ + 0.5*time_.deltaTValue())
     {
         return true;
@@ -293,6 +318,11 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     }
 
     follow(answer);
+
+    if (check_)
+    {
+        check_->solved();
+    }
 
     return true;
 }
@@ -332,6 +362,10 @@ bool Foam::functionObjects::m4gnSurrogate::end()
     if (ride_)
     {
         ride_->end();
+    }
+    if (check_)
+    {
+        check_->write();
     }
 
     return true;

@@ -6,6 +6,7 @@ mod output;
 
 pub mod bench;
 pub mod calibrate;
+pub mod check;
 pub mod compare;
 pub mod doctor;
 pub mod generate;
@@ -36,6 +37,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Check(check::Args),
     Generate(generate::Args),
     Info(info::Args),
     Train(train::Args),
@@ -54,6 +56,7 @@ fn main() -> ExitCode {
     // Bad usage ends here with status 2.
     let cli = Cli::parse();
     let done = match cli.command {
+        Command::Check(args) => check::run(args),
         Command::Generate(args) => generate::run(args),
         Command::Info(args) => info::run(args),
         Command::Train(args) => utf8_arguments().and_then(|()| train::run(args)),

@@ -1,7 +1,8 @@
-//! What is done with models and trajectories outside of a solver: six tools, a module each.
+//! What is done with models and trajectories outside of a solver: seven tools, a module each.
 //!
 //! | module | tool | its way in |
 //! | --- | --- | --- |
+//! | [`check`] | whether a case fits | [`check::run`] |
 //! | [`validate`], [`calibrate`] | a model on recorded trajectories, beside its baselines | [`validate::run`], [`calibrate::rollouts`] |
 //! | [`compare`] | two runs of a case: fields, forces, motion, times | [`compare::compare`] |
 //! | [`hybrid`] | many cases, each with and without surrogate | [`hybrid::run`] |
@@ -13,6 +14,7 @@
 
 pub mod bench;
 pub mod calibrate;
+pub mod check;
 pub mod compare;
 mod digest;
 pub mod errors;

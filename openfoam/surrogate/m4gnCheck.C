@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnCheck.H"
+#include "m4gnDictionary.H"
+#include "m4gnNodeTypes.H"
+#include "m4gnRide.H"
+#include "memInfo.H"
+#include "OFstream.H"
+#include "OSspecific.H"
+#include "Time.H"
+#include <algorithm>
+
+namespace
+{
+using namespace Foam;
+
+//- Steps after the jump that are watched, and those of which a time scale can be told
+const label most = 100, fewest = 20;
+
+//- Entries of the linear surrogate for a jump after a few states, however they are fitted
+const char* const early =
+    "{ window 14; least 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough 1e30; first 1; longest 1; keep no; }";
+
+dictionary parsed(const std::string& text)
+{
+    IStringStream stream(text);
+    return dictionary(stream);
+}
+
+//- As strings: names such as (E|rho) are no words to those who read them
+List<string> texts(const wordList& names)
+{
+    List<string> all(names.size());
+    std::copy(names.begin(), names.end(), all.begin());
+    return all;
+}
+
+//- Memory of all ranks (bytes). Collective.
+scalar memory()
+{
+    memInfo info;
+    return returnReduce(scalar(info.update().rss()), sumOp<scalar>())*1024;
+}
+
+} // End anonymous namespace
+
+Foam::m4gnCheck::m4gnCheck(const fvMesh& mesh, const dictionary& dict)
+:
+    mesh_(mesh),
+    dict_(dict),
+    file_(dict.get<fileName>("report")),
+    seconds_(dict.getOrDefault<scalar>("seconds", 10)),
+    made_(0),
+    steps_(0),
+    after_(0),
+    jumped_(false),
+    began_(0),
+    run_(nullptr)
+{
+    report_.set("surrogate", m4gnRide::kinds(dict).first());
+    report_.set("cells", returnReduce(mesh.nCells(), sumOp<label>()));
+    report_.set("ranks", Pstream::nProcs());
+    report_.set("delta_t", mesh.time().deltaTValue());
+    report_.set("start_time", mesh.time().startTime().value());
+    report_.set("adjusts", word(mesh.time().isAdjustTimeStep() ? "yes" : "no"));
+    report_.set("end_time", mesh.time().endTime().value());
+    report_.set("memory_before", memory());
+    write();
+}
+
+Foam::dictionary Foam::m4gnCheck::jumping() const
+{
+    dictionary own(m4gn::without(dict_, {"report", "seconds"}));
+    own.set("mode", word("replace"));
+    if (m4gnRide::has(own, "linear"))
+    {
+        own.merge(parsed(std::string("linear ") + early + " control { tolerance 1e30; relTol 1e30; }"));
+    }
+    else
+    {
+        own.set("solverSteps", 5);
+        own.set("surrogateSteps", 1);
+    }
+    return own;
+}
+
+void Foam::m4gnCheck::setInterval(dictionary& dict) const
+{
+    if (m4gnRide::has(dict, "linear"))
+    {
+        dict.subDict("linear").set("interval", mesh_.time().deltaTValue());
+    }
+}
+
+void Foam::m4gnCheck::reportTypes()
+{
+    dictionary patches;
+    string why;
+    labelList types(mesh_.boundary().size(), -1);
+    const bool thrown = FatalError.throwExceptions(), thrownIO = FatalIOError.throwExceptions();
+    try
+    {
+        types = m4gnNodeTypes(mesh_, dict_).types();
+    }
+    catch (const Foam::error& error)
+    {
+        why = error.message();
+    }
+    FatalError.throwExceptions(thrown);
+    FatalIOError.throwExceptions(thrownIO);
+    for (label patchi = 0; patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi)
+    {
+        dictionary patch;
+        patch.set("type", mesh_.boundary()[patchi].type());
+        patch.set("node_type", types[patchi] < 0 ? word("none") : m4gnNodeTypes::names.get(types[patchi]));
+        patches.set(mesh_.boundary()[patchi].name(), patch);
+    }
+    report_.set("patches", patches);
+    report_.set("types_refused", why);
+}
+
+void Foam::m4gnCheck::made(m4gnRunState* run, const m4gnSolverState& state, const wordList& frozen)
+{
+    run_ = run;
+    // States may not be nearer than this
+    report_.set("delta_t", mesh_.time().deltaTValue());
+    report_.set("handed_over", texts(run ? run->read() : wordHashSet(state.advanced()).sortedToc()));
+    report_.set("beside", texts(run ? run->beside() : wordList()));
+    report_.set("frozen", texts(frozen));
+    report_.set("numbers", run ? run->size() : scalar(0));
+    reportTypes();
+    write();
+    made_ = clock_.elapsed();
+}
+
+void Foam::m4gnCheck::jumped()
+{
+    jumped_ = true;
+    report_.set("jumped", word("yes"));
+    write();
+}
+
+void Foam::m4gnCheck::watch()
+{
+    if (!run_)
+    {
+        return;
+    }
+    const Time& time = mesh_.time();
+    const std::vector<const double*> arrays(run_->gather());
+    const std::vector<m4gn_ride_array>& layout = run_->layout();
+    const label n = layout.size();
+    // The first steps after the jump have something of it
+    const label count = after_ - 2;
+    if (count == 1)
+    {
+        last_.resize(n);
+        mean_.resize(n);
+        spread_.resize(n, Zero);
+        rate_.resize(n, Zero);
+        began_ = time.value();
+    }
+    for (label fieldi = 0; count > 0 && fieldi < n; ++fieldi)
+    {
+        const m4gn_ride_array& array = layout[fieldi];
+        // Those that a fit is made of have weights
+        if (!array.weights)
+        {
+            continue;
+        }
+        const UList<scalar> values(const_cast<scalar*>(arrays[fieldi]), array.n);
+        if (count == 1)
+        {
+            last_[fieldi] = values;
+            mean_[fieldi] = values;
+            continue;
+        }
+        forAll(values, i)
+        {
+            const scalar V = array.weights[i/array.components];
+            const scalar off = values[i] - mean_[fieldi][i];
+            mean_[fieldi][i] += off/count;
+            spread_[fieldi] += V*off*(values[i] - mean_[fieldi][i]);
+            rate_[fieldi] += V*sqr((values[i] - last_[fieldi][i])/time.deltaTValue());
+            last_[fieldi][i] = values[i];
+        }
+    }
+    if (count >= fewest)
+    {
+        dictionary scales;
+        for (label fieldi = 0; fieldi < n; ++fieldi)
+        {
+            const scalar spread = returnReduce(spread_[fieldi], sumOp<scalar>());
+            const scalar rate = returnReduce(rate_[fieldi], sumOp<scalar>());
+            if (rate > VSMALL)
+            {
+                scales.set(word(layout[fieldi].name, false), sqrt(spread/rate));
+            }
+        }
+        report_.set("scales", scales);
+        report_.set("watched", time.value() - began_);
+    }
+}
+
+void Foam::m4gnCheck::solved()
+{
+    const Time& time = mesh_.time();
+    ++steps_;
+    after_ += jumped_;
+    watch();
+    report_.set("time", time.value());
+    report_.set("steps", steps_);
+    report_.set("steps_after", after_);
+    const scalar wall = clock_.elapsed() - made_;
+    report_.set("wall", wall);
+    bool over = (jumped_ ? after_ : steps_) >= most || wall > seconds_;
+    Pstream::scatter(over);
+    if (after_ == 2 || over || steps_ == 1)
+    {
+        report_.set("memory_after", memory());
+        write();
+    }
+    if (over)
+    {
+        const_cast<Time&>(time).setEndTime(time.value());
+    }
+}
+
+void Foam::m4gnCheck::write() const
+{
+    if (Pstream::master())
+    {
+        // Whole at any time
+        const fileName part(file_ + ".part");
+        OFstream os(part);
+        os  << m4gn::json(report_).c_str() << endl;
+        mv(part, file_);
+    }
+}

@@ -1,0 +1,152 @@
+//! `m4gn check`: does a case fit?
+
+use super::{check_outputs, stop_flag, write_json};
+use m4gn_mesh::{Error, Result};
+use m4gn_report::number;
+use m4gn_workbench::check::{self, Case, Checked, Finding, Plan, Report};
+use std::path::{Path, PathBuf};
+
+/// Say whether a case fits: what would be handed over, what is refused and why
+///
+/// The case's own solver runs a few steps in a copy of it, with the function object m4gnSurrogate, which jumps once: what is refused and handed over is
+/// decided by the code that decides it in a run. The case stays as it is. Its own function objects are kept, but those of m4gn. A case without
+/// a mesh gets the one of its blockMeshDict; one that is decomposed, and has no mesh of its own, runs on its ranks. Exit status 0: it fits; 1: it does
+/// not, with the reason. See docs/check.md.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Folder of an OpenFOAM case, or a family of cases: its name, or a folder with family.toml
+    #[arg(value_name = "CASE|FAMILY", value_parser = case)]
+    case: Case,
+    /// Check this model as well (*.safetensors)
+    #[arg(long, value_name = "FILE", value_parser = file, conflicts_with = "config")]
+    model: Option<PathBuf>,
+    /// Check a network of this training configuration (TOML) as well, with random weights
+    #[arg(long, value_name = "FILE", value_parser = file)]
+    config: Option<PathBuf>,
+    /// Wall time of the solver for each surrogate, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 6, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    seconds: u64,
+    /// Write what was found to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn case(text: &str) -> std::result::Result<Case, String> {
+    Case::find(Path::new(text)).map_err(|e| e.to_string())
+}
+
+fn file(text: &str) -> std::result::Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    path.is_file().then_some(path).ok_or_else(|| "there is no such file".into())
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What keeps the solver from being run, and the reasons of surrogates that do not fit.
+pub fn run(args: Args) -> Result<()> {
+    check_outputs([args.json.as_deref()])?;
+    let plan = Plan {
+        case: args.case,
+        model: args.model,
+        config: args.config,
+        seconds: args.seconds,
+        stop: stop_flag()?,
+    };
+    let checked = check::run(&plan)?;
+    tell(&checked);
+    let value = serde_json::to_value(&checked).map_err(|e| Error::Internal(e.to_string()))?;
+    write_json(args.json.as_deref(), &value)?;
+    let refused: Vec<&str> =
+        checked.findings.iter().filter(|f| f.why.is_some()).map(|f| f.surrogate.as_str()).collect();
+    match refused.is_empty() {
+        true => Ok(()),
+        false => Err(Error::Input(format!("{}: does not fit ({})", checked.case, refused.join(", ")))),
+    }
+}
+
+fn tell(checked: &Checked) {
+    let line = |what: &str, text: &str| println!("  {what:<14}{text}");
+    let first = &checked.findings[0].report;
+    println!("{}: {}", checked.case, checked.application);
+    checked.notes.iter().for_each(|note| line("note", note));
+    if !first.surrogate.is_empty() {
+        let ranks = if first.ranks > 1 { format!(" on {} ranks", first.ranks) } else { String::new() };
+        let (start, end, step) = (first.start_time, first.end_time, number(first.delta_t, 3));
+        line("run", &format!("{} cells{ranks}, {start} to {end} s, time step {step} s", first.cells));
+    }
+    for finding in &checked.findings {
+        match &finding.why {
+            None => println!("{}: fits", finding.surrogate),
+            Some(why) => println!("{}: does not fit: {why}", finding.surrogate),
+        }
+        of(finding, &line);
+    }
+    if !first.patches.is_empty() {
+        println!("patches of a network's graph");
+        first.patches.iter().for_each(|(name, p)| line(name, &format!(" {} ({})", p.node_type, p.kind)));
+        if !first.types_refused.is_empty() {
+            line("refused", &first.types_refused);
+        }
+    }
+}
+
+fn of(finding: &Finding, line: &dyn Fn(&str, &str)) {
+    let report = &finding.report;
+    let list = |what: &str, names: &[String]| {
+        if !names.is_empty() {
+            line(what, &names.join(", "));
+        }
+    };
+    list("handed over", &report.handed_over);
+    list("with them", &report.beside);
+    list("frozen", &report.frozen);
+    finding.notes.iter().for_each(|note| line("said", note));
+    if report.steps_after > 0 {
+        line(
+            "then",
+            &format!(
+                "{} further steps of the solver, up to time {} s",
+                report.steps_after,
+                number(report.time, 3)
+            ),
+        );
+    }
+    if report.steps > 1 {
+        line("a step", &format!("{} s of wall time", number(report.wall / (report.steps - 1) as f64, 2)));
+    }
+    if finding.surrogate == "linear" && !report.handed_over.is_empty() {
+        linear(report, line);
+    } else if report.memory_after > report.memory_before {
+        line(
+            "memory",
+            &format!(
+                "{} MiB beyond the solver's first {}",
+                mib(report.memory_after - report.memory_before),
+                mib(report.memory_before)
+            ),
+        );
+    }
+}
+
+fn linear(report: &Report, line: &dyn Fn(&str, &str)) {
+    match report.suggestion() {
+        Some(s) => {
+            let window = if s.window < check::WINDOW {
+                format!(" window {0}; least {0};", s.window)
+            } else {
+                String::new()
+            };
+            line("suggested", &format!("linear {{ interval {};{window} }}: {}", s.interval, s.why));
+            let memory = mib(report.window_memory(s.window));
+            line("memory", &format!("up to {memory} MiB on all ranks for a window of {}", s.window));
+        }
+        None => {
+            line("suggested", "nothing: the run has too few time steps for a window of states and a jump")
+        }
+    }
+}
+
+fn mib(bytes: f64) -> String {
+    format!("{:.1}", bytes / f64::from(1 << 20))
+}

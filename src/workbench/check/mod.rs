@@ -1,0 +1,276 @@
+//! Whether a case fits: its solver runs a few steps in a copy of it, with the function object m4gnSurrogate in mode check, which refuses and hands over
+//! by the same code as in a run.
+
+mod copy;
+mod report;
+mod words;
+
+pub use report::{Patch, Report, Suggestion, WINDOW};
+
+use crate::generate::case::{Times, program};
+use crate::generate::family::Family;
+use crate::generate::openfoam::{absolute, environment, plain_path};
+use crate::generate::parameter::Settings;
+use crate::generate::process::Surroundings;
+use copy::Copy;
+use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::{Error, Result};
+use m4gn_train::{Request, train_native};
+use serde::Serialize;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicU8;
+use std::time::Duration;
+
+pub(crate) use words::words;
+
+/// Steps between the frames that a network is made from.
+const STEPS: usize = 5;
+
+/// Frames that it is made from.
+const FRAMES: usize = 4;
+
+/// A case.
+#[derive(Clone, Debug)]
+pub enum Case {
+    /// A folder.
+    Folder(PathBuf),
+    /// The first draw of a family.
+    Family(Box<Family>),
+}
+
+impl Case {
+    /// A folder with `system/controlDict`, or a family of cases.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that says what was expected.
+    pub fn find(name: &Path) -> Result<Self> {
+        if name.join("system/controlDict").is_file() {
+            return Ok(Case::Folder(absolute(name)?));
+        }
+        let what = match (name.is_dir(), name.exists()) {
+            (true, _) => "is a folder without system/controlDict",
+            (_, true) => "is no folder",
+            _ => "does not exist",
+        };
+        Family::find(name).map(|f| Case::Family(Box::new(f))).map_err(|e| {
+            Error::Input(format!(
+                "{} {what}: expected the folder of an OpenFOAM case, or a family of cases ({e})",
+                name.display()
+            ))
+        })
+    }
+}
+
+/// What to check.
+#[derive(Debug)]
+pub struct Plan {
+    /// The case.
+    pub case: Case,
+    /// A model to check beside the linear surrogate.
+    pub model: Option<PathBuf>,
+    /// A training configuration: a network of its shape is made from the case's own steps.
+    pub config: Option<PathBuf>,
+    /// Wall time of the solver for each surrogate, s.
+    pub seconds: u64,
+    /// The user's wish to stop.
+    pub stop: &'static AtomicU8,
+}
+
+/// What came of one surrogate.
+#[derive(Clone, Debug, Serialize)]
+pub struct Finding {
+    /// linear, network.
+    pub surrogate: String,
+    /// Why it does not fit; none: it does.
+    pub why: Option<String>,
+    /// What the function object and the solver said.
+    pub notes: Vec<String>,
+    /// How far it came.
+    pub report: Report,
+}
+
+/// What came of a case.
+#[derive(Clone, Debug, Serialize)]
+pub struct Checked {
+    /// Its folder, or the family.
+    pub case: String,
+    /// Its solver.
+    pub application: String,
+    /// What had to be done before.
+    pub notes: Vec<String>,
+    /// Each surrogate.
+    pub findings: Vec<Finding>,
+}
+
+/// Checks a case.
+///
+/// # Errors
+/// What keeps the solver from being run at all: files that are missing, programs that are not there.
+pub fn run(plan: &Plan) -> Result<Checked> {
+    let folder = tempfile::tempdir()
+        .map_err(|e| Error::Input(format!("there is no place for a copy of the case: {e}")))?;
+    let folder = plain_path(folder.path()).map(|path| (folder, path))?;
+    let room = &folder.1;
+    let mut tools = Surroundings {
+        stop: plan.stop,
+        // Reading the mesh, a first step and making the surrogate come before the function object can end the run.
+        timeout: Duration::from_secs(20 * plan.seconds + 120),
+        environment: environment(&["foamDictionary"])?,
+    };
+    tools.environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
+    let (case, place) = match &plan.case {
+        Case::Folder(case) => (case.clone(), ""),
+        Case::Family(family) => {
+            let folder = room.join("family");
+            draw(family, &folder, &tools)?;
+            (folder, family.recording.location.entry())
+        }
+    };
+    let copy = Copy::new(&plain_path(&case)?, &room.join("beside"), &tools)?;
+    let programs: Vec<&str> =
+        copy.application.split('/').take(1).chain((copy.ranks > 0).then_some("mpirun")).collect();
+    environment(&programs)?;
+
+    let mut findings = vec![one(plan, &copy, "linear", "", &tools)?];
+    let model = match (&plan.model, &plan.config) {
+        (Some(model), _) => Some(Ok(plain_path(model)?)),
+        (None, Some(config)) => Some(random(&copy, config, place, &findings[0].report, room, &tools)),
+        (None, None) => None,
+    };
+    match model {
+        None => {}
+        Some(Ok(model)) => {
+            let entries = format!("model \"{}\"; precision auto; {place}", model.display());
+            findings.push(one(plan, &copy, "network", &entries, &tools)?);
+        }
+        Some(Err(Error::Interrupted(e))) => return Err(Error::Interrupted(e)),
+        Some(Err(e)) => findings.push(Finding {
+            surrogate: "network".into(),
+            why: Some(format!("no network can be made of the configuration and this case: {e}")),
+            notes: Vec::new(),
+            report: Report::default(),
+        }),
+    }
+    let case = match &plan.case {
+        Case::Folder(case) => case.display().to_string(),
+        Case::Family(family) => format!("family {}", family.name),
+    };
+    Ok(Checked { case, application: copy.application, notes: copy.notes, findings })
+}
+
+/// The first draw of a family as a case.
+fn draw(family: &Family, folder: &Path, tools: &Surroundings) -> Result<()> {
+    let settings = family.hybrid.as_ref().map(|h| h.settings(&Settings::new())).unwrap_or_default();
+    let draw = family.draw(1, 0, &settings)?;
+    environment(&family.programs(&draw)?)?;
+    let recording = &family.recording;
+    let (interval, end) = match &family.hybrid {
+        Some(hybrid) => (hybrid.interval, hybrid.end),
+        None => (recording.interval, recording.spin_up + f64::from(recording.frames) * recording.interval),
+    };
+    let delta_t = interval / f64::from(family.steps(&draw, interval)?);
+    family.write(&family.files(&draw, Times { delta_t, end, write_interval: interval })?, "", folder)?;
+    family.prepare(&draw, folder, tools)
+}
+
+/// Runs the solver with one surrogate.
+fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroundings) -> Result<Finding> {
+    let path = copy.folder.join("report.json");
+    let _ = fs::remove_file(&path);
+    copy.control_dict(
+        "",
+        &format!(
+            "type m4gnSurrogate; mode check; report \"{}\"; seconds {}; surrogates ({surrogate}); {entries}",
+            path.display(),
+            plan.seconds
+        ),
+    )?;
+    let solver = copy.solver();
+    let done = tools.run(&copy.folder, &solver);
+    if let Err(Error::Interrupted(e)) = done {
+        return Err(Error::Interrupted(e));
+    }
+    let log = fs::read(copy.folder.join(format!("log.{}", program(&solver)))).unwrap_or_default();
+    let log = copy.in_words_of_the_case(&String::from_utf8_lossy(&log));
+    let text = fs::read_to_string(&path).unwrap_or_default();
+    let report: Report = match text.is_empty() {
+        true => Report::default(),
+        false => serde_json::from_str(&text)
+            .map_err(|e| Error::Internal(format!("report of mode check: {e}: {text}")))?,
+    };
+    Ok(Finding {
+        surrogate: surrogate.into(),
+        why: words::why(&report, &log, done.err().as_ref(), &copy.application),
+        notes: words::notes(&log),
+        report,
+    })
+}
+
+/// A network of the shape of a configuration, made from a few steps of the solver: its weights are random, its ranges the case's.
+fn random(
+    copy: &Copy,
+    config: &Path,
+    place: &str,
+    report: &Report,
+    room: &Path,
+    tools: &Surroundings,
+) -> Result<PathBuf> {
+    let text = fs::read_to_string(config).map_err(|e| Error::file(config, format!("cannot be read: {e}")))?;
+    let mut table: toml::Table = text.parse().map_err(|e| Error::file(config, format!("{e}")))?;
+    let wrong = || {
+        Error::file(
+            config,
+            "has no table [model] with fields: expected a configuration of 'm4gn train' (docs/training.md)",
+        )
+    };
+    let model = table.get_mut("model").and_then(toml::Value::as_table_mut).ok_or_else(wrong)?;
+    let fields = model.get("fields").and_then(toml::Value::as_array).ok_or_else(wrong)?;
+    let names: Vec<String> =
+        fields.iter().filter_map(|f| Some(f.get("name")?.as_str()?.to_string())).collect();
+    if report.delta_t <= 0.0 {
+        return Err(Error::Input("the solver came to no step (see linear)".into()));
+    }
+    let stride = STEPS as f64 * report.delta_t;
+    model.insert("stride".into(), stride.into());
+    if let Some(training) = table.get_mut("training").and_then(toml::Value::as_table_mut) {
+        for (key, value) in [("batch_size", 1), ("normaliser_steps", 1), ("normaliser_warmup", 1)] {
+            training.insert(key.into(), toml::Value::from(value));
+        }
+        training.remove("unroll");
+        training.remove("restarts");
+    }
+    let (data, own, out) = (room.join("data.h5"), room.join("config.toml"), room.join("random.safetensors"));
+    fs::write(&own, table.to_string()).map_err(|e| Error::file(&own, e.to_string()))?;
+    copy.control_dict(
+        &format!("endTime {};", report.start_time + (STEPS * FRAMES) as f64 * report.delta_t),
+        &format!(
+            "type m4gnHarvest; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS};",
+            names.join(" "),
+            data.display()
+        ),
+    )?;
+    let solver = copy.solver();
+    tools.run(&copy.folder, &solver).map_err(|e| {
+        let log = fs::read(copy.folder.join(format!("log.{}", program(&solver)))).unwrap_or_default();
+        match e {
+            Error::Interrupted(_) => e,
+            e => Error::Input(words(&String::from_utf8_lossy(&log), &e)),
+        }
+    })?;
+    let request = Request {
+        data,
+        config: own,
+        out: out.clone(),
+        device: None,
+        from: None,
+        resume: false,
+        threads: Some(1),
+        memory: None,
+        steps: Some(1),
+        seed: None,
+        json: None,
+    };
+    train_native(&request, tools.stop, &Comm::serial())?;
+    Ok(out)
+}

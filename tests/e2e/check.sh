@@ -1,0 +1,131 @@
+#!/usr/bin/env bash
+# m4gn check: a case that fits, with and without a network; one that is refused, in the words of its run; cases without a mesh, decomposed, broken.
+# The case stays as it is.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+# check STATUS ARGUMENTS...: of the case here; log.run has what it says.
+check() {
+    local expected=$1 status=0
+    shift
+    m4gn check "$@" > ../log.check 2>&1 || status=$?
+    [ $status -eq "$expected" ] || { cat ../log.check; fail "m4gn check $*: status $status, expected $expected"; }
+}
+# says TEXT: in one of its lines
+says() { grep -q -- "$1" ../log.check || { cat ../log.check; fail "it does not say: $1"; }; }
+# sums: of all that the case has
+sums() { find . -type f -exec md5sum {} + | sort; }
+
+make_case case
+sed -i 's/^endTime.*/endTime 0.6;/' system/controlDict
+drag forces > system/functions
+function_object m4gnSurrogate 'mode replace; surrogates (linear);' && mv system/functions own
+drag forces | cat - own > system/functions && rm own
+# A file from beside the case
+cp constant/transportProperties ../shared
+{ header transportProperties; echo '#include "../../shared"'; } > constant/transportProperties
+before=$(sums)
+check 0 . --model "$small_model" --seconds 30 --json ../check.json
+[ "$(sums)" = "$before" ] || fail "the case is not what it was"
+says "^linear: fits"
+says "handed over *U, p, phi$"
+says "^network: fits"
+says "case's own test is left out"
+says "suggested *linear { interval"
+says "cylinder *obstacle (wall)\|cylinder *wall (wall)"
+python3 - <<'EOD'
+import json
+linear, network = json.load(open("../check.json"))["findings"]
+for finding in (linear, network):
+    report = finding["report"]
+    assert finding["why"] is None and report["jumped"] and report["steps_after"] > 1, finding
+assert network["report"]["handed_over"] and linear["report"]["numbers"] > 0 and linear["report"]["watched"] > 0
+EOD
+echo "fits: $(grep suggested ../log.check)"
+
+# A network of a configuration, made from the case's own steps
+{ network 0.01 0 '{ name = "U", input = true, output = "delta" }' '{ name = "p", input = true, output = "value" }'; echo '[segments]
+method = "metis"
+count = 4
+[training]
+seed = 1
+batch_size = 2
+steps = 100'; } > ../network.toml
+check 0 . --seconds 30 --config ../network.toml
+says "^network: fits"
+echo 'fields = 3' > ../wrong.toml
+check 1 . --config ../wrong.toml
+says "no network can be made of the configuration .*\[model\]"
+
+# What a run refuses is refused in its words
+sed -i 's/default *Euler/default steadyState/' system/fvSchemes
+check 1 .
+why=$(sed -n 's/^linear: does not fit: //p' ../log.check)
+function_object m4gnSurrogate 'mode replace; surrogates (linear);'
+refused "${why%% of ddtSchemes*}" icoFoam
+says 'does not fit: The linear surrogate does not handle the time scheme steadyState of ddtSchemes'
+echo "refused: $why"
+sed -i 's/default steadyState/default Euler/' system/fvSchemes
+: > system/functions
+clean_case
+
+# Of a decomposed case that is all there is, its ranks run
+runs decomposePar -force
+mv constant/polyMesh 0 ..
+check 0 .
+says "on 2 ranks"
+echo "decomposed: $(grep '^  run' ../log.check)"
+rm -r processor*
+check 1 .
+says 'it has no mesh, and no blockMeshDict'
+mv ../polyMesh constant
+check 1 .
+says 'icoFoam itself ended in an error, before any jump: .*cannot find file'
+mv ../0 .
+
+# Solvers that are not there, that break down at once, that do not speak to function objects; what is no case
+cp system/controlDict ../controlDict
+solver() { sed "s/^application.*/application $1;/" ../controlDict > system/controlDict; }
+solver noSuchFoam
+check 1 .
+says 'noSuchFoam not found in PATH'
+mkdir ../bin
+printf '#!/bin/sh\nkill -11 $$\n' > ../bin/crashFoam
+printf '#!/bin/sh\nexit 0\n' > ../bin/idleFoam
+chmod +x ../bin/*
+PATH=$work/bin:$PATH
+solver crashFoam
+check 1 .
+says 'crashFoam itself ended in an error, before any jump: .*signal: 11'
+solver idleFoam
+check 1 .
+says 'idleFoam ended without function objects'
+solver blockMesh
+check 1 .
+sed '/^application/d' ../controlDict > system/controlDict
+check 1 .
+says 'has no entry application'
+echo 'application { deltaT "' > system/controlDict
+check 1 .
+says 'system/controlDict: '
+cp ../controlDict system
+check 2 ../nowhere
+says 'does not exist: expected the folder of an OpenFOAM case, or a family'
+check 2 system/controlDict
+says 'is no folder'
+check 2 ..
+says 'is a folder without system/controlDict'
+check 2 . --model nowhere
+check 2 .  --seconds 0
+chmod -R a-w . && check 0 . && chmod -R u+w .
+
+# A mesh that blockMesh makes, of the first fields that a tutorial has
+cd "$work"
+make_beam beam
+sed -i 's/compactNormalStress.*;/compactNormalStress yes; D 1e-6;/' system/fvSolution
+rm -rf constant/polyMesh && mv 0 0.orig
+check 0 .
+says "the mesh is blockMesh's"
+says 'handed over *D'
+[ ! -e constant/polyMesh ] && [ ! -e 0 ] || fail "the case is not what it was"
+echo 'all is told'
