@@ -1,7 +1,8 @@
 //! Writes a small model with random weights, for tests and for trying out a case without training:
 //! `random_model FILE [SEED]`. It knows U (change) and p (value) in two dimensions; with `random_model FILE SEED solid`
 //! the displacement D of a solid and its rate, with segments of the elastic body's modes; with `random_model FILE SEED scalar`
-//! a graph convolutional network that knows U, p_rgh and the passive scalar T (changes of U and T, p_rgh itself).
+//! a graph convolutional network that knows U, p_rgh and the passive scalar T (changes of U and T, p_rgh itself); with
+//! `random_model FILE SEED levels` a network of the first kind's fields on coarser graphs.
 
 use m4gn_mesh::NodeType;
 use m4gn_model::{
@@ -16,7 +17,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None => flow(),
         Some("solid") => solid(),
         Some("scalar") => scalar(),
-        Some(other) => return Err(format!("'{other}': expected solid or scalar").into()),
+        Some("levels") => levels(),
+        Some(other) => return Err(format!("'{other}': expected solid, scalar or levels").into()),
     };
     Model::random(spec, seed)?.write(path)?;
     Ok(())
@@ -53,6 +55,14 @@ fn scalar() -> ModelSpec {
             field("T", false, [0, 0, 0, 1, 0, 0, 0], Output::Delta),
         ],
         architecture: Architecture { kind: Kind::Gcn { layers: 2 }, ..flow.architecture },
+        ..flow
+    }
+}
+
+fn levels() -> ModelSpec {
+    let flow = flow();
+    ModelSpec {
+        architecture: Architecture { kind: Kind::BsmsGnn { levels: 3 }, ..flow.architecture },
         ..flow
     }
 }

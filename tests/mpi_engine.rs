@@ -52,7 +52,10 @@ fn run(comm: &Comm) -> Vec<String> {
             });
             let mut gcn = spec(mesh.dim(), 0, 0, 0);
             gcn.architecture.kind = Kind::Gcn { layers: 3 };
-            for (name, spec) in m4gn.into_iter().chain([("gcn".to_string(), gcn)]) {
+            let mut bsms = spec(mesh.dim(), 0, 0, 0);
+            bsms.architecture.kind = Kind::BsmsGnn { levels: 4 };
+            let others = [("gcn".to_string(), gcn), ("bsms-gnn".to_string(), bsms)];
+            for (name, spec) in m4gn.into_iter().chain(others) {
                 let name = format!("{what}, {how}, {name}");
                 // Groups of cells that straddle ranks.
                 let groups = Resolution::Length(1.7 * cell_size(mesh, &Comm::serial()));

@@ -101,11 +101,11 @@ fn a_model_is_trained_carried_on_and_trained_further() {
 }
 
 /// Keys of a network without a macro stage, in place of those of the sample.
-fn of_kind(config: &str, kind: &str) -> String {
+fn of_kind(config: &str, kind: &str, depth: &str) -> String {
     let (before, rest) = config.split_once("[macro]").unwrap();
     let (_, after) = rest.split_once("[segments]").unwrap();
     let before = before
-        .replace("layers_before = 1", &format!("kind = \"{kind}\"\n        layers = 2"))
+        .replace("layers_before = 1", &format!("kind = \"{kind}\"\n        {depth} = 2"))
         .replace("layers_after = 1", "");
     format!("{before}[segments]{after}")
 }
@@ -113,8 +113,12 @@ fn of_kind(config: &str, kind: &str) -> String {
 #[test]
 fn every_kind_is_trained_saved_and_validated() {
     let folder = folder();
-    for (kind, layers) in [("gcn", "2 graph convolutions"), ("mesh-graph-net", "2 message-passing layers")] {
-        let config = of_kind(&sample::config(""), kind);
+    for (kind, depth, layers) in [
+        ("gcn", "layers", "2 graph convolutions"),
+        ("mesh-graph-net", "layers", "2 message-passing layers"),
+        ("bsms-gnn", "levels", "5 message-passing layers on 2 coarser graphs"),
+    ] {
+        let config = of_kind(&sample::config(""), kind, depth);
         std::fs::write(folder.path().join("config.toml"), config).unwrap();
         let name = format!("{kind}.safetensors");
         let trained = train(folder.path(), &name, &["--steps", "12"]);

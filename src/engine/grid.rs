@@ -4,8 +4,9 @@ use super::kernels::{Buffer, Isa, Number};
 use super::order::Order;
 use super::pool::{Parts, Pool};
 use super::profile::Phase;
-use super::tiles::{Scratch, Tile};
+use super::tiles::{self, Scratch, Tile};
 use m4gn_mesh::parallel::{Comm, Element, Halo};
+use m4gn_structure::graph::Graph;
 use std::time::Instant;
 
 /// The nodes' latents on the tiles of a graph, and who works on them.
@@ -31,6 +32,40 @@ pub struct Grid<T> {
 }
 
 impl<T: Number> Grid<T> {
+    /// Of a graph, with the buffers of each thread of the pool.
+    pub fn new(graph: &Graph, columns: usize, pool: Pool, scratch: Vec<Scratch<T>>, timed: bool) -> Self {
+        let order = Order::new(graph);
+        let mut grid = Grid {
+            isa: pool.isa(),
+            columns,
+            n_owned: graph.n_owned,
+            n_local: graph.n_local,
+            halo: graph.halo.renumbered(&order.places()),
+            order,
+            tiles: Vec::new(),
+            n_interior: 0,
+            pool,
+            scratch,
+            nodes: Buffer::new(graph.n_owned * columns),
+            timed,
+        };
+        grid.cut();
+        grid
+    }
+
+    /// The tiles of its order.
+    pub fn cut(&mut self) {
+        self.tiles = tiles::cut::<T>(&self.order.row, self.order.n_interior);
+        let interior = |t: &&Tile| t.nodes.end <= self.order.n_interior;
+        self.n_interior = self.tiles.iter().take_while(interior).count();
+    }
+
+    /// Gives the threads and their buffers to another grid, or takes them back.
+    pub fn hand_over(&mut self, other: &mut Self) {
+        std::mem::swap(&mut self.pool, &mut other.pool);
+        std::mem::swap(&mut self.scratch, &mut other.scratch);
+    }
+
     /// Does `work` for the nodes of each tile: what it gets are their latents, and their rows of `values`.
     pub fn on_nodes<V: Send>(
         &mut self,

@@ -1,7 +1,7 @@
 //! One message-passing layer: edge network (eq. 3), sum over the edges of a node, node network (eq. 2).
 
 use super::kernels::{
-    Addend, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
+    Addend, Buffer, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
 };
 use super::linear::{self, Tail};
 use super::profile::Phase;
@@ -14,12 +14,15 @@ use m4gn_model::Model;
 pub struct Layer<T> {
     isa: Isa,
     columns: usize,
+    /// Of latents, or of features.
     edge_edge: Packed<T>,
     edge_sender: Packed<T>,
     edge_receiver: Packed<T>,
     edge_bias: Vec<f32>,
     edge_tail: Tail<T>,
     edge_norm: Norm,
+    /// What messages are added to where edges have no latents: nothing.
+    zeros: Option<Buffer<T>>,
     /// Of latents and sums.
     node_first: Packed<T>,
     node_bias: Vec<f32>,
@@ -41,18 +44,21 @@ pub struct Topology<'a, T> {
 impl<T: Number> Layer<T> {
     /// Layer `l` of the processor.
     pub fn new(isa: Isa, model: &Model, l: usize) -> Result<Self> {
-        let d = model.spec.architecture.width;
+        let architecture = &model.spec.architecture;
+        let d = architecture.width;
+        let k = if architecture.edge_latents() { d } else { model.spec.n_edge_features() };
         let (edge, node) = (format!("processor.{l}.edge"), format!("processor.{l}.node"));
         let (edge_first, node_first) = (format!("{edge}.0"), format!("{node}.0"));
         Ok(Layer {
             isa,
             columns: padded(d),
-            edge_edge: linear::columns(isa, model, &edge_first, 0..d)?,
-            edge_sender: linear::columns(isa, model, &edge_first, d..2 * d)?,
-            edge_receiver: linear::columns(isa, model, &edge_first, 2 * d..3 * d)?,
+            edge_edge: linear::columns(isa, model, &edge_first, 0..k)?,
+            edge_sender: linear::columns(isa, model, &edge_first, k..k + d)?,
+            edge_receiver: linear::columns(isa, model, &edge_first, k + d..k + 2 * d)?,
             edge_bias: linear::bias(model, &edge_first)?,
             edge_tail: Tail::new(isa, model, &edge)?,
             edge_norm: linear::norm(model, &format!("{edge}.norm"))?,
+            zeros: (!architecture.edge_latents()).then(|| Buffer::new(T::ROWS * padded(d))),
             node_first: linear::of_two(isa, model, &node_first, d)?,
             node_bias: linear::bias(model, &node_first)?,
             node_tail: Tail::new(isa, model, &node)?,
@@ -85,7 +91,7 @@ impl<T: Number> Layer<T> {
     }
 
     /// Updates the edges and nodes of a tile in place: `edges` and `h` are its rows. `before` gives the edges'
-    /// latents of before where they do not stand in `edges`, which are written only if `keep`.
+    /// latents of before where they do not stand in `edges`, which are written only if `keep`: not where edges have features alone.
     ///
     /// The receivers of a tile are its own nodes, and senders come in as Ws h of before, so that no tile sees
     /// another's new values.
@@ -135,6 +141,7 @@ impl<T: Number> Layer<T> {
             let (f, out) = (self.edge_tail.function(), Output::Narrow(a));
             product(isa, &self.edge_edge, from, m, ends, f, out);
             self.edge_tail.run(isa, m, a, b, c);
+            let before = self.zeros.as_deref().or(before);
             let out = Normed::Edges { before, edges, keep, sums, owner, first };
             layer_norm(isa, &self.edge_norm, c, m, out);
         }

@@ -2,7 +2,7 @@
 
 use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model};
 use m4gn_structure::graph::Graph;
-use m4gn_structure::{Segmentation, Structure};
+use m4gn_structure::{Segmentation, Structure, Transfer};
 
 type Rows = Vec<Vec<f64>>;
 
@@ -69,6 +69,34 @@ impl Plain<'_> {
         for (h, sum) in h.iter_mut().zip(sums) {
             let x = [&h[..], &sum].concat();
             add(h, &self.mlp(&format!("processor.{l}.node"), &x, true));
+        }
+    }
+
+    /// Algorithm 2 of Cao et al. 2023, from graph l downwards.
+    fn bi_stride(&self, structure: &Structure, l: usize, h: &mut Rows) {
+        let graph = l.checked_sub(1).map_or(&structure.graph, |l| &structure.levels[l].graph);
+        let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
+        let features: Rows = features.map(|x| self.normalise("edge", x)).collect();
+        self.pass_features(l, graph, &features, h);
+        let Some(level) = structure.levels.get(l) else { return };
+        let mut coarse = transferred(&level.down, h);
+        self.bi_stride(structure, l + 1, &mut coarse);
+        let mut up = transferred(&level.up, &coarse);
+        self.pass_features(2 * structure.levels.len() - l, graph, &features, &mut up);
+        h.iter_mut().zip(up).for_each(|(h, up)| add(h, &up));
+    }
+
+    /// Its message passing.
+    fn pass_features(&self, layer: usize, graph: &Graph, features: &Rows, h: &mut Rows) {
+        let mut sums = vec![vec![0.0; self.0.spec.architecture.width]; h.len()];
+        for (i, x) in features.iter().enumerate() {
+            let (s, r) = (graph.senders[i] as usize, graph.receivers[i] as usize);
+            let x = [&x[..], &h[s], &h[r]].concat();
+            add(&mut sums[r], &self.mlp(&format!("processor.{layer}.edge"), &x, true));
+        }
+        for (h, sum) in h.iter_mut().zip(sums) {
+            let x = [&h[..], &sum].concat();
+            add(h, &self.mlp(&format!("processor.{layer}.node"), &x, true));
         }
     }
 
@@ -168,6 +196,18 @@ fn add(x: &mut [f64], y: &[f64]) {
     x.iter_mut().zip(y).for_each(|(x, y)| *x += y);
 }
 
+fn transferred(transfer: &Transfer, x: &Rows) -> Rows {
+    let row = |i: usize| {
+        let mut sum = vec![0.0; x[0].len()];
+        for k in transfer.terms(i) {
+            let part = x[transfer.from[k] as usize].iter().map(|x| f64::from(transfer.weight[k]) * x);
+            add(&mut sum, &part.collect::<Vec<_>>());
+        }
+        sum
+    };
+    (0..transfer.row.len() - 1).map(row).collect()
+}
+
 fn members(view: &Segmentation, node: usize) -> Vec<usize> {
     let range = view.member_row[node] as usize..view.member_row[node + 1] as usize;
     view.member[range].iter().map(|&s| s as usize).collect()
@@ -209,6 +249,10 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
         }
         Kind::Gcn { layers } => {
             (0..*layers).for_each(|l| net.convolve(l, graph, &mut h));
+            vec![vec![]; h.len()]
+        }
+        Kind::BsmsGnn { .. } => {
+            net.bi_stride(structure, 0, &mut h);
             vec![vec![]; h.len()]
         }
     };

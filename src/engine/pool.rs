@@ -61,6 +61,11 @@ impl Pool {
         self.workers.len() + 1
     }
 
+    /// What the tasks' products are computed with.
+    pub fn isa(&self) -> Isa {
+        self.isa
+    }
+
     /// Does `task(scratch, i)` for every i below `n`, each once, every thread with a scratch of its own; returns
     /// when all are done.
     ///

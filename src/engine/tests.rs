@@ -1,6 +1,8 @@
 //! The engine against the plain network, in every instruction set that this processor has.
 
 use super::*;
+use m4gn_mesh::Mesh;
+use m4gn_model::modal::NoModes;
 use m4gn_model::{Activation, Kind, MacroSpec, ModelSpec};
 use m4gn_samples::mesh as sample;
 use m4gn_samples::model::spec;
@@ -27,6 +29,17 @@ pub(super) fn segments(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Segmen
     }
 }
 
+/// What a model lives on, with segments that no mesh has.
+pub(super) fn structure(spec: &ModelSpec, mesh: &Mesh, overlap: bool) -> Structure {
+    let mut bare = spec.clone();
+    if spec.architecture.needs().segments {
+        bare.architecture.kind = Kind::MeshGraphNet { layers: 1 };
+    }
+    let made = Structure::new(mesh, &bare, &spec.segments, &NoModes, None, &Comm::serial()).unwrap();
+    let stage = spec.architecture.needs().segments.then(|| segments(spec, &made.graph, overlap));
+    Structure { segments: stage, ..made }
+}
+
 /// A model on a channel of triangles.
 struct Case {
     model: Model,
@@ -36,13 +49,10 @@ struct Case {
 
 impl Case {
     fn new(spec: ModelSpec, overlap: bool) -> Self {
-        let graph = Graph::new(&sample::triangles(9, 7, 1.6, 0.41), &Comm::serial()).unwrap();
-        let n = graph.n_owned * spec.n_field_inputs();
+        let structure = structure(&spec, &sample::triangles(9, 7, 1.6, 0.41), overlap);
+        let n = structure.graph.n_owned * spec.n_field_inputs();
         Case {
-            structure: Structure {
-                segments: spec.architecture.needs().segments.then(|| segments(&spec, &graph, overlap)),
-                graph,
-            },
+            structure,
             model: Model::random(spec, 5).unwrap(),
             inputs: (0..n).map(|i| (i as f32 * 0.7).sin()).collect(),
         }
@@ -120,6 +130,12 @@ fn specs() -> Vec<(ModelSpec, bool)> {
         s.architecture.kind = Kind::Gcn { layers };
         all.push((s.clone(), false));
     }
+    for (width, hidden_layers, levels) in [(8, 1, 1), (20, 2, 3), (81, 1, 9)] {
+        (s.architecture.width, s.architecture.hidden_layers) = (width, hidden_layers);
+        s.architecture.kind = Kind::BsmsGnn { levels };
+        all.push((s.clone(), false));
+    }
+    s.architecture.hidden_layers = 1;
     s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     all.push((s.clone(), false));
     s.fields[0].input = false;
@@ -216,4 +232,39 @@ fn graphs_and_lengths_that_do_not_fit_are_refused() {
     assert!(matches!(Engine::new(&case.model, &case.structure, &options), Err(Error::Internal(_))));
     case.structure.graph.edge_features.pop();
     assert!(matches!(Engine::new(&case.model, &case.structure, &options), Err(Error::Model(_))));
+}
+
+#[test]
+fn another_numbering_of_the_cells_gives_the_same_to_rounding() {
+    let mesh = sample::triangles(9, 7, 1.6, 0.41);
+    let n = mesh.n_cells();
+    // 37 and 126 have no common factor.
+    let place = |cell: usize| (37 * cell + 5) % n;
+    let mut other = mesh.clone();
+    for cell in 0..n {
+        other.cell_centres[place(cell)] = mesh.cell_centres[cell];
+        other.cell_volumes[place(cell)] = mesh.cell_volumes[cell];
+    }
+    let faces = other.face_owner.iter_mut().chain(&mut other.face_neighbour);
+    for cell in faces.chain(other.boundary.iter_mut().map(|b| &mut b.owner)) {
+        *cell = place(*cell as usize) as i32;
+    }
+    let mut s = spec();
+    for kind in [Kind::MeshGraphNet { layers: 2 }, Kind::Gcn { layers: 2 }, Kind::BsmsGnn { levels: 5 }] {
+        s.architecture.kind = kind;
+        let mut case = Case::new(s.clone(), false);
+        let options = options(Isa::detect(), Precision::Fp32);
+        let expected = case.run(&options, usize::MAX);
+        let (k, m) = (s.n_field_inputs(), s.n_outputs());
+        let inputs = case.inputs.clone();
+        for cell in 0..n {
+            case.inputs[place(cell) * k..][..k].copy_from_slice(&inputs[cell * k..][..k]);
+        }
+        case.structure = structure(&s, &other, false);
+        let found = case.run(&options, usize::MAX);
+        let found: Vec<f32> = (0..n).flat_map(|cell| found[place(cell) * m..][..m].to_vec()).collect();
+        let expected: Vec<f64> = expected.into_iter().map(f64::from).collect();
+        let error = difference(&found, &expected);
+        assert!(error < 1e-5, "{error:e} of {:?}", s.architecture.kind);
+    }
 }

@@ -75,6 +75,12 @@ pub enum Kind {
         /// Convolutions.
         layers: usize,
     },
+    /// Message passing down and up coarser graphs (BSMS-GNN, Cao et al. 2023), one layer a graph each way and one on the coarsest: layer
+    /// l and layer `2 levels - l` are those of graph l. A message is `f(x_rs, h_s, h_r)` of the edge's features: edges have no latents.
+    BsmsGnn {
+        /// Coarser graphs, by bi-stride pooling.
+        levels: usize,
+    },
 }
 
 /// What a network needs of the structure that it lives on, beside the nodes and who hears whom.
@@ -84,6 +90,8 @@ pub struct Needs {
     pub edges: bool,
     /// Segments of the nodes, and what a network reads of them.
     pub segments: bool,
+    /// Coarser graphs.
+    pub levels: usize,
 }
 
 /// Names of the kinds, in configurations and model files.
@@ -96,6 +104,8 @@ pub enum KindName {
     MeshGraphNet,
     /// [`Kind::Gcn`]
     Gcn,
+    /// [`Kind::BsmsGnn`]
+    BsmsGnn,
 }
 
 /// The network's shape.
@@ -119,6 +129,7 @@ impl Architecture {
             Kind::M4gn(_) => KindName::M4gn,
             Kind::MeshGraphNet { .. } => KindName::MeshGraphNet,
             Kind::Gcn { .. } => KindName::Gcn,
+            Kind::BsmsGnn { .. } => KindName::BsmsGnn,
         }
     }
 
@@ -148,7 +159,13 @@ impl Architecture {
         match &self.kind {
             Kind::M4gn(m) => m.layers_before + m.layers_after,
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => *layers,
+            Kind::BsmsGnn { levels } => 2 * levels + 1,
         }
+    }
+
+    /// Whether edges have latents, which a layer passes on to the next one; else its messages are made of the edges' features.
+    pub fn edge_latents(&self) -> bool {
+        !matches!(self.kind, Kind::BsmsGnn { .. })
     }
 
     /// What the network needs of the structure that it lives on.
@@ -156,6 +173,10 @@ impl Architecture {
         Needs {
             edges: !matches!(self.kind, Kind::Gcn { .. }),
             segments: self.segment_transformer().is_some(),
+            levels: match self.kind {
+                Kind::BsmsGnn { levels } => levels,
+                _ => 0,
+            },
         }
     }
 }
@@ -175,6 +196,9 @@ pub struct ArchitectureKeys {
     /// Of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers: Option<usize>,
+    /// As [`Kind::BsmsGnn::levels`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub levels: Option<usize>,
     /// As [`M4gn::layers_before`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers_before: Option<usize>,
@@ -193,8 +217,8 @@ impl TryFrom<ArchitectureKeys> for Architecture {
         let bad = |message: String| Err(Error::Model(message));
         let kind = match (keys.kind, keys.segment_transformer) {
             (KindName::M4gn, Some(segment_transformer)) => {
-                if keys.layers.is_some() {
-                    return bad("layers: an m4gn network has layers_before and layers_after".into());
+                if keys.layers.or(keys.levels).is_some() {
+                    return bad("layers, levels: an m4gn network has layers_before and layers_after".into());
                 }
                 let Some(layers_before) = keys.layers_before else {
                     return bad("layers_before: missing; the layers before the macro stage".into());
@@ -222,17 +246,25 @@ impl TryFrom<ArchitectureKeys> for Architecture {
                 let name = kind.name();
                 if keys.layers_after.is_some_and(|n| n > 0) {
                     return bad(format!(
-                        "layers_after: kind {name} has no macro stage that layers could come after; use layers"
+                        "layers_after: kind {name} has no macro stage that layers could come after"
                     ));
                 }
-                let layers = match (keys.layers, keys.layers_before) {
-                    (Some(layers), None) => layers,
-                    (_, Some(_)) => return bad(format!("layers_before: kind {name} has layers")),
-                    (None, None) => return bad(format!("layers: missing; the layers of kind {name}")),
+                let (key, own, other) = match kind {
+                    KindName::BsmsGnn => ("levels", keys.levels, ("layers", keys.layers)),
+                    _ => ("layers", keys.layers, ("levels", keys.levels)),
+                };
+                for (another, found) in [("layers_before", keys.layers_before), other] {
+                    if found.is_some() {
+                        return bad(format!("{another}: kind {name} has {key}"));
+                    }
+                }
+                let Some(count) = own else {
+                    return bad(format!("{key}: missing; the {key} of kind {name}"));
                 };
                 match kind {
-                    KindName::Gcn => Kind::Gcn { layers },
-                    _ => Kind::MeshGraphNet { layers },
+                    KindName::Gcn => Kind::Gcn { layers: count },
+                    KindName::BsmsGnn => Kind::BsmsGnn { levels: count },
+                    _ => Kind::MeshGraphNet { layers: count },
                 }
             }
         };
@@ -253,6 +285,7 @@ impl From<Architecture> for ArchitectureKeys {
             hidden_layers: a.hidden_layers,
             activation: a.activation,
             layers: None,
+            levels: None,
             layers_before: None,
             layers_after: None,
             segment_transformer: None,
@@ -264,6 +297,7 @@ impl From<Architecture> for ArchitectureKeys {
                 keys.segment_transformer = Some(m.segment_transformer);
             }
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => keys.layers = Some(layers),
+            Kind::BsmsGnn { levels } => keys.levels = Some(levels),
         }
         keys
     }
@@ -276,6 +310,7 @@ impl KindName {
             KindName::M4gn => "m4gn",
             KindName::MeshGraphNet => "mesh-graph-net",
             KindName::Gcn => "gcn",
+            KindName::BsmsGnn => "bsms-gnn",
         }
     }
 }
@@ -292,7 +327,8 @@ mod tests {
     #[test]
     fn kinds_survive_json() {
         let mut a = spec().architecture;
-        for kind in [a.kind.clone(), Kind::MeshGraphNet { layers: 3 }, Kind::Gcn { layers: 2 }] {
+        let others = [Kind::MeshGraphNet { layers: 3 }, Kind::Gcn { layers: 2 }, Kind::BsmsGnn { levels: 4 }];
+        for kind in [a.kind.clone()].into_iter().chain(others) {
             a.kind = kind;
             let text = serde_json::to_string(&a).unwrap();
             assert!(text.contains(&format!("\"kind\":\"{}\"", a.name().name())), "{text}");
@@ -308,6 +344,8 @@ mod tests {
             (r#""kind":"gat","layers":1"#, "mesh-graph-net"),
             (r#""kind":"gcn","layers_before":1"#, "gcn has layers"),
             (r#""kind":"gcn""#, "layers: missing"),
+            (r#""kind":"gcn","layers":1,"levels":1"#, "levels: kind gcn has layers"),
+            (r#""kind":"bsms-gnn","layers":1"#, "layers: kind bsms-gnn has levels"),
             (r#""kind":"m4gn","layers_before":1"#, "macro stage"),
             (r#""kind":"mesh-graph-net","layers":1,"layers_after":1"#, "layers_after"),
             (r#""kind":"gcn","layers":1,"width_":1"#, "width_"),

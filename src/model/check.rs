@@ -10,6 +10,8 @@ const FORMAT: u32 = 1;
 /// overflows and a damaged header cannot ask for more memory than there is.
 const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
+/// A coarser graph has half the nodes: 65,536 nodes become one.
+const MAX_LEVELS: usize = 16;
 
 /// What to do where a table was left in from another configuration.
 const WITHOUT_CONTACT: &str =
@@ -119,6 +121,13 @@ impl ModelSpec {
                  \"mesh-graph-net\"; {WITHOUT_CONTACT}",
                 self.architecture.name().name()
             )
+        })?;
+        expect(self.architecture.needs().levels == 0, || {
+            format!(
+                "kind {}: its coarser graphs stay, and the edges of bodies with [contact] move; use \"m4gn\" or \"mesh-graph-net\"; \
+                 {WITHOUT_CONTACT}",
+                self.architecture.name().name()
+            )
         })
     }
 
@@ -147,6 +156,7 @@ impl Architecture {
         within("hidden_layers", self.hidden_layers, 1, 16)?;
         match &self.kind {
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => within("layers", *layers, 0, MAX_LAYERS),
+            Kind::BsmsGnn { levels } => within("levels", *levels, 1, MAX_LEVELS),
             Kind::M4gn(m) => {
                 let MacroSpec { layers, heads, ffn_width, rwse_steps, .. } = &m.segment_transformer;
                 within("layers_before", m.layers_before, 0, MAX_LAYERS)?;
@@ -181,7 +191,7 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 14] = [
+        let broken: [(&str, Change); 15] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -194,6 +204,7 @@ mod tests {
             ("fluid", |s| s.node_types.retain(|t| *t != NodeType::Fluid)),
             ("heads", |s| s.architecture.m4gn_mut().unwrap().segment_transformer.heads = 3),
             ("layers: expected", |s| s.architecture.kind = Kind::Gcn { layers: 1025 }),
+            ("levels: expected", |s| s.architecture.kind = Kind::BsmsGnn { levels: 17 }),
             ("hidden_layers", |s| s.architecture.hidden_layers = 0),
             ("no field is an input", |s| {
                 s.fields.truncate(1);
@@ -222,6 +233,11 @@ mod tests {
             ("reads no edges", {
                 let mut s = bodies();
                 s.architecture.kind = Kind::Gcn { layers: 1 };
+                s
+            }),
+            ("bsms-gnn", {
+                let mut s = bodies();
+                s.architecture.kind = Kind::BsmsGnn { levels: 1 };
                 s
             }),
         ] {

@@ -39,6 +39,7 @@ impl Model {
                 list.macro_stage(spec, m);
             }
             Kind::MeshGraphNet { layers } => list.messages(spec, *layers),
+            Kind::BsmsGnn { .. } => list.layers(spec.n_edge_features(), a.layers()),
             Kind::Gcn { layers } => {
                 (0..*layers).for_each(|l| list.linear(&format!("processor.{l}.convolution"), d, d));
             }
@@ -164,8 +165,14 @@ impl Shapes {
     fn messages(&mut self, spec: &ModelSpec, layers: usize) {
         let d = self.width;
         self.mlp("encoder.edge", spec.n_edge_features(), d, true);
+        self.layers(d, layers);
+    }
+
+    /// Message-passing layers that read so many numbers of an edge.
+    fn layers(&mut self, edge: usize, layers: usize) {
+        let d = self.width;
         for l in 0..layers {
-            self.mlp(&format!("processor.{l}.edge"), 3 * d, d, true);
+            self.mlp(&format!("processor.{l}.edge"), edge + 2 * d, d, true);
             self.mlp(&format!("processor.{l}.node"), 2 * d, d, true);
         }
     }
@@ -258,6 +265,10 @@ mod tests {
         assert_eq!(shapes["encoder.node.0.weight"], [8, 3 + 4]);
         assert_eq!(shapes["processor.1.convolution.weight"], [8, 8]);
         assert_eq!(shapes.len(), 6 + 2 * 2 + 4 + 6);
+        s.architecture.kind = Kind::BsmsGnn { levels: 2 };
+        let shapes = Model::tensor_shapes(&s);
+        assert_eq!(shapes["processor.4.edge.0.weight"], [8, 3 + 16]);
+        assert_eq!(shapes.len(), 6 + 5 * 12 + 4 + 6);
     }
 
     #[test]

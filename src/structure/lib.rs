@@ -1,4 +1,4 @@
-//! The structure that networks live on: a graph, and its segments: METIS refined by SLIC on modes and positions (Algorithm 2),
+//! The structure that networks live on: a graph, coarser ones, and its segments: METIS refined by SLIC on modes and positions (Algorithm 2),
 //! overlap, and their adjacency (eq. 10).
 //!
 //! Nothing here depends on the number of ranks: METIS sees the canonical numbering on the root, and SLIC's sums
@@ -9,6 +9,7 @@ pub mod coarse;
 mod connect;
 mod geometry;
 pub mod graph;
+mod levels;
 mod obstacle;
 mod overlap;
 mod partition;
@@ -20,6 +21,7 @@ mod slic;
 mod structure;
 mod walk;
 
+pub use levels::{Level, Transfer};
 pub use obstacle::obstacle_distance;
 pub use parts::parts;
 pub use quality::{Dissimilarity, Quality, quality};

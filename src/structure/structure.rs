@@ -1,20 +1,23 @@
 //! What a network lives on.
 
 use super::graph::Graph;
+use super::levels::{Level, bi_stride};
 use super::{Segmentation, segment};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, Needs, SegmentSpec};
 
-/// A graph, and what else networks may need of it ([`Needs`]). What a kind of network needs beyond that, such as coarser graphs,
-/// is another field here and another of its needs; what takes a structure stays as it is.
+/// A graph, and what else networks may need of it ([`Needs`]). What a kind of network needs beyond that is another field here and another
+/// of its needs; what takes a structure stays as it is.
 #[derive(Clone, Debug)]
 pub struct Structure {
     /// This rank's part of the graph.
     pub graph: Graph,
     /// Segments of its nodes; none where the network needs none.
     pub segments: Option<Segmentation>,
+    /// Coarser graphs, the finest first; as many as the network needs.
+    pub levels: Vec<Level>,
 }
 
 impl Structure {
@@ -32,7 +35,9 @@ impl Structure {
         comm: &Comm,
     ) -> Result<Self> {
         let mut graph = Graph::new(mesh, comm)?;
-        let segments = match spec.architecture.needs().segments {
+        let needs = spec.architecture.needs();
+        let levels = bi_stride(mesh, &mut graph, needs.levels, comm)?;
+        let segments = match needs.segments {
             true => {
                 let mut segments = segment(mesh, &mut graph, settings, modes, comm, labels)?;
                 segments.encode(spec, mesh, comm);
@@ -40,7 +45,18 @@ impl Structure {
             }
             false => None,
         };
-        Ok(Structure { graph, segments })
+        Ok(Structure { graph, segments, levels })
+    }
+
+    /// The coarser graphs that a network needs.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where there are not so many.
+    pub fn levels_for(&self, needs: Needs) -> Result<&[Level]> {
+        self.levels.get(..needs.levels).ok_or_else(|| {
+            let (needed, found) = (needs.levels, self.levels.len());
+            Error::Model(format!("the model needs {needed} coarser graphs, {found} were given"))
+        })
     }
 
     /// The segments, for a network that needs them; none for one that does not.
@@ -63,7 +79,9 @@ impl Structure {
     /// Reflected in the second direction, as the network that `spec` describes reads it: of edges that stay, in cells.
     pub fn reflected(&self, spec: &ModelSpec) -> Self {
         let mut reflected = self.clone();
-        negate(&mut reflected.graph.edge_features, spec.n_edge_features(), 1);
+        let graphs =
+            std::iter::once(&mut reflected.graph).chain(reflected.levels.iter_mut().map(|l| &mut l.graph));
+        graphs.for_each(|graph| negate(&mut graph.edge_features, spec.n_edge_features(), 1));
         reflected.reflect_segments(spec);
         reflected
     }

@@ -57,6 +57,9 @@ pub struct ModelConfig {
     /// Layers of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers: Option<usize>,
+    /// Coarser graphs of kind `bsms-gnn`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub levels: Option<usize>,
     /// Message-passing layers before the macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers_before: Option<usize>,
@@ -111,6 +114,7 @@ impl Config {
             hidden_layers: m.hidden_layers,
             activation: m.activation,
             layers: m.layers,
+            levels: m.levels,
             layers_before: m.layers_before,
             layers_after: Some(m.layers_after),
             segment_transformer: self.segment_transformer.clone(),

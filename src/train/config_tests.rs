@@ -118,6 +118,8 @@ fn without_a_kind_the_macro_table_tells() {
     let stage = "[macro]\nlayers = 1\nheads = 2\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]";
     assert_eq!(kind(&old.replace("[training]", stage)), KindName::M4gn);
     assert_eq!(kind(&SMALL.replace("mesh-graph-net", "gcn")), KindName::Gcn);
+    let levels = SMALL.replace("mesh-graph-net", "bsms-gnn").replace("\n    layers =", "\n    levels =");
+    assert_eq!(kind(&levels), KindName::BsmsGnn);
     let heads = stage.replace("heads = 2", "heads = 3");
     let message = Config::parse(&old.replace("[training]", &heads)).unwrap_err();
     assert!(message.to_string().contains("heads: 3 does not divide the width 8"));

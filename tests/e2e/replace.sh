@@ -37,6 +37,19 @@ for segments in computed stored; do
     done
 done
 
+# A network on coarser graphs (`random_model FILE 1 levels`), on one rank and on two
+mv system/functions ..
+function_object m4gnSurrogate "mode replace; model \"$M4GN_HOME/tests/e2e/levels.safetensors\"; timeStart 0.02; solverSteps 5; surrogateSteps 2;"
+clean_case
+runs icoFoam
+grep -q '^m4gn: replacedFraction = 0.5 ' log.run || fail "the network on coarser graphs replaced nothing"
+rm -r ../serial && mkdir ../serial && cp -r 0.* ../serial
+clean_case
+on_two_ranks icoFoam
+runs reconstructPar
+for field in U p; do below "$(difference ../serial/0.04/$field 0.04/$field)" 1e-4 "$field at 0.04, 2 ranks, coarser graphs"; done
+mv ../functions system
+
 # The other solvers, and second order in time
 echo 'FoamFile { version 2.0; format ascii; class dictionary; object x; } simulationType laminar; transportModel Newtonian; nu 1e-3;' |
     tee constant/turbulenceProperties > constant/transportProperties

@@ -9,12 +9,12 @@ use crate::device::parse_device;
 use crate::inference::Inference;
 use crate::pool::panic_message;
 use m4gn_engine::backward::Optimiser;
-use m4gn_engine::torch::{LIBRARY, TorchGraph};
+use m4gn_engine::torch::{LIBRARY, TorchGraph, TorchLevel};
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_structure::graph::Graph;
-use m4gn_structure::{Segmentation, Structure};
+use m4gn_structure::{Level, Segmentation, Structure, Transfer};
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
@@ -192,8 +192,8 @@ pub unsafe extern "C" fn m4gn_torch_load(
         // SAFETY: not null and valid for the call.
         let g = unsafe { &*graph };
         // SAFETY: the arrays have these lengths by this function's contract.
-        let (graph, segments) = unsafe { (graph_of(g)?, segments_of(g)?) };
-        let structure = Structure { graph, segments };
+        let structure =
+            unsafe { Structure { graph: graph_of(g)?, segments: segments_of(g)?, levels: levels_of(g)? } };
         let device = parse_device(&device)?;
         let loaded = Inference::new(&model, &structure, device)?;
         // SAFETY: not null, and writable by this function's contract.
@@ -241,9 +241,29 @@ pub unsafe extern "C" fn m4gn_torch_free(handle: *mut c_void) {
 /// # Safety
 /// The arrays have the lengths that `g` says.
 unsafe fn graph_of(g: &TorchGraph) -> Result<Graph> {
-    let (nodes, edges) = (length(g.n_owned)?, length(g.n_edges)?);
+    let nodes = length(g.n_owned)?;
     // SAFETY: passed on to the caller.
-    let receivers = unsafe { slice(g.receivers, edges)? }.to_vec();
+    unsafe {
+        let types = slice(g.node_types, nodes)?.to_vec();
+        let arrays = (g.senders, g.receivers, g.edge_features);
+        links_of(length(g.n_cells)?.min(nodes), types, length(g.n_edges)?, length(g.n_edge_features)?, arrays)
+    }
+}
+
+/// A copy of nodes of these types and so many edges with so many features each.
+///
+/// # Safety
+/// The arrays, senders, receivers and features, have these lengths.
+unsafe fn links_of(
+    n_cells: usize,
+    node_types: Vec<i32>,
+    edges: usize,
+    n_features: usize,
+    arrays: (*const i32, *const i32, *const f32),
+) -> Result<Graph> {
+    let nodes = node_types.len();
+    // SAFETY: passed on to the caller.
+    let receivers = unsafe { slice(arrays.1, edges)? }.to_vec();
     let mut row = vec![0; nodes + 1];
     for &r in &receivers {
         let end = usize::try_from(r).ok().and_then(|r| row.get_mut(r + 1));
@@ -255,14 +275,14 @@ unsafe fn graph_of(g: &TorchGraph) -> Result<Graph> {
     // SAFETY: passed on to the caller.
     unsafe {
         Ok(Graph {
-            n_cells: length(g.n_cells)?.min(nodes),
+            n_cells,
             n_owned: nodes,
             n_local: nodes,
-            node_types: slice(g.node_types, nodes)?.to_vec(),
+            node_types,
             row,
-            senders: slice(g.senders, edges)?.to_vec(),
+            senders: slice(arrays.0, edges)?.to_vec(),
             receivers,
-            edge_features: slice(g.edge_features, edges * length(g.n_edge_features)?)?.to_vec(),
+            edge_features: slice(arrays.2, edges * n_features)?.to_vec(),
             halo: Halo::default(),
         })
     }
@@ -288,6 +308,39 @@ unsafe fn segments_of(g: &TorchGraph) -> Result<Option<Segmentation>> {
             ..Segmentation::of_members(count, member_row, slice(g.member, members)?.to_vec())
         }))
     }
+}
+
+/// A copy of the coarser graphs.
+///
+/// # Safety
+/// The arrays have the lengths that `g` says.
+unsafe fn levels_of(g: &TorchGraph) -> Result<Vec<Level>> {
+    let n_features = length(g.n_edge_features)?;
+    let mut finer = length(g.n_owned)?;
+    // SAFETY: passed on to the caller.
+    let levels = unsafe { slice(g.levels, length(g.n_levels)?)? };
+    let mut level = |l: &TorchLevel| {
+        let nodes = length(l.n_nodes)?;
+        let arrays = (l.senders, l.receivers, l.edge_features);
+        // SAFETY: passed on to the caller.
+        let (graph, down) = unsafe {
+            let row = slice(l.row, nodes + 1)?.to_vec();
+            let terms = row.last().map_or(0, |&n| n as usize);
+            let down = Transfer {
+                from: slice(l.from, terms)?.to_vec(),
+                weight: slice(l.weight, terms)?.to_vec(),
+                row,
+            };
+            (links_of(0, vec![0; nodes], length(l.n_edges)?, n_features, arrays)?, down)
+        };
+        if down.from.iter().any(|&i| usize::try_from(i).map_or(true, |i| i >= finer)) {
+            return Err(Error::Input(format!("m4gn_torch_load: a coarser graph of a node beyond {finer}")));
+        }
+        let up = down.transposed(finer);
+        finer = nodes;
+        Ok(Level { graph, down, up })
+    };
+    levels.iter().map(&mut level).collect()
 }
 
 fn length(n: i64) -> Result<usize> {

@@ -198,7 +198,9 @@ impl Learner {
             let next = self.state(examples, 1)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let target = self.stepper.target(&state, &next.cells);
-            moments = Some(Box::new(of_example(&self.spec, [&inputs, &edges, &target])?));
+            // The normalisers see the finest graph.
+            let of_edges = edges.narrow(0, 0, graph.senders.size()[0]);
+            moments = Some(Box::new(of_example(&self.spec, [&inputs, &of_edges, &target])?));
         }
         if !learn {
             return Ok(Outcome::Learned {

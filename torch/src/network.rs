@@ -24,7 +24,7 @@ pub struct Topology {
     pub senders: Tensor,
     /// Receiver of each edge, `[E]`.
     pub receivers: Tensor,
-    /// Physical edge features `[E x (dim + 1)]`; of bodies at points the senders' positions from the receivers' at rest
+    /// Physical edge features `[E x (dim + 1)]`, then those of the coarser graphs; of bodies at points the senders' positions from the receivers' at rest
     /// `[E x 3]`, from which features are made for each displacement ([`crate::contact`]).
     pub edges: Tensor,
     /// 1 for world edges, 0 for the mesh's, `[E x 1]`; of bodies at points only.
@@ -41,6 +41,33 @@ pub struct Topology {
     pub node_weight: Tensor,
     /// Positional encoding `[graphs K x n_position_features]`.
     pub position: Option<Tensor>,
+    /// Coarser graphs, the finest first.
+    pub levels: Vec<Level>,
+}
+
+/// A coarser graph, and the way between it and the next finer one: the sums of rows `finer` times `share` are rows `coarse`, and
+/// the transpose.
+pub struct Level {
+    /// Nodes.
+    pub nodes: i64,
+    /// Sender of each edge.
+    pub senders: Tensor,
+    /// Receiver of each edge.
+    pub receivers: Tensor,
+    /// Row of the finer graph of each term.
+    pub finer: Tensor,
+    /// Row of this graph of each term.
+    pub coarse: Tensor,
+    /// Factor of each term `[terms x 1]`.
+    pub share: Tensor,
+}
+
+/// Who hears whom.
+#[derive(Clone, Copy)]
+pub(crate) struct Links<'a> {
+    pub nodes: i64,
+    pub senders: &'a Tensor,
+    pub receivers: &'a Tensor,
 }
 
 impl Topology {
@@ -62,7 +89,29 @@ impl Topology {
             segment_weight: self.segment_weight.shallow_clone(),
             node_weight: self.node_weight.shallow_clone(),
             position: clone(&self.position),
+            levels: self.levels.iter().map(Level::share).collect(),
         }
+    }
+
+    pub(crate) fn links(&self) -> Links<'_> {
+        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
+    }
+}
+
+impl Level {
+    fn share(&self) -> Self {
+        Level {
+            nodes: self.nodes,
+            senders: self.senders.shallow_clone(),
+            receivers: self.receivers.shallow_clone(),
+            finer: self.finer.shallow_clone(),
+            coarse: self.coarse.shallow_clone(),
+            share: self.share.shallow_clone(),
+        }
+    }
+
+    pub(crate) fn links(&self) -> Links<'_> {
+        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
     }
 }
 
@@ -98,7 +147,7 @@ impl<'a> Network<'a> {
         Network { architecture, weights }
     }
 
-    /// Normalised node fields `[N x inputs]` and edge features `[E x (dim + 1)]` to normalised outputs `[C x outputs]`.
+    /// Normalised node fields `[N x inputs]` and edge features, those of coarser graphs included, to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
         let h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1));
         let rows = processor::of(self.architecture).run(self, graph, h, edges);
@@ -127,16 +176,26 @@ impl<'a> Network<'a> {
 
     /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
     pub(crate) fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
+        *e = self.pass(layer, graph.links(), h, &e.operand, Some(e));
+    }
+
+    /// Messages of the edges' features, where edges have no latents.
+    pub(crate) fn feature_passing(&self, layer: usize, links: Links, h: &mut Rows, features: &Tensor) {
+        self.pass(layer, links, h, &self.operand(features), None);
+    }
+
+    /// New nodes, and what edges of what they read (`own`) and of the latents before have become.
+    fn pass(&self, layer: usize, links: Links, h: &mut Rows, own: &Tensor, before: Option<&Rows>) -> Rows {
         let (edge, node) = (format!("processor.{layer}.edge"), format!("processor.{layer}.node"));
         let d = self.architecture.width as i64;
         let none = None::<&Tensor>;
-        let blocks = self.weights.product(&format!("{edge}.0.weight")).split(d, 1);
-        let own = e.operand.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
-        let senders = pick(&h.operand.linear(&blocks[1], none), &graph.senders);
-        let receivers = pick(&h.operand.linear(&blocks[2], none), &graph.receivers);
+        let blocks =
+            self.weights.product(&format!("{edge}.0.weight")).split_with_sizes([own.size()[1], d, d], 1);
+        let own = own.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
+        let senders = pick(&h.operand.linear(&blocks[1], none), links.senders);
+        let receivers = pick(&h.operand.linear(&blocks[2], none), links.receivers);
         let first = self.activate(&(own + senders + receivers));
-        let (rows, sums) = self.add_normed(&edge, Some(e), &self.hidden(&edge, first), Some(graph));
-        *e = rows;
+        let (edges, sums) = self.add_normed(&edge, before, &self.hidden(&edge, first), Some(links));
         let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
         let own = h.operand.linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
         let first = match sums {
@@ -144,26 +203,27 @@ impl<'a> Network<'a> {
             None => own,
         };
         *h = self.add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None).0;
+        edges
     }
 
-    /// `residual + layer_norm(x)`, and the sums of these rows over the receivers of `graph`.
+    /// `residual + layer_norm(x)`, and the sums of these rows over the receivers of `links`.
     fn add_normed(
         &self,
         name: &str,
         residual: Option<&Rows>,
         x: &Tensor,
-        graph: Option<&Topology>,
+        links: Option<Links>,
     ) -> (Rows, Option<Tensor>) {
         let normed = self.layer_norm(&format!("{name}.norm"), x);
         let full = match residual {
             Some(residual) => &residual.full + normed,
             None => float(&normed),
         };
-        let sums = graph.map(|g| self.operand(&sum_into(g.nodes, &full, &g.receivers)));
+        let sums = links.map(|l| self.operand(&sum_into(l.nodes, &full, l.receivers)));
         (self.rows(full), sums)
     }
 
-    fn rows(&self, full: Tensor) -> Rows {
+    pub(crate) fn rows(&self, full: Tensor) -> Rows {
         Rows { operand: self.operand(&full), full }
     }
 

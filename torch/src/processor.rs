@@ -16,6 +16,7 @@ pub fn of(architecture: &Architecture) -> Box<dyn Processor + '_> {
         Kind::M4gn(m) => Box::new(WithSegments(m)),
         Kind::MeshGraphNet { layers } => Box::new(Messages(*layers)),
         Kind::Gcn { layers } => Box::new(Convolutions(*layers)),
+        Kind::BsmsGnn { levels } => Box::new(BiStride(*levels)),
     }
 }
 
@@ -69,5 +70,34 @@ impl Processor for Convolutions {
             h = network.convolution(l, &((scaled + sums) * &scale));
         }
         h.narrow(0, 0, graph.cells)
+    }
+}
+
+/// BSMS-GNN (Cao et al. 2023), on so many coarser graphs.
+struct BiStride(usize);
+
+impl Processor for BiStride {
+    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+        let links: Vec<_> =
+            std::iter::once(graph.links()).chain(graph.levels.iter().map(|l| l.links())).collect();
+        let counts: Vec<i64> = links.iter().map(|l| l.senders.size()[0]).collect();
+        let features = edges.split_with_sizes(&counts[..], 0);
+        let mut left = Vec::new();
+        for (l, links) in links.iter().enumerate() {
+            network.feature_passing(l, *links, &mut h, &features[l]);
+            if let Some(level) = graph.levels.get(l) {
+                let terms = pick(&h.full, &level.finer) * &level.share;
+                left.push(h.full);
+                h = network.rows(sum_into(level.nodes, &terms, &level.coarse));
+            }
+        }
+        for (l, before) in left.iter().enumerate().rev() {
+            let level = &graph.levels[l];
+            let terms = pick(&h.full, &level.coarse) * &level.share;
+            h = network.rows(sum_into(links[l].nodes, &terms, &level.finer));
+            network.feature_passing(2 * self.0 - l, links[l], &mut h, &features[l]);
+            h = network.rows(h.full + before);
+        }
+        h.full.narrow(0, 0, graph.cells)
     }
 }

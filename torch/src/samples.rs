@@ -1,6 +1,6 @@
 //! Trajectories in memory: fields as tensors, graphs and segments made by the core crate, batches of both.
 
-use crate::network::Topology;
+use crate::network::{Level, Topology};
 use crate::rollout::Boundary;
 use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_mesh::NodeType;
@@ -31,6 +31,7 @@ pub struct HostGraph {
     segment_weight: Vec<f32>,
     node_weight: Vec<f32>,
     position: Vec<f32>,
+    levels: Vec<m4gn_structure::Level>,
 }
 
 /// One recorded trajectory.
@@ -112,6 +113,7 @@ impl HostGraph {
             segment_weight: segments.sizes.iter().map(weight).collect(),
             node_weight,
             position: segments.position.clone(),
+            levels: structure.levels_for(spec.architecture.needs())?.to_vec(),
         })
     }
 
@@ -154,6 +156,7 @@ impl HostGraph {
             first_cell += graph.cells;
             first_boundary += graph.boundary;
         }
+        let levels = Self::levels(graphs, &mut edges, device);
         let total = (graphs.len() * count) as i64;
         let own_rows =
             member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
@@ -178,7 +181,49 @@ impl HostGraph {
             } else {
                 None
             },
+            levels,
         }
+    }
+
+    /// The coarser graphs of a union, whose nodes are those of one graph after those of the other; the features of their edges are
+    /// appended.
+    fn levels(graphs: &[&HostGraph], edges: &mut Vec<f32>, device: Device) -> Vec<Level> {
+        let cells: usize = graphs.iter().map(|g| g.cells).sum();
+        let mut finer_place: Vec<Vec<i64>> = Vec::new();
+        let (mut first_cell, mut first_boundary) = (0, cells as i64);
+        for g in graphs {
+            let boundary = first_boundary..first_boundary + g.boundary as i64;
+            let cells = first_cell..first_cell + g.cells as i64;
+            (first_cell, first_boundary) = (cells.end, boundary.end);
+            finer_place.push(cells.chain(boundary).collect());
+        }
+        let to = |list: Vec<i64>| Tensor::from_slice(&list).to_device(device);
+        let level = |l: usize| {
+            let (mut senders, mut receivers, mut finer, mut coarse) = (vec![], vec![], vec![], vec![]);
+            let (mut share, mut nodes) = (Vec::new(), 0);
+            for (places, g) in finer_place.iter_mut().zip(graphs) {
+                let m4gn_structure::Level { graph, down, .. } = &g.levels[l];
+                senders.extend(graph.senders.iter().map(|&s| nodes + i64::from(s)));
+                receivers.extend(graph.receivers.iter().map(|&r| nodes + i64::from(r)));
+                edges.extend_from_slice(&graph.edge_features);
+                finer.extend(down.from.iter().map(|&i| places[i as usize]));
+                for row in 0..graph.n_owned {
+                    coarse.extend(down.terms(row).map(|_| nodes + row as i64));
+                }
+                share.extend_from_slice(&down.weight);
+                *places = (nodes..nodes + graph.n_owned as i64).collect();
+                nodes += graph.n_owned as i64;
+            }
+            Level {
+                nodes,
+                senders: to(senders),
+                receivers: to(receivers),
+                finer: to(finer),
+                coarse: to(coarse),
+                share: Tensor::from_slice(&share).view([-1, 1]).to_device(device),
+            }
+        };
+        (0..graphs.first().map_or(0, |g| g.levels.len())).map(level).collect()
     }
 }
 

@@ -69,7 +69,7 @@ fn stage(spec: &mut ModelSpec) -> &mut MacroSpec {
 /// What differs from [`spec`].
 type Change = fn(&mut ModelSpec);
 
-const SWITCHES: [(&str, Change); 15] = [
+const SWITCHES: [(&str, Change); 16] = [
     ("all", |_| ()),
     ("one hidden layer", |s| s.architecture.hidden_layers = 1),
     ("three hidden layers", |s| s.architecture.hidden_layers = 3),
@@ -87,6 +87,7 @@ const SWITCHES: [(&str, Change); 15] = [
         s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     }),
     ("gcn", |s| s.architecture.kind = Kind::Gcn { layers: 2 }),
+    ("bsms-gnn", |s| s.architecture.kind = Kind::BsmsGnn { levels: 3 }),
     ("no random walk", |s| stage(s).rwse_steps = 0),
     ("no centroids", |s| stage(s).centroids = false),
     ("no offsets", |s| stage(s).offsets = false),

@@ -162,6 +162,8 @@ fn native_engine_and_tch_model_agree() {
     for (architecture, overlap) in [
         (network(m4gn_model::Kind::MeshGraphNet { layers: 3 }, Activation::Relu, 1), 0),
         (network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1), 0),
+        (network(m4gn_model::Kind::BsmsGnn { levels: 3 }, Activation::Relu, 2), 0),
+        (network(m4gn_model::Kind::BsmsGnn { levels: 9 }, Activation::Silu, 1), 0),
         (network(m4gn(3, 0, stage(2, 0)), Activation::Relu, 2), 0),
         (network(m4gn(2, 2, stage(2, 5)), Activation::Silu, 1), 0),
         (network(m4gn(2, 1, stage(1, 0)), Activation::Relu, 1), 2),

@@ -230,6 +230,9 @@ fn model(path: &Path) -> Result<(String, Value)> {
         Kind::M4gn(m) => format!("{} + {} message-passing layers", m.layers_before, m.layers_after),
         Kind::MeshGraphNet { layers } => format!("{layers} message-passing layers"),
         Kind::Gcn { layers } => format!("{layers} graph convolutions"),
+        Kind::BsmsGnn { levels } => {
+            format!("{} message-passing layers on {levels} coarser graphs", a.layers())
+        }
     };
     let types: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
     let _ = writeln!(text, "node types  {}", types.join(", "));

@@ -62,7 +62,7 @@ impl Made {
             Some(labels) => Some(segments::of_labels(&part, &body, spec, settings, labels, comm)?),
             None => Some(segments::segment(&part, &body, spec, settings, modes.as_ref(), comm)?),
         };
-        Ok(Made { part, body, structure: Structure { graph, segments } })
+        Ok(Made { part, body, structure: Structure { graph, segments, levels: Vec::new() } })
     }
 }
 

@@ -8,8 +8,8 @@ use crate::tiles::{self, Tile};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
+use m4gn_structure::{Structure, Transfer};
 
 /// Segments of the nodes, by place in the engine's order.
 #[derive(Clone, Debug)]
@@ -30,6 +30,18 @@ pub struct Members {
     pub position: Vec<f32>,
 }
 
+/// A coarser graph.
+#[derive(Clone, Debug)]
+pub struct Coarser {
+    pub order: Order,
+    /// Physical, a row an edge of the graph.
+    pub edge_features: Vec<f32>,
+    /// From the finer graph's nodes to this one's, by place; also the derivative of `up`.
+    pub down: Transfer,
+    /// The transpose.
+    pub up: Transfer,
+}
+
 /// One serial graph, its node features that do not change, and its segments.
 #[derive(Clone, Debug)]
 pub struct TrainGraph {
@@ -41,13 +53,15 @@ pub struct TrainGraph {
     /// Physical, a row an edge of the graph.
     pub(super) edge_features: Vec<f32>,
     pub(super) members: Option<Members>,
+    /// The finest first.
+    pub(super) coarser: Vec<Coarser>,
 }
 
 impl TrainGraph {
     /// Of a structure on one rank.
     ///
     /// # Errors
-    /// [`Error::Model`] for a graph that the model does not know: directions, node types, segments.
+    /// [`Error::Model`] for a graph that the model does not know: directions, node types, segments, coarser graphs.
     pub fn new(spec: &ModelSpec, structure: &Structure) -> Result<Self> {
         let graph = &structure.graph;
         check_graph(&Model { spec: spec.clone(), tensors: Default::default() }, graph)?;
@@ -89,6 +103,16 @@ impl TrainGraph {
                 })
             }
         };
+        let mut coarser: Vec<Coarser> = Vec::new();
+        for level in structure.levels_for(spec.architecture.needs())? {
+            let (own, finer) = (Order::new(&level.graph), coarser.last().map_or(&order, |c| &c.order));
+            coarser.push(Coarser {
+                down: level.down.placed(&own.node, &finer.places()),
+                up: level.up.placed(&finer.node, &own.places()),
+                edge_features: level.graph.edge_features.clone(),
+                order: own,
+            });
+        }
         let numbered = (0..).zip(&order.node).map(|(p, &i)| (p, i));
         Ok(TrainGraph {
             cells: numbered.filter(|(_, i)| (*i as usize) < graph.n_cells).collect(),
@@ -96,6 +120,7 @@ impl TrainGraph {
             fixed,
             edge_features: graph.edge_features.clone(),
             members,
+            coarser,
         })
     }
 
@@ -109,6 +134,7 @@ impl TrainGraph {
             cells: self.cells.clone(),
             fixed: self.fixed.clone(),
             members: self.members.clone(),
+            coarser: self.coarser.clone(),
         }
     }
 

@@ -15,10 +15,13 @@ use m4gn_model::Architecture;
 pub struct Layer<T> {
     isa: Isa,
     columns: usize,
+    /// Of latents, or of features.
     edge_edge: Dense<T>,
     edge_sender: Dense<T>,
     edge_receiver: Dense<T>,
     edge: Mlp<T>,
+    /// What messages are added to where edges have no latents: nothing.
+    zeros: Option<Buffer<T>>,
     /// Of latents and sums.
     node_first: Dense<T>,
     node: Mlp<T>,
@@ -27,7 +30,7 @@ pub struct Layer<T> {
 /// What a layer keeps.
 #[derive(Debug)]
 pub struct LayerTape<T> {
-    /// Edges' latents before it.
+    /// Edges' latents before it, or their features.
     pub edges: Buffer<T>,
     /// Nodes' latents before it, and the sums over their edges.
     nodes: Buffer<T>,
@@ -121,13 +124,15 @@ impl<T: Number> Layer<T> {
         let d = architecture.width;
         let (edge, node) = (format!("processor.{l}.edge"), format!("processor.{l}.node"));
         let (edge_first, node_first) = (format!("{edge}.0"), format!("{node}.0"));
+        let k = slots.layout().find(&format!("{edge_first}.weight"))?.1[1] - 2 * d;
         Ok(Layer {
             isa,
             columns: padded(d),
-            edge_edge: Dense::columns(isa, slots, &edge_first, 0, d)?,
-            edge_sender: Dense::columns(isa, slots, &edge_first, d, d)?,
-            edge_receiver: Dense::columns(isa, slots, &edge_first, 2 * d, d)?,
+            edge_edge: Dense::columns(isa, slots, &edge_first, 0, k)?,
+            edge_sender: Dense::columns(isa, slots, &edge_first, k, d)?,
+            edge_receiver: Dense::columns(isa, slots, &edge_first, k + d, d)?,
             edge: Mlp::new(isa, slots, &edge, architecture)?,
+            zeros: (!architecture.edge_latents()).then(|| Buffer::new(super::mlp::ROWS * padded(d))),
             node_first: Dense::of_two(isa, slots, &node_first, d)?,
             node: Mlp::new(isa, slots, &node, architecture)?,
         })
@@ -202,8 +207,8 @@ impl<T: Number> Layer<T> {
                         &mut unread[..m * columns]
                     }
                 };
-                let out =
-                    Normed::Edges { before: Some(before), edges, keep, sums: &mut s.sums[..], owner, first };
+                let before = Some(self.zeros.as_deref().unwrap_or(before));
+                let out = Normed::Edges { before, edges, keep, sums: &mut s.sums[..], owner, first };
                 self.edge.forward(&mut tape.edge, &chunk, &mut s.work.wide, out);
             }
             for (i, sum) in tile.nodes.clone().zip(s.sums.chunks_exact(columns)) {
@@ -219,7 +224,8 @@ impl<T: Number> Layer<T> {
         }
     }
 
-    /// From derivatives by the latents behind the layer, of nodes and edges, to those before it, in place.
+    /// From derivatives by the latents behind the layer, of nodes and edges, to those before it, in place; where edges have features
+    /// alone, to those by them.
     pub fn backward(
         &self,
         order: &Order,
@@ -254,13 +260,24 @@ impl<T: Number> Layer<T> {
                 let range = chunk.start * columns..chunk.end * columns;
                 let (owner, first) = (&order.receivers[chunk.clone()], tile.nodes.start);
                 let d = &mut d_edges[range.clone()];
+                if self.zeros.is_some() {
+                    d.fill(0.0);
+                }
                 gather_add(isa, d, columns, &s.sums[..n * columns], owner, first);
                 s.work.wide[..d.len()].copy_from_slice(d);
                 self.edge.backward(&tape.edge, &chunk, &mut s.work, gradients);
                 let dy = (&s.work.narrow[..], columns);
                 let before = (&tape.edges[range], columns);
                 self.edge_edge.learn(dy, before, m, gradients, &mut s.work.pairs);
-                self.edge_edge.back_add(dy, m, d, &s.zeros);
+                match self.zeros {
+                    None => self.edge_edge.back_add(dy, m, d, &s.zeros),
+                    Some(_) => {
+                        self.edge_edge.back(dy, m, d);
+                        // From rows as wide as features to rows of latents.
+                        let width = self.edge_edge.columns_back();
+                        (0..m).rev().for_each(|i| d.copy_within(i * width..(i + 1) * width, i * columns));
+                    }
+                }
                 let wide = &s.work.wide[..m * columns];
                 scatter_add(isa, wide, columns, &mut s.receivers[..n * columns], owner, first);
                 let senders = &order.senders[chunk];

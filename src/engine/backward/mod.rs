@@ -11,6 +11,7 @@
 //! layers and the macro stage are in fp32.
 
 mod attention;
+mod bi_stride;
 mod convolution;
 mod dispatch;
 mod encoder_decoder;
@@ -34,6 +35,7 @@ pub use optimiser::{Optimiser, UpdateRule, norm};
 
 use super::kernels::{Bf16, Number};
 use super::{Isa, Precision};
+use bi_stride::BiStride;
 use convolution::Convolutions;
 use m4gn_mesh::Result;
 use m4gn_model::{Kind, ModelSpec};
@@ -190,6 +192,7 @@ fn of_kind<T: Number>(spec: &ModelSpec, isa: Isa) -> Result<Box<dyn AnyNetwork>>
     Ok(match spec.architecture.kind {
         Kind::M4gn(_) | Kind::MeshGraphNet { .. } => Box::new(Network::<T, Messages<T>>::new(spec, isa)?),
         Kind::Gcn { .. } => Box::new(Network::<T, Convolutions<T>>::new(spec, isa)?),
+        Kind::BsmsGnn { .. } => Box::new(Network::<T, BiStride<T>>::new(spec, isa)?),
     })
 }
 

@@ -2,13 +2,11 @@
 
 use super::*;
 use crate::plain;
-use crate::tests::{instruction_sets, segments};
-use m4gn_mesh::parallel::Comm;
+use crate::tests::{instruction_sets, structure};
 use m4gn_model::{Activation, Kind, M4gn, Model, Output};
 use m4gn_samples::mesh as sample;
 use m4gn_samples::model::spec;
 use m4gn_structure::Structure;
-use m4gn_structure::graph::Graph;
 
 /// A model on a small channel of triangles, and a loss: a fixed weight for each output.
 struct Case {
@@ -32,12 +30,12 @@ pub(crate) fn scales(model: &Model) -> Scales {
 
 impl Case {
     fn new(spec: ModelSpec, overlap: bool) -> Self {
-        let graph = Graph::new(&sample::triangles(4, 3, 1.6, 0.41), &Comm::serial()).unwrap();
-        let stage = spec.architecture.needs().segments;
+        let structure = structure(&spec, &sample::triangles(4, 3, 1.6, 0.41), overlap);
+        let graph = &structure.graph;
         Case {
             inputs: wave(graph.n_owned * spec.n_field_inputs(), 0.7),
             loss: wave(graph.n_cells * spec.n_outputs(), 1.9),
-            structure: Structure { segments: stage.then(|| segments(&spec, &graph, overlap)), graph },
+            structure,
             model: Model::random(spec, 5).unwrap(),
         }
     }
@@ -156,6 +154,11 @@ fn specs() -> Vec<(String, ModelSpec, bool)> {
     });
     for layers in [1, 3] {
         add("gcn", false, &|s| s.architecture.kind = Kind::Gcn { layers });
+    }
+    for (levels, width) in [(1, 8), (3, 20), (6, 8)] {
+        add("bsms-gnn", false, &|s| {
+            (s.architecture.kind, s.architecture.width) = (Kind::BsmsGnn { levels }, width);
+        });
     }
     add("values", false, &|s| {
         s.fields[0].output = Output::Value;

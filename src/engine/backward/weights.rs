@@ -162,6 +162,11 @@ impl<T: Number> Dense<T> {
         product(self.isa, &self.backward, (dy, stride), n, Addend::Nothing, Function::Identity, out);
     }
 
+    /// Columns of `dy W`.
+    pub fn columns_back(&self) -> usize {
+        self.backward.columns()
+    }
+
     /// `out += dy W`; `zeros` has a row of them.
     pub fn back_add(&self, (dy, stride): (&[T], usize), n: usize, out: &mut [f32], zeros: &[f32]) {
         let out = Output::Wide(out);

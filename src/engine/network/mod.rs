@@ -11,8 +11,8 @@ use super::order::Order;
 use super::pool::Pool;
 use super::processor::{self, Processor};
 use super::profile::Profile;
-use super::tiles::{self, Scratch, Tile};
-use m4gn_mesh::parallel::{Comm, Element, Halo};
+use super::tiles::Scratch;
+use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_structure::Structure;
@@ -56,22 +56,10 @@ impl<T: Number + Element> Network<T> {
         let isa = options.isa.unwrap_or_else(Isa::detect);
         let pool = Pool::new(options.n_threads, isa);
         let raw = spec.n_field_inputs().max(spec.n_outputs());
-        let grid = Grid {
-            isa,
-            columns,
-            n_owned: graph.n_owned,
-            n_local: graph.n_local,
-            order: Order::new(graph),
-            halo: Halo::empty(),
-            tiles: Vec::new(),
-            n_interior: 0,
-            scratch: (0..pool.n_threads())
-                .map(|_| Scratch::new(d.max(spec.n_outputs()), raw, options.profile))
-                .collect(),
-            pool,
-            nodes: Buffer::new(graph.n_owned * columns),
-            timed: options.profile,
-        };
+        let scratch =
+            (0..pool.n_threads()).map(|_| Scratch::new(d.max(spec.n_outputs()), raw, options.profile));
+        let scratch = scratch.collect();
+        let grid = Grid::new(graph, columns, pool, scratch, options.profile);
         let (input_mean, input_scale) = normaliser(model, "node")?;
         let decoder = Decoder::new(isa, model)?;
         let processor = processor::new(model, structure, &grid, keep_encoded)?;
@@ -121,28 +109,24 @@ impl<T: Number + Element> Network<T> {
         }
         grid.order = order;
         if moved {
+            grid.halo = graph.halo.renumbered(&grid.order.places());
             self.place_nodes(graph);
         }
+        self.grid.cut();
         self.place_edges(graph);
         Ok(())
     }
 
     /// What follows from the order of the nodes.
     fn place_nodes(&mut self, graph: &Graph) {
-        let order = &self.grid.order;
-        let numbered = (0..).zip(&order.node).map(|(p, &i)| (p, i));
+        let numbered = (0..).zip(&self.grid.order.node).map(|(p, &i)| (p, i));
         self.cells = numbered.filter(|(_, i)| (*i as usize) < graph.n_cells).collect();
-        self.grid.halo = graph.halo.renumbered(&order.places());
     }
 
-    /// What follows from the edges: tiles, features in the engine's order, room for latents.
+    /// What follows from the edges: features in the engine's order, room for latents.
     fn place_edges(&mut self, graph: &Graph) {
-        let grid = &mut self.grid;
-        grid.tiles = tiles::cut::<T>(&grid.order.row, grid.order.n_interior);
-        let interior = |t: &&Tile| t.nodes.end <= grid.order.n_interior;
-        grid.n_interior = grid.tiles.iter().take_while(interior).count();
-        self.processor.place(grid, graph);
-        grid.order.edge = Vec::new();
+        self.processor.place(&mut self.grid, graph);
+        self.grid.order.edge = Vec::new();
     }
 
     /// One step, with slices of the right lengths. Collective.

@@ -1,5 +1,6 @@
 //! What advances the nodes' latents between encoder and decoder: one implementation a kind of network.
 
+mod bi_stride;
 mod convolution;
 mod messages;
 
@@ -7,6 +8,8 @@ use super::grid::Grid;
 use super::kernels::Number;
 use super::profile::Phase;
 use super::segment_stage::SegmentStage;
+use bi_stride::BiStride;
+pub use bi_stride::features;
 use convolution::Convolutions;
 pub use convolution::scales;
 use m4gn_mesh::Result;
@@ -47,7 +50,7 @@ pub trait Processor<T>: Debug + Send + Sync {
 /// here, which says to use `backend torch`.
 ///
 /// # Errors
-/// [`Error::Model`] when segments are needed and not given; [`Error::Input`] for segments of another graph.
+/// [`Error::Model`] when segments or coarser graphs are needed and not given; [`Error::Input`] for segments of another graph.
 pub fn new<T: Number + Element>(
     model: &Model,
     structure: &Structure,
@@ -68,5 +71,6 @@ pub fn new<T: Number + Element>(
             Box::new(Messages::new(model, graph, grid, (*layers, 0), None, keep_encoded)?)
         }
         Kind::Gcn { layers } => Box::new(Convolutions::new(model, graph, grid, *layers)?),
+        Kind::BsmsGnn { .. } => Box::new(BiStride::new(model, structure, grid)?),
     })
 }

@@ -10,8 +10,8 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::plugin::{Plugin, c_string};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
+use m4gn_structure::{Level, Structure};
 use std::ffi::{c_char, c_void};
 
 /// The graph and its segments as they cross to the library; all pointers are borrowed for the call.
@@ -50,6 +50,32 @@ pub struct TorchGraph {
     pub offsets: *const f32,
     /// Components of an offset; 0: none.
     pub n_offsets: i64,
+    /// Coarser graphs, the finest first `[n_levels]`.
+    pub levels: *const TorchLevel,
+    /// Their number.
+    pub n_levels: i64,
+}
+
+/// A coarser graph.
+#[repr(C)]
+#[derive(Debug)]
+pub struct TorchLevel {
+    /// Nodes.
+    pub n_nodes: i64,
+    /// Directed edges.
+    pub n_edges: i64,
+    /// As of [`TorchGraph`].
+    pub senders: *const i32,
+    /// As of [`TorchGraph`].
+    pub receivers: *const i32,
+    /// As of [`TorchGraph`].
+    pub edge_features: *const f32,
+    /// Node i is the sum of `weight[k]` times node `from[k]` of the next finer graph over `row[i]..row[i + 1]`; `[n_nodes + 1]`.
+    pub row: *const u32,
+    /// See `row`.
+    pub from: *const i32,
+    /// See `row`.
+    pub weight: *const f32,
 }
 
 type Load = unsafe extern "C" fn(*const u8, u64, *const TorchGraph, *const c_char, *mut *mut c_void) -> i32;
@@ -99,7 +125,8 @@ impl TorchBackend {
                 library.function::<Free>("m4gn_torch_free")?,
             )
         };
-        let described = describe(structure);
+        let levels: Vec<TorchLevel> = structure.levels.iter().map(level).collect();
+        let described = describe(structure, &levels);
         let mut handle = std::ptr::null_mut();
         let device = device.as_ref().map_or(std::ptr::null(), |d| d.as_ptr());
         // SAFETY: all pointers are valid for the call and the arrays have the lengths that the struct says.
@@ -141,7 +168,21 @@ impl Drop for TorchBackend {
     }
 }
 
-fn describe(structure: &Structure) -> TorchGraph {
+fn level(level: &Level) -> TorchLevel {
+    let (graph, down) = (&level.graph, &level.down);
+    TorchLevel {
+        n_nodes: graph.n_owned as i64,
+        n_edges: graph.senders.len() as i64,
+        senders: graph.senders.as_ptr(),
+        receivers: graph.receivers.as_ptr(),
+        edge_features: graph.edge_features.as_ptr(),
+        row: down.row.as_ptr(),
+        from: down.from.as_ptr(),
+        weight: down.weight.as_ptr(),
+    }
+}
+
+fn describe(structure: &Structure, levels: &[TorchLevel]) -> TorchGraph {
     let graph = &structure.graph;
     let n_edges = graph.senders.len();
     let view = structure.segments.as_ref().filter(|v| v.count > 0);
@@ -162,5 +203,7 @@ fn describe(structure: &Structure) -> TorchGraph {
         n_position: view.map_or(0, |v| (v.position.len() / v.count) as i64),
         offsets: view.map_or(std::ptr::null(), |v| v.offsets.as_ptr()),
         n_offsets: view.map_or(0, |v| (v.offsets.len() / graph.n_owned.max(1)) as i64),
+        levels: levels.as_ptr(),
+        n_levels: levels.len() as i64,
     }
 }

@@ -87,7 +87,7 @@ impl Trial {
             false => {
                 let graph = o_mesh(self.nodes, &comm)?;
                 let segments = consecutive_segments(&spec, graph.n_owned)?;
-                Structure { graph, segments }
+                Structure { graph, segments, levels: Vec::new() }
             }
         };
         let graph = &structure.graph;
@@ -124,6 +124,7 @@ impl Trial {
                 activation: a.activation,
                 kind: Some(keys.kind),
                 layers: keys.layers,
+                levels: keys.levels,
                 layers_before: keys.layers_before,
                 layers_after: keys.layers_after.unwrap_or(0),
                 fields: fields.collect(),

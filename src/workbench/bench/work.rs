@@ -65,7 +65,11 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     let [d, hidden] = [a.width, a.hidden_layers].map(|x| x as f64);
     let [nodes, cells, edges, k] = [sizes.nodes, sizes.cells, sizes.edges, sizes.segments].map(|x| x as f64);
     let [edge, node, sender] = [storage.edge, storage.node, storage.sender].map(|x| x as f64);
-    let layers = a.layers() as f64;
+    let layers = match a.kind {
+        // Two on each graph and one on the coarsest, each with half the nodes of the one before.
+        Kind::BsmsGnn { levels } => 4.0 - 3.0 * 0.5f64.powi(levels as i32),
+        _ => a.layers() as f64,
+    };
     let (inputs, outputs) = (spec.n_field_inputs() as f64, spec.n_outputs() as f64);
     let features = spec.n_edge_features() as f64;
     let square = 2.0 * d * d;
@@ -76,7 +80,7 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
         nodes * (2.0 * inputs * d + hidden * square),
         nodes * (4.0 * inputs + node * d),
     )];
-    if a.needs().edges && !encoded {
+    if a.needs().edges && a.edge_latents() && !encoded {
         list.push(work(
             Phase::EncodeEdges,
             edges * (2.0 * features * d + hidden * square),
@@ -100,7 +104,7 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     ];
     match &a.kind {
         Kind::Gcn { .. } => list.extend(convolved),
-        Kind::M4gn(_) | Kind::MeshGraphNet { .. } => list.extend(passed),
+        Kind::M4gn(_) | Kind::MeshGraphNet { .. } | Kind::BsmsGnn { .. } => list.extend(passed),
     }
     if let Some(m4gn) = a.m4gn() {
         let m = &m4gn.segment_transformer;

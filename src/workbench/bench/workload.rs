@@ -53,7 +53,7 @@ impl Workload {
             Source::OMesh(nodes) => {
                 let graph = o_mesh(*nodes, &self.comm)?;
                 let segments = consecutive_segments(spec, graph.n_owned)?;
-                Ok(Structure { graph, segments })
+                Ok(Structure { graph, segments, levels: Vec::new() })
             }
             Source::Mesh(mesh) => {
                 let modal = Modal(spec.segments.modal());

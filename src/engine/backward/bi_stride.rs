@@ -1,0 +1,186 @@
+//! BSMS-GNN (Cao et al. 2023), forward with what is kept, and backward.
+
+use super::Scales;
+use super::graph::TrainGraph;
+use super::layer::{Layer, LayerTape};
+use super::mlp::fit;
+use super::network::Buffers;
+use super::processor::Processor;
+use super::weights::{Gradients, Slots};
+use crate::kernels::{Buffer, Isa, Number, padded};
+use crate::order::Order;
+use crate::processor::features;
+use crate::tiles::{self, Tile};
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
+
+/// The layers of a model: down, on the coarsest graph, up.
+#[derive(Debug)]
+pub struct BiStride<T> {
+    columns: usize,
+    n_edge_features: usize,
+    layers: Vec<Layer<T>>,
+}
+
+/// What they keep.
+#[derive(Debug)]
+pub struct BiStrideTape<T> {
+    layers: Vec<LayerTape<T>>,
+    /// Of each graph: its latents; backward, derivatives by these.
+    rows: Vec<Buffer<f32>>,
+    /// What has come up to a graph.
+    risen: Buffer<f32>,
+}
+
+impl TrainGraph {
+    /// The graph itself or a coarser one: its order, tiles and features.
+    fn level<T: Number>(&self, l: usize) -> (&Order, Vec<Tile>, &[f32]) {
+        let (order, features) = match l.checked_sub(1) {
+            None => (&self.order, &self.edge_features[..]),
+            Some(l) => (&self.coarser[l].order, &self.coarser[l].edge_features[..]),
+        };
+        (order, tiles::cut::<T>(&order.row, order.n_interior), features)
+    }
+}
+
+/// `out = 0`, as long as the rows of a graph.
+fn cleared(out: &mut Buffer<f32>, size: usize) -> &mut [f32] {
+    fit(out, size);
+    out[..size].fill(0.0);
+    &mut out[..size]
+}
+
+fn add(to: &mut [f32], x: &[f32]) {
+    to.iter_mut().zip(x).for_each(|(to, x)| *to += x);
+}
+
+impl<T: Number> Processor<T> for BiStride<T> {
+    type Tape = BiStrideTape<T>;
+
+    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+        let a = &spec.architecture;
+        Ok(BiStride {
+            columns: padded(a.width),
+            n_edge_features: spec.n_edge_features(),
+            layers: (0..a.layers()).map(|l| Layer::new(isa, slots, a, l)).collect::<Result<_>>()?,
+        })
+    }
+
+    fn load(&mut self, flat: &[f32]) {
+        self.layers.iter_mut().for_each(|l| l.load(flat));
+    }
+
+    fn bytes(&self) -> usize {
+        self.layers.iter().map(|l| l.bytes()).sum()
+    }
+
+    fn tape(&self) -> BiStrideTape<T> {
+        let n_graphs = self.layers.len() / 2 + 1;
+        BiStrideTape {
+            layers: self.layers.iter().map(LayerTape::new).collect(),
+            rows: (0..n_graphs).map(|_| Buffer::new(0)).collect(),
+            risen: Buffer::new(0),
+        }
+    }
+
+    fn kept(tape: &BiStrideTape<T>) -> usize {
+        let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
+        layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + tape.risen.bytes()
+    }
+
+    fn segments(_: &BiStrideTape<T>) -> Option<&[f32]> {
+        None
+    }
+
+    fn forward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut BiStrideTape<T>,
+        work: &mut Buffers<T>,
+    ) {
+        let columns = self.columns;
+        let BiStrideTape { layers, rows, risen } = tape;
+        let (depth, size) = (graph.coarser.len(), graph.n_nodes() * columns);
+        let mut layer = |l: usize, number: usize, nodes: &mut [f32]| {
+            let (order, tiles, of_edges) = graph.level::<T>(l);
+            let kept = &mut layers[number];
+            kept.fit(order.node.len(), order.senders.len(), columns);
+            let scale = (&scales.edge.mean[..], &scales.edge.inverse[..]);
+            features(scale, of_edges, &order.edge, columns, &mut kept.edges);
+            self.layers[number].forward(order, &tiles, kept, &mut work.shared, nodes, None);
+        };
+        cleared(&mut rows[0], size).copy_from_slice(&work.latents[..size]);
+        for l in 0..=depth {
+            let n = graph.level::<T>(l).0.node.len();
+            if let Some(above) = l.checked_sub(1) {
+                let [finer, own] = pair(rows, above);
+                graph.coarser[above].down.add(0..n, columns, finer, cleared(own, n * columns));
+            }
+            layer(l, l, &mut rows[l][..n * columns]);
+        }
+        for l in (0..depth).rev() {
+            let n = graph.level::<T>(l).0.node.len();
+            let up = cleared(risen, n * columns);
+            graph.coarser[l].up.add(0..n, columns, &rows[l + 1], up);
+            layer(l, 2 * depth - l, up);
+            add(&mut rows[l], up);
+        }
+        work.latents[..size].copy_from_slice(&rows[0][..size]);
+    }
+
+    fn backward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut BiStrideTape<T>,
+        work: &mut Buffers<T>,
+        gradients: &mut Gradients,
+        mut edges: Option<&mut Vec<f32>>,
+    ) {
+        let columns = self.columns;
+        let BiStrideTape { layers, rows, risen } = tape;
+        let (depth, size) = (graph.coarser.len(), graph.n_nodes() * columns);
+        if let Some(edges) = edges.as_deref_mut() {
+            edges.fill(0.0);
+        }
+        let Buffers { shared, d_edges, d_nodes, .. } = work;
+        let mut layer = |l: usize, number: usize, d: &mut [f32]| {
+            let (order, tiles, _) = graph.level::<T>(l);
+            let n = order.senders.len();
+            let by_edges = cleared(d_edges, n * columns);
+            self.layers[number].backward(order, &tiles, &layers[number], shared, (d, by_edges), gradients);
+            let Some(edges) = edges.as_deref_mut().filter(|_| l == 0) else { return };
+            let k = self.n_edge_features;
+            for (&edge, d) in order.edge.iter().zip(by_edges.chunks_exact(columns)) {
+                let to = edges[edge as usize * k..(edge as usize + 1) * k].iter_mut();
+                to.zip(d).zip(&scales.edge.inverse).for_each(|((to, d), inverse)| *to += d * inverse);
+            }
+        };
+        cleared(&mut rows[0], size).copy_from_slice(&d_nodes[..size]);
+        for l in 0..depth {
+            let n = graph.level::<T>(l + 1).0.node.len();
+            let [own, coarser] = pair(rows, l);
+            let size = graph.level::<T>(l).0.node.len() * columns;
+            let d = cleared(risen, size);
+            d.copy_from_slice(&own[..size]);
+            layer(l, 2 * depth - l, d);
+            graph.coarser[l].down.add(0..n, columns, d, cleared(coarser, n * columns));
+        }
+        for l in (0..=depth).rev() {
+            let n = graph.level::<T>(l).0.node.len();
+            if l < depth {
+                let [own, coarser] = pair(rows, l);
+                graph.coarser[l].up.add(0..n, columns, coarser, own);
+            }
+            layer(l, l, &mut rows[l][..n * columns]);
+        }
+        d_nodes[..size].copy_from_slice(&rows[0][..size]);
+    }
+}
+
+/// The rows of a graph and of the next coarser one.
+fn pair(rows: &mut [Buffer<f32>], l: usize) -> [&mut Buffer<f32>; 2] {
+    let (finer, coarser) = rows.split_at_mut(l + 1);
+    [&mut finer[l], &mut coarser[0]]
+}

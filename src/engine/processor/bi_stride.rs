@@ -1,0 +1,228 @@
+//! BSMS-GNN (Cao et al. 2023): message passing on the graph, on coarser ones down to the coarsest, and up again.
+
+use super::Processor;
+use crate::encoder_decoder::normaliser;
+use crate::grid::Grid;
+use crate::kernels::{Buffer, Number};
+use crate::passing::{Layer, Topology};
+use crate::pool::{Parts, Pool};
+use crate::profile::Phase;
+use crate::segment_stage::SegmentStage;
+use crate::tiles::Scratch;
+use m4gn_mesh::Result;
+use m4gn_mesh::parallel::{Comm, Element, Halo};
+use m4gn_model::Model;
+use m4gn_structure::graph::Graph;
+use m4gn_structure::{Structure, Transfer};
+
+/// The layers of a model on a graph and its coarser ones.
+#[derive(Debug)]
+pub struct BiStride<T> {
+    /// Down, on the coarsest graph, up.
+    layers: Vec<Layer<T>>,
+    /// Mean, and one over the deviation, of each edge feature.
+    edge_scale: (Vec<f32>, Vec<f32>),
+    /// Of the graph itself.
+    finest: Floor<T>,
+    coarser: Vec<Coarser<T>>,
+}
+
+/// What a layer needs of a graph, beside its grid.
+#[derive(Debug)]
+struct Floor<T> {
+    /// Normalised features of the edges, rows of the padded width.
+    features: Buffer<T>,
+    /// Ws h of all local nodes, ghosts included.
+    projected: Buffer<T>,
+    message: Vec<T>,
+    /// h of all local nodes, for the next graph.
+    latents: Buffer<f32>,
+}
+
+/// A coarser graph.
+#[derive(Debug)]
+struct Coarser<T> {
+    /// Threads are lent to it.
+    grid: Grid<T>,
+    floor: Floor<T>,
+    down: Transfer,
+    up: Transfer,
+}
+
+/// Rows of normalised features in an order of the edges.
+pub fn features<T: Number>(
+    (mean, scale): (&[f32], &[f32]),
+    features: &[f32],
+    order: &[u32],
+    columns: usize,
+    to: &mut [T],
+) {
+    let k = mean.len();
+    for (to, &e) in to.chunks_exact_mut(columns).zip(order) {
+        let row = features[e as usize * k..(e as usize + 1) * k].iter().zip(mean).zip(scale);
+        to.iter_mut().zip(row).for_each(|(to, ((x, mean), scale))| *to = T::from_f32((x - mean) * scale));
+    }
+}
+
+impl<T: Number + Element> BiStride<T> {
+    /// The layers of a model.
+    pub fn new(model: &Model, structure: &Structure, grid: &Grid<T>) -> Result<Self> {
+        let architecture = &model.spec.architecture;
+        let edge_scale = normaliser(model, "edge")?;
+        let mut coarser: Vec<Coarser<T>> = Vec::new();
+        for level in structure.levels_for(architecture.needs())? {
+            let pool = Pool::new(1, grid.isa);
+            let mut own = Grid::new(&level.graph, grid.columns, pool, Vec::new(), grid.timed);
+            let finer = &coarser.last().map_or(grid, |c| &c.grid).order;
+            let (places, finer_places) = (own.order.places(), finer.places());
+            coarser.push(Coarser {
+                down: level.down.placed(&own.order.node, &finer_places),
+                up: level.up.placed(&finer.node, &places),
+                floor: Floor::new(&mut own, &level.graph.edge_features, &edge_scale),
+                grid: own,
+            });
+        }
+        let layers = 0..architecture.layers();
+        Ok(BiStride {
+            layers: layers.map(|l| Layer::new(grid.isa, model, l)).collect::<Result<_>>()?,
+            finest: Floor { features: Buffer::new(0), ..Floor::of_nodes(grid) },
+            edge_scale,
+            coarser,
+        })
+    }
+
+    /// All that is below a graph, and the layers on it: `layers` are those of it and of the coarser ones.
+    fn cycle(
+        comm: &Comm,
+        grid: &mut Grid<T>,
+        floor: &mut Floor<T>,
+        coarser: &mut [Coarser<T>],
+        layers: &[Layer<T>],
+    ) {
+        let [first, others @ ..] = layers else { return };
+        floor.pass(comm, grid, first);
+        let ([inner @ .., last], [next, rest @ ..]) = (others, coarser) else {
+            return;
+        };
+        let columns = grid.columns;
+        floor.share(comm, &mut grid.halo, &grid.nodes, columns);
+        grid.hand_over(&mut next.grid);
+        next.grid.take(&next.down, &floor.latents);
+        Self::cycle(comm, &mut next.grid, &mut next.floor, rest, inner);
+        next.floor.share(comm, &mut next.grid.halo, &next.grid.nodes, columns);
+        grid.hand_over(&mut next.grid);
+        grid.take(&next.up, &next.floor.latents);
+        floor.pass(comm, grid, last);
+        // The graph's own latents from before it was left.
+        grid.nodes.iter_mut().zip(&floor.latents[..]).for_each(|(h, before)| *h += before);
+    }
+}
+
+impl<T: Number + Element> Grid<T> {
+    /// The latents as sums of other rows.
+    fn take(&mut self, transfer: &Transfer, from: &[f32]) {
+        let (columns, tiles) = (self.columns, &self.tiles);
+        let nodes = Parts::new(&mut self.nodes);
+        let task = |s: &mut Scratch<T>, i: usize| {
+            s.clock.start();
+            // SAFETY: tiles are disjoint.
+            let h = unsafe { nodes.rows(&tiles[i].nodes, columns) };
+            h.fill(0.0);
+            transfer.add(tiles[i].nodes.clone(), columns, from, h);
+            s.clock.stop(Phase::Project);
+        };
+        self.pool.run(&mut self.scratch, tiles.len(), task, || ());
+    }
+}
+
+impl<T: Number + Element> Floor<T> {
+    /// Without edges.
+    fn of_nodes(grid: &Grid<T>) -> Self {
+        Floor {
+            features: Buffer::new(0),
+            projected: Buffer::new(grid.n_local * grid.columns),
+            message: Vec::with_capacity(grid.halo.n_sent() * grid.columns),
+            latents: Buffer::new(grid.n_local * grid.columns),
+        }
+    }
+
+    /// With the features of the edges, of which the grid then forgets the order.
+    fn new(grid: &mut Grid<T>, of_edges: &[f32], (mean, scale): &(Vec<f32>, Vec<f32>)) -> Self {
+        let order = std::mem::take(&mut grid.order.edge);
+        let mut floor = Floor { features: Buffer::new(order.len() * grid.columns), ..Self::of_nodes(grid) };
+        features((mean, scale), of_edges, &order, grid.columns, &mut floor.features);
+        floor
+    }
+
+    /// One layer with its halo exchange.
+    fn pass(&mut self, comm: &Comm, grid: &mut Grid<T>, layer: &Layer<T>) {
+        let columns = grid.columns;
+        let own = &mut self.projected[..grid.n_owned * columns];
+        grid.on_nodes(own, |s, _, h, out| layer.project(s, h, out));
+        let features = Parts::new(&mut self.features);
+        grid.sweep(comm, &mut self.projected, &mut self.message, |s, tile, order, projected, h| {
+            // SAFETY: tiles are disjoint.
+            let features = unsafe { features.rows(&tile.edges, columns) };
+            let graph = Topology { senders: &order.senders, receivers: &order.receivers, projected };
+            layer.sweep(&graph, tile, s, h, features, None, false);
+        });
+    }
+
+    /// Latents with those of the ghosts. Collective.
+    fn share(&mut self, comm: &Comm, halo: &mut Halo, nodes: &[f32], columns: usize) {
+        self.latents[..nodes.len()].copy_from_slice(nodes);
+        halo.exchange_f32(comm, &mut self.latents, columns);
+    }
+
+    fn bytes(&self) -> [usize; 2] {
+        [self.features.bytes(), self.projected.bytes() + self.latents.bytes()]
+    }
+}
+
+impl<T: Number + Element> Processor<T> for BiStride<T> {
+    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph) {
+        self.finest = Floor::new(grid, &graph.edge_features, &self.edge_scale);
+    }
+
+    /// The edges of a graph that has coarser ones stay.
+    fn reorder(&mut self, _: &[u32], _: &[u32]) {}
+
+    fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {
+        Self::cycle(comm, grid, &mut self.finest, &mut self.coarser, &self.layers);
+    }
+
+    fn stage(&self) -> Option<&SegmentStage> {
+        None
+    }
+
+    fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
+        let floors = std::iter::once(&self.finest).chain(self.coarser.iter().map(|c| &c.floor));
+        let [features, rows] = floors.fold([0, 0], |sum, floor| [0, 1].map(|i| sum[i] + floor.bytes()[i]));
+        let lists = self.coarser.iter().map(|c| {
+            let order = &c.grid.order;
+            let graph = order.node.len() + order.row.len() + 2 * order.senders.len();
+            let transfers = [&c.down, &c.up].map(|t| t.row.len() + 2 * t.from.len());
+            4 * (graph + transfers[0] + transfers[1]) + c.grid.nodes.bytes()
+        });
+        let arrays =
+            vec![("edge features", features), ("coarser graphs", lists.sum()), ("latents of ghosts", rows)];
+        (arrays, self.layers.iter().map(|l| l.bytes()).sum())
+    }
+
+    fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
+        let a = &model.spec.architecture;
+        let (d, h, k) = (a.width as f64, a.hidden_layers as f64, self.edge_scale.0.len() as f64);
+        let square = 2.0 * d * d;
+        let grids = std::iter::once(grid).chain(self.coarser.iter().map(|c| &c.grid)).enumerate();
+        let sizes = grids.map(|(l, g)| {
+            let layers = if l == self.coarser.len() { 1.0 } else { 2.0 };
+            (layers * g.n_owned as f64, layers * g.order.senders.len() as f64)
+        });
+        let (n, e) = sizes.fold((0.0, 0.0), |sum, (n, e)| (sum.0 + n, sum.1 + e));
+        vec![
+            (Phase::Project, n * square),
+            (Phase::Edges, e * (2.0 * d * k + h * square) + n * square),
+            (Phase::Nodes, n * (2.0 + h) * square),
+        ]
+    }
+}
