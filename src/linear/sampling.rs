@@ -19,9 +19,11 @@ impl Grid {
         self.time + (number - self.number) as f64 * self.interval
     }
 
-    /// Samples from the grid's start to a time.
+    /// Samples from the grid's start to a time, rounded to 1e-9: the times of a run that is carried on have other last bits, and what is
+    /// predicted has not.
     pub fn position(&self, time: f64) -> f64 {
-        self.number as f64 + (time - self.time) / self.interval
+        let position = self.number as f64 + (time - self.time) / self.interval;
+        (position * 1e9).round() / 1e9
     }
 
     /// The sample at a time, if there is one.

@@ -6,6 +6,7 @@
 use crate::layout::{Field, Weight, check};
 use m4gn_mesh::parallel::{Comm, everywhere, same_on_all_ranks};
 use m4gn_mesh::{Error, Result};
+use pulp::{Arch, NullaryFnOnce};
 use serde::{Deserialize, Serialize};
 
 /// Numbers that are worked on at a time, so that they stay in the first cache.
@@ -65,8 +66,8 @@ impl Values {
     fn dot(&self, sum: &mut Sum, other: &[f64], from: usize) {
         let to = from + other.len();
         match self {
-            Values::Double(v) => dot(sum, other, &v[from..to], |d| d),
-            Values::Single(v) => dot(sum, other, &v[from..to], f64::from),
+            Values::Double(v) => Arch::new().dispatch(Dot { sum, a: other, b: &v[from..to] }),
+            Values::Single(v) => Arch::new().dispatch(Dot { sum, a: other, b: &v[from..to] }),
             Values::Same => {}
         }
     }
@@ -91,23 +92,35 @@ impl Sum {
     }
 }
 
-/// Adds the products of two arrays, eight sums side by side.
-fn dot<T: Copy>(sum: &mut Sum, a: &[f64], b: &[T], wide: impl Fn(T) -> f64) {
-    let (mut high, mut low) = ([0.0; 8], [0.0; 8]);
-    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    for (x, y) in a8.remainder().iter().zip(b8.remainder()) {
-        sum.add(x * wide(*y));
-    }
-    for (x, y) in a8.zip(b8) {
-        for i in 0..8 {
-            let term = x[i] * wide(y[i]);
-            let next = high[i] + term;
-            let part = next - high[i];
-            low[i] += (high[i] - (next - part)) + (term - part);
-            high[i] = next;
+/// Adds the products of two arrays, sixteen sums side by side: as wide as the processor has it, and the same to the bit on all.
+struct Dot<'a, T> {
+    sum: &'a mut Sum,
+    a: &'a [f64],
+    b: &'a [T],
+}
+
+impl<T: Copy + Into<f64>> NullaryFnOnce for Dot<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        const LANES: usize = 16;
+        let (mut high, mut low) = ([0.0; LANES], [0.0; LANES]);
+        let (a, b) = (self.a.chunks_exact(LANES), self.b.chunks_exact(LANES));
+        for (x, y) in a.remainder().iter().zip(b.remainder()) {
+            self.sum.add(x * (*y).into());
         }
+        for (x, y) in a.zip(b) {
+            for i in 0..LANES {
+                let term = x[i] * y[i].into();
+                let next = high[i] + term;
+                let part = next - high[i];
+                low[i] += (high[i] - (next - part)) + (term - part);
+                high[i] = next;
+            }
+        }
+        high.iter().zip(&low).for_each(|(h, l)| self.sum.join(Sum(*h, *l)));
     }
-    high.iter().zip(&low).for_each(|(h, l)| sum.join(Sum(*h, *l)));
 }
 
 /// Sums of the parts of all ranks. Collective.
@@ -308,7 +321,7 @@ impl Snapshots {
                 let weighted = &mut weighted[..part.len()];
                 weighted.copy_from_slice(part);
                 weigh(f, from, weighted);
-                dot(&mut sum, weighted, part, |v| v);
+                Arch::new().dispatch(Dot { sum: &mut sum, a: weighted, b: part });
             }
             sum
         };

@@ -160,8 +160,8 @@ pub struct Fitted {
     places: Vec<usize>,
     interval: f64,
     kept: Kept,
-    /// Strides from the present sample to what the last step predicted, and the advanced fields of it.
-    predicted: Option<(f64, Vec<Vec<f64>>)>,
+    /// What the last step predicted, and the advanced fields of it.
+    predicted: Option<(Combination, Vec<Vec<f64>>)>,
     /// What the inputs will be at the end of the next stride.
     inputs: Vec<Vec<f64>>,
     /// Where the rollout beside the solver began, and how long after that sample, in strides.
@@ -373,7 +373,7 @@ impl Surrogate for Fitted {
             .ok_or_else(|| Error::Numerical("the linear surrogate has no fit to predict with".into()))?;
         self.check_inputs(&prediction)?;
         let values = self.put(&prediction, out)?;
-        self.predicted = Some((strides, values));
+        self.predicted = Some((prediction, values));
         Ok(())
     }
 
@@ -401,14 +401,12 @@ impl Surrogate for Fitted {
 
     fn arrays(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
         let present = self.kept.offset + self.kept.ahead as f64;
+        let earlier = (before > 0.0).then(|| self.linear.predict(present - before / self.interval)).flatten();
         // The advanced fields of the last prediction are there already.
-        let (strides, values) = match &self.predicted {
-            Some((strides, values)) if before <= 0.0 => (Some(*strides), Some(values)),
-            _ if before > 0.0 => (Some(present - before / self.interval), None),
-            _ => (None, None),
-        };
-        let Some(prediction) = strides.and_then(|s| self.linear.predict(s)) else {
-            return Err(Error::Input("linear: nothing was predicted".into()));
+        let (prediction, values) = match (&earlier, &self.predicted) {
+            (Some(earlier), _) => (earlier, None),
+            (None, Some((last, values))) if before <= 0.0 => (last, Some(values)),
+            _ => return Err(Error::Input("linear: nothing was predicted".into())),
         };
         let fields = self.linear.snapshots().fields();
         if out.len() != fields.len() || out.iter().zip(fields).any(|(o, f)| o.len() != f.len) {
@@ -417,7 +415,7 @@ impl Surrogate for Fitted {
         for (f, o) in out.iter_mut().enumerate() {
             match (values, self.places.iter().position(|place| *place == f)) {
                 (Some(values), Some(i)) => o.copy_from_slice(&values[i]),
-                _ => self.linear.field(f, &prediction, o),
+                _ => self.linear.field(f, prediction, o),
             }
         }
         Ok(())

@@ -167,4 +167,25 @@ sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 runs icoFoam
 whole [0-9]*
 killed 30 0.4 . icoFoam
+# A fit, and its states in a file of their own that grows
+function_object m4gnSurrogate 'mode replace; surrogates (linear); timeStart 0.5; control { tolerance 1000; relTol 1000; }
+    linear { interval 0.01; window 30; least 24; longest 15; tolerance 0.5; enough 0.5; }'
+for ranks in 1 2 3; do
+    clean_case
+    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+    { header decomposeParDict; echo "numberOfSubdomains $ranks; method simple; simpleCoeffs { n ($ranks 1 1); delta 0.001; }"; } > system/decomposeParDict
+    folders=. run=icoFoam
+    if [ $ranks -gt 1 ]; then
+        runs decomposePar
+        folders=$(echo processor*) run="mpirun -np $ranks icoFoam -parallel"
+    fi
+    # shellcheck disable=SC2086  # several words
+    runs $run
+    steps=$(entry surrogate_steps 0)
+    [ "$steps" -ge 20 ] || fail "the linear surrogate took $steps strides only"
+    # shellcheck disable=SC2046,SC2086
+    whole $([ $ranks -eq 1 ] && echo [0-9]* || echo $folders)
+    # shellcheck disable=SC2086
+    killed 8 $((2*ranks)) "$folders" $run
+done
 echo "restart: passed"
