@@ -59,6 +59,6 @@ below "$(difference ../U.hybrid 4/U)" 1e-2 "U on two ranks"
 
 # What cannot be
 linear 'longest 5;'
-refused 'longest not below first' icoFoam
+refused 'longest from first to' icoFoam
 linear 'intervall 0.05;'
 refused 'interval' icoFoam
