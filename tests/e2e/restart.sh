@@ -186,6 +186,6 @@ for ranks in 1 2 3; do
     # shellcheck disable=SC2046,SC2086
     whole $([ $ranks -eq 1 ] && echo [0-9]* || echo $folders)
     # shellcheck disable=SC2086
-    killed 8 $((2*ranks)) "$folders" $run
+    killed 6 0.$((3*ranks)) "$folders" $run
 done
 echo "restart: passed"
