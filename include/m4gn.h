@@ -108,8 +108,8 @@ int32_t m4gn_options_check(const char* kind, const char* options);
  * in points for cells, edges for faces, and a boundary face at each point of a patch (openfoam/adapter/m4gnPointAdapter.H). */
 typedef struct m4gn_mesh_data
 {
-    int32_t n_directions;       /* 2 or 3 solved directions */
-    int32_t directions[3];      /* which: 0 x, 1 y, 2 z */
+    int32_t n_directions;  /* 2 or 3 solved directions */
+    int32_t directions[3]; /* which: 0 x, 1 y, 2 z */
 
     int32_t n_cells;
     const int64_t* cell_global; /* [n_cells] number of the cell in the undecomposed mesh, 0-based; a
@@ -117,58 +117,66 @@ typedef struct m4gn_mesh_data
     const double* cell_centres; /* [3*n_cells] m */
     const double* cell_volumes; /* [n_cells] m^3 */
 
-    int32_t n_faces;            /* internal faces of this rank */
-    const int32_t* face_owner;  /* [n_faces] */
+    int32_t n_faces;               /* internal faces of this rank */
+    const int32_t* face_owner;     /* [n_faces] */
     const int32_t* face_neighbour; /* [n_faces] */
-    const double* face_coeff;   /* [n_faces] |off-diagonal| of the solver's Laplacian with unit diffusivity, m */
+    const double*
+        face_coeff; /* [n_faces] |off-diagonal| of the solver's Laplacian with unit diffusivity, m */
 
-    int32_t n_boundary;         /* faces of patches that carry values (neither empty nor coupled) */
-    const int32_t* boundary_owner;   /* [n_boundary] cell */
-    const int64_t* boundary_global;  /* [n_boundary] number among all such faces in the undecomposed mesh;
+    int32_t n_boundary;             /* faces of patches that carry values (neither empty nor coupled) */
+    const int32_t* boundary_owner;  /* [n_boundary] cell */
+    const int64_t* boundary_global; /* [n_boundary] number among all such faces in the undecomposed mesh;
                                         a permutation of 0..B over all ranks */
-    const double* boundary_centres;  /* [3*n_boundary] m */
-    const double* boundary_area;     /* [3*n_boundary] outward area vector, m^2 */
-    const double* boundary_coeff;    /* [n_boundary] diagonal contribution of a Dirichlet condition, m */
-    const int32_t* boundary_type;    /* [n_boundary] M4GN_WALL ... M4GN_FREE */
-    const int32_t* boundary_patch;   /* [n_boundary] index into patch_names */
+    const double* boundary_centres; /* [3*n_boundary] m */
+    const double* boundary_area;    /* [3*n_boundary] outward area vector, m^2 */
+    const double* boundary_coeff;   /* [n_boundary] diagonal contribution of a Dirichlet condition, m */
+    const int32_t* boundary_type;   /* [n_boundary] M4GN_WALL ... M4GN_FREE */
+    const int32_t* boundary_patch;  /* [n_boundary] index into patch_names */
 
-    int32_t n_coupled;          /* faces of processor and translational cyclic patches, one entry a side */
-    const int32_t* coupled_owner;    /* [n_coupled] cell on this side */
-    const int32_t* coupled_rank;     /* [n_coupled] rank of the cell on the other side */
-    const int64_t* coupled_global;   /* [n_coupled] cell_global of the cell on the other side */
-    const double* coupled_delta;     /* [3*n_coupled] from this cell's centre to the other's through the coupling, m */
-    const double* coupled_coeff;     /* [n_coupled] as face_coeff */
+    int32_t n_coupled;             /* faces of processor and translational cyclic patches, one entry a side */
+    const int32_t* coupled_owner;  /* [n_coupled] cell on this side */
+    const int32_t* coupled_rank;   /* [n_coupled] rank of the cell on the other side */
+    const int64_t* coupled_global; /* [n_coupled] cell_global of the cell on the other side */
+    const double*
+        coupled_delta; /* [3*n_coupled] from this cell's centre to the other's through the coupling, m */
+    const double* coupled_coeff; /* [n_coupled] as face_coeff */
 
     int32_t n_patches;
-    const char* const* patch_names;  /* [n_patches] */
+    const char* const* patch_names; /* [n_patches] */
 
-    int32_t n_modes;            /* modes of the elastic body (m4gn_solid_modes_new), of which segments are then made;
+    int32_t n_modes; /* modes of the elastic body (m4gn_solid_modes_new), of which segments are then made;
                                    0: none are given */
-    const double* mode_eigenvalues;  /* [n_modes] 1/s^2, ascending; a repeated one whole; the same on all ranks */
-    const double* mode_cells;   /* [3*n_cells*n_modes] mode after mode, the displacement of each cell: the mean of its
+    const double*
+        mode_eigenvalues; /* [n_modes] 1/s^2, ascending; a repeated one whole; the same on all ranks */
+    const double*
+        mode_cells; /* [3*n_cells*n_modes] mode after mode, the displacement of each cell: the mean of its
                                    points' */
 
     /* A body that deforms, by its points. cell_type says so: the cells are then the body's points, cell_centres their
      * positions at rest; cell_volumes is not read; n_faces, n_boundary and n_coupled are 0, for edges and volumes follow
      * from the elements. NULL on all ranks: the cells of a mesh that does not move. */
-    const int32_t* cell_type;   /* [n_cells] M4GN_BODY (free) or M4GN_HANDLE (held); not NULL even without cells */
-    int32_t n_elements;         /* elements of this rank; each element of the body is one rank's */
-    const int32_t* element_kind;     /* [n_elements] VTK's codes: 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid */
-    const int64_t* element_points;   /* cell_global of the elements' points, element after element */
-    const double* element_material;  /* [3*n_elements] Young's modulus Pa, Poisson's ratio, density kg/m^3 */
-    int32_t n_obstacle;         /* points of a rigid obstacle, whole and the same on all ranks; 0: there is none */
-    const double* obstacle_positions;   /* [3*n_obstacle] where its displacement is 0, m */
+    const int32_t*
+        cell_type;      /* [n_cells] M4GN_BODY (free) or M4GN_HANDLE (held); not NULL even without cells */
+    int32_t n_elements; /* elements of this rank; each element of the body is one rank's */
+    const int32_t*
+        element_kind; /* [n_elements] VTK's codes: 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid */
+    const int64_t* element_points;  /* cell_global of the elements' points, element after element */
+    const double* element_material; /* [3*n_elements] Young's modulus Pa, Poisson's ratio, density kg/m^3 */
+    int32_t n_obstacle; /* points of a rigid obstacle, whole and the same on all ranks; 0: there is none */
+    const double* obstacle_positions; /* [3*n_obstacle] where its displacement is 0, m */
     int32_t n_obstacle_triangles;
-    const int32_t* obstacle_triangles;  /* [3*n_obstacle_triangles] points of its closed surface, normals outward */
+    const int32_t*
+        obstacle_triangles; /* [3*n_obstacle_triangles] points of its closed surface, normals outward */
 } m4gn_mesh_data;
 
 /* A field at one time, on this rank. */
 typedef struct m4gn_field
 {
-    const char* name;           /* OpenFOAM's name, "U" */
-    int32_t components;         /* 1 scalar, 3 vector */
-    const double* cells;        /* [components*n_cells] */
-    const double* boundary;     /* [components*n_boundary] face values; of a body, and read by the frames of a ride alone, the
+    const char* name;    /* OpenFOAM's name, "U" */
+    int32_t components;  /* 1 scalar, 3 vector */
+    const double* cells; /* [components*n_cells] */
+    const double*
+        boundary; /* [components*n_boundary] face values; of a body, and read by the frames of a ride alone, the
                                    displacement of the obstacle's points [3*n_obstacle], of which the first rank's counts */
 } m4gn_field;
 
@@ -177,7 +185,7 @@ typedef struct m4gn_field_out
 {
     const char* name;
     int32_t components;
-    double* cells;              /* [components*n_cells] */
+    double* cells; /* [components*n_cells] */
 } m4gn_field_out;
 
 /* ---- surrogate ---------------------------------------------------------------------------------- */
@@ -217,11 +225,9 @@ typedef struct m4gn_session m4gn_session;
  *                               "schemes": ["Euler"]}: Pa, kg/m^3; the largest traction on a face, Pa
  */
 int32_t m4gn_session_new(
-    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
-    const m4gn_mesh_data* mesh,
-    const m4gn_model* model,
-    const char* options,
-    const int32_t* cell_segment,/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    int32_t comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
+    const m4gn_mesh_data* mesh, const m4gn_model* model, const char* options,
+    const int32_t* cell_segment, /* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     m4gn_session** session);
 
 /* Collective. */
@@ -238,9 +244,9 @@ int32_t m4gn_session_n_fields(const m4gn_session* session);
 
 typedef struct m4gn_field_info
 {
-    const char* name;           /* valid while the session lives */
-    int32_t components;         /* 1 or 3 */
-    int32_t dimensions[7];      /* dimensionSet exponents */
+    const char* name;      /* valid while the session lives */
+    int32_t components;    /* 1 or 3 */
+    int32_t dimensions[7]; /* dimensionSet exponents */
     int32_t is_input;
     int32_t is_output;
 } m4gn_field_info;
@@ -263,21 +269,17 @@ const char* m4gn_session_segment_record(const m4gn_session* session);
  * field's cells at t + stride. `in` and `out` may name the same arrays. A non-finite result is an error
  * (M4GN_ERROR_NUMERICAL) and leaves `out` untouched. */
 int32_t m4gn_session_step(
-    m4gn_session* session,
-    const m4gn_field* in,
-    int32_t n_in,
-    const m4gn_field_out* out,
-    int32_t n_out);
+    m4gn_session* session, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out);
 
 /* What the contact projection did in a step. Gaps are the smallest between body and obstacle, and between parts of the body that
  * share no point, in mean edges at rest; below 0 they overlap. */
 typedef struct m4gn_projection_report
 {
-    double gap_before;          /* before the projection; HUGE_VAL without an obstacle */
+    double gap_before; /* before the projection; HUGE_VAL without an obstacle */
     double gap_after;
-    double parts_before;        /* HUGE_VAL where no two parts are near each other (1.5 mean edges) */
+    double parts_before; /* HUGE_VAL where no two parts are near each other (1.5 mean edges) */
     double parts_after;
-    double largest;             /* largest correction of a point, m */
+    double largest; /* largest correction of a point, m */
     int32_t points_moved;
     int32_t sweeps;
 } m4gn_projection_report;
@@ -285,10 +287,7 @@ typedef struct m4gn_projection_report
 /* Collective. Displacement of the obstacle's points [3*n_obstacle] at the start and at the end of the next step, m; to be
  * given before every step of a body that has an obstacle. That of the first rank counts. */
 int32_t m4gn_session_set_obstacle(
-    m4gn_session* session,
-    const double* now,
-    const double* after,
-    int32_t n_obstacle);
+    m4gn_session* session, const double* now, const double* after, int32_t n_obstacle);
 
 /* Collective. Displacement one stride before the next step, m: of this rank's points [3*n_points], n_points being the n_cells of
  * its mesh, and of the obstacle's points [3*n_obstacle], of which that of the first rank counts. It holds for one step. A model that
@@ -296,10 +295,7 @@ int32_t m4gn_session_set_obstacle(
  * step before (a host's rounding is let pass), and corrects its next steps by what it was off by. The rest check
  * the values and do not use them, so that a host need not ask; M4GN_ERROR_INPUT for a model of fields at cells. */
 int32_t m4gn_session_set_before(
-    m4gn_session* session,
-    const double* displacement,
-    int32_t n_points,
-    const double* obstacle,
+    m4gn_session* session, const double* displacement, int32_t n_points, const double* obstacle,
     int32_t n_obstacle);
 
 /* What the projection did in the last step. M4GN_ERROR_INPUT for a session without projection. */
@@ -311,9 +307,7 @@ int32_t m4gn_session_projection(const m4gn_session* session, m4gn_projection_rep
  * ratio with its elements. Before the first step there are no fields to look at: cell size and solid alone. One a line in why,
  * ended by a zero byte. 0 for a model that does not say what it was trained on. */
 int32_t m4gn_session_outside(
-    const m4gn_session* session,
-    int32_t* count,
-    char* why,                  /* [why_size] */
+    const m4gn_session* session, int32_t* count, char* why, /* [why_size] */
     int32_t why_size);
 
 /* ---- ride --------------------------------------------------------------------------------------- */
@@ -346,31 +340,33 @@ enum
 /* Where the host is. */
 typedef struct m4gn_ride_step
 {
-    double time;                /* s */
-    double delta_t;             /* of the solver, s; not read within a jump */
-    double end_time;            /* of the run, s; HUGE_VAL: none */
-    double shown;               /* the time as tables have it */
-    double wall;                /* wall time of the run so far, s; 0: not known */
-    int64_t index;              /* number of the solver's time step, in which a stride counts as the steps that it stands for */
-    const char* name;           /* of the time, in messages; NULL: its value */
-    int32_t correctors;         /* that the solver took in this step; -1: it has none */
-    int32_t most_correctors;    /* its cap of them; -1: it has none */
+    double time;     /* s */
+    double delta_t;  /* of the solver, s; not read within a jump */
+    double end_time; /* of the run, s; HUGE_VAL: none */
+    double shown;    /* the time as tables have it */
+    double wall;     /* wall time of the run so far, s; 0: not known */
+    int64_t
+        index; /* number of the solver's time step, in which a stride counts as the steps that it stands for */
+    const char* name;        /* of the time, in messages; NULL: its value */
+    int32_t correctors;      /* that the solver took in this step; -1: it has none */
+    int32_t most_correctors; /* its cap of them; -1: it has none */
 } m4gn_ride_step;
 
 typedef struct m4gn_ride_answer
 {
-    double duration;            /* of ADVANCE: time by which the stride advances, s; of STRIDE: the length of one */
-    double delta_t;             /* within a jump the solver's time step, s; else 0 */
-    int64_t solver_steps;       /* of ADVANCE: time steps of the solver that it stands for */
-    int64_t since;              /* time steps since the last jump; -1: there was none */
-    int32_t action;             /* M4GN_RIDE_SOLVE ... */
-    int32_t surrogate;          /* which one jumps, in the order of the setting surrogates */
-    int32_t strides;            /* of the jump that are left; of HAND_BACK those that a run takes which is carried on: this one
+    double duration;      /* of ADVANCE: time by which the stride advances, s; of STRIDE: the length of one */
+    double delta_t;       /* within a jump the solver's time step, s; else 0 */
+    int64_t solver_steps; /* of ADVANCE: time steps of the solver that it stands for */
+    int64_t since;        /* time steps since the last jump; -1: there was none */
+    int32_t action;       /* M4GN_RIDE_SOLVE ... */
+    int32_t surrogate;    /* which one jumps, in the order of the setting surrogates */
+    int32_t
+        strides; /* of the jump that are left; of HAND_BACK those that a run takes which is carried on: this one
                                    was stopped in the jump */
-    int32_t last_but_one;       /* 1: one stride is left, whose state is handed back */
-    int32_t fields;             /* 1: the next call needs the fields; 0: it may be given none */
-    int32_t stepped;            /* 1: the model has taken a stride, beside the solver or in its place */
-    int32_t arrays;             /* 1: m4gn_ride_record is to be called before the next call */
+    int32_t last_but_one; /* 1: one stride is left, whose state is handed back */
+    int32_t fields;       /* 1: the next call needs the fields; 0: it may be given none */
+    int32_t stepped;      /* 1: the model has taken a stride, beside the solver or in its place */
+    int32_t arrays;       /* 1: m4gn_ride_record is to be called before the next call */
 } m4gn_ride_answer;
 
 /* What a host tells of a jump, for the log and the table. */
@@ -383,39 +379,44 @@ typedef struct m4gn_ride_quantity
 /* A surrogate of the host's own: a table, another library. */
 typedef struct m4gn_surrogate
 {
-    const char* name;           /* in messages and tables */
-    double stride;              /* time that a step advances, s */
-    int32_t n_fields;           /* fields that it advances */
+    const char* name;                /* in messages and tables */
+    double stride;                   /* time that a step advances, s */
+    int32_t n_fields;                /* fields that it advances */
     const char* const* field_names;  /* [n_fields] */
     const int32_t* field_components; /* [n_fields] 1 or 3 */
     /* One step from the fields `in`, those of the call of the ride: `out` holds the advanced fields at the start, and is to hold
      * them at its end. A status; M4GN_ERROR_NUMERICAL where there is no result. All ranks are called. */
     int32_t (*step)(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out);
-    void* data;                 /* kept until the ride is freed, and handed to step */
+    void* data; /* kept until the ride is freed, and handed to step */
 } m4gn_surrogate;
 
 /* An array of a solver's state on this rank. The linear surrogate hands back one combination of the run's states for all of them: what is
  * linear in the arrays (continuity of face fluxes, fixed values) is kept to rounding. */
 typedef struct m4gn_ride_array
 {
-    const char* name;           /* unique; of a field the name that it has in m4gn_ride_stride */
-    int64_t n;                  /* numbers: items times components, those of an item together */
-    int32_t components;         /* numbers an item */
-    int32_t solved;             /* components that are solved of a field at cells or points, 1 to components: it is measured, and advanced; 0: the
+    const char* name;   /* unique; of a field the name that it has in m4gn_ride_stride */
+    int64_t n;          /* numbers: items times components, those of an item together */
+    int32_t components; /* numbers an item */
+    int32_t
+        solved; /* components that are solved of a field at cells or points, 1 to components: it is measured, and advanced; 0: the
                                    array is carried along (fluxes, boundary values) */
-    int32_t positive;           /* not 0: predictions are not below the least value of the run's states */
-    int32_t fitted;             /* not 0, of a field that is solved: the fit is made of it, as of all fields with an equation in time;
+    int32_t positive; /* not 0: predictions are not below the least value of the run's states */
+    int32_t
+        fitted; /* not 0, of a field that is solved: the fit is made of it, as of all fields with an equation in time;
                                    0: it is carried along and measured (an incompressible pressure, with the noise of its tolerance) */
-    int32_t input;              /* not 0: a value that is prescribed; m4gn_ride_inputs says what it will be */
-    const double* weights;      /* [n/components] volumes of the cells, or the points' shares of them, where the fit is made of it, else NULL */
+    int32_t input; /* not 0: a value that is prescribed; m4gn_ride_inputs says what it will be */
+    const double*
+        weights; /* [n/components] volumes of the cells, or the points' shares of them, where the fit is made of it, else NULL */
 } m4gn_ride_array;
 
 /* What may take the solver's place: that which the setting surrogates names. */
 typedef struct m4gn_ride_surrogates
 {
-    m4gn_session* session;      /* "network": its model. It must live as long as the ride, and the host may go on using it between calls */
-    const m4gn_surrogate* own;  /* or one of the host's own in its place, without adapt */
-    const m4gn_ride_array* arrays; /* "linear": the state that is fitted (higher-order dynamic mode decomposition) */
+    m4gn_session*
+        session; /* "network": its model. It must live as long as the ride, and the host may go on using it between calls */
+    const m4gn_surrogate* own; /* or one of the host's own in its place, without adapt */
+    const m4gn_ride_array*
+        arrays; /* "linear": the state that is fitted (higher-order dynamic mode decomposition) */
     int32_t n_arrays;
 } m4gn_ride_surrogates;
 
@@ -467,12 +468,11 @@ typedef struct m4gn_ride_surrogates
  *   file            null        where states are kept for a restart, a file a rank; null: they are not
  */
 int32_t m4gn_ride_new(
-    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated. Not read with a session */
+    int32_t
+        comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated. Not read with a session */
     const m4gn_ride_surrogates* surrogates,
     const m4gn_mesh_data* mesh, /* of the session; NULL with linear alone */
-    const char* options,
-    const m4gn_ride_step* start,
-    m4gn_ride** ride);
+    const char* options, const m4gn_ride_step* start, m4gn_ride** ride);
 
 /* Collective. The arrays of the state after a step of the solver, where the last answer asks for them: after m4gn_ride_solved. */
 int32_t m4gn_ride_record(m4gn_ride* ride, const double* const* arrays, int32_t n_arrays);
@@ -495,20 +495,16 @@ int32_t m4gn_ride_solved(m4gn_ride* ride, const m4gn_ride_step* now, m4gn_ride_a
 /* Collective. What follows that step. M4GN_ERROR_NUMERICAL where the model stays bad and control says stop. */
 int32_t m4gn_ride_decide(
     m4gn_ride* ride,
-    const m4gn_field* fields,   /* after the step; may be NULL where the last answer does not ask for them */
-    const int32_t* const* held, /* mode observe: [n_fields], of each field [n_boundary] not 0 where a boundary face holds its value and
+    const m4gn_field* fields, /* after the step; may be NULL where the last answer does not ask for them */
+    const int32_t* const*
+        held, /* mode observe: [n_fields], of each field [n_boundary] not 0 where a boundary face holds its value and
                                    0 where it follows its cell; NULL, or NULL of a field: all hold */
-    int32_t n_fields,
-    m4gn_ride_answer* answer);
+    int32_t n_fields, m4gn_ride_answer* answer);
 
 /* Collective. A stride from the present fields. `out` has the predicted fields in the session's order, and is written where the
  * action is M4GN_RIDE_ADVANCE. It may name the same arrays. */
 int32_t m4gn_ride_stride(
-    m4gn_ride* ride,
-    const m4gn_field* fields,
-    int32_t n_fields,
-    const m4gn_field_out* out,
-    int32_t n_out,
+    m4gn_ride* ride, const m4gn_field* fields, int32_t n_fields, const m4gn_field_out* out, int32_t n_out,
     m4gn_ride_answer* answer);
 
 /* Time and fields are those of the prediction. */
@@ -523,13 +519,8 @@ int32_t m4gn_ride_spent(m4gn_ride* ride, double surrogate, double hand_over);
 
 /* Collective. The solver goes on from this state. Fields as for m4gn_ride_decide. */
 int32_t m4gn_ride_handed_back(
-    m4gn_ride* ride,
-    const m4gn_ride_step* now,
-    const m4gn_ride_quantity* quantities,
-    int32_t n_quantities,
-    const m4gn_field* fields,
-    int32_t n_fields,
-    m4gn_ride_answer* answer);
+    m4gn_ride* ride, const m4gn_ride_step* now, const m4gn_ride_quantity* quantities, int32_t n_quantities,
+    const m4gn_field* fields, int32_t n_fields, m4gn_ride_answer* answer);
 
 /* Collective. One file, which the first rank writes and reads: a ride that takes it up, on a host that has the fields of that time, goes
  * on as the uninterrupted one. To be saved where the table above says so. The action of load is M4GN_RIDE_DECIDE, M4GN_RIDE_STRIDE
@@ -537,20 +528,22 @@ int32_t m4gn_ride_handed_back(
  * ranks it works as well. M4GN_ERROR_FILE for a file that is damaged (it has a checksum) or of another mesh or time,
  * M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */
 int32_t m4gn_ride_save(m4gn_ride* ride, const char* path);
-int32_t m4gn_ride_load(m4gn_ride* ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer);
+int32_t m4gn_ride_load(
+    m4gn_ride* ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer);
 
 /* Not collective. As much as fits of the text that the host keeps in a state, ended by a zero byte: to be read before a ride is made. */
 int32_t m4gn_ride_host(const char* path, char* text, int32_t size);
 
 enum
 {
-    M4GN_RIDE_LOG = 0,          /* lines of the log */
-    M4GN_RIDE_WARNING = 1,      /* one warning */
-    M4GN_RIDE_JUMPS = 2,        /* rows of the table of jumps */
-    M4GN_RIDE_STRIDES = 3,      /* rows of the table of strides beside the solver */
-    M4GN_RIDE_ERRORS = 4,       /* mode observe: rows of the table of errors */
+    M4GN_RIDE_LOG = 0,            /* lines of the log */
+    M4GN_RIDE_WARNING = 1,        /* one warning */
+    M4GN_RIDE_JUMPS = 2,          /* rows of the table of jumps */
+    M4GN_RIDE_STRIDES = 3,        /* rows of the table of strides beside the solver */
+    M4GN_RIDE_ERRORS = 4,         /* mode observe: rows of the table of errors */
     M4GN_RIDE_SEGMENT_ERRORS = 5, /* and of that of errors in segments */
-    M4GN_RIDE_SUMMARY = 6,      /* ends the ride: totals go into the log, and in mode replace into this JSON object */
+    M4GN_RIDE_SUMMARY =
+        6, /* ends the ride: totals go into the log, and in mode replace into this JSON object */
     M4GN_RIDE_DIFFERENCE_TIME = 7 /* name of the time of m4gn_ride_difference */
 };
 
@@ -574,11 +567,10 @@ typedef struct m4gn_segments m4gn_segments;
  *                               nothing is solved
  */
 int32_t m4gn_segments_new(
-    int32_t comm,
-    const m4gn_mesh_data* mesh,
-    const m4gn_model* model,    /* whose segmentation is meant; NULL: the default one */
+    int32_t comm, const m4gn_mesh_data* mesh,
+    const m4gn_model* model, /* whose segmentation is meant; NULL: the default one */
     const char* options,
-    const int32_t* cell_segment,/* [n_cells] segments computed before (m4gnSegment); NULL: compute */
+    const int32_t* cell_segment, /* [n_cells] segments computed before (m4gnSegment); NULL: compute */
     m4gn_segments** segments);
 
 void m4gn_segments_free(m4gn_segments* segments);
@@ -590,14 +582,11 @@ const char* m4gn_segments_record(const m4gn_segments* segments);
  * was stored with it says: the model's segmentation with the entries of segments, or without a model those entries alone.
  * *fit is 1, or 0 and why, ended by a zero byte, says what differs. A model without segments takes any. */
 int32_t m4gn_segments_fit(
-    int32_t comm,
-    const m4gn_mesh_data* mesh,
-    const m4gn_model* model,    /* as of m4gn_segments_new, and so the options */
-    const char* options,
-    const int32_t* cell_segment,/* [n_cells]; not NULL */
-    const char* record,         /* from m4gn_segments_record; NULL or "": none was stored. Rank 0's counts */
-    int32_t* fit,
-    char* why,                  /* [why_size] */
+    int32_t comm, const m4gn_mesh_data* mesh,
+    const m4gn_model* model,                          /* as of m4gn_segments_new, and so the options */
+    const char* options, const int32_t* cell_segment, /* [n_cells]; not NULL */
+    const char* record,      /* from m4gn_segments_record; NULL or "": none was stored. Rank 0's counts */
+    int32_t* fit, char* why, /* [why_size] */
     int32_t why_size);
 
 /* Segments K. */
@@ -620,20 +609,18 @@ int32_t m4gn_segments_mode(const m4gn_segments* segments, int32_t index, double*
 
 typedef struct m4gn_rank_report
 {
-    double cut;                 /* faces between segments of different ranks */
-    double imbalance;           /* largest load over its rank's share; 1: perfect */
+    double cut;       /* faces between segments of different ranks */
+    double imbalance; /* largest load over its rank's share; 1: perfect */
 } m4gn_rank_report;
 
 /* Not collective; a function of its arguments alone. The rank of each segment, so that every rank has at least one,
  * loads are balanced and few faces lie between ranks. n_segments < n_ranks is an error. */
 int32_t m4gn_segment_ranks(
-    int32_t n_segments,
-    const double* sizes,        /* [n_segments] nodes, or any other work */
-    const double* adjacency,    /* [n_segments*n_segments] as m4gn_segments_graph gives it */
-    int32_t n_ranks,
-    const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
-    int32_t* segment_rank,      /* [n_segments] */
-    m4gn_rank_report* report);  /* may be NULL */
+    int32_t n_segments, const double* sizes,     /* [n_segments] nodes, or any other work */
+    const double* adjacency,                     /* [n_segments*n_segments] as m4gn_segments_graph gives it */
+    int32_t n_ranks, const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
+    int32_t* segment_rank,                       /* [n_segments] */
+    m4gn_rank_report* report);                   /* may be NULL */
 
 /* ---- modes -------------------------------------------------------------------------------------- */
 
@@ -644,10 +631,10 @@ typedef struct m4gn_modes m4gn_modes;
  * first, then those of rank 1, and so on. */
 typedef struct m4gn_csr
 {
-    int32_t n_rows;             /* rows of this rank; may be 0 */
-    const int64_t* row;         /* [n_rows+1] row i holds entries row[i] to row[i+1]-1; row[0] is 0 */
-    const int64_t* column;      /* [row[n_rows]] columns, in any order within a row; entries of one place add up */
-    const double* value;        /* [row[n_rows]] */
+    int32_t n_rows;        /* rows of this rank; may be 0 */
+    const int64_t* row;    /* [n_rows+1] row i holds entries row[i] to row[i+1]-1; row[0] is 0 */
+    const int64_t* column; /* [row[n_rows]] columns, in any order within a row; entries of one place add up */
+    const double* value;   /* [row[n_rows]] */
 } m4gn_csr;
 
 /* Collective. Solves for the modes of K and M that are symmetric and positive semi-definite; M may be singular, NULL is the
@@ -660,11 +647,10 @@ typedef struct m4gn_csr
  *   shift           null        a number a little below the eigenvalues wanted; null: estimated
  */
 int32_t m4gn_modes_new(
-    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
-    const m4gn_csr* stiffness,
-    const m4gn_csr* mass,
-    const char* options,
-    const double* positions,    /* [3*n_rows/block] where the points are, m: signs of modes then do not depend on the
+    int32_t comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
+    const m4gn_csr* stiffness, const m4gn_csr* mass, const char* options,
+    const double*
+        positions, /* [3*n_rows/block] where the points are, m: signs of modes then do not depend on the
                                    numbering. NULL on all ranks: chosen by numbers */
     m4gn_modes** modes);
 
@@ -686,41 +672,41 @@ int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector
  * elements for cells of any shape; docs/solids.md says which. Labels are local; all zero but what is needed is fine. */
 typedef struct m4gn_solid
 {
-    int32_t n_directions;       /* 3, or 2 on a mesh that is one cell thick in the third */
-    int32_t directions[3];      /* which: 0 x, 1 y, 2 z */
+    int32_t n_directions;  /* 3, or 2 on a mesh that is one cell thick in the third */
+    int32_t directions[3]; /* which: 0 x, 1 y, 2 z */
 
     int32_t n_points;
-    const int64_t* point_global;/* [n_points] number of the point, 0 to N-1, the same on every rank that has it */
-    const double* points;       /* [3*n_points] m */
+    const int64_t*
+        point_global;     /* [n_points] number of the point, 0 to N-1, the same on every rank that has it */
+    const double* points; /* [3*n_points] m */
 
-    int32_t n_faces;            /* internal faces first */
+    int32_t n_faces; /* internal faces first */
     int32_t n_internal_faces;
-    const int32_t* face_start;  /* [n_faces+1] points of face f: face_points[face_start[f]] to [face_start[f+1]-1] */
-    const int32_t* face_points; /* around each face; the right-hand normal leaves the owner */
-    const int32_t* face_owner;  /* [n_faces] cell */
+    const int32_t*
+        face_start; /* [n_faces+1] points of face f: face_points[face_start[f]] to [face_start[f+1]-1] */
+    const int32_t* face_points;    /* around each face; the right-hand normal leaves the owner */
+    const int32_t* face_owner;     /* [n_faces] cell */
     const int32_t* face_neighbour; /* [n_internal_faces] cell */
 
     int32_t n_cells;
-    const double* young;        /* [n_cells] Young's modulus, Pa */
-    const double* poisson;      /* [n_cells] Poisson's ratio, above -1 and below 0.5 */
-    const double* density;      /* [n_cells] kg/m^3 */
+    const double* young;   /* [n_cells] Young's modulus, Pa */
+    const double* poisson; /* [n_cells] Poisson's ratio, above -1 and below 0.5 */
+    const double* density; /* [n_cells] kg/m^3 */
 
-    int32_t n_fixed;            /* held points; one that any rank holds is held */
-    const int32_t* fixed_point; /* [n_fixed] */
+    int32_t n_fixed;                 /* held points; one that any rank holds is held */
+    const int32_t* fixed_point;      /* [n_fixed] */
     const int32_t* fixed_components; /* [n_fixed] sum of 1 (x), 2 (y), 4 (z); NULL: all three */
 
-    int32_t plane_stress;       /* 2-D: 0 plane strain, 1 plane stress */
-    int32_t free_body;          /* 1: nothing needs to be held; 0: that is an error */
+    int32_t plane_stress; /* 2-D: 0 plane strain, 1 plane stress */
+    int32_t free_body;    /* 1: nothing needs to be held; 0: that is an error */
 } m4gn_solid;
 
 /* Collective. Modes K phi = omega^2 M phi: eigenvalues in 1/s^2; m4gn_modes_vector gives the displacement (x, y, z) of
  * each point, [3*n_points], scaled to a root mean square of 1 over the body. Of the settings of m4gn_modes_new there are
  * modes and modal_solver. On failure *modes is NULL. */
 int32_t m4gn_solid_modes_new(
-    int32_t comm,               /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
-    const m4gn_solid* body,
-    const char* options,
-    m4gn_modes** modes);
+    int32_t comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
+    const m4gn_solid* body, const char* options, m4gn_modes** modes);
 
 /* ---- recorder ----------------------------------------------------------------------------------- */
 
@@ -729,7 +715,7 @@ typedef struct m4gn_recorder m4gn_recorder;
 typedef struct m4gn_recorder_field
 {
     const char* name;
-    int32_t components;         /* 1 or 3 */
+    int32_t components; /* 1 or 3 */
     int32_t dimensions[7];
 } m4gn_recorder_field;
 
@@ -742,12 +728,8 @@ typedef struct m4gn_recorder_field
  *   overwrite       false       false: an existing file is an error
  */
 int32_t m4gn_recorder_new(
-    int32_t comm,
-    const m4gn_mesh_data* mesh,
-    const char* options,
-    const m4gn_recorder_field* fields,
-    int32_t n_fields,
-    m4gn_recorder** recorder);
+    int32_t comm, const m4gn_mesh_data* mesh, const char* options, const m4gn_recorder_field* fields,
+    int32_t n_fields, m4gn_recorder** recorder);
 
 /* Collective. Appends a frame; fields by name, all of them; times must increase. */
 int32_t m4gn_recorder_append(

@@ -20,11 +20,7 @@ namespace m4gn
 class Error : public std::runtime_error
 {
 public:
-    Error(int32_t status, const std::string& message)
-    :
-        std::runtime_error(message),
-        status_(status)
-    {}
+    Error(int32_t status, const std::string& message) : std::runtime_error(message), status_(status) {}
 
     int32_t status() const noexcept { return status_; }
 
@@ -35,8 +31,7 @@ private:
 // Throws the last error unless the status is fine.
 inline void check(int32_t status)
 {
-    if (status != M4GN_OK)
-    {
+    if (status != M4GN_OK) {
         throw Error(status, m4gn_last_error());
     }
 }
@@ -44,14 +39,11 @@ inline void check(int32_t status)
 // Throws if the library is not the one that this header describes.
 inline void checkVersion()
 {
-    if (m4gn_abi_version() != M4GN_ABI_VERSION)
-    {
-        throw Error
-        (
-            M4GN_ERROR_INTERNAL,
-            "libm4gn.so has interface version " + std::to_string(m4gn_abi_version()) + ", this program was built for "
-          + std::to_string(M4GN_ABI_VERSION) + ": build it again"
-        );
+    if (m4gn_abi_version() != M4GN_ABI_VERSION) {
+        throw Error(
+            M4GN_ERROR_INTERNAL, "libm4gn.so has interface version " + std::to_string(m4gn_abi_version())
+                                     + ", this program was built for " + std::to_string(M4GN_ABI_VERSION)
+                                     + ": build it again");
     }
 }
 
@@ -67,11 +59,11 @@ struct Free
     void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
 };
 
-template<class Type>
+template <class Type>
 using Handle = std::unique_ptr<Type, Free>;
 
 // What the call makes.
-template<class Type, class Call>
+template <class Type, class Call>
 Handle<Type> made(const Call& call)
 {
     checkVersion();
@@ -92,10 +84,8 @@ inline void checkOptions(const std::string& kind, const std::string& options)
 inline std::string quoted(const std::string& text)
 {
     std::string result("\"");
-    for (const char c : text)
-    {
-        if (c == '"' || c == '\\')
-        {
+    for (const char c : text) {
+        if (c == '"' || c == '\\') {
             result += '\\';
         }
         result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
@@ -108,16 +98,15 @@ class Model
 {
 public:
     Model(int32_t comm, const std::string& path)
-    :
-        model_(detail::made<m4gn_model>([&](m4gn_model** made) { return m4gn_model_open(comm, path.c_str(), made); }))
+        : model_(detail::made<m4gn_model>(
+            [&](m4gn_model** made) { return m4gn_model_open(comm, path.c_str(), made); }))
     {}
 
     // Modes of the elastic body that the mesh must have for the model's segments.
     int32_t elasticModes() const
     {
         const int32_t count = m4gn_model_elastic_modes(model_.get());
-        if (count < 0)
-        {
+        if (count < 0) {
             throw Error(M4GN_ERROR_MODEL, m4gn_last_error());
         }
         return count;
@@ -134,17 +123,12 @@ class Session
 {
 public:
     // options: a JSON object, {"n_threads": 2, ...}. cellSegment may be null: computed.
-    Session
-    (
-        int32_t comm,
-        const m4gn_mesh_data& mesh,
-        const Model& model,
-        const std::string& options = "{}",
-        const int32_t* cellSegment = nullptr
-    )
-    :
-        session_(detail::made<m4gn_session>([&](m4gn_session** made)
-            { return m4gn_session_new(comm, &mesh, model.get(), options.c_str(), cellSegment, made); }))
+    Session(
+        int32_t comm, const m4gn_mesh_data& mesh, const Model& model, const std::string& options = "{}",
+        const int32_t* cellSegment = nullptr)
+        : session_(detail::made<m4gn_session>([&](m4gn_session** made) {
+              return m4gn_session_new(comm, &mesh, model.get(), options.c_str(), cellSegment, made);
+          }))
     {}
 
     // Time that one step advances, s.
@@ -157,8 +141,7 @@ public:
     std::vector<m4gn_field_info> fields() const
     {
         std::vector<m4gn_field_info> list(m4gn_session_n_fields(session_.get()));
-        for (std::size_t i = 0; i < list.size(); ++i)
-        {
+        for (std::size_t i = 0; i < list.size(); ++i) {
             check(m4gn_session_field(session_.get(), static_cast<int32_t>(i), &list[i]));
         }
         return list;
@@ -177,25 +160,16 @@ public:
     // One step. Collective.
     void step(const std::vector<m4gn_field>& in, const std::vector<m4gn_field_out>& out)
     {
-        check
-        (
-            m4gn_session_step
-            (
-                session_.get(),
-                in.data(),
-                static_cast<int32_t>(in.size()),
-                out.data(),
-                static_cast<int32_t>(out.size())
-            )
-        );
+        check(m4gn_session_step(
+            session_.get(), in.data(), static_cast<int32_t>(in.size()), out.data(),
+            static_cast<int32_t>(out.size())));
     }
 
     // Displacement of the obstacle's points, x y z each, at the start and at the end of the next step. Collective.
     void setObstacle(const std::vector<double>& now, const std::vector<double>& after)
     {
-        const auto n = static_cast<int32_t>(now.size()/3);
-        if (after.size() != now.size())
-        {
+        const auto n = static_cast<int32_t>(now.size() / 3);
+        if (after.size() != now.size()) {
             throw Error(M4GN_ERROR_INPUT, "setObstacle: two displacements of different lengths");
         }
         check(m4gn_session_set_obstacle(session_.get(), now.data(), after.data(), n));
@@ -205,17 +179,9 @@ public:
     // is neither the result of the step before nor undeformed. Collective.
     void setBefore(const std::vector<double>& displacement, const std::vector<double>& obstacle)
     {
-        check
-        (
-            m4gn_session_set_before
-            (
-                session_.get(),
-                displacement.data(),
-                static_cast<int32_t>(displacement.size()/3),
-                obstacle.data(),
-                static_cast<int32_t>(obstacle.size()/3)
-            )
-        );
+        check(m4gn_session_set_before(
+            session_.get(), displacement.data(), static_cast<int32_t>(displacement.size() / 3),
+            obstacle.data(), static_cast<int32_t>(obstacle.size() / 3)));
     }
 
     // What the contact projection did in the last step.
@@ -237,17 +203,13 @@ class Segments
 {
 public:
     // options: a JSON object, {"segments": {"count": 36}, ...}. cellSegment may be null: computed; so may model: the default.
-    Segments
-    (
-        int32_t comm,
-        const m4gn_mesh_data& mesh,
-        const std::string& options = "{}",
-        const int32_t* cellSegment = nullptr,
-        const Model* model = nullptr
-    )
-    :
-        segments_(detail::made<m4gn_segments>([&](m4gn_segments** made)
-            { return m4gn_segments_new(comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, made); }))
+    Segments(
+        int32_t comm, const m4gn_mesh_data& mesh, const std::string& options = "{}",
+        const int32_t* cellSegment = nullptr, const Model* model = nullptr)
+        : segments_(detail::made<m4gn_segments>([&](m4gn_segments** made) {
+              return m4gn_segments_new(
+                  comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, made);
+          }))
     {}
 
     // Segments K.
@@ -267,7 +229,7 @@ public:
     {
         const auto k = static_cast<std::size_t>(count());
         sizes.resize(k);
-        adjacency.resize(k*k);
+        adjacency.resize(k * k);
         check(m4gn_segments_graph(segments_.get(), sizes.data(), adjacency.data()));
     }
 
@@ -284,29 +246,14 @@ public:
     }
 
     // The rank of each segment. rankWeights may be empty: equal.
-    static std::vector<int32_t> ranks
-    (
-        const std::vector<double>& sizes,
-        const std::vector<double>& adjacency,
-        int32_t nRanks,
-        const std::vector<double>& rankWeights = {},
-        m4gn_rank_report* report = nullptr
-    )
+    static std::vector<int32_t> ranks(
+        const std::vector<double>& sizes, const std::vector<double>& adjacency, int32_t nRanks,
+        const std::vector<double>& rankWeights = {}, m4gn_rank_report* report = nullptr)
     {
         std::vector<int32_t> rank(sizes.size());
-        check
-        (
-            m4gn_segment_ranks
-            (
-                static_cast<int32_t>(sizes.size()),
-                sizes.data(),
-                adjacency.data(),
-                nRanks,
-                rankWeights.empty() ? nullptr : rankWeights.data(),
-                rank.data(),
-                report
-            )
-        );
+        check(m4gn_segment_ranks(
+            static_cast<int32_t>(sizes.size()), sizes.data(), adjacency.data(), nRanks,
+            rankWeights.empty() ? nullptr : rankWeights.data(), rank.data(), report));
         return rank;
     }
 
@@ -319,26 +266,20 @@ class Modes
 {
 public:
     // mass: NULL is the identity. options: a JSON object, {"modes": 6, ...}. positions may be null.
-    Modes
-    (
-        int32_t comm,
-        const m4gn_csr& stiffness,
-        const m4gn_csr* mass,
-        const std::string& options = "{}",
-        const double* positions = nullptr
-    )
-    :
-        nRows_(static_cast<std::size_t>(stiffness.n_rows)),
-        modes_(detail::made<m4gn_modes>([&](m4gn_modes** made)
-            { return m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, made); }))
+    Modes(
+        int32_t comm, const m4gn_csr& stiffness, const m4gn_csr* mass, const std::string& options = "{}",
+        const double* positions = nullptr)
+        : nRows_(static_cast<std::size_t>(stiffness.n_rows)),
+          modes_(detail::made<m4gn_modes>([&](m4gn_modes** made) {
+              return m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, made);
+          }))
     {}
 
     // Of an elastic body: each vector has the displacement (x, y, z) of each of this rank's points.
     Modes(int32_t comm, const m4gn_solid& body, const std::string& options = "{}")
-    :
-        nRows_(3*static_cast<std::size_t>(body.n_points)),
-        modes_(detail::made<m4gn_modes>([&](m4gn_modes** made)
-            { return m4gn_solid_modes_new(comm, &body, options.c_str(), made); }))
+        : nRows_(3 * static_cast<std::size_t>(body.n_points)),
+          modes_(detail::made<m4gn_modes>(
+              [&](m4gn_modes** made) { return m4gn_solid_modes_new(comm, &body, options.c_str(), made); }))
     {}
 
     int32_t size() const { return m4gn_modes_count(modes_.get()); }
@@ -372,27 +313,20 @@ class Recorder
 {
 public:
     // options: a JSON object, {"path": "run.h5", ...}.
-    Recorder
-    (
-        int32_t comm,
-        const m4gn_mesh_data& mesh,
-        const std::string& options,
-        const std::vector<m4gn_recorder_field>& fields
-    )
-    :
-        recorder_(detail::made<m4gn_recorder>([&](m4gn_recorder** made)
-        {
-            return m4gn_recorder_new
-            (
-                comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), made
-            );
-        }))
+    Recorder(
+        int32_t comm, const m4gn_mesh_data& mesh, const std::string& options,
+        const std::vector<m4gn_recorder_field>& fields)
+        : recorder_(detail::made<m4gn_recorder>([&](m4gn_recorder** made) {
+              return m4gn_recorder_new(
+                  comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), made);
+          }))
     {}
 
     // Appends a frame. Collective.
     void append(double time, const std::vector<m4gn_field>& fields)
     {
-        check(m4gn_recorder_append(recorder_.get(), time, fields.data(), static_cast<int32_t>(fields.size())));
+        check(
+            m4gn_recorder_append(recorder_.get(), time, fields.data(), static_cast<int32_t>(fields.size())));
     }
 
     int64_t nFrames() const { return m4gn_recorder_n_frames(recorder_.get()); }
@@ -411,22 +345,17 @@ public:
     using Fields = std::vector<m4gn_field>;
 
     // options: a JSON object, {"mode": "replace", "solver_steps": 5, "surrogate_steps": 10}. Of a session, which outlives the ride.
-    Ride(Session& session, const m4gn_mesh_data& mesh, const std::string& options, const m4gn_ride_step& start)
-    :
-        Ride(M4GN_NO_MPI, {session.get(), nullptr, nullptr, 0}, &mesh, options, start)
+    Ride(
+        Session& session, const m4gn_mesh_data& mesh, const std::string& options, const m4gn_ride_step& start)
+        : Ride(M4GN_NO_MPI, {session.get(), nullptr, nullptr, 0}, &mesh, options, start)
     {}
 
-    Ride
-    (
-        int32_t comm,
-        const m4gn_ride_surrogates& surrogates,
-        const m4gn_mesh_data* mesh,
-        const std::string& options,
-        const m4gn_ride_step& start
-    )
-    :
-        ride_(detail::made<m4gn_ride>([&](m4gn_ride** made)
-            { return m4gn_ride_new(comm, &surrogates, mesh, options.c_str(), &start, made); }))
+    Ride(
+        int32_t comm, const m4gn_ride_surrogates& surrogates, const m4gn_mesh_data* mesh,
+        const std::string& options, const m4gn_ride_step& start)
+        : ride_(detail::made<m4gn_ride>([&](m4gn_ride** made) {
+              return m4gn_ride_new(comm, &surrogates, mesh, options.c_str(), &start, made);
+          }))
     {}
 
     m4gn_ride_answer solved(const m4gn_ride_step& now)
@@ -436,14 +365,16 @@ public:
 
     m4gn_ride_answer decide(const Fields& fields, const int32_t* const* held = nullptr)
     {
-        return answer([&](m4gn_ride_answer* a)
-            { return m4gn_ride_decide(ride_.get(), fields.data(), held, size(fields), a); });
+        return answer([&](m4gn_ride_answer* a) {
+            return m4gn_ride_decide(ride_.get(), fields.data(), held, size(fields), a);
+        });
     }
 
     m4gn_ride_answer stride(const Fields& fields, const std::vector<m4gn_field_out>& out)
     {
-        return answer([&](m4gn_ride_answer* a)
-            { return m4gn_ride_stride(ride_.get(), fields.data(), size(fields), out.data(), size(out), a); });
+        return answer([&](m4gn_ride_answer* a) {
+            return m4gn_ride_stride(ride_.get(), fields.data(), size(fields), out.data(), size(out), a);
+        });
     }
 
     m4gn_ride_answer advanced(const m4gn_ride_step& now)
@@ -475,21 +406,18 @@ public:
         check(m4gn_ride_reported(ride_.get(), values.data(), size(values)));
     }
 
-    void spent(double surrogate, double handOver) { check(m4gn_ride_spent(ride_.get(), surrogate, handOver)); }
-
-    m4gn_ride_answer handedBack
-    (
-        const m4gn_ride_step& now,
-        const Fields& fields,
-        const std::vector<m4gn_ride_quantity>& quantities = {}
-    )
+    void spent(double surrogate, double handOver)
     {
-        return answer([&](m4gn_ride_answer* a)
-        {
-            return m4gn_ride_handed_back
-            (
-                ride_.get(), &now, quantities.data(), size(quantities), fields.data(), size(fields), a
-            );
+        check(m4gn_ride_spent(ride_.get(), surrogate, handOver));
+    }
+
+    m4gn_ride_answer handedBack(
+        const m4gn_ride_step& now, const Fields& fields,
+        const std::vector<m4gn_ride_quantity>& quantities = {})
+    {
+        return answer([&](m4gn_ride_answer* a) {
+            return m4gn_ride_handed_back(
+                ride_.get(), &now, quantities.data(), size(quantities), fields.data(), size(fields), a);
         });
     }
 
@@ -497,7 +425,8 @@ public:
 
     m4gn_ride_answer load(const std::string& path, const m4gn_ride_step& now)
     {
-        return answer([&](m4gn_ride_answer* a) { return m4gn_ride_load(ride_.get(), path.c_str(), &now, a); });
+        return answer(
+            [&](m4gn_ride_answer* a) { return m4gn_ride_load(ride_.get(), path.c_str(), &now, a); });
     }
 
     // M4GN_RIDE_LOG, ...
@@ -510,13 +439,13 @@ public:
     m4gn_ride* get() const noexcept { return ride_.get(); }
 
 private:
-    template<class List>
+    template <class List>
     static int32_t size(const List& list)
     {
         return static_cast<int32_t>(list.size());
     }
 
-    template<class Call>
+    template <class Call>
     static m4gn_ride_answer answer(const Call& call)
     {
         m4gn_ride_answer found{};

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the Debian packages that m4gn needs, and nothing when all are there.
-#   setup/debian.sh [core|all]    core: build and run; all (default): also what fetches libtorch, for training and tests
+#   setup/debian.sh [core|all]    core: build and run; all (default): also what fetches libtorch, and what the tests need
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -12,7 +12,7 @@ packages=(
     gmsh g++ make cmake ninja-build pkg-config libclang-dev bzip2 ca-certificates
 )
 foam_sourced || packages+=(openfoam)
-if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv); fi
+if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang-format-14); fi
 
 # package:upstream series that m4gn is built and tested with
 series=(

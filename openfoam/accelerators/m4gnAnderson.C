@@ -13,8 +13,8 @@ namespace Foam
 {
 namespace functionObjects
 {
-    defineTypeNameAndDebug(m4gnAnderson, 0);
-    addToRunTimeSelectionTable(functionObject, m4gnAnderson, dictionary);
+defineTypeNameAndDebug(m4gnAnderson, 0);
+addToRunTimeSelectionTable(functionObject, m4gnAnderson, dictionary);
 }
 }
 
@@ -24,9 +24,7 @@ namespace
 const Foam::label maxPause = 63;
 
 //- The run's time is that of the next time step while this lives
-class nextStep
-:
-    public Foam::TimeState
+class nextStep : public Foam::TimeState
 {
     Foam::Time& time_;
     const Foam::scalar before_;
@@ -35,23 +33,22 @@ class nextStep
 
     static Foam::scalar& deltaT0(Foam::Time& time)
     {
-        Foam::scalar Foam::TimeState::* const member = &nextStep::deltaT0_;
+        Foam::scalar Foam::TimeState::*const member = &nextStep::deltaT0_;
         return time.*member;
     }
 
     static Foam::scalar saved(const Foam::Time& time)
     {
-        Foam::scalar Foam::TimeState::* const member = &nextStep::deltaTSave_;
+        Foam::scalar Foam::TimeState::*const member = &nextStep::deltaTSave_;
         return time.*member;
     }
 
 public:
     explicit nextStep(Foam::Time& time)
-    :
-        time_(time),
-        before_(time.value()),
-        indexBefore_(time.timeIndex()),
-        deltaT0Before_(time.deltaT0Value())
+        : time_(time),
+          before_(time.value()),
+          indexBefore_(time.timeIndex()),
+          deltaT0Before_(time.deltaT0Value())
     {
         time_.setTime(before_ + time_.deltaTValue(), indexBefore_ + 1);
         deltaT0(time_) = saved(time_);
@@ -66,11 +63,10 @@ public:
 
 //- Fields of a type that have old levels store them, as the first access of a
 //  time step would
-template<class FieldType>
+template <class FieldType>
 void storeOldTimes(const Foam::fvMesh& mesh)
 {
-    for (const Foam::word& name : mesh.names<FieldType>())
-    {
+    for (const Foam::word& name : mesh.names<FieldType>()) {
         mesh.lookupObject<FieldType>(name).storeOldTimes();
     }
 }
@@ -79,8 +75,7 @@ void storeOldTimes(const Foam::fvMesh& mesh)
 
 void Foam::functionObjects::m4gnAnderson::start()
 {
-    if (started_)
-    {
+    if (started_) {
         return;
     }
     started_ = true;
@@ -88,20 +83,17 @@ void Foam::functionObjects::m4gnAnderson::start()
     m4gn::checkSolver(*this);
 
     law_ = m4gnSolidLaw::New(mesh_);
-    if (!law_ || !law_->steps())
-    {
+    if (!law_ || !law_->steps()) {
         const word model(m4gn::solidModel(mesh_));
 
-        FatalErrorInFunction
-            << "Function object " << name() << " of type " << type()
-            << " needs a cell-centred solid of solids4foam (linearGeometry,"
-            << " nonLinearGeometryTotalLagrangian, both also with"
-            << " TotalDisplacement, nonLinearGeometryUpdatedLagrangian) without"
-            << " solvePressureEqn, and libm4gnSolids4Foam.so"
-            << " (setup/solids4foam.sh); found "
-            << (model.empty() ? word("no solid of solids4foam") : model) << nl
-            << "    Remove " << name() << " from functions"
-            << exit(FatalError);
+        FatalErrorInFunction << "Function object " << name() << " of type " << type()
+                             << " needs a cell-centred solid of solids4foam (linearGeometry,"
+                             << " nonLinearGeometryTotalLagrangian, both also with"
+                             << " TotalDisplacement, nonLinearGeometryUpdatedLagrangian) without"
+                             << " solvePressureEqn, and libm4gnSolids4Foam.so"
+                             << " (setup/solids4foam.sh); found "
+                             << (model.empty() ? word("no solid of solids4foam") : model) << nl
+                             << "    Remove " << name() << " from functions" << exit(FatalError);
     }
 
     m4gn::checkLast(*this, time_, "the next time step");
@@ -110,12 +102,10 @@ void Foam::functionObjects::m4gnAnderson::start()
 void Foam::functionObjects::m4gnAnderson::solveNext()
 {
     const scalar deltaT = time_.deltaTValue();
-    if (time_.value() > time_.endTime().value() - 0.5*deltaT)
-    {
+    if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
         return;
     }
-    if (wait_ > 0)
-    {
+    if (wait_ > 0) {
         --wait_;
         ++nLeft_;
         return;
@@ -140,42 +130,32 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
     }
     seconds_ += timer.elapsed();
 
-    if (nCorrectors < 0)
-    {
+    if (nCorrectors < 0) {
         // An attempt in vain costs as much as a hard time step
         wait_ = pause_;
-        pause_ = min(2*pause_ + 1, maxPause);
+        pause_ = min(2 * pause_ + 1, maxPause);
         ++nLeft_;
-        Info<< "m4gn: no solution was found for the next time step, which is"
-            << " left to the solver, with " << wait_ << " after it" << nl
-            << endl;
-    }
-    else
-    {
+        Info << "m4gn: no solution was found for the next time step, which is"
+             << " left to the solver, with " << wait_ << " after it" << nl << endl;
+    } else {
         pause_ = 0;
         ++nSolved_;
         nCorrectors_ += nCorrectors;
-        Info<< "m4gn: the next time step is solved in " << nCorrectors
-            << " correctors" << nl << endl;
+        Info << "m4gn: the next time step is solved in " << nCorrectors << " correctors" << nl << endl;
     }
 }
 
-Foam::functionObjects::m4gnAnderson::m4gnAnderson
-(
-    const word& name,
-    const Time& runTime,
-    const dictionary& dict
-)
-:
-    fvMeshFunctionObject(name, runTime, dict),
-    started_(false),
-    timeStart_(-VGREAT),
-    wait_(0),
-    pause_(0),
-    nSolved_(0),
-    nCorrectors_(0),
-    nLeft_(0),
-    seconds_(0)
+Foam::functionObjects::m4gnAnderson::m4gnAnderson(
+    const word& name, const Time& runTime, const dictionary& dict)
+    : fvMeshFunctionObject(name, runTime, dict),
+      started_(false),
+      timeStart_(-VGREAT),
+      wait_(0),
+      pause_(0),
+      nSolved_(0),
+      nCorrectors_(0),
+      nLeft_(0),
+      seconds_(0)
 {
     read(dict);
 }
@@ -194,8 +174,7 @@ bool Foam::functionObjects::m4gnAnderson::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnAnderson::filesModified() const
 {
-    if (!started_ && !postProcess && time_.value() >= timeStart_)
-    {
+    if (!started_ && !postProcess && time_.value() >= timeStart_) {
         auto& self = const_cast<m4gnAnderson&>(*this);
         self.start();
         self.solveNext();
@@ -219,9 +198,8 @@ bool Foam::functionObjects::m4gnAnderson::write()
 
 bool Foam::functionObjects::m4gnAnderson::end()
 {
-    Info<< "m4gn: " << nSolved_ << " time steps solved ahead in "
-        << nCorrectors_ << " correctors and " << seconds_ << " s, " << nLeft_
-        << " left to the solver" << nl << endl;
+    Info << "m4gn: " << nSolved_ << " time steps solved ahead in " << nCorrectors_ << " correctors and "
+         << seconds_ << " s, " << nLeft_ << " left to the solver" << nl << endl;
 
     return true;
 }

@@ -11,51 +11,42 @@ namespace Foam
 {
 namespace functionObjects
 {
-    defineTypeNameAndDebug(m4gnPredictor, 0);
-    addToRunTimeSelectionTable(functionObject, m4gnPredictor, dictionary);
+defineTypeNameAndDebug(m4gnPredictor, 0);
+addToRunTimeSelectionTable(functionObject, m4gnPredictor, dictionary);
 }
 }
 
 namespace
 {
-    //- Relative change of the boundary values, between sweeps over them and
-    //  the stress, that is small beside the error of a guess
-    const Foam::scalar converged = 1e-5;
+//- Relative change of the boundary values, between sweeps over them and
+//  the stress, that is small beside the error of a guess
+const Foam::scalar converged = 1e-5;
 }
 
 void Foam::functionObjects::m4gnPredictor::checkRun() const
 {
     m4gn::checkSolver(*this);
 
-    if (!m4gnExplicitStress::registered(mesh_) || !foundObject<volVectorField>(DName_))
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " of type " << type()
-            << " needs a displacement " << DName_ << ", sigmaD, divSigmaExp,"
-            << " E, nu and rho (solidDisplacementFoam)" << exit(FatalError);
+    if (!m4gnExplicitStress::registered(mesh_) || !foundObject<volVectorField>(DName_)) {
+        FatalErrorInFunction << "Function object " << name() << " of type " << type()
+                             << " needs a displacement " << DName_ << ", sigmaD, divSigmaExp,"
+                             << " E, nu and rho (solidDisplacementFoam)" << exit(FatalError);
     }
 
     const label nCorrectors =
-        mesh_.solutionDict().subDict("stressAnalysis")
-       .getOrDefault<label>("nCorrectors", 1);
-    if (nCorrectors < 2)
-    {
-        FatalErrorInFunction
-            << "Entry nCorrectors of stressAnalysis in fvSolution is "
-            << nCorrectors << ": time steps are not iterated to the tolerance,"
-            << " and a guess would change the result" << nl
-            << "    Set nCorrectors to the most that a time step may need (some"
-            << " hundreds) and D to a tolerance, or remove " << name()
-            << exit(FatalError);
+        mesh_.solutionDict().subDict("stressAnalysis").getOrDefault<label>("nCorrectors", 1);
+    if (nCorrectors < 2) {
+        FatalErrorInFunction << "Entry nCorrectors of stressAnalysis in fvSolution is " << nCorrectors
+                             << ": time steps are not iterated to the tolerance,"
+                             << " and a guess would change the result" << nl
+                             << "    Set nCorrectors to the most that a time step may need (some"
+                             << " hundreds) and D to a tolerance, or remove " << name() << exit(FatalError);
     }
 
     const word replacer(m4gnReplacer::before(VGREAT));
-    if (replacer.size())
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " predicts for a solver that "
-            << replacer << " replaces" << nl << "    Have one of them in a run"
-            << exit(FatalError);
+    if (replacer.size()) {
+        FatalErrorInFunction << "Function object " << name() << " predicts for a solver that " << replacer
+                             << " replaces" << nl << "    Have one of them in a run" << exit(FatalError);
     }
 
     m4gn::checkLast(*this, time_, "a guess");
@@ -65,8 +56,7 @@ void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
 {
     const label now = time_.timeIndex();
 
-    if (now != timeIndex_ + 1)
-    {
+    if (now != timeIndex_ + 1) {
         nStates_ = 0;
     }
     oldOld_.transfer(old_);
@@ -78,46 +68,32 @@ void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
     deltaT_ = time_.deltaTValue();
 }
 
-Foam::tmp<Foam::vectorField>
-Foam::functionObjects::m4gnPredictor::guess() const
+Foam::tmp<Foam::vectorField> Foam::functionObjects::m4gnPredictor::guess() const
 {
-    if (nStates_ < (quadratic_ ? 3 : 2))
-    {
+    if (nStates_ < (quadratic_ ? 3 : 2)) {
         return nullptr;
     }
 
     const scalar deltaT = time_.deltaTValue();
-    const vectorField rate((last_ - old_)/deltaT_);
+    const vectorField rate((last_ - old_) / deltaT_);
 
-    if (!quadratic_)
-    {
-        return deltaT*rate;
+    if (!quadratic_) {
+        return deltaT * rate;
     }
 
-    return m4gn::parabola<vector>
-    (
-        deltaT,
-        deltaT_,
-        rate,
-        (old_ - oldOld_)/deltaTOld_,
-        -(deltaT_ + deltaTOld_)
-    );
+    return m4gn::parabola<vector>(
+        deltaT, deltaT_, rate, (old_ - oldOld_) / deltaTOld_, -(deltaT_ + deltaTOld_));
 }
 
-Foam::functionObjects::m4gnPredictor::m4gnPredictor
-(
-    const word& name,
-    const Time& runTime,
-    const dictionary& dict
-)
-:
-    fvMeshFunctionObject(name, runTime, dict),
-    DName_("D"),
-    quadratic_(false),
-    timeIndex_(-1),
-    deltaT_(0),
-    deltaTOld_(0),
-    nStates_(0)
+Foam::functionObjects::m4gnPredictor::m4gnPredictor(
+    const word& name, const Time& runTime, const dictionary& dict)
+    : fvMeshFunctionObject(name, runTime, dict),
+      DName_("D"),
+      quadratic_(false),
+      timeIndex_(-1),
+      deltaT_(0),
+      deltaTOld_(0),
+      nStates_(0)
 {
     read(dict);
 }
@@ -132,11 +108,9 @@ bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
     m4gn::checkKeys(dict, {"predictor", "D"}, true);
 
     const word predictor(dict.getOrDefault<word>("predictor", "linear"));
-    if (predictor != "linear" && predictor != "quadratic")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry predictor is " << predictor
-            << "; expected linear or quadratic" << exit(FatalIOError);
+    if (predictor != "linear" && predictor != "quadratic") {
+        FatalIOErrorInFunction(dict) << "Entry predictor is " << predictor << "; expected linear or quadratic"
+                                     << exit(FatalIOError);
     }
     quadratic_ = predictor == "quadratic";
     DName_ = dict.getOrDefault<word>("D", "D");
@@ -146,8 +120,7 @@ bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnPredictor::execute()
 {
-    if (!stress_)
-    {
+    if (!stress_) {
         checkRun();
         stress_.reset(new m4gnExplicitStress(mesh_));
     }
@@ -156,12 +129,10 @@ bool Foam::functionObjects::m4gnPredictor::execute()
 
     remember(D.primitiveField());
 
-    const bool last =
-        time_.value() > time_.endTime().value() - 0.5*time_.deltaTValue();
+    const bool last = time_.value() > time_.endTime().value() - 0.5 * time_.deltaTValue();
     const tmp<vectorField> change(guess());
 
-    if (last || !change.valid())
-    {
+    if (last || !change.valid()) {
         return true;
     }
 

@@ -12,16 +12,13 @@ using namespace Foam;
 
 std::string plain(const token& t)
 {
-    if (t.isString())
-    {
+    if (t.isString()) {
         return t.stringToken();
     }
-    if (t.isWord())
-    {
+    if (t.isWord()) {
         return t.wordToken();
     }
-    if (t.isNumber() && !t.isLabel())
-    {
+    if (t.isNumber() && !t.isLabel()) {
         return m4gn::text(t.number());
     }
 
@@ -40,19 +37,14 @@ std::string json(const token& t)
 std::string jsonList(const tokenList& tokens, label& i)
 {
     std::string list("[");
-    while (i < tokens.size())
-    {
+    while (i < tokens.size()) {
         const token& t = tokens[i++];
-        if (t.isPunctuation() && t.pToken() == token::END_LIST)
-        {
+        if (t.isPunctuation() && t.pToken() == token::END_LIST) {
             break;
         }
 
         list += list.size() > 1 ? ", " : "";
-        list +=
-            t.isPunctuation() && t.pToken() == token::BEGIN_LIST
-          ? jsonList(tokens, i)
-          : json(t);
+        list += t.isPunctuation() && t.pToken() == token::BEGIN_LIST ? jsonList(tokens, i) : json(t);
     }
     return list + ']';
 }
@@ -60,40 +52,31 @@ std::string jsonList(const tokenList& tokens, label& i)
 //- An entry's value: a number, a switch, a text, or a list
 std::string json(const tokenList& tokens)
 {
-    if (tokens.size() == 1 && tokens[0].isCompound())
-    {
+    if (tokens.size() == 1 && tokens[0].isCompound()) {
         // List<word> 2 (a b), as another program may have written it
         OStringStream os;
         tokens[0].compoundToken().write(os);
         return json(ITstream::parse(os.str()));
     }
 
-    const auto opens = [&](const label i)
-    {
-        return
-            i < tokens.size() && tokens[i].isPunctuation()
-         && tokens[i].pToken() == token::BEGIN_LIST;
+    const auto opens = [&](const label i) {
+        return i < tokens.size() && tokens[i].isPunctuation() && tokens[i].pToken() == token::BEGIN_LIST;
     };
 
     // (a b), or 2(a b)
     label first = tokens.size() && tokens[0].isLabel() ? 1 : 0;
-    if (opens(first))
-    {
+    if (opens(first)) {
         ++first;
         return jsonList(tokens, first);
     }
 
-    if (tokens.size() == 1)
-    {
-        if (tokens[0].isWord())
-        {
+    if (tokens.size() == 1) {
+        if (tokens[0].isWord()) {
             const word& w = tokens[0].wordToken();
-            if (w == "yes" || w == "on" || w == "true")
-            {
+            if (w == "yes" || w == "on" || w == "true") {
                 return "true";
             }
-            if (w == "no" || w == "off" || w == "false")
-            {
+            if (w == "no" || w == "off" || w == "false") {
                 return "false";
             }
         }
@@ -101,8 +84,7 @@ std::string json(const tokenList& tokens)
     }
 
     std::string words;
-    for (const token& t : tokens)
-    {
+    for (const token& t : tokens) {
         words += (words.empty() ? "" : " ") + plain(t);
     }
     return m4gn::quoted(words);
@@ -112,14 +94,29 @@ std::string json(const tokenList& tokens)
 
 const Foam::wordList& Foam::m4gn::commonKeys()
 {
-    static const wordList keys
-    ({
-        "type", "libs", "functionObjectLibs", "enabled", "log", "region",
-        "subRegion", "errors", "timeStart", "timeEnd", "executeControl",
-        "executeInterval", "writeControl", "writeInterval", "outputControl",
-        "outputInterval", "triggerStart", "triggerEnd", "controlMode",
-        "deltaTCoeff", "nStepsToStartTimeChange", "useNamePrefix"
-    });
+    static const wordList keys(
+        {"type",
+         "libs",
+         "functionObjectLibs",
+         "enabled",
+         "log",
+         "region",
+         "subRegion",
+         "errors",
+         "timeStart",
+         "timeEnd",
+         "executeControl",
+         "executeInterval",
+         "writeControl",
+         "writeInterval",
+         "outputControl",
+         "outputInterval",
+         "triggerStart",
+         "triggerEnd",
+         "controlMode",
+         "deltaTCoeff",
+         "nStepsToStartTimeChange",
+         "useNamePrefix"});
 
     return keys;
 }
@@ -128,26 +125,18 @@ void Foam::m4gn::checkKeys(const dictionary& dict, const wordList& valid, const 
 {
     wordHashSet known(valid);
 
-    if (withCommon)
-    {
+    if (withCommon) {
         known.insert(commonKeys());
     }
 
-    for (const entry& e : dict)
-    {
-        if (!known.found(e.keyword()))
-        {
+    for (const entry& e : dict) {
+        if (!known.found(e.keyword())) {
             FatalIOErrorInFunction(dict)
-                << "Unknown entry " << e.keyword() << " in "
-                << dict.dictName() << nl
-                << "    Valid entries: "
-                << join(wordHashSet(valid).sortedToc()) << nl;
+                << "Unknown entry " << e.keyword() << " in " << dict.dictName() << nl
+                << "    Valid entries: " << join(wordHashSet(valid).sortedToc()) << nl;
 
-            if (withCommon)
-            {
-                FatalIOError
-                    << "    and those of all function objects: "
-                    << join(commonKeys()) << nl;
+            if (withCommon) {
+                FatalIOError << "    and those of all function objects: " << join(commonKeys()) << nl;
             }
 
             FatalIOError << exit(FatalIOError);
@@ -157,16 +146,13 @@ void Foam::m4gn::checkKeys(const dictionary& dict, const wordList& valid, const 
 
 void Foam::m4gn::checkDictionaries(const dictionary& dict, const wordList& keys)
 {
-    for (const word& key : keys)
-    {
+    for (const word& key : keys) {
         const entry* e = dict.findEntry(key);
 
-        if (e && !e->isDict())
-        {
+        if (e && !e->isDict()) {
             FatalIOErrorInFunction(dict)
-                << "Entry " << key << " of " << dict.dictName()
-                << " is no dictionary; expected " << key << " { ... }"
-                << exit(FatalIOError);
+                << "Entry " << key << " of " << dict.dictName() << " is no dictionary; expected " << key
+                << " { ... }" << exit(FatalIOError);
         }
     }
 }
@@ -174,44 +160,31 @@ void Foam::m4gn::checkDictionaries(const dictionary& dict, const wordList& keys)
 bool Foam::m4gn::isNone(const dictionary& dict, const word& key, const std::string& example)
 {
     const entry* given = dict.findEntry(key);
-    if (!given || given->isDict())
-    {
+    if (!given || given->isDict()) {
         return false;
     }
 
     const word text(dict.get<word>(key));
-    if (text != "none")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry " << key << " of " << dict.dictName() << " is " << text
-            << "; expected none, or " << example.c_str() << exit(FatalIOError);
+    if (text != "none") {
+        FatalIOErrorInFunction(dict) << "Entry " << key << " of " << dict.dictName() << " is " << text
+                                     << "; expected none, or " << example.c_str() << exit(FatalIOError);
     }
 
     return true;
 }
 
-void Foam::m4gn::checkAtLeast
-(
-    const dictionary& dict,
-    const word& key,
-    const scalar value,
-    const scalar lower
-)
+void Foam::m4gn::checkAtLeast(const dictionary& dict, const word& key, const scalar value, const scalar lower)
 {
-    if (!(value >= lower))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry " << key << " of " << dict.dictName() << " is "
-            << value << "; expected at least " << lower
-            << exit(FatalIOError);
+    if (!(value >= lower)) {
+        FatalIOErrorInFunction(dict) << "Entry " << key << " of " << dict.dictName() << " is " << value
+                                     << "; expected at least " << lower << exit(FatalIOError);
     }
 }
 
 Foam::word Foam::m4gn::join(const wordList& words)
 {
     std::string joined;
-    for (const word& w : words)
-    {
+    for (const word& w : words) {
         joined += (joined.empty() ? "" : ", ") + w;
     }
     return word(joined, false);
@@ -228,10 +201,8 @@ std::string Foam::m4gn::text(const scalar value)
 std::string Foam::m4gn::quoted(const std::string& text)
 {
     std::string result("\"");
-    for (const char c : text)
-    {
-        if (c == '"' || c == '\\')
-        {
+    for (const char c : text) {
+        if (c == '"' || c == '\\') {
             result += '\\';
         }
         result += ((unsigned char)(c) < 0x20) ? ' ' : c;
@@ -243,8 +214,7 @@ std::string Foam::m4gn::json(const dictionary& dict)
 {
     std::string object("{");
 
-    for (const entry& e : dict)
-    {
+    for (const entry& e : dict) {
         object += (object.size() > 1 ? ", " : "") + quoted(e.keyword()) + ": ";
         object += e.isDict() ? json(e.dict()) : ::json(e.stream());
     }
@@ -255,8 +225,7 @@ std::string Foam::m4gn::json(const dictionary& dict)
 Foam::dictionary Foam::m4gn::without(const dictionary& dict, const wordList& keys)
 {
     dictionary rest(dict);
-    for (const word& key : keys)
-    {
+    for (const word& key : keys) {
         rest.remove(key);
     }
     return rest;
@@ -267,18 +236,15 @@ Foam::word Foam::m4gn::scheme(const dictionary& fvSchemes, const word& group, co
     const dictionary schemes(fvSchemes.subOrEmptyDict(group));
     const word used(schemes.found(key) ? key : word("default"));
 
-    if (!schemes.found(used))
-    {
+    if (!schemes.found(used)) {
         return word::null;
     }
 
     const ITstream& stream = schemes.lookup(used);
 
     // "bounded Euler", "NewmarkBeta 0.25 0.5"
-    for (label i = stream.size() - 1; i >= 0; --i)
-    {
-        if (stream[i].isWord())
-        {
+    for (label i = stream.size() - 1; i >= 0; --i) {
+        if (stream[i].isWord()) {
             return stream[i].wordToken();
         }
     }

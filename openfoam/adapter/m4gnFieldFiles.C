@@ -12,31 +12,19 @@ static bool writeTogether(const Foam::regIOobject& field)
 {
     const Foam::Time& time = field.time();
 
-    #if OPENFOAM >= 2012
-    return Foam::fileHandler().writeObject
-    (
-        field,
-        Foam::IOstreamOption(time.writeFormat(), time.writeCompression()),
-        true
-    );
-    #else
-    return Foam::fileHandler().writeObject
-    (
-        field,
-        time.writeFormat(),
-        time.writeVersion(),
-        time.writeCompression(),
-        true
-    );
-    #endif
+#if OPENFOAM >= 2012
+    return Foam::fileHandler().writeObject(
+        field, Foam::IOstreamOption(time.writeFormat(), time.writeCompression()), true);
+#else
+    return Foam::fileHandler().writeObject(
+        field, time.writeFormat(), time.writeVersion(), time.writeCompression(), true);
+#endif
 }
 
 Foam::m4gnFieldFiles::~m4gnFieldFiles()
 {
-    for (const file& f : files_)
-    {
-        if (isFile(f.unfinished, false))
-        {
+    for (const file& f : files_) {
+        if (isFile(f.unfinished, false)) {
             rm(f.unfinished);
         }
     }
@@ -46,93 +34,62 @@ void Foam::m4gnFieldFiles::write(const regIOobject& field)
 {
     const Time& time = field.time();
 
-    if (fileHandler().type() != fileOperations::uncollatedFileOperation::typeName)
-    {
+    if (fileHandler().type() != fileOperations::uncollatedFileOperation::typeName) {
         // The ranks write together, to where such a file handler keeps files
-        if (!writeTogether(field))
-        {
-            FatalErrorInFunction
-                << "Cannot write " << field.name() << " to "
-                << field.instance() << " with the file handler "
-                << fileHandler().type()
-                << ": no permission, or the disk is full" << exit(FatalError);
+        if (!writeTogether(field)) {
+            FatalErrorInFunction << "Cannot write " << field.name() << " to " << field.instance()
+                                 << " with the file handler " << fileHandler().type()
+                                 << ": no permission, or the disk is full" << exit(FatalError);
         }
         return;
     }
 
     // field.write() would put it into a folder of the current time
-    const fileName name(time.path()/field.instance()/field.db().dbDir()/field.name());
+    const fileName name(time.path() / field.instance() / field.db().dbDir() / field.name());
 
-    write
-    (
-        time,
-        name,
-        [&](Ostream& os)
-        {
-            field.writeHeader(os);
-            field.writeData(os);
-            IOobject::writeEndDivider(os);
-        }
-    );
+    write(time, name, [&](Ostream& os) {
+        field.writeHeader(os);
+        field.writeData(os);
+        IOobject::writeEndDivider(os);
+    });
 }
 
-void Foam::m4gnFieldFiles::write
-(
-    const Time& time,
-    const fileName& name,
-    const std::function<void(Ostream&)>& contents,
-    const bool plain
-)
+void Foam::m4gnFieldFiles::write(
+    const Time& time, const fileName& name, const std::function<void(Ostream&)>& contents, const bool plain)
 {
     const fileName dir(name.path());
 
-    if (!isDir(dir) && !mkDir(dir))
-    {
-        FatalErrorInFunction
-            << "Cannot make the folder " << dir << exit(FatalError);
+    if (!isDir(dir) && !mkDir(dir)) {
+        FatalErrorInFunction << "Cannot make the folder " << dir << exit(FatalError);
     }
 
-    const bool compressed =
-        !plain && time.writeCompression() == IOstream::COMPRESSED;
-    const fileName beside(dir/('.' + name.name() + ".unfinished"));
+    const bool compressed = !plain && time.writeCompression() == IOstream::COMPRESSED;
+    const fileName beside(dir / ('.' + name.name() + ".unfinished"));
     const fileName zipped(name + ".gz");
 
-    files_.push_back
-    ({
-        compressed ? fileName(beside + ".gz") : beside,
-        compressed ? zipped : name,
-        compressed ? name : zipped
-    });
+    files_.push_back(
+        {compressed ? fileName(beside + ".gz") : beside, compressed ? zipped : name,
+         compressed ? name : zipped});
 
-    OFstream os
-    (
-        beside,
-        plain ? IOstream::ASCII : time.writeFormat(),
-        time.writeVersion(),
-        compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED
-    );
+    OFstream os(
+        beside, plain ? IOstream::ASCII : time.writeFormat(), time.writeVersion(),
+        compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED);
     contents(os);
     os.stdStream().flush();
 
-    if (!os.good())
-    {
-        FatalErrorInFunction
-            << "Cannot write " << name
-            << ": no permission, or the disk is full" << exit(FatalError);
+    if (!os.good()) {
+        FatalErrorInFunction << "Cannot write " << name << ": no permission, or the disk is full"
+                             << exit(FatalError);
     }
 }
 
 void Foam::m4gnFieldFiles::rename()
 {
-    for (const file& f : files_)
-    {
-        if (!mv(f.unfinished, f.final))
-        {
-            FatalErrorInFunction
-                << "Cannot write " << f.final << exit(FatalError);
+    for (const file& f : files_) {
+        if (!mv(f.unfinished, f.final)) {
+            FatalErrorInFunction << "Cannot write " << f.final << exit(FatalError);
         }
-        if (isFile(f.other, false))
-        {
+        if (isFile(f.other, false)) {
             rm(f.other);
         }
     }

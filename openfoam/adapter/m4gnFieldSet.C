@@ -4,31 +4,26 @@
 #include "m4gnOwnFields.H"
 
 Foam::m4gnFieldSet::m4gnFieldSet(const fvMesh& mesh, const wordList& names)
-:
-    mesh_(mesh),
-    names_(names),
-    dimensions_(names.size(), FixedList<int32_t, 7>(0)),
-    values_(names.size()),
-    view_(names.size())
+    : mesh_(mesh),
+      names_(names),
+      dimensions_(names.size(), FixedList<int32_t, 7>(0)),
+      values_(names.size()),
+      view_(names.size())
 {}
 
 void Foam::m4gnFieldSet::gather(const m4gnNodes& nodes)
 {
-    forAll(names_, fieldi)
-    {
+    forAll(names_, fieldi) {
         const word& name = names_[fieldi];
         m4gnNodes::values& values = values_[fieldi];
 
         m4gnOwnFields::provide(mesh_, name);
 
-        if (!nodes.gather(name, values))
-        {
-            FatalErrorInFunction
-                << "Field " << name << " is neither registered with"
-                << " the solver nor stored at time " << mesh_.time().timeName()
-                << " as a " << nodes.fieldTypes().c_str() << '.' << nl
-                << "    Registered: " << nodes.registered().c_str()
-                << exit(FatalError);
+        if (!nodes.gather(name, values)) {
+            FatalErrorInFunction << "Field " << name << " is neither registered with"
+                                 << " the solver nor stored at time " << mesh_.time().timeName() << " as a "
+                                 << nodes.fieldTypes().c_str() << '.' << nl
+                                 << "    Registered: " << nodes.registered().c_str() << exit(FatalError);
         }
 
         dimensions_[fieldi] = exponents(name, values.dimensions);
@@ -46,11 +41,10 @@ Foam::List<Foam::scalarField> Foam::m4gnFieldSet::values(const m4gnNodes& nodes)
     gather(nodes);
 
     List<scalarField> copies(view_.size());
-    forAll(copies, fieldi)
-    {
+    forAll(copies, fieldi) {
         const m4gn_field& field = view_[fieldi];
 
-        copies[fieldi].resize(field.components*nodes.size());
+        copies[fieldi].resize(field.components * nodes.size());
         std::copy(field.cells, field.cells + copies[fieldi].size(), copies[fieldi].begin());
     }
 
@@ -64,26 +58,18 @@ bool Foam::m4gnFieldSet::registered(const fvMesh& mesh, const m4gnNodes& nodes, 
     return nodes.registered(name);
 }
 
-Foam::FixedList<int32_t, 7> Foam::m4gnFieldSet::exponents
-(
-    const word& name,
-    const dimensionSet& dimensions
-)
+Foam::FixedList<int32_t, 7> Foam::m4gnFieldSet::exponents(const word& name, const dimensionSet& dimensions)
 {
     FixedList<int32_t, 7> integers(0);
 
-    for (int i = 0; i < dimensionSet::nDimensions; ++i)
-    {
+    for (int i = 0; i < dimensionSet::nDimensions; ++i) {
         const scalar exponent = dimensions[dimensionSet::dimensionType(i)];
 
         integers[i] = int32_t(std::lround(exponent));
 
-        if (mag(exponent - integers[i]) > 1e-10)
-        {
-            FatalErrorInFunction
-                << "Field " << name << " has the dimensions " << dimensions
-                << ", and m4gn handles only whole exponents"
-                << exit(FatalError);
+        if (mag(exponent - integers[i]) > 1e-10) {
+            FatalErrorInFunction << "Field " << name << " has the dimensions " << dimensions
+                                 << ", and m4gn handles only whole exponents" << exit(FatalError);
         }
     }
 

@@ -18,19 +18,16 @@ namespace Foam
 //  none, as of the list that materials with several relaxation times have
 static bool number(const dictionary& dict, const word& key, scalar& value)
 {
-    if (dict.isDict(key))
-    {
+    if (dict.isDict(key)) {
         return number(dict.subDict(key), "value", value);
     }
-    if (!dict.found(key))
-    {
+    if (!dict.found(key)) {
         return false;
     }
 
     const ITstream& stream = dict.lookup(key);
 
-    if (stream.empty() || !stream.last().isNumber())
-    {
+    if (stream.empty() || !stream.last().isNumber()) {
         return false;
     }
 
@@ -45,40 +42,29 @@ static scalar largestTraction(const volVectorField& D)
 {
     scalar largest = 0;
 
-    for (const fvPatchVectorField& patch : D.boundaryField())
-    {
+    for (const fvPatchVectorField& patch : D.boundaryField()) {
         OStringStream written;
         patch.write(written);
         IStringStream stream(written.str());
         const dictionary entries(stream);
 
-        const auto given = [&](const word& key)
-        {
+        const auto given = [&](const word& key) {
             const entry* e = entries.findEntry(key);
 
-            return
-                e && e->isStream() && e->stream().size()
-             && e->stream().first().isWord()
-             && (
-                    e->stream().first().wordToken() == "uniform"
-                 || e->stream().first().wordToken() == "nonuniform"
-                );
+            return e && e->isStream() && e->stream().size() && e->stream().first().isWord()
+                   && (e->stream().first().wordToken() == "uniform"
+                       || e->stream().first().wordToken() == "nonuniform");
         };
 
         vectorField traction(patch.size(), Zero);
-        if (given("traction"))
-        {
+        if (given("traction")) {
             traction += vectorField("traction", entries, patch.size());
         }
-        if (given("pressure"))
-        {
-            traction -=
-                scalarField("pressure", entries, patch.size())
-               *patch.patch().nf();
+        if (given("pressure")) {
+            traction -= scalarField("pressure", entries, patch.size()) * patch.patch().nf();
         }
 
-        for (const vector& t : traction)
-        {
+        for (const vector& t : traction) {
             largest = max(largest, mag(t));
         }
     }
@@ -99,65 +85,43 @@ static void addRange(dictionary& to, const word& name, const scalar low, const s
 
 } // End namespace Foam
 
-Foam::m4gnMechanicalProperties::m4gnMechanicalProperties(const fvMesh& mesh)
-:
-    mesh_(mesh)
+Foam::m4gnMechanicalProperties::m4gnMechanicalProperties(const fvMesh& mesh) : mesh_(mesh)
 {
-    for (const objectRegistry* registry : {&mesh.thisDb(), &mesh.time().db()})
-    {
+    for (const objectRegistry* registry : {&mesh.thisDb(), &mesh.time().db()}) {
         const auto* known = registry->findObject<IOdictionary>(fileName);
 
-        if (known)
-        {
+        if (known) {
             properties_.reset(new dictionary(*known));
             return;
         }
     }
 
-    IOobject io
-    (
-        fileName,
-        mesh.time().constant(),
-        mesh,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
+    IOobject io(fileName, mesh.time().constant(), mesh, IOobject::MUST_READ, IOobject::NO_WRITE, false);
 
-    if (io.typeHeaderOk<IOdictionary>(true))
-    {
+    if (io.typeHeaderOk<IOdictionary>(true)) {
         properties_.reset(new dictionary(IOdictionary(io)));
     }
 }
 
 bool Foam::m4gnMechanicalProperties::registered() const
 {
-    for (const word key : {"E", "nu", "rho"})
-    {
-        if (!mesh_.foundObject<volScalarField>(key))
-        {
+    for (const word key : {"E", "nu", "rho"}) {
+        if (!mesh_.foundObject<volScalarField>(key)) {
             return false;
         }
     }
 
-    return
-        mesh_.lookupObject<volScalarField>("E").dimensions() == dimPressure
-     && mesh_.lookupObject<volScalarField>("rho").dimensions() == dimDensity;
+    return mesh_.lookupObject<volScalarField>("E").dimensions() == dimPressure
+           && mesh_.lookupObject<volScalarField>("rho").dimensions() == dimDensity;
 }
 
 bool Foam::m4gnMechanicalProperties::uniform() const
 {
-    for (const word key : {"E", "nu", "rho"})
-    {
+    for (const word key : {"E", "nu", "rho"}) {
         scalar value;
-        if
-        (
-            !found()
-         || !dict().isDict(key)
-         || dict().subDict(key).getOrDefault<word>("type", "uniform")
-         != "uniform"
-         || !number(dict(), key, value)
-        )
+        if (!found() || !dict().isDict(key)
+            || dict().subDict(key).getOrDefault<word>("type", "uniform") != "uniform"
+            || !number(dict(), key, value))
         {
             return false;
         }
@@ -175,13 +139,10 @@ Foam::wordList Foam::m4gnMechanicalProperties::laws() const
 {
     wordHashSet names;
 
-    if (listed())
-    {
+    if (listed()) {
         const PtrList<entry> list(materials());
-        for (const entry& material : list)
-        {
-            if (material.isDict() && material.dict().found("type"))
-            {
+        for (const entry& material : list) {
+            if (material.isDict() && material.dict().found("type")) {
                 names.insert(material.dict().get<word>("type"));
             }
         }
@@ -194,14 +155,11 @@ Foam::wordList Foam::m4gnMechanicalProperties::lawsWithHistory() const
 {
     DynamicList<word> found;
 
-    for (const word& law : laws())
-    {
+    for (const word& law : laws()) {
         const std::string lower(stringOps::lower(law));
 
-        for (const char* part : {"plastic", "visco", "damage", "coulo", "umat"})
-        {
-            if (lower.find(part) != std::string::npos)
-            {
+        for (const char* part : {"plastic", "visco", "damage", "coulo", "umat"}) {
+            if (lower.find(part) != std::string::npos) {
                 found.append(law);
                 break;
             }
@@ -211,28 +169,19 @@ Foam::wordList Foam::m4gnMechanicalProperties::lawsWithHistory() const
     return wordList(std::move(found));
 }
 
-bool Foam::m4gnMechanicalProperties::moduli
-(
-    const dictionary& material,
-    scalar& E,
-    scalar& nu,
-    scalar& rho
-)
+bool Foam::m4gnMechanicalProperties::moduli(const dictionary& material, scalar& E, scalar& nu, scalar& rho)
 {
-    if (!number(material, "rho", rho))
-    {
+    if (!number(material, "rho", rho)) {
         return false;
     }
-    if (number(material, "E", E) && number(material, "nu", nu))
-    {
+    if (number(material, "E", E) && number(material, "nu", nu)) {
         return true;
     }
 
     scalar mu, K;
-    if (number(material, "mu", mu) && number(material, "K", K))
-    {
-        E = 9*K*mu/(3*K + mu);
-        nu = (3*K - 2*mu)/(2*(3*K + mu));
+    if (number(material, "mu", mu) && number(material, "K", K)) {
+        E = 9 * K * mu / (3 * K + mu);
+        nu = (3 * K - 2 * mu) / (2 * (3 * K + mu));
         return true;
     }
 
@@ -243,47 +192,33 @@ Foam::dictionary Foam::m4gnMechanicalProperties::description(const word& D) cons
 {
     dictionary solid;
 
-    if (registered())
-    {
-        for (const word key : {"E", "nu", "rho"})
-        {
-            const scalarField& values =
-                mesh_.lookupObject<volScalarField>(key).primitiveField();
+    if (registered()) {
+        for (const word key : {"E", "nu", "rho"}) {
+            const scalarField& values = mesh_.lookupObject<volScalarField>(key).primitiveField();
             addRange(solid, key, gMin(values), gMax(values));
         }
-    }
-    else if (listed() || uniform())
-    {
+    } else if (listed() || uniform()) {
         scalar E, nu, rho;
         DynamicList<vector> known;
         bool all = true;
 
-        if (listed())
-        {
+        if (listed()) {
             const PtrList<entry> list(materials());
-            for (const entry& material : list)
-            {
-                if (!material.isDict())
-                {
+            for (const entry& material : list) {
+                if (!material.isDict()) {
                     continue;
                 }
-                if (moduli(material.dict(), E, nu, rho))
-                {
+                if (moduli(material.dict(), E, nu, rho)) {
                     known.append(vector(E, nu, rho));
-                }
-                else
-                {
+                } else {
                     all = false;
                 }
             }
-        }
-        else if (moduli(dict(), E, nu, rho))
-        {
+        } else if (moduli(dict(), E, nu, rho)) {
             known.append(vector(E, nu, rho));
         }
 
-        if (all && known.size())
-        {
+        if (all && known.size()) {
             const vector low(min(known));
             const vector high(max(known));
             addRange(solid, "E", low.x(), high.x());
@@ -291,25 +226,20 @@ Foam::dictionary Foam::m4gnMechanicalProperties::description(const word& D) cons
             addRange(solid, "rho", low.z(), high.z());
         }
         const wordList names(laws());
-        if (names.size())
-        {
+        if (names.size()) {
             solid.add("laws", names);
         }
-    }
-    else
-    {
+    } else {
         return solid;
     }
 
     const auto* displacement = mesh_.findObject<volVectorField>(D);
-    if (displacement)
-    {
+    if (displacement) {
         const scalar largest = largestTraction(*displacement);
         addRange(solid, "traction", largest, largest);
 
         const word scheme(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + D + ')'));
-        if (scheme.size())
-        {
+        if (scheme.size()) {
             solid.add("schemes", wordList(1, scheme));
         }
     }

@@ -16,35 +16,27 @@
 
 void Foam::m4gnMeshAdapter::checkPatches() const
 {
-    for (const fvPatch& patch : mesh_.boundary())
-    {
+    for (const fvPatch& patch : mesh_.boundary()) {
         const word& type = patch.type();
 
         const bool coupled = patch.coupled();
 
         // cyclicSlip, cyclicAMI, ... derive from what is handled: by name
-        const bool known =
-            coupled
-          ? (type == "processor" || type == "processorCyclic" || type == "cyclic")
-          : (type == "empty" || m4gnNodeTypes::handles(patch));
+        const bool known = coupled ? (type == "processor" || type == "processorCyclic" || type == "cyclic")
+                                   : (type == "empty" || m4gnNodeTypes::handles(patch));
 
-        if (!known)
-        {
+        if (!known) {
             m4gnNodeTypes::refuse(patch);
         }
 
-        if (coupled)
-        {
+        if (coupled) {
             const auto& pp = refCast<const coupledPolyPatch>(patch.patch());
 
-            if (!pp.parallel())
-            {
-                FatalErrorInFunction
-                    << "Patch " << patch.name() << " of type " << type
-                    << " turns vectors (a rotational transform), which m4gn"
-                    << " does not handle." << nl
-                    << "    Handled: translational cyclic patches."
-                    << exit(FatalError);
+            if (!pp.parallel()) {
+                FatalErrorInFunction << "Patch " << patch.name() << " of type " << type
+                                     << " turns vectors (a rotational transform), which m4gn"
+                                     << " does not handle." << nl
+                                     << "    Handled: translational cyclic patches." << exit(FatalError);
             }
         }
     }
@@ -56,31 +48,24 @@ void Foam::m4gnMeshAdapter::checkCells() const
     const vectorField& C = mesh_.cellCentres();
     const vectorField& S = mesh_.faceAreas();
 
-    forAll(V, celli)
-    {
-        if (!(V[celli] > 0))
-        {
-            FatalErrorInFunction
-                << "Cell " << celli << " at " << C[celli] << " is inverted,"
-                << " flat or folded: expected a positive volume, found "
-                << V[celli] << nl
-                << "    checkMesh tells more" << exit(FatalError);
+    forAll(V, celli) {
+        if (!(V[celli] > 0)) {
+            FatalErrorInFunction << "Cell " << celli << " at " << C[celli] << " is inverted,"
+                                 << " flat or folded: expected a positive volume, found " << V[celli] << nl
+                                 << "    checkMesh tells more" << exit(FatalError);
         }
     }
 
-    for (label facei = 0; facei < mesh_.nInternalFaces(); ++facei)
-    {
+    for (label facei = 0; facei < mesh_.nInternalFaces(); ++facei) {
         const label own = mesh_.faceOwner()[facei];
         const label nei = mesh_.faceNeighbour()[facei];
 
-        if (!((S[facei] & (C[nei] - C[own])) > 0))
-        {
-            FatalErrorInFunction
-                << "Cells " << own << " at " << C[own] << " and " << nei
-                << " at " << C[nei] << ": one is inverted, flat or folded. The"
-                << " normal of their face, " << S[facei]
-                << ", does not lead from one to the other" << nl
-                << "    checkMesh tells more" << exit(FatalError);
+        if (!((S[facei] & (C[nei] - C[own])) > 0)) {
+            FatalErrorInFunction << "Cells " << own << " at " << C[own] << " and " << nei << " at " << C[nei]
+                                 << ": one is inverted, flat or folded. The"
+                                 << " normal of their face, " << S[facei]
+                                 << ", does not lead from one to the other" << nl
+                                 << "    checkMesh tells more" << exit(FatalError);
         }
     }
 }
@@ -92,60 +77,39 @@ Foam::tmp<Foam::surfaceScalarField> Foam::m4gnMeshAdapter::deltaCoeffs() const
     IStringStream is(text);
     const word laplacian(is);
 
-    if (laplacian != "Gauss")
-    {
-        FatalErrorInFunction
-            << "laplacianSchemes: " << text << "is no Gauss scheme. Give"
-            << " m4gn one: \"laplacian(m4gn)\" Gauss linear corrected;"
-            << exit(FatalError);
+    if (laplacian != "Gauss") {
+        FatalErrorInFunction << "laplacianSchemes: " << text << "is no Gauss scheme. Give"
+                             << " m4gn one: \"laplacian(m4gn)\" Gauss linear corrected;" << exit(FatalError);
     }
 
     // As fv::laplacianScheme reads it
-    tmp<surfaceInterpolationScheme<scalar>> interpolation
-    (
-        surfaceInterpolationScheme<scalar>::New(mesh_, is)
-    );
+    tmp<surfaceInterpolationScheme<scalar>> interpolation(surfaceInterpolationScheme<scalar>::New(mesh_, is));
     tmp<fv::snGradScheme<scalar>> snGrad(fv::snGradScheme<scalar>::New(mesh_, is));
 
     // The schemes look at no value of the field
-    const volScalarField scratch
-    (
-        IOobject
-        (
-            "m4gn",
-            mesh_.time().timeName(),
-            mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
-        mesh_,
-        dimensionedScalar(dimless, Zero)
-    );
+    const volScalarField scratch(
+        IOobject("m4gn", mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false), mesh_,
+        dimensionedScalar(dimless, Zero));
 
-    return snGrad().deltaCoeffs(scratch)*scalar(1);
+    return snGrad().deltaCoeffs(scratch) * scalar(1);
 }
 
 void Foam::m4gnMeshAdapter::setCells()
 {
     labelList global;
     const bool decomposed =
-        Pstream::parRun()
-     && procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global);
+        Pstream::parRun() && procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global);
 
     const globalIndex consecutive(mesh_.nCells());
 
     cellGlobal_.resize(mesh_.nCells());
-    forAll(mesh_.C(), celli)
-    {
-        cellGlobal_[celli] =
-            decomposed ? global[celli] : consecutive.toGlobal(celli);
+    forAll(mesh_.C(), celli) {
+        cellGlobal_[celli] = decomposed ? global[celli] : consecutive.toGlobal(celli);
     }
 
     data_.n_cells = mesh_.nCells();
     data_.cell_global = cellGlobal_.data();
-    data_.cell_centres =
-        reinterpret_cast<const double*>(mesh_.C().primitiveField().cdata());
+    data_.cell_centres = reinterpret_cast<const double*>(mesh_.C().primitiveField().cdata());
     data_.cell_volumes = mesh_.V().field().cdata();
 
     data_.n_faces = mesh_.nInternalFaces();
@@ -153,15 +117,10 @@ void Foam::m4gnMeshAdapter::setCells()
     data_.face_neighbour = mesh_.neighbour().cdata();
 }
 
-void Foam::m4gnMeshAdapter::setBoundary
-(
-    const labelList& nodeTypes,
-    const surfaceScalarField& deltaCoeffs
-)
+void Foam::m4gnMeshAdapter::setBoundary(const labelList& nodeTypes, const surfaceScalarField& deltaCoeffs)
 {
     label nBoundary = 0;
-    for (const label patchi : valuePatches_)
-    {
+    for (const label patchi : valuePatches_) {
         nBoundary += mesh_.boundary()[patchi].size();
     }
 
@@ -174,18 +133,16 @@ void Foam::m4gnMeshAdapter::setBoundary
 
     label nodei = 0;
 
-    forAll(valuePatches_, i)
-    {
+    forAll(valuePatches_, i) {
         const fvPatch& patch = mesh_.boundary()[valuePatches_[i]];
         const labelUList& owner = patch.faceCells();
         const vectorField& area = patch.Sf();
         const vectorField& centres = patch.Cf();
 
         // fvPatchField::gradientInternalCoeffs of a fixed value
-        const scalarField coeffs(patch.magSf()*patch.deltaCoeffs());
+        const scalarField coeffs(patch.magSf() * patch.deltaCoeffs());
 
-        forAll(patch, facei)
-        {
+        forAll(patch, facei) {
             boundaryOwner_.push_back(owner[facei]);
             boundaryType_.push_back(nodeTypes[patch.index()]);
             boundaryPatch_.push_back(i);
@@ -200,8 +157,7 @@ void Foam::m4gnMeshAdapter::setBoundary
 
     publishBoundary();
 
-    faceCoeff_ =
-        deltaCoeffs.primitiveField()*mesh_.magSf().primitiveField();
+    faceCoeff_ = deltaCoeffs.primitiveField() * mesh_.magSf().primitiveField();
     data_.face_coeff = faceCoeff_.cdata();
 }
 
@@ -212,15 +168,9 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     boundaryGlobal_.resize(nBoundary);
 
     labelList faceGlobal;
-    if
-    (
-        !Pstream::parRun()
-     || !procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces(), faceGlobal)
-    )
-    {
+    if (!Pstream::parRun() || !procAddressing(mesh_, "faceProcAddressing", mesh_.nFaces(), faceGlobal)) {
         const globalIndex consecutive(nBoundary);
-        for (label nodei = 0; nodei < nBoundary; ++nodei)
-        {
+        for (label nodei = 0; nodei < nBoundary; ++nodei) {
             boundaryGlobal_[nodei] = consecutive.toGlobal(nodei);
         }
         return;
@@ -231,11 +181,9 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
     // faces there.
     labelList mine(nBoundary);
     label nodei = 0;
-    for (const label patchi : valuePatches_)
-    {
+    for (const label patchi : valuePatches_) {
         const polyPatch& pp = mesh_.boundaryMesh()[patchi];
-        for (label i = 0; i < pp.size(); ++i)
-        {
+        for (label i = 0; i < pp.size(); ++i) {
             mine[nodei++] = mag(faceGlobal[pp.start() + i]) - 1;
         }
     }
@@ -245,8 +193,7 @@ void Foam::m4gnMeshAdapter::setBoundaryGlobal()
 void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
 {
     labelList global(mesh_.nCells());
-    forAll(global, celli)
-    {
+    forAll(global, celli) {
         global[celli] = cellGlobal_[celli];
     }
 
@@ -254,25 +201,20 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
     labelList across;
     syncTools::swapBoundaryCellList(mesh_, global, across);
 
-    for (const fvPatch& patch : mesh_.boundary())
-    {
-        if (!patch.coupled())
-        {
+    for (const fvPatch& patch : mesh_.boundary()) {
+        if (!patch.coupled()) {
             continue;
         }
 
-        const auto* processor =
-            dynamic_cast<const processorFvPatch*>(&patch);
-        const label rank =
-            processor ? processor->neighbProcNo() : Pstream::myProcNo();
+        const auto* processor = dynamic_cast<const processorFvPatch*>(&patch);
+        const label rank = processor ? processor->neighbProcNo() : Pstream::myProcNo();
 
         const labelUList& owner = patch.faceCells();
         const vectorField delta(patch.delta());
-        const scalarField coeffs(patch.magSf()*deltaCoeffs.boundaryField()[patch.index()]);
+        const scalarField coeffs(patch.magSf() * deltaCoeffs.boundaryField()[patch.index()]);
         const label start = patch.patch().start() - mesh_.nInternalFaces();
 
-        forAll(patch, facei)
-        {
+        forAll(patch, facei) {
             coupledOwner_.push_back(owner[facei]);
             coupledRank_.push_back(rank);
             coupledGlobal_.push_back(across[start + facei]);
@@ -284,9 +226,7 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
     publishCoupled();
 }
 
-Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes)
-:
-    m4gnFieldNodes(mesh)
+Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes) : m4gnFieldNodes(mesh)
 {
     checkPatches();
     checkCells();
@@ -301,25 +241,17 @@ Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& node
 Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
 {
     // Read from the registered dictionary: the accessors differ by version
-    const dictionary schemes
-    (
-        mesh.lookupObject<IOdictionary>("fvSchemes")
-       .subOrEmptyDict("laplacianSchemes")
-    );
+    const dictionary schemes(mesh.lookupObject<IOdictionary>("fvSchemes").subOrEmptyDict("laplacianSchemes"));
 
-    for (const word key : { "laplacian(m4gn)", "default" })
-    {
-        if (schemes.found(key))
-        {
+    for (const word key : {"laplacian(m4gn)", "default"}) {
+        if (schemes.found(key)) {
             OStringStream os;
             const ITstream& is = schemes.lookup(key);
-            forAll(is, i)
-            {
+            forAll(is, i) {
                 os << is[i] << ' ';
             }
 
-            if (os.str() != "none ")
-            {
+            if (os.str() != "none ") {
                 return os.str();
             }
         }
@@ -328,43 +260,36 @@ Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
     return "Gauss linear corrected";
 }
 
-template<class Type>
+template <class Type>
 bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
 {
     autoPtr<fieldOf<Type>> owned;
     const fieldOf<Type>* field = find(mesh_, name, owned);
 
-    if (!field)
-    {
+    if (!field) {
         return false;
     }
 
     Field<Type> boundary(nBoundary());
     label facei = 0;
-    for (const label patchi : valuePatches_)
-    {
-        for (const Type& value : field->boundaryField()[patchi])
-        {
+    for (const label patchi : valuePatches_) {
+        for (const Type& value : field->boundaryField()[patchi]) {
             boundary[facei++] = value;
         }
     }
     describe(field->dimensions(), boundary, to);
 
-    if (owned)
-    {
+    if (owned) {
         to.kept = flat(field->primitiveField());
         to.cells = to.kept.cdata();
-    }
-    else
-    {
-        to.cells =
-            reinterpret_cast<const scalar*>(field->primitiveField().cdata());
+    } else {
+        to.cells = reinterpret_cast<const scalar*>(field->primitiveField().cdata());
     }
 
     return true;
 }
 
-template<class Type>
+template <class Type>
 void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
     auto& field = mesh_.lookupObjectRef<fieldOf<Type>>(name);

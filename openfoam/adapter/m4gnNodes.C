@@ -9,23 +9,18 @@
 #include "pointFields.H"
 #include "volFields.H"
 
-static_assert
-(
-    sizeof(Foam::scalar) == sizeof(double)
- && sizeof(Foam::vector) == 3*sizeof(double)
- && sizeof(Foam::label) == sizeof(int32_t),
-    "m4gn needs an OpenFOAM with double precision and 32-bit labels"
-);
+static_assert(
+    sizeof(Foam::scalar) == sizeof(double) && sizeof(Foam::vector) == 3 * sizeof(double)
+        && sizeof(Foam::label) == sizeof(int32_t),
+    "m4gn needs an OpenFOAM with double precision and 32-bit labels");
 
 void Foam::m4gnNodes::publishBoundary()
 {
     data_.n_boundary = boundaryOwner_.size();
     data_.boundary_owner = boundaryOwner_.data();
     data_.boundary_global = boundaryGlobal_.data();
-    data_.boundary_centres =
-        reinterpret_cast<const double*>(boundaryCentres_.cdata());
-    data_.boundary_area =
-        reinterpret_cast<const double*>(boundaryArea_.cdata());
+    data_.boundary_centres = reinterpret_cast<const double*>(boundaryCentres_.cdata());
+    data_.boundary_area = reinterpret_cast<const double*>(boundaryArea_.cdata());
     data_.boundary_coeff = boundaryCoeff_.cdata();
     data_.boundary_type = boundaryType_.data();
     data_.boundary_patch = boundaryPatch_.data();
@@ -37,8 +32,7 @@ void Foam::m4gnNodes::publishCoupled()
     data_.coupled_owner = coupledOwner_.data();
     data_.coupled_rank = coupledRank_.data();
     data_.coupled_global = coupledGlobal_.data();
-    data_.coupled_delta =
-        reinterpret_cast<const double*>(coupledDelta_.data());
+    data_.coupled_delta = reinterpret_cast<const double*>(coupledDelta_.data());
     data_.coupled_coeff = coupledCoeff_.data();
 }
 
@@ -50,11 +44,9 @@ std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
 
     // Not scatterList: it leaves a rank's own list as the rank has it
     labelList all;
-    if (Pstream::master())
-    {
+    if (Pstream::master()) {
         DynamicList<label> collected;
-        for (const labelList& some : ofRanks)
-        {
+        for (const labelList& some : ofRanks) {
             collected.append(some);
         }
         std::sort(collected.begin(), collected.end());
@@ -63,78 +55,48 @@ std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
     Pstream::scatter(all);
 
     std::vector<int64_t> place(mine.size());
-    forAll(mine, i)
-    {
-        place[i] =
-            std::lower_bound(all.begin(), all.end(), mine[i]) - all.begin();
+    forAll(mine, i) {
+        place[i] = std::lower_bound(all.begin(), all.end(), mine[i]) - all.begin();
     }
 
     return place;
 }
 
-bool Foam::m4gnNodes::procAddressing
-(
-    const polyMesh& mesh,
-    const word& name,
-    const label size,
-    labelList& addressing
-)
+bool Foam::m4gnNodes::procAddressing(
+    const polyMesh& mesh, const word& name, const label size, labelList& addressing)
 {
-    const labelIOList stored
-    (
-        IOobject
-        (
-            name,
-            mesh.facesInstance(),
-            polyMesh::meshSubDir,
-            mesh,
-            IOobject::READ_IF_PRESENT,
-            IOobject::NO_WRITE,
-            false
-        )
-    );
+    const labelIOList stored(IOobject(
+        name, mesh.facesInstance(), polyMesh::meshSubDir, mesh, IOobject::READ_IF_PRESENT, IOobject::NO_WRITE,
+        false));
 
     addressing = stored;
 
     // A rank may be without cells, and without the file
-    return returnReduce
-    (
-        size == 0
-     || (stored.headerClassName() == labelIOList::typeName && stored.size() == size),
-        andOp<bool>()
-    );
+    return returnReduce(
+        size == 0 || (stored.headerClassName() == labelIOList::typeName && stored.size() == size),
+        andOp<bool>());
 }
 
-Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)
-:
-    mesh_(mesh),
-    data_()
+Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh) : mesh_(mesh), data_()
 {
     const Vector<label>& solved = mesh_.solutionD();
 
-    for (direction cmpt = 0; cmpt < vector::nComponents; ++cmpt)
-    {
-        if (solved[cmpt] == 1)
-        {
+    for (direction cmpt = 0; cmpt < vector::nComponents; ++cmpt) {
+        if (solved[cmpt] == 1) {
             data_.directions[data_.n_directions++] = cmpt;
         }
     }
 
-    if (data_.n_directions < 2)
-    {
-        FatalErrorInFunction
-            << "The mesh has " << label(data_.n_directions)
-            << " solved directions; m4gn needs 2 or 3."
-            << exit(FatalError);
+    if (data_.n_directions < 2) {
+        FatalErrorInFunction << "The mesh has " << label(data_.n_directions)
+                             << " solved directions; m4gn needs 2 or 3." << exit(FatalError);
     }
 
     DynamicList<label> patches;
     DynamicList<word> names;
 
-    for (const fvPatch& patch : mesh_.boundary())
-    {
-        if (m4gnNodeTypes::carriesValues(patch))
-        {
+    for (const fvPatch& patch : mesh_.boundary()) {
+        if (m4gnNodeTypes::carriesValues(patch)) {
             patches.append(patch.index());
             names.append(patch.name());
         }
@@ -143,8 +105,7 @@ Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh)
     valuePatches_.transfer(patches);
     patchNames_.transfer(names);
 
-    for (const word& name : patchNames_)
-    {
+    for (const word& name : patchNames_) {
         patchNamePtrs_.push_back(name.c_str());
     }
 
@@ -163,8 +124,7 @@ Foam::string Foam::m4gnNodes::registered() const
     const wordList& others = atPoints() ? cells : points;
 
     std::string names(own.empty() ? "no field there" : m4gn::join(own));
-    if (others.size())
-    {
+    if (others.size()) {
         names += "; with location ";
         names += atPoints() ? "cells: " : "points: ";
         names += m4gn::join(others);
@@ -176,12 +136,9 @@ bool Foam::m4gnNodes::atPoints(const dictionary& dict)
 {
     const word location(dict.getOrDefault<word>("location", "cells"));
 
-    if (location != "cells" && location != "points")
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry location is " << location
-            << "; expected cells or points"
-            << exit(FatalIOError);
+    if (location != "cells" && location != "points") {
+        FatalIOErrorInFunction(dict) << "Entry location is " << location << "; expected cells or points"
+                                     << exit(FatalIOError);
     }
 
     return location == "points";
@@ -191,18 +148,12 @@ Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New(const fvMesh& mesh, const di
 {
     const bool points = atPoints(dict);
 
-    const m4gnNodeTypes nodeTypes
-    (
-        mesh,
-        dict,
-        dict.getOrDefault<word>("U", "U"),
-        dict.getOrDefault<word>("p", "p"),
-        dict.getOrDefault<word>("D", points ? "pointD" : "D")
-    );
+    const m4gnNodeTypes nodeTypes(
+        mesh, dict, dict.getOrDefault<word>("U", "U"), dict.getOrDefault<word>("p", "p"),
+        dict.getOrDefault<word>("D", points ? "pointD" : "D"));
     nodeTypes.print(mesh);
 
-    if (points)
-    {
+    if (points) {
         return autoPtr<m4gnNodes>(new m4gnPointAdapter(mesh, nodeTypes.types()));
     }
 

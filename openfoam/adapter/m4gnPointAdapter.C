@@ -32,13 +32,9 @@ typedef std::map<std::pair<label, label>, meshEdge> edgeMap;
 
 void add(edgeMap& edges, const meshEdge& e)
 {
-    const auto inserted = edges.insert
-    ({
-        std::make_pair(e.first.global, e.second.global), e
-    });
+    const auto inserted = edges.insert({std::make_pair(e.first.global, e.second.global), e});
 
-    if (!inserted.second)
-    {
+    if (!inserted.second) {
         inserted.first->second.coeff += e.coeff;
     }
 }
@@ -57,22 +53,16 @@ Istream& operator>>(Istream& is, edgeEnd& e)
 
 void Foam::m4gnPointAdapter::checkMesh() const
 {
-    if (data_.n_directions != 3)
-    {
-        FatalErrorInFunction
-            << "location points needs a mesh of three directions; this one is"
-            << " two-dimensional (empty patches)" << exit(FatalError);
+    if (data_.n_directions != 3) {
+        FatalErrorInFunction << "location points needs a mesh of three directions; this one is"
+                             << " two-dimensional (empty patches)" << exit(FatalError);
     }
 
-    for (const fvPatch& patch : mesh_.boundary())
-    {
-        if (patch.coupled() && patch.type() != processorFvPatch::typeName)
-        {
-            FatalErrorInFunction
-                << "Patch " << patch.name() << " is of type " << patch.type()
-                << ", which location points does not handle" << nl
-                << "    Handled: all that do not couple, and processor"
-                << exit(FatalError);
+    for (const fvPatch& patch : mesh_.boundary()) {
+        if (patch.coupled() && patch.type() != processorFvPatch::typeName) {
+            FatalErrorInFunction << "Patch " << patch.name() << " is of type " << patch.type()
+                                 << ", which location points does not handle" << nl
+                                 << "    Handled: all that do not couple, and processor" << exit(FatalError);
         }
     }
 }
@@ -86,27 +76,19 @@ void Foam::m4gnPointAdapter::setPoints()
 
     node_ = labelList(nPoints, -1);
     DynamicList<label> mine(nPoints);
-    forAll(rank_, pointi)
-    {
-        if (rank_[pointi] == Pstream::myProcNo())
-        {
+    forAll(rank_, pointi) {
+        if (rank_[pointi] == Pstream::myProcNo()) {
             node_[pointi] = mine.size();
             mine.append(pointi);
         }
     }
     points_.transfer(mine);
 
-    if
-    (
-        !Pstream::parRun()
-     || !procAddressing(mesh_, "pointProcAddressing", nPoints, global_)
-    )
-    {
+    if (!Pstream::parRun() || !procAddressing(mesh_, "pointProcAddressing", nPoints, global_)) {
         const globalIndex consecutive(points_.size());
 
         global_ = labelList(nPoints, -1);
-        forAll(points_, nodei)
-        {
+        forAll(points_, nodei) {
             global_[points_[nodei]] = consecutive.toGlobal(nodei);
         }
         syncTools::syncPointList(mesh_, global_, maxEqOp<label>(), label(-1));
@@ -114,17 +96,14 @@ void Foam::m4gnPointAdapter::setPoints()
 
     pointVolumes_ = scalarField(nPoints, Zero);
     const labelListList& cellPoints = mesh_.cellPoints();
-    forAll(cellPoints, celli)
-    {
-        for (const label pointi : cellPoints[celli])
-        {
-            pointVolumes_[pointi] += mesh_.V()[celli]/cellPoints[celli].size();
+    forAll(cellPoints, celli) {
+        for (const label pointi : cellPoints[celli]) {
+            pointVolumes_[pointi] += mesh_.V()[celli] / cellPoints[celli].size();
         }
     }
     syncTools::syncPointList(mesh_, pointVolumes_, plusEqOp<scalar>(), scalar(0));
 
-    for (const label pointi : points_)
-    {
+    for (const label pointi : points_) {
         nodeGlobal_.push_back(global_[pointi]);
     }
     centres_ = vectorField(mesh_.points(), points_);
@@ -142,13 +121,11 @@ void Foam::m4gnPointAdapter::setEdges()
     const labelListList& cellEdges = mesh_.cellEdges();
 
     scalarField coeffs(edges.size(), Zero);
-    forAll(cellEdges, celli)
-    {
-        const scalar share = 3*mesh_.V()[celli]/cellEdges[celli].size();
-        for (const label edgei : cellEdges[celli])
-        {
+    forAll(cellEdges, celli) {
+        const scalar share = 3 * mesh_.V()[celli] / cellEdges[celli].size();
+        for (const label edgei : cellEdges[celli]) {
             const scalar length = edges[edgei].mag(mesh_.points());
-            coeffs[edgei] += share/sqr(length);
+            coeffs[edgei] += share / sqr(length);
         }
     }
 
@@ -157,56 +134,43 @@ void Foam::m4gnPointAdapter::setEdges()
     edgeMap known;
     List<DynamicList<label>> tell(Pstream::nProcs());
 
-    const auto described = [&](const label edgei)
-    {
+    const auto described = [&](const label edgei) {
         label a = edges[edgei].start();
         label b = edges[edgei].end();
-        if (global_[a] > global_[b])
-        {
+        if (global_[a] > global_[b]) {
             Swap(a, b);
         }
 
-        return meshEdge
-        {
+        return meshEdge{
             {rank_[a], global_[a], mesh_.points()[a]},
             {rank_[b], global_[b], mesh_.points()[b]},
-            coeffs[edgei]
-        };
+            coeffs[edgei]};
     };
 
-    forAll(edges, edgei)
-    {
+    forAll(edges, edgei) {
         const meshEdge e(described(edgei));
 
-        for (const label rank : {e.first.rank, e.second.rank})
-        {
-            if (rank == Pstream::myProcNo())
-            {
+        for (const label rank : {e.first.rank, e.second.rank}) {
+            if (rank == Pstream::myProcNo()) {
                 continue;
             }
-            if (tell[rank].empty() || tell[rank].last() != edgei)
-            {
+            if (tell[rank].empty() || tell[rank].last() != edgei) {
                 tell[rank].append(edgei);
             }
         }
 
-        if (e.first.rank == Pstream::myProcNo() || e.second.rank == Pstream::myProcNo())
-        {
+        if (e.first.rank == Pstream::myProcNo() || e.second.rank == Pstream::myProcNo()) {
             add(known, e);
         }
     }
 
-    if (Pstream::parRun())
-    {
+    if (Pstream::parRun()) {
         PstreamBuffers buffers(Pstream::commsTypes::nonBlocking);
-        forAll(tell, rank)
-        {
-            if (tell[rank].size())
-            {
+        forAll(tell, rank) {
+            if (tell[rank].size()) {
                 UOPstream os(rank, buffers);
                 os << tell[rank].size();
-                for (const label edgei : tell[rank])
-                {
+                for (const label edgei : tell[rank]) {
                     const meshEdge e(described(edgei));
                     os << e.first << e.second << e.coeff;
                 }
@@ -215,13 +179,10 @@ void Foam::m4gnPointAdapter::setEdges()
 
         labelList sizes;
         buffers.finishedSends(sizes);
-        forAll(sizes, rank)
-        {
-            if (sizes[rank] && rank != Pstream::myProcNo())
-            {
+        forAll(sizes, rank) {
+            if (sizes[rank] && rank != Pstream::myProcNo()) {
                 UIPstream is(rank, buffers);
-                for (label n = readLabel(is); n > 0; --n)
-                {
+                for (label n = readLabel(is); n > 0; --n) {
                     meshEdge e;
                     is >> e.first >> e.second >> e.coeff;
                     add(known, e);
@@ -230,19 +191,16 @@ void Foam::m4gnPointAdapter::setEdges()
         }
     }
 
-    Map<label> nodeOf(2*points_.size());
-    forAll(points_, nodei)
-    {
+    Map<label> nodeOf(2 * points_.size());
+    forAll(points_, nodei) {
         nodeOf.insert(global_[points_[nodei]], nodei);
     }
 
-    for (const auto& item : known)
-    {
+    for (const auto& item : known) {
         const meshEdge& e = item.second;
         const bool first = e.first.rank == Pstream::myProcNo();
 
-        if (first && e.second.rank == Pstream::myProcNo())
-        {
+        if (first && e.second.rank == Pstream::myProcNo()) {
             owner_.push_back(nodeOf[e.first.global]);
             neighbour_.push_back(nodeOf[e.second.global]);
             coeff_.push_back(e.coeff);
@@ -268,8 +226,7 @@ void Foam::m4gnPointAdapter::setEdges()
 
 void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
 {
-    const auto priority = [&](const label type)
-    {
+    const auto priority = [&](const label type) {
         return type == M4GN_HANDLE ? 0 : type == M4GN_SYMMETRY ? 1 : 2;
     };
 
@@ -278,22 +235,17 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     labelList best(mesh_.nPoints(), labelMax);
     vectorField area(mesh_.nPoints(), Zero);
 
-    forAll(valuePatches_, i)
-    {
+    forAll(valuePatches_, i) {
         const polyPatch& patch = mesh_.boundaryMesh()[valuePatches_[i]];
-        const label number =
-            priority(nodeTypes[patch.index()])*nPatches + i;
+        const label number = priority(nodeTypes[patch.index()]) * nPatches + i;
 
-        for (const label pointi : patch.meshPoints())
-        {
+        for (const label pointi : patch.meshPoints()) {
             best[pointi] = min(best[pointi], number);
         }
 
-        forAll(patch, facei)
-        {
-            const vector share(patch.faceAreas()[facei]/patch[facei].size());
-            for (const label pointi : patch[facei])
-            {
+        forAll(patch, facei) {
+            const vector share(patch.faceAreas()[facei] / patch[facei].size());
+            for (const label pointi : patch[facei]) {
                 area[pointi] += share;
             }
         }
@@ -304,10 +256,8 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
 
     DynamicList<label> points;
     DynamicList<label> numbers;
-    for (const label pointi : points_)
-    {
-        if (best[pointi] != labelMax)
-        {
+    for (const label pointi : points_) {
+        if (best[pointi] != labelMax) {
             const label patch = best[pointi] % nPatches;
 
             points.append(pointi);
@@ -322,15 +272,13 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     boundaryGlobal_ = places(numbers);
     boundaryCentres_ = vectorField(mesh_.points(), boundaryPoints_);
     boundaryArea_ = vectorField(area, boundaryPoints_);
-    boundaryCoeff_ =
-        magSqr(boundaryArea_)/scalarField(pointVolumes_, boundaryPoints_);
+    boundaryCoeff_ = magSqr(boundaryArea_) / scalarField(pointVolumes_, boundaryPoints_);
 
     publishBoundary();
 }
 
 Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& nodeTypes)
-:
-    m4gnFieldNodes(mesh)
+    : m4gnFieldNodes(mesh)
 {
     checkMesh();
     setPoints();
@@ -338,14 +286,13 @@ Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& no
     setBoundary(nodeTypes);
 }
 
-template<class Type>
+template <class Type>
 bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
 {
     autoPtr<fieldOf<Type>> owned;
     const fieldOf<Type>* field = find(mesh_, name, owned);
 
-    if (!field)
-    {
+    if (!field) {
         return false;
     }
 
@@ -357,14 +304,13 @@ bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
     return true;
 }
 
-template<class Type>
+template <class Type>
 void Foam::m4gnPointAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
     Field<Type> all(mesh_.nPoints(), Zero);
 
     const auto* of = reinterpret_cast<const Type*>(nodes.cdata());
-    forAll(points_, nodei)
-    {
+    forAll(points_, nodei) {
         all[points_[nodei]] = of[nodei];
     }
 

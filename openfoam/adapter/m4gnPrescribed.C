@@ -13,33 +13,26 @@ using namespace Foam;
 //- Kinds of Foam::Function1 that are not constant
 bool isFunction(const word& name)
 {
-    static const wordHashSet names
-    ({
-        "coded", "csvFile", "halfCosineRamp", "linearRamp", "polynomial", "quadraticRamp", "quarterCosineRamp", "quarterSineRamp", "scale",
-        "sine", "square", "table", "tableFile"
-    });
+    static const wordHashSet names(
+        {"coded", "csvFile", "halfCosineRamp", "linearRamp", "polynomial", "quadraticRamp",
+         "quarterCosineRamp", "quarterSineRamp", "scale", "sine", "square", "table", "tableFile"});
     return names.found(name);
 }
 
 //- Has a dictionary a function of time?
 bool hasFunction(const dictionary& dict)
 {
-    for (const entry& e : dict)
-    {
+    for (const entry& e : dict) {
         // solids4foam has tables of this name
-        if (e.keyword().ends_with("Series"))
-        {
+        if (e.keyword().ends_with("Series")) {
             return true;
         }
-        if (e.isDict())
-        {
-            if (hasFunction(e.dict()))
-            {
+        if (e.isDict()) {
+            if (hasFunction(e.dict())) {
                 return true;
             }
-        }
-        else if (e.stream().size() && e.stream().first().isWord() && isFunction(e.stream().first().wordToken()))
-        {
+        } else if (
+            e.stream().size() && e.stream().first().isWord() && isFunction(e.stream().first().wordToken())) {
             return true;
         }
     }
@@ -49,27 +42,23 @@ bool hasFunction(const dictionary& dict)
 //- By chance: a random number for each time
 bool isRandom(const word& type)
 {
-    static const wordHashSet names
-    ({
-        "turbulentInlet", "turbulentDFSEMInlet", "turbulentDigitalFilterInlet", "atmosphericTurbulentInlet"
-    });
+    static const wordHashSet names(
+        {"turbulentInlet", "turbulentDFSEMInlet", "turbulentDigitalFilterInlet",
+         "atmosphericTurbulentInlet"});
     return names.found(type);
 }
 
 //- Is the value or the gradient prescribed in time?
-template<class Patch>
+template <class Patch>
 bool changes(const Patch& patch)
 {
     // Functions of a place or of a flow rate
     static const wordHashSet others({"fan", "fanPressure", "fixedProfile"});
-    if (others.found(patch.type()))
-    {
+    if (others.found(patch.type())) {
         return false;
     }
-    for (const char* of : {"coded", "expr", "groovy", "oscillating", "timeVarying"})
-    {
-        if (patch.type().starts_with(of))
-        {
+    for (const char* of : {"coded", "expr", "groovy", "oscillating", "timeVarying"}) {
+        if (patch.type().starts_with(of)) {
             return true;
         }
     }
@@ -81,32 +70,29 @@ bool changes(const Patch& patch)
     return hasFunction(dict);
 }
 
-template<class Patch>
+template <class Patch>
 void refuse(const word& name, const Patch& patch)
 {
-    FatalErrorInFunction
-        << "Nobody can say beforehand what the condition " << patch.type() << " of " << name << " at the patch "
-        << patch.patch().name() << " will be at a later time" << nl
-        << "    Expected fixed values, or conditions that do not change by themselves" << exit(FatalError);
+    FatalErrorInFunction << "Nobody can say beforehand what the condition " << patch.type() << " of " << name
+                         << " at the patch " << patch.patch().name() << " will be at a later time" << nl
+                         << "    Expected fixed values, or conditions that do not change by themselves"
+                         << exit(FatalError);
 }
 
 } // End anonymous namespace
 
-template<class Type>
+template <class Type>
 void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label>>& found) const
 {
     const auto* field = mesh_.findObject<GeometricField<Type, fvPatchField, volMesh>>(name);
 
     // The processors' patches are not those of all ranks
-    for (label patchi = 0; field && patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi)
-    {
+    for (label patchi = 0; field && patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi) {
         const fvPatchField<Type>& patch = field->boundaryField()[patchi];
         const bool random = isRandom(patch.type());
 
-        if (random || changes(patch))
-        {
-            if (random || !isA<fixedValueFvPatchField<Type>>(patch))
-            {
+        if (random || changes(patch)) {
+            if (random || !isA<fixedValueFvPatchField<Type>>(patch)) {
                 refuse(name, patch);
             }
             found.append({name, patchi});
@@ -114,21 +100,19 @@ void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label
     }
 }
 
-template<class Type>
+template <class Type>
 void Foam::m4gnPrescribed::say(const label i, const scalar later)
 {
     typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
 
-    if (!mesh_.foundObject<fieldType>(found_[i].first()))
-    {
+    if (!mesh_.foundObject<fieldType>(found_[i].first())) {
         return;
     }
     const fieldType& field = mesh_.lookupObject<fieldType>(found_[i].first());
     const fvPatchField<Type>& patch = field.boundaryField()[found_[i].second()];
     Field<Type> said(patch);
 
-    if (later > 0)
-    {
+    if (later > 0) {
         Time& time = const_cast<Time&>(mesh_.time());
         const scalar now = time.value();
         time.setTime(now + later, time.timeIndex());
@@ -139,25 +123,19 @@ void Foam::m4gnPrescribed::say(const label i, const scalar later)
     }
 
     const auto* from = reinterpret_cast<const scalar*>(said.cdata());
-    values_[i].resize(said.size()*pTraits<Type>::nComponents);
+    values_[i].resize(said.size() * pTraits<Type>::nComponents);
     std::copy(from, from + values_[i].size(), values_[i].begin());
 }
 
-Foam::m4gnPrescribed::m4gnPrescribed(const fvMesh& mesh, const wordList& fields)
-:
-    mesh_(mesh)
+Foam::m4gnPrescribed::m4gnPrescribed(const fvMesh& mesh, const wordList& fields) : mesh_(mesh)
 {
     DynamicList<Tuple2<word, label>> found;
-    for (const word& name : fields)
-    {
+    for (const word& name : fields) {
         find<scalar>(name, found);
         find<vector>(name, found);
-        if (const auto* points = mesh_.findObject<pointVectorField>(name))
-        {
-            for (const pointPatchVectorField& patch : points->boundaryField())
-            {
-                if (changes(patch))
-                {
+        if (const auto* points = mesh_.findObject<pointVectorField>(name)) {
+            for (const pointPatchVectorField& patch : points->boundaryField()) {
+                if (changes(patch)) {
                     refuse(name, patch);
                 }
             }
@@ -175,8 +153,7 @@ Foam::string Foam::m4gnPrescribed::name(const label i) const
 
 void Foam::m4gnPrescribed::say(const scalar later)
 {
-    forAll(found_, i)
-    {
+    forAll(found_, i) {
         say<scalar>(i, later);
         say<vector>(i, later);
     }

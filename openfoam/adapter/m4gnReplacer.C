@@ -4,9 +4,7 @@
 
 Foam::DynamicList<const Foam::m4gnReplacer*> Foam::m4gnReplacer::all_;
 
-Foam::m4gnReplacer::m4gnReplacer(const word& name)
-:
-    replacerName_(name)
+Foam::m4gnReplacer::m4gnReplacer(const word& name) : replacerName_(name)
 {
     all_.append(this);
 }
@@ -14,10 +12,8 @@ Foam::m4gnReplacer::m4gnReplacer(const word& name)
 Foam::m4gnReplacer::~m4gnReplacer()
 {
     DynamicList<const m4gnReplacer*> left;
-    for (const m4gnReplacer* other : all_)
-    {
-        if (other != this)
-        {
+    for (const m4gnReplacer* other : all_) {
+        if (other != this) {
             left.append(other);
         }
     }
@@ -26,10 +22,8 @@ Foam::m4gnReplacer::~m4gnReplacer()
 
 Foam::word Foam::m4gnReplacer::before(const scalar time, const m4gnReplacer* other)
 {
-    for (const m4gnReplacer* one : all_)
-    {
-        if (one != other && one->replacesFrom() < time)
-        {
+    for (const m4gnReplacer* one : all_) {
+        if (one != other && one->replacesFrom() < time) {
             return one->replacerName_;
         }
     }
@@ -39,11 +33,9 @@ Foam::word Foam::m4gnReplacer::before(const scalar time, const m4gnReplacer* oth
 
 Foam::m4gnReplacer::state Foam::m4gnReplacer::last(const fvMesh& mesh)
 {
-    for (const m4gnReplacer* one : all_)
-    {
+    for (const m4gnReplacer* one : all_) {
         const state made(one->lastState(mesh));
-        if (made.timeIndex >= 0)
-        {
+        if (made.timeIndex >= 0) {
             return made;
         }
     }

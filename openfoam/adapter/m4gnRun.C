@@ -10,17 +10,15 @@
 namespace
 {
 //- In v1912 the mesh has the dictionary itself ...
-template<class Mesh>
-auto performance(const Mesh& mesh, const int)
-    -> decltype(mesh.solverPerformanceDict())
+template <class Mesh>
+auto performance(const Mesh& mesh, const int) -> decltype(mesh.solverPerformanceDict())
 {
     return mesh.solverPerformanceDict();
 }
 
 //- ... and in v2506 its state
-template<class Mesh>
-auto performance(const Mesh& mesh, const long)
-    -> decltype(mesh.data().solverPerformanceDict())
+template <class Mesh>
+auto performance(const Mesh& mesh, const long) -> decltype(mesh.data().solverPerformanceDict())
 {
     return mesh.data().solverPerformanceDict();
 }
@@ -32,27 +30,23 @@ Foam::fileName Foam::m4gn::resolve(const fileName& path, const fileName& casePat
     fileName expanded(path);
     expanded.expand();
 
-    if (expanded.isAbsolute())
-    {
+    if (expanded.isAbsolute()) {
         return expanded;
     }
 
-    const fileName inCase(casePath/expanded);
+    const fileName inCase(casePath / expanded);
     const fileName home(getEnv("M4GN_HOME"));
 
-    if (isFile(inCase, false) || home.empty())
-    {
+    if (isFile(inCase, false) || home.empty()) {
         return inCase;
     }
 
-    if (isFile(home/"models"/expanded, false))
-    {
-        return home/"models"/expanded;
+    if (isFile(home / "models" / expanded, false)) {
+        return home / "models" / expanded;
     }
 
-    if (isFile(home/expanded, false))
-    {
-        return home/expanded;
+    if (isFile(home / expanded, false)) {
+        return home / expanded;
     }
 
     return inCase;
@@ -64,52 +58,37 @@ void Foam::m4gn::checkStatic(const polyMesh& mesh, const dictionary& dict)
     // movingConeTopoFvMesh ...: their base class is in a library of its own
     const word& type = mesh.type();
 
-    if
-    (
-        type.starts_with("dynamic")
-     || type.find("Motion") != std::string::npos
-     || type.find("Topo") != std::string::npos
-    )
+    if (type.starts_with("dynamic") || type.find("Motion") != std::string::npos
+        || type.find("Topo") != std::string::npos)
     {
-        FatalIOErrorInFunction(dict)
-            << "The mesh is a " << type << ", which moves or changes;"
-            << " recordings and surrogates have one mesh" << nl
-            << "    Remove the function object " << dict.dictName()
-            << ", or run on a static mesh" << exit(FatalIOError);
+        FatalIOErrorInFunction(dict) << "The mesh is a " << type << ", which moves or changes;"
+                                     << " recordings and surrogates have one mesh" << nl
+                                     << "    Remove the function object " << dict.dictName()
+                                     << ", or run on a static mesh" << exit(FatalIOError);
     }
 }
 
 void Foam::m4gn::refuseChange(const functionObject& object, const char* what)
 {
-    FatalErrorInFunction
-        << "Function object " << object.name() << " of type " << object.type()
-        << ": the mesh has changed, and " << what << " has one mesh" << nl
-        << "    Remove the function object, or run on a fixed mesh"
-        << exit(FatalError);
+    FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
+                         << ": the mesh has changed, and " << what << " has one mesh" << nl
+                         << "    Remove the function object, or run on a fixed mesh" << exit(FatalError);
 }
 
 void Foam::m4gn::refuseMotion(const functionObject& object, const fvMesh& mesh, const char* what)
 {
-    if (!meshFollowsBody(mesh))
-    {
-        FatalErrorInFunction
-            << "Function object " << object.name() << " of type "
-            << object.type() << ": the mesh has moved, and " << what
-            << " has one mesh" << nl
-            << "    Remove the function object, or run on a fixed mesh"
-            << exit(FatalError);
+    if (!meshFollowsBody(mesh)) {
+        FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
+                             << ": the mesh has moved, and " << what << " has one mesh" << nl
+                             << "    Remove the function object, or run on a fixed mesh" << exit(FatalError);
     }
 }
 
 Foam::word Foam::m4gn::solidModel(const fvMesh& mesh)
 {
-    const auto* properties =
-        mesh.time().findObject<IOdictionary>("solidProperties");
+    const auto* properties = mesh.time().findObject<IOdictionary>("solidProperties");
 
-    return
-        properties
-      ? properties->getOrDefault<word>("solidModel", word::null)
-      : word::null;
+    return properties ? properties->getOrDefault<word>("solidModel", word::null) : word::null;
 }
 
 bool Foam::m4gn::meshFollowsBody(const fvMesh& mesh)
@@ -119,13 +98,10 @@ bool Foam::m4gn::meshFollowsBody(const fvMesh& mesh)
 
 void Foam::m4gn::checkSolver(const functionObject& object)
 {
-    if (functionObject::postProcess)
-    {
-        FatalErrorInFunction
-            << "Function object " << object.name() << " of type "
-            << object.type()
-            << " needs a running solver; it cannot work on stored times."
-            << exit(FatalError);
+    if (functionObject::postProcess) {
+        FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
+                             << " needs a running solver; it cannot work on stored times."
+                             << exit(FatalError);
     }
 }
 
@@ -134,14 +110,11 @@ void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const
     const functionObjectList& all = time.functionObjects();
     const label own = all.findObjectID(object.name());
 
-    if (own < all.size() - 1)
-    {
-        FatalErrorInFunction
-            << "Function object " << all[own + 1].name() << " comes after "
-            << object.name() << " of type " << object.type()
-            << ", and would look at " << what << nl << "    Have "
-            << object.name() << " as the last one in functions"
-            << exit(FatalError);
+    if (own < all.size() - 1) {
+        FatalErrorInFunction << "Function object " << all[own + 1].name() << " comes after " << object.name()
+                             << " of type " << object.type() << ", and would look at " << what << nl
+                             << "    Have " << object.name() << " as the last one in functions"
+                             << exit(FatalError);
     }
 }
 
@@ -154,12 +127,11 @@ Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)
 {
     const Time& time = mesh.time();
 
-    fileName dir(time.globalPath()/functionObject::outputPrefix);
+    fileName dir(time.globalPath() / functionObject::outputPrefix);
 
-    if (mesh.name() != polyMesh::defaultRegion)
-    {
+    if (mesh.name() != polyMesh::defaultRegion) {
         dir /= mesh.name();
     }
 
-    return dir/name/Time::timeName(time.startTime().value());
+    return dir / name / Time::timeName(time.startTime().value());
 }

@@ -17,31 +17,19 @@ const Foam::word Foam::m4gn::groupName("m4gnGroup");
 
 static const char* const recordName = "m4gnSegmentDict";
 
-void Foam::m4gn::writeSegmentRecord
-(
-    m4gnFieldFiles& files,
-    const Time& time,
-    const fileName& folder,
-    const std::string& record
-)
+void Foam::m4gn::writeSegmentRecord(
+    m4gnFieldFiles& files, const Time& time, const fileName& folder, const std::string& record)
 {
-    files.write
-    (
-        time,
-        folder/recordName,
-        [&](Ostream& os)
-        {
-            os  << "// How m4gnSegment was made (m4gn); a run compares it with"
-                << " what its model wants" << nl
-                << "FoamFile" << nl << '{' << nl
-                << "    version     2.0;" << nl
-                << "    format      ascii;" << nl
-                << "    class       dictionary;" << nl
-                << "    object      m4gnSegmentDict;" << nl << '}' << nl << nl;
+    files.write(
+        time, folder / recordName,
+        [&](Ostream& os) {
+            os << "// How m4gnSegment was made (m4gn); a run compares it with"
+               << " what its model wants" << nl << "FoamFile" << nl << '{' << nl << "    version     2.0;"
+               << nl << "    format      ascii;" << nl << "    class       dictionary;" << nl
+               << "    object      m4gnSegmentDict;" << nl << '}' << nl << nl;
             os.writeQuoted("record #{" + record + "#};\n", false);
         },
-        true
-    );
+        true);
 }
 
 namespace Foam
@@ -59,94 +47,71 @@ static void writeUndecomposed(const volScalarField& field, const labelList& glob
     Pstream::gatherList(cells);
     Pstream::gatherList(values);
 
-    if (!Pstream::master())
-    {
+    if (!Pstream::master()) {
         return;
     }
 
-    fileName instance(time.globalPath()/field.instance());
-    if (!isDir(instance))
-    {
+    fileName instance(time.globalPath() / field.instance());
+    if (!isDir(instance)) {
         // A new time folder there would be taken for the latest time
-        instance = time.globalPath()/time.constant();
+        instance = time.globalPath() / time.constant();
     }
-    if (!isDir(instance))
-    {
+    if (!isDir(instance)) {
         return;
     }
 
     label nCells = 0;
-    for (const labelList& some : cells)
-    {
+    for (const labelList& some : cells) {
         nCells += some.size();
     }
     scalarField whole(nCells);
-    forAll(cells, proci)
-    {
+    forAll(cells, proci) {
         UIndirectList<scalar>(whole, cells[proci]) = values[proci];
     }
 
     m4gnFieldFiles files;
-    files.write
-    (
-        time,
-        instance/mesh.dbDir()/field.name(),
-        [&](Ostream& os)
-        {
-            field.writeHeader(os, volScalarField::typeName);
-            os.writeEntry("dimensions", field.dimensions());
-            os  << nl;
-            whole.writeEntry("internalField", os);
-            os  << nl;
-            os.beginBlock("boundaryField");
-            for (const polyPatch& pp : mesh.boundaryMesh())
-            {
-                if (!isA<processorPolyPatch>(pp))
-                {
-                    os.beginBlock(pp.name());
-                    os.writeEntry
-                    (
-                        "type",
-                        polyPatch::constraintType(pp.type())
-                      ? pp.type()
-                      : zeroGradientFvPatchScalarField::typeName
-                    );
-                    os.endBlock();
-                }
+    files.write(time, instance / mesh.dbDir() / field.name(), [&](Ostream& os) {
+        field.writeHeader(os, volScalarField::typeName);
+        os.writeEntry("dimensions", field.dimensions());
+        os << nl;
+        whole.writeEntry("internalField", os);
+        os << nl;
+        os.beginBlock("boundaryField");
+        for (const polyPatch& pp : mesh.boundaryMesh()) {
+            if (!isA<processorPolyPatch>(pp)) {
+                os.beginBlock(pp.name());
+                os.writeEntry(
+                    "type", polyPatch::constraintType(pp.type()) ? pp.type()
+                                                                 : zeroGradientFvPatchScalarField::typeName);
+                os.endBlock();
             }
-            os.endBlock();
-            IOobject::writeEndDivider(os);
         }
-    );
+        os.endBlock();
+        IOobject::writeEndDivider(os);
+    });
     files.rename();
 }
 
 } // End namespace Foam
 
-template<class Type>
-Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>
-Foam::m4gn::cellField(const fvMesh& mesh, const word& name, const word& instance)
+template <class Type>
+Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>> Foam::m4gn::cellField(
+    const fvMesh& mesh, const word& name, const word& instance)
 {
     IOobject io(name, instance, mesh, IOobject::NO_READ, IOobject::NO_WRITE, false);
     // Such a file may be replaced by us. OpenFOAM's own tools name the file
     // and the line at which another mesh has another number of cells.
-    io.note() =
-        "m4gn: of the mesh that the case had; after remeshing remove this file";
+    io.note() = "m4gn: of the mesh that the case had; after remeshing remove this file";
 
-    return tmp<GeometricField<Type, fvPatchField, volMesh>>::New
-    (
-        io,
-        mesh,
-        dimensioned<Type>(dimless, Zero),
-        zeroGradientFvPatchField<Type>::typeName
-    );
+    return tmp<GeometricField<Type, fvPatchField, volMesh>>::New(
+        io, mesh, dimensioned<Type>(dimless, Zero), zeroGradientFvPatchField<Type>::typeName);
 }
 
-template Foam::tmp<Foam::volScalarField>
-Foam::m4gn::cellField<Foam::scalar>(const fvMesh&, const word&, const word&);
+template Foam::tmp<Foam::volScalarField> Foam::m4gn::cellField<Foam::scalar>(
+    const fvMesh&, const word&, const word&);
 
-template Foam::tmp<Foam::volVectorField>
-Foam::m4gn::cellField<Foam::vector>(const fvMesh&, const word&, const word&);
+template Foam::tmp<Foam::volVectorField> Foam::m4gn::cellField<Foam::vector>(
+    const fvMesh&, const word&, const word&);
 
 void Foam::m4gn::writeToInstance(const regIOobject& field)
 {
@@ -159,22 +124,17 @@ Foam::fileNameList Foam::m4gn::segmentFolders(const fvMesh& mesh, const word& in
 {
     const Time& time = mesh.time();
 
-    return
-    {
-        time.path()/instance/mesh.dbDir(),
-        time.globalPath()/instance/mesh.dbDir(),
-        time.globalPath()/time.constant()/mesh.dbDir()
-    };
+    return {
+        time.path() / instance / mesh.dbDir(), time.globalPath() / instance / mesh.dbDir(),
+        time.globalPath() / time.constant() / mesh.dbDir()};
 }
 
 Foam::string Foam::m4gn::readSegmentRecord(const fileNameList& folders)
 {
-    for (const fileName& folder : folders)
-    {
-        const fileName file(folder/recordName);
+    for (const fileName& folder : folders) {
+        const fileName file(folder / recordName);
 
-        if (isFile(file))
-        {
+        if (isFile(file)) {
             IFstream is(file);
             const dictionary dict(is);
 
@@ -191,8 +151,7 @@ Foam::string Foam::m4gn::readSegmentRecord(const fileNameList& folders)
 Foam::string Foam::m4gn::noteOf(const Time& time, const fileName& file)
 {
     // Compressed files too
-    if (!isFile(file))
-    {
+    if (!isFile(file)) {
         return string();
     }
 
@@ -203,19 +162,13 @@ Foam::string Foam::m4gn::noteOf(const Time& time, const fileName& file)
     return read && io.note().size() ? string(io.note()) : string("unknown");
 }
 
-void Foam::m4gn::writeLabels
-(
-    const fvMesh& mesh,
-    const word& name,
-    const word& instance,
-    const UList<int32_t>& labels
-)
+void Foam::m4gn::writeLabels(
+    const fvMesh& mesh, const word& name, const word& instance, const UList<int32_t>& labels)
 {
     tmp<volScalarField> tfield(cellField<scalar>(mesh, name, instance));
     volScalarField& field = tfield.ref();
 
-    forAll(field, celli)
-    {
+    forAll(field, celli) {
         field[celli] = labels[celli];
     }
     field.correctBoundaryConditions();
@@ -223,19 +176,13 @@ void Foam::m4gn::writeLabels
     writeToInstance(field);
 
     labelList global;
-    if (Pstream::parRun() && m4gnNodes::procAddressing(mesh, "cellProcAddressing", mesh.nCells(), global))
-    {
+    if (Pstream::parRun() && m4gnNodes::procAddressing(mesh, "cellProcAddressing", mesh.nCells(), global)) {
         writeUndecomposed(field, global);
     }
 }
 
-bool Foam::m4gn::writeSegments
-(
-    const fvMesh& mesh,
-    const UList<int32_t>& segments,
-    const std::string& record,
-    const word& given
-)
+bool Foam::m4gn::writeSegments(
+    const fvMesh& mesh, const UList<int32_t>& segments, const std::string& record, const word& given)
 {
     const Time& time = mesh.time();
     const word instance(given.empty() ? Time::timeName(time.startTime().value()) : given);
@@ -243,39 +190,32 @@ bool Foam::m4gn::writeSegments
 
     // Somebody's own segments are not ours to replace
     string note;
-    if (Pstream::master())
-    {
-        note = noteOf(time, folders.first()/segmentName);
-        if (note.size() && readSegmentRecord(folders).size())
-        {
+    if (Pstream::master()) {
+        note = noteOf(time, folders.first() / segmentName);
+        if (note.size() && readSegmentRecord(folders).size()) {
             note = "m4gn";
         }
     }
     Pstream::scatter(note);
 
-    if (note.size() && note.substr(0, 4) != "m4gn")
-    {
-        Info<< "m4gn: " << (instance/segmentName).c_str()
-            << " was not written by m4gn and is left as it is; the segments"
-            << " of this run are not stored. Remove the file to have them"
-            << " stored." << endl;
+    if (note.size() && note.substr(0, 4) != "m4gn") {
+        Info << "m4gn: " << (instance / segmentName).c_str()
+             << " was not written by m4gn and is left as it is; the segments"
+             << " of this run are not stored. Remove the file to have them"
+             << " stored." << endl;
 
         return false;
     }
 
     writeLabels(mesh, segmentName, instance, segments);
 
-    if (Pstream::master())
-    {
+    if (Pstream::master()) {
         // Of a decomposed case, also where all ranks and a serial run find it
-        const label last =
-            !Pstream::parRun() ? 0 : isDir(folders[1]) ? 1 : 2;
+        const label last = !Pstream::parRun() ? 0 : isDir(folders[1]) ? 1 : 2;
 
-        for (label i = 0; i <= last; ++i)
-        {
+        for (label i = 0; i <= last; ++i) {
             const bool needed = i == 0 || i == last;
-            if (needed && isDir(folders[i]))
-            {
+            if (needed && isDir(folders[i])) {
                 // One by one: folders may be links to each other
                 m4gnFieldFiles files;
                 writeSegmentRecord(files, time, folders[i], record);

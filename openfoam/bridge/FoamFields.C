@@ -14,15 +14,13 @@ Foam::word field_name(rust::Str name)
 
 Foam::IOobject header(const Foam::word& name, const Foam::Time& time, const Foam::objectRegistry& mesh)
 {
-    return Foam::IOobject
-    (
-        name, time.timeName(), mesh, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false
-    );
+    return Foam::IOobject(
+        name, time.timeName(), mesh, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false);
 }
 
 } // End anonymous namespace
 
-template<class Field>
+template <class Field>
 bool m4gn::FoamCase::Data::is(const Foam::word& name) const
 {
     const bool distributed = databases.size();
@@ -30,44 +28,45 @@ bool m4gn::FoamCase::Data::is(const Foam::word& name) const
     return header(name, stored_time(), registry).typeHeaderOk<Field>(true);
 }
 
-template<class Field>
+template <class Field>
 const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& name)
 {
     const auto found = known.find(name);
-    if (found != known.end()) { return *found->second; }
+    if (found != known.end()) {
+        return *found->second;
+    }
 
     const bool distributed = databases.size();
-    if (!is<Field>(name))
-    {
-        FatalErrorInFunction
-            << "expected a " << Field::typeName << " in " << stored_time().timePath()/name
-            << ", found no such file or a file of another class"
-            << Foam::exit(Foam::FatalError);
+    if (!is<Field>(name)) {
+        FatalErrorInFunction << "expected a " << Field::typeName << " in " << stored_time().timePath() / name
+                             << ", found no such file or a file of another class"
+                             << Foam::exit(Foam::FatalError);
     }
     const Foam::IOobject io(header(name, time, *mesh));
-    std::unique_ptr<const Field> field
-    (
+    std::unique_ptr<const Field> field(
         distributed
-      #if OPENFOAM >= 2206
-      ? new Field(reconstructor->reconstructVolumeField<typename Field::value_type>(io))
-      #else
-      ? new Field(reconstructor->reconstructFvVolumeField<typename Field::value_type>(io))
-      #endif
-      : new Field(io, *mesh)
-    );
+#if OPENFOAM >= 2206
+            ? new Field(reconstructor->reconstructVolumeField<typename Field::value_type>(io))
+#else
+            ? new Field(reconstructor->reconstructFvVolumeField<typename Field::value_type>(io))
+#endif
+            : new Field(io, *mesh));
     return *(known[name] = std::move(field));
 }
 
 // FoamSolids.C asks for these too.
-template const Foam::volVectorField& m4gn::FoamCase::Data::read(Known<Foam::volVectorField>&, const Foam::word&);
-template const Foam::volSymmTensorField& m4gn::FoamCase::Data::read(Known<Foam::volSymmTensorField>&, const Foam::word&);
-template const Foam::volTensorField& m4gn::FoamCase::Data::read(Known<Foam::volTensorField>&, const Foam::word&);
+template const Foam::volVectorField& m4gn::FoamCase::Data::read(
+    Known<Foam::volVectorField>&, const Foam::word&);
+template const Foam::volSymmTensorField& m4gn::FoamCase::Data::read(
+    Known<Foam::volSymmTensorField>&, const Foam::word&);
+template const Foam::volTensorField& m4gn::FoamCase::Data::read(
+    Known<Foam::volTensorField>&, const Foam::word&);
 template bool m4gn::FoamCase::Data::is<Foam::volTensorField>(const Foam::word&) const;
 
 bool m4gn::FoamCase::has_field(rust::Str name, std::size_t time)
 {
     data_->set_time(time);
-    return Foam::isFile(data_->stored_time().timePath()/field_name(name));
+    return Foam::isFile(data_->stored_time().timePath() / field_name(name));
 }
 
 rust::Vec<double> m4gn::FoamCase::scalar_field(rust::Str name, std::size_t time)
@@ -76,7 +75,9 @@ rust::Vec<double> m4gn::FoamCase::scalar_field(rust::Str name, std::size_t time)
     const Foam::volScalarField& field = data_->read(data_->scalars, field_name(name));
     rust::Vec<double> result;
     result.reserve(field.size());
-    for (const Foam::scalar value : field.primitiveField()) { result.push_back(value); }
+    for (const Foam::scalar value : field.primitiveField()) {
+        result.push_back(value);
+    }
     return result;
 }
 
@@ -92,43 +93,35 @@ rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
     data_->set_time(time);
     const Foam::volScalarField& p = data_->read(data_->scalars, "p");
     const Foam::volVectorField& U = data_->read(data_->vectors, "U");
-    if (p.dimensions() != Foam::dimPressure/Foam::dimDensity)
-    {
+    if (p.dimensions() != Foam::dimPressure / Foam::dimDensity) {
         FatalErrorInFunction
             << "the force on a patch needs the kinematic pressure p of an incompressible solver, dimensions "
-            << (Foam::dimPressure/Foam::dimDensity) << ", found " << p.dimensions() << " in " << data_->path
+            << (Foam::dimPressure / Foam::dimDensity) << ", found " << p.dimensions() << " in " << data_->path
             << Foam::exit(Foam::FatalError);
     }
-    const Foam::IOdictionary transport
-    (
-        Foam::IOobject
-        (
-            "transportProperties", data_->time.constant(), *data_->mesh,
-            Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false
-        )
-    );
+    const Foam::IOdictionary transport(Foam::IOobject(
+        "transportProperties", data_->time.constant(), *data_->mesh, Foam::IOobject::MUST_READ,
+        Foam::IOobject::NO_WRITE, false));
     const Foam::dimensionedScalar nu("nu", Foam::dimViscosity, transport);
 
     // The scheme's own gradient: no entry of fvSchemes is needed, and boundary gradients are corrected.
-    const Foam::tmp<Foam::volTensorField> gradient
-    (
-        Foam::fv::gaussGrad<Foam::vector>(*data_->mesh).calcGrad(U, "grad(U)")
-    );
+    const Foam::tmp<Foam::volTensorField> gradient(
+        Foam::fv::gaussGrad<Foam::vector>(*data_->mesh).calcGrad(U, "grad(U)"));
     const Foam::tensorField& gradU = gradient().boundaryField()[i];
     const Foam::scalarField& pressure = p.boundaryField()[i];
     const Foam::vectorField& area = data_->mesh->Sf().boundaryField()[i];
 
     // Sf points out of the fluid, into the body.
     Foam::vector sums[2] = {Foam::Zero, Foam::Zero};
-    forAll(area, face)
-    {
-        sums[0] += pressure[face]*area[face];
-        sums[1] -= nu.value()*(area[face] & Foam::dev(Foam::twoSymm(gradU[face])));
+    forAll(area, face) {
+        sums[0] += pressure[face] * area[face];
+        sums[1] -= nu.value() * (area[face] & Foam::dev(Foam::twoSymm(gradU[face])));
     }
     rust::Vec<double> result;
-    for (const Foam::vector& sum : sums)
-    {
-        for (Foam::direction d = 0; d < 3; ++d) { result.push_back(sum[d]); }
+    for (const Foam::vector& sum : sums) {
+        for (Foam::direction d = 0; d < 3; ++d) {
+            result.push_back(sum[d]);
+        }
     }
     return result;
 }
@@ -141,13 +134,16 @@ rust::Vec<double> m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
     const Foam::vectorField& area = data_->mesh->Sf().boundaryField()[i];
     double sums[5] = {0, 0, 0, 0, 0};
     // An `empty` patch has faces and no values.
-    forAll(U, face)
-    {
+    forAll(U, face) {
         sums[0] += U[face] & area[face];
         sums[1] += Foam::mag(area[face]);
-        for (Foam::direction d = 0; d < 3; ++d) { sums[2 + d] += U[face][d]*Foam::mag(area[face]); }
+        for (Foam::direction d = 0; d < 3; ++d) {
+            sums[2 + d] += U[face][d] * Foam::mag(area[face]);
+        }
     }
     rust::Vec<double> result;
-    for (const double sum : sums) { result.push_back(sum); }
+    for (const double sum : sums) {
+        result.push_back(sum);
+    }
     return result;
 }

@@ -23,12 +23,9 @@ Foam::dictionary m4gn::FoamCase::Data::function_object() const
 {
     const Foam::dictionary functions(time.controlDict().subOrEmptyDict("functions"));
     // What rules a run comes first.
-    for (const Foam::word type : {"m4gnSurrogate", "m4gnSegments", "m4gnHarvest"})
-    {
-        for (const Foam::entry& e : functions)
-        {
-            if (e.isDict() && e.dict().lookupOrDefault<Foam::word>("type", Foam::word::null) == type)
-            {
+    for (const Foam::word type : {"m4gnSurrogate", "m4gnSegments", "m4gnHarvest"}) {
+        for (const Foam::entry& e : functions) {
+            if (e.isDict() && e.dict().lookupOrDefault<Foam::word>("type", Foam::word::null) == type) {
                 return e.dict();
             }
         }
@@ -44,24 +41,25 @@ std::string m4gn::FoamCase::Data::start_name() const
 void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const rust::Vec<rust::String>& types)
 {
     Foam::dictionary dict(data_->function_object());
-    if (dict.name().empty()) { dict.name() = data_->time.path()/"system"/Foam::Time::controlDictName; }
-    if (!dict.found("nodeTypes")) { dict.add("nodeTypes", Foam::dictionary()); }
+    if (dict.name().empty()) {
+        dict.name() = data_->time.path() / "system" / Foam::Time::controlDictName;
+    }
+    if (!dict.found("nodeTypes")) {
+        dict.add("nodeTypes", Foam::dictionary());
+    }
     Foam::dictionary& given = dict.subDict("nodeTypes");
-    for (std::size_t i = 0; i < keys.size(); ++i) { given.set(word_of(keys[i]), word_of(types[i])); }
+    for (std::size_t i = 0; i < keys.size(); ++i) {
+        given.set(word_of(keys[i]), word_of(types[i]));
+    }
 
     // What fixes its value where is read from the start time's U and p, as a run registers them.
     Foam::Time& time = data_->time;
     time.setTime(Foam::instant(time.startTime().value(), data_->start_name()), 0);
     data_->forget();
 
-    const Foam::m4gnNodeTypes nodes
-    (
-        *data_->mesh,
-        dict,
-        dict.lookupOrDefault<Foam::word>("U", "U"),
-        dict.lookupOrDefault<Foam::word>("p", "p"),
-        dict.lookupOrDefault<Foam::word>("D", "D")
-    );
+    const Foam::m4gnNodeTypes nodes(
+        *data_->mesh, dict, dict.lookupOrDefault<Foam::word>("U", "U"),
+        dict.lookupOrDefault<Foam::word>("p", "p"), dict.lookupOrDefault<Foam::word>("D", "D"));
     data_->adapter.reset();
     data_->adapter.reset(new Foam::m4gnMeshAdapter(*data_->mesh, nodes.types()));
 
@@ -69,10 +67,9 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     const Foam::word D(dict.lookupOrDefault<Foam::word>("D", "D"));
     const bool possible =
         Foam::m4gnElasticBody::unknown(*data_->mesh, own).empty()
-     && Foam::m4gnElasticBody::describe(*data_->mesh, D) == Foam::m4gnElasticBody::displacement();
+        && Foam::m4gnElasticBody::describe(*data_->mesh, D) == Foam::m4gnElasticBody::displacement();
     data_->body.reset();
-    if (own.lookupOrDefault<Foam::word>("operator", possible ? "elastic" : "laplacian") == "elastic")
-    {
+    if (own.lookupOrDefault<Foam::word>("operator", possible ? "elastic" : "laplacian") == "elastic") {
         data_->body.reset(new Foam::m4gnElasticBody(*data_->mesh, own, nodes.types()));
     }
 }

@@ -11,11 +11,11 @@
 
 namespace Foam
 {
-    defineTypeNameAndDebug(m4gnDecomp, 0);
-    addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionary);
-    #ifdef M4GN_DECOMPOSITION_REGION_TABLE
-    addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionaryRegion);
-    #endif
+defineTypeNameAndDebug(m4gnDecomp, 0);
+addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionary);
+#ifdef M4GN_DECOMPOSITION_REGION_TABLE
+addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionaryRegion);
+#endif
 }
 
 void Foam::m4gnDecomp::read()
@@ -24,22 +24,15 @@ void Foam::m4gnDecomp::read()
 
     const scalarList weights(coeffs_.getOrDefault<scalarList>("processorWeights", scalarList()));
 
-    if (weights.size() && weights.size() != nDomains_)
-    {
-        FatalIOErrorInFunction(coeffs_)
-            << "processorWeights has " << weights.size() << " entries, and"
-            << " there are " << nDomains_ << " subdomains"
-            << exit(FatalIOError);
+    if (weights.size() && weights.size() != nDomains_) {
+        FatalIOErrorInFunction(coeffs_) << "processorWeights has " << weights.size() << " entries, and"
+                                        << " there are " << nDomains_ << " subdomains" << exit(FatalIOError);
     }
 
-    for (const scalar weight : weights)
-    {
-        if (!(weight > 0 && weight < GREAT))
-        {
-            FatalIOErrorInFunction(coeffs_)
-                << "processorWeights has the entry " << weight
-                << "; expected positive numbers"
-                << exit(FatalIOError);
+    for (const scalar weight : weights) {
+        if (!(weight > 0 && weight < GREAT)) {
+            FatalIOErrorInFunction(coeffs_) << "processorWeights has the entry " << weight
+                                            << "; expected positive numbers" << exit(FatalIOError);
         }
     }
 
@@ -49,74 +42,49 @@ void Foam::m4gnDecomp::read()
 Foam::dictionary Foam::m4gnDecomp::segmentEntries() const
 {
     // A dictionary "coeffs" may have entries of other methods
-    return m4gn::without
-    (
-        coeffs_,
-        {
-            "processorWeights", "n", "delta", "order", "transform",
-            "dataFile", "strategy", "domains", "cellWeightsFile", "writeGraph"
-        }
-    );
+    return m4gn::without(
+        coeffs_, {"processorWeights", "n", "delta", "order", "transform", "dataFile", "strategy", "domains",
+                  "cellWeightsFile", "writeGraph"});
 }
 
 const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
 {
     const auto* fv = dynamic_cast<const fvMesh*>(&mesh);
 
-    if (!fv)
-    {
-        FatalErrorInFunction
-            << "Method " << type() << " needs a finite-volume mesh; "
-            << mesh.name() << " is none." << nl
-            << "    Use hierarchical or simple here." << exit(FatalError);
+    if (!fv) {
+        FatalErrorInFunction << "Method " << type() << " needs a finite-volume mesh; " << mesh.name()
+                             << " is none." << nl << "    Use hierarchical or simple here."
+                             << exit(FatalError);
     }
 
     return *fv;
 }
 
-Foam::labelList Foam::m4gnDecomp::distribute
-(
-    const labelList& segments,
-    const m4gnSegmentGraph& graph
-) const
+Foam::labelList Foam::m4gnDecomp::distribute(const labelList& segments, const m4gnSegmentGraph& graph) const
 {
     const label nSegments = graph.sizes().size();
 
-    if (nSegments < nDomains_)
-    {
-        FatalErrorInFunction
-            << "Method " << type() << ": " << nSegments << " segments for "
-            << nDomains_ << " subdomains: each needs at least one." << nl
-            << "    Raise count in " << typeName << "Coeffs (and"
-            << " remove " << m4gn::segmentName << " if it is stored),"
-            << " or use fewer subdomains." << exit(FatalError);
+    if (nSegments < nDomains_) {
+        FatalErrorInFunction << "Method " << type() << ": " << nSegments << " segments for " << nDomains_
+                             << " subdomains: each needs at least one." << nl << "    Raise count in "
+                             << typeName << "Coeffs (and"
+                             << " remove " << m4gn::segmentName << " if it is stored),"
+                             << " or use fewer subdomains." << exit(FatalError);
     }
 
     std::vector<int32_t> ranks(nSegments);
     m4gn_rank_report report;
-    m4gn::check
-    (
-        m4gn_segment_ranks
-        (
-            nSegments,
-            graph.sizes().data(),
-            graph.adjacency().data(),
-            nDomains_,
-            weights_.empty() ? nullptr : weights_.data(),
-            ranks.data(),
-            &report
-        ),
-        "Method m4gn cannot give the segments to ranks"
-    );
+    m4gn::check(
+        m4gn_segment_ranks(
+            nSegments, graph.sizes().data(), graph.adjacency().data(), nDomains_,
+            weights_.empty() ? nullptr : weights_.data(), ranks.data(), &report),
+        "Method m4gn cannot give the segments to ranks");
 
-    Info<< "m4gn: " << nSegments << " segments on " << nDomains_
-        << " processors: " << report.cut
-        << " faces between processors, largest load " << report.imbalance
-        << " of its share" << endl;
+    Info << "m4gn: " << nSegments << " segments on " << nDomains_ << " processors: " << report.cut
+         << " faces between processors, largest load " << report.imbalance << " of its share" << endl;
 
     labelList decomposition(segments.size());
-    forAll(segments, celli)
-    {
+    forAll(segments, celli) {
         decomposition[celli] = ranks[segments[celli]];
     }
     return decomposition;
@@ -124,53 +92,35 @@ Foam::labelList Foam::m4gnDecomp::distribute
 
 #ifdef M4GN_DECOMPOSITION_REGION_TABLE
 Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict)
-:
-    decompositionMethod(decompDict),
-    coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
+    : decompositionMethod(decompDict), coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
 {
     read();
 }
 #endif
 
 Foam::m4gnDecomp::m4gnDecomp(const dictionary& decompDict, const word& regionName)
-:
-    decompositionMethod(decompDict, regionName),
-    coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
+    : decompositionMethod(decompDict, regionName),
+      coeffs_(findCoeffsDict(typeName + "Coeffs", selectionType::NULL_DICT))
 {
     read();
 }
 
-Foam::labelList Foam::m4gnDecomp::decompose
-(
-    const polyMesh& mesh,
-    const pointField& points,
-    const scalarField& pointWeights
-) const
+Foam::labelList Foam::m4gnDecomp::decompose(
+    const polyMesh& mesh, const pointField& points, const scalarField& pointWeights) const
 {
-    if
-    (
-        returnReduce
-        (
-            points.size() != mesh.nCells()
-         || (pointWeights.size() && pointWeights.size() != mesh.nCells()),
-            orOp<bool>()
-        )
-    )
+    if (returnReduce(
+            points.size() != mesh.nCells() || (pointWeights.size() && pointWeights.size() != mesh.nCells()),
+            orOp<bool>()))
     {
-        FatalErrorInFunction
-            << "Method " << type() << " decomposes cells, and there are "
-            << points.size() << " points for " << mesh.nCells() << " cells."
-            << nl << "    Use hierarchical or simple here."
-            << exit(FatalError);
+        FatalErrorInFunction << "Method " << type() << " decomposes cells, and there are " << points.size()
+                             << " points for " << mesh.nCells() << " cells." << nl
+                             << "    Use hierarchical or simple here." << exit(FatalError);
     }
 
     const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
     const labelList segments(segmentation.cells());
 
-    const labelList decomposition
-    (
-        distribute(segments, m4gnSegmentGraph(mesh, segments, pointWeights))
-    );
+    const labelList decomposition(distribute(segments, m4gnSegmentGraph(mesh, segments, pointWeights)));
 
     segmentation.store(mesh.time().timeName());
 
@@ -179,23 +129,16 @@ Foam::labelList Foam::m4gnDecomp::decompose
 
 Foam::labelList Foam::m4gnDecomp::withoutMesh() const
 {
-    FatalErrorInFunction
-        << "Method " << type() << " needs a mesh; it cannot decompose a"
-        << " graph of agglomerated cells." << nl
-        << "    Use hierarchical or simple here." << exit(FatalError);
+    FatalErrorInFunction << "Method " << type() << " needs a mesh; it cannot decompose a"
+                         << " graph of agglomerated cells." << nl << "    Use hierarchical or simple here."
+                         << exit(FatalError);
 
     return labelList();
 }
 
-Foam::labelList Foam::m4gnDecomp::decompose
-(
-    const polyMesh& mesh,
-    const scalarField& cellWeights,
-    const boolList&,
-    const PtrList<labelList>&,
-    const labelList&,
-    const List<labelPair>&
-) const
+Foam::labelList Foam::m4gnDecomp::decompose(
+    const polyMesh& mesh, const scalarField& cellWeights, const boolList&, const PtrList<labelList>&,
+    const labelList&, const List<labelPair>&) const
 {
     // The caller applies the constraints, which may move cells out of their
     // segment

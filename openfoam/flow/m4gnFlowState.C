@@ -9,9 +9,9 @@
 
 addM4gnSolverState(m4gnFlowState, flow)
 
-const char* const Foam::m4gnFlowState::needs =
-    "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
-    " incompressible";
+    const char* const Foam::m4gnFlowState::needs =
+        "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
+        " incompressible";
 
 Foam::volVectorField& Foam::m4gnFlowState::U() const
 {
@@ -30,13 +30,10 @@ Foam::scalar Foam::m4gnFlowState::heldLevel(const volScalarField& p) const
     scalar largest = -VGREAT;
     label facei = 0;
 
-    for (const label patchi : session_.nodes().valuePatches())
-    {
+    for (const label patchi : session_.nodes().valuePatches()) {
         const fvPatchScalarField& patch = p.boundaryField()[patchi];
-        forAll(patch, i)
-        {
-            if (patch.fixesValue() && nodes.boundary_type[facei] == M4GN_OUTLET)
-            {
+        forAll(patch, i) {
+            if (patch.fixesValue() && nodes.boundary_type[facei] == M4GN_OUTLET) {
                 least = min(least, patch[i]);
                 largest = max(largest, patch[i]);
             }
@@ -46,7 +43,7 @@ Foam::scalar Foam::m4gnFlowState::heldLevel(const volScalarField& p) const
     reduce(least, minOp<scalar>());
     reduce(largest, maxOp<scalar>());
 
-    return least <= largest ? 0.5*(least + largest) : 0;
+    return least <= largest ? 0.5 * (least + largest) : 0;
 }
 
 void Foam::m4gnFlowState::setLevel(const scalar heldBefore) const
@@ -54,15 +51,13 @@ void Foam::m4gnFlowState::setLevel(const scalar heldBefore) const
     volScalarField& p = mesh_.lookupObjectRef<volScalarField>(pName_);
     scalar change = heldLevel(p) - heldBefore;
 
-    if (p.needReference())
-    {
+    if (p.needReference()) {
         label cell = -1;
         scalar value = 0;
         setRefCell(p, m4gnPressureEquation::algorithm(mesh_), cell, value);
         change = value - getRefCellValue(p, cell);
     }
-    if (change != 0)
-    {
+    if (change != 0) {
         p.primitiveFieldRef() += change;
         p.correctBoundaryConditions();
     }
@@ -70,30 +65,19 @@ void Foam::m4gnFlowState::setLevel(const scalar heldBefore) const
 
 void Foam::m4gnFlowState::checkCase() const
 {
-    const string why
-    (
-        m4gn::notHandedOver(mesh_, session_.outputs(), UName_, pName_, phiName_)
-    );
-    if (why.size())
-    {
-        FatalErrorInFunction
-            << "mode replace cannot hand states of this case over to its solver: "
-            << why.c_str() << nl
-            << "    Use mode observe"
-            << exit(FatalError);
+    const string why(m4gn::notHandedOver(mesh_, session_.outputs(), UName_, pName_, phiName_));
+    if (why.size()) {
+        FatalErrorInFunction << "mode replace cannot hand states of this case over to its solver: "
+                             << why.c_str() << nl << "    Use mode observe" << exit(FatalError);
     }
 
     // The scheme's state must be in the old-time levels of the fields:
     // CrankNicolson keeps fields of its own, pseudo-time has no real time.
     const word used(m4gn::scheme(mesh_.schemesDict(), "ddtSchemes", "ddt(" + UName_ + ')'));
 
-    if (used != "Euler" && used != "backward")
-    {
-        FatalErrorInFunction
-            << "mode replace does not handle the time scheme of " << UName_
-            << ": " << used << nl
-            << "    Handled: Euler, backward"
-            << exit(FatalError);
+    if (used != "Euler" && used != "backward") {
+        FatalErrorInFunction << "mode replace does not handle the time scheme of " << UName_ << ": " << used
+                             << nl << "    Handled: Euler, backward" << exit(FatalError);
     }
 
     warnOfOthers({pName_});
@@ -101,38 +85,25 @@ void Foam::m4gnFlowState::checkCase() const
 
 bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
 {
-    return
-        mesh.foundObject<volVectorField>(dict.getOrDefault<word>("U", "U"))
-     && mesh.foundObject<volScalarField>(dict.getOrDefault<word>("p", "p"))
-     && mesh.foundObject<surfaceScalarField>
-        (
-            dict.getOrDefault<word>("phi", "phi")
-        );
+    return mesh.foundObject<volVectorField>(dict.getOrDefault<word>("U", "U"))
+           && mesh.foundObject<volScalarField>(dict.getOrDefault<word>("p", "p"))
+           && mesh.foundObject<surfaceScalarField>(dict.getOrDefault<word>("phi", "phi"));
 }
 
-Foam::m4gnFlowState::m4gnFlowState
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-:
-    m4gnModelState(mesh, session),
-    UName_(dict.getOrDefault<word>("U", "U")),
-    pName_(dict.getOrDefault<word>("p", "p")),
-    phiName_(dict.getOrDefault<word>("phi", "phi")),
-    projection_(mesh, dict),
-    pressure_
-    (
-        mesh.lookupObject<volScalarField>(pName_),
-        dict.subOrEmptyDict("projection"),
-        // A pressure predicted on groups of many cells drifts; on a few cells
-        // the solved one shows the roughness of the predicted velocity
-        session.cellsAGroup() >= 8 || !session.outputs().found(pName_)
-    ),
-    divInterpolated_(0),
-    divProjected_(0),
-    completed_(false)
+Foam::m4gnFlowState::m4gnFlowState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnModelState(mesh, session),
+      UName_(dict.getOrDefault<word>("U", "U")),
+      pName_(dict.getOrDefault<word>("p", "p")),
+      phiName_(dict.getOrDefault<word>("phi", "phi")),
+      projection_(mesh, dict),
+      pressure_(
+          mesh.lookupObject<volScalarField>(pName_), dict.subOrEmptyDict("projection"),
+          // A pressure predicted on groups of many cells drifts; on a few cells
+          // the solved one shows the roughness of the predicted velocity
+          session.cellsAGroup() >= 8 || !session.outputs().found(pName_)),
+      divInterpolated_(0),
+      divProjected_(0),
+      completed_(false)
 {
     checkCase();
 }
@@ -145,8 +116,7 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scal
     step(duration);
     completed_ = false;
 
-    forAll(predicted, outputi)
-    {
+    forAll(predicted, outputi) {
         impose(outputi, predicted[outputi]);
     }
 
@@ -154,26 +124,20 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scal
     m4gnFluxProjection::interpolate(U(), phi());
 
     // Conditions that look at phi (inletOutlet) now see the new one
-    forAll(predicted, outputi)
-    {
+    forAll(predicted, outputi) {
         const word& name = session_.outputs()[outputi];
 
-        if (session_.outputComponents(outputi) == 3)
-        {
-            mesh_.lookupObjectRef<volVectorField>(name)
-           .correctBoundaryConditions();
+        if (session_.outputComponents(outputi) == 3) {
+            mesh_.lookupObjectRef<volVectorField>(name).correctBoundaryConditions();
             continue;
         }
 
         volScalarField& field = mesh_.lookupObjectRef<volScalarField>(name);
 
         // The solver sets these gradients from the flux before it solves
-        for (fvPatchScalarField& patch : field.boundaryFieldRef())
-        {
-            if (isA<fixedFluxPressureFvPatchScalarField>(patch))
-            {
-                auto& fixedFlux =
-                    refCast<fixedFluxPressureFvPatchScalarField>(patch);
+        for (fvPatchScalarField& patch : field.boundaryFieldRef()) {
+            if (isA<fixedFluxPressureFvPatchScalarField>(patch)) {
+                auto& fixedFlux = refCast<fixedFluxPressureFvPatchScalarField>(patch);
                 const scalarField gradient(fixedFlux.gradient());
                 fixedFlux.updateSnGrad(gradient);
             }
@@ -182,8 +146,7 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scal
         field.correctBoundaryConditions();
     }
 
-    if (predictsP)
-    {
+    if (predictsP) {
         setLevel(held);
     }
 }
@@ -192,14 +155,12 @@ void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
 {
     volScalarField& p = mesh_.lookupObjectRef<volScalarField>(pName_);
 
-    if (!completed_)
-    {
+    if (!completed_) {
         divInterpolated_ = maxDiv(phi());
         completed_ = true;
     }
     projection_.project(p, U(), phi(), handOver);
-    if (pressure_.solved())
-    {
+    if (pressure_.solved()) {
         pressure_.solve(U(), phi(), deltaT, p);
     }
     divProjected_ = maxDiv(phi());
@@ -210,23 +171,17 @@ Foam::wordList Foam::m4gnFlowState::advanced() const
     wordList names(m4gnModelState::advanced());
     names.append(UName_);
     names.append(phiName_);
-    if (pressure_.solved())
-    {
+    if (pressure_.solved()) {
         names.append(pName_);
     }
     return names;
 }
 
-Foam::List<Foam::m4gnSolverState::quantity>
-Foam::m4gnFlowState::quantities() const
+Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnFlowState::quantities() const
 {
     const tmp<scalarField> magU(mag(U().primitiveField()));
 
-    return
-    {
-        quantity("maxDivBefore", divInterpolated_),
-        quantity("maxDivAfter", divProjected_),
-        quantity("minMag" + UName_, gMin(magU())),
-        quantity("maxMag" + UName_, gMax(magU()))
-    };
+    return {
+        quantity("maxDivBefore", divInterpolated_), quantity("maxDivAfter", divProjected_),
+        quantity("minMag" + UName_, gMin(magU())), quantity("maxMag" + UName_, gMax(magU()))};
 }

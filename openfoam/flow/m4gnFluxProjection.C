@@ -11,17 +11,9 @@
 #include "IOMRFZoneList.H"
 #include "zeroGradientFvPatchFields.H"
 
-Foam::dictionary Foam::m4gnFluxProjection::solverControls
-(
-    const word& pressureName,
-    const bool handOver
-) const
+Foam::dictionary Foam::m4gnFluxProjection::solverControls(const word& pressureName, const bool handOver) const
 {
-    const dictionary solvers
-    (
-        mesh_.lookupObject<IOdictionary>("fvSolution")
-       .subOrEmptyDict("solvers")
-    );
+    const dictionary solvers(mesh_.lookupObject<IOdictionary>("fvSolution").subOrEmptyDict("solvers"));
 
     dictionary controls(mesh_.solverDict(solvers.found("pcorr") ? "pcorr" : pressureName));
 
@@ -36,27 +28,17 @@ Foam::dictionary Foam::m4gnFluxProjection::solverControls
 }
 
 Foam::m4gnFluxProjection::m4gnFluxProjection(const fvMesh& mesh, const dictionary& dict)
-:
-    mesh_(mesh),
-    nCorrectors_(0),
-    tolerance_(-1)
+    : mesh_(mesh), nCorrectors_(0), tolerance_(-1)
 {
     const dictionary own(dict.subOrEmptyDict("projection"));
 
-    m4gn::checkKeys
-    (
-        own,
-        {"nCorrectors", "tolerance", "pressure"},
-        false
-    );
+    m4gn::checkKeys(own, {"nCorrectors", "tolerance", "pressure"}, false);
 
-    if (own.readIfPresent("nCorrectors", nCorrectors_))
-    {
+    if (own.readIfPresent("nCorrectors", nCorrectors_)) {
         m4gn::checkAtLeast(own, "nCorrectors", nCorrectors_, 0);
     }
 
-    if (own.readIfPresent("tolerance", tolerance_))
-    {
+    if (own.readIfPresent("tolerance", tolerance_)) {
         m4gn::checkAtLeast(own, "tolerance", tolerance_, VSMALL);
     }
 }
@@ -66,79 +48,50 @@ void Foam::m4gnFluxProjection::interpolate(const volVectorField& U, surfaceScala
     phi = fvc::flux(U);
 
     // As solvers have it in rotating zones
-    if (const auto* zones = U.mesh().findObject<IOMRFZoneList>("MRFProperties"))
-    {
+    if (const auto* zones = U.mesh().findObject<IOMRFZoneList>("MRFProperties")) {
         zones->makeRelative(phi);
     }
 }
 
-void Foam::m4gnFluxProjection::project
-(
-    const volScalarField& p,
-    volVectorField& U,
-    surfaceScalarField& phi,
-    const bool handOver
-) const
+void Foam::m4gnFluxProjection::project(
+    const volScalarField& p, volVectorField& U, surfaceScalarField& phi, const bool handOver) const
 {
     wordList types(p.boundaryField().size(), "zeroGradient");
 
-    forAll(types, patchi)
-    {
-        if (p.boundaryField()[patchi].fixesValue())
-        {
+    forAll(types, patchi) {
+        if (p.boundaryField()[patchi].fixesValue()) {
             types[patchi] = "fixedValue";
         }
     }
 
     // m^2/s: phi = U S, and Laplacian(pcorr) = div(phi)
-    volScalarField pcorr
-    (
-        IOobject
-        (
-            "pcorr",
-            mesh_.time().timeName(),
-            mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        ),
-        mesh_,
-        dimensionedScalar(U.dimensions()*dimLength, Zero),
-        types
-    );
+    volScalarField pcorr(
+        IOobject("pcorr", mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false),
+        mesh_, dimensionedScalar(U.dimensions() * dimLength, Zero), types);
 
-    if (pcorr.needReference())
-    {
+    if (pcorr.needReference()) {
         adjustPhi(phi, U, pcorr);
     }
 
     mesh_.setFluxRequired(pcorr.name());
 
-    const surfaceScalarField one
-    (
-        m4gnLaplacian::uniform(mesh_, "m4gnOne", dimensionedScalar("one", dimless, 1))
-    );
+    const surfaceScalarField one(
+        m4gnLaplacian::uniform(mesh_, "m4gnOne", dimensionedScalar("one", dimless, 1)));
     const auto laplacian(m4gnLaplacian::scheme<scalar>(mesh_));
 
     const dictionary controls(solverControls(p.name(), handOver));
 
     // One cell of all ranks: setReference fixes one on each that names one
-    const label first = returnReduce
-    (
-        mesh_.nCells() ? Pstream::myProcNo() : labelMax,
-        minOp<label>()
-    );
+    const label first = returnReduce(mesh_.nCells() ? Pstream::myProcNo() : labelMax, minOp<label>());
     const label referenceCell = Pstream::myProcNo() == first ? 0 : -1;
 
-    for (label corri = 0; corri <= nCorrectors_; ++corri)
-    {
+    for (label corri = 0; corri <= nCorrectors_; ++corri) {
         fvScalarMatrix pcorrEqn(laplacian.constCast().fvmLaplacian(one, pcorr) == fvc::div(phi));
 
         pcorrEqn.setReference(referenceCell, Zero);
         pcorrEqn.solve(controls);
 
-        if (corri == nCorrectors_)
-        {
+        if (corri == nCorrectors_) {
             const surfaceScalarField correction(pcorrEqn.flux());
 
             phi -= correction;

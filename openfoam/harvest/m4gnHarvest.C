@@ -16,8 +16,8 @@ namespace Foam
 {
 namespace functionObjects
 {
-    defineTypeNameAndDebug(m4gnHarvest, 0);
-    addToRunTimeSelectionTable(functionObject, m4gnHarvest, dictionary);
+defineTypeNameAndDebug(m4gnHarvest, 0);
+addToRunTimeSelectionTable(functionObject, m4gnHarvest, dictionary);
 }
 }
 
@@ -26,8 +26,7 @@ namespace functionObjects
 static Foam::fileName nameOfKilled(const Foam::fileName& path)
 {
     Foam::fileName name(path.lessExt() + "-killed.h5");
-    for (Foam::label i = 2; Foam::isFile(name, false); ++i)
-    {
+    for (Foam::label i = 2; Foam::isFile(name, false); ++i) {
         name = path.lessExt() + "-killed-" + Foam::name(i) + ".h5";
     }
     return name;
@@ -45,153 +44,103 @@ void Foam::functionObjects::m4gnHarvest::start()
     nodes_ = m4gnNodes::New(mesh_, dict_);
 
     const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
-    if (nModes > 0 && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, dict_))
-    {
+    if (nModes > 0 && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, dict_)) {
         modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
     }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
 
-    const string why
-    (
-        m4gn::notHandedOver
-        (
-            mesh_,
-            fieldNames_,
-            dict_.getOrDefault<word>("U", "U"),
-            dict_.getOrDefault<word>("p", "p"),
-            dict_.getOrDefault<word>("phi", "phi")
-        )
-    );
-    if (why.size())
-    {
-        WarningInFunction
-            << "A model of this recording can be observed, and not take the"
-            << " solver's place (mode replace): " << why.c_str() << endl;
+    const string why(m4gn::notHandedOver(
+        mesh_, fieldNames_, dict_.getOrDefault<word>("U", "U"), dict_.getOrDefault<word>("p", "p"),
+        dict_.getOrDefault<word>("phi", "phi")));
+    if (why.size()) {
+        WarningInFunction << "A model of this recording can be observed, and not take the"
+                          << " solver's place (mode replace): " << why.c_str() << endl;
     }
 }
 
 void Foam::functionObjects::m4gnHarvest::open()
 {
     std::vector<m4gn_recorder_field> recorded(fields_->size());
-    for (label i = 0; i < fields_->size(); ++i)
-    {
+    for (label i = 0; i < fields_->size(); ++i) {
         recorded[i].name = fields_->name(i).c_str();
         recorded[i].components = fields_->components(i);
-        std::copy
-        (
-            fields_->dimensions(i).begin(),
-            fields_->dimensions(i).end(),
-            recorded[i].dimensions
-        );
+        std::copy(fields_->dimensions(i).begin(), fields_->dimensions(i).end(), recorded[i].dimensions);
     }
 
     path_ = file_;
-    if (path_.empty())
-    {
-        path_ = m4gn::outputDir(name(), mesh_)/"trajectory.h5";
+    if (path_.empty()) {
+        path_ = m4gn::outputDir(name(), mesh_) / "trajectory.h5";
     }
     path_.expand();
-    if (!path_.isAbsolute())
-    {
-        path_ = time_.globalPath()/path_;
+    if (!path_.isAbsolute()) {
+        path_ = time_.globalPath() / path_;
     }
-    if (stretches_)
-    {
-        path_ =
-            path_.lessExt() + "-" + time_.timeName() + "."
-          + (path_.hasExt() ? path_.ext() : word("h5"));
+    if (stretches_) {
+        path_ = path_.lessExt() + "-" + time_.timeName() + "." + (path_.hasExt() ? path_.ext() : word("h5"));
     }
-    if (Pstream::master())
-    {
+    if (Pstream::master()) {
         mkDir(path_.path());
     }
 
     // A run that was killed has left its recording beside the final name
-    const bool killed =
-        isFile(path_.path()/('.' + path_.name() + ".partial"), false);
+    const bool killed = isFile(path_.path() / ('.' + path_.name() + ".partial"), false);
     const fileName kept(nameOfKilled(path_));
 
     const std::string settings(options(dict_, path_));
 
     // The recorder keeps what it needs of them
-    if (modes_)
-    {
+    if (modes_) {
         nodes_->setModes(modes_->eigenvalues(), modes_->cells());
     }
-    m4gn::check
-    (
-        m4gn_recorder_new
-        (
-            m4gn::communicator(),
-            &nodes_->data(),
-            settings.c_str(),
-            recorded.data(),
-            recorded.size(),
-            &recorder_
-        ),
-        "m4gnHarvest cannot record"
-    );
-    if (Pstream::master() && killed)
-    {
-        WarningInFunction
-            << "An earlier recording of " << path_ << " was killed: "
-            << (isFile(kept, false)
-              ? "its whole frames are kept in " + kept
-              : fileName("it had no whole frame, and nothing is kept"))
-            << endl;
+    m4gn::check(
+        m4gn_recorder_new(
+            m4gn::communicator(), &nodes_->data(), settings.c_str(), recorded.data(), recorded.size(),
+            &recorder_),
+        "m4gnHarvest cannot record");
+    if (Pstream::master() && killed) {
+        WarningInFunction << "An earlier recording of " << path_ << " was killed: "
+                          << (isFile(kept, false) ? "its whole frames are kept in " + kept
+                                                  : fileName("it had no whole frame, and nothing is kept"))
+                          << endl;
     }
     nodes_->clearModes();
-    if (!stretches_)
-    {
+    if (!stretches_) {
         modes_.clear();
     }
 
-    Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_)
-        << " to " << path_ << endl;
+    Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_) << " to " << path_ << endl;
 }
 
 void Foam::functionObjects::m4gnHarvest::checkSource()
 {
-    const scalar last = Foam::min
-    (
-        dict_.getOrDefault<scalar>("timeEnd", VGREAT),
-        time_.endTime().value()
-    );
+    const scalar last = Foam::min(dict_.getOrDefault<scalar>("timeEnd", VGREAT), time_.endTime().value());
     replacer_ = postProcess ? word::null : m4gnReplacer::before(last);
 
-    if (replacer_.empty())
-    {
+    if (replacer_.empty()) {
         stretches_ = false;
-    }
-    else if (!stretches_ && !dict_.getOrDefault<bool>("hybrid", false))
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " would record states of the"
-            << " surrogate " << replacer_ << " as if they were the solver's"
-            << nl
-            << "    Record a run without mode replace, give " << name()
-            << " a timeEnd that is not later than the timeStart of "
-            << replacer_ << ", record the solver's stretches between the jumps"
-            << " with hybrid stretches, or, not for training, give it hybrid"
-            << " yes: the file then says so" << exit(FatalError);
+    } else if (!stretches_ && !dict_.getOrDefault<bool>("hybrid", false)) {
+        FatalErrorInFunction << "Function object " << name() << " would record states of the"
+                             << " surrogate " << replacer_ << " as if they were the solver's" << nl
+                             << "    Record a run without mode replace, give " << name()
+                             << " a timeEnd that is not later than the timeStart of " << replacer_
+                             << ", record the solver's stretches between the jumps"
+                             << " with hybrid stretches, or, not for training, give it hybrid"
+                             << " yes: the file then says so" << exit(FatalError);
     }
 }
 
 void Foam::functionObjects::m4gnHarvest::close()
 {
-    if (!recorder_)
-    {
+    if (!recorder_) {
         return;
     }
 
     const label nFrames = m4gn_recorder_n_frames(recorder_);
 
     // A stretch of one frame says nothing of the time between
-    if (!stretches_ || nFrames > 1)
-    {
+    if (!stretches_ || nFrames > 1) {
         m4gn::check(m4gn_recorder_finish(recorder_), "m4gnHarvest cannot finish");
-        Log << type() << ' ' << name() << ": " << nFrames << " frames in "
-            << path_ << nl << endl;
+        Log << type() << ' ' << name() << ": " << nFrames << " frames in " << path_ << nl << endl;
     }
 
     m4gn_recorder_free(recorder_);
@@ -206,20 +155,12 @@ void Foam::functionObjects::m4gnHarvest::finish()
 
 Foam::wordList Foam::functionObjects::m4gnHarvest::ownKeys()
 {
-    wordList keys
-    ({
-        "fields", "file", "nodeTypes", "location", "U", "p", "phi", "D",
-        "modes", "hybrid"
-    });
+    wordList keys({"fields", "file", "nodeTypes", "location", "U", "p", "phi", "D", "modes", "hybrid"});
     keys.append(m4gnElasticModes::keys());
     return keys;
 }
 
-std::string Foam::functionObjects::m4gnHarvest::options
-(
-    const dictionary& dict,
-    const fileName& path
-) const
+std::string Foam::functionObjects::m4gnHarvest::options(const dictionary& dict, const fileName& path) const
 {
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, ownKeys());
@@ -239,36 +180,19 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance(const dictionary
     about.add("m4gn", string(m4gn_version()));
     about.add("ranks", Pstream::nProcs());
     const string acting(m4gn::sources(mesh_));
-    if (acting.size())
-    {
+    if (acting.size()) {
         about.add("sources", acting);
     }
-    about.add
-    (
-        "deltaT",
-        replaced.timeIndex == time_.timeIndex()
-      ? replaced.solverDeltaT
-      : time_.deltaTValue()
-    );
-    if (replacer_.size())
-    {
-        about.add
-        (
-            "hybrid",
-            string
-            (
-                stretches_
-              ? "the solver between jumps of the surrogate " + replacer_
-              : "with states of the surrogate " + replacer_
-            )
-        );
+    about.add(
+        "deltaT", replaced.timeIndex == time_.timeIndex() ? replaced.solverDeltaT : time_.deltaTValue());
+    if (replacer_.size()) {
+        about.add(
+            "hybrid", string(
+                          stretches_ ? "the solver between jumps of the surrogate " + replacer_
+                                     : "with states of the surrogate " + replacer_));
     }
-    const dictionary solid
-    (
-        m4gnMechanicalProperties(mesh_).description(dict.getOrDefault<word>("D", "D"))
-    );
-    if (solid.size())
-    {
+    const dictionary solid(m4gnMechanicalProperties(mesh_).description(dict.getOrDefault<word>("D", "D")));
+    if (solid.size()) {
         about.add("solid", solid);
     }
     about.merge(dict.subOrEmptyDict("provenance"));
@@ -280,32 +204,23 @@ bool Foam::functionObjects::m4gnHarvest::runComplete() const
 {
     // In post-processing, end() is called after the last time, or an error
     // came before it
-    return
-        !postProcess
-     && time_.value() >= time_.endTime().value() - 0.5*time_.deltaTValue();
+    return !postProcess && time_.value() >= time_.endTime().value() - 0.5 * time_.deltaTValue();
 }
 
-Foam::functionObjects::m4gnHarvest::m4gnHarvest
-(
-    const word& name,
-    const Time& runTime,
-    const dictionary& dict
-)
-:
-    fvMeshFunctionObject(name, runTime, dict),
-    stretches_(false),
-    recorder_(nullptr),
-    replaced_(-1),
-    lastTime_(-VGREAT),
-    finished_(false)
+Foam::functionObjects::m4gnHarvest::m4gnHarvest(const word& name, const Time& runTime, const dictionary& dict)
+    : fvMeshFunctionObject(name, runTime, dict),
+      stretches_(false),
+      recorder_(nullptr),
+      replaced_(-1),
+      lastTime_(-VGREAT),
+      finished_(false)
 {
     read(dict);
 }
 
 Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
 {
-    if (runComplete())
-    {
+    if (runComplete()) {
         finish();
     }
     m4gn_recorder_free(recorder_);
@@ -313,12 +228,10 @@ Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
 
 bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
 {
-    if (nodes_)
-    {
+    if (nodes_) {
         // A change of controlDict while recording
         Log << type() << ' ' << name() << ": recording goes on as it was"
-            << " begun; changes to the dictionary take effect in the next run"
-            << endl;
+            << " begun; changes to the dictionary take effect in the next run" << endl;
         return true;
     }
 
@@ -334,18 +247,15 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     fieldNames_ = dict.getOrDefault<wordList>("fields", wordList({"U", "p"}));
     file_ = dict.getOrDefault<fileName>("file", fileName());
     stretches_ = dict.getOrDefault<word>("hybrid", "no") == "stretches";
-    if (!stretches_)
-    {
+    if (!stretches_) {
         dict.getOrDefault<bool>("hybrid", false);
     }
 
     m4gnNodes::atPoints(dict);
 
-    if (fieldNames_.empty())
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry fields is empty; expected names such as (U p)"
-            << exit(FatalIOError);
+    if (fieldNames_.empty()) {
+        FatalIOErrorInFunction(dict) << "Entry fields is empty; expected names such as (U p)"
+                                     << exit(FatalIOError);
     }
 
     return true;
@@ -359,42 +269,34 @@ bool Foam::functionObjects::m4gnHarvest::execute()
 bool Foam::functionObjects::m4gnHarvest::write()
 {
     // The last time is executed twice if the run stops there (Time::run)
-    if (finished_ || time_.value() <= lastTime_)
-    {
+    if (finished_ || time_.value() <= lastTime_) {
         return true;
     }
 
-    if (!nodes_)
-    {
+    if (!nodes_) {
         start();
     }
 
-    if (stretches_)
-    {
+    if (stretches_) {
         const auto replaced = m4gnReplacer::last(mesh_);
 
-        if (replaced.timeIndex != replaced_)
-        {
+        if (replaced.timeIndex != replaced_) {
             close();
             replaced_ = replaced.timeIndex;
         }
-        if (replaced_ == time_.timeIndex() && !replaced.handedOver)
-        {
+        if (replaced_ == time_.timeIndex() && !replaced.handedOver) {
             return true;
         }
     }
 
     fields_->gather(*nodes_);
-    if (!recorder_)
-    {
+    if (!recorder_) {
         open();
     }
 
-    m4gn::check
-    (
+    m4gn::check(
         m4gn_recorder_append(recorder_, time_.value(), fields_->view().data(), fields_->size()),
-        "m4gnHarvest cannot record a frame"
-    );
+        "m4gnHarvest cannot record a frame");
 
     lastTime_ = time_.value();
 

@@ -7,29 +7,20 @@
 
 namespace
 {
-    //- Most sweeps
-    const Foam::label maxSweeps = 50;
+//- Most sweeps
+const Foam::label maxSweeps = 50;
 }
 
 Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
-:
-    mesh_(mesh),
-    compactNormalStress_
-    (
-        mesh.solutionDict().subDict("stressAnalysis")
-       .get<bool>("compactNormalStress")
-    )
+    : mesh_(mesh),
+      compactNormalStress_(mesh.solutionDict().subDict("stressAnalysis").get<bool>("compactNormalStress"))
 {
     const volScalarField& nu = mesh_.lookupObject<volScalarField>("nu");
-    const volScalarField E
-    (
-        mesh_.lookupObject<volScalarField>("E")
-       /mesh_.lookupObject<volScalarField>("rho")
-    );
+    const volScalarField E(
+        mesh_.lookupObject<volScalarField>("E") / mesh_.lookupObject<volScalarField>("rho"));
 
     const bool planeStress =
-        mesh_.lookupObject<IOdictionary>("mechanicalProperties")
-       .get<bool>("planeStress");
+        mesh_.lookupObject<IOdictionary>("mechanicalProperties").get<bool>("planeStress");
 
     // Not to be found in the registry in place of the solver's
     mu_.reset(new volScalarField("m4gnMu", shearModulus(E, nu)));
@@ -38,50 +29,33 @@ Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
 
 bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
 {
-    return
-        mesh.foundObject<volSymmTensorField>("sigmaD")
-     && mesh.foundObject<volVectorField>("divSigmaExp")
-     && mesh.foundObject<volScalarField>("E")
-     && mesh.foundObject<volScalarField>("nu")
-     && mesh.foundObject<volScalarField>("rho")
-     && mesh.foundObject<IOdictionary>("mechanicalProperties");
+    return mesh.foundObject<volSymmTensorField>("sigmaD") && mesh.foundObject<volVectorField>("divSigmaExp")
+           && mesh.foundObject<volScalarField>("E") && mesh.foundObject<volScalarField>("nu")
+           && mesh.foundObject<volScalarField>("rho")
+           && mesh.foundObject<IOdictionary>("mechanicalProperties");
 }
 
 bool Foam::m4gnExplicitStress::thermal() const
 {
-    return
-        mesh_.lookupObject<IOdictionary>("thermalProperties")
-       .get<bool>("thermalStress");
+    return mesh_.lookupObject<IOdictionary>("thermalProperties").get<bool>("thermalStress");
 }
 
-Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress
-(
-    const volTensorField& gradD
-) const
+Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress(const volTensorField& gradD) const
 {
-    return *mu_*twoSymm(gradD) + (*lambda_*I)*tr(gradD);
+    return *mu_ * twoSymm(gradD) + (*lambda_ * I) * tr(gradD);
 }
 
-Foam::tmp<Foam::volVectorField> Foam::m4gnExplicitStress::explicitPart
-(
-    const volSymmTensorField& stress,
-    const volTensorField& gradD
-) const
+Foam::tmp<Foam::volVectorField> Foam::m4gnExplicitStress::explicitPart(
+    const volSymmTensorField& stress, const volTensorField& gradD) const
 {
-    return fvc::div(stress - stiffness()*gradD, "div(sigmaD)");
+    return fvc::div(stress - stiffness() * gradD, "div(sigmaD)");
 }
 
-Foam::scalar Foam::m4gnExplicitStress::change
-(
-    const volVectorField::Boundary& before,
-    const volVectorField& D
-)
+Foam::scalar Foam::m4gnExplicitStress::change(const volVectorField::Boundary& before, const volVectorField& D)
 {
     scalar largest = 0;
-    forAll(before, patchi)
-    {
-        if (before[patchi].size())
-        {
+    forAll(before, patchi) {
+        if (before[patchi].size()) {
             largest = max(largest, max(mag(D.boundaryField()[patchi] - before[patchi])));
         }
     }
@@ -91,15 +65,12 @@ Foam::scalar Foam::m4gnExplicitStress::change
 
 void Foam::m4gnExplicitStress::update(volVectorField& D, const scalar tolerance) const
 {
-    volSymmTensorField& sigmaD =
-        mesh_.lookupObjectRef<volSymmTensorField>("sigmaD");
-    volVectorField& divSigmaExp =
-        mesh_.lookupObjectRef<volVectorField>("divSigmaExp");
+    volSymmTensorField& sigmaD = mesh_.lookupObjectRef<volSymmTensorField>("sigmaD");
+    volVectorField& divSigmaExp = mesh_.lookupObjectRef<volVectorField>("divSigmaExp");
 
     const scalar size = max(gMax(mag(D.primitiveField())()), VSMALL);
 
-    for (label sweep = 0; sweep < maxSweeps; ++sweep)
-    {
+    for (label sweep = 0; sweep < maxSweeps; ++sweep) {
         // sigmaD still has the values of the state before
         const volVectorField::Boundary before(D.boundaryField());
         D.correctBoundaryConditions();
@@ -107,53 +78,34 @@ void Foam::m4gnExplicitStress::update(volVectorField& D, const scalar tolerance)
         const volTensorField gradD(fvc::grad(D));
         sigmaD = stress(gradD);
 
-        if (sweep && change(before, D) < tolerance*size)
-        {
+        if (sweep && change(before, D) < tolerance * size) {
             break;
         }
     }
 
-    if (compactNormalStress_)
-    {
+    if (compactNormalStress_) {
         divSigmaExp = explicitPart(sigmaD, fvc::grad(D));
-    }
-    else
-    {
-        divSigmaExp =
-            fvc::div(sigmaD)
-          - fvc::laplacian(stiffness(), D, "laplacian(DD,D)");
+    } else {
+        divSigmaExp = fvc::div(sigmaD) - fvc::laplacian(stiffness(), D, "laplacian(DD,D)");
     }
 }
 
 void Foam::m4gnExplicitStress::write() const
 {
-    const auto object = [&](const word& name)
-    {
+    const auto object = [&](const word& name) {
         // Not registered: the solver registers its own
-        return IOobject
-        (
-            name,
-            mesh_.time().timeName(),
-            mesh_,
-            IOobject::NO_READ,
-            IOobject::NO_WRITE,
-            false
-        );
+        return IOobject(name, mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false);
     };
     const volScalarField& rho = mesh_.lookupObject<volScalarField>("rho");
 
-    volSymmTensorField sigma(object("sigma"), rho*mesh_.lookupObject<volSymmTensorField>("sigmaD"));
-    if (thermal())
-    {
-        sigma =
-            sigma
-          - I
-           *(
-                rho*mesh_.lookupObject<volScalarField>("threeKalpha")
-               *mesh_.lookupObject<volScalarField>("T")
-            );
+    volSymmTensorField sigma(object("sigma"), rho * mesh_.lookupObject<volSymmTensorField>("sigmaD"));
+    if (thermal()) {
+        sigma = sigma
+                - I
+                      * (rho * mesh_.lookupObject<volScalarField>("threeKalpha")
+                         * mesh_.lookupObject<volScalarField>("T"));
     }
     sigma.write();
 
-    volScalarField(object("sigmaEq"), sqrt(1.5*magSqr(dev(sigma)))).write();
+    volScalarField(object("sigmaEq"), sqrt(1.5 * magSqr(dev(sigma)))).write();
 }

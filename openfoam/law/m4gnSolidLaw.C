@@ -7,8 +7,8 @@
 
 namespace Foam
 {
-    defineTypeNameAndDebug(m4gnSolidLaw, 0);
-    defineRunTimeSelectionTable(m4gnSolidLaw, mesh);
+defineTypeNameAndDebug(m4gnSolidLaw, 0);
+defineRunTimeSelectionTable(m4gnSolidLaw, mesh);
 }
 
 namespace
@@ -23,14 +23,12 @@ Foam::string load()
     Foam::fileName path(library);
 
     Dl_info self;
-    if (::dladdr(reinterpret_cast<const void*>(&load), &self) && self.dli_fname)
-    {
-        path = Foam::fileName(self.dli_fname).path()/library;
+    if (::dladdr(reinterpret_cast<const void*>(&load), &self) && self.dli_fname) {
+        path = Foam::fileName(self.dli_fname).path() / library;
     }
 
     std::string why;
-    if (!Foam::isFile(path, false))
-    {
+    if (!Foam::isFile(path, false)) {
         return "there is no " + path;
     }
     Foam::dlOpen(path, why);
@@ -46,37 +44,31 @@ Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
     autoPtr<m4gnSolidLaw> law;
     string why;
 
-    if (!meshConstructorTablePtr_ || !meshConstructorTablePtr_->found(kind))
-    {
+    if (!meshConstructorTablePtr_ || !meshConstructorTablePtr_->found(kind)) {
         why = load();
     }
-    if (why.empty() && meshConstructorTablePtr_)
-    {
+    if (why.empty() && meshConstructorTablePtr_) {
         const auto found = meshConstructorTablePtr_->cfind(kind);
-        if (found.found())
-        {
+        if (found.found()) {
             law = found.val()(mesh);
             why = law->mismatch();
         }
     }
-    if (!law && why.empty())
-    {
+    if (!law && why.empty()) {
         why = word(library) + " has no law of solids4foam";
     }
 
     // The same on all ranks, whatever their machines have
-    if (returnReduce(why.empty(), andOp<bool>()))
-    {
+    if (returnReduce(why.empty(), andOp<bool>())) {
         return law;
     }
 
-    if (!said)
-    {
-        Info<< "m4gn: solids4foam's material law is not asked: "
-            << (why.empty() ? "another rank cannot" : why.c_str()) << nl
-            << "    Stresses at the surrogate's times stay those of the solver's"
-            << " last step, and boundary values are extrapolated. To build what"
-            << " asks it: setup/solids4foam.sh, or openfoam/solids4foam" << endl;
+    if (!said) {
+        Info << "m4gn: solids4foam's material law is not asked: "
+             << (why.empty() ? "another rank cannot" : why.c_str()) << nl
+             << "    Stresses at the surrogate's times stay those of the solver's"
+             << " last step, and boundary values are extrapolated. To build what"
+             << " asks it: setup/solids4foam.sh, or openfoam/solids4foam" << endl;
         said = true;
     }
 

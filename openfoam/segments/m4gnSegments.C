@@ -10,8 +10,8 @@ namespace Foam
 {
 namespace functionObjects
 {
-    defineTypeNameAndDebug(m4gnSegments, 0);
-    addToRunTimeSelectionTable(functionObject, m4gnSegments, dictionary);
+defineTypeNameAndDebug(m4gnSegments, 0);
+addToRunTimeSelectionTable(functionObject, m4gnSegments, dictionary);
 }
 }
 
@@ -19,18 +19,11 @@ Foam::word Foam::functionObjects::m4gnSegments::instance() const
 {
     // A run's start; in post-processing startFrom latestTime may be later than
     // the time that was asked for
-    return
-        postProcess
-      ? time_.timeName()
-      : Time::timeName(time_.startTime().value());
+    return postProcess ? time_.timeName() : Time::timeName(time_.startTime().value());
 }
 
-template<class Type>
-void Foam::functionObjects::m4gnSegments::writeMode
-(
-    const label modei,
-    const tmp<Field<Type>>& cells
-) const
+template <class Type>
+void Foam::functionObjects::m4gnSegments::writeMode(const label modei, const tmp<Field<Type>>& cells) const
 {
     auto tfield = m4gn::cellField<Type>(mesh_, "m4gnMode" + Foam::name(modei + 1), instance());
     tfield.ref().primitiveFieldRef() = cells;
@@ -38,17 +31,9 @@ void Foam::functionObjects::m4gnSegments::writeMode
     m4gn::writeToInstance(tfield());
 }
 
-Foam::functionObjects::m4gnSegments::m4gnSegments
-(
-    const word& name,
-    const Time& runTime,
-    const dictionary& dict
-)
-:
-    fvMeshFunctionObject(name, runTime, dict),
-    dict_(),
-    segmentation_(),
-    written_(false)
+Foam::functionObjects::m4gnSegments::m4gnSegments(
+    const word& name, const Time& runTime, const dictionary& dict)
+    : fvMeshFunctionObject(name, runTime, dict), dict_(), segmentation_(), written_(false)
 {
     read(dict);
 }
@@ -71,53 +56,36 @@ bool Foam::functionObjects::m4gnSegments::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnSegments::execute()
 {
-    if (segmentation_)
-    {
+    if (segmentation_) {
         return true;
     }
 
     dictionary own(dict_.subOrEmptyDict("segments"));
-    for (const word key : {"nodeTypes", "D"})
-    {
-        if (const entry* e = dict_.findEntry(key))
-        {
+    for (const word key : {"nodeTypes", "D"}) {
+        if (const entry* e = dict_.findEntry(key)) {
             own.add(*e);
         }
     }
 
-    segmentation_.reset
-    (
-        new m4gnSegmentation
-        (
-            mesh_,
-            own,
-            dict_.getOrDefault<bool>("modes", true),
-            dict_.getOrDefault<bool>("recompute", false)
-        )
-    );
+    segmentation_.reset(new m4gnSegmentation(
+        mesh_, own, dict_.getOrDefault<bool>("modes", true), dict_.getOrDefault<bool>("recompute", false)));
 
-    if (const m4gnElasticModes* modes = segmentation_->elastic())
-    {
-        forAll(modes->eigenvalues(), modei)
-        {
+    if (const m4gnElasticModes* modes = segmentation_->elastic()) {
+        forAll(modes->eigenvalues(), modei) {
             const scalar eigenvalue = modes->eigenvalues()[modei];
 
-            Log << "m4gn: eigenvalue " << modei + 1 << " = "
-                << m4gn::text(eigenvalue).c_str() << " 1/s^2, "
-                << Foam::sqrt(max(eigenvalue, scalar(0)))
-                  /constant::mathematical::twoPi
-                << " Hz" << endl;
+            Log << "m4gn: eigenvalue " << modei + 1 << " = " << m4gn::text(eigenvalue).c_str() << " 1/s^2, "
+                << Foam::sqrt(max(eigenvalue, scalar(0))) / constant::mathematical::twoPi << " Hz" << endl;
         }
         return true;
     }
 
     scalarField cells;
-    for (label modei = 0; modei < segmentation_->nModes(); ++modei)
-    {
+    for (label modei = 0; modei < segmentation_->nModes(); ++modei) {
         const scalar eigenvalue = segmentation_->mode(modei, cells);
 
-        Log << "m4gn: eigenvalue " << modei + 1 << " = "
-            << m4gn::text(eigenvalue).c_str() << " 1/m^2" << endl;
+        Log << "m4gn: eigenvalue " << modei + 1 << " = " << m4gn::text(eigenvalue).c_str() << " 1/m^2"
+            << endl;
     }
 
     return true;
@@ -125,26 +93,22 @@ bool Foam::functionObjects::m4gnSegments::execute()
 
 bool Foam::functionObjects::m4gnSegments::write()
 {
-    if (!segmentation_ || written_)
-    {
+    if (!segmentation_ || written_) {
         return true;
     }
     written_ = true;
 
     segmentation_->store(instance());
 
-    if (const m4gnElasticModes* modes = segmentation_->elastic())
-    {
-        for (label modei = 0; modei < modes->size(); ++modei)
-        {
+    if (const m4gnElasticModes* modes = segmentation_->elastic()) {
+        for (label modei = 0; modei < modes->size(); ++modei) {
             writeMode<vector>(modei, modes->mode(modei));
         }
         return true;
     }
 
     scalarField cells;
-    for (label modei = 0; modei < segmentation_->nModes(); ++modei)
-    {
+    for (label modei = 0; modei < segmentation_->nModes(); ++modei) {
         segmentation_->mode(modei, cells);
         writeMode<scalar>(modei, cells);
     }

@@ -20,8 +20,7 @@ static word displacementOf(const dictionary& dict)
 static dictionary solverEntries(const dictionary& dict)
 {
     dictionary own;
-    if (const entry* e = dict.findEntry("modalSolver"))
-    {
+    if (const entry* e = dict.findEntry("modalSolver")) {
         own.add(*e);
     }
     return own;
@@ -29,16 +28,8 @@ static dictionary solverEntries(const dictionary& dict)
 
 } // End namespace Foam
 
-Foam::m4gnElasticModes::m4gnElasticModes
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const label nModes
-)
-:
-    mesh_(mesh),
-    eigenvalues_(),
-    cells_()
+Foam::m4gnElasticModes::m4gnElasticModes(const fvMesh& mesh, const dictionary& dict, const label nModes)
+    : mesh_(mesh), eigenvalues_(), cells_()
 {
     m4gnClock timer;
 
@@ -47,55 +38,42 @@ Foam::m4gnElasticModes::m4gnElasticModes
     const word DName(displacementOf(dict));
     const string found(m4gnElasticBody::describe(mesh, DName));
 
-    if (found != m4gnElasticBody::displacement())
-    {
-        FatalErrorInFunction
-            << "Modes of the elastic body need its displacement " << DName
-            << ": expected a " << m4gnElasticBody::displacement().c_str() << ", found "
-            << (found.empty() ? "no such field" : found.c_str()) << nl
-            << "    Give its name as D, or operator laplacian"
-            << exit(FatalError);
+    if (found != m4gnElasticBody::displacement()) {
+        FatalErrorInFunction << "Modes of the elastic body need its displacement " << DName << ": expected a "
+                             << m4gnElasticBody::displacement().c_str() << ", found "
+                             << (found.empty() ? "no such field" : found.c_str()) << nl
+                             << "    Give its name as D, or operator laplacian" << exit(FatalError);
     }
 
     const m4gnNodeTypes nodeTypes(mesh, dict, "U", "p", DName);
     const m4gnElasticBody body(mesh, dict, nodeTypes.types());
 
-    if (!returnReduce(body.data().n_fixed > 0, orOp<bool>()) && !body.data().free_body)
-    {
-        FatalErrorInFunction
-            << "Nothing holds the elastic body: expected a patch where "
-            << DName << " fixes its value (node type handle) or a symmetry"
-            << " plane, found" << nl;
-        for (const fvPatch& patch : mesh.boundary())
-        {
-            if (m4gnNodeTypes::carriesValues(patch))
-            {
-                FatalError
-                    << "        " << patch.name() << ": "
-                    << m4gnNodeTypes::names[nodeTypes.types()[patch.index()]]
-                    << nl;
+    if (!returnReduce(body.data().n_fixed > 0, orOp<bool>()) && !body.data().free_body) {
+        FatalErrorInFunction << "Nothing holds the elastic body: expected a patch where " << DName
+                             << " fixes its value (node type handle) or a symmetry"
+                             << " plane, found" << nl;
+        for (const fvPatch& patch : mesh.boundary()) {
+            if (m4gnNodeTypes::carriesValues(patch)) {
+                FatalError << "        " << patch.name() << ": "
+                           << m4gnNodeTypes::names[nodeTypes.types()[patch.index()]] << nl;
             }
         }
-        FatalError
-            << "    Give nodeTypes { <patch> handle; }, freeBody yes, or"
-            << " operator laplacian" << exit(FatalError);
+        FatalError << "    Give nodeTypes { <patch> handle; }, freeBody yes, or"
+                   << " operator laplacian" << exit(FatalError);
     }
 
     dictionary asked(solverEntries(dict));
-    if (nModes >= 0)
-    {
+    if (nModes >= 0) {
         // Segments of elastic modes need one at least
         asked.set("modes", Foam::max(nModes, label(1)));
     }
     const std::string options(m4gn::json(asked));
 
     m4gn_modes* raw = nullptr;
-    m4gn::check
-    (
+    m4gn::check(
         m4gn_solid_modes_new(m4gn::communicator(), &body.data(), options.c_str(), &raw),
         "Modes of the elastic body cannot be had"
-        " (operator laplacian does without)"
-    );
+        " (operator laplacian does without)");
     const std::unique_ptr<m4gn_modes, void (*)(m4gn_modes*)> modes(raw, m4gn_modes_free);
 
     const label n = m4gn_modes_count(raw);
@@ -105,28 +83,20 @@ Foam::m4gnElasticModes::m4gnElasticModes
     const labelListList& cellPoints = mesh.cellPoints();
     const label nCells = mesh.nCells();
     vectorField points(mesh.nPoints());
-    cells_.resize(n*nCells);
+    cells_.resize(n * nCells);
 
-    for (label modei = 0; modei < n; ++modei)
-    {
-        m4gn::check
-        (
-            m4gn_modes_vector(raw, modei, reinterpret_cast<double*>(points.data())),
-            "m4gn"
-        );
-        forAll(cellPoints, celli)
-        {
+    for (label modei = 0; modei < n; ++modei) {
+        m4gn::check(m4gn_modes_vector(raw, modei, reinterpret_cast<double*>(points.data())), "m4gn");
+        forAll(cellPoints, celli) {
             vector sum(Zero);
-            for (const label pointi : cellPoints[celli])
-            {
+            for (const label pointi : cellPoints[celli]) {
                 sum += points[pointi];
             }
-            cells_[modei*nCells + celli] = sum/cellPoints[celli].size();
+            cells_[modei * nCells + celli] = sum / cellPoints[celli].size();
         }
     }
 
-    Info<< "m4gn: " << n << " modes of the elastic body in "
-        << timer.elapsed() << " s" << endl;
+    Info << "m4gn: " << n << " modes of the elastic body in " << timer.elapsed() << " s" << endl;
 }
 
 Foam::wordList Foam::m4gnElasticModes::keys()
@@ -136,33 +106,25 @@ Foam::wordList Foam::m4gnElasticModes::keys()
 
 void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)
 {
-    if (dict.found("material") && !dict.isDict("material"))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry material is no dictionary; expected"
-            << " material { E 1e6; nu 0.3; rho 1000; }" << exit(FatalIOError);
+    if (dict.found("material") && !dict.isDict("material")) {
+        FatalIOErrorInFunction(dict) << "Entry material is no dictionary; expected"
+                                     << " material { E 1e6; nu 0.3; rho 1000; }" << exit(FatalIOError);
     }
     dict.getOrDefault<bool>("freeBody", false);
 
     dictionary own(solverEntries(dict));
-    if (const entry* e = dict.findEntry("operator"))
-    {
+    if (const entry* e = dict.findEntry("operator")) {
         own.add(*e);
     }
-    m4gn::checkOptions
-    (
-        dict, "segments", "{\"segments\": " + m4gn::json(own) + '}', keys()
-    );
+    m4gn::checkOptions(dict, "segments", "{\"segments\": " + m4gn::json(own) + '}', keys());
 }
 
 bool Foam::m4gnElasticModes::wanted(const fvMesh& mesh, const dictionary& dict, const label needed)
 {
-    if (dict.found("operator"))
-    {
+    if (dict.found("operator")) {
         return dict.get<word>("operator") == "elastic";
     }
-    if (needed >= 0)
-    {
+    if (needed >= 0) {
         return needed > 0;
     }
 
@@ -170,23 +132,19 @@ bool Foam::m4gnElasticModes::wanted(const fvMesh& mesh, const dictionary& dict, 
     // be without fields.
     const string unknown(m4gnElasticBody::unknown(mesh, dict));
     const bool moves =
-        m4gnElasticBody::describe(mesh, displacementOf(dict))
-     == m4gnElasticBody::displacement();
+        m4gnElasticBody::describe(mesh, displacementOf(dict)) == m4gnElasticBody::displacement();
 
-    if (!returnReduce(moves, orOp<bool>()))
-    {
+    if (!returnReduce(moves, orOp<bool>())) {
         return false;
     }
-    if (returnReduce(unknown.empty(), andOp<bool>()))
-    {
+    if (returnReduce(unknown.empty(), andOp<bool>())) {
         return true;
     }
 
-    Info<< "m4gn: no modes of the elastic body, whose material is not known: "
-        << unknown.c_str() << nl
-        << "    Segments are then made of the Laplacian's modes. For those of the"
-        << " body give the function object's dictionary" << nl
-        << "    material { E ...; nu ...; rho ...; }" << nl << endl;
+    Info << "m4gn: no modes of the elastic body, whose material is not known: " << unknown.c_str() << nl
+         << "    Segments are then made of the Laplacian's modes. For those of the"
+         << " body give the function object's dictionary" << nl << "    material { E ...; nu ...; rho ...; }"
+         << nl << endl;
 
     return false;
 }

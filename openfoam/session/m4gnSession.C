@@ -24,13 +24,10 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
 
     autoPtr<m4gnElasticModes> modes;
     const label needed = model_.elasticModes();
-    if (!stored && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, own, needed))
-    {
+    if (!stored && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, own, needed)) {
         dictionary body(own);
-        for (const word key : {"nodeTypes", "D"})
-        {
-            if (const entry* e = dict.findEntry(key))
-            {
+        for (const word key : {"nodeTypes", "D"}) {
+            if (const entry* e = dict.findEntry(key)) {
                 body.add(*e);
             }
         }
@@ -40,35 +37,25 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
     }
 
     const m4gnMechanicalProperties properties(mesh_);
-    const std::string settings
-    (
-        options(dict, others_, properties.description(dict.getOrDefault<word>("D", "D")))
-    );
+    const std::string settings(
+        options(dict, others_, properties.description(dict.getOrDefault<word>("D", "D"))));
 
     // A rank may be without cells, and yet have segments
     static const int32_t none = 0;
 
-    const word what
-    (
-        stored
-      ? "m4gnSurrogate cannot start (with the segments of m4gnSegment)"
-      : "m4gnSurrogate cannot start",
-        false
-    );
+    const word what(
+        stored ? "m4gnSurrogate cannot start (with the segments of m4gnSegment)"
+               : "m4gnSurrogate cannot start",
+        false);
 
-    m4gn::check
-    (
-        m4gn_session_new
-        (
-            m4gn::communicator(),
-            &nodes_->data(),
-            model_.handle(),
-            settings.c_str(),
-            !stored ? nullptr : segments.size() ? segments.cdata() : &none,
-            &session_
-        ),
-        what.c_str()
-    );
+    m4gn::check(
+        m4gn_session_new(
+            m4gn::communicator(), &nodes_->data(), model_.handle(), settings.c_str(),
+            !stored           ? nullptr
+            : segments.size() ? segments.cdata()
+                              : &none,
+            &session_),
+        what.c_str());
 
     nodes_->clearModes();
     stride_ = m4gn_session_stride(session_);
@@ -79,39 +66,30 @@ void Foam::m4gnSession::checkFields()
     List<m4gn_field_info> infos(m4gn_session_n_fields(session_));
     DynamicList<word> inputs;
 
-    forAll(infos, i)
-    {
+    forAll(infos, i) {
         m4gn::check(m4gn_session_field(session_, i, &infos[i]), "m4gnSurrogate");
-        if (infos[i].is_input)
-        {
+        if (infos[i].is_input) {
             inputs.append(word(infos[i].name, false));
         }
     }
     inputNames_.transfer(inputs);
 
     const string misfit(m4gnOwnFields::obstacleMisfit(mesh_, inputNames_, stride_));
-    if (misfit.size() && outOfRange_ != "ignore")
-    {
-        FatalErrorInFunction
-            << misfit.c_str() << nl << "    The model is " << model_.file()
-            << exit(FatalError);
+    if (misfit.size() && outOfRange_ != "ignore") {
+        FatalErrorInFunction << misfit.c_str() << nl << "    The model is " << model_.file()
+                             << exit(FatalError);
     }
 
     DynamicList<word> outputs;
     DynamicList<label> components;
 
-    for (const m4gn_field_info& info : infos)
-    {
+    for (const m4gn_field_info& info : infos) {
         const word name(info.name, false);
 
-        if (!m4gnFieldSet::registered(mesh_, *nodes_, name))
-        {
-            FatalErrorInFunction
-                << "The model " << model_.file() << " is for the field " << name
-                << ", which this solver has not registered." << nl
-                << "    Registered: "
-                << nodes_->registered().c_str()
-                << exit(FatalError);
+        if (!m4gnFieldSet::registered(mesh_, *nodes_, name)) {
+            FatalErrorInFunction << "The model " << model_.file() << " is for the field " << name
+                                 << ", which this solver has not registered." << nl
+                                 << "    Registered: " << nodes_->registered().c_str() << exit(FatalError);
         }
 
         m4gnFieldSet field(mesh_, wordList(1, name));
@@ -120,29 +98,23 @@ void Foam::m4gnSession::checkFields()
         const label found = field.components(0);
         const FixedList<int32_t, 7>& exponents = field.dimensions(0);
 
-        if (info.components != found)
-        {
-            FatalErrorInFunction
-                << "The model " << model_.file() << " is for " << name << " with "
-                << label(info.components) << " components; this solver's has "
-                << found << exit(FatalError);
+        if (info.components != found) {
+            FatalErrorInFunction << "The model " << model_.file() << " is for " << name << " with "
+                                 << label(info.components) << " components; this solver's has " << found
+                                 << exit(FatalError);
         }
 
-        if (!std::equal(exponents.begin(), exponents.end(), info.dimensions))
-        {
+        if (!std::equal(exponents.begin(), exponents.end(), info.dimensions)) {
             FixedList<int32_t, 7> expected;
             std::copy(info.dimensions, info.dimensions + 7, expected.begin());
 
-            FatalErrorInFunction
-                << "The model " << model_.file() << " is for " << name
-                << " with the dimensions " << flatOutput(expected)
-                << "; this solver's has " << flatOutput(exponents) << nl
-                << "    (an incompressible p is p/rho, 0 2 -2)"
-                << exit(FatalError);
+            FatalErrorInFunction << "The model " << model_.file() << " is for " << name
+                                 << " with the dimensions " << flatOutput(expected) << "; this solver's has "
+                                 << flatOutput(exponents) << nl
+                                 << "    (an incompressible p is p/rho, 0 2 -2)" << exit(FatalError);
         }
 
-        if (info.is_output)
-        {
+        if (info.is_output) {
             outputs.append(name);
             components.append(found);
         }
@@ -168,46 +140,39 @@ void Foam::m4gnSession::compare()
     std::istringstream lines(count ? why : "");
     std::string line;
     string text;
-    while (std::getline(lines, line))
-    {
+    while (std::getline(lines, line)) {
         // Not stripped of its blanks
-        if (said_.insert(word(line, false)))
-        {
+        if (said_.insert(word(line, false))) {
             text += (text.empty() ? "" : "\n        ") + line;
         }
     }
 
-    if (text.empty() || outOfRange_ == "ignore")
-    {
+    if (text.empty() || outOfRange_ == "ignore") {
         return;
     }
 
-    if (outOfRange_ == "refuse")
-    {
-        FatalErrorInFunction
-            << "This case is not what the model " << model_.file()
-            << " was trained on:" << nl << "        " << text.c_str() << nl
-            << "    Use a model for such cases, or see with mode observe how"
-            << " wrong it is; outOfRange warn goes on" << exit(FatalError);
+    if (outOfRange_ == "refuse") {
+        FatalErrorInFunction << "This case is not what the model " << model_.file()
+                             << " was trained on:" << nl << "        " << text.c_str() << nl
+                             << "    Use a model for such cases, or see with mode observe how"
+                             << " wrong it is; outOfRange warn goes on" << exit(FatalError);
     }
 
-    WarningInFunction
-        << "This case is not what the model " << model_.file() << " was trained on:"
-        << nl << "        " << text.c_str() << nl
-        << "    See with mode observe how wrong it is; outOfRange refuse ends"
-        << " such a run, outOfRange ignore says nothing" << endl;
+    WarningInFunction << "This case is not what the model " << model_.file() << " was trained on:" << nl
+                      << "        " << text.c_str() << nl
+                      << "    See with mode observe how wrong it is; outOfRange refuse ends"
+                      << " such a run, outOfRange ignore says nothing" << endl;
 }
 
 Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const wordList& others)
-:
-    mesh_(mesh),
-    others_(others),
-    model_(m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())),
-    session_(nullptr),
-    stride_(0),
-    setupSeconds_(0),
-    outOfRange_(dict.getOrDefault<word>("outOfRange", "warn")),
-    compared_(false)
+    : mesh_(mesh),
+      others_(others),
+      model_(m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())),
+      session_(nullptr),
+      stride_(0),
+      setupSeconds_(0),
+      outOfRange_(dict.getOrDefault<word>("outOfRange", "warn")),
+      compared_(false)
 {
     m4gnClock timer;
 
@@ -218,35 +183,28 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
 
     List<int32_t> stored;
     bool taken = false;
-    if (!nodes_->atPoints())
-    {
+    if (!nodes_->atPoints()) {
         const dictionary own(dict.subOrEmptyDict("segments"));
         m4gnStoredSegments found(mesh);
 
-        taken = found.use
-        (
-            &model_,
-            m4gnSegmentation::options(own, false),
-            own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first())
-        );
+        taken = found.use(
+            &model_, m4gnSegmentation::options(own, false),
+            own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first()));
         stored = found.cells();
     }
 
     open(dict, stored);
     checkFields();
 
-    const bool write =
-        !nodes_->atPoints() && dict.getOrDefault<bool>("writeSegments", true);
+    const bool write = !nodes_->atPoints() && dict.getOrDefault<bool>("writeSegments", true);
     const label nGroups = m4gn_session_n_groups(session_);
 
-    if (write && nGroups > 0)
-    {
+    if (write && nGroups > 0) {
         const word start(Time::timeName(mesh.time().startTime().value()));
         m4gn::writeLabels(mesh, m4gn::groupName, start, labels(m4gn_session_groups));
     }
 
-    if (write && !taken && m4gn_session_n_segments(session_) > 0)
-    {
+    if (write && !taken && m4gn_session_n_segments(session_) > 0) {
         m4gn::writeSegments(mesh, segments(), m4gn_session_segment_record(session_));
     }
 
@@ -256,29 +214,25 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
     compare();
 
     const string acting(m4gn::sources(mesh));
-    if (acting.size() && outOfRange_ != "ignore")
-    {
-        WarningInFunction
-            << "The case has " << acting.c_str() << ", and the model "
-            << model_.file() << " has no input for it: it knows of it only where the data that it"
-            << " was trained on had the same" << nl
-            << "    See with mode observe how wrong it is; outOfRange ignore"
-            << " says nothing" << endl;
+    if (acting.size() && outOfRange_ != "ignore") {
+        WarningInFunction << "The case has " << acting.c_str() << ", and the model " << model_.file()
+                          << " has no input for it: it knows of it only where the data that it"
+                          << " was trained on had the same" << nl
+                          << "    See with mode observe how wrong it is; outOfRange ignore"
+                          << " says nothing" << endl;
     }
 
-    Info<< "m4gn: model " << model_.file() << ", stride " << stride_ << " s, "
-        << label(m4gn_session_n_segments(session_)) << " segments, ";
-    if (nGroups > 0)
-    {
-        Info<< nGroups << " groups of cells, ";
+    Info << "m4gn: model " << model_.file() << ", stride " << stride_ << " s, "
+         << label(m4gn_session_n_segments(session_)) << " segments, ";
+    if (nGroups > 0) {
+        Info << nGroups << " groups of cells, ";
     }
-    Info<< "ready in " << setupSeconds_ << " s" << nl << endl;
+    Info << "ready in " << setupSeconds_ << " s" << nl << endl;
 }
 
 Foam::m4gnSession::~m4gnSession()
 {
-    if (session_)
-    {
+    if (session_) {
         m4gn_session_free(session_);
     }
 }
@@ -287,70 +241,47 @@ Foam::scalar Foam::m4gnSession::cellsAGroup() const
 {
     const label nGroups = m4gn_session_n_groups(session_);
 
-    return
-        nGroups > 0
-      ? scalar(returnReduce(mesh_.nCells(), sumOp<label>()))/nGroups
-      : 1;
+    return nGroups > 0 ? scalar(returnReduce(mesh_.nCells(), sumOp<label>())) / nGroups : 1;
 }
 
-std::string Foam::m4gnSession::options
-(
-    const dictionary& dict,
-    const wordList& others,
-    const dictionary& solid
-)
+std::string Foam::m4gnSession::options(
+    const dictionary& dict, const wordList& others, const dictionary& solid)
 {
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, ownKeys());
     settings = m4gn::without(settings, others);
-    if (solid.size() && !settings.found("solid"))
-    {
+    if (solid.size() && !settings.found("solid")) {
         settings.add("solid", solid);
     }
-    settings.set
-    (
-        "segments",
-        m4gn::without(dict.subOrEmptyDict("segments"), m4gnSegmentation::ownKeys())
-    );
+    settings.set("segments", m4gn::without(dict.subOrEmptyDict("segments"), m4gnSegmentation::ownKeys()));
     return m4gn::json(settings);
 }
 
 Foam::wordList Foam::m4gnSession::ownKeys()
 {
-    return
-    {
-        "model", "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"
-    };
+    return {"model", "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"};
 }
 
-void Foam::m4gnSession::checkDictionary
-(
-    const dictionary& dict,
-    const fileName& casePath,
-    const wordList& others
-)
+void Foam::m4gnSession::checkDictionary(
+    const dictionary& dict, const fileName& casePath, const wordList& others)
 {
     const fileName model(m4gn::resolve(dict.get<fileName>("model"), casePath));
 
-    if (!isFile(model, false))
-    {
-        FatalIOErrorInFunction(dict)
-            << "There is no model " << model << nl
-            << "    Give model as an absolute path, or relative to the case,"
-            << " to $M4GN_HOME/models or to $M4GN_HOME"
-            << " (M4GN_HOME is set by m4gn's env.sh; now it is "
-            << (getEnv("M4GN_HOME").empty() ? "not set" : getEnv("M4GN_HOME"))
-            << ")" << exit(FatalIOError);
+    if (!isFile(model, false)) {
+        FatalIOErrorInFunction(dict) << "There is no model " << model << nl
+                                     << "    Give model as an absolute path, or relative to the case,"
+                                     << " to $M4GN_HOME/models or to $M4GN_HOME"
+                                     << " (M4GN_HOME is set by m4gn's env.sh; now it is "
+                                     << (getEnv("M4GN_HOME").empty() ? "not set" : getEnv("M4GN_HOME")) << ")"
+                                     << exit(FatalIOError);
     }
 
     m4gnNodes::atPoints(dict);
 
     const word outOfRange(dict.getOrDefault<word>("outOfRange", "warn"));
-    if (!wordList({"warn", "refuse", "ignore"}).found(outOfRange))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry outOfRange is " << outOfRange
-            << "; expected warn, refuse or ignore" << exit(FatalIOError);
+    if (!wordList({"warn", "refuse", "ignore"}).found(outOfRange)) {
+        FatalIOErrorInFunction(dict) << "Entry outOfRange is " << outOfRange
+                                     << "; expected warn, refuse or ignore" << exit(FatalIOError);
     }
 
     m4gnSegmentation::checkDictionary(dict.subOrEmptyDict("segments"));
@@ -362,8 +293,7 @@ void Foam::m4gnSession::checkDictionary
 
 void Foam::m4gnSession::stepped()
 {
-    if (!compared_)
-    {
+    if (!compared_) {
         compare();
         compared_ = true;
     }

@@ -10,19 +10,17 @@
 
 namespace Foam
 {
-    defineTypeNameAndDebug(m4gnSolverStateType, 0);
-    defineRunTimeSelectionTable(m4gnSolverStateType, kind);
+defineTypeNameAndDebug(m4gnSolverStateType, 0);
+defineRunTimeSelectionTable(m4gnSolverStateType, kind);
 }
 
 Foam::autoPtr<Foam::m4gnSolverStateType> Foam::m4gnSolverStateType::New(const word& name)
 {
     const auto found = kindConstructorTablePtr_->cfind(name);
 
-    if (!found.found())
-    {
-        FatalErrorInFunction
-            << "There is no kind of solver state " << name << nl
-            << "    Valid: " << names() << exit(FatalError);
+    if (!found.found()) {
+        FatalErrorInFunction << "There is no kind of solver state " << name << nl << "    Valid: " << names()
+                             << exit(FatalError);
     }
 
     return found.val()();
@@ -40,15 +38,11 @@ void Foam::m4gnSolverState::step(const scalar deltaT) const
 }
 
 Foam::m4gnSolverState::m4gnSolverState(const fvMesh& mesh)
-:
-    mesh_(mesh),
-    time_(const_cast<Time&>(mesh.time()))
+    : mesh_(mesh), time_(const_cast<Time&>(mesh.time()))
 {
-    if (mesh_.moving() || mesh_.changing())
-    {
-        FatalErrorInFunction
-            << "mode replace does not handle a mesh that moves or changes"
-            << exit(FatalError);
+    if (mesh_.moving() || mesh_.changing()) {
+        FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
+                             << exit(FatalError);
     }
 }
 
@@ -69,20 +63,16 @@ Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
     const wordList names(m4gnSolverStateType::names());
     const word given(dict.getOrDefault<word>("state", word::null));
 
-    if (given.size() && !names.found(given))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry state is " << given << "; expected one of "
-            << m4gn::join(names) << nl
-            << "    A library of your own that has one belongs into libs"
-            << exit(FatalIOError);
+    if (given.size() && !names.found(given)) {
+        FatalIOErrorInFunction(dict) << "Entry state is " << given << "; expected one of "
+                                     << m4gn::join(names) << nl
+                                     << "    A library of your own that has one belongs into libs"
+                                     << exit(FatalIOError);
     }
 
     wordHashSet all;
-    for (const word& name : names)
-    {
-        if (given.empty() || given == name)
-        {
+    for (const word& name : names) {
+        if (given.empty() || given == name) {
             all.insert(m4gnSolverStateType::New(name)->keys());
         }
     }
@@ -90,62 +80,43 @@ Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
     return all.sortedToc();
 }
 
-Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
+Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
 {
     const word given(dict.getOrDefault<word>("state", word::null));
 
     wordList fitting;
     OStringStream expected;
 
-    for (const word& name : m4gnSolverStateType::names())
-    {
+    for (const word& name : m4gnSolverStateType::names()) {
         const auto kind(m4gnSolverStateType::New(name));
 
-        if (given.empty() || given == name)
-        {
+        if (given.empty() || given == name) {
             expected << "    " << name << ": " << kind->needs().c_str() << nl;
-            if (kind->applies(mesh, dict))
-            {
+            if (kind->applies(mesh, dict)) {
                 fitting.append(name);
             }
         }
     }
 
-    if (fitting.empty())
-    {
-        FatalErrorInFunction
-            << "mode replace does not know how this solver carries on from a"
-            << " state. Expected" << nl << expected.str().c_str()
-            << "    Registered: "
-            << session.nodes().registered().c_str()
-            << ", " << m4gn::join(mesh.sortedNames<surfaceScalarField>())
-            << exit(FatalError);
+    if (fitting.empty()) {
+        FatalErrorInFunction << "mode replace does not know how this solver carries on from a"
+                             << " state. Expected" << nl << expected.str().c_str()
+                             << "    Registered: " << session.nodes().registered().c_str() << ", "
+                             << m4gn::join(mesh.sortedNames<surfaceScalarField>()) << exit(FatalError);
     }
-    if (fitting.size() > 1)
-    {
-        FatalErrorInFunction
-            << "This solver carries on from several kinds of state: "
-            << m4gn::join(fitting) << nl
-            << "    Give the entry state the one that is meant"
-            << exit(FatalError);
+    if (fitting.size() > 1) {
+        FatalErrorInFunction << "This solver carries on from several kinds of state: " << m4gn::join(fitting)
+                             << nl << "    Give the entry state the one that is meant" << exit(FatalError);
     }
 
     const auto kind(m4gnSolverStateType::New(fitting.first()));
 
-    if (kind->atPoints() != session.nodes().atPoints())
-    {
-        FatalErrorInFunction
-            << "The solver (state " << fitting.first()
-            << ") has its unknowns at "
-            << (kind->atPoints() ? "points" : "cells") << nl
-            << "    Give m4gnHarvest and m4gnSurrogate location "
-            << (kind->atPoints() ? "points" : "cells")
-            << exit(FatalError);
+    if (kind->atPoints() != session.nodes().atPoints()) {
+        FatalErrorInFunction << "The solver (state " << fitting.first() << ") has its unknowns at "
+                             << (kind->atPoints() ? "points" : "cells") << nl
+                             << "    Give m4gnHarvest and m4gnSurrogate location "
+                             << (kind->atPoints() ? "points" : "cells") << exit(FatalError);
     }
 
     return kind->make(mesh, dict, session);

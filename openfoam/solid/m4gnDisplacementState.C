@@ -9,13 +9,11 @@ namespace
 {
 //- Time's deltaT0 of the next time step is the deltaT of this one. A stride is
 //  no step of the solver: give it the solver's own.
-struct previousStep
-:
-    public Foam::TimeState
+struct previousStep : public Foam::TimeState
 {
     static void set(Foam::Time& time, const Foam::scalar deltaT)
     {
-        Foam::scalar Foam::TimeState::* saved = &previousStep::deltaTSave_;
+        Foam::scalar Foam::TimeState::*saved = &previousStep::deltaTSave_;
         static_cast<Foam::TimeState&>(time).*saved = deltaT;
     }
 };
@@ -42,48 +40,33 @@ void Foam::m4gnDisplacementState::update()
     D().correctBoundaryConditions();
 }
 
-Foam::m4gnDisplacementState::m4gnDisplacementState
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-:
-    m4gnModelState(mesh, session),
-    DName_(displacementName(dict)),
-    dynamic_(false)
+Foam::m4gnDisplacementState::m4gnDisplacementState(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnModelState(mesh, session), DName_(displacementName(dict)), dynamic_(false)
 {
     refuseHistory();
 
     const word used(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'));
 
-    if (used != "Euler" && used != "steadyState")
-    {
-        FatalErrorInFunction
-            << "mode replace does not handle the time scheme of " << DName_
-            << " in d2dt2Schemes: " << used << nl
-            << "    Handled: Euler, steadyState"
-            << exit(FatalError);
+    if (used != "Euler" && used != "steadyState") {
+        FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
+                             << " in d2dt2Schemes: " << used << nl << "    Handled: Euler, steadyState"
+                             << exit(FatalError);
     }
     dynamic_ = used == "Euler";
 
     wordList needed(1, DName_);
-    if (dynamic_)
-    {
+    if (dynamic_) {
         needed.append(m4gnOwnFields::rateOf(DName_));
     }
 
-    for (const word& name : needed)
-    {
-        if (!session_.outputs().found(name))
-        {
-            FatalErrorInFunction
-                << "The solver carries on from " << m4gn::join(needed)
-                << " (d2dt2Schemes " << used << "); the model "
-                << session_.model() << " advances "
-                << m4gn::join(session_.outputs()) << nl
-                << "    Record these fields, and train a model that predicts"
-                << " them" << exit(FatalError);
+    for (const word& name : needed) {
+        if (!session_.outputs().found(name)) {
+            FatalErrorInFunction << "The solver carries on from " << m4gn::join(needed) << " (d2dt2Schemes "
+                                 << used << "); the model " << session_.model() << " advances "
+                                 << m4gn::join(session_.outputs()) << nl
+                                 << "    Record these fields, and train a model that predicts"
+                                 << " them" << exit(FatalError);
         }
     }
 
@@ -94,27 +77,22 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted, co
 {
     step(duration);
 
-    forAll(predicted, outputi)
-    {
+    forAll(predicted, outputi) {
         impose(outputi, predicted[outputi]);
     }
 
     update();
 
-    if (dynamic_)
-    {
+    if (dynamic_) {
         const volVectorField& old = D().oldTime();
-        const scalar rDuration = 1/duration;
+        const scalar rDuration = 1 / duration;
 
         // Predicted, and not to be computed from D anew
         rate().timeIndex() = time_.timeIndex();
 
         auto& boundary = rate().boundaryFieldRef();
-        forAll(boundary, patchi)
-        {
-            boundary[patchi] ==
-                rDuration
-               *(D().boundaryField()[patchi] - old.boundaryField()[patchi]);
+        forAll(boundary, patchi) {
+            boundary[patchi] == rDuration*(D().boundaryField()[patchi] - old.boundaryField()[patchi]);
         }
         rate().correctBoundaryConditions();
     }
@@ -122,15 +100,12 @@ void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted, co
 
 void Foam::m4gnDisplacementState::complete(const scalar deltaT, const bool handOver)
 {
-    if (handOver)
-    {
+    if (handOver) {
         smooth();
     }
 
-    if (dynamic_)
-    {
-        D().oldTime().primitiveFieldRef() =
-            D().primitiveField() - deltaT*rate().primitiveField();
+    if (dynamic_) {
+        D().oldTime().primitiveFieldRef() = D().primitiveField() - deltaT * rate().primitiveField();
         previousStep::set(time_, deltaT);
     }
 }
@@ -139,24 +114,13 @@ Foam::wordList Foam::m4gnDisplacementState::advanced() const
 {
     // sigmaD and divSigmaExp: of solidDisplacementFoam
     wordList names(m4gnModelState::advanced());
-    names.append
-    (
-        wordList
-        ({
-            DName_, m4gnOwnFields::rateOf(DName_), "sigmaD", "divSigmaExp"
-        })
-    );
+    names.append(wordList({DName_, m4gnOwnFields::rateOf(DName_), "sigmaD", "divSigmaExp"}));
     return names;
 }
 
-Foam::List<Foam::m4gnSolverState::quantity>
-Foam::m4gnDisplacementState::quantities() const
+Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnDisplacementState::quantities() const
 {
     const tmp<scalarField> magD(mag(D().primitiveField()));
 
-    return
-    {
-        quantity("minMag" + DName_, gMin(magD())),
-        quantity("maxMag" + DName_, gMax(magD()))
-    };
+    return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
 }

@@ -6,62 +6,43 @@
 
 namespace
 {
-    //- Most sweeps for the boundary values of the rate
-    const Foam::label maxSweeps = 200;
+//- Most sweeps for the boundary values of the rate
+const Foam::label maxSweeps = 200;
 }
 
-Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::elasticForce
-(
-    const volVectorField& field,
-    const word& gradScheme
-) const
+Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::elasticForce(
+    const volVectorField& field, const word& gradScheme) const
 {
     const volTensorField gradient(fvc::grad(field, gradScheme));
 
-    return
-        fvc::laplacian(response_.stiffness(), field, "laplacian(DD,D)")
-      + law_.explicitPart(law_.stress(gradient)(), gradient);
+    return fvc::laplacian(response_.stiffness(), field, "laplacian(DD,D)")
+           + law_.explicitPart(law_.stress(gradient)(), gradient);
 }
 
-Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::correction
-(
-    const volVectorField& D,
-    const volVectorField::Internal& force,
-    const scalar size
-) const
+Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::correction(
+    const volVectorField& D, const volVectorField::Internal& force, const scalar size) const
 {
     const auto supports = m4gnElasticResponse::touching(D);
 
     auto r = response_.respond(D, force, size, supports);
-    const volVectorField::Internal inertial(response_.inertia()*r().internalField());
+    const volVectorField::Internal inertial(response_.inertia() * r().internalField());
     r.ref() -= response_.respond(D, inertial, size, supports);
 
     return r;
 }
 
-Foam::m4gnElasticSmoothing::m4gnElasticSmoothing
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnExplicitStress& law
-)
-:
-    mesh_(mesh),
-    law_(law),
-    response_(mesh, law, "smoothing", lengthOf(dict))
+Foam::m4gnElasticSmoothing::m4gnElasticSmoothing(
+    const fvMesh& mesh, const dictionary& dict, const m4gnExplicitStress& law)
+    : mesh_(mesh), law_(law), response_(mesh, law, "smoothing", lengthOf(dict))
 {}
 
 Foam::scalar Foam::m4gnElasticSmoothing::smoothDisplacement(volVectorField& D) const
 {
     volVectorField force(elasticForce(D, "grad(" + D.name() + ')'));
 
-    if (law_.thermal())
-    {
-        force -= fvc::grad
-        (
-            mesh_.lookupObject<volScalarField>("threeKalpha")
-           *mesh_.lookupObject<volScalarField>("T")
-        );
+    if (law_.thermal()) {
+        force -= fvc::grad(
+            mesh_.lookupObject<volScalarField>("threeKalpha") * mesh_.lookupObject<volScalarField>("T"));
     }
 
     const auto change = correction(D, force.internalField(), gMax(mag(D.primitiveField())()));
@@ -79,29 +60,24 @@ void Foam::m4gnElasticSmoothing::smoothRate(const volVectorField& D, volVectorFi
     auto tv = response_.heldAs(D, "m4gnRate", rate.dimensions());
     volVectorField& v = tv.ref();
     v.primitiveFieldRef() = rate.primitiveField();
-    forAll(v.boundaryField(), patchi)
-    {
-        if (v.boundaryField()[patchi].fixesValue())
-        {
+    forAll(v.boundaryField(), patchi) {
+        if (v.boundaryField()[patchi].fixesValue()) {
             v.boundaryFieldRef()[patchi] == rate.boundaryField()[patchi];
         }
     }
     v.correctBoundaryConditions();
 
-    for (label sweep = 0; sweep < maxSweeps; ++sweep)
-    {
+    for (label sweep = 0; sweep < maxSweeps; ++sweep) {
         const volVectorField::Boundary before(v.boundaryField());
         response_.release(v, law_.stress(fvc::grad(v, gradScheme)())());
 
-        if (m4gnExplicitStress::change(before, v) <= 1e-6*size)
-        {
+        if (m4gnExplicitStress::change(before, v) <= 1e-6 * size) {
             break;
         }
     }
 
     const volVectorField force(elasticForce(v, gradScheme));
 
-    rate.primitiveFieldRef() +=
-        correction(D, force.internalField(), size)().primitiveField();
+    rate.primitiveFieldRef() += correction(D, force.internalField(), size)().primitiveField();
     rate.correctBoundaryConditions();
 }

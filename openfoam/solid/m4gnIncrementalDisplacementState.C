@@ -8,9 +8,9 @@
 
 addM4gnSolverState(m4gnIncrementalDisplacementState, incrementalDisplacement)
 
-const char* const Foam::m4gnIncrementalDisplacementState::needs =
-    "displacements D and DD and solidProperties with solidModel linearGeometry"
-    " or nonLinearGeometryTotalLagrangian (solids4foam)";
+    const char* const Foam::m4gnIncrementalDisplacementState::needs =
+        "displacements D and DD and solidProperties with solidModel linearGeometry"
+        " or nonLinearGeometryTotalLagrangian (solids4foam)";
 
 namespace
 {
@@ -19,15 +19,10 @@ const char* const smallStrain = "epsilon_";
 const char* const deformation = "F_";
 
 //- Set a field and its boundary values; its old level has those of before
-template<class Type>
-void set
-(
+template <class Type>
+void set(
     Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>& field,
-    const Foam::tmp
-    <
-        Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>
-    >& values
-)
+    const Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>& values)
 {
     field.oldTime();
     field == values;
@@ -55,10 +50,8 @@ void Foam::m4gnIncrementalDisplacementState::update()
     DD().primitiveFieldRef() = D().primitiveField() - old.primitiveField();
     DD().correctBoundaryConditions();
 
-    forAll(boundary, patchi)
-    {
-        boundary[patchi] ==
-            old.boundaryField()[patchi] + DD().boundaryField()[patchi];
+    forAll(boundary, patchi) {
+        boundary[patchi] == old.boundaryField()[patchi] + DD().boundaryField()[patchi];
     }
     D().correctBoundaryConditions();
 
@@ -70,15 +63,13 @@ void Foam::m4gnIncrementalDisplacementState::setLevels(const scalar deltaT)
     volVectorField& increment = DD();
     volVectorField& old = D().oldTime();
 
-    if (dynamic_)
-    {
-        set(increment, dimensionedScalar("deltaT", dimTime, deltaT)*rate());
+    if (dynamic_) {
+        set(increment, dimensionedScalar("deltaT", dimTime, deltaT) * rate());
         old == D() - increment;
         old.oldTime() == old - increment;
         increment.oldTime() == increment;
 
-        if (linear())
-        {
+        if (linear()) {
             auto& inertia = mesh_.lookupObjectRef<volVectorField>("rhoD2dt2D");
             inertia.oldTime();
             inertia == dimensionedVector(inertia.dimensions(), Zero);
@@ -92,37 +83,22 @@ bool Foam::m4gnIncrementalDisplacementState::applies(const fvMesh& mesh, const d
 {
     const word model(m4gn::solidModel(mesh));
 
-    return
-        mesh.foundObject<volVectorField>("D")
-     && mesh.foundObject<volVectorField>("DD")
-     && (
-            model == "linearGeometry"
-         || model == "nonLinearGeometryTotalLagrangian"
-        );
+    return mesh.foundObject<volVectorField>("D") && mesh.foundObject<volVectorField>("DD")
+           && (model == "linearGeometry" || model == "nonLinearGeometryTotalLagrangian");
 }
 
-Foam::m4gnIncrementalDisplacementState::m4gnIncrementalDisplacementState
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-:
-    m4gnTotalDisplacementState(mesh, dict, session)
+Foam::m4gnIncrementalDisplacementState::m4gnIncrementalDisplacementState(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnTotalDisplacementState(mesh, dict, session)
 {
-    const bool found =
-        linear()
-      ? mesh_.foundObject<volSymmTensorField>(smallStrain)
-      : mesh_.foundObject<volTensorField>(deformation);
+    const bool found = linear() ? mesh_.foundObject<volSymmTensorField>(smallStrain)
+                                : mesh_.foundObject<volTensorField>(deformation);
 
-    if (!found)
-    {
-        FatalErrorInFunction
-            << "The material law has not registered the strain that it adds up, "
-            << (linear() ? smallStrain : deformation) << nl
-            << "    mode replace takes one material that has it;"
-            << " the models of total displacement keep no such strain"
-            << exit(FatalError);
+    if (!found) {
+        FatalErrorInFunction << "The material law has not registered the strain that it adds up, "
+                             << (linear() ? smallStrain : deformation) << nl
+                             << "    mode replace takes one material that has it;"
+                             << " the models of total displacement keep no such strain" << exit(FatalError);
     }
 }
 
@@ -132,22 +108,19 @@ void Foam::m4gnIncrementalDisplacementState::complete(const scalar deltaT, const
 
     setLevels(deltaT);
 
-    if (followed_)
-    {
+    if (followed_) {
         return;
     }
 
     auto& gradD = mesh_.lookupObjectRef<volTensorField>("grad(D)");
     set(gradD, fvc::grad(D()));
-    if (linear())
-    {
+    if (linear()) {
         set(mesh_.lookupObjectRef<volSymmTensorField>(smallStrain), symm(gradD));
         return;
     }
 
     const dimensionedTensor one("one", dimless, tensor::I);
-    for (const word& name : {word(deformation), word("F")})
-    {
+    for (const word& name : {word(deformation), word("F")}) {
         set(mesh_.lookupObjectRef<volTensorField>(name), one + gradD.T());
     }
 }
@@ -155,11 +128,6 @@ void Foam::m4gnIncrementalDisplacementState::complete(const scalar deltaT, const
 Foam::wordList Foam::m4gnIncrementalDisplacementState::advanced() const
 {
     wordList names(m4gnTotalDisplacementState::advanced());
-    names.append
-    (
-        wordList({
-            "DD", "grad(D)", "grad(DD)", "F", "rhoD2dt2D", smallStrain, deformation
-        })
-    );
+    names.append(wordList({"DD", "grad(D)", "grad(DD)", "F", "rhoD2dt2D", smallStrain, deformation}));
     return names;
 }

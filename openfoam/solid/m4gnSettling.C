@@ -18,33 +18,22 @@ const Foam::label nSteps = 3;
 //  FatalIOError if the entry is not valid.
 Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 {
-    if
-    (
-        Foam::m4gn::isNone
-        (
-            dict, entryName, "settling { time 0.02; tolerance 1e-5; }"
-        )
-    )
-    {
+    if (Foam::m4gn::isNone(dict, entryName, "settling { time 0.02; tolerance 1e-5; }")) {
         return 0;
     }
-    if (!dict.found(entryName))
-    {
+    if (!dict.found(entryName)) {
         return usual;
     }
 
     const Foam::dictionary& own = dict.subDict(entryName);
     Foam::m4gn::checkKeys(own, {"time", "tolerance"}, false);
 
-    for (const Foam::word& name : {Foam::word("time"), Foam::word("tolerance")})
-    {
-        if (own.found(name) && !(own.get<Foam::scalar>(name) > 0))
-        {
-            FatalIOErrorInFunction(own)
-                << "Entry " << name << " of " << own.dictName() << " is "
-                << own.get<Foam::scalar>(name) << "; expected more than 0"
-                << Foam::nl << "    To hand over what was predicted: "
-                << entryName << " none;" << Foam::exit(Foam::FatalIOError);
+    for (const Foam::word& name : {Foam::word("time"), Foam::word("tolerance")}) {
+        if (own.found(name) && !(own.get<Foam::scalar>(name) > 0)) {
+            FatalIOErrorInFunction(own) << "Entry " << name << " of " << own.dictName() << " is "
+                                        << own.get<Foam::scalar>(name) << "; expected more than 0" << Foam::nl
+                                        << "    To hand over what was predicted: " << entryName << " none;"
+                                        << Foam::exit(Foam::FatalIOError);
         }
     }
 
@@ -55,89 +44,49 @@ Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 
 Foam::vectorField Foam::m4gnSettling::read(const word& name) const
 {
-    IOobject file
-    (
-        name,
-        mesh_.time().timeName(),
-        mesh_,
-        IOobject::MUST_READ,
-        IOobject::NO_WRITE,
-        false
-    );
-    if (atPoints_)
-    {
-        return
-            file.typeHeaderOk<pointVectorField>(true)
-          ? pointVectorField(file, pointMesh::New(mesh_)).primitiveField()
-          : vectorField();
+    IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::MUST_READ, IOobject::NO_WRITE, false);
+    if (atPoints_) {
+        return file.typeHeaderOk<pointVectorField>(true)
+                   ? pointVectorField(file, pointMesh::New(mesh_)).primitiveField()
+                   : vectorField();
     }
-    return
-        file.typeHeaderOk<volVectorField>(true)
-      ? volVectorField(file, mesh_).primitiveField()
-      : vectorField();
+    return file.typeHeaderOk<volVectorField>(true) ? volVectorField(file, mesh_).primitiveField()
+                                                   : vectorField();
 }
 
-void Foam::m4gnSettling::write
-(
-    const word& name,
-    const dimensionSet& dimensions,
-    const vectorField& values
-) const
+void Foam::m4gnSettling::write(
+    const word& name, const dimensionSet& dimensions, const vectorField& values) const
 {
-    const IOobject file
-    (
-        name,
-        mesh_.time().timeName(),
-        mesh_,
-        IOobject::NO_READ,
-        IOobject::NO_WRITE,
-        false
-    );
+    const IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false);
     const dimensionedVector zero(dimensions, Zero);
-    if (atPoints_)
-    {
+    if (atPoints_) {
         pointVectorField field(file, pointMesh::New(mesh_), zero);
         field.primitiveFieldRef() = values;
         field.write();
-    }
-    else
-    {
+    } else {
         volVectorField field(file, mesh_, zero);
         field.primitiveFieldRef() = values;
         field.write();
     }
 }
 
-Foam::m4gnSettling::m4gnSettling
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const scalar stride,
-    const bool atPoints
-)
-:
-    mesh_(mesh),
-    atPoints_(atPoints),
-    time_(timeOf(dict, (atPoints ? 0.25 : 0.5)*stride)),
-    tolerance_
-    (
-        time_ > 0
-      ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>
-        (
-            // Newton's last iteration leaves far less than its change
-            "tolerance", atPoints ? 1e-2 : 1e-5
-        )
-      : 0
-    ),
-    settledAt_(-VGREAT),
-    lastTime_(-VGREAT),
-    said_(false)
+Foam::m4gnSettling::m4gnSettling(
+    const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints)
+    : mesh_(mesh),
+      atPoints_(atPoints),
+      time_(timeOf(dict, (atPoints ? 0.25 : 0.5) * stride)),
+      tolerance_(
+          time_ > 0 ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>(
+              // Newton's last iteration leaves far less than its change
+              "tolerance", atPoints ? 1e-2 : 1e-5)
+                    : 0),
+      settledAt_(-VGREAT),
+      lastTime_(-VGREAT),
+      said_(false)
 {
-    if (active())
-    {
+    if (active()) {
         predictedD_ = read("surrogateD");
-        if (returnReduce(predictedD_.size(), sumOp<label>()))
-        {
+        if (returnReduce(predictedD_.size(), sumOp<label>())) {
             settledAt_ = lastTime_ = mesh.time().value();
             predictedRate_ = read("surrogateRate");
             predictedAcceleration_ = read("surrogateAcceleration");
@@ -146,29 +95,19 @@ Foam::m4gnSettling::m4gnSettling
     }
 }
 
-Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const scalar stride,
-    const bool atPoints,
-    const autoPtr<m4gnSolidLaw>& law,
-    const bool dynamic
-)
+Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New(
+    const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints,
+    const autoPtr<m4gnSolidLaw>& law, const bool dynamic)
 {
-    if (law && law->settles() && dynamic)
-    {
+    if (law && law->settles() && dynamic) {
         return autoPtr<m4gnSettling>(new m4gnSettling(mesh, dict, stride, atPoints));
     }
-    if (law && dict.isDict(entryName))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry settling is for dynamic cases of solids4foam's models, at"
-            << " cells without a pressure equation (solvePressureEqn), at points"
-            << " with solutionAlgorithm implicitCoupled; this one is "
-            << m4gn::solidModel(mesh)
-            << (dynamic ? "" : ", quasi-static") << nl
-            << "    Remove the entry" << exit(FatalIOError);
+    if (law && dict.isDict(entryName)) {
+        FatalIOErrorInFunction(dict) << "Entry settling is for dynamic cases of solids4foam's models, at"
+                                     << " cells without a pressure equation (solvePressureEqn), at points"
+                                     << " with solutionAlgorithm implicitCoupled; this one is "
+                                     << m4gn::solidModel(mesh) << (dynamic ? "" : ", quasi-static") << nl
+                                     << "    Remove the entry" << exit(FatalIOError);
     }
 
     return nullptr;
@@ -184,53 +123,38 @@ bool Foam::m4gnSettling::settled() const
     return settledAt_ == mesh_.time().value();
 }
 
-bool Foam::m4gnSettling::settle
-(
-    m4gnSolidLaw& law,
-    vectorField& D,
-    vectorField& rate,
-    vectorField* acceleration,
-    const scalar deltaT
-)
+bool Foam::m4gnSettling::settle(
+    m4gnSolidLaw& law, vectorField& D, vectorField& rate, vectorField* acceleration, const scalar deltaT)
 {
-    if (settled())
-    {
+    if (settled()) {
         return true;
     }
 
     const vectorField predicted(D);
     vectorField free(predicted);
-    if (atPoints_ && lastD_.size())
-    {
+    if (atPoints_ && lastD_.size()) {
         // Newton's iterations go astray from where the stress is rough
         D = lastD_;
     }
     bool done = true;
-    for (label i = 0; done && i < nSteps; ++i)
-    {
-        if (i)
-        {
+    for (label i = 0; done && i < nSteps; ++i) {
+        if (i) {
             free -= D - predicted;
         }
         done = law.settle(free, time_, tolerance_);
     }
-    if (!done)
-    {
+    if (!done) {
         D = predicted;
-        if (!atPoints_)
-        {
+        if (!atPoints_) {
             lastD_.clear();
         }
-        if (!said_)
-        {
+        if (!said_) {
             said_ = true;
-            WarningInFunction
-                << "The displacement of the surrogate could not be settled at"
-                << " time " << mesh_.time().timeName() << ": such states are"
-                << " handed over as predicted" << nl
-                << "    Give it another time, or a larger tolerance (settling"
-                << " { time ...; tolerance ...; }), or have settling none;"
-                << endl;
+            WarningInFunction << "The displacement of the surrogate could not be settled at"
+                              << " time " << mesh_.time().timeName() << ": such states are"
+                              << " handed over as predicted" << nl
+                              << "    Give it another time, or a larger tolerance (settling"
+                              << " { time ...; tolerance ...; }), or have settling none;" << endl;
         }
         return false;
     }
@@ -239,22 +163,18 @@ bool Foam::m4gnSettling::settle
     settledAt_ = now;
     predictedD_ = predicted;
     predictedRate_ = rate;
-    const vectorField settledAcceleration((D - free)/sqr(time_));
-    if (acceleration)
-    {
+    const vectorField settledAcceleration((D - free) / sqr(time_));
+    if (acceleration) {
         predictedAcceleration_ = *acceleration;
         *acceleration = settledAcceleration;
     }
 
     // Newmark's scheme, which solvers at points have, damps nothing: fast modes
     // swing on between the two states, whose difference does not know them
-    if (!atPoints_ && lastD_.size())
-    {
+    if (!atPoints_ && lastD_.size()) {
         const scalar between = now - lastTime_;
-        rate =
-            (D - lastD_)/between
-          + between*(settledAcceleration/3 + lastAcceleration_/6)
-          - 0.5*deltaT*settledAcceleration;
+        rate = (D - lastD_) / between + between * (settledAcceleration / 3 + lastAcceleration_ / 6)
+               - 0.5 * deltaT * settledAcceleration;
     }
 
     lastD_ = D;
@@ -268,19 +188,16 @@ bool Foam::m4gnSettling::restore(vectorField& D, vectorField& rate, vectorField*
 {
     // Of a run that is carried on, and, to begin Newton's iterations with, of
     // the solver
-    if (!lastD_.size() && (atPoints_ || settled()))
-    {
+    if (!lastD_.size() && (atPoints_ || settled())) {
         lastD_ = D;
     }
-    if (!settled())
-    {
+    if (!settled()) {
         return false;
     }
 
     D = predictedD_;
     rate = predictedRate_;
-    if (acceleration)
-    {
+    if (acceleration) {
         *acceleration = predictedAcceleration_;
     }
     settledAt_ = -VGREAT;
@@ -296,15 +213,13 @@ void Foam::m4gnSettling::end()
 
 void Foam::m4gnSettling::write() const
 {
-    if (!settled())
-    {
+    if (!settled()) {
         return;
     }
 
     write("surrogateD", dimLength, predictedD_);
     write("surrogateRate", dimVelocity, predictedRate_);
-    if (predictedAcceleration_.size())
-    {
+    if (predictedAcceleration_.size()) {
         write("surrogateAcceleration", dimAcceleration, predictedAcceleration_);
     }
     write("settledAcceleration", dimAcceleration, lastAcceleration_);

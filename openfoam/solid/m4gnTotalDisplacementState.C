@@ -11,10 +11,10 @@
 
 addM4gnSolverState(m4gnTotalDisplacementState, totalDisplacement)
 
-const char* const Foam::m4gnTotalDisplacementState::needs =
-    "a displacement (name: D) and solidProperties with solidModel"
-    " linearGeometryTotalDisplacement or"
-    " nonLinearGeometryTotalLagrangianTotalDisplacement (solids4foam)";
+    const char* const Foam::m4gnTotalDisplacementState::needs =
+        "a displacement (name: D) and solidProperties with solidModel"
+        " linearGeometryTotalDisplacement or"
+        " nonLinearGeometryTotalLagrangianTotalDisplacement (solids4foam)";
 
 namespace
 {
@@ -37,38 +37,25 @@ void Foam::m4gnTotalDisplacementState::extrapolate(const volVectorField& conditi
     const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
     auto& boundary = D().boundaryFieldRef();
 
-    for (label sweep = 0; sweep < maxSweeps; ++sweep)
-    {
+    for (label sweep = 0; sweep < maxSweeps; ++sweep) {
         const volTensorField gradD(fvc::grad(D()));
         scalar change = 0;
 
-        forAll(boundary, patchi)
-        {
+        forAll(boundary, patchi) {
             fvPatchVectorField& patch = boundary[patchi];
 
             // Of traction, and what derives from it
-            if
-            (
-                isA<fixedGradientFvPatchVectorField>(conditions.boundaryField()[patchi])
-             && patch.size()
-            )
-            {
+            if (isA<fixedGradientFvPatchVectorField>(conditions.boundaryField()[patchi]) && patch.size()) {
                 const labelUList& cells = patch.patch().faceCells();
-                const vectorField extrapolated
-                (
+                const vectorField extrapolated(
                     vectorField(D().primitiveField(), cells)
-                  + (
-                        patch.patch().delta()
-                      & tensorField(gradD.primitiveField(), cells)
-                    )
-                );
+                    + (patch.patch().delta() & tensorField(gradD.primitiveField(), cells)));
                 change = max(change, max(mag(extrapolated - patch)));
                 patch == extrapolated;
             }
         }
 
-        if (returnReduce(change, maxOp<scalar>()) < sweepTolerance*size)
-        {
+        if (returnReduce(change, maxOp<scalar>()) < sweepTolerance * size) {
             break;
         }
     }
@@ -77,12 +64,10 @@ void Foam::m4gnTotalDisplacementState::extrapolate(const volVectorField& conditi
 void Foam::m4gnTotalDisplacementState::setVelocity()
 {
     auto* U = mesh_.getObjectPtr<volVectorField>("U");
-    if (dynamic_ && U)
-    {
+    if (dynamic_ && U) {
         U->primitiveFieldRef() = rate().primitiveField();
 
-        forAll(U->boundaryFieldRef(), patchi)
-        {
+        forAll(U->boundaryFieldRef(), patchi) {
             U->boundaryFieldRef()[patchi] == rate().boundaryField()[patchi];
         }
     }
@@ -90,25 +75,16 @@ void Foam::m4gnTotalDisplacementState::setVelocity()
 
 void Foam::m4gnTotalDisplacementState::settle(const scalar deltaT, const bool handOver)
 {
-    if (!completeLastTwo())
-    {
+    if (!completeLastTwo()) {
         return;
     }
 
-    const bool settled = settling_->settle
-    (
-        *law_,
-        D().primitiveFieldRef(),
-        rate().primitiveFieldRef(),
-        nullptr,
-        deltaT
-    );
-    if (!settled)
-    {
+    const bool settled =
+        settling_->settle(*law_, D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr, deltaT);
+    if (!settled) {
         D().correctBoundaryConditions();
     }
-    if (handOver)
-    {
+    if (handOver) {
         settling_->end();
     }
 }
@@ -118,32 +94,24 @@ void Foam::m4gnTotalDisplacementState::follow()
     followed_ = law_ && law_->follow();
 
     auto* points = mesh_.getObjectPtr<pointVectorField>("point" + DName_);
-    if (points && !followed_)
-    {
+    if (points && !followed_) {
         volPointInterpolation::New(mesh_).interpolate(D(), *points);
     }
 }
 
 void Foam::m4gnTotalDisplacementState::refuseContact() const
 {
-    for (const word& name : {DName_, word("DD")})
-    {
+    for (const word& name : {DName_, word("DD")}) {
         const auto* field = mesh_.findObject<volVectorField>(name);
-        if (!field)
-        {
+        if (!field) {
             continue;
         }
-        for (const fvPatchVectorField& patch : field->boundaryField())
-        {
-            if (patch.type() == "solidContact")
-            {
-                FatalErrorInFunction
-                    << "mode replace does not hand over the tractions that"
-                    << " solidContact relaxes from corrector to corrector"
-                    << " (patch " << patch.patch().name() << " of " << name
-                    << ')' << nl
-                    << "    Use rigidCylinderContact, or mode observe"
-                    << exit(FatalError);
+        for (const fvPatchVectorField& patch : field->boundaryField()) {
+            if (patch.type() == "solidContact") {
+                FatalErrorInFunction << "mode replace does not hand over the tractions that"
+                                     << " solidContact relaxes from corrector to corrector"
+                                     << " (patch " << patch.patch().name() << " of " << name << ')' << nl
+                                     << "    Use rigidCylinderContact, or mode observe" << exit(FatalError);
             }
         }
     }
@@ -153,25 +121,17 @@ bool Foam::m4gnTotalDisplacementState::applies(const fvMesh& mesh, const diction
 {
     const word model(m4gn::solidModel(mesh));
 
-    return
-        mesh.foundObject<volVectorField>(displacementName(dict))
-     && (
-            model == "linearGeometryTotalDisplacement"
-         || model == "nonLinearGeometryTotalLagrangianTotalDisplacement"
-        );
+    return mesh.foundObject<volVectorField>(displacementName(dict))
+           && (model == "linearGeometryTotalDisplacement"
+               || model == "nonLinearGeometryTotalLagrangianTotalDisplacement");
 }
 
-Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-:
-    m4gnDisplacementState(mesh, dict, session),
-    obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
-    law_(m4gnSolidLaw::New(mesh)),
-    followed_(false)
+Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnDisplacementState(mesh, dict, session),
+      obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
+      law_(m4gnSolidLaw::New(mesh)),
+      followed_(false)
 {
     refuseContact();
 
@@ -180,15 +140,7 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState
 
 void Foam::m4gnTotalDisplacementState::beforeStride()
 {
-    if
-    (
-        settling_
-     && settling_->restore
-        (
-            D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr
-        )
-    )
-    {
+    if (settling_ && settling_->restore(D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr)) {
         update();
     }
 }
@@ -203,12 +155,10 @@ void Foam::m4gnTotalDisplacementState::complete(const scalar deltaT, const bool 
     follow();
 
     auto* DD = mesh_.getObjectPtr<volVectorField>("DD");
-    if (dynamic_ && followed_ && DD)
-    {
+    if (dynamic_ && followed_ && DD) {
         // Of the solver's time step, at the boundary too
-        *DD == dimensionedScalar("deltaT", dimTime, deltaT)*rate();
-        D().oldTime().boundaryFieldRef() ==
-            D().boundaryField() - DD->boundaryField();
+        *DD == dimensionedScalar("deltaT", dimTime, deltaT) * rate();
+        D().oldTime().boundaryFieldRef() == D().boundaryField() - DD->boundaryField();
     }
 }
 
@@ -216,12 +166,10 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
 {
     wordList names(m4gnDisplacementState::advanced());
     names.append("point" + DName_);
-    if (dynamic_)
-    {
+    if (dynamic_) {
         names.append("U");
     }
-    if (followed_)
-    {
+    if (followed_) {
         names.append(law_->fields());
     }
     return names;
@@ -229,25 +177,21 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
 
 void Foam::m4gnTotalDisplacementState::write() const
 {
-    if (settling_)
-    {
+    if (settling_) {
         settling_->write();
     }
-    if (followed_)
-    {
+    if (followed_) {
         law_->write();
         return;
     }
     m4gnSolverState::write();
 }
 
-Foam::List<Foam::m4gnSolverState::quantity>
-Foam::m4gnTotalDisplacementState::quantities() const
+Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnTotalDisplacementState::quantities() const
 {
     List<quantity> all(m4gnDisplacementState::quantities());
 
-    if (obstacles_)
-    {
+    if (obstacles_) {
         all.append(quantity("gap", obstacles_->smallestGap(D())));
     }
 

@@ -7,25 +7,22 @@
 
 addM4gnSolverState(m4gnUpdatedLagrangianState, updatedLagrangian)
 
-const char* const Foam::m4gnUpdatedLagrangianState::needs =
-    "displacements D and DD and solidProperties with solidModel"
-    " nonLinearGeometryUpdatedLagrangian (solids4foam)";
+    const char* const Foam::m4gnUpdatedLagrangianState::needs =
+        "displacements D and DD and solidProperties with solidModel"
+        " nonLinearGeometryUpdatedLagrangian (solids4foam)";
 
 void Foam::m4gnUpdatedLagrangianState::update()
 {
     // What the increment begins from, before anything is written to it
-    for (const word& name : {word("F"), word("F_"), word("grad(D)")})
-    {
+    for (const word& name : {word("F"), word("F_"), word("grad(D)")}) {
         auto* field = mesh_.getObjectPtr<volTensorField>(name);
-        if (field)
-        {
+        if (field) {
             field->oldTime();
         }
     }
     mesh_.lookupObjectRef<volScalarField>("J").oldTime();
     mesh_.lookupObjectRef<pointVectorField>("pointD").oldTime();
-    if (moved_.valid())
-    {
+    if (moved_.valid()) {
         D().oldTime() == moved_();
         moved_.clear();
     }
@@ -36,31 +33,21 @@ void Foam::m4gnUpdatedLagrangianState::update()
 
 bool Foam::m4gnUpdatedLagrangianState::applies(const fvMesh& mesh, const dictionary&)
 {
-    return
-        mesh.foundObject<volVectorField>("D")
-     && mesh.foundObject<volVectorField>("DD")
-     && m4gn::meshFollowsBody(mesh);
+    return mesh.foundObject<volVectorField>("D") && mesh.foundObject<volVectorField>("DD")
+           && m4gn::meshFollowsBody(mesh);
 }
 
-Foam::m4gnUpdatedLagrangianState::m4gnUpdatedLagrangianState
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-:
-    m4gnIncrementalDisplacementState(mesh, dict, session),
-    pending_(false)
+Foam::m4gnUpdatedLagrangianState::m4gnUpdatedLagrangianState(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnIncrementalDisplacementState(mesh, dict, session), pending_(false)
 {
-    if (!law_)
-    {
-        FatalErrorInFunction
-            << "mode replace hands a state to nonLinearGeometryUpdatedLagrangian"
-            << " with the solver's own material law only, which could not be"
-            << " asked: the log says why" << nl
-            << "    Build lib/libm4gnSolids4Foam.so with this solids4foam"
-            << " (setup/solids4foam.sh, or openfoam/solids4foam), or use"
-            << " nonLinearGeometryTotalLagrangian" << exit(FatalError);
+    if (!law_) {
+        FatalErrorInFunction << "mode replace hands a state to nonLinearGeometryUpdatedLagrangian"
+                             << " with the solver's own material law only, which could not be"
+                             << " asked: the log says why" << nl
+                             << "    Build lib/libm4gnSolids4Foam.so with this solids4foam"
+                             << " (setup/solids4foam.sh, or openfoam/solids4foam), or use"
+                             << " nonLinearGeometryTotalLagrangian" << exit(FatalError);
     }
 }
 
@@ -68,8 +55,7 @@ void Foam::m4gnUpdatedLagrangianState::beforeStride()
 {
     autoPtr<volVectorField> moved(new volVectorField("moved", D()));
     autoPtr<volVectorField> movedRate;
-    if (dynamic_)
-    {
+    if (dynamic_) {
         movedRate.reset(new volVectorField("movedRate", rate()));
     }
 
@@ -85,28 +71,23 @@ void Foam::m4gnUpdatedLagrangianState::complete(const scalar deltaT, const bool 
     const bool moves = pending_;
     pending_ = false;
 
-    if (moved_.valid())
-    {
+    if (moved_.valid()) {
         // The stride was not taken
         D() == moved_();
         moved_.clear();
-        if (dynamic_)
-        {
+        if (dynamic_) {
             rate() == movedRate_();
         }
     }
 
-    if (moves)
-    {
+    if (moves) {
         settle(deltaT, handOver);
         followed_ = law_->follow();
-        if (!followed_)
-        {
-            FatalErrorInFunction
-                << "The surrogate's increment turns cells inside out, and the mesh"
-                << " cannot be moved by it" << nl
-                << "    Take fewer surrogateSteps, or the entry control, which"
-                << " ends jumps whose error grows" << exit(FatalError);
+        if (!followed_) {
+            FatalErrorInFunction << "The surrogate's increment turns cells inside out, and the mesh"
+                                 << " cannot be moved by it" << nl
+                                 << "    Take fewer surrogateSteps, or the entry control, which"
+                                 << " ends jumps whose error grows" << exit(FatalError);
         }
         law_->move();
     }
@@ -115,15 +96,14 @@ void Foam::m4gnUpdatedLagrangianState::complete(const scalar deltaT, const bool 
     setVelocity();
     setLevels(deltaT);
 
-    if (dynamic_ && moves)
-    {
+    if (dynamic_ && moves) {
         // rho J is the same at all times. Only the old level is registered:
         // now that of before the increment
         auto& rho = mesh_.lookupObjectRef<volScalarField>("rho_0");
         const auto& relJ = mesh_.lookupObject<volScalarField>("relJ");
         const auto& gradDD = mesh_.lookupObject<volTensorField>("grad(DD)");
         const dimensionedTensor one("one", dimless, tensor::I);
-        rho == rho/(relJ*det(one - gradDD.T()));
+        rho == rho / (relJ * det(one - gradDD.T()));
     }
 }
 

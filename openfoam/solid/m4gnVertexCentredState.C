@@ -8,10 +8,10 @@
 
 addM4gnSolverState(m4gnVertexCentredState, vertexCentred)
 
-const char* const Foam::m4gnVertexCentredState::needs =
-    "a displacement of the points (name: D, pointD), pointU, and"
-    " solidProperties with solidModel vertexCentredLinearGeometry or"
-    " vertexCentredNonLinTotalLagGeometry (solids4foam)";
+    const char* const Foam::m4gnVertexCentredState::needs =
+        "a displacement of the points (name: D, pointD), pointU, and"
+        " solidProperties with solidModel vertexCentredLinearGeometry or"
+        " vertexCentredNonLinTotalLagGeometry (solids4foam)";
 
 Foam::pointVectorField& Foam::m4gnVertexCentredState::field(const word& name) const
 {
@@ -32,21 +32,16 @@ void Foam::m4gnVertexCentredState::holdFixed()
 {
     const pointVectorField& D = field(DName_);
 
-    for (const char* name : {"pointU", "pointA"})
-    {
-        if (!session_.outputs().found(name))
-        {
+    for (const char* name : {"pointU", "pointA"}) {
+        if (!session_.outputs().found(name)) {
             continue;
         }
         vectorField& rate = field(name).primitiveFieldRef();
-        forAll(D.boundaryField(), patchi)
-        {
+        forAll(D.boundaryField(), patchi) {
             // Those that are derived from it may move
-            if (D.boundaryField()[patchi].type() == "fixedValue")
-            {
+            if (D.boundaryField()[patchi].type() == "fixedValue") {
                 const auto& patch = D.mesh().boundary()[patchi];
-                for (const label pointi : patch.meshPoints())
-                {
+                for (const label pointi : patch.meshPoints()) {
                     rate[pointi] = Zero;
                 }
             }
@@ -56,36 +51,25 @@ void Foam::m4gnVertexCentredState::holdFixed()
 
 Foam::vectorField* Foam::m4gnVertexCentredState::acceleration()
 {
-    return
-        scheme_ == "NewmarkBeta"
-      ? &field("pointA").primitiveFieldRef()
-      : nullptr;
+    return scheme_ == "NewmarkBeta" ? &field("pointA").primitiveFieldRef() : nullptr;
 }
 
 void Foam::m4gnVertexCentredState::settle(const scalar deltaT, const bool handOver)
 {
-    if (!completeLastTwo())
-    {
+    if (!completeLastTwo()) {
         return;
     }
 
     pointVectorField& D = field(DName_);
 
-    settled_ = settling_->settle
-    (
-        *law_,
-        D.primitiveFieldRef(),
-        field("pointU").primitiveFieldRef(),
-        acceleration(),
+    settled_ = settling_->settle(
+        *law_, D.primitiveFieldRef(), field("pointU").primitiveFieldRef(), acceleration(),
         // What Euler's scheme has for the rate
-        scheme_ == "Euler" ? deltaT : 0
-    );
-    if (!settled_)
-    {
+        scheme_ == "Euler" ? deltaT : 0);
+    if (!settled_) {
         D.correctBoundaryConditions();
     }
-    if (handOver)
-    {
+    if (handOver) {
         settling_->end();
     }
 }
@@ -94,120 +78,83 @@ bool Foam::m4gnVertexCentredState::applies(const fvMesh& mesh, const dictionary&
 {
     const word model(m4gn::solidModel(mesh));
 
-    return
-        mesh.foundObject<pointVectorField>(displacementName(dict))
-     && mesh.foundObject<pointVectorField>("pointU")
-     && (
-            model == "vertexCentredLinearGeometry"
-         || model == "vertexCentredNonLinTotalLagGeometry"
-        );
+    return mesh.foundObject<pointVectorField>(displacementName(dict))
+           && mesh.foundObject<pointVectorField>("pointU")
+           && (model == "vertexCentredLinearGeometry" || model == "vertexCentredNonLinTotalLagGeometry");
 }
 
-Foam::m4gnVertexCentredState::m4gnVertexCentredState
-(
-    const fvMesh& mesh,
-    const dictionary& dict,
-    const m4gnSession& session
-)
-:
-    m4gnModelState(mesh, session),
-    DName_(displacementName(dict)),
-    scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
-    law_(m4gnSolidLaw::New(mesh)),
-    followed_(false),
-    settled_(false),
-    dampedSteps_(dict.getOrDefault<label>("dampedSteps", 4)),
-    dampedStepsSettled_(dict.getOrDefault<label>("dampedSteps", 1)),
-    coefficients_(scalar(0))
+Foam::m4gnVertexCentredState::m4gnVertexCentredState(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnModelState(mesh, session),
+      DName_(displacementName(dict)),
+      scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
+      law_(m4gnSolidLaw::New(mesh)),
+      followed_(false),
+      settled_(false),
+      dampedSteps_(dict.getOrDefault<label>("dampedSteps", 4)),
+      dampedStepsSettled_(dict.getOrDefault<label>("dampedSteps", 1)),
+      coefficients_(scalar(0))
 {
     refuseHistory();
     m4gn::checkAtLeast(dict, "dampedSteps", dampedSteps_, 0);
 
     wordList needed(1, DName_);
 
-    if (scheme_ == "Euler")
-    {
+    if (scheme_ == "Euler") {
         needed.append("pointU");
-    }
-    else if (scheme_ == "NewmarkBeta")
-    {
+    } else if (scheme_ == "NewmarkBeta") {
         needed.append("pointU");
         needed.append("pointA");
 
         ITstream& scheme = newmark();
         word name(scheme);
-        for (scalar& coefficient : coefficients_)
-        {
+        for (scalar& coefficient : coefficients_) {
             coefficient = readScalar(scheme);
         }
-    }
-    else if (scheme_ != "steadyState")
-    {
-        FatalErrorInFunction
-            << "mode replace does not handle the time scheme of " << DName_
-            << " in d2dt2Schemes: " << scheme_ << nl
-            << "    Handled: Euler, NewmarkBeta, steadyState"
-            << exit(FatalError);
+    } else if (scheme_ != "steadyState") {
+        FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
+                             << " in d2dt2Schemes: " << scheme_ << nl
+                             << "    Handled: Euler, NewmarkBeta, steadyState" << exit(FatalError);
     }
 
-    for (const word& name : needed)
-    {
-        if (!session_.outputs().found(name))
-        {
-            FatalErrorInFunction
-                << "The solver carries on from " << m4gn::join(needed)
-                << " (d2dt2Schemes " << scheme_ << "); the model "
-                << session_.model() << " advances "
-                << m4gn::join(session_.outputs()) << nl
-                << "    Record these fields with location points, and train a"
-                << " model that predicts them" << exit(FatalError);
+    for (const word& name : needed) {
+        if (!session_.outputs().found(name)) {
+            FatalErrorInFunction << "The solver carries on from " << m4gn::join(needed) << " (d2dt2Schemes "
+                                 << scheme_ << "); the model " << session_.model() << " advances "
+                                 << m4gn::join(session_.outputs()) << nl
+                                 << "    Record these fields with location points, and train a"
+                                 << " model that predicts them" << exit(FatalError);
         }
     }
 
-    settling_ = m4gnSettling::New
-    (
-        mesh, dict, session.stride(), atPoints, law_, scheme_ != "steadyState"
-    );
+    settling_ = m4gnSettling::New(mesh, dict, session.stride(), atPoints, law_, scheme_ != "steadyState");
 }
 
 void Foam::m4gnVertexCentredState::beforeStride()
 {
-    if (settling_)
-    {
-        settling_->restore
-        (
-            field(DName_).primitiveFieldRef(),
-            field("pointU").primitiveFieldRef(),
-            acceleration()
-        );
+    if (settling_) {
+        settling_->restore(
+            field(DName_).primitiveFieldRef(), field("pointU").primitiveFieldRef(), acceleration());
     }
 }
 
-void Foam::m4gnVertexCentredState::advance
-(
-    const List<scalarField>& predicted,
-    const scalar duration
-)
+void Foam::m4gnVertexCentredState::advance(const List<scalarField>& predicted, const scalar duration)
 {
     step(duration);
 
-    forAll(predicted, outputi)
-    {
+    forAll(predicted, outputi) {
         impose(outputi, predicted[outputi]);
     }
 
     auto* cells = mesh_.getObjectPtr<volVectorField>("D");
-    if (cells)
-    {
+    if (cells) {
         const vectorField& points = field(DName_).primitiveField();
         vectorField& D = cells->primitiveFieldRef();
-        forAll(D, celli)
-        {
+        forAll(D, celli) {
             const labelList& ofCell = mesh_.cellPoints()[celli];
             D[celli] = Zero;
-            for (const label pointi : ofCell)
-            {
-                D[celli] += points[pointi]/ofCell.size();
+            for (const label pointi : ofCell) {
+                D[celli] += points[pointi] / ofCell.size();
             }
         }
         cells->correctBoundaryConditions();
@@ -220,12 +167,10 @@ void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool hand
     settle(deltaT, handOver);
     holdFixed();
 
-    if (scheme_ == "Euler")
-    {
+    if (scheme_ == "Euler") {
         pointVectorField& D = field(DName_);
 
-        D.oldTime().primitiveFieldRef() =
-            D.primitiveField() - deltaT*field("pointU").primitiveField();
+        D.oldTime().primitiveFieldRef() = D.primitiveField() - deltaT * field("pointU").primitiveField();
     }
 
     followed_ = law_ && law_->follow();
@@ -233,12 +178,10 @@ void Foam::m4gnVertexCentredState::complete(const scalar deltaT, const bool hand
 
 void Foam::m4gnVertexCentredState::write() const
 {
-    if (settling_)
-    {
+    if (settling_) {
         settling_->write();
     }
-    if (followed_)
-    {
+    if (followed_) {
         law_->write();
         return;
     }
@@ -247,8 +190,7 @@ void Foam::m4gnVertexCentredState::write() const
 
 void Foam::m4gnVertexCentredState::beforeStep(const label n)
 {
-    if (scheme_ != "NewmarkBeta")
-    {
+    if (scheme_ != "NewmarkBeta") {
         return;
     }
 
@@ -257,8 +199,7 @@ void Foam::m4gnVertexCentredState::beforeStep(const label n)
     const auto& wanted = n < nDamped ? damped : coefficients_;
 
     ITstream& scheme = newmark();
-    forAll(wanted, i)
-    {
+    forAll(wanted, i) {
         scheme[1 + i] = token(wanted[i]);
     }
 }
@@ -267,21 +208,15 @@ Foam::wordList Foam::m4gnVertexCentredState::advanced() const
 {
     wordList names(m4gnModelState::advanced());
     names.append(wordList({DName_, "D"}));
-    if (followed_)
-    {
+    if (followed_) {
         names.append(law_->fields());
     }
     return names;
 }
 
-Foam::List<Foam::m4gnSolverState::quantity>
-Foam::m4gnVertexCentredState::quantities() const
+Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnVertexCentredState::quantities() const
 {
     const tmp<scalarField> magD(mag(field(DName_).primitiveField()));
 
-    return
-    {
-        quantity("minMag" + DName_, gMin(magD())),
-        quantity("maxMag" + DName_, gMax(magD()))
-    };
+    return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
 }

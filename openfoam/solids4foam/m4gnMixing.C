@@ -12,8 +12,7 @@ const Foam::scalar alike = 1e-12;
 Foam::scalar product(const Foam::vectorField& a, const Foam::vectorField& b)
 {
     Foam::scalar sum = 0;
-    forAll(a, i)
-    {
+    forAll(a, i) {
         sum += a[i] & b[i];
     }
     return sum;
@@ -22,12 +21,7 @@ Foam::scalar product(const Foam::vectorField& a, const Foam::vectorField& b)
 } // End anonymous namespace
 
 Foam::m4gnMixing::m4gnMixing(const label depth)
-:
-    depth_(depth),
-    dx_(depth),
-    df_(depth),
-    products_(depth*depth, Zero),
-    n_(0)
+    : depth_(depth), dx_(depth), df_(depth), products_(depth * depth, Zero), n_(0)
 {}
 
 Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const vectorField& g)
@@ -35,15 +29,12 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const 
     const vectorField f(g - x);
     auto mixed = tmp<vectorField>::New(g);
 
-    if (n_++)
-    {
-        for (label i = 0; i + 1 < depth_; ++i)
-        {
+    if (n_++) {
+        for (label i = 0; i + 1 < depth_; ++i) {
             dx_[i].swap(dx_[i + 1]);
             df_[i].swap(df_[i + 1]);
-            for (label j = 0; j + 1 < depth_; ++j)
-            {
-                products_[i*depth_ + j] = products_[(i + 1)*depth_ + j + 1];
+            for (label j = 0; j + 1 < depth_; ++j) {
+                products_[i * depth_ + j] = products_[(i + 1) * depth_ + j + 1];
             }
         }
         dx_.last() = x - x_;
@@ -55,48 +46,39 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const 
     // Of m changes: the products with f, and of the latest with each
     const label m = min(n_ - 1, depth_);
     const label first = depth_ - m;
-    List<scalar> sums(2*m, Zero);
-    for (label i = 0; i < m; ++i)
-    {
+    List<scalar> sums(2 * m, Zero);
+    for (label i = 0; i < m; ++i) {
         sums[i] = product(df_[first + i], f);
         sums[m + i] = product(df_[first + i], df_.last());
     }
     Pstream::listCombineGather(sums, plusEqOp<scalar>());
     Pstream::listCombineScatter(sums);
 
-    for (label i = 0; i < m; ++i)
-    {
-        products_[(first + i)*depth_ + depth_ - 1] = sums[m + i];
-        products_[(depth_ - 1)*depth_ + first + i] = sums[m + i];
+    for (label i = 0; i < m; ++i) {
+        products_[(first + i) * depth_ + depth_ - 1] = sums[m + i];
+        products_[(depth_ - 1) * depth_ + first + i] = sums[m + i];
     }
 
     // Each change counts by its direction, for the latest are the smallest
     scalarField scale(m);
-    for (label i = 0; i < m; ++i)
-    {
-        scale[i] =
-            1/sqrt(max(products_[(first + i)*(depth_ + 1)], ROOTVSMALL));
+    for (label i = 0; i < m; ++i) {
+        scale[i] = 1 / sqrt(max(products_[(first + i) * (depth_ + 1)], ROOTVSMALL));
     }
 
-    if (m)
-    {
+    if (m) {
         // The small term keeps changes that are alike from cancelling
         simpleMatrix<scalar> system(m, 0, 0);
-        for (label i = 0; i < m; ++i)
-        {
-            for (label j = 0; j < m; ++j)
-            {
-                system(i, j) =
-                    scale[i]*scale[j]*products_[(first + i)*depth_ + first + j];
+        for (label i = 0; i < m; ++i) {
+            for (label j = 0; j < m; ++j) {
+                system(i, j) = scale[i] * scale[j] * products_[(first + i) * depth_ + first + j];
             }
             system(i, i) += alike;
-            system.source()[i] = scale[i]*sums[i];
+            system.source()[i] = scale[i] * sums[i];
         }
 
         const scalarField weights(system.LUsolve());
-        for (label i = 0; i < m; ++i)
-        {
-            mixed.ref() -= scale[i]*weights[i]*(dx_[first + i] + df_[first + i]);
+        for (label i = 0; i < m; ++i) {
+            mixed.ref() -= scale[i] * weights[i] * (dx_[first + i] + df_[first + i]);
         }
     }
 

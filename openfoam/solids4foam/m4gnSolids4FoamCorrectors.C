@@ -26,9 +26,7 @@ const scalar sweepTolerance = 0.01;
 const scalar linearTolerance = 1e-3;
 
 //- The model hands its stabilisation out to its own classes only
-struct protectedParts
-:
-    public solidModel
+struct protectedParts : public solidModel
 {
     static const momentumStabilisation& of(const solidModel& solid)
     {
@@ -40,10 +38,8 @@ struct protectedParts
 //  contact relax from corrector to corrector
 solidTractionFvPatchVectorField* loaded(fvPatchVectorField& patch)
 {
-    return
-        isA<solidTractionFvPatchVectorField>(patch)
-      ? &refCast<solidTractionFvPatchVectorField>(patch)
-      : nullptr;
+    return isA<solidTractionFvPatchVectorField>(patch) ? &refCast<solidTractionFvPatchVectorField>(patch)
+                                                       : nullptr;
 }
 
 } // End anonymous namespace
@@ -54,56 +50,41 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns(const volScalarF
     auto& boundary = u.boundaryFieldRef();
     DynamicList<vector> all(u.primitiveField());
 
-    for (const label patchi : tractions())
-    {
+    for (const label patchi : tractions()) {
         fvPatchVectorField& patch = boundary[patchi];
         const auto* condition = loaded(patch);
 
-        forAll(patch, facei)
-        {
-            const scalar distance = 1/patch.patch().deltaCoeffs()[facei];
-            all.append(distance*traction(patch).gradient()[facei]);
-            all.append
-            (
-                condition
-              ? distance/impK.boundaryField()[patchi][facei]
-               *condition->traction()[facei]
-              : vector::zero
-            );
+        forAll(patch, facei) {
+            const scalar distance = 1 / patch.patch().deltaCoeffs()[facei];
+            all.append(distance * traction(patch).gradient()[facei]);
+            all.append(
+                condition ? distance / impK.boundaryField()[patchi][facei] * condition->traction()[facei]
+                          : vector::zero);
         }
     }
 
     return tmp<vectorField>::New(std::move(all));
 }
 
-bool Foam::m4gnSolids4FoamLaw::take
-(
-    const vectorField& unknowns,
-    const volScalarField& impK,
-    const scalar tolerance
-)
+bool Foam::m4gnSolids4FoamLaw::take(
+    const vectorField& unknowns, const volScalarField& impK, const scalar tolerance)
 {
     volVectorField& u = solid_->solutionD();
     auto& boundary = u.boundaryFieldRef();
     label i = 0;
 
-    for (vector& value : u.primitiveFieldRef())
-    {
+    for (vector& value : u.primitiveFieldRef()) {
         value = unknowns[i++];
     }
-    for (const label patchi : tractions())
-    {
+    for (const label patchi : tractions()) {
         fvPatchVectorField& patch = boundary[patchi];
         auto* condition = loaded(patch);
 
-        forAll(patch, facei)
-        {
+        forAll(patch, facei) {
             const scalar coeff = patch.patch().deltaCoeffs()[facei];
-            traction(patch).gradient()[facei] = coeff*unknowns[i++];
-            if (condition)
-            {
-                condition->traction()[facei] =
-                    coeff*impK.boundaryField()[patchi][facei]*unknowns[i];
+            traction(patch).gradient()[facei] = coeff * unknowns[i++];
+            if (condition) {
+                condition->traction()[facei] = coeff * impK.boundaryField()[patchi][facei] * unknowns[i];
             }
             ++i;
         }
@@ -112,24 +93,19 @@ bool Foam::m4gnSolids4FoamLaw::take
     // Where cells are not orthogonal to the boundary its values take part of
     // the last gradient, which takes part of them
     scalar first = 0;
-    for (label sweep = 0; sweep < maxSweeps; ++sweep)
-    {
+    for (label sweep = 0; sweep < maxSweeps; ++sweep) {
         const volVectorField::Boundary before(boundary);
         evaluateBoundary();
 
         scalar change = 0;
-        forAll(boundary, patchi)
-        {
-            if (boundary[patchi].size())
-            {
-                change =
-                    max(change, max(mag(boundary[patchi] - before[patchi])));
+        forAll(boundary, patchi) {
+            if (boundary[patchi].size()) {
+                change = max(change, max(mag(boundary[patchi] - before[patchi])));
             }
         }
         reduce(change, maxOp<scalar>());
         first = max(first, change);
-        if (sweep && change <= max(tolerance, sweepTolerance*first))
-        {
+        if (sweep && change <= max(tolerance, sweepTolerance * first)) {
             break;
         }
         mechanical().grad(u, solid_->incremental() ? solid_->gradDD() : solid_->gradD());
@@ -140,30 +116,23 @@ bool Foam::m4gnSolids4FoamLaw::take
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
 {
-    const volSymmTensorField& sigma =
-        const_cast<const solidModel&>(*solid_).sigma();
+    const volSymmTensorField& sigma = const_cast<const solidModel&>(*solid_).sigma();
 
-    if (solid_->nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
-    {
+    if (solid_->nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY) {
         return fvc::div(sigma, "div(sigma)");
     }
 
     const bool moving = solid_->movingMesh();
 
-    return fvc::div
-    (
+    return fvc::div(
         mesh_.lookupObject<volScalarField>(moving ? "relJ" : "J")
-       *mesh_.lookupObject<volTensorField>(moving ? "relFinv" : "Finv")
-      & sigma,
-        "div(sigma)"
-    );
+                * mesh_.lookupObject<volTensorField>(moving ? "relFinv" : "Finv")
+            & sigma,
+        "div(sigma)");
 }
 
-Foam::label Foam::m4gnSolids4FoamLaw::correct
-(
-    const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight,
-    const std::function<scalar()>& largest
-)
+Foam::label Foam::m4gnSolids4FoamLaw::correct(
+    const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight, const std::function<scalar()>& largest)
 {
     solidModel& solid = *solid_;
     const solidModel& model = solid;
@@ -189,27 +158,17 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
     bool converged = false;
     bool valid = true;
 
-    while (valid && !converged && nCorrectors < maxCorrectors)
-    {
-        valid = take(now(), impK, sweepTolerance*largest());
-        if (!valid)
-        {
+    while (valid && !converged && nCorrectors < maxCorrectors) {
+        valid = take(now(), impK, sweepTolerance * largest());
+        if (!valid) {
             break;
         }
 
-        fvVectorMatrix equation
-        (
+        fvVectorMatrix equation(
             inertiaAndWeight()
-         == fvm::laplacian(impKf, u, scheme)
-          - fvc::laplacian(impKf, u, scheme)
-          + force()
-          + protectedParts::of(model).stabilisation
-            (
-                u,
-                solid.incremental() ? solid.gradDD() : solid.gradD(),
-                impK
-            )
-        );
+            == fvm::laplacian(impKf, u, scheme) - fvc::laplacian(impKf, u, scheme) + force()
+                   + protectedParts::of(model).stabilisation(
+                       u, solid.incremental() ? solid.gradDD() : solid.gradD(), impK));
         equation.solve(controls);
         ++nCorrectors;
 
@@ -222,8 +181,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct
     }
     SolverPerformance<vector>::debug = debug;
 
-    if (!valid || !converged || !take(now(), impK, sweepTolerance*largest()))
-    {
+    if (!valid || !converged || !take(now(), impK, sweepTolerance * largest())) {
         u == before;
         presentGradients();
         stress();

@@ -13,8 +13,8 @@
 
 namespace Foam
 {
-    defineTypeNameAndDebug(m4gnSolids4FoamLaw, 0);
-    addToRunTimeSelectionTable(m4gnSolidLaw, m4gnSolids4FoamLaw, mesh);
+defineTypeNameAndDebug(m4gnSolids4FoamLaw, 0);
+addToRunTimeSelectionTable(m4gnSolidLaw, m4gnSolids4FoamLaw, mesh);
 }
 
 namespace
@@ -27,16 +27,14 @@ using m4gn::setIfFound;
 string digest()
 {
     Dl_info where;
-    if (!::dladdr(&solidModel::typeName, &where) || !where.dli_fname)
-    {
+    if (!::dladdr(&solidModel::typeName, &where) || !where.dli_fname) {
         return string();
     }
 
     std::ifstream file(where.dli_fname, std::ios::binary);
     SHA1 sha;
     std::vector<char> part(1 << 16);
-    while (file.read(part.data(), part.size()) || file.gcount())
-    {
+    while (file.read(part.data(), part.size()) || file.gcount()) {
         sha.append(part.data(), file.gcount());
     }
 
@@ -44,14 +42,13 @@ string digest()
 }
 
 //- Set the old level of a strain to that of a body at rest, if it is there
-template<class Type>
+template <class Type>
 void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
 {
     typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
 
     auto* field = mesh.getObjectPtr<fieldType>(name);
-    if (field)
-    {
+    if (field) {
         field->oldTime() == dimensioned<Type>("rest", field->dimensions(), value);
     }
 }
@@ -66,14 +63,11 @@ Foam::mechanicalModel& Foam::m4gnSolids4FoamLaw::mechanical()
 
 bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 {
-    const auto& properties =
-        mesh_.lookupObject<IOdictionary>("mechanicalProperties");
+    const auto& properties = mesh_.lookupObject<IOdictionary>("mechanicalProperties");
     const PtrList<entry> laws(properties.lookup("mechanical"));
 
-    for (const entry& law : laws)
-    {
-        if (law.isDict() && law.dict().getOrDefault<bool>("solvePressureEqn", false))
-        {
+    for (const entry& law : laws) {
+        if (law.isDict() && law.dict().getOrDefault<bool>("solvePressureEqn", false)) {
             return true;
         }
     }
@@ -92,22 +86,19 @@ void Foam::m4gnSolids4FoamLaw::rest()
 bool Foam::m4gnSolids4FoamLaw::asOneIncrement(const std::function<bool()>& action)
 {
     solidModel& solid = *solid_;
-    if (!solid.incremental())
-    {
+    if (!solid.incremental()) {
         return action();
     }
 
     const volVectorField before("before", solid.D().oldTime());
-    if (!solid.movingMesh())
-    {
+    if (!solid.movingMesh()) {
         rest();
     }
     set(solid.DD(), solid.D() - solid.D().oldTime());
 
     const bool done = action();
 
-    if (!solid.movingMesh())
-    {
+    if (!solid.movingMesh()) {
         solid.D().oldTime() == before;
         set(solid.DD(), solid.D() - before);
     }
@@ -120,41 +111,34 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
     solidModel& solid = *solid_;
     const dimensionedTensor one("one", dimless, tensor::I);
 
-    if (!solid.incremental())
-    {
+    if (!solid.incremental()) {
         mechanical().grad(solid.D(), solid.gradD());
-    }
-    else
-    {
+    } else {
         solid.D() == solid.D().oldTime() + solid.DD();
         mechanical().grad(solid.DD(), solid.gradDD());
-        if (!solid.movingMesh())
-        {
+        if (!solid.movingMesh()) {
             set(solid.gradD(), solid.gradD().oldTime() + solid.gradDD());
         }
     }
 
     auto* F = mesh_.getObjectPtr<volTensorField>("F");
-    if (!F || solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
-    {
+    if (!F || solid.nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY) {
         return 1;
     }
 
     volScalarField& J = mesh_.lookupObjectRef<volScalarField>("J");
 
-    if (solid.movingMesh())
-    {
+    if (solid.movingMesh()) {
         const volTensorField relF(one + solid.gradDD().T());
         const volScalarField relJ(det(relF));
 
         set(*F, relF & F->oldTime());
-        set(J, relJ*J.oldTime());
-        setIfFound(mesh_, "relF", tmp<volTensorField>(1.0*relF));
-        setIfFound(mesh_, "relJ", tmp<volScalarField>(1.0*relJ));
+        set(J, relJ * J.oldTime());
+        setIfFound(mesh_, "relF", tmp<volTensorField>(1.0 * relF));
+        setIfFound(mesh_, "relJ", tmp<volScalarField>(1.0 * relJ));
 
         const scalar smallest = min(gMin(relJ.primitiveField()), min(relJ).value());
-        if (smallest > SMALL)
-        {
+        if (smallest > SMALL) {
             setIfFound(mesh_, "relFinv", inv(relF));
         }
         return returnReduce(smallest, minOp<scalar>());
@@ -165,8 +149,7 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
 
     // Its boundary values too, on all ranks
     const scalar smallest = min(J).value();
-    if (smallest > SMALL)
-    {
+    if (smallest > SMALL) {
         setIfFound(mesh_, "Finv", inv(*F));
     }
 
@@ -175,26 +158,17 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
 
 bool Foam::m4gnSolids4FoamLaw::stress()
 {
-    if (strain() <= SMALL)
-    {
+    if (strain() <= SMALL) {
         return false;
     }
 
     autoPtr<volScalarField> diagonal;
-    if (impKf_)
-    {
+    if (impKf_) {
         // What the solver has for it at this point of a corrector
         volVectorField& u = solid_->solutionD();
-        const fvVectorMatrix equation
-        (
+        const fvVectorMatrix equation(
             fvm::d2dt2(const_cast<const solidModel&>(*solid_).rho(), u)
-         == fvm::laplacian
-            (
-                *impKf_,
-                u,
-                solid_->incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)"
-            )
-        );
+            == fvm::laplacian(*impKf_, u, solid_->incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)"));
         diagonal.reset(new volScalarField("DEqnA", equation.A()));
     }
 
@@ -205,43 +179,32 @@ bool Foam::m4gnSolids4FoamLaw::stress()
 
 Foam::string Foam::m4gnSolids4FoamLaw::mismatch() const
 {
-    if (!solid_)
-    {
-        return
-            "libm4gnSolids4Foam.so was built with another"
-            " libsolids4FoamModels.so than the one that the solver has loaded";
+    if (!solid_) {
+        return "libm4gnSolids4Foam.so was built with another"
+               " libsolids4FoamModels.so than the one that the solver has loaded";
     }
 
     return string();
 }
 
-Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh)
-:
-    mesh_(mesh),
-    solid_(nullptr),
-    said_(false)
+Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh) : mesh_(mesh), solid_(nullptr), said_(false)
 {
     // Classes of another build may be laid out in another way
-    if (digest() != M4GN_SOLIDS4FOAM_DIGEST)
-    {
+    if (digest() != M4GN_SOLIDS4FOAM_DIGEST) {
         return;
     }
 
     solid_ = const_cast<solidModel*>(&lookupSolidModel(mesh));
-    if (solvesPressure())
-    {
+    if (solvesPressure()) {
         impKf_.reset(new surfaceScalarField(mechanical().impKf()));
     }
 }
 
 Foam::wordList Foam::m4gnSolids4FoamLaw::fields() const
 {
-    return wordList
-    ({
-        "sigma", "grad(D)", "grad(DD)", "DD", "pointD", "pointDD", "F", "Finv",
-        "J", "relF", "relFinv", "relJ", "rho", "epsilon_", "F_", "Ff_", "sigmaHyd",
-        "grad(sigmaHyd)"
-    });
+    return wordList(
+        {"sigma", "grad(D)", "grad(DD)", "DD", "pointD", "pointDD", "F", "Finv", "J", "relF", "relFinv",
+         "relJ", "rho", "epsilon_", "F_", "Ff_", "sigmaHyd", "grad(sigmaHyd)"});
 }
 
 bool Foam::m4gnSolids4FoamLaw::follow()
@@ -250,44 +213,35 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     solid.enforceLinear() = false;
 
     bool done = true;
-    if (atPoints())
-    {
+    if (atPoints()) {
         done = followPoints();
-    }
-    else
-    {
+    } else {
         done = asOneIncrement([&]() { return agree(); });
     }
 
-    if (!done)
-    {
-        if (!said_)
-        {
+    if (!done) {
+        if (!said_) {
             said_ = true;
-            WarningInFunction
-                << "No boundary values were found with which the stress of the"
-                << " surrogate's displacement agrees, or it turns cells inside"
-                << " out: stresses of such states stay as they were, and boundary"
-                << " values are extrapolated" << endl;
+            WarningInFunction << "No boundary values were found with which the stress of the"
+                              << " surrogate's displacement agrees, or it turns cells inside"
+                              << " out: stresses of such states stay as they were, and boundary"
+                              << " values are extrapolated" << endl;
         }
         return false;
     }
 
-    if (atPoints())
-    {
+    if (atPoints()) {
         return true;
     }
 
-    if (solid.movingMesh())
-    {
+    if (solid.movingMesh()) {
         solid.gradD() = fvc::grad(solid.D().oldTime() + solid.DD());
         mechanical().interpolate(solid.DD(), solid.gradDD(), solid.pointDD());
         solid.pointD() = solid.pointD().oldTime() + solid.pointDD();
         return true;
     }
 
-    if (!solid.incremental())
-    {
+    if (!solid.incremental()) {
         solid.DD() = solid.D() - solid.D().oldTime();
         solid.gradDD() = solid.gradD() - solid.gradD().oldTime();
     }

@@ -26,18 +26,12 @@ class otherScheme
     const ITstream before_;
 
 public:
-    otherScheme(ITstream& scheme, const tokenList& tokens)
-    :
-        scheme_(scheme),
-        before_(scheme)
+    otherScheme(ITstream& scheme, const tokenList& tokens) : scheme_(scheme), before_(scheme)
     {
         scheme_ = ITstream(before_.name(), tokens);
     }
 
-    ~otherScheme()
-    {
-        scheme_ = before_;
-    }
+    ~otherScheme() { scheme_ = before_; }
 
     otherScheme(const otherScheme&) = delete;
     void operator=(const otherScheme&) = delete;
@@ -48,17 +42,14 @@ public:
 //  instantiated.
 struct solverTolerance
 {
-    typedef const scalar solidModel::* type;
+    typedef const scalar solidModel::*type;
     friend type member(solverTolerance);
 };
 
-template<class Tag, typename Tag::type pointer>
+template <class Tag, typename Tag::type pointer>
 struct privateMember
 {
-    friend typename Tag::type member(Tag)
-    {
-        return pointer;
-    }
+    friend typename Tag::type member(Tag) { return pointer; }
 };
 
 template struct privateMember<solverTolerance, &solidModel::solutionTol_>;
@@ -75,11 +66,10 @@ class oneIteration
 
 public:
     explicit oneIteration(const solidModel& model)
-    :
-        tolerance_(const_cast<scalar&>(model.*member(solverTolerance()))),
-        toleranceBefore_(tolerance_),
-        controls_(const_cast<dictionary&>(model.solidModelDict())),
-        searchBefore_(controls_.getOrDefault<Switch>("lineSearch", false))
+        : tolerance_(const_cast<scalar&>(model.*member(solverTolerance()))),
+          toleranceBefore_(tolerance_),
+          controls_(const_cast<dictionary&>(model.solidModelDict())),
+          searchBefore_(controls_.getOrDefault<Switch>("lineSearch", false))
     {
         tolerance_ = GREAT;
         controls_.set("lineSearch", Switch(true));
@@ -102,9 +92,7 @@ class unseen
     fenv_t traps_;
 
 public:
-    unseen()
-    :
-        level_(messageStream::level)
+    unseen() : level_(messageStream::level)
     {
         messageStream::level = 0;
         ::feholdexcept(&traps_);
@@ -128,27 +116,19 @@ bool Foam::m4gnSolids4FoamLaw::atPoints() const
     return solid_->type().starts_with("vertexCentred");
 }
 
-Foam::tmp<Foam::surfaceTensorField>
-Foam::m4gnSolids4FoamLaw::dualGradient() const
+Foam::tmp<Foam::surfaceTensorField> Foam::m4gnSolids4FoamLaw::dualGradient() const
 {
     const solidModel& model = *solid_;
 
-    return vfvc::fGrad
-    (
-        solid_->pointD(),
-        mesh_,
-        model.dualMesh(),
-        model.dualMeshMap().dualFaceToCell(),
-        model.dualMeshMap().dualCellToPoint(),
-        model.solidModelDict().getOrDefault<scalar>("zeta", 0.1),
-        false
-    );
+    return vfvc::fGrad(
+        solid_->pointD(), mesh_, model.dualMesh(), model.dualMeshMap().dualFaceToCell(),
+        model.dualMeshMap().dualCellToPoint(), model.solidModelDict().getOrDefault<scalar>("zeta", 0.1),
+        false);
 }
 
 Foam::scalar Foam::m4gnSolids4FoamLaw::smallestJacobian() const
 {
-    if (solid_->nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY)
-    {
+    if (solid_->nonLinGeom() == nonLinearGeometry::LINEAR_GEOMETRY) {
         return 1;
     }
 
@@ -160,13 +140,11 @@ bool Foam::m4gnSolids4FoamLaw::followPoints()
     solid_->gradD() = vfvc::grad(solid_->pointD(), solid_->mesh());
 
     auto* F = mesh_.getObjectPtr<volTensorField>("F");
-    if (F && solid_->nonLinGeom() != nonLinearGeometry::LINEAR_GEOMETRY)
-    {
+    if (F && solid_->nonLinGeom() != nonLinearGeometry::LINEAR_GEOMETRY) {
         volScalarField& J = mesh_.lookupObjectRef<volScalarField>("J");
         m4gn::set(*F, dimensionedTensor("one", dimless, tensor::I) + solid_->gradD().T());
         m4gn::set(J, det(*F));
-        if (min(J).value() <= SMALL)
-        {
+        if (min(J).value() <= SMALL) {
             return false;
         }
         m4gn::setIfFound(mesh_, "Finv", inv(*F));
@@ -176,35 +154,25 @@ bool Foam::m4gnSolids4FoamLaw::followPoints()
     return true;
 }
 
-bool Foam::m4gnSolids4FoamLaw::newton
-(
-    const scalar duration,
-    const scalar tolerance,
-    const scalar size
-)
+bool Foam::m4gnSolids4FoamLaw::newton(const scalar duration, const scalar tolerance, const scalar size)
 {
     const solidModel& model = *solid_;
     const pointVectorField& D = solid_->pointD();
 
     // Newmark's scheme, with beta (duration/deltaT)^2, from a state at rest: the
     // displacement after the solver's time step is the old one and duration^2 f/rho
-    const scalar beta = sqr(duration/mesh_.time().deltaTValue());
-    const tokenList newmark
-    ({
-        token(word("NewmarkBeta")), token(beta), token(scalar(0.5))
-    });
+    const scalar beta = sqr(duration / mesh_.time().deltaTValue());
+    const tokenList newmark({token(word("NewmarkBeta")), token(beta), token(scalar(0.5))});
     const otherScheme ofD(mesh_.d2dt2Scheme("d2dt2(pointD)"), newmark);
     const otherScheme ofU(mesh_.ddtScheme("ddt(pointD)"), newmark);
     const otherScheme ofA(mesh_.ddtScheme("ddt(pointU)"), newmark);
     const oneIteration each(model);
     const unseen whileItSolves;
 
-    for (label i = 0; i < maxIterations; ++i)
-    {
+    for (label i = 0; i < maxIterations; ++i) {
         // Of dual cells that are inside out the law makes no numbers, of which
         // the solver of the linear system makes addresses
-        if (smallestJacobian() <= SMALL)
-        {
+        if (smallestJacobian() <= SMALL) {
             return false;
         }
 
@@ -212,12 +180,10 @@ bool Foam::m4gnSolids4FoamLaw::newton
         solid_->evolve();
 
         const scalar change = gMax(mag(D.primitiveField() - before)());
-        if (!(change <= farOff*size))
-        {
+        if (!(change <= farOff * size)) {
             return false;
         }
-        if (change <= tolerance*size)
-        {
+        if (change <= tolerance * size) {
             return true;
         }
     }
@@ -225,12 +191,8 @@ bool Foam::m4gnSolids4FoamLaw::newton
     return false;
 }
 
-bool Foam::m4gnSolids4FoamLaw::settlePoints
-(
-    const vectorField& free,
-    const scalar duration,
-    const scalar tolerance
-)
+bool Foam::m4gnSolids4FoamLaw::settlePoints(
+    const vectorField& free, const scalar duration, const scalar tolerance)
 {
     pointVectorField& D = solid_->pointD();
     auto& U = mesh_.lookupObjectRef<pointVectorField>("pointU");
@@ -240,8 +202,7 @@ bool Foam::m4gnSolids4FoamLaw::settlePoints
     const volVectorField cells("cells", solid_->D());
     const List<pointVectorField*> fields({&D, &U, &A});
     List<vectorField> before, old;
-    for (pointVectorField* field : fields)
-    {
+    for (pointVectorField* field : fields) {
         old.append(field->oldTime().primitiveField());
         before.append(field->primitiveField());
     }
@@ -251,28 +212,22 @@ bool Foam::m4gnSolids4FoamLaw::settlePoints
     A.oldTime().primitiveFieldRef() = Zero;
 
     const scalar size = max(gMax(mag(before[0])()), gMax(mag(free)()));
-    const bool done =
-        newton(duration, tolerance, size)
-     && smallestJacobian() > SMALL
-     && gMax(mag(D.primitiveField())()) <= 2*size;
+    const bool done = newton(duration, tolerance, size) && smallestJacobian() > SMALL
+                      && gMax(mag(D.primitiveField())()) <= 2 * size;
 
-    forAll(fields, i)
-    {
+    forAll(fields, i) {
         fields[i]->oldTime().primitiveFieldRef() = old[i];
-        if (i || !done)
-        {
+        if (i || !done) {
             fields[i]->primitiveFieldRef() = before[i];
         }
     }
-    if (!done)
-    {
+    if (!done) {
         D.correctBoundaryConditions();
         solid_->D() == cells;
 
         // The solver's next step begins with it
         const solidModel& model = *solid_;
-        model.dualMesh().lookupObjectRef<surfaceTensorField>("grad(D)f") =
-            dualGradient();
+        model.dualMesh().lookupObjectRef<surfaceTensorField>("grad(D)f") = dualGradient();
     }
 
     return done;

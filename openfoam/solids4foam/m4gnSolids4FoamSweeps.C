@@ -24,10 +24,8 @@ Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
     DynamicList<label> found;
     const volVectorField& u = solid_->solutionD();
 
-    forAll(u.boundaryField(), patchi)
-    {
-        if (isA<fixedGradientFvPatchVectorField>(u.boundaryField()[patchi]))
-        {
+    forAll(u.boundaryField(), patchi) {
+        if (isA<fixedGradientFvPatchVectorField>(u.boundaryField()[patchi])) {
             found.append(patchi);
         }
     }
@@ -44,11 +42,9 @@ void Foam::m4gnSolids4FoamLaw::presentGradients()
 {
     auto& boundary = solid_->solutionD().boundaryFieldRef();
 
-    for (const label patchi : tractions())
-    {
+    for (const label patchi : tractions()) {
         fvPatchVectorField& patch = boundary[patchi];
-        traction(patch).gradient() =
-            patch.patch().deltaCoeffs()*(patch - patch.patchInternalField());
+        traction(patch).gradient() = patch.patch().deltaCoeffs() * (patch - patch.patchInternalField());
     }
 }
 
@@ -56,8 +52,7 @@ void Foam::m4gnSolids4FoamLaw::evaluateBoundary()
 {
     volVectorField& u = solid_->solutionD();
 
-    for (const label patchi : tractions())
-    {
+    for (const label patchi : tractions()) {
         // They count as updated, so that their gradient stays
         u.boundaryFieldRef()[patchi].fvPatchVectorField::updateCoeffs();
     }
@@ -71,29 +66,22 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     const labelList patches(tractions());
 
     label n = 0;
-    for (const label patchi : patches)
-    {
+    for (const label patchi : patches) {
         n += boundary[patchi].size();
     }
 
-    const auto gather = [&](vectorField& gradients)
-    {
+    const auto gather = [&](vectorField& gradients) {
         label facei = 0;
-        for (const label patchi : patches)
-        {
-            for (const vector& g : traction(boundary[patchi]).gradient())
-            {
+        for (const label patchi : patches) {
+            for (const vector& g : traction(boundary[patchi]).gradient()) {
                 gradients[facei++] = g;
             }
         }
     };
-    const auto scatter = [&](const vectorField& gradients)
-    {
+    const auto scatter = [&](const vectorField& gradients) {
         label facei = 0;
-        for (const label patchi : patches)
-        {
-            for (vector& g : traction(boundary[patchi]).gradient())
-            {
+        for (const label patchi : patches) {
+            for (vector& g : traction(boundary[patchi]).gradient()) {
                 g = gradients[facei++];
             }
         }
@@ -107,42 +95,30 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     gather(now);
 
     scalar change = GREAT;
-    for (label sweep = 0; sweep < maxSweeps && change > sweepTolerance*size; ++sweep)
-    {
+    for (label sweep = 0; sweep < maxSweeps && change > sweepTolerance * size; ++sweep) {
         scatter(now);
         const volVectorField::Boundary before(boundary);
         evaluateBoundary();
 
-        if (!stress())
-        {
+        if (!stress()) {
             return false;
         }
 
         change = 0;
-        forAll(boundary, patchi)
-        {
+        forAll(boundary, patchi) {
             const fvPatchVectorField& patch = boundary[patchi];
-            if (patch.size() && !patch.coupled() && !patches.found(patchi))
-            {
+            if (patch.size() && !patch.coupled() && !patches.found(patchi)) {
                 change = max(change, max(mag(patch - before[patchi])));
             }
         }
 
-        for (const label patchi : patches)
-        {
+        for (const label patchi : patches) {
             const vectorField last(traction(boundary[patchi]).gradient());
             boundary[patchi].updateCoeffs();
-            if (last.size())
-            {
-                change = max
-                (
-                    change,
-                    max
-                    (
-                        mag(traction(boundary[patchi]).gradient() - last)
-                       /boundary[patchi].patch().deltaCoeffs()
-                    )
-                );
+            if (last.size()) {
+                change =
+                    max(change, max(mag(traction(boundary[patchi]).gradient() - last)
+                                    / boundary[patchi].patch().deltaCoeffs()));
             }
         }
         reduce(change, maxOp<scalar>());
@@ -154,7 +130,7 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     // Conditions that are updated still have the last gradient
     u.correctBoundaryConditions();
 
-    return stress() && change < enough*size;
+    return stress() && change < enough * size;
 }
 
 bool Foam::m4gnSolids4FoamLaw::agree()
@@ -164,10 +140,8 @@ bool Foam::m4gnSolids4FoamLaw::agree()
     const volSymmTensorField stressBefore("stressBefore", solid_->sigma());
 
     // Mixing can lead astray where the stress is far from linear
-    for (const bool mixed : {true, false})
-    {
-        if (agree(mixed))
-        {
+    for (const bool mixed : {true, false}) {
+        if (agree(mixed)) {
             return true;
         }
         u == before;

@@ -18,8 +18,8 @@ using namespace Foam;
 const label most = 100, fewest = 20;
 
 //- Entries of the linear surrogate for a jump after a few states, however they are fitted
-const char* const early =
-    "{ window 14; least 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough 1e30; first 1; longest 1; keep no; }";
+const char* const early = "{ window 14; least 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough "
+                          "1e30; first 1; longest 1; keep no; }";
 
 dictionary parsed(const std::string& text)
 {
@@ -39,23 +39,22 @@ List<string> texts(const wordList& names)
 scalar memory()
 {
     memInfo info;
-    return returnReduce(scalar(info.update().rss()), sumOp<scalar>())*1024;
+    return returnReduce(scalar(info.update().rss()), sumOp<scalar>()) * 1024;
 }
 
 } // End anonymous namespace
 
 Foam::m4gnCheck::m4gnCheck(const fvMesh& mesh, const dictionary& dict)
-:
-    mesh_(mesh),
-    dict_(dict),
-    file_(dict.get<fileName>("report")),
-    seconds_(dict.getOrDefault<scalar>("seconds", 10)),
-    made_(0),
-    steps_(0),
-    after_(0),
-    jumped_(false),
-    began_(0),
-    run_(nullptr)
+    : mesh_(mesh),
+      dict_(dict),
+      file_(dict.get<fileName>("report")),
+      seconds_(dict.getOrDefault<scalar>("seconds", 10)),
+      made_(0),
+      steps_(0),
+      after_(0),
+      jumped_(false),
+      began_(0),
+      run_(nullptr)
 {
     report_.set("surrogate", m4gnRide::kinds(dict).first());
     report_.set("cells", returnReduce(mesh.nCells(), sumOp<label>()));
@@ -72,12 +71,9 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 {
     dictionary own(m4gn::without(dict_, {"report", "seconds"}));
     own.set("mode", word("replace"));
-    if (m4gnRide::has(own, "linear"))
-    {
+    if (m4gnRide::has(own, "linear")) {
         own.merge(parsed(std::string("linear ") + early + " control { tolerance 1e30; relTol 1e30; }"));
-    }
-    else
-    {
+    } else {
         own.set("solverSteps", 5);
         own.set("surrogateSteps", 1);
     }
@@ -86,8 +82,7 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 
 void Foam::m4gnCheck::setInterval(dictionary& dict) const
 {
-    if (m4gnRide::has(dict, "linear"))
-    {
+    if (m4gnRide::has(dict, "linear")) {
         dict.subDict("linear").set("interval", mesh_.time().deltaTValue());
     }
 }
@@ -98,18 +93,14 @@ void Foam::m4gnCheck::reportTypes()
     string why;
     labelList types(mesh_.boundary().size(), -1);
     const bool thrown = FatalError.throwExceptions(), thrownIO = FatalIOError.throwExceptions();
-    try
-    {
+    try {
         types = m4gnNodeTypes(mesh_, dict_).types();
-    }
-    catch (const Foam::error& error)
-    {
+    } catch (const Foam::error& error) {
         why = error.message();
     }
     FatalError.throwExceptions(thrown);
     FatalIOError.throwExceptions(thrownIO);
-    for (label patchi = 0; patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi)
-    {
+    for (label patchi = 0; patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi) {
         dictionary patch;
         patch.set("type", mesh_.boundary()[patchi].type());
         patch.set("node_type", types[patchi] < 0 ? word("none") : m4gnNodeTypes::names.get(types[patchi]));
@@ -142,8 +133,7 @@ void Foam::m4gnCheck::jumped()
 
 void Foam::m4gnCheck::watch()
 {
-    if (!run_)
-    {
+    if (!run_) {
         return;
     }
     const Time& time = mesh_.time();
@@ -152,49 +142,41 @@ void Foam::m4gnCheck::watch()
     const label n = layout.size();
     // The first steps after the jump have something of it
     const label count = after_ - 2;
-    if (count == 1)
-    {
+    if (count == 1) {
         last_.resize(n);
         mean_.resize(n);
         spread_.resize(n, Zero);
         rate_.resize(n, Zero);
         began_ = time.value();
     }
-    for (label fieldi = 0; count > 0 && fieldi < n; ++fieldi)
-    {
+    for (label fieldi = 0; count > 0 && fieldi < n; ++fieldi) {
         const m4gn_ride_array& array = layout[fieldi];
         // Those that a fit is made of have weights
-        if (!array.weights)
-        {
+        if (!array.weights) {
             continue;
         }
         const UList<scalar> values(const_cast<scalar*>(arrays[fieldi]), array.n);
-        if (count == 1)
-        {
+        if (count == 1) {
             last_[fieldi] = values;
             mean_[fieldi] = values;
             continue;
         }
-        forAll(values, i)
-        {
-            const scalar V = array.weights[i/array.components];
+        forAll(values, i) {
+            const scalar V = array.weights[i / array.components];
             const scalar off = values[i] - mean_[fieldi][i];
-            mean_[fieldi][i] += off/count;
-            spread_[fieldi] += V*off*(values[i] - mean_[fieldi][i]);
-            rate_[fieldi] += V*sqr((values[i] - last_[fieldi][i])/time.deltaTValue());
+            mean_[fieldi][i] += off / count;
+            spread_[fieldi] += V * off * (values[i] - mean_[fieldi][i]);
+            rate_[fieldi] += V * sqr((values[i] - last_[fieldi][i]) / time.deltaTValue());
             last_[fieldi][i] = values[i];
         }
     }
-    if (count >= fewest)
-    {
+    if (count >= fewest) {
         dictionary scales;
-        for (label fieldi = 0; fieldi < n; ++fieldi)
-        {
+        for (label fieldi = 0; fieldi < n; ++fieldi) {
             const scalar spread = returnReduce(spread_[fieldi], sumOp<scalar>());
             const scalar rate = returnReduce(rate_[fieldi], sumOp<scalar>());
-            if (rate > VSMALL)
-            {
-                scales.set(word(layout[fieldi].name, false), sqrt(spread/rate));
+            if (rate > VSMALL) {
+                scales.set(word(layout[fieldi].name, false), sqrt(spread / rate));
             }
         }
         report_.set("scales", scales);
@@ -215,25 +197,22 @@ void Foam::m4gnCheck::solved()
     report_.set("wall", wall);
     bool over = (jumped_ ? after_ : steps_) >= most || wall > seconds_;
     Pstream::scatter(over);
-    if (after_ == 2 || over || steps_ == 1)
-    {
+    if (after_ == 2 || over || steps_ == 1) {
         report_.set("memory_after", memory());
         write();
     }
-    if (over)
-    {
+    if (over) {
         const_cast<Time&>(time).setEndTime(time.value());
     }
 }
 
 void Foam::m4gnCheck::write() const
 {
-    if (Pstream::master())
-    {
+    if (Pstream::master()) {
         // Whole at any time
         const fileName part(file_ + ".part");
         OFstream os(part);
-        os  << m4gn::json(report_).c_str() << endl;
+        os << m4gn::json(report_).c_str() << endl;
         mv(part, file_);
     }
 }

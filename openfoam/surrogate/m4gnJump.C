@@ -13,30 +13,23 @@ namespace
 using namespace Foam;
 
 //- What Time does not let others do
-class clockwork
-:
-    public Time
+class clockwork : public Time
 {
 public:
     //- The next step of the surrogate counts as the solver's steps that it
     //  stands for: writeControl timeStep, of the run and of function objects,
     //  goes on at the times at which it would without jumps
-    static void count(Time& time, const label nSteps)
-    {
-        time.*(&clockwork::timeIndex_) += nSteps - 1;
-    }
+    static void count(Time& time, const label nSteps) { time.*(&clockwork::timeIndex_) += nSteps - 1; }
 
     //- A step of the surrogate passes multiples of writeInterval without
     //  ending there: write then, as at run times that it passes
     static void passed(Time& time, const label nSteps)
     {
-        if (time.*(&clockwork::writeControl_) == Time::wcTimeStep)
-        {
+        if (time.*(&clockwork::writeControl_) == Time::wcTimeStep) {
             const label interval = max(label(1), label(time.*(&clockwork::writeInterval_)));
             const label index = time.timeIndex();
 
-            if (index/interval > (index - nSteps)/interval)
-            {
+            if (index / interval > (index - nSteps) / interval) {
                 time.*(&clockwork::writeTime_) = true;
             }
         }
@@ -50,13 +43,11 @@ public:
     {
         const auto control = time.*(&clockwork::writeControl_);
 
-        if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime)
-        {
+        if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime) {
             label& index = time.*(&clockwork::writeTimeIndex_);
-            const scalar passed =
-                time.value() - time.startTime().value() + 0.5*time.deltaTValue();
+            const scalar passed = time.value() - time.startTime().value() + 0.5 * time.deltaTValue();
 
-            index = min(index, label(passed/(time.*(&clockwork::writeInterval_))));
+            index = min(index, label(passed / (time.*(&clockwork::writeInterval_))));
         }
     }
 
@@ -67,43 +58,34 @@ public:
     {
         const auto control = time.*(&clockwork::writeControl_);
 
-        if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime)
-        {
+        if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime) {
             const scalar interval = time.*(&clockwork::writeInterval_);
-            const scalar passed = (time.value() - from)/interval;
-            const scalar last = from + std::floor(passed + 1e-6)*interval;
+            const scalar passed = (time.value() - from) / interval;
+            const scalar last = from + std::floor(passed + 1e-6) * interval;
 
-            if (time.value() - last > 1e-6*interval)
-            {
+            if (time.value() - last > 1e-6 * interval) {
                 time.*(&clockwork::startTime_) = last;
-                const scalar since = time.value() - last + 0.5*time.deltaTValue();
-                time.*(&clockwork::writeTimeIndex_) = label(since/interval);
+                const scalar since = time.value() - last + 0.5 * time.deltaTValue();
+                time.*(&clockwork::writeTimeIndex_) = label(since / interval);
             }
         }
     }
 
     //- The old levels are those of a step of this length: that is what
     //  deltaT0 will be in the next one
-    static void precede(Time& time, const scalar deltaT)
-    {
-        time.*(&clockwork::deltaTSave_) = deltaT;
-    }
+    static void precede(Time& time, const scalar deltaT) { time.*(&clockwork::deltaTSave_) = deltaT; }
 
     //- Does deltaT differ from controlDict's, so that an edited one is not
     //  heeded?
-    static bool& changed(Time& time)
-    {
-        return time.*(&clockwork::deltaTchanged_);
-    }
+    static bool& changed(Time& time) { return time.*(&clockwork::deltaTchanged_); }
 };
 
 //- Does it run at times, of which those less than half a time step ahead count
 //  as come?
 bool atTimes(const timeControl& control)
 {
-    return
-        control.control() == timeControl::ocRunTime
-     || control.control() == timeControl::ocAdjustableRunTime;
+    return control.control() == timeControl::ocRunTime
+           || control.control() == timeControl::ocAdjustableRunTime;
 }
 
 //- Execute and write the function object at a time of a stride. One whose
@@ -116,8 +98,7 @@ void runAt(functionObject& object, Time& time, const scalar deltaT)
     const auto* controls = isA<functionObjects::timeControl>(object);
 
     scalar seen = stride;
-    if (controls && controls->executeControl().control() == timeControl::ocTimeStep)
-    {
+    if (controls && controls->executeControl().control() == timeControl::ocTimeStep) {
         seen /= max(scalar(1), controls->executeControl().interval());
     }
 
@@ -134,10 +115,8 @@ void writeProperties(Time& time)
 {
     const unsigned int precision = IOstream::precision_;
     IOstream::precision_ = 16;
-    time.functionObjects().stateDict().writeObject
-    (
-        IOstream::ASCII, IOstream::currentVersion, time.writeCompression(), true
-    );
+    time.functionObjects().stateDict().writeObject(
+        IOstream::ASCII, IOstream::currentVersion, time.writeCompression(), true);
     IOstream::precision_ = precision;
 }
 
@@ -147,10 +126,8 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
 {
     functionObjectList& list = time_.functionObjects();
 
-    forAll(list, i)
-    {
-        if (list[i].name() != name_ && others_.found(list[i].name()))
-        {
+    forAll(list, i) {
+        if (list[i].name() != name_ && others_.found(list[i].name())) {
             runAt(list[i], time_, deltaT);
         }
     }
@@ -161,33 +138,23 @@ void Foam::m4gnJump::carryOnWriting(Time& time, const scalar from)
     clockwork::carryOn(time, from);
 }
 
-Foam::m4gnJump::m4gnJump
-(
-    const word& name,
-    const fvMesh& mesh,
-    const dictionary& dict,
-    m4gnRide& ride,
-    PtrList<m4gnSolverState>& states
-)
-:
-    mesh_(mesh),
-    time_(const_cast<Time&>(mesh.time())),
-    ride_(ride),
-    states_(states),
-    state_(&states_[0]),
-    name_(name),
-    others_(m4gnOthers::chosen(name, mesh.time(), dict)),
-    stale_(mesh),
-    last_({-1, false, 0})
+Foam::m4gnJump::m4gnJump(
+    const word& name, const fvMesh& mesh, const dictionary& dict, m4gnRide& ride,
+    PtrList<m4gnSolverState>& states)
+    : mesh_(mesh),
+      time_(const_cast<Time&>(mesh.time())),
+      ride_(ride),
+      states_(states),
+      state_(&states_[0]),
+      name_(name),
+      others_(m4gnOthers::chosen(name, mesh.time(), dict)),
+      stale_(mesh),
+      last_({-1, false, 0})
 {
     ride_.checkQuantities(others_);
 }
 
-bool Foam::m4gnJump::run
-(
-    m4gn_ride_answer answer,
-    const functionObjects::stateFunctionObject& results
-)
+bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFunctionObject& results)
 {
     // Between its steps time has the surrogate's deltaT
     const scalar deltaT = time_.deltaTValue();
@@ -203,34 +170,28 @@ bool Foam::m4gnJump::run
         state_ = &states_[surrogatei];
         last_ = {last_.timeIndex, false, deltaT};
 
-        const auto complete = [&](const bool last)
-        {
+        const auto complete = [&](const bool last) {
             timer.increment();
             state_->complete(deltaT, last);
-            if (ride_.setOldLevels(surrogatei, deltaT))
-            {
+            if (ride_.setOldLevels(surrogatei, deltaT)) {
                 clockwork::precede(time_, deltaT);
             }
-            if (last)
-            {
+            if (last) {
                 state_->beforeStep(0);
             }
             last_.handedOver = last;
             handOver += timer.increment();
         };
-        const auto told = [&]()
-        {
+        const auto told = [&]() {
             ride_.spent(surrogate, handOver);
             surrogate = handOver = 0;
         };
 
-        while (answer.action == M4GN_RIDE_STRIDE)
-        {
+        while (answer.action == M4GN_RIDE_STRIDE) {
             timer.increment();
             state_->beforeStride();
             answer = ride_.stride(answer, predicted_);
-            if (answer.action != M4GN_RIDE_ADVANCE)
-            {
+            if (answer.action != M4GN_RIDE_ADVANCE) {
                 break;
             }
             clockwork::count(time_, answer.solver_steps);
@@ -245,12 +206,9 @@ bool Foam::m4gnJump::run
             // carried on takes them
             const bool last = answer.action == M4GN_RIDE_HAND_BACK && !answer.strides;
 
-            if
-            (
-                last || state_->completeEach() || time_.writeTime()
-             || (answer.last_but_one && state_->completeLastTwo())
-             || (others_.size() && state_->completeForOthers())
-            )
+            if (last || state_->completeEach() || time_.writeTime()
+                || (answer.last_but_one && state_->completeLastTwo())
+                || (others_.size() && state_->completeForOthers()))
             {
                 complete(last);
             }
@@ -259,20 +217,16 @@ bool Foam::m4gnJump::run
             executeOthers(deltaT);
             ride_.reported(results);
 
-            if (time_.writeTime())
-            {
+            if (time_.writeTime()) {
                 told();
                 writeProperties(time_);
                 ride_.save();
             }
         }
 
-        if (answer.action == M4GN_RIDE_SOLVE)
-        {
+        if (answer.action == M4GN_RIDE_SOLVE) {
             last_ = before;
-        }
-        else if (!last_.handedOver)
-        {
+        } else if (!last_.handedOver) {
             // The jump ended early
             complete(true);
         }
@@ -282,15 +236,13 @@ bool Foam::m4gnJump::run
     time_.setDeltaT(deltaT, false);
     clockwork::changed(time_) = changed;
 
-    if (answer.action != M4GN_RIDE_HAND_BACK)
-    {
+    if (answer.action != M4GN_RIDE_HAND_BACK) {
         return false;
     }
 
     clockwork::restore(time_);
 
-    if (time_.value() > time_.endTime().value() - 0.5*deltaT)
-    {
+    if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
         // Stopped from outside (stopAt, a signal): Time ends a run in an
         // orderly way only after a step of the solver
         time_.setEndTime(time_.value() + deltaT);

@@ -16,24 +16,22 @@ namespace
 using namespace Foam;
 
 //- Which faces hold a field's value; where they let go, a face has its cell's
-template<class Type>
-void mark(const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNodes& nodes, List<int32_t>& held)
+template <class Type>
+void mark(
+    const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNodes& nodes, List<int32_t>& held)
 {
     held.resize(nodes.nBoundary());
     label nodei = 0;
 
-    for (const label patchi : nodes.valuePatches())
-    {
+    for (const label patchi : nodes.valuePatches()) {
         const fvPatchField<Type>& patch = field.boundaryField()[patchi];
         const auto* mixed = dynamic_cast<const mixedFvPatchField<Type>*>(&patch);
         const auto* directionMixed = dynamic_cast<const directionMixedFvPatchField<Type>*>(&patch);
 
-        forAll(patch, facei)
-        {
-            held[nodei++] =
-                mixed ? mixed->valueFraction()[facei] > 0.5
-              : directionMixed ? tr(directionMixed->valueFraction()[facei]) > 0.5
-              : patch.fixesValue();
+        forAll(patch, facei) {
+            held[nodei++] = mixed            ? mixed->valueFraction()[facei] > 0.5
+                            : directionMixed ? tr(directionMixed->valueFraction()[facei]) > 0.5
+                                             : patch.fixesValue();
         }
     }
 }
@@ -42,8 +40,7 @@ void mark(const GeometricField<Type, fvPatchField, volMesh>& field, const m4gnNo
 
 Foam::label Foam::m4gnRide::correctors() const
 {
-    if (!m4gnExplicitStress::registered(mesh_))
-    {
+    if (!m4gnExplicitStress::registered(mesh_)) {
         return -1;
     }
 
@@ -57,23 +54,18 @@ std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool li
 {
     std::vector<m4gn_field> fields;
 
-    if (network && session_)
-    {
+    if (network && session_) {
         fields_.gather(session_->nodes());
         fields = fields_.view();
     }
-    if (linear && run_)
-    {
-        if (!gathered_)
-        {
+    if (linear && run_) {
+        if (!gathered_) {
             run_->gather();
         }
         gathered_ = true;
-        for (const m4gn_field& field : run_->measured())
-        {
+        for (const m4gn_field& field : run_->measured()) {
             const auto same = [&](const m4gn_field& f) { return std::string(f.name) == field.name; };
-            if (std::none_of(fields.begin(), fields.end(), same))
-            {
+            if (std::none_of(fields.begin(), fields.end(), same)) {
                 fields.push_back(field);
             }
         }
@@ -83,13 +75,11 @@ std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool li
 
 std::vector<m4gn_field> Foam::m4gnRide::advances(const word& kind) const
 {
-    if (kind == "linear")
-    {
+    if (kind == "linear") {
         return run_->measured();
     }
     std::vector<m4gn_field> all(session_->outputs().size());
-    forAll(session_->outputs(), i)
-    {
+    forAll(session_->outputs(), i) {
         all[i].name = session_->outputs()[i].c_str();
         all[i].components = session_->outputComponents(i);
     }
@@ -100,27 +90,21 @@ std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
 {
     std::vector<const int32_t*> marks;
 
-    if (!wanted || !observes_ || !session_)
-    {
+    if (!wanted || !observes_ || !session_) {
         return marks;
     }
 
     held_.resize(fields_.size());
     // Of the fields of a linear surrogate alone none is asked for
     marks.resize(fields_.size() + (run_ ? run_->measured().size() : 0), nullptr);
-    for (label fieldi = 0; fieldi < fields_.size(); ++fieldi)
-    {
+    for (label fieldi = 0; fieldi < fields_.size(); ++fieldi) {
         const word& name = fields_.name(fieldi);
-        if (!session_->outputs().found(name))
-        {
+        if (!session_->outputs().found(name)) {
             continue;
         }
-        if (fields_.components(fieldi) == 1)
-        {
+        if (fields_.components(fieldi) == 1) {
             mark(mesh_.lookupObject<volScalarField>(name), session_->nodes(), held_[fieldi]);
-        }
-        else
-        {
+        } else {
             mark(mesh_.lookupObject<volVectorField>(name), session_->nodes(), held_[fieldi]);
         }
         marks[fieldi] = held_[fieldi].cdata();
@@ -128,30 +112,24 @@ std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
     return marks;
 }
 
-template<class Type>
+template <class Type>
 void Foam::m4gnRide::writeError(const label surrogatei, const label fieldi, const word& name) const
 {
     const word of(kinds_.size() > 1 ? word(kinds_[surrogatei] + ':' + name, false) : name);
-    tmp<GeometricField<Type, fvPatchField, volMesh>> tfield
-    (
-        m4gn::cellField<Type>(mesh_, "error(" + of + ')', mesh_.time().timeName())
-    );
+    tmp<GeometricField<Type, fvPatchField, volMesh>> tfield(
+        m4gn::cellField<Type>(mesh_, "error(" + of + ')', mesh_.time().timeName()));
     auto& field = tfield.ref();
 
     auto* cells = reinterpret_cast<scalar*>(field.primitiveFieldRef().data());
-    if (m4gn_ride_difference(ride_, surrogatei, fieldi, cells) != M4GN_OK)
-    {
+    if (m4gn_ride_difference(ride_, surrogatei, fieldi, cells) != M4GN_OK) {
         // None has been compared yet
         return;
     }
     field.correctBoundaryConditions();
-    field.dimensions().reset
-    (
-        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(name).dimensions()
-    );
-    field.note() =
-        "m4gn: the surrogate's " + name + " at time "
-      + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's";
+    field.dimensions().reset(
+        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(name).dimensions());
+    field.note() = "m4gn: the surrogate's " + name + " at time "
+                   + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's";
     field.write();
 }
 
@@ -159,22 +137,16 @@ void Foam::m4gnRide::writeErrors() const
 {
     // Those of points are no fields of cells
     const bool wanted = dict_.getOrDefault<bool>("writeErrors", false) && !(run_ && run_->atPoints());
-    if (!observes_ || !mesh_.time().writeTime() || !wanted)
-    {
+    if (!observes_ || !mesh_.time().writeTime() || !wanted) {
         return;
     }
 
-    forAll(kinds_, surrogatei)
-    {
+    forAll(kinds_, surrogatei) {
         label fieldi = 0;
-        for (const m4gn_field& field : advances(kinds_[surrogatei]))
-        {
-            if (field.components == 1)
-            {
+        for (const m4gn_field& field : advances(kinds_[surrogatei])) {
+            if (field.components == 1) {
                 writeError<scalar>(surrogatei, fieldi, field.name);
-            }
-            else
-            {
+            } else {
                 writeError<vector>(surrogatei, fieldi, field.name);
             }
             ++fieldi;

@@ -17,20 +17,17 @@ std::string Foam::m4gnRide::types() const
 {
     const m4gn_mesh_data& data = session_->nodes().data();
     labelList types(mesh_.boundaryMesh().nNonProcessor(), -1);
-    for (label facei = 0; facei < data.n_boundary; ++facei)
-    {
+    for (label facei = 0; facei < data.n_boundary; ++facei) {
         const word name(data.patch_names[data.boundary_patch[facei]]);
         types[mesh_.boundaryMesh().findPatchID(name)] = data.boundary_type[facei];
     }
     Pstream::listCombineGather(types, maxEqOp<label>());
 
     std::string text;
-    forAll(types, patchi)
-    {
-        if (types[patchi] >= 0)
-        {
+    forAll(types, patchi) {
+        if (types[patchi] >= 0) {
             text += m4gn::quoted(mesh_.boundaryMesh()[patchi].name()) + ' '
-              + m4gnNodeTypes::names.get(types[patchi]) + "; ";
+                    + m4gnNodeTypes::names.get(types[patchi]) + "; ";
         }
     }
     return text;
@@ -38,34 +35,27 @@ std::string Foam::m4gnRide::types() const
 
 void Foam::m4gnRide::listen()
 {
-    static const char* const files[] =
-        {"surrogate", "strides", "surrogateError", "surrogateSegmentError"};
+    static const char* const files[] = {"surrogate", "strides", "surrogateError", "surrogateSegmentError"};
 
-    for (label i = 0; i < tables_.size(); ++i)
-    {
+    for (label i = 0; i < tables_.size(); ++i) {
         const std::string rows(m4gn_ride_text(ride_, M4GN_RIDE_JUMPS + i));
-        if (rows.size())
-        {
-            if (!tables_.set(i))
-            {
+        if (rows.size()) {
+            if (!tables_.set(i)) {
                 tables_.set(i, new functionObjects::writeFile(mesh_, name_, files[i], dict_));
             }
-            if (Pstream::master() && tables_[i].writeToFile())
-            {
+            if (Pstream::master() && tables_[i].writeToFile()) {
                 tables_[i].file() << rows.c_str() << flush;
             }
         }
     }
 
     const std::string text(m4gn_ride_text(ride_, M4GN_RIDE_LOG));
-    if (text.size())
-    {
-        Info<< text.c_str() << flush;
+    if (text.size()) {
+        Info << text.c_str() << flush;
     }
 
     std::string warning;
-    while ((warning = m4gn_ride_text(ride_, M4GN_RIDE_WARNING)).size())
-    {
+    while ((warning = m4gn_ride_text(ride_, M4GN_RIDE_WARNING)).size()) {
         WarningInFunction << warning.c_str() << endl;
     }
 }
@@ -73,9 +63,9 @@ void Foam::m4gnRide::listen()
 Foam::fileName Foam::m4gnRide::stateFile(const word& name, const Time& time, const word& at)
 {
     // A file handler that collates has the times of all ranks in one folder
-    const fileName ranks(fileHandler().filePath(time.path()/at));
+    const fileName ranks(fileHandler().filePath(time.path() / at));
 
-    return (ranks.empty() ? time.path()/at : ranks)/"uniform"/(name + ".state");
+    return (ranks.empty() ? time.path() / at : ranks) / "uniform" / (name + ".state");
 }
 
 bool Foam::m4gnRide::stored(const word& name, const Time& time)
@@ -90,12 +80,10 @@ Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
 {
     const fileName path(stateFile(name, time, time.timeName()));
     string text;
-    if (Pstream::master())
-    {
+    if (Pstream::master()) {
         char found[8192] = "";
         // What is damaged is refused when it is taken up
-        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK)
-        {
+        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK) {
             text = found;
         }
     }
@@ -107,15 +95,13 @@ Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
 
 void Foam::m4gnRide::save()
 {
-    if (observes_ && !dict_.found("adapt"))
-    {
+    if (observes_ && !dict_.found("adapt")) {
         return;
     }
 
     // The first rank writes when the fields of all ranks are there
     const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
-    if (Pstream::master())
-    {
+    if (Pstream::master()) {
         mkDir(path.path());
     }
     returnReduce(true, andOp<bool>());
@@ -128,11 +114,8 @@ bool Foam::m4gnRide::load(m4gn_ride_answer& answer)
     const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
     const int32_t status = m4gn_ride_load(ride_, path.c_str(), &step, &answer);
 
-    if (status == M4GN_ERROR_MODEL)
-    {
-        WarningInFunction
-            << m4gn_last_error() << ": the schedule of " << name_
-            << " begins anew" << endl;
+    if (status == M4GN_ERROR_MODEL) {
+        WarningInFunction << m4gn_last_error() << ": the schedule of " << name_ << " begins anew" << endl;
         return false;
     }
     m4gn::check(status, "m4gnSurrogate cannot carry on");
@@ -145,18 +128,16 @@ void Foam::m4gnRide::end()
     const std::string summary(m4gn_ride_text(ride_, M4GN_RIDE_SUMMARY));
     listen();
 
-    if (summary.empty() || !Pstream::master())
-    {
+    if (summary.empty() || !Pstream::master()) {
         return;
     }
 
     const fileName dir(m4gn::outputDir(name_, mesh_));
     mkDir(dir);
-    OFstream os(dir/"summary.json");
-    os  << summary.c_str();
+    OFstream os(dir / "summary.json");
+    os << summary.c_str();
 
-    if (!os.good())
-    {
+    if (!os.good()) {
         FatalErrorInFunction << "Cannot write " << os.name() << exit(FatalError);
     }
 }

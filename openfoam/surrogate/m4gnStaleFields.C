@@ -12,34 +12,23 @@ void Foam::m4gnStaleFields::derive()
 {
     auto* rhok = mesh_.getObjectPtr<volScalarField>("rhok");
     const auto* T = mesh_.findObject<volScalarField>("T");
-    const auto* transport =
-        mesh_.findObject<IOdictionary>("transportProperties");
+    const auto* transport = mesh_.findObject<IOdictionary>("transportProperties");
 
-    if
-    (
-        rhok && T && transport && advanced_.found("T")
-     && transport->found("beta") && transport->found("TRef")
-    )
-    {
-        const dimensionedScalar beta("beta", dimless/dimTemperature, *transport);
+    if (rhok && T && transport && advanced_.found("T") && transport->found("beta")
+        && transport->found("TRef")) {
+        const dimensionedScalar beta("beta", dimless / dimTemperature, *transport);
         const dimensionedScalar TRef("TRef", dimTemperature, *transport);
-        *rhok = 1.0 - beta*(*T - TRef);
+        *rhok = 1.0 - beta * (*T - TRef);
         derived_.insert("rhok");
     }
 
     auto* p = mesh_.getObjectPtr<volScalarField>("p");
     const auto* p_rgh = mesh_.findObject<volScalarField>("p_rgh");
     const auto* gh = mesh_.findObject<volScalarField>("gh");
-    const auto* rho =
-        rhok ? rhok : mesh_.findObject<volScalarField>("rho");
+    const auto* rho = rhok ? rhok : mesh_.findObject<volScalarField>("rho");
 
-    if
-    (
-        p && p_rgh && gh && rho
-     && advanced_.found("p_rgh") && !advanced_.found("p")
-     && p->dimensions() == p_rgh->dimensions()
-     && p->dimensions() == rho->dimensions()*gh->dimensions()
-    )
+    if (p && p_rgh && gh && rho && advanced_.found("p_rgh") && !advanced_.found("p")
+        && p->dimensions() == p_rgh->dimensions() && p->dimensions() == rho->dimensions() * gh->dimensions())
     {
         *p == *p_rgh + *rho*(*gh);
         derived_.insert("p");
@@ -51,23 +40,16 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
     const word& type = object.type();
     const bool field =
         type.ends_with("Field")
-     && (
-            type.starts_with("vol") || type.starts_with("surface")
-         || type.starts_with("point")
-        );
+        && (type.starts_with("vol") || type.starts_with("surface") || type.starts_with("point"));
 
     // Old times go with their field
     std::string name(object.name());
-    while (name.size() > 2 && name.substr(name.size() - 2) == "_0")
-    {
+    while (name.size() > 2 && name.substr(name.size() - 2) == "_0") {
         name.resize(name.size() - 2);
     }
 
-    return
-        field
-     && object.writeOpt() == IOobject::AUTO_WRITE
-     && !advanced_.found(word(name, false))
-     && !derived_.found(word(name, false));
+    return field && object.writeOpt() == IOobject::AUTO_WRITE && !advanced_.found(word(name, false))
+           && !derived_.found(word(name, false));
 }
 
 Foam::wordList Foam::m4gnStaleFields::names(const m4gnSolverState& state)
@@ -76,10 +58,8 @@ Foam::wordList Foam::m4gnStaleFields::names(const m4gnSolverState& state)
     derive();
 
     DynamicList<word> found;
-    for (const word& name : mesh_.sortedNames<regIOobject>())
-    {
-        if (stale(mesh_.lookupObject<regIOobject>(name)))
-        {
+    for (const word& name : mesh_.sortedNames<regIOobject>()) {
+        if (stale(mesh_.lookupObject<regIOobject>(name))) {
             found.append(name);
         }
     }
@@ -90,31 +70,27 @@ void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& sinc
 {
     const wordList marked(names(state));
 
-    if (!mesh_.time().writeTime())
-    {
+    if (!mesh_.time().writeTime()) {
         return;
     }
 
     DynamicList<string> notes;
-    for (const word& name : marked)
-    {
+    for (const word& name : marked) {
         auto& object = mesh_.lookupObjectRef<regIOobject>(name);
         notes.append(object.note());
         object.note() = std::string(m4gn::staleNote) + ", values of time " + since;
     }
 
-    if (marked.size() && !said_)
-    {
-        Info<< "m4gn: the model does not advance " << m4gn::join(marked)
-            << ": what is written of them in a jump has the values of the"
-            << " solver's last step, and a note that says so" << endl;
+    if (marked.size() && !said_) {
+        Info << "m4gn: the model does not advance " << m4gn::join(marked)
+             << ": what is written of them in a jump has the values of the"
+             << " solver's last step, and a note that says so" << endl;
         said_ = true;
     }
 
     state.write();
 
-    forAll(marked, i)
-    {
+    forAll(marked, i) {
         mesh_.lookupObjectRef<regIOobject>(marked[i]).note() = notes[i];
     }
 }

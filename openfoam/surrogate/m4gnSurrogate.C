@@ -18,8 +18,8 @@ namespace Foam
 {
 namespace functionObjects
 {
-    defineTypeNameAndDebug(m4gnSurrogate, 0);
-    addToRunTimeSelectionTable(functionObject, m4gnSurrogate, dictionary);
+defineTypeNameAndDebug(m4gnSurrogate, 0);
+addToRunTimeSelectionTable(functionObject, m4gnSurrogate, dictionary);
 }
 }
 
@@ -32,93 +32,77 @@ void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
     const word other(m4gnReplacer::before(replaces_ ? VGREAT : timeEnd_, this));
 
-    if (other.size() && replaces_)
-    {
-        FatalErrorInFunction
-            << "Both function objects " << name() << " and " << other
-            << " replace the solver: one would jump right"
-            << " after the other, without a step of the solver between" << nl
-            << "    Have one of mode replace in a run"
-            << exit(FatalError);
+    if (other.size() && replaces_) {
+        FatalErrorInFunction << "Both function objects " << name() << " and " << other
+                             << " replace the solver: one would jump right"
+                             << " after the other, without a step of the solver between" << nl
+                             << "    Have one of mode replace in a run" << exit(FatalError);
     }
 
-    if (other.size())
-    {
-        FatalErrorInFunction
-            << "Function object " << name() << " of mode observe stands beside"
-            << " a solver that " << other << " replaces" << nl
-            << "    Have it in a run without mode replace, or give "
-            << name() << " a timeEnd that is not later than the timeStart"
-            << " of " << other << exit(FatalError);
+    if (other.size()) {
+        FatalErrorInFunction << "Function object " << name() << " of mode observe stands beside"
+                             << " a solver that " << other << " replaces" << nl
+                             << "    Have it in a run without mode replace, or give " << name()
+                             << " a timeEnd that is not later than the timeStart"
+                             << " of " << other << exit(FatalError);
     }
 }
 
 void Foam::functionObjects::m4gnSurrogate::load()
 {
-    if (ride_)
-    {
+    if (ride_) {
         return;
     }
 
     checkOthers();
-    if (check_)
-    {
+    if (check_) {
         check_->setInterval(dict_);
     }
     m4gnRunState* run = nullptr;
     const wordList kinds(m4gnRide::kinds(dict_));
     states_.resize(kinds.size());
-    forAll(kinds, i)
-    {
-        if (kinds[i] == "linear")
-        {
+    forAll(kinds, i) {
+        if (kinds[i] == "linear") {
             run = new m4gnRunState(mesh_);
             states_.set(i, run);
             continue;
         }
         session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
-        if (replaces_)
-        {
+        if (replaces_) {
             states_.set(i, m4gnSolverState::New(mesh_, dict_, *session_));
         }
     }
     ride_.reset(new m4gnRide(name(), mesh_, dict_, session_.get(), run));
-    if (replaces_)
-    {
+    if (replaces_) {
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, states_));
         setProperty(writesFrom, time_.startTime().value());
     }
-    if (check_)
-    {
+    if (check_) {
         check_->made(run, states_.first(), jump_->frozen());
     }
 }
 
 void Foam::functionObjects::m4gnSurrogate::follow(const m4gn_ride_answer& answer)
 {
-    if (jump_ && answer.since >= 0)
-    {
+    if (jump_ && answer.since >= 0) {
         jump_->solved(answer.since);
     }
 
-    pending_ =
-        answer.action == M4GN_RIDE_DECIDE ? ride_->decide(answer)
-      : answer.action == M4GN_RIDE_HAND_BACK ? ride_->handedBack(answer, List<m4gnRide::quantity>())
-      : answer;
+    pending_ = answer.action == M4GN_RIDE_DECIDE      ? ride_->decide(answer)
+               : answer.action == M4GN_RIDE_HAND_BACK ? ride_->handedBack(answer, List<m4gnRide::quantity>())
+                                                      : answer;
 }
 
 void Foam::functionObjects::m4gnSurrogate::jump()
 {
-    if (pending_.action != M4GN_RIDE_STRIDE)
-    {
+    if (pending_.action != M4GN_RIDE_STRIDE) {
         return;
     }
 
     jumping_ = true;
     const bool jumped = jump_->run(pending_, *this);
     jumping_ = false;
-    if (jumped && check_)
-    {
+    if (jumped && check_) {
         check_->jumped();
     }
     pending_.action = M4GN_RIDE_SOLVE;
@@ -126,36 +110,28 @@ void Foam::functionObjects::m4gnSurrogate::jump()
 
 void Foam::functionObjects::m4gnSurrogate::resume()
 {
-    if (!m4gnRide::stored(name(), time_))
-    {
+    if (!m4gnRide::stored(name(), time_)) {
         word last;
-        for (const instant& at : time_.times())
-        {
+        for (const instant& at : time_.times()) {
             const fileName file(m4gnRide::stateFile(name(), time_, at.name()));
-            if (replaces_ && Pstream::master() && at.value() < time_.value() && isFile(file))
-            {
+            if (replaces_ && Pstream::master() && at.value() < time_.value() && isFile(file)) {
                 last = at.name();
             }
         }
         Pstream::scatter(last);
 
-        if (last.size())
-        {
-            WarningInFunction
-                << "There is no state of " << name() << " at time "
-                << time_.timeName() << ": its schedule begins anew" << nl
-                << "    The last one is at time " << last
-                << ". What was written later may not be whole" << endl;
+        if (last.size()) {
+            WarningInFunction << "There is no state of " << name() << " at time " << time_.timeName()
+                              << ": its schedule begins anew" << nl << "    The last one is at time " << last
+                              << ". What was written later may not be whole" << endl;
         }
         return;
     }
 
     // Where a type was told by the flow, it stays that of the run's start
     dictionary types(dict_.subOrEmptyDict("nodeTypes"));
-    for (const entry& stored : m4gnRide::storedTypes(name(), time_))
-    {
-        if (!types.found(stored.keyword(), keyType::REGEX))
-        {
+    for (const entry& stored : m4gnRide::storedTypes(name(), time_)) {
+        if (!types.found(stored.keyword(), keyType::REGEX)) {
             types.add(stored);
         }
     }
@@ -165,17 +141,14 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     load();
 
     m4gn_ride_answer answer{};
-    if (!ride_->load(answer))
-    {
+    if (!ride_->load(answer)) {
         return;
     }
-    if (answer.delta_t > 0 && time_.isAdjustTimeStep())
-    {
+    if (answer.delta_t > 0 && time_.isAdjustTimeStep()) {
         // Time was written with the surrogate's
         const_cast<Time&>(time_).setDeltaT(answer.delta_t, false);
     }
-    if (replaces_)
-    {
+    if (replaces_) {
         m4gnJump::carryOnWriting(const_cast<Time&>(time_), from);
         setProperty(writesFrom, time_.startTime().value());
     }
@@ -183,21 +156,16 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     jump();
 }
 
-Foam::functionObjects::m4gnSurrogate::m4gnSurrogate
-(
-    const word& name,
-    const Time& runTime,
-    const dictionary& dict
-)
-:
-    fvMeshFunctionObject(name, runTime, dict),
-    m4gnReplacer(name),
-    replaces_(false),
-    timeStart_(-VGREAT),
-    timeEnd_(VGREAT),
-    executed_(runTime.startTimeIndex()),
-    started_(false),
-    pending_()
+Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
+    const word& name, const Time& runTime, const dictionary& dict)
+    : fvMeshFunctionObject(name, runTime, dict),
+      m4gnReplacer(name),
+      replaces_(false),
+      timeStart_(-VGREAT),
+      timeEnd_(VGREAT),
+      executed_(runTime.startTimeIndex()),
+      started_(false),
+      pending_()
 {
     read(dict);
 
@@ -217,11 +185,9 @@ Foam::scalar Foam::functionObjects::m4gnSurrogate::replacesFrom() const
     return replaces_ ? timeStart_ : VGREAT;
 }
 
-Foam::m4gnReplacer::state
-Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
+Foam::m4gnReplacer::state Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
 {
-    if (&mesh != &mesh_ || !jump_)
-    {
+    if (&mesh != &mesh_ || !jump_) {
         return {-1, false, 0};
     }
 
@@ -230,15 +196,13 @@ Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
-    if (ride_)
-    {
+    if (ride_) {
         Log << type() << ' ' << name() << ": goes on as it was begun; changes"
             << " to the dictionary take effect in the next run" << endl;
         return true;
     }
 
-    if (m4gnCheck::asked(dict))
-    {
+    if (m4gnCheck::asked(dict)) {
         check_.reset(new m4gnCheck(mesh_, dict));
         return read(check_->jumping());
     }
@@ -255,25 +219,19 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "linear"});
     m4gnOthers::checkDictionary(dict);
     m4gnRide::checkDictionary(dict);
-    if (m4gnRide::has(dict, "network"))
-    {
+    if (m4gnRide::has(dict, "network")) {
         m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
     }
     replaces_ = dict.get<word>("mode") == "replace";
 
-    if (replaces_)
-    {
+    if (replaces_) {
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
         m4gnSettling::checkDictionary(dict);
         m4gnContactProjection::checkDictionary(dict);
-    }
-    else if (m4gnNodes::atPoints(dict))
-    {
-        FatalIOErrorInFunction(dict)
-            << "Entry location is points, which is for mode replace; mode"
-            << " observe works with fields of cells"
-            << exit(FatalIOError);
+    } else if (m4gnNodes::atPoints(dict)) {
+        FatalIOErrorInFunction(dict) << "Entry location is points, which is for mode replace; mode"
+                                     << " observe works with fields of cells" << exit(FatalIOError);
     }
 
     timeStart_ = dict.getOrDefault<scalar>("timeStart", -VGREAT);
@@ -289,20 +247,17 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
 
     // Foam::functionObjects::timeControl executes again at a time that
     // was met already: there the solver has not made a step
-    if (jumping_ || time_.timeIndex() == executed_)
-    {
+    if (jumping_ || time_.timeIndex() == executed_) {
         return true;
     }
     executed_ = time_.timeIndex();
 
-    if (check_ && check_->isOver())
-    {
+    if (check_ && check_->isOver()) {
         check_->solved();
         return true;
     }
 
-    if (!ride_ && time_.value() > timeEnd_ + 0.5*time_.deltaTValue())
-    {
+    if (!ride_ && time_.value() > timeEnd_ + 0.5 * time_.deltaTValue()) {
         return true;
     }
 
@@ -312,15 +267,13 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     const m4gn_ride_answer answer = ride_->solved();
 
     // What a run that is carried on from here begins with
-    if (time_.writeTime())
-    {
+    if (time_.writeTime()) {
         ride_->save();
     }
 
     follow(answer);
 
-    if (check_)
-    {
+    if (check_) {
         check_->solved();
     }
 
@@ -331,19 +284,16 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
 {
     auto& own = const_cast<m4gnSurrogate&>(*this);
 
-    if (!started_)
-    {
+    if (!started_) {
         started_ = true;
 
-        if (!postProcess && time_.timeIndex() == time_.startTimeIndex())
-        {
+        if (!postProcess && time_.timeIndex() == time_.startTimeIndex()) {
             own.resume();
         }
     }
 
     // All function objects have seen the solver's step
-    if (ride_ && time_.timeIndex() != time_.startTimeIndex())
-    {
+    if (ride_ && time_.timeIndex() != time_.startTimeIndex()) {
         own.ride_->reported(*this);
     }
     own.jump();
@@ -359,12 +309,10 @@ bool Foam::functionObjects::m4gnSurrogate::write()
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {
-    if (ride_)
-    {
+    if (ride_) {
         ride_->end();
     }
-    if (check_)
-    {
+    if (check_) {
         check_->write();
     }
 

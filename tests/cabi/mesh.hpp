@@ -12,15 +12,13 @@
 #include <vector>
 
 // Unlike assert, there in every build.
-#define REQUIRE(condition)                                                                          \
-    do                                                                                              \
-    {                                                                                               \
-        if (!(condition))                                                                           \
-        {                                                                                           \
-            std::fprintf(stderr, "%s:%d: %s\n  last error: %s\n", __FILE__, __LINE__, #condition,   \
-                m4gn_last_error());                                                                 \
-            std::exit(1);                                                                           \
-        }                                                                                           \
+#define REQUIRE(condition)                                                                                   \
+    do {                                                                                                     \
+        if (!(condition)) {                                                                                  \
+            std::fprintf(                                                                                    \
+                stderr, "%s:%d: %s\n  last error: %s\n", __FILE__, __LINE__, #condition, m4gn_last_error()); \
+            std::exit(1);                                                                                    \
+        }                                                                                                    \
     } while (false)
 
 // Settings with these entries.
@@ -42,58 +40,43 @@ public:
 
     // The columns [nx*rank/size, nx*(rank+1)/size) are this rank's.
     Channel(int nx, int ny, int rank = 0, int size = 1)
-    :
-        nx_(nx),
-        first_(nx*rank/size),
-        last_(nx*(rank + 1)/size)
+        : nx_(nx), first_(nx * rank / size), last_(nx * (rank + 1) / size)
     {
-        for (int j = 0; j < ny; ++j)
-        {
-            for (int i = first_; i < last_; ++i)
-            {
-                cellGlobal.push_back(j*nx + i);
+        for (int j = 0; j < ny; ++j) {
+            for (int i = first_; i < last_; ++i) {
+                cellGlobal.push_back(j * nx + i);
                 append(cellCentres, i + 0.5, j + 0.5);
                 cellVolumes.push_back(1);
             }
         }
-        for (int j = 0; j < ny; ++j)
-        {
-            for (int i = first_; i < last_; ++i)
-            {
-                if (i + 1 < last_)
-                {
+        for (int j = 0; j < ny; ++j) {
+            for (int i = first_; i < last_; ++i) {
+                if (i + 1 < last_) {
                     face(cell(i, j), cell(i + 1, j));
                 }
-                if (j + 1 < ny)
-                {
+                if (j + 1 < ny) {
                     face(cell(i, j), cell(i, j + 1));
                 }
             }
-            if (first_ > 0)
-            {
-                coupled(cell(first_, j), owner(first_ - 1, size), j*nx + first_ - 1, -1);
+            if (first_ > 0) {
+                coupled(cell(first_, j), owner(first_ - 1, size), j * nx + first_ - 1, -1);
             }
-            if (last_ < nx)
-            {
-                coupled(cell(last_ - 1, j), owner(last_, size), j*nx + last_, 1);
+            if (last_ < nx) {
+                coupled(cell(last_ - 1, j), owner(last_, size), j * nx + last_, 1);
             }
         }
         // Numbered inlet, outlet, lower wall, upper wall.
-        for (int j = 0; j < ny; ++j)
-        {
-            if (first_ == 0)
-            {
+        for (int j = 0; j < ny; ++j) {
+            if (first_ == 0) {
                 boundary(cell(0, j), j, 0, j + 0.5, -1, 0, M4GN_INLET, 0);
             }
-            if (last_ == nx)
-            {
+            if (last_ == nx) {
                 boundary(cell(nx - 1, j), ny + j, nx, j + 0.5, 1, 0, M4GN_OUTLET, 1);
             }
         }
-        for (int i = first_; i < last_; ++i)
-        {
-            boundary(cell(i, 0), 2*ny + i, i + 0.5, 0, 0, -1, M4GN_WALL, 2);
-            boundary(cell(i, ny - 1), 2*ny + nx + i, i + 0.5, ny, 0, 1, M4GN_WALL, 2);
+        for (int i = first_; i < last_; ++i) {
+            boundary(cell(i, 0), 2 * ny + i, i + 0.5, 0, 0, -1, M4GN_WALL, 2);
+            boundary(cell(i, ny - 1), 2 * ny + nx + i, i + 0.5, ny, 0, 1, M4GN_WALL, 2);
         }
         describe();
     }
@@ -106,13 +89,12 @@ public:
 private:
     int nx_, first_, last_;
 
-    int cell(int i, int j) const { return j*(last_ - first_) + i - first_; }
+    int cell(int i, int j) const { return j * (last_ - first_) + i - first_; }
 
     int owner(int i, int size) const
     {
         int rank = 0;
-        while (nx_*(rank + 1)/size <= i)
-        {
+        while (nx_ * (rank + 1) / size <= i) {
             ++rank;
         }
         return rank;
@@ -191,15 +173,13 @@ struct Fields
 
     explicit Fields(const Channel& mesh)
     {
-        for (int64_t g : mesh.cellGlobal)
-        {
-            U.insert(U.end(), {std::sin(0.3*g), std::cos(0.7*g), 5});
-            p.push_back(std::sin(1.1*g));
+        for (int64_t g : mesh.cellGlobal) {
+            U.insert(U.end(), {std::sin(0.3 * g), std::cos(0.7 * g), 5});
+            p.push_back(std::sin(1.1 * g));
         }
-        for (int64_t g : mesh.boundaryGlobal)
-        {
-            UBoundary.insert(UBoundary.end(), {0.1*std::sin(0.2*g), 0, 5});
-            pBoundary.push_back(0.5*std::cos(0.4*g));
+        for (int64_t g : mesh.boundaryGlobal) {
+            UBoundary.insert(UBoundary.end(), {0.1 * std::sin(0.2 * g), 0, 5});
+            pBoundary.push_back(0.5 * std::cos(0.4 * g));
         }
     }
 
@@ -208,22 +188,16 @@ struct Fields
         return {{"U", 3, U.data(), UBoundary.data()}, {"p", 1, p.data(), pBoundary.data()}};
     }
 
-    std::vector<m4gn_field_out> out()
-    {
-        return {{"U", 3, U.data()}, {"p", 1, p.data()}};
-    }
+    std::vector<m4gn_field_out> out() { return {{"U", 3, U.data()}, {"p", 1, p.data()}}; }
 };
 
 // Runs an action that must throw; returns its status, and its message in `message`.
-template<class Action>
+template <class Action>
 int32_t failure(std::string& message, const Action& action)
 {
-    try
-    {
+    try {
         action();
-    }
-    catch (const m4gn::Error& error)
-    {
+    } catch (const m4gn::Error& error) {
         message = error.what();
         return error.status();
     }
@@ -233,8 +207,7 @@ int32_t failure(std::string& message, const Action& action)
 
 inline bool contains(const std::string& text, const std::string& part)
 {
-    if (text.find(part) == std::string::npos)
-    {
+    if (text.find(part) == std::string::npos) {
         std::fprintf(stderr, "\"%s\" is not in \"%s\"\n", part.c_str(), text.c_str());
         return false;
     }

@@ -21,17 +21,14 @@ struct Bands
 
     Bands(int rank, int size, int points, const std::vector<double>& bands)
     {
-        const int begin = points*rank/size, end = points*(rank + 1)/size;
-        for (int i = begin; i < end; ++i)
-        {
+        const int begin = points * rank / size, end = points * (rank + 1) / size;
+        for (int i = begin; i < end; ++i) {
             // Descending, and the diagonal in two parts: any order will do, and parts add up.
-            for (int j = i + 1; j >= i - 1; --j)
-            {
+            for (int j = i + 1; j >= i - 1; --j) {
                 const int parts = j < 0 || j >= points ? 0 : i == j ? 2 : 1;
-                for (int part = 0; part < parts; ++part)
-                {
+                for (int part = 0; part < parts; ++part) {
                     column.push_back(j);
-                    value.push_back(bands[static_cast<std::size_t>(j - i + 1)]/parts);
+                    value.push_back(bands[static_cast<std::size_t>(j - i + 1)] / parts);
                 }
             }
             row.push_back(static_cast<int64_t>(column.size()));
@@ -45,35 +42,34 @@ struct Bands
 
 bool near(double a, double b, double relative = 1e-8)
 {
-    return std::abs(a - b) <= relative*std::abs(b);
+    return std::abs(a - b) <= relative * std::abs(b);
 }
 
 // A finite-element bar: K = (-1, 2, -1)/h, M = h (1, 4, 1)/6; both sides of the switch to sparse solvers.
 void bar(int rank, int size, int32_t comm, int n)
 {
-    const double h = 1.0/(n + 1);
-    const Bands k(rank, size, n, {-1/h, 2/h, -1/h}), m(rank, size, n, {h/6, 4*h/6, h/6});
+    const double h = 1.0 / (n + 1);
+    const Bands k(rank, size, n, {-1 / h, 2 / h, -1 / h}), m(rank, size, n, {h / 6, 4 * h / 6, h / 6});
     const m4gn::Modes modes(comm, k.csr, &m.csr);
     REQUIRE(modes.size() == 6);
     const auto values = modes.eigenvalues();
-    for (int i = 0; i < 6; ++i)
-    {
-        const double c = std::cos((i + 1)*pi*h);
-        REQUIRE(near(values[static_cast<std::size_t>(i)], 6/(h*h)*(1 - c)/(2 + c)));
+    for (int i = 0; i < 6; ++i) {
+        const double c = std::cos((i + 1) * pi * h);
+        REQUIRE(near(values[static_cast<std::size_t>(i)], 6 / (h * h) * (1 - c) / (2 + c)));
     }
     // The first mode is a sine of one sign, its mean square over the bar 1.
     double sum = 0;
     const auto first = modes.vector(0);
-    const int begin = n*rank/size;
-    for (std::size_t i = 0; i < first.size(); ++i)
-    {
-        REQUIRE(first[i]*first[0] > 0);
-        const double sine = std::sin((begin + double(i) + 1)*pi*h);
-        sum += std::abs(first[i])/sine;
-        REQUIRE(near(std::abs(first[i])/sine, std::abs(first[0])/std::sin((begin + 1)*pi*h), 1e-6));
+    const int begin = n * rank / size;
+    for (std::size_t i = 0; i < first.size(); ++i) {
+        REQUIRE(first[i] * first[0] > 0);
+        const double sine = std::sin((begin + double(i) + 1) * pi * h);
+        sum += std::abs(first[i]) / sine;
+        REQUIRE(near(std::abs(first[i]) / sine, std::abs(first[0]) / std::sin((begin + 1) * pi * h), 1e-6));
     }
-    MPI_Allreduce(MPI_IN_PLACE, &sum, 1, MPI_DOUBLE, MPI_SUM, comm == M4GN_NO_MPI ? MPI_COMM_SELF : MPI_COMM_WORLD);
-    REQUIRE(near(sum/n, std::sqrt(2.0), 2e-2));
+    MPI_Allreduce(
+        MPI_IN_PLACE, &sum, 1, MPI_DOUBLE, MPI_SUM, comm == M4GN_NO_MPI ? MPI_COMM_SELF : MPI_COMM_WORLD);
+    REQUIRE(near(sum / n, std::sqrt(2.0), 2e-2));
 }
 
 // What is wrong is said, on the rank where it is wrong; the others hear of it; and the next call works.
@@ -84,17 +80,21 @@ void wrongMatrices(int rank, int size, int32_t comm)
     const int culprit = size - 1;
     const bool mine = rank == culprit;
     const std::string none = "{}";
-    const auto expect = [&](const Bands& k, const std::string& o, bool all, const char* word)
-    {
+    const auto expect = [&](const Bands& k, const std::string& o, bool all, const char* word) {
         const int32_t status = failure(message, [&] { m4gn::Modes(comm, k.csr, nullptr, o); });
         REQUIRE(status == (all || mine ? M4GN_ERROR_INPUT : M4GN_ERROR_OTHER_RANK));
         REQUIRE(contains(message, word));
     };
 
     Bands k(rank, size, n, {-1, 2, -1});
-    if (mine) { k.value[3] = NAN; }
+    if (mine) {
+        k.value[3] = NAN;
+    }
     expect(k, none, false, "finite");
-    if (mine) { k.value[3] = 1; k.row[1] = -1; }
+    if (mine) {
+        k.value[3] = 1;
+        k.row[1] = -1;
+    }
     expect(k, none, false, "row");
 
     const Bands good(rank, size, n, {-1, 2, -1});
@@ -102,7 +102,9 @@ void wrongMatrices(int rank, int size, int32_t comm)
     expect(good, R"({"modal_solver": "fast"})", true, "modal_solver: expected one of auto, direct");
     expect(good, R"({"block": 0})", true, "points");
     expect(good, R"({"blok": 2})", true, "is block meant?");
-    expect(good, mine && size > 1 ? R"({"modes": 5})" : R"({"modes": 150})", true, size > 1 ? "differ" : "at most");
+    expect(
+        good, mine && size > 1 ? R"({"modes": 5})" : R"({"modes": 150})", true,
+        size > 1 ? "differ" : "at most");
 
     REQUIRE(m4gn::Modes(comm, good.csr, nullptr, none).size() == 6);
 
@@ -123,17 +125,15 @@ void toRanks(int32_t comm, const Channel& part)
     std::vector<double> sizes, adjacency;
     found.graph(sizes, adjacency);
     double nodes = 0;
-    for (double s : sizes)
-    {
+    for (double s : sizes) {
         nodes += s;
     }
     // 24 x 8 cells and 64 faces around them
-    REQUIRE(nodes == 24*8 + 64);
+    REQUIRE(nodes == 24 * 8 + 64);
 
     m4gn_rank_report report;
     const auto rank = m4gn::Segments::ranks(sizes, adjacency, 3, {}, &report);
-    for (int r = 0; r < 3; ++r)
-    {
+    for (int r = 0; r < 3; ++r) {
         REQUIRE(std::count(rank.begin(), rank.end(), r) > 0);
     }
     REQUIRE(report.imbalance >= 1 && report.imbalance < 1.4 && report.cut > 0);
@@ -146,9 +146,10 @@ void toRanks(int32_t comm, const Channel& part)
 void wrongSegments(int rank, int size, int32_t comm, const Channel& part)
 {
     std::string message;
-    for (const char* spec : {"{\"cuont\": 3}", "[]", "{\"count\": \"x\"}", "{\"count\": 100000}", "{"})
-    {
-        REQUIRE(failure(message, [&] { m4gn::Segments(comm, part.data, options(spec, false)); }) == M4GN_ERROR_INPUT);
+    for (const char* spec : {"{\"cuont\": 3}", "[]", "{\"count\": \"x\"}", "{\"count\": 100000}", "{"}) {
+        REQUIRE(
+            failure(message, [&] { m4gn::Segments(comm, part.data, options(spec, false)); })
+            == M4GN_ERROR_INPUT);
     }
     // One rank alone asks for something else: all are told what differs.
     const int32_t status = failure(message, [&] {
@@ -157,7 +158,8 @@ void wrongSegments(int rank, int size, int32_t comm, const Channel& part)
     REQUIRE(status == (rank == size - 1 ? M4GN_ERROR_INPUT : M4GN_ERROR_OTHER_RANK));
     REQUIRE(contains(message, "segments.cuont: unknown entry") && contains(message, "is count meant?"));
     const int32_t differing = failure(message, [&] {
-        m4gn::Segments(comm, part.data, options(rank == size - 1 ? "{\"count\": 3}" : "{\"count\": 4}", false));
+        m4gn::Segments(
+            comm, part.data, options(rank == size - 1 ? "{\"count\": 3}" : "{\"count\": 4}", false));
     });
     REQUIRE(differing == (size > 1 ? M4GN_ERROR_INPUT : M4GN_OK));
     REQUIRE(size == 1 || (contains(message, "segments.count 3") && contains(message, "segments.count 4")));
@@ -176,8 +178,7 @@ void wrongFields(int rank, int size, int32_t comm)
     const int culprit = size - 1;
 
     auto in = fields.in();
-    if (rank == culprit)
-    {
+    if (rank == culprit) {
         in[0].cells = nullptr;
     }
     int32_t status = failure(message, [&] { session.step(in, fields.out()); });
@@ -196,8 +197,7 @@ void wrongFields(int rank, int size, int32_t comm)
     REQUIRE(status == (rank == 0 ? M4GN_ERROR_FILE : M4GN_ERROR_OTHER_RANK));
     REQUIRE(contains(message, "/no/such/model"));
 
-    if (rank == culprit)
-    {
+    if (rank == culprit) {
         part.boundaryType[0] = 99;
     }
     status = failure(message, [&] { m4gn::Session(comm, part.data, m4gn::Model(comm, model)); });
@@ -213,8 +213,7 @@ int main(int argc, char** argv)
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     MPI_Comm_size(MPI_COMM_WORLD, &size);
     const int32_t comm = MPI_Comm_c2f(MPI_COMM_WORLD);
-    for (int n : {40, 250})
-    {
+    for (int n : {40, 250}) {
         bar(rank, size, comm, n);
         // A rank by itself, without MPI.
         bar(0, 1, M4GN_NO_MPI, n);

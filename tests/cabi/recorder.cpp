@@ -10,7 +10,8 @@
 namespace
 {
 
-const std::vector<m4gn_recorder_field> recorded {{"U", 3, {0, 1, -1, 0, 0, 0, 0}}, {"p", 1, {0, 2, -2, 0, 0, 0, 0}}};
+const std::vector<m4gn_recorder_field> recorded{
+    {"U", 3, {0, 1, -1, 0, 0, 0, 0}}, {"p", 1, {0, 2, -2, 0, 0, 0, 0}}};
 
 std::string options(const std::string& path, const std::string& more = R"("split": "test")")
 {
@@ -23,8 +24,7 @@ int filesIn(const std::string& folder)
     int count = 0;
     DIR* directory = opendir(folder.c_str());
     REQUIRE(directory);
-    while (readdir(directory))
-    {
+    while (readdir(directory)) {
         ++count;
     }
     closedir(directory);
@@ -48,10 +48,8 @@ int main()
     std::string message;
 
     {
-        m4gn::Recorder recorder
-        (
-            M4GN_NO_MPI, mesh.data, options(path, R"("provenance": {"application": "a test"})"), recorded
-        );
+        m4gn::Recorder recorder(
+            M4GN_NO_MPI, mesh.data, options(path, R"("provenance": {"application": "a test"})"), recorded);
         recorder.append(0.1, fields.in());
         recorder.append(0.2, fields.in());
         REQUIRE(recorder.nFrames() == 2);
@@ -86,8 +84,7 @@ int main()
     REQUIRE(filesIn(folder) == empty + 1);
 
     auto given = recorded;
-    const auto refused = [&](const std::string& o)
-    {
+    const auto refused = [&](const std::string& o) {
         return failure(message, [&] { m4gn::Recorder(M4GN_NO_MPI, mesh.data, o, given); });
     };
     REQUIRE(refused(options(path)) == M4GN_ERROR_FILE);

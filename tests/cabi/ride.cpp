@@ -28,10 +28,12 @@ struct Host
     std::vector<int32_t> actions;
 
     explicit Host(const std::string& options)
-    :
-        session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)),
-        U(3*mesh.nCells(), 0.1), UBoundary(3*mesh.nBoundary(), 0.1), p(mesh.nCells(), 0.2), pBoundary(mesh.nBoundary(), 0.2),
-        ride(session, mesh.data, options, now())
+        : session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)),
+          U(3 * mesh.nCells(), 0.1),
+          UBoundary(3 * mesh.nBoundary(), 0.1),
+          p(mesh.nCells(), 0.2),
+          pBoundary(mesh.nBoundary(), 0.2),
+          ride(session, mesh.data, options, now())
     {}
 
     m4gn_ride_step now() const
@@ -54,41 +56,41 @@ struct Host
 
     m4gn_ride_answer solve()
     {
-        for (std::size_t i = 0; i < U.size(); ++i)
-        {
-            U[i] += 2*std::sin(300*time + static_cast<double>(i));
+        for (std::size_t i = 0; i < U.size(); ++i) {
+            U[i] += 2 * std::sin(300 * time + static_cast<double>(i));
         }
-        for (std::size_t i = 0; i < p.size(); ++i)
-        {
-            p[i] += 2*std::cos(300*time + static_cast<double>(i));
+        for (std::size_t i = 0; i < p.size(); ++i) {
+            p[i] += 2 * std::cos(300 * time + static_cast<double>(i));
         }
-        time = dt*static_cast<double>(++index);
+        time = dt * static_cast<double>(++index);
         return ride.solved(now());
     }
 
     void follow(m4gn_ride_answer answer)
     {
-        while (answer.action != M4GN_RIDE_SOLVE)
-        {
+        while (answer.action != M4GN_RIDE_SOLVE) {
             actions.push_back(answer.action);
-            switch (answer.action)
-            {
-                case M4GN_RIDE_DECIDE: answer = ride.decide(answer.fields ? fields() : m4gn::Ride::Fields()); break;
-                case M4GN_RIDE_STRIDE: answer = ride.stride(fields(), out()); break;
-                case M4GN_RIDE_ADVANCE:
-                    index += answer.solver_steps;
-                    time = dt*static_cast<double>(index);
-                    answer = ride.advanced(now());
-                    break;
-                default: answer = ride.handedBack(now(), fields(), {{"energy", 0.5}});
+            switch (answer.action) {
+            case M4GN_RIDE_DECIDE:
+                answer = ride.decide(answer.fields ? fields() : m4gn::Ride::Fields());
+                break;
+            case M4GN_RIDE_STRIDE:
+                answer = ride.stride(fields(), out());
+                break;
+            case M4GN_RIDE_ADVANCE:
+                index += answer.solver_steps;
+                time = dt * static_cast<double>(index);
+                answer = ride.advanced(now());
+                break;
+            default:
+                answer = ride.handedBack(now(), fields(), {{"energy", 0.5}});
             }
         }
     }
 
     void run(int steps)
     {
-        for (int i = 0; i < steps; ++i)
-        {
+        for (int i = 0; i < steps; ++i) {
             follow(solve());
         }
     }
@@ -99,7 +101,8 @@ void takesTurns()
     Host host(R"({"mode": "replace", "solverSteps": 5, "surrogateSteps": 2, "setup_seconds": 1.5})");
     host.run(6);
     REQUIRE(host.index == 16);
-    const std::vector<int32_t> jump{M4GN_RIDE_STRIDE, M4GN_RIDE_ADVANCE, M4GN_RIDE_STRIDE, M4GN_RIDE_ADVANCE, M4GN_RIDE_HAND_BACK};
+    const std::vector<int32_t> jump{
+        M4GN_RIDE_STRIDE, M4GN_RIDE_ADVANCE, M4GN_RIDE_STRIDE, M4GN_RIDE_ADVANCE, M4GN_RIDE_HAND_BACK};
     REQUIRE(std::vector<int32_t>(host.actions.begin() + 5, host.actions.begin() + 10) == jump);
     const std::string log = host.ride.text(M4GN_RIDE_LOG), rows = host.ride.text(M4GN_RIDE_JUMPS);
     REQUIRE(contains(log, "jumped 2 steps of 0.01 s to time 0.03") && contains(log, "; energy 0.5"));
@@ -117,8 +120,7 @@ void observes()
     std::istringstream rows(host.ride.text(M4GN_RIDE_ERRORS));
     std::string line;
     int n = 0;
-    while (std::getline(rows, line))
-    {
+    while (std::getline(rows, line)) {
         n += line[0] != '#';
     }
     REQUIRE(n == 2);
@@ -126,7 +128,9 @@ void observes()
     std::vector<double> off(host.U.size());
     m4gn::check(m4gn_ride_difference(host.ride.get(), 0, 0, off.data()));
     REQUIRE(m4gn_ride_difference(host.ride.get(), 0, 2, off.data()) == M4GN_ERROR_INPUT);
-    REQUIRE(host.ride.text(M4GN_RIDE_SUMMARY).empty() && contains(host.ride.text(M4GN_RIDE_LOG), "mean rms errors"));
+    REQUIRE(
+        host.ride.text(M4GN_RIDE_SUMMARY).empty()
+        && contains(host.ride.text(M4GN_RIDE_LOG), "mean rms errors"));
 }
 
 void controls()
@@ -141,7 +145,9 @@ void controls()
     REQUIRE(lenient.index > 12);
     Host stops(base + R"({"tolerance": 1e-9, "onFailure": "stop", "patience": 1}})");
     std::string message;
-    REQUIRE(failure(message, [&] { stops.run(12); }) == M4GN_ERROR_NUMERICAL && contains(message, "in 1 strides in a row"));
+    REQUIRE(
+        failure(message, [&] { stops.run(12); }) == M4GN_ERROR_NUMERICAL
+        && contains(message, "in 1 strides in a row"));
 }
 
 void carriesOn()
@@ -169,16 +175,17 @@ void carriesOn()
     // Each byte that is another is found.
     std::ifstream in(path, std::ios::binary);
     const std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-    for (const std::size_t at : {std::size_t(0), bytes.size()/3, bytes.size() - 1})
-    {
+    for (const std::size_t at : {std::size_t(0), bytes.size() / 3, bytes.size() - 1}) {
         std::string damaged(bytes);
         damaged[at] = static_cast<char>(damaged[at] ^ 4);
         std::ofstream(path, std::ios::binary) << damaged;
         Host other(options);
         other.index = 18;
-        other.time = dt*18;
+        other.time = dt * 18;
         std::string message;
-        REQUIRE(failure(message, [&] { other.ride.load(path, other.now()); }) == M4GN_ERROR_FILE && contains(message, path));
+        REQUIRE(
+            failure(message, [&] { other.ride.load(path, other.now()); }) == M4GN_ERROR_FILE
+            && contains(message, path));
     }
     std::remove(path.c_str());
 }
@@ -188,8 +195,7 @@ int32_t grow(void* data, const m4gn_field* in, int32_t n, const m4gn_field_out* 
 {
     const int nCells = *static_cast<const int*>(data);
     REQUIRE(n == 2 && nOut == 1 && std::string(in[1].name) == "p" && std::string(out[0].name) == "p");
-    for (int c = 0; c < nCells; ++c)
-    {
+    for (int c = 0; c < nCells; ++c) {
         REQUIRE(out[0].cells[c] == in[1].cells[c]);
         out[0].cells[c] += 1;
     }
@@ -209,7 +215,7 @@ void ridesOnItsOwn()
     m4gn_ride* ride = nullptr;
     m4gn::check(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride));
     m4gn_ride_answer answer{};
-    host.time = dt*static_cast<double>(++host.index);
+    host.time = dt * static_cast<double>(++host.index);
     m4gn_ride_step now = host.now();
     m4gn::check(m4gn_ride_solved(ride, &now, &answer));
     m4gn::check(m4gn_ride_decide(ride, nullptr, nullptr, 0, &answer));
@@ -229,13 +235,17 @@ void ridesOnItsOwn()
     m4gn_ride_free(ride);
 
     own.step = nullptr;
-    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT && !ride);
+    REQUIRE(
+        m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT
+        && !ride);
     own.step = grow;
     own.n_fields = 0;
-    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
+    REQUIRE(
+        m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
     own.n_fields = 1;
     options = R"({"mode": "observe", "adapt": {"mode": "before"}})";
-    REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
+    REQUIRE(
+        m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "does not learn"));
 }
 
@@ -245,12 +255,13 @@ void refuses()
     m4gn_ride* none = nullptr;
     m4gn_ride_answer answer{};
     const m4gn_ride_step start = host.now();
-    const auto made = [&](const char* options)
-    {
+    const auto made = [&](const char* options) {
         const m4gn_ride_surrogates surrogates{host.session.get(), nullptr, nullptr, 0};
         return m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &none);
     };
-    for (const char* options : {"", "{}", R"({"mode": "ride"})", R"({"mode": "observe", "control": {"tolerance": 0.1, "fields": ["q"]}})"})
+    for (const char* options :
+         {"", "{}", R"({"mode": "ride"})",
+          R"({"mode": "observe", "control": {"tolerance": 0.1, "fields": ["q"]}})"})
     {
         REQUIRE(made(options) == M4GN_ERROR_INPUT && !none);
     }
@@ -269,12 +280,16 @@ void refuses()
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &both, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "array p: 3 numbers"));
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, nullptr, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);
-    REQUIRE(m4gn_options_check("ride", R"({"mode": "observe", "control": {"tolerence": 1}})") == M4GN_ERROR_INPUT);
+    REQUIRE(
+        m4gn_options_check("ride", R"({"mode": "observe", "control": {"tolerence": 1}})")
+        == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "tolerence"));
     m4gn_ride* ride = host.ride.get();
     REQUIRE(m4gn_ride_solved(nullptr, &start, &answer) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_ride_solved(ride, nullptr, &answer) == M4GN_ERROR_INPUT);
-    REQUIRE(m4gn_ride_decide(ride, nullptr, nullptr, 0, &answer) == M4GN_ERROR_INPUT && contains(m4gn_last_error(), "solved is due"));
+    REQUIRE(
+        m4gn_ride_decide(ride, nullptr, nullptr, 0, &answer) == M4GN_ERROR_INPUT
+        && contains(m4gn_last_error(), "solved is due"));
     REQUIRE(m4gn_ride_advanced(ride, &start, &answer) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_ride_handed_back(ride, &start, nullptr, 0, nullptr, 0, &answer) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_ride_save(ride, nullptr) == M4GN_ERROR_INPUT);

@@ -30,13 +30,11 @@ void steps()
 
     const auto segments = session.segments(mesh.nCells());
     std::vector<int> sizes(4);
-    for (int32_t s : segments)
-    {
+    for (int32_t s : segments) {
         REQUIRE(s >= 0 && s < 4);
         ++sizes[s];
     }
-    for (int size : sizes)
-    {
+    for (int size : sizes) {
         REQUIRE(size > 0);
     }
 
@@ -44,16 +42,17 @@ void steps()
     const Fields before(mesh);
     session.step(fields1.in(), fields1.out());
     double change = 0;
-    for (int c = 0; c < mesh.nCells(); ++c)
-    {
-        REQUIRE(std::isfinite(fields1.U[3*c]) && std::isfinite(fields1.p[c]));
-        REQUIRE(fields1.U[3*c + 2] == 5);
-        change += std::abs(fields1.U[3*c] - before.U[3*c]);
+    for (int c = 0; c < mesh.nCells(); ++c) {
+        REQUIRE(std::isfinite(fields1.U[3 * c]) && std::isfinite(fields1.p[c]));
+        REQUIRE(fields1.U[3 * c + 2] == 5);
+        change += std::abs(fields1.U[3 * c] - before.U[3 * c]);
     }
     REQUIRE(change > 1e-3);
 
     // Separate arrays, and segments handed in, give the same.
-    m4gn::Session again(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(R"("n_threads": 2)"), segments.data());
+    m4gn::Session again(
+        M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(R"("n_threads": 2)"),
+        segments.data());
     Fields fields2(mesh);
     again.step(before.in(), fields2.out());
     REQUIRE(fields2.U == fields1.U && fields2.p == fields1.p);
@@ -66,8 +65,7 @@ void readsTheModelOnce()
     const std::string path = "replaced.safetensors";
     std::ofstream(path, std::ios::binary) << std::ifstream(model, std::ios::binary).rdbuf();
     const m4gn::Model opened(M4GN_NO_MPI, path);
-    const auto step = [&]
-    {
+    const auto step = [&] {
         m4gn::Session session(M4GN_NO_MPI, mesh.data, opened);
         Fields fields(mesh);
         session.step(fields.in(), fields.out());
@@ -94,8 +92,7 @@ void readsTheModelOnce()
 void refusesModels()
 {
     std::string message;
-    const auto open = [&](const std::string& path)
-    {
+    const auto open = [&](const std::string& path) {
         return failure(message, [&] { m4gn::Model(M4GN_NO_MPI, path); });
     };
     REQUIRE(open("/no/such/model.safetensors") == M4GN_ERROR_FILE);
@@ -125,15 +122,17 @@ void refusesOptions()
 {
     Channel mesh(6, 4);
     std::string message;
-    const auto with = [&](const std::string& more)
-    {
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(more)); });
+    const auto with = [&](const std::string& more) {
+        return failure(message, [&] {
+            m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(more));
+        });
     };
     const auto segments = [&](const std::string& entries) { return with("\"segments\": {" + entries + "}"); };
     REQUIRE(segments(R"("count": 25)") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "25") && contains(message, "24"));
     REQUIRE(segments(R"("count": -1)") == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "segments.count: expected a whole number that is not negative, found integer -1"));
+    REQUIRE(
+        contains(message, "segments.count: expected a whole number that is not negative, found integer -1"));
     REQUIRE(with(R"("nThreads": -1)") == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "nThreads: expected"));
     REQUIRE(with(R"("precision": "fp16")") == M4GN_ERROR_INPUT);
@@ -153,29 +152,37 @@ void refusesOptions()
     REQUIRE(with(R"("model": "another")") == M4GN_ERROR_INPUT);
     REQUIRE(with("nothing") == M4GN_ERROR_INPUT);
     const std::vector<int32_t> labels(24, 9);
-    const auto given = [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), "{}", labels.data()); };
+    const auto given = [&] {
+        m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), "{}", labels.data());
+    };
     REQUIRE(failure(message, given) == M4GN_ERROR_INPUT);
 
     // The same without a session.
     m4gn::checkOptions("session", settings(R"("segments": {"count": 9})"));
-    REQUIRE(failure(message, [&] { m4gn::checkOptions("session", R"({"bakcend": "a"})"); }) == M4GN_ERROR_INPUT);
+    REQUIRE(
+        failure(message, [&] { m4gn::checkOptions("session", R"({"bakcend": "a"})"); }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "bakcend: unknown entry") && contains(message, "is backend meant?"));
 }
 
 void refusesMeshes()
 {
     std::string message;
-    const auto with = [&](void (*change)(Channel&))
-    {
+    const auto with = [&](void (*change)(Channel&)) {
         Channel mesh(6, 4);
         change(mesh);
-        return failure(message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)); });
+        return failure(
+            message, [&] { m4gn::Session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)); });
     };
     REQUIRE(with([](Channel& m) { m.data.n_cells = -1; }) == M4GN_ERROR_INPUT);
     REQUIRE(with([](Channel& m) { m.data.cell_centres = nullptr; }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "cell_centres"));
     REQUIRE(with([](Channel& m) { m.data.n_directions = 1; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](Channel& m) { m.data.n_directions = 3; m.data.directions[2] = 2; }) == M4GN_ERROR_MODEL);
+    REQUIRE(
+        with([](Channel& m) {
+            m.data.n_directions = 3;
+            m.data.directions[2] = 2;
+        })
+        == M4GN_ERROR_MODEL);
     REQUIRE(contains(message, "2 dimensions"));
     REQUIRE(with([](Channel& m) { m.faceOwner[3] = 24; }) == M4GN_ERROR_MESH);
     REQUIRE(contains(message, "face_owner[3]"));
@@ -192,7 +199,8 @@ void refusesMeshes()
     REQUIRE(contains(message, "patch_names[1]"));
     // A communicator where there is no MPI.
     Channel mesh(6, 4);
-    REQUIRE(failure(message, [&] { m4gn::Session(0, mesh.data, m4gn::Model(M4GN_NO_MPI, model)); })
+    REQUIRE(
+        failure(message, [&] { m4gn::Session(0, mesh.data, m4gn::Model(M4GN_NO_MPI, model)); })
         == M4GN_ERROR_INPUT);
 }
 
@@ -201,8 +209,7 @@ void refusesFields()
     Channel mesh(6, 4);
     m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
     std::string message;
-    const auto with = [&](void (*change)(std::vector<m4gn_field>&, std::vector<m4gn_field_out>&))
-    {
+    const auto with = [&](void (*change)(std::vector<m4gn_field>&, std::vector<m4gn_field_out>&)) {
         Fields fields(mesh);
         const auto before = fields;
         auto in = fields.in();

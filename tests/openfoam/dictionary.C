@@ -7,22 +7,18 @@ using testing::dict;
 
 TEST(entriesBecomeJson)
 {
-    EXPECT_TEXT
-    (
+    EXPECT_TEXT(
         m4gn::json(dict("a 1; b -2.5; c yes; d off; e word; f \"two words\"; g { h 3; }")),
         "{\"a\": 1, \"b\": -2.5, \"c\": true, \"d\": false, \"e\": \"word\","
-        " \"f\": \"two words\", \"g\": {\"h\": 3}}"
-    );
+        " \"f\": \"two words\", \"g\": {\"h\": 3}}");
 }
 
 TEST(listsBecomeJson)
 {
-    EXPECT_TEXT
-    (
+    EXPECT_TEXT(
         m4gn::json(dict("a (1 2 3); b 2(x y); c (); d ((0 (1 2)) (3 (4 5))); e List<word> 2 (u v);")),
         "{\"a\": [1, 2, 3], \"b\": [\"x\", \"y\"], \"c\": [],"
-        " \"d\": [[0, [1, 2]], [3, [4, 5]]], \"e\": [\"u\", \"v\"]}"
-    );
+        " \"d\": [[0, [1, 2]], [3, [4, 5]]], \"e\": [\"u\", \"v\"]}");
 }
 
 TEST(severalWordsBecomeOneText)
@@ -33,7 +29,7 @@ TEST(severalWordsBecomeOneText)
 TEST(numbersKeepTheirDigits)
 {
     EXPECT_TEXT(m4gn::text(0.1), "0.10000000000000001");
-    EXPECT(std::stod(m4gn::text(1.0/3)) == 1.0/3);
+    EXPECT(std::stod(m4gn::text(1.0 / 3)) == 1.0 / 3);
     EXPECT(std::stod(m4gn::text(-1.2345678901234567e-200)) == -1.2345678901234567e-200);
 }
 
@@ -68,10 +64,8 @@ TEST(noneIsNoDictionary)
 
 TEST(aSchemeIsItsLastWord)
 {
-    const dictionary schemes
-    (
-        dict("ddtSchemes { default Euler; ddt(U) bounded backward; ddt(D) NewmarkBeta 0.25 0.5; }")
-    );
+    const dictionary schemes(
+        dict("ddtSchemes { default Euler; ddt(U) bounded backward; ddt(D) NewmarkBeta 0.25 0.5; }"));
     EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(U)"), "backward");
     EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(D)"), "NewmarkBeta");
     EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(T)"), "Euler");

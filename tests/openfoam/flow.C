@@ -26,11 +26,8 @@ struct channel
     autoPtr<surfaceScalarField> phi;
 
     channel(const label nx, const label ny, const word& outlet)
-    :
-        mesh
-        (
-            run.block({nx, ny, 1}, vector(nx, ny, 1), {"patch", "patch", "wall", "wall", "empty", "empty"})
-        )
+        : mesh(
+            run.block({nx, ny, 1}, vector(nx, ny, 1), {"patch", "patch", "wall", "wall", "empty", "empty"}))
     {
         const wordList walls({"slip", "slip", "empty", "empty"});
         wordList ofU({"fixedValue", outlet == "fixedValue" ? "zeroGradient" : "fixedValue"});
@@ -38,21 +35,14 @@ struct channel
         wordList ofP({"zeroGradient", outlet, "zeroGradient", "zeroGradient", "empty", "empty"});
         U.reset(new volVectorField(io("U"), *mesh, dimensionedVector(dimVelocity, Zero), ofU));
         p.reset(new volScalarField(io("p"), *mesh, dimensionedScalar(sqr(dimVelocity), Zero), ofP));
-        phi.reset
-        (
-            new surfaceScalarField(io("phi"), *mesh, dimensionedScalar(dimVolume/dimTime, Zero))
-        );
+        phi.reset(new surfaceScalarField(io("phi"), *mesh, dimensionedScalar(dimVolume / dimTime, Zero)));
         U->boundaryFieldRef()[0] == vector(1, 0, 0);
-        if (U->boundaryField()[1].fixesValue())
-        {
+        if (U->boundaryField()[1].fixesValue()) {
             U->boundaryFieldRef()[1] == vector(1, 0, 0);
         }
     }
 
-    IOobject io(const word& name) const
-    {
-        return IOobject(name, mesh->time().timeName(), *mesh);
-    }
+    IOobject io(const word& name) const { return IOobject(name, mesh->time().timeName(), *mesh); }
 
     //- Give the cells these velocities and hand over
     void handOver(const vectorField& cells, const dictionary& settings = dictionary())
@@ -87,8 +77,7 @@ TEST(aRowOfCellsCarriesWhatEnters)
     c.handOver(vectorField({vector(2, 0, 0), vector(-1, 0, 0), vector(5, 0, 0), vector(0.5, 0, 0)}));
 
     EXPECT_NEAR(c.phi->boundaryField()[0][0], -1, 0);
-    for (label facei = 0; facei < 3; ++facei)
-    {
+    for (label facei = 0; facei < 3; ++facei) {
         EXPECT_NEAR(c.phi()[facei], 1, 1e-9);
     }
     EXPECT_NEAR(c.phi->boundaryField()[1][0], 1, 1e-9);
@@ -99,8 +88,7 @@ TEST(aFluxWithoutDivergenceStays)
 {
     channel c(4, 3, "fixedValue");
     c.handOver(vectorField(12, vector(1, 0, 0)));
-    forAll(*c.phi, facei)
-    {
+    forAll(*c.phi, facei) {
         const bool along = mag(c.mesh->Sf()[facei].x()) > 0.5;
         EXPECT_NEAR(c.phi()[facei], along ? 1 : 0, 1e-12);
     }
@@ -111,9 +99,8 @@ TEST(wallsStayTight)
 {
     channel c(4, 3, "fixedValue");
     vectorField rough(12);
-    forAll(rough, i)
-    {
-        rough[i] = vector(1 + 0.3*Foam::sin(scalar(i)), 0.2*Foam::cos(3.0*i), 0);
+    forAll(rough, i) {
+        rough[i] = vector(1 + 0.3 * Foam::sin(scalar(i)), 0.2 * Foam::cos(3.0 * i), 0);
     }
     c.handOver(rough);
 
@@ -128,8 +115,7 @@ TEST(aPressureWithoutALevel)
 {
     channel c(4, 1, "zeroGradient");
     c.handOver(vectorField({vector(2, 0, 0), vector(0, 0, 0), vector(3, 0, 0), vector(1, 0, 0)}));
-    for (label facei = 0; facei < 3; ++facei)
-    {
+    for (label facei = 0; facei < 3; ++facei) {
         EXPECT_NEAR(c.phi()[facei], 1, 1e-9);
     }
     EXPECT_NEAR(m4gnSolverState::maxDiv(*c.phi), 0, 1e-9);
@@ -148,9 +134,9 @@ TEST(aFlowOfAConstantDensityIsHandedOver)
     channel c(2, 1, "fixedValue");
     EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi"), "");
 
-    c.phi->dimensions().reset(dimMass/dimTime);
+    c.phi->dimensions().reset(dimMass / dimTime);
     EXPECT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi").find("the flux phi") == 0);
-    c.phi->dimensions().reset(dimVolume/dimTime);
+    c.phi->dimensions().reset(dimVolume / dimTime);
 
     // interFoam
     c.p->dimensions().reset(dimPressure);
@@ -166,10 +152,8 @@ TEST(aComputedPressureIsNotHandedOver)
     const volScalarField p(c.io("p"), *c.mesh, zero, computed);
     EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi"), "");
     const volScalarField pRgh(c.io("p_rgh"), *c.mesh, zero, computed);
-    EXPECT
-    (
-        m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi").find("give p p_rgh;") != std::string::npos
-    );
+    EXPECT(
+        m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi").find("give p p_rgh;") != std::string::npos);
     EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p_rgh"}, "U", "p_rgh", "phi"), "");
 }
 
@@ -178,30 +162,22 @@ TEST(fieldsWithWallFunctionsAreNotHandedOver)
     EXPECT(dlOpen("libturbulenceModels.so"));
     channel c(2, 1, "fixedValue");
     const dimensionedScalar zero(inv(dimTime), Zero);
-    const wordList walls
-    (
-        {"zeroGradient", "zeroGradient", "omegaWallFunction", "omegaWallFunction", "empty", "empty"}
-    );
+    const wordList walls(
+        {"zeroGradient", "zeroGradient", "omegaWallFunction", "omegaWallFunction", "empty", "empty"});
     const volScalarField omega(c.io("omega"), *c.mesh, zero, walls);
     EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, {"U", "p"}, "U", "p", "phi"), "");
-    EXPECT
-    (
-        m4gn::notHandedOver(*c.mesh, {"U", "omega"}, "U", "p", "phi").find
-        (
-            "the field omega has the condition omegaWallFunction at the patch"
-        ) == 0
-    );
+    EXPECT(
+        m4gn::notHandedOver(*c.mesh, {"U", "omega"}, "U", "p", "phi")
+            .find("the field omega has the condition omegaWallFunction at the patch")
+        == 0);
 }
 
 TEST(sourcesAreNamed)
 {
     channel c(2, 1, "fixedValue");
     EXPECT_TEXT(m4gn::sources(*c.mesh), "");
-    const IOdictionary options
-    (
-        c.io("fvOptions"),
-        dict("porosity { type explicitPorositySource; } off { active no; }")
-    );
+    const IOdictionary options(
+        c.io("fvOptions"), dict("porosity { type explicitPorositySource; } off { active no; }"));
     EXPECT_TEXT(m4gn::sources(*c.mesh), "fvOptions porosity");
 }
 
@@ -210,18 +186,15 @@ TEST(theFluxOfARotatingZoneIsRelativeToIt)
 {
     channel c(3, 3, "fixedValue");
     c.mesh->cellZones().append(new cellZone("rotor", identity(9), 0, c.mesh->cellZones()));
-    c.run.write
-    (
+    c.run.write(
         "constant/MRFProperties",
-        "rotor { cellZone rotor; active yes; origin (0 0 0); axis (0 0 1); omega constant 2; }"
-    );
+        "rotor { cellZone rotor; active yes; origin (0 0 0); axis (0 0 1); omega constant 2; }");
     const IOMRFZoneList zones(*c.mesh);
     EXPECT_TEXT(m4gn::sources(*c.mesh), "MRFProperties rotor");
 
     c.U->primitiveFieldRef() = vector(0, 0, 2) ^ c.mesh->C().primitiveField();
     m4gnFluxProjection::interpolate(*c.U, *c.phi);
-    forAll(*c.phi, facei)
-    {
+    forAll(*c.phi, facei) {
         EXPECT_NEAR(c.phi()[facei], 0, 1e-12);
     }
 }

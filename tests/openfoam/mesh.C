@@ -16,30 +16,17 @@ const wordList allPatches(6, "patch");
 const wordList twoDimensional({"patch", "patch", "wall", "wall", "empty", "empty"});
 
 //- A registered field with these conditions at left, right, bottom and top
-template<class Type>
-autoPtr<GeometricField<Type, fvPatchField, volMesh>> field
-(
-    const fvMesh& mesh,
-    const word& name,
-    const wordList& conditions
-)
+template <class Type>
+autoPtr<GeometricField<Type, fvPatchField, volMesh>> field(
+    const fvMesh& mesh, const word& name, const wordList& conditions)
 {
     wordList types(conditions);
-    for (label i = conditions.size(); i < 6; ++i)
-    {
+    for (label i = conditions.size(); i < 6; ++i) {
         types.append(mesh.boundary()[i].type());
     }
     typedef GeometricField<Type, fvPatchField, volMesh> made;
-    return autoPtr<made>
-    (
-        new made
-        (
-            IOobject(name, mesh.time().timeName(), mesh),
-            mesh,
-            dimensioned<Type>(dimless, Zero),
-            types
-        )
-    );
+    return autoPtr<made>(new made(
+        IOobject(name, mesh.time().timeName(), mesh), mesh, dimensioned<Type>(dimless, Zero), types));
 }
 
 word typeOf(const m4gnNodeTypes& types, const label patchi)
@@ -105,8 +92,7 @@ TEST(aFoldedCellIsRefused)
     caseFolder run;
     autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {2, 1, 1}, allPatches));
     pointField points(mesh->points());
-    for (point& p : points)
-    {
+    for (point& p : points) {
         // The face between the cells, behind the end of the second one
         p.x() = p.x() == 1 ? 2.5 : p.x();
     }
@@ -124,28 +110,24 @@ TEST(pointsOfABlock)
     EXPECT(data.n_cells == 27 && data.n_faces == 54 && data.n_boundary == 26);
 
     scalar total = 0;
-    for (label i = 0; i < data.n_cells; ++i)
-    {
-        const vector at(data.cell_centres[3*i], data.cell_centres[3*i + 1], data.cell_centres[3*i + 2]);
+    for (label i = 0; i < data.n_cells; ++i) {
+        const vector at(data.cell_centres[3 * i], data.cell_centres[3 * i + 1], data.cell_centres[3 * i + 2]);
         // Each cell of 1 m3 gives an eighth to each of its points
-        const scalar cells =
-            (at.x() == 1 ? 2 : 1)*(at.y() == 1 ? 2 : 1)*(at.z() == 1 ? 2 : 1);
-        EXPECT_NEAR(data.cell_volumes[i], cells/8, 1e-14);
+        const scalar cells = (at.x() == 1 ? 2 : 1) * (at.y() == 1 ? 2 : 1) * (at.z() == 1 ? 2 : 1);
+        EXPECT_NEAR(data.cell_volumes[i], cells / 8, 1e-14);
         total += data.cell_volumes[i];
     }
     EXPECT_NEAR(total, 8, 1e-12);
 
-    for (label i = 0; i < data.n_faces; ++i)
-    {
-        const double* a = data.cell_centres + 3*data.face_owner[i];
-        const double* b = data.cell_centres + 3*data.face_neighbour[i];
+    for (label i = 0; i < data.n_faces; ++i) {
+        const double* a = data.cell_centres + 3 * data.face_owner[i];
+        const double* b = data.cell_centres + 3 * data.face_neighbour[i];
         // An edge inside has four cells and the area of a face over its length, others have fewer
         scalar cells = 1;
-        for (label d = 0; d < 3; ++d)
-        {
+        for (label d = 0; d < 3; ++d) {
             cells *= a[d] == b[d] && a[d] == 1 ? 2 : 1;
         }
-        EXPECT_NEAR(data.face_coeff[i], cells/4, 1e-12);
+        EXPECT_NEAR(data.face_coeff[i], cells / 4, 1e-12);
     }
 }
 
@@ -168,12 +150,11 @@ TEST(walls)
 TEST(patchesByTheirConditions)
 {
     caseFolder run;
-    const autoPtr<fvMesh> mesh
-    (
-        run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "symmetryPlane", "empty", "empty"})
-    );
+    const autoPtr<fvMesh> mesh(
+        run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "symmetryPlane", "empty", "empty"}));
     auto U = field<vector>(*mesh, "U", {"noSlip", "slip", "inletOutlet", "symmetryPlane"});
-    const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "zeroGradient", "zeroGradient", "symmetryPlane"});
+    const auto p =
+        field<scalar>(*mesh, "p", {"zeroGradient", "zeroGradient", "zeroGradient", "symmetryPlane"});
 
     // Nothing flows yet
     EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 0), "wall");
@@ -192,7 +173,8 @@ TEST(patchesByTheirConditions)
 TEST(aFixedVelocityOfZeroIsAWall)
 {
     caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "patch", "empty", "empty"}));
+    const autoPtr<fvMesh> mesh(
+        run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "patch", "empty", "empty"}));
     auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "uniformFixedValue"});
     const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
     U->boundaryFieldRef()[0][1] = vector(1, 0, 0);
@@ -230,12 +212,7 @@ TEST(nodeTypesThatAreGiven)
     EXPECT_TEXT(typeOf(types, 3), "obstacle");
 
     EXPECT_REFUSED(m4gnNodeTypes(*mesh, dictionary()), "what is patch left");
-    EXPECT_REFUSED
-    (
-        m4gnNodeTypes(*mesh, dict("nodeTypes { left inlt; right outlet; }")), "the type inlt"
-    );
-    EXPECT_REFUSED
-    (
-        m4gnNodeTypes(*mesh, dict("nodeTypes { left inlet; right outlet; lid wall; }")), "fit no patch"
-    );
+    EXPECT_REFUSED(m4gnNodeTypes(*mesh, dict("nodeTypes { left inlt; right outlet; }")), "the type inlt");
+    EXPECT_REFUSED(
+        m4gnNodeTypes(*mesh, dict("nodeTypes { left inlet; right outlet; lid wall; }")), "fit no patch");
 }

@@ -20,12 +20,10 @@ TEST(gapsToAnObstacle)
 {
     caseFolder run;
     const autoPtr<fvMesh> mesh(run.block({1, 1, 1}, {1, 1, 1}, sixPatches));
-    run.write
-    (
-        "constant/obstacles",
-        "range 0.5; ahead 0.1;"
-        " ball { type searchableSphere; centre (0.5 2 0.5); radius 0.5; motion table ((0 (0 0 0)) (1 (0 -1 0))); }"
-    );
+    run.write(
+        "constant/obstacles", "range 0.5; ahead 0.1;"
+                              " ball { type searchableSphere; centre (0.5 2 0.5); radius 0.5; motion table "
+                              "((0 (0 0 0)) (1 (0 -1 0))); }");
     const m4gnObstacles& obstacles = m4gnObstacles::of(*mesh);
     EXPECT_NEAR(obstacles.range(), 0.5, 0);
     EXPECT(&obstacles == &m4gnObstacles::of(*mesh));
@@ -57,11 +55,9 @@ TEST(obstaclesThatAreNotValid)
     EXPECT_REFUSED(m4gnObstacles::of(*mesh), "There is no obstacle in this file");
     run.write("constant/obstacles", "range 0; ahead 0.1;");
     EXPECT_REFUSED(m4gnObstacles::of(*mesh), "expected numbers above 0");
-    run.write
-    (
+    run.write(
         "constant/obstacles",
-        "range 0.5; ahead 0.1; ball { type searchableSphere; centre (0 0 0); radius 1; }"
-    );
+        "range 0.5; ahead 0.1; ball { type searchableSphere; centre (0 0 0); radius 1; }");
     EXPECT_REFUSED(m4gnObstacles::of(*mesh), "The obstacle ball has no entry motion");
 }
 
@@ -69,25 +65,19 @@ TEST(obstaclesThatAreNotValid)
 TEST(heldPointsOfAnElasticBody)
 {
     caseFolder run;
-    const autoPtr<fvMesh> mesh
-    (
-        run.block({1, 1, 1}, {1, 1, 1}, {"patch", "patch", "symmetryPlane", "patch", "patch", "patch"})
-    );
+    const autoPtr<fvMesh> mesh(
+        run.block({1, 1, 1}, {1, 1, 1}, {"patch", "patch", "symmetryPlane", "patch", "patch", "patch"}));
     labelList types(6, M4GN_FREE);
     types[0] = M4GN_HANDLE;
     types[2] = M4GN_SYMMETRY;
-    const m4gnElasticBody body
-    (
-        *mesh, dict("material { E 2e6; nu 0.3; rho 1000; }"), types
-    );
+    const m4gnElasticBody body(*mesh, dict("material { E 2e6; nu 0.3; rho 1000; }"), types);
     const m4gn_solid& data = body.data();
 
     EXPECT(data.n_points == 8 && data.n_cells == 1 && data.n_faces == 6 && data.n_directions == 3);
     EXPECT(data.n_fixed == 6);
-    for (label i = 0; i < data.n_fixed; ++i)
-    {
+    for (label i = 0; i < data.n_fixed; ++i) {
         // All components at x = 0, the one along y elsewhere
-        const double x = data.points[3*data.fixed_point[i]];
+        const double x = data.points[3 * data.fixed_point[i]];
         EXPECT(data.fixed_components[i] == (x == 0 ? 7 : 2));
     }
 
@@ -100,17 +90,11 @@ TEST(fieldsThatNoSolverRegisters)
     run.write("constant/transportProperties", "nu 0.25;");
     // Cells of 1 x 2 x 1
     const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 4, 1}, sixPatches));
-    const IOdictionary transport
-    (
-        IOobject("transportProperties", run.time().constant(), *mesh, IOobject::MUST_READ, IOobject::NO_WRITE)
-    );
-    volVectorField D
-    (
-        IOobject("D", run.time().timeName(), *mesh),
-        *mesh,
-        dimensionedVector("D", dimLength, vector(1, 2, 3)),
-        wordList(6, "zeroGradient")
-    );
+    const IOdictionary transport(IOobject(
+        "transportProperties", run.time().constant(), *mesh, IOobject::MUST_READ, IOobject::NO_WRITE));
+    volVectorField D(
+        IOobject("D", run.time().timeName(), *mesh), *mesh,
+        dimensionedVector("D", dimLength, vector(1, 2, 3)), wordList(6, "zeroGradient"));
     D.oldTime();
     ++run.time();
     D.storeOldTimes();

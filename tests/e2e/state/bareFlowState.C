@@ -8,21 +8,15 @@
 namespace Foam
 {
 
-class bareFlowState
-:
-    public m4gnModelState
+class bareFlowState : public m4gnModelState
 {
     const scalar share_;
 
 public:
-
     static const char* const needs;
     static const bool atPoints = false;
 
-    static wordList keys()
-    {
-        return wordList({"share"});
-    }
+    static wordList keys() { return wordList({"share"}); }
 
     static bool applies(const fvMesh& mesh, const dictionary&)
     {
@@ -30,31 +24,20 @@ public:
     }
 
     bareFlowState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    :
-        m4gnModelState(mesh, session),
-        share_(dict.getOrDefault<scalar>("share", 1))
+        : m4gnModelState(mesh, session), share_(dict.getOrDefault<scalar>("share", 1))
     {}
 
-    virtual void advance
-    (
-        const List<scalarField>& predicted,
-        const scalar duration
-    )
+    virtual void advance(const List<scalarField>& predicted, const scalar duration)
     {
         step(duration);
-        forAll(predicted, outputi)
-        {
+        forAll(predicted, outputi) {
             impose(outputi, predicted[outputi]);
         }
     }
 
-    virtual void complete(const scalar, const bool)
-    {}
+    virtual void complete(const scalar, const bool) {}
 
-    virtual List<quantity> quantities() const
-    {
-        return { quantity("share", share_) };
-    }
+    virtual List<quantity> quantities() const { return {quantity("share", share_)}; }
 };
 
 const char* const bareFlowState::needs = "a velocity U";

@@ -10,30 +10,23 @@ namespace Foam
 namespace functionObjects
 {
 
-class moveMesh
-:
-    public fvMeshFunctionObject
+class moveMesh : public fvMeshFunctionObject
 {
 public:
-
     TypeName("moveMesh");
 
     moveMesh(const word& name, const Time& runTime, const dictionary& dict)
-    :
-        fvMeshFunctionObject(name, runTime, dict)
+        : fvMeshFunctionObject(name, runTime, dict)
     {}
 
     virtual bool execute()
     {
         fvMesh& mesh = const_cast<fvMesh&>(mesh_);
-        mesh.movePoints(1.001*mesh.points());
+        mesh.movePoints(1.001 * mesh.points());
         return true;
     }
 
-    virtual bool write()
-    {
-        return true;
-    }
+    virtual bool write() { return true; }
 };
 
 defineTypeNameAndDebug(moveMesh, 0);
