@@ -6,7 +6,7 @@
 use crate::layout::{Field, Weight, check};
 use m4gn_mesh::parallel::{Comm, everywhere, same_on_all_ranks};
 use m4gn_mesh::{Error, Result};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// Numbers that are worked on at a time, so that they stay in the first cache.
@@ -67,7 +67,11 @@ impl Values {
         let to = from + other.len();
         match self {
             Values::Double(v) => Arch::new().dispatch(Dot { sum, a: other, b: &v[from..to] }),
-            Values::Single(v) => Arch::new().dispatch(Dot { sum, a: other, b: &v[from..to] }),
+            Values::Single(v) => {
+                let mut double = [0.0; BLOCK];
+                double.iter_mut().zip(&v[from..to]).for_each(|(d, s)| *d = f64::from(*s));
+                Arch::new().dispatch(Dot { sum, a: other, b: &double[..other.len()] });
+            }
             Values::Same => {}
         }
     }
@@ -92,35 +96,54 @@ impl Sum {
     }
 }
 
-/// Adds the products of two arrays, sixteen sums side by side: as wide as the processor has it, and the same to the bit on all.
-struct Dot<'a, T> {
+/// Vectors of sums side by side: as many as hide the time of an addition.
+const SUMS: usize = 4;
+
+/// Adds the products of two arrays of the same length, at most [`BLOCK`], in vectors as wide as the processor has them.
+struct Dot<'a> {
     sum: &'a mut Sum,
     a: &'a [f64],
-    b: &'a [T],
+    b: &'a [f64],
 }
 
-impl<T: Copy + Into<f64>> NullaryFnOnce for Dot<'_, T> {
+impl WithSimd for Dot<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
-        const LANES: usize = 16;
-        let (mut high, mut low) = ([0.0; LANES], [0.0; LANES]);
-        let (a, b) = (self.a.chunks_exact(LANES), self.b.chunks_exact(LANES));
-        for (x, y) in a.remainder().iter().zip(b.remainder()) {
-            self.sum.add(x * (*y).into());
-        }
-        for (x, y) in a.zip(b) {
-            for i in 0..LANES {
-                let term = x[i] * y[i].into();
-                let next = high[i] + term;
-                let part = next - high[i];
-                low[i] += (high[i] - (next - part)) + (term - part);
-                high[i] = next;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let ((a, a_rest), (b, b_rest)) = (S::as_simd_f64s(self.a), S::as_simd_f64s(self.b));
+        let ((a, a_few), (b, b_few)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
+        let (mut high, mut low) = ([simd.splat_f64s(0.0); SUMS], [simd.splat_f64s(0.0); SUMS]);
+        for (x, y) in a.iter().zip(b) {
+            for i in 0..SUMS {
+                add_products(simd, &mut high[i], &mut low[i], x[i], y[i]);
             }
         }
-        high.iter().zip(&low).for_each(|(h, l)| self.sum.join(Sum(*h, *l)));
+        for (x, y) in a_few.iter().zip(b_few) {
+            add_products(simd, &mut high[0], &mut low[0], *x, *y);
+        }
+        // Eight numbers in a vector at most
+        let mut lanes = [[0.0; 8 * SUMS]; 2];
+        for (i, (h, l)) in high.iter().zip(&low).enumerate() {
+            S::as_mut_simd_f64s(&mut lanes[0]).0[i] = *h;
+            S::as_mut_simd_f64s(&mut lanes[1]).0[i] = *l;
+        }
+        for (h, l) in lanes[0].iter().zip(&lanes[1]).take(SUMS * S::F64_LANES) {
+            self.sum.join(Sum(*h, *l));
+        }
+        a_rest.iter().zip(b_rest).for_each(|(x, y)| self.sum.add(x * y));
     }
+}
+
+/// [`Sum::add`] of products, lane by lane.
+#[inline(always)]
+fn add_products<S: Simd>(simd: S, high: &mut S::f64s, low: &mut S::f64s, x: S::f64s, y: S::f64s) {
+    let term = simd.mul_f64s(x, y);
+    let sum = simd.add_f64s(*high, term);
+    let part = simd.sub_f64s(sum, *high);
+    let of_high = simd.sub_f64s(*high, simd.sub_f64s(sum, part));
+    *low = simd.add_f64s(*low, simd.add_f64s(of_high, simd.sub_f64s(term, part)));
+    *high = sum;
 }
 
 /// Sums of the parts of all ranks. Collective.
@@ -161,8 +184,11 @@ pub struct Snapshots {
     /// Square of the reference, of each field.
     pub(crate) level: Vec<f64>,
     pub(crate) entries: Vec<Entry>,
-    /// Of each field that is measured `capacity` times `capacity` inner products of differences from the reference, by slots.
+    /// Of each field that is measured `capacity` times `capacity` inner products of differences from the reference, by slots; those of the
+    /// last states are there once [`complete`](Self::complete) was called.
     pub(crate) products: Vec<Vec<f64>>,
+    /// Last states without inner products.
+    fresh: usize,
 }
 
 impl Snapshots {
@@ -196,6 +222,7 @@ impl Snapshots {
             fields,
             storage,
             capacity,
+            fresh: 0,
         })
     }
 
@@ -255,7 +282,11 @@ impl Snapshots {
                 let slot = (0..self.capacity).find(|s| !used(s)).unwrap_or(0);
                 Entry { number, slot, values: vec![Values::Same; self.fields.len()], least: Vec::new() }
             }
-            false => self.entries.remove(spare(self).min(self.entries.len() - 1)),
+            false => {
+                let place = spare(self).min(self.entries.len() - 1);
+                self.fresh -= usize::from(place + self.fresh >= self.entries.len());
+                self.entries.remove(place)
+            }
         };
         entry.number = number;
         for ((to, x), r) in entry.values.iter_mut().zip(state).zip(&self.reference) {
@@ -272,10 +303,19 @@ impl Snapshots {
         Ok(())
     }
 
-    /// Takes up a state that is later than all others, with its inner products. Collective.
+    /// Takes up a state that is later than all others.
     pub(crate) fn add(&mut self, entry: Entry) {
         self.entries.push(entry);
-        self.set_row(&sum_all(&self.comm, &self.local_row()));
+        self.fresh += 1;
+    }
+
+    /// Makes the inner products of the states that came since the last call: several states at once read those before them once. Collective.
+    pub(crate) fn complete(&mut self) {
+        if self.fresh > 0 {
+            let sums = sum_all(&self.comm, &self.local_products());
+            self.set_products(&sums);
+            self.fresh = 0;
+        }
     }
 
     fn check(&self, number: i64, state: &[&[f64]]) -> Result<()> {
@@ -330,39 +370,45 @@ impl Snapshots {
         self.reference = reference;
     }
 
-    /// This rank's part of the inner products of the last state with all, field by field.
-    fn local_row(&self) -> Vec<Sum> {
+    /// This rank's part of the inner products of the fresh states with all up to each: of a field those of the first fresh state, of the
+    /// second, and so on, then those of the next field.
+    fn local_products(&self) -> Vec<Sum> {
         let n = self.entries.len();
-        let mut row = vec![Sum::default(); n * self.fields.len()];
+        let mut products = vec![Sum::default(); self.fresh * n * self.fields.len()];
         let mut weighted = [0.0; BLOCK];
-        for (f, (field, sums)) in self.fields.iter().zip(row.chunks_exact_mut(n.max(1))).enumerate() {
+        for (f, (field, sums)) in
+            self.fields.iter().zip(products.chunks_exact_mut(self.fresh * n)).enumerate()
+        {
             if !field.measured() {
                 continue;
             }
             for from in (0..field.len).step_by(BLOCK) {
                 let weighted = &mut weighted[..(field.len - from).min(BLOCK)];
-                weighted.fill(0.0);
-                self.entries[n - 1].values[f].add(1.0, from, weighted);
-                weigh(field, from, weighted);
-                for (sum, e) in sums.iter_mut().zip(&self.entries) {
-                    e.values[f].dot(sum, weighted, from);
+                for (last, row) in (n - self.fresh..n).zip(sums.chunks_exact_mut(n)) {
+                    weighted.fill(0.0);
+                    self.entries[last].values[f].add(1.0, from, weighted);
+                    weigh(field, from, weighted);
+                    for (sum, e) in row.iter_mut().zip(&self.entries[..=last]) {
+                        e.values[f].dot(sum, weighted, from);
+                    }
                 }
             }
         }
-        row
+        products
     }
 
-    fn set_row(&mut self, row: &[f64]) {
+    fn set_products(&mut self, sums: &[f64]) {
         let (n, c) = (self.entries.len(), self.capacity);
         let slots: Vec<usize> = self.entries.iter().map(|e| e.slot).collect();
-        let last = slots[n - 1];
-        for (table, sums) in self.products.iter_mut().zip(row.chunks_exact(n)) {
+        for (table, sums) in self.products.iter_mut().zip(sums.chunks_exact(self.fresh * n)) {
             if table.is_empty() {
                 continue;
             }
-            for (&slot, sum) in slots.iter().zip(sums) {
-                table[last * c + slot] = *sum;
-                table[slot * c + last] = *sum;
+            for (last, row) in (n - self.fresh..n).zip(sums.chunks_exact(n)) {
+                for (&slot, sum) in slots[..=last].iter().zip(row) {
+                    table[slots[last] * c + slot] = *sum;
+                    table[slot * c + slots[last]] = *sum;
+                }
             }
         }
     }

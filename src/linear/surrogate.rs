@@ -188,6 +188,9 @@ impl Linear {
             self.state.predicted.retain(|p| p.state.0[goes] == 0.0);
         }
         self.snapshots.push(number, state, spare)?;
+        if !pinned.is_empty() {
+            self.snapshots.complete();
+        }
         self.state.present = Some(number);
         let oldest = number - self.most_delays();
         self.state.predicted.retain(|p| p.number > oldest);
@@ -198,8 +201,9 @@ impl Linear {
         self.settings.fit.delays.iter().max().map_or(1, |d| *d as i64)
     }
 
-    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies. All ranks do the same, none waits.
+    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies. Collective.
     pub fn fit(&mut self) -> Option<&Fit> {
+        self.snapshots.complete();
         self.state.fit = choose(&self.snapshots, &self.settings.fit);
         self.state.fit.as_ref()
     }
@@ -365,6 +369,7 @@ impl Linear {
             for entry in stored.entries.into_iter().filter(|e| kept.binary_search(&e.number).is_ok()) {
                 self.snapshots.add(entry);
             }
+            self.snapshots.complete();
             *self.store.borrow_mut() = whole.then_some(stored.store);
         }
         self.state = match whole {
