@@ -18,7 +18,7 @@ using namespace Foam;
 const label most = 100, fewest = 20;
 
 //- Entries of the linear surrogate for a jump after a few states, however they are fitted
-const char* const early = "{ window 14; least 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough "
+const char* const early = "{ window 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough "
                           "1e30; first 1; longest 1; keep no; }";
 
 dictionary parsed(const std::string& text)

@@ -51,8 +51,8 @@ pub struct LinearSettings {
     pub every: usize,
     /// Snapshots in a fit at most.
     pub window: usize,
-    /// Snapshots without a gap that a fit needs.
-    pub least: usize,
+    /// Snapshots without a gap that a fit needs; none: the window, since the first states after a jump are not yet the solver's own.
+    pub least: Option<usize>,
     /// Snapshots that are held back.
     pub tail: usize,
     /// Delays to choose from.
@@ -79,8 +79,7 @@ impl Default for LinearSettings {
             longest: 200,
             every: 5,
             window: fit.window,
-            // The first states after a jump are not yet the solver's own
-            least: fit.window,
+            least: None,
             tail: fit.tail,
             delays: fit.delays,
             ranks: fit.ranks,
@@ -92,10 +91,14 @@ impl Default for LinearSettings {
 }
 
 impl LinearSettings {
+    fn least(&self) -> usize {
+        self.least.unwrap_or(self.window)
+    }
+
     fn fit(&self) -> FitSettings {
         FitSettings {
             window: self.window,
-            least: self.least,
+            least: self.least(),
             tail: self.tail,
             delays: self.delays.clone(),
             ranks: self.ranks.clone(),
@@ -192,8 +195,16 @@ impl Fitted {
         let held = if observes { settings.window } else { 0 };
         let interval = settings.interval.unwrap_or(STEPS * start.delta_t);
         let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held };
+        let linear = Linear::new(comm, arrays, own)?;
+        let mut bytes = [linear.snapshots().memory() as f64];
+        comm.sum_f64(&mut bytes);
+        let note = format!(
+            "m4gn: the linear surrogate keeps up to {} states {interval} s apart: {:.1} MiB on all ranks\n\n",
+            settings.window,
+            bytes[0] / f64::from(1 << 20)
+        );
         Ok(Fitted {
-            linear: Linear::new(comm, arrays, own)?,
+            linear,
             kept: Kept {
                 begin: start.time,
                 length: settings.first as f64,
@@ -207,17 +218,8 @@ impl Fitted {
             predicted: None,
             inputs: Vec::new(),
             rollout: None,
-            note: String::new(),
+            note,
         })
-    }
-
-    /// The memory of all snapshots on this rank, for people.
-    pub fn said(&self) -> String {
-        let mib = self.linear.snapshots().memory() as f64 / f64::from(1 << 20);
-        format!(
-            "m4gn: the linear surrogate keeps up to {} states {} s apart: {mib:.1} MiB on the first rank\n\n",
-            self.settings.window, self.interval
-        )
     }
 
     /// Tries a fit. Says what came of it.
@@ -358,8 +360,8 @@ impl Surrogate for Fitted {
         self.kept.offset = self.linear.since(step.time).unwrap_or(0.0).max(0.0);
         said += &self.compare(step);
         self.kept.tried += samples;
-        let due = self.kept.tried >= self.settings.every || self.linear.stretch() == self.settings.least;
-        if due && self.linear.stretch() >= self.settings.least {
+        let (stretch, least) = (self.linear.stretch(), self.settings.least());
+        if stretch >= least && (self.kept.tried >= self.settings.every || stretch == least) {
             said += &self.fit(step);
         }
         self.kept.trial = self.linear.predict(1.0).map(|p| (p, false));
