@@ -37,6 +37,8 @@ if(_status EQUAL 0)
     endforeach()
 endif()
 
+# Indented lines are not wrapped
+string(REPLACE "\n" "\n  " OpenFOAM_NOT_FOUND_MESSAGE "${OpenFOAM_NOT_FOUND_MESSAGE}")
 include(FindPackageHandleStandardArgs)
 find_package_handle_standard_args(OpenFOAM
     REQUIRED_VARS OpenFOAM_LIBRARY_DIR OpenFOAM_PROJECT_DIR

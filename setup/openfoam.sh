@@ -17,6 +17,19 @@ fail() {
         "Your own OpenFOAM (openfoam.com, v1912 or later): source its etc/bashrc and run this again."
 }
 
+# openfoam.org's and foam-extend's classes are other ones
+refuse_others() {
+    [ -n "${WM_PROJECT_DIR:-}" ] && [ ! -f "$WM_PROJECT_DIR/META-INFO/api-info" ] || return 0
+    local name=${WM_PROJECT:-} version=${WM_PROJECT_VERSION:-} bashrc=$WM_PROJECT_DIR/etc/bashrc
+    [ -n "$name" ] || name=$(sed -n 's/^export WM_PROJECT=//p' "$bashrc" 2>/dev/null || true)
+    [ -n "$version" ] || version=$(sed -n 's/^export WM_PROJECT_VERSION=//p' "$bashrc" 2>/dev/null || true)
+    case $name-$version in
+        foam-*) fail "what is sourced is foam-extend $version in $WM_PROJECT_DIR, and m4gn needs OpenFOAM of openfoam.com" ;;
+        *-dev | *-[0-9] | *-[0-9].* | *-[0-9][0-9] | *-[0-9][0-9].*)
+            fail "what is sourced is OpenFOAM $version of the OpenFOAM Foundation (openfoam.org) in $WM_PROJECT_DIR, and m4gn needs that of openfoam.com" ;;
+    esac
+}
+
 probe_sourced() {
     if [ -z "${WM_PROJECT_DIR:-}" ]; then
         tried+=("a sourced OpenFOAM: WM_PROJECT_DIR is not set")
@@ -58,7 +71,7 @@ find_version() {
     [ -n "$version" ] || version=$(printf '%s' "${WM_PROJECT_VERSION:-}" | sed -n 's/^v\{0,1\}\([0-9]\{4\}\).*/\1/p')
     [ -n "$version" ] || {
         tried+=("the version: no 'api=' in $info, and WM_PROJECT_VERSION='${WM_PROJECT_VERSION:-}' is not like v1912")
-        fail "its version is unknown (m4gn needs the openfoam.com line; openfoam.org and foam-extend differ)"
+        fail "its version is unknown (m4gn needs OpenFOAM of openfoam.com)"
     }
     [ "$version" -ge 1912 ] || fail "version $version is older than 1912"
     M4GN_FOAM_VERSION=$version
@@ -87,6 +100,7 @@ find_includes() {
     M4GN_FOAM_INCLUDES+=:$M4GN_FOAM_SRC/transportModels
 }
 
+refuse_others
 probe_sourced || probe_debian || fail "none has both libraries and headers"
 [ -e "$M4GN_FOAM_LIBDIR/libOpenFOAM.so" ] || {
     tried+=("$M4GN_FOAM_LIBDIR/libOpenFOAM.so: does not exist")

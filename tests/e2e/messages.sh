@@ -47,4 +47,14 @@ sed -i '/^    outlet/,/}/s/type .*/type fixedGradient; gradient uniform (0 0 0);
 sed -i '/^    outlet/,/}/{s/type .*/type zeroGradient;/; /value/d}' 0/p
 refused '--node-type outlet=outlet' m4gn segment .
 runs m4gn segment . --node-type outlet=outlet
+
+# Another OpenFOAM than openfoam.com's is refused by name where the build is configured
+for other in OpenFOAM-13 OpenFOAM-dev foam-4.1; do
+    mkdir -p "$other/etc"
+    printf 'export WM_PROJECT=%s\nexport WM_PROJECT_VERSION=%s\n' "${other%-*}" "${other#*-}" > "$other/etc/bashrc"
+    name="OpenFOAM ${other#*-} of the OpenFOAM Foundation"
+    [ "$other" != foam-4.1 ] || name='foam-extend 4.1'
+    refused "what is sourced is $name .*$other, and m4gn needs .*openfoam.com" env -u WM_PROJECT -u WM_PROJECT_VERSION \
+        WM_PROJECT_DIR="$PWD/$other" cmake -S "$M4GN_HOME/openfoam" -B "$work/refused"
+done
 echo "messages: passed"
