@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The function objects compile against the headers of another OpenFOAM than this machine's: M4GN_OTHER_OPENFOAM is the
+# The function objects and the bridge compile against the headers of another OpenFOAM than this machine's: M4GN_OTHER_OPENFOAM is the
 # folder of its source, with src, wmake and META-INFO in it. Takes some minutes.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -21,5 +21,15 @@ objects=$(ninja -C build -t targets all | sed -n 's/^\(.*\.C\.o\): .*/\1/p')
 [ "$(wc -l <<< "$objects")" -gt 40 ] || fail "$(wc -l <<< "$objects") objects to compile"
 # shellcheck disable=SC2086  # one word an object
 runs ninja -C build -k 0 $objects
-echo "other-openfoam: $(wc -l <<< "$objects") files compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
+# What cxx has made of the bridge's lib.rs is the same for all versions
+foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
+eval "$foam"
+# shellcheck disable=SC2012  # the newest
+bridge=$(ls -td "$M4GN_HOME"/target/release/build/m4gn-foam-bridge-*/out/cxxbridge/include | head -n 1)
+printf '#include "%s"\n' "$M4GN_HOME"/openfoam/bridge/*.C > bridge.C
+# shellcheck disable=SC2046,SC2086  # one word each
+runs c++ -std=c++"$M4GN_FOAM_CXXSTD" -fsyntax-only -Wall $(printf -- '-D%s ' $M4GN_FOAM_DEFINES) -isystem "$bridge" \
+    -I"$M4GN_HOME/openfoam/bridge" -I"$M4GN_HOME/openfoam/adapter" -I"$M4GN_HOME/include" \
+    $(sed 's/^/-isystem /; s/:/ -isystem /g' <<< "$M4GN_FOAM_INCLUDES") bridge.C
+echo "other-openfoam: $(wc -l <<< "$objects") files and the bridge compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
 echo "other-openfoam: passed"
