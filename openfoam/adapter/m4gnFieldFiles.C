@@ -1,25 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnFieldFiles.H"
-#include "OFstream.H"
+#include "m4gnVersion.H"
 #include "OSspecific.H"
 #include "Time.H"
 #include "uncollatedFileOperation.H"
 #include "volFields.H"
-
-//- By the file handler
-static bool writeTogether(const Foam::regIOobject& field)
-{
-    const Foam::Time& time = field.time();
-
-#if OPENFOAM >= 2012
-    return Foam::fileHandler().writeObject(
-        field, Foam::IOstreamOption(time.writeFormat(), time.writeCompression()), true);
-#else
-    return Foam::fileHandler().writeObject(
-        field, time.writeFormat(), time.writeVersion(), time.writeCompression(), true);
-#endif
-}
 
 Foam::m4gnFieldFiles::~m4gnFieldFiles()
 {
@@ -36,7 +22,7 @@ void Foam::m4gnFieldFiles::write(const regIOobject& field)
 
     if (fileHandler().type() != fileOperations::uncollatedFileOperation::typeName) {
         // The ranks write together, to where such a file handler keeps files
-        if (!writeTogether(field)) {
+        if (!m4gn::writeTogether(field, IOstreamOption(time.writeFormat(), time.writeCompression()))) {
             FatalErrorInFunction << "Cannot write " << field.name() << " to " << field.instance()
                                  << " with the file handler " << fileHandler().type()
                                  << ": no permission, or the disk is full" << exit(FatalError);
@@ -71,9 +57,10 @@ void Foam::m4gnFieldFiles::write(
         {compressed ? fileName(beside + ".gz") : beside, compressed ? zipped : name,
          compressed ? name : zipped});
 
-    OFstream os(
-        beside, plain ? IOstream::ASCII : time.writeFormat(), time.writeVersion(),
-        compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED);
+    m4gn::outputFile os(
+        beside, IOstreamOption(
+                    plain ? IOstream::ASCII : time.writeFormat(),
+                    compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED));
     contents(os);
     os.stdStream().flush();
 

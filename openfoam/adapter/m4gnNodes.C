@@ -5,6 +5,7 @@
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnPointAdapter.H"
+#include "m4gnVersion.H"
 #include "labelIOList.H"
 #include "pointFields.H"
 #include "volFields.H"
@@ -52,7 +53,7 @@ std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
         std::sort(collected.begin(), collected.end());
         all.transfer(collected);
     }
-    Pstream::scatter(all);
+    m4gn::broadcast(all);
 
     std::vector<int64_t> place(mine.size());
     forAll(mine, i) {

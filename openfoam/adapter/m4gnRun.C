@@ -7,24 +7,6 @@
 #include "OSspecific.H"
 #include "Time.H"
 
-namespace
-{
-//- In v1912 the mesh has the dictionary itself ...
-template <class Mesh>
-auto performance(const Mesh& mesh, const int) -> decltype(mesh.solverPerformanceDict())
-{
-    return mesh.solverPerformanceDict();
-}
-
-//- ... and in v2506 its state
-template <class Mesh>
-auto performance(const Mesh& mesh, const long) -> decltype(mesh.data().solverPerformanceDict())
-{
-    return mesh.data().solverPerformanceDict();
-}
-
-} // End anonymous namespace
-
 Foam::fileName Foam::m4gn::resolve(const fileName& path, const fileName& casePath)
 {
     fileName expanded(path);
@@ -116,11 +98,6 @@ void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const
                              << "    Have " << object.name() << " as the last one in functions"
                              << exit(FatalError);
     }
-}
-
-const Foam::dictionary& Foam::m4gn::solverPerformance(const fvMesh& mesh)
-{
-    return performance(mesh, 0);
 }
 
 Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)

@@ -4,6 +4,7 @@
 #include "m4gnFieldFiles.H"
 #include "IFstream.H"
 #include "m4gnNodes.H"
+#include "m4gnVersion.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
@@ -196,7 +197,7 @@ bool Foam::m4gn::writeSegments(
             note = "m4gn";
         }
     }
-    Pstream::scatter(note);
+    m4gn::broadcast(note);
 
     if (note.size() && note.substr(0, 4) != "m4gn") {
         Info << "m4gn: " << (instance / segmentName).c_str()

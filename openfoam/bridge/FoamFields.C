@@ -2,6 +2,7 @@
 // Fields of a case at a time, and what follows from them on a patch.
 
 #include "FoamData.H"
+#include "m4gnVersion.H"
 
 #include "gaussGrad.H"
 
@@ -44,13 +45,8 @@ const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& n
     }
     const Foam::IOobject io(header(name, time, *mesh));
     std::unique_ptr<const Field> field(
-        distributed
-#if OPENFOAM >= 2206
-            ? new Field(reconstructor->reconstructVolumeField<typename Field::value_type>(io))
-#else
-            ? new Field(reconstructor->reconstructFvVolumeField<typename Field::value_type>(io))
-#endif
-            : new Field(io, *mesh));
+        distributed ? new Field(Foam::m4gn::reconstruct<typename Field::value_type>(*reconstructor, io))
+                    : new Field(io, *mesh));
     return *(known[name] = std::move(field));
 }
 

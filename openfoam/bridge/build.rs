@@ -35,8 +35,13 @@ const SOURCES: &[&str] = &[
 ];
 
 /// What they include, beside the header of each.
-const HEADERS: &[&str] =
-    &["FoamData.H", "../../include/m4gn.h", "../adapter/m4gnFieldNodes.H", "../adapter/m4gnStaleNote.H"];
+const HEADERS: &[&str] = &[
+    "FoamData.H",
+    "../../include/m4gn.h",
+    "../adapter/m4gnFieldNodes.H",
+    "../adapter/m4gnStaleNote.H",
+    "../adapter/m4gnVersion.H",
+];
 
 fn stop(message: &str) -> ! {
     eprintln!("error: the OpenFOAM bridge cannot be built: {message}.\n{HINT}");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSegmentGraph.H"
+#include "m4gnVersion.H"
 #include "PstreamReduceOps.H"
 #include "emptyPolyPatch.H"
 #include "syncTools.H"
@@ -43,9 +44,9 @@ Foam::m4gnSegmentGraph::m4gnSegmentGraph(
     }
 
     Pstream::listCombineGather(sizes, plusEqOp<scalar>());
-    Pstream::listCombineScatter(sizes);
+    m4gn::broadcast(sizes);
     Pstream::listCombineGather(adjacency, plusEqOp<scalar>());
-    Pstream::listCombineScatter(adjacency);
+    m4gn::broadcast(adjacency);
 
     sizes_.assign(sizes.begin(), sizes.end());
     adjacency_.assign(adjacency.begin(), adjacency.end());

@@ -7,6 +7,7 @@
 #include "m4gnSegmentField.H"
 #include "m4gnStoredSegments.H"
 #include "m4gnRun.H"
+#include "m4gnVersion.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
 #include "Time.H"
@@ -83,7 +84,7 @@ void Foam::m4gnSegmentation::count(const dictionary& dict)
         ++sizes[segment];
     }
     Pstream::listCombineGather(sizes, plusEqOp<label>());
-    Pstream::listCombineScatter(sizes);
+    m4gn::broadcast(sizes);
 
     if (min(sizes) == 0) {
         FatalErrorInFunction << from_.c_str() << " is no segmentation: expected the labels 0 to " << highest

@@ -4,6 +4,7 @@
 #include "m4gnNodes.H"
 #include "m4gnCore.H"
 #include "m4gnSegmentField.H"
+#include "m4gnVersion.H"
 #include "IFstream.H"
 #include "OSspecific.H"
 #include "PstreamReduceOps.H"
@@ -61,7 +62,7 @@ fileName findUndecomposed(const fvMesh& mesh)
 bool Foam::m4gnStoredSegments::readOwn()
 {
     word instance(mesh_.time().findInstance(mesh_.dbDir(), m4gn::segmentName, IOobject::READ_IF_PRESENT));
-    Pstream::scatter(instance);
+    m4gn::broadcast(instance);
 
     IOobject io(m4gn::segmentName, instance, mesh_, IOobject::MUST_READ, IOobject::NO_WRITE, false);
 
@@ -91,7 +92,7 @@ bool Foam::m4gnStoredSegments::readUndecomposed()
 {
     // A rank may see another disk: the master's answer counts
     fileName file(findUndecomposed(mesh_));
-    Pstream::scatter(file);
+    m4gn::broadcast(file);
 
     labelList global;
     if (file.empty() || !m4gnNodes::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), global)) {
@@ -112,7 +113,7 @@ bool Foam::m4gnStoredSegments::readUndecomposed()
         const dictionary dict(is);
         whole = internalField(dict, nCells);
     }
-    Pstream::scatter(whole);
+    m4gn::broadcast(whole);
 
     from_ = file;
     folders_ = {file.path(), mesh_.time().globalPath() / mesh_.time().constant() / mesh_.dbDir()};

@@ -47,10 +47,10 @@ Foam::vectorField Foam::m4gnSettling::read(const word& name) const
     IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::MUST_READ, IOobject::NO_WRITE, false);
     if (atPoints_) {
         return file.typeHeaderOk<pointVectorField>(true)
-                   ? pointVectorField(file, pointMesh::New(mesh_)).primitiveField()
+                   ? vectorField(pointVectorField(file, pointMesh::New(mesh_)).primitiveField())
                    : vectorField();
     }
-    return file.typeHeaderOk<volVectorField>(true) ? volVectorField(file, mesh_).primitiveField()
+    return file.typeHeaderOk<volVectorField>(true) ? vectorField(volVectorField(file, mesh_).primitiveField())
                                                    : vectorField();
 }
 

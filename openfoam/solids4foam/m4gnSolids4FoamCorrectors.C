@@ -3,8 +3,8 @@
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
-#include "m4gnRun.H"
 #include "m4gnMixing.H"
+#include "m4gnVersion.H"
 #include "solidModel.H"
 #include "solidTractionFvPatchVectorField.H"
 

@@ -4,6 +4,7 @@
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnRide.H"
+#include "m4gnVersion.H"
 #include "memInfo.H"
 #include "OFstream.H"
 #include "OSspecific.H"
@@ -196,7 +197,7 @@ void Foam::m4gnCheck::solved()
     const scalar wall = clock_.elapsed() - made_;
     report_.set("wall", wall);
     bool over = (jumped_ ? after_ : steps_) >= most || wall > seconds_;
-    Pstream::scatter(over);
+    m4gn::broadcast(over);
     if (after_ == 2 || over || steps_ == 1) {
         report_.set("memory_after", memory());
         write();

@@ -4,6 +4,7 @@
 #include "m4gnOthers.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
+#include "m4gnVersion.H"
 #include "functionObjectList.H"
 #include "Time.H"
 #include "timeControlFunctionObject.H"
@@ -115,8 +116,8 @@ void writeProperties(Time& time)
 {
     const unsigned int precision = IOstream::precision_;
     IOstream::precision_ = 16;
-    time.functionObjects().stateDict().writeObject(
-        IOstream::ASCII, IOstream::currentVersion, time.writeCompression(), true);
+    m4gn::writeObject(
+        m4gn::properties(time.functionObjects()), IOstreamOption(IOstream::ASCII, time.writeCompression()));
     IOstream::precision_ = precision;
 }
 

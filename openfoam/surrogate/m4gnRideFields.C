@@ -5,8 +5,8 @@
 #include "m4gnRide.H"
 #include "directionMixedFvPatchFields.H"
 #include "m4gnExplicitStress.H"
-#include "m4gnRun.H"
 #include "m4gnSegmentField.H"
+#include "m4gnVersion.H"
 #include "mixedFvPatchFields.H"
 #include "SolverPerformance.H"
 #include <algorithm>

@@ -7,6 +7,7 @@
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnRun.H"
+#include "m4gnVersion.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "StringStream.H"
@@ -87,7 +88,7 @@ Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
             text = found;
         }
     }
-    Pstream::scatter(text);
+    m4gn::broadcast(text);
 
     IStringStream stream(text);
     return dictionary(stream);

@@ -12,6 +12,7 @@
 #include "m4gnRide.H"
 #include "m4gnRun.H"
 #include "m4gnSettling.H"
+#include "m4gnVersion.H"
 #include "Time.H"
 
 namespace Foam
@@ -118,7 +119,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
                 last = at.name();
             }
         }
-        Pstream::scatter(last);
+        m4gn::broadcast(last);
 
         if (last.size()) {
             WarningInFunction << "There is no state of " << name() << " at time " << time_.timeName()
