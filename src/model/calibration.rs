@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 /// Largest growth over one stride that means anything: beyond it no tolerance allows a jump, and the data hold what is out of range.
 const MOST: f64 = 1e9;
 
+/// Smallest growth that a file may have: errors do not shrink by that, and below it anything is let jump.
+const LEAST: f64 = 1.0 / MOST;
+
 /// Errors of one field in a rollout.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutErrors {
@@ -110,10 +113,10 @@ impl Calibration {
         }
         self.growth.iter().find_map(|growth| {
             let factors = &growth.factors;
-            let bad = |(i, f): &(usize, &f64)| !(**f > 0.0 && f.is_finite()) || *i > 0 && **f < factors[i - 1];
+            let bad = |(i, f): &(usize, &f64)| !(**f >= LEAST && f.is_finite()) || *i > 0 && **f < factors[i - 1];
             let (i, factor) = factors.iter().enumerate().find(bad)?;
             Some(format!(
-                "growth of {}, factor {i}: expected finite numbers above 0 that do not fall, found {factor:e}",
+                "growth of {}, factor {i}: expected finite numbers of at least {LEAST:e} that do not fall, found {factor:e}",
                 growth.field
             ))
         })
@@ -172,7 +175,7 @@ mod tests {
             carried: None,
         };
         assert_eq!(of(&[0.5, 2.0, 2.0]).fault(), None);
-        for bad in [&[0.0][..], &[-1.0], &[1.0, f64::INFINITY], &[f64::NAN], &[2.0, 1.0]] {
+        for bad in [&[0.0][..], &[1e-300, 1.0], &[-1.0], &[1.0, f64::INFINITY], &[f64::NAN], &[2.0, 1.0]] {
             let fault = of(bad).fault().unwrap();
             assert!(fault.contains("growth of U, factor"), "{fault}");
         }

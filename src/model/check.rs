@@ -61,10 +61,23 @@ impl ModelSpec {
     }
 
     fn check_calibration(&self) -> Verdict {
-        match self.calibration.as_ref().and_then(|c| c.fault()) {
-            Some(fault) => Err(format!("calibration.{fault}")),
-            None => Ok(()),
+        let Some(calibration) = &self.calibration else {
+            return Ok(());
+        };
+        if let Some(fault) = calibration.fault() {
+            return Err(format!("calibration.{fault}"));
         }
+        let predicts = |name: &str| self.fields.iter().any(|f| f.name == name && f.output != Output::None);
+        for (i, growth) in calibration.growth.iter().enumerate() {
+            let again = calibration.growth[..i].iter().any(|g| g.field == growth.field);
+            expect(predicts(&growth.field) && !again, || {
+                format!(
+                    "calibration.growth: expected fields that are predicted, each once, found {}",
+                    growth.field
+                )
+            })?;
+        }
+        Ok(())
     }
 
     fn check_fields(&self) -> Verdict {
@@ -184,14 +197,19 @@ fn expect(ok: bool, message: impl FnOnce() -> String) -> Verdict {
 #[cfg(test)]
 mod tests {
     use crate::sample::{bodies, spec};
-    use crate::{Calibration, ContactSpec, Kind, MacroSpec, Output};
+    use crate::{Calibration, ContactSpec, Growth, Kind, MacroSpec, Output};
     use m4gn_mesh::NodeType;
+
+    fn grows(fields: &[&str]) -> Option<Calibration> {
+        let growth = fields.iter().map(|f| Growth { field: (*f).into(), factors: vec![1.0] });
+        Some(Calibration { growth: growth.collect(), ..Calibration::of_carried(1.0) })
+    }
 
     #[test]
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 15] = [
+        let broken: [(&str, Change); 17] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -211,6 +229,8 @@ mod tests {
                 (s.fields[0].input, s.fields[0].output) = (false, Output::Value);
             }),
             ("width", |s| s.architecture.width = 0),
+            ("each once, found T", |s| s.calibration = grows(&["T"])),
+            ("each once, found U", |s| s.calibration = grows(&["U", "U"])),
             ("calibration.carried", |s| s.calibration = Some(Calibration::of_carried(1.5))),
             ("segments.count", |s| s.segments.count = 0),
         ];
