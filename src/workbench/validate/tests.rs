@@ -107,8 +107,14 @@ fn rmse_50_is_fifty_recorded_frames_whatever_the_stride() {
     assert_eq!(pace(1, 100).rmse_50(), 1.0);
     assert_eq!(pace(4, 25).rmse_50(), 1.0);
     assert_eq!(pace(4, 25).steps_within(pace(4, 25).rmse_50()), 12);
-    let table = &summaries(&[case(Split::Test, pace(4, 3), 0.1, &[1.0; 3], &[2.0; 3])])[0].tables()[0];
-    assert!(table.to_string().contains("RMSE-50 (1.00 s) [m/s]"), "{table}");
+    let of = |horizon| Case { horizon, ..case(Split::Test, pace(4, 3), 0.1, &[1.0; 3], &[2.0; 3]) };
+    let head = |horizons: &[f64]| {
+        let cases: Vec<Case> = horizons.iter().map(|h| of(*h)).collect();
+        summaries(&cases)[0].tables()[0].to_string()
+    };
+    assert!(head(&[1.0]).contains("RMSE-50 (1.00 s) [m/s]"), "{}", head(&[1.0]));
+    // Some are shorter
+    assert!(head(&[1.0, 0.05]).contains("RMSE-50 (0.0500 to 1.00 s) [m/s]"), "{}", head(&[1.0, 0.05]));
 }
 
 #[test]
