@@ -132,6 +132,26 @@ fn outputs_are_checked_before_anything_is_computed() {
 }
 
 #[test]
+fn a_pipe_that_nobody_writes_to_is_not_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let (pipe, model) = (pipe.to_str().unwrap(), model());
+    let (model, variant) = (model.to_str().unwrap(), format!("x={pipe}"));
+    let out = folder.path().join("out");
+    for command in [
+        &["train", "--data", "/nowhere", "--config", pipe, "--out"][..],
+        &["hybrid", "--family", "cylinder-flow", "--model", model, "--variant", &variant, "--out"],
+        &["validate", "--model", pipe, "--data", "/nowhere", "--json"],
+        &["validate", "--model", model, "--data", pipe, "--json"],
+    ] {
+        let mut run = Command::new("timeout");
+        run.args(["60", env!("CARGO_BIN_EXE_m4gn")]).args(command).arg(&out);
+        fails(&run.output().unwrap(), "expected a plain file, found a pipe");
+    }
+}
+
+#[test]
 fn what_is_no_case_is_bad_usage() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");

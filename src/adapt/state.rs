@@ -4,8 +4,7 @@
 use super::Adaptation;
 use super::learner::{Knowledge, Learner};
 use super::window::Window;
-use m4gn_mesh::files::write_whole;
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -49,7 +48,7 @@ impl Adaptation {
     }
 
     fn write(&self, path: &Path) -> Result<()> {
-        write_whole(path, &self.bytes()?)
+        files::write_whole(path, &self.bytes()?)
     }
 
     /// The state as the bytes of a file. Not collective: all ranks have it.
@@ -99,7 +98,7 @@ impl Adaptation {
     /// [`Error::File`] for a file that cannot be read, is damaged, or is of another model or mesh.
     pub fn load(&mut self, path: &Path) -> Result<()> {
         let read = match self.comm.is_root() {
-            true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
+            true => files::read(path).map_err(|e| Error::file(path, e.to_string())),
             false => Ok(Vec::new()),
         };
         let mut bytes = self.comm.agree(read)?;

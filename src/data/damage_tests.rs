@@ -20,7 +20,7 @@ fn files_that_are_no_trajectories() {
     let path = dir.path().join("a.h5");
     let message = |path: &Path| Trajectory::open(path).unwrap_err().to_string();
     assert!(message(&path).contains("cannot be read: No such file"));
-    assert!(message(dir.path()).contains("is no plain file"));
+    assert!(message(dir.path()).contains("expected a plain file, found a folder"));
     std::fs::write(&path, "text").unwrap();
     assert!(message(&path).contains("not an HDF5 file"));
     std::fs::write(&path, "").unwrap();
@@ -112,7 +112,7 @@ fn links_out_of_the_file_are_refused() {
     let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
     assert!(made.success());
     let message = Trajectory::open(&pipe).unwrap_err().to_string();
-    assert!(message.contains("is no plain file"), "{message}");
+    assert!(message.contains("expected a plain file, found a pipe"), "{message}");
 }
 
 proptest! {

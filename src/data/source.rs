@@ -2,7 +2,7 @@
 
 use super::schema::{FORMAT, FieldMeta, LONG, NAME, Split, Text, VERSION, h5_error, quiet};
 use hdf5::Dataset;
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use ndarray::Ix2;
 use std::io::Read;
 use std::path::Path;
@@ -11,14 +11,11 @@ use std::path::Path;
 pub(super) fn open_file(path: &Path) -> Result<hdf5::File> {
     const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
     quiet();
-    let is_file = path.metadata().map(|m| m.is_file());
-    if !is_file.map_err(|e| Error::file(path, format!("cannot be read: {e}")))? {
-        return Err(Error::file(path, "is no plain file; expected a trajectory (*.h5) of m4gn"));
-    }
     let mut head = Vec::with_capacity(8);
-    std::fs::File::open(path)
+    files::check_plain(path)
+        .and_then(|()| std::fs::File::open(path))
         .and_then(|f| f.take(8).read_to_end(&mut head))
-        .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+        .map_err(|e| Error::file(path, format!("cannot be read: {e}; expected a trajectory (*.h5) of m4gn")))?;
     if head != SIGNATURE {
         return Err(Error::file(path, "is not an HDF5 file; expected a trajectory (*.h5) of m4gn"));
     }

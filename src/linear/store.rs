@@ -75,13 +75,9 @@ impl Store {
     /// [`Error::File`] where there is none, or it is of other fields.
     pub fn read(path: &Path, snapshots: &Snapshots, last: i64) -> Result<Stored> {
         let bad = |what: String| Error::file(path, what);
-        // A pipe would be waited for.
-        if path.exists() && !path.is_file() {
-            return Err(bad(
-                "expected snapshots of a linear surrogate, found a folder, a pipe or a device".into()
-            ));
-        }
-        let mut file = File::open(path).map_err(|e| bad(format!("cannot be read: {e}")))?;
+        let mut file = files::check_plain(path)
+            .and_then(|()| File::open(path))
+            .map_err(|e| bad(format!("cannot be read: {e}")))?;
         let mut magic = [0; 8];
         if file.read_exact(&mut magic).is_err() || &magic != MAGIC {
             return Err(bad("expected snapshots of a linear surrogate, found another format".into()));

@@ -1,4 +1,4 @@
-//! Whole files: a reader sees the old one or the new one, never half of it. What is no plain file is written through.
+//! Whole files: a reader sees the old one or the new one, never half of it. What is no plain file is written through, and not read.
 
 use crate::{Error, Result};
 use std::fs::{self, Metadata, OpenOptions};
@@ -41,6 +41,35 @@ pub fn check_writable(path: &Path) -> Result<()> {
         Target::Stream => OpenOptions::new().write(true).open(path).map(drop),
     };
     check().map_err(|e| failed(path, e))
+}
+
+/// The bytes of a plain file. A pipe without a writer would be waited for, and a device may never end: they are refused.
+///
+/// # Errors
+/// What was found in place of a plain file, or why it cannot be read.
+pub fn read(path: impl AsRef<Path>) -> io::Result<Vec<u8>> {
+    check_plain(path.as_ref()).and_then(|()| fs::read(path))
+}
+
+/// As [`read`], of a text in UTF-8.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
+    check_plain(path.as_ref()).and_then(|()| fs::read_to_string(path))
+}
+
+/// Whether what is there is a plain file, at the end of symbolic links.
+///
+/// # Errors
+/// What else it is, or that there is nothing.
+pub fn check_plain(path: &Path) -> io::Result<()> {
+    let kind = fs::metadata(path)?;
+    if kind.is_file() {
+        return Ok(());
+    }
+    let found = if kind.is_dir() { "a folder" } else { "a pipe or a device" };
+    Err(io::Error::other(format!("expected a plain file, found {found}")))
 }
 
 fn failed(path: &Path, e: io::Error) -> Error {
@@ -143,6 +172,13 @@ mod tests {
         let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
         assert!(made.success());
         check_writable(&pipe).unwrap();
+        // Nobody writes there
+        for (path, what) in
+            [(&pipe, "a pipe"), (&PathBuf::from("/dev/zero"), "a device"), (&dir.path().into(), "a folder")]
+        {
+            let refused = [read(path).unwrap_err(), read_text(path).unwrap_err()];
+            assert!(refused.iter().all(|e| e.to_string().contains(what)), "{refused:?}");
+        }
         let reader = {
             let pipe = pipe.clone();
             std::thread::spawn(move || {

@@ -3,7 +3,7 @@
 //! A file is data only: nothing in it is run, every length is checked against the file before it is used.
 
 use super::{Model, ModelSpec, Tensor};
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use safetensors::tensor::{Dtype, Metadata, TensorView};
 use safetensors::{SafeTensorError, SafeTensors};
 use std::collections::{BTreeMap, HashMap};
@@ -40,11 +40,7 @@ impl Model {
         let path = path.as_ref();
         let expected = "expected a .safetensors file of `m4gn train`";
         let unreadable = |e| Error::file(path, format!("the model cannot be read: {e}; {expected}"));
-        let kind = std::fs::metadata(path).map_err(unreadable)?;
-        if !kind.is_file() {
-            let found = if kind.is_dir() { "a folder" } else { "a pipe or a device" };
-            return Err(Error::file(path, format!("found {found}, {expected}")));
-        }
+        files::check_plain(path).map_err(unreadable)?;
         let mut file = File::open(path).map_err(unreadable)?;
         let length = file.metadata().map_err(unreadable)?.len();
         let mut bytes = Vec::new();

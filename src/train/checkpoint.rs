@@ -2,7 +2,7 @@
 
 use super::journal::Validation;
 use m4gn_learn::normaliser::{Moments, Normaliser};
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use m4gn_model::ModelSpec;
 use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
@@ -133,7 +133,7 @@ impl Checkpoint {
         let fail = |e: String| {
             Error::file(path, format!("not a usable checkpoint ({e}); delete it to start the training anew"))
         };
-        let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
+        let bytes = files::read(path).map_err(|e| fail(e.to_string()))?;
         let (progress, file): (Progress, _) = TensorFile::parse(&bytes, ENTRY).map_err(&fail)?;
         if progress.version != VERSION {
             return Err(fail(format!("schema version {}, this program reads {VERSION}", progress.version)));

@@ -4,7 +4,7 @@
 
 use m4gn_learn::TrainingConfig;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use m4gn_model::{
     Activation, Architecture, ArchitectureKeys, ContactSpec, FieldSpec, KindName, MacroSpec, ModelSpec,
     Output, SegmentSpec,
@@ -85,7 +85,7 @@ pub struct FieldConfig {
 impl Config {
     /// Reads and checks a file.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = files::read_text(path)
             .map_err(|e| Error::file(path, format!("cannot read the training configuration: {e}")))?;
         Self::parse(&text).map_err(|e| Error::file(path, e.to_string()))
     }

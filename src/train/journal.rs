@@ -2,7 +2,7 @@
 //! training over all resumptions.
 
 use m4gn_learn::BestOf;
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use m4gn_report::{number, percent};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -161,7 +161,7 @@ impl Journal {
             .chain((0..fields.len()).flat_map(of_field))
             .collect();
         let mut text = names.join(",") + "\n";
-        let old = if step > 0 { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
+        let old = if step > 0 { files::read_text(path).unwrap_or_default() } else { String::new() };
         let mut lines = old.lines();
         let columns = lines.next().map_or(0, |head| head.split(',').count());
         let mut rows = Vec::new();

@@ -1,6 +1,6 @@
 //! The log of a solver: what its time steps took, and whether it came to its end.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use std::path::{Path, PathBuf};
 
 /// What a run took since its start, as its log says.
@@ -64,7 +64,7 @@ impl Log {
             return None;
         }
         let path = case.join(format!("log.{application}"));
-        let text = std::fs::read(&path).ok()?;
+        let text = files::read(&path).ok()?;
         Log::parse(path, &String::from_utf8_lossy(&text))
     }
 

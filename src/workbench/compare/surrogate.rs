@@ -1,6 +1,6 @@
 //! What the surrogate of a run left behind beside its fields: its own summary and table.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ pub fn read(case: &Path) -> Result<Option<Surrogate>> {
     for name in folders(&root) {
         for time in folders(&name) {
             let path = time.join("summary.json");
-            let Ok(text) = std::fs::read_to_string(&path) else {
+            let Ok(text) = files::read_text(&path) else {
                 continue;
             };
             let summary: Value = serde_json::from_str(&text).map_err(|e| {
@@ -82,7 +82,7 @@ fn jumps(folder: &Path, stride: Option<f64>) -> Vec<[f64; 2]> {
         first.is_finite().then_some([first, end])
     };
     let of_table = |path| {
-        let text = std::fs::read_to_string(path).unwrap_or_default();
+        let text = files::read_text(path).unwrap_or_default();
         text.lines().filter_map(of_row).collect::<Vec<_>>()
     };
     tables.flat_map(of_table).collect()

@@ -7,7 +7,7 @@ use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use crate::digest::Digest;
 use m4gn_data::{Split, Trajectory};
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -77,7 +77,7 @@ impl Family {
         let read = |file: PathBuf| {
             let from = self.folder.join(&file);
             let bytes =
-                std::fs::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
+                files::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
             let bytes = match String::from_utf8(bytes) {
                 Err(binary) => binary.into_bytes(),
                 Ok(text) => match fill(&text, value) {
@@ -385,7 +385,7 @@ fn recorded(folder: &Path, frames: u32, solver: &str) -> Result<(PathBuf, Trajec
 
 /// Largest of the solver's "Courant Number mean: ... max: ..." lines.
 fn largest_courant(log: &Path) -> Option<f64> {
-    let text = std::fs::read_to_string(log).ok()?;
+    let text = files::read_text(log).ok()?;
     text.lines()
         .filter_map(|l| l.strip_prefix("Courant Number")?.rsplit("max:").next()?.trim().parse().ok())
         .max_by(f64::total_cmp)

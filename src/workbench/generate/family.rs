@@ -7,7 +7,7 @@
 use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -210,7 +210,7 @@ impl Family {
         let file = folder.join(FILE);
         let folder = folder.canonicalize().map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         let text =
-            std::fs::read_to_string(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+            files::read_text(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         let mut family: Family =
             toml::from_str(&text).map_err(|e| Error::file(&file, e.to_string().trim().to_string()))?;
         family.name = folder.file_name().and_then(|n| n.to_str()).unwrap_or_default().into();

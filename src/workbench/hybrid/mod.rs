@@ -23,7 +23,7 @@ use crate::generate::family::{Draw, Family, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
-use m4gn_mesh::{Error, Result, plugin};
+use m4gn_mesh::{Error, Result, files, plugin};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -118,7 +118,7 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     let libraries = ["libm4gn.so", "libm4gnFoam.so"].into_iter().chain(own);
     for file in libraries.map(|name| plugin::find(name, remedy)).chain(plan.model.clone().map(Ok)) {
         let file = file?;
-        let bytes = std::fs::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+        let bytes = files::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         surrogate.add("file", &bytes);
     }
     // Before there are threads, and before anything is run that could not be compared.

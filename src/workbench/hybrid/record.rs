@@ -1,6 +1,7 @@
 //! The result of a run, as it is kept beside the cases.
 
 use super::score::Score;
+use m4gn_mesh::files;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ pub struct RunRecord {
 
 /// The record of a run that is finished and was made with this; none where it must be run.
 pub(super) fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
-    let text = std::fs::read(folder.join(format!("{name}.json"))).ok()?;
+    let text = files::read(folder.join(format!("{name}.json"))).ok()?;
     let record: RunRecord = serde_json::from_slice(&text).ok()?;
     let whole = record.made_with == made_with && record.stretches.iter().all(|f| f.is_file());
     whole.then_some(record)

@@ -2,7 +2,7 @@
 
 use crate::generate::family::{Family, Hybrid};
 use crate::generate::parameter::{Settings, is_word, parse_setting};
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use std::path::Path;
 
 /// Name of the full run.
@@ -98,7 +98,7 @@ pub fn variants(
             settings.insert(parameter, value);
         }
         family.check_settings(&settings)?;
-        let entries = std::fs::read_to_string(file)
+        let entries = files::read_text(file)
             .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
         all.push(hybrid(name, if model { NETWORK } else { "linear" }, &entries, settings));
     }
