@@ -15,7 +15,9 @@ pub(super) fn open_file(path: &Path) -> Result<hdf5::File> {
     files::check_plain(path)
         .and_then(|()| std::fs::File::open(path))
         .and_then(|f| f.take(8).read_to_end(&mut head))
-        .map_err(|e| Error::file(path, format!("cannot be read: {e}; expected a trajectory (*.h5) of m4gn")))?;
+        .map_err(|e| {
+            Error::file(path, format!("cannot be read: {e}; expected a trajectory (*.h5) of m4gn"))
+        })?;
     if head != SIGNATURE {
         return Err(Error::file(path, "is not an HDF5 file; expected a trajectory (*.h5) of m4gn"));
     }

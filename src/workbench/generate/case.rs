@@ -76,8 +76,7 @@ impl Family {
         };
         let read = |file: PathBuf| {
             let from = self.folder.join(&file);
-            let bytes =
-                files::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
+            let bytes = files::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
             let bytes = match String::from_utf8(bytes) {
                 Err(binary) => binary.into_bytes(),
                 Ok(text) => match fill(&text, value) {
