@@ -59,12 +59,10 @@ struct Free
     void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
 };
 
-template <class Type>
-using Handle = std::unique_ptr<Type, Free>;
+template <class Type> using Handle = std::unique_ptr<Type, Free>;
 
 // What the call makes.
-template <class Type, class Call>
-Handle<Type> made(const Call& call)
+template <class Type, class Call> Handle<Type> made(const Call& call)
 {
     checkVersion();
     Type* object = nullptr;
@@ -439,14 +437,9 @@ public:
     m4gn_ride* get() const noexcept { return ride_.get(); }
 
 private:
-    template <class List>
-    static int32_t size(const List& list)
-    {
-        return static_cast<int32_t>(list.size());
-    }
+    template <class List> static int32_t size(const List& list) { return static_cast<int32_t>(list.size()); }
 
-    template <class Call>
-    static m4gn_ride_answer answer(const Call& call)
+    template <class Call> static m4gn_ride_answer answer(const Call& call)
     {
         m4gn_ride_answer found{};
         check(call(&found));

@@ -115,10 +115,7 @@ struct Solver
     std::vector<int32_t> held;
 
     explicit Solver(const Channel& m)
-        : mesh(m),
-          U(3 * nCells),
-          UBoundary(3 * m.boundaryOwner.size()),
-          p(nCells),
+        : mesh(m), U(3 * nCells), UBoundary(3 * m.boundaryOwner.size()), p(nCells),
           pBoundary(m.boundaryOwner.size())
     {
         for (int c = 0; c < nCells; ++c) {
@@ -168,9 +165,7 @@ class Host
 {
 public:
     Host(const std::string& model, const std::string& options, double end)
-        : end_(end),
-          solver_(mesh_),
-          session_(M4GN_NO_MPI, mesh_.data, m4gn::Model(M4GN_NO_MPI, model)),
+        : end_(end), solver_(mesh_), session_(M4GN_NO_MPI, mesh_.data, m4gn::Model(M4GN_NO_MPI, model)),
           ride_(session_, mesh_.data, options, now())
     {}
 

@@ -45,9 +45,7 @@ class nextStep : public Foam::TimeState
 
 public:
     explicit nextStep(Foam::Time& time)
-        : time_(time),
-          before_(time.value()),
-          indexBefore_(time.timeIndex()),
+        : time_(time), before_(time.value()), indexBefore_(time.timeIndex()),
           deltaT0Before_(time.deltaT0Value())
     {
         time_.setTime(before_ + time_.deltaTValue(), indexBefore_ + 1);
@@ -63,8 +61,7 @@ public:
 
 //- Fields of a type that have old levels store them, as the first access of a
 //  time step would
-template <class FieldType>
-void storeOldTimes(const Foam::fvMesh& mesh)
+template <class FieldType> void storeOldTimes(const Foam::fvMesh& mesh)
 {
     for (const Foam::word& name : mesh.names<FieldType>()) {
         mesh.lookupObject<FieldType>(name).storeOldTimes();
@@ -147,15 +144,8 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
 
 Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict),
-      started_(false),
-      timeStart_(-VGREAT),
-      wait_(0),
-      pause_(0),
-      nSolved_(0),
-      nCorrectors_(0),
-      nLeft_(0),
-      seconds_(0)
+    : fvMeshFunctionObject(name, runTime, dict), started_(false), timeStart_(-VGREAT), wait_(0), pause_(0),
+      nSolved_(0), nCorrectors_(0), nLeft_(0), seconds_(0)
 {
     read(dict);
 }
@@ -191,10 +181,7 @@ bool Foam::functionObjects::m4gnAnderson::execute()
     return true;
 }
 
-bool Foam::functionObjects::m4gnAnderson::write()
-{
-    return true;
-}
+bool Foam::functionObjects::m4gnAnderson::write() { return true; }
 
 bool Foam::functionObjects::m4gnAnderson::end()
 {

@@ -87,13 +87,8 @@ Foam::tmp<Foam::vectorField> Foam::functionObjects::m4gnPredictor::guess() const
 
 Foam::functionObjects::m4gnPredictor::m4gnPredictor(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict),
-      DName_("D"),
-      quadratic_(false),
-      timeIndex_(-1),
-      deltaT_(0),
-      deltaTOld_(0),
-      nStates_(0)
+    : fvMeshFunctionObject(name, runTime, dict), DName_("D"), quadratic_(false), timeIndex_(-1), deltaT_(0),
+      deltaTOld_(0), nStates_(0)
 {
     read(dict);
 }
@@ -148,7 +143,4 @@ bool Foam::functionObjects::m4gnPredictor::execute()
     return true;
 }
 
-bool Foam::functionObjects::m4gnPredictor::write()
-{
-    return true;
-}
+bool Foam::functionObjects::m4gnPredictor::write() { return true; }

@@ -28,10 +28,7 @@ std::string plain(const token& t)
 }
 
 //- One token as JSON
-std::string json(const token& t)
-{
-    return t.isNumber() ? plain(t) : m4gn::quoted(plain(t));
-}
+std::string json(const token& t) { return t.isNumber() ? plain(t) : m4gn::quoted(plain(t)); }
 
 //- List that begins behind the bracket at i, which is then behind its end
 std::string jsonList(const tokenList& tokens, label& i)

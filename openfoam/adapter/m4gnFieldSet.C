@@ -4,10 +4,7 @@
 #include "m4gnOwnFields.H"
 
 Foam::m4gnFieldSet::m4gnFieldSet(const fvMesh& mesh, const wordList& names)
-    : mesh_(mesh),
-      names_(names),
-      dimensions_(names.size(), FixedList<int32_t, 7>(0)),
-      values_(names.size()),
+    : mesh_(mesh), names_(names), dimensions_(names.size(), FixedList<int32_t, 7>(0)), values_(names.size()),
       view_(names.size())
 {}
 

@@ -260,8 +260,7 @@ Foam::string Foam::m4gnMeshAdapter::laplacianScheme(const fvMesh& mesh)
     return "Gauss linear corrected";
 }
 
-template <class Type>
-bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
+template <class Type> bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
 {
     autoPtr<fieldOf<Type>> owned;
     const fieldOf<Type>* field = find(mesh_, name, owned);
@@ -289,8 +288,7 @@ bool Foam::m4gnMeshAdapter::gatherOf(const word& name, values& to) const
     return true;
 }
 
-template <class Type>
-void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes) const
+template <class Type> void Foam::m4gnMeshAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
     auto& field = mesh_.lookupObjectRef<fieldOf<Type>>(name);
 

@@ -28,10 +28,7 @@ const char* const viscosityMark = "viscosity of transportProperties, by m4gn";
 const char* const obstacleMark = "nearness of obstacles, by m4gn";
 
 //- Patches of this type
-wordList patches(const fvMesh& mesh, const word& type)
-{
-    return wordList(mesh.boundary().size(), type);
-}
+wordList patches(const fvMesh& mesh, const word& type) { return wordList(mesh.boundary().size(), type); }
 
 //- The field of this name, made with zeros if there is none. Null: it is not to
 //  be changed, since its note is not the mark (it is somebody else's) or, once
@@ -120,8 +117,7 @@ void provideSize(const fvMesh& mesh)
 }
 
 //- False: no field of this type has that name
-template <class Type>
-bool provideRate(const fvMesh& mesh, const word& name, const word& rateName)
+template <class Type> bool provideRate(const fvMesh& mesh, const word& name, const word& rateName)
 {
     const auto* field = mesh.findObject<GeometricField<Type, fvPatchField, volMesh>>(name);
     if (!field) {
@@ -185,10 +181,7 @@ void provideObstacles(const fvMesh& mesh, const word& name)
 
 } // End anonymous namespace
 
-Foam::word Foam::m4gnOwnFields::rateOf(const word& name)
-{
-    return "ddt(" + name + ')';
-}
+Foam::word Foam::m4gnOwnFields::rateOf(const word& name) { return "ddt(" + name + ')'; }
 
 void Foam::m4gnOwnFields::provide(const fvMesh& mesh, const word& name)
 {

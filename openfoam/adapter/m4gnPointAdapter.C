@@ -44,10 +44,7 @@ Ostream& operator<<(Ostream& os, const edgeEnd& e)
     return os << e.rank << token::SPACE << e.global << token::SPACE << e.position;
 }
 
-Istream& operator>>(Istream& is, edgeEnd& e)
-{
-    return is >> e.rank >> e.global >> e.position;
-}
+Istream& operator>>(Istream& is, edgeEnd& e) { return is >> e.rank >> e.global >> e.position; }
 
 } // End anonymous namespace
 
@@ -286,8 +283,7 @@ Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& no
     setBoundary(nodeTypes);
 }
 
-template <class Type>
-bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
+template <class Type> bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
 {
     autoPtr<fieldOf<Type>> owned;
     const fieldOf<Type>* field = find(mesh_, name, owned);
@@ -304,8 +300,7 @@ bool Foam::m4gnPointAdapter::gatherOf(const word& name, values& to) const
     return true;
 }
 
-template <class Type>
-void Foam::m4gnPointAdapter::imposeOf(const word& name, const scalarField& nodes) const
+template <class Type> void Foam::m4gnPointAdapter::imposeOf(const word& name, const scalarField& nodes) const
 {
     Field<Type> all(mesh_.nPoints(), Zero);
 

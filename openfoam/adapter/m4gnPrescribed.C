@@ -49,8 +49,7 @@ bool isRandom(const word& type)
 }
 
 //- Is the value or the gradient prescribed in time?
-template <class Patch>
-bool changes(const Patch& patch)
+template <class Patch> bool changes(const Patch& patch)
 {
     // Functions of a place or of a flow rate
     static const wordHashSet others({"fan", "fanPressure", "fixedProfile"});
@@ -70,8 +69,7 @@ bool changes(const Patch& patch)
     return hasFunction(dict);
 }
 
-template <class Patch>
-void refuse(const word& name, const Patch& patch)
+template <class Patch> void refuse(const word& name, const Patch& patch)
 {
     FatalErrorInFunction << "Nobody can say beforehand what the condition " << patch.type() << " of " << name
                          << " at the patch " << patch.patch().name() << " will be at a later time" << nl
@@ -100,8 +98,7 @@ void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label
     }
 }
 
-template <class Type>
-void Foam::m4gnPrescribed::say(const label i, const scalar later)
+template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar later)
 {
     typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
 

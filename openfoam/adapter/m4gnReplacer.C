@@ -4,10 +4,7 @@
 
 Foam::DynamicList<const Foam::m4gnReplacer*> Foam::m4gnReplacer::all_;
 
-Foam::m4gnReplacer::m4gnReplacer(const word& name) : replacerName_(name)
-{
-    all_.append(this);
-}
+Foam::m4gnReplacer::m4gnReplacer(const word& name) : replacerName_(name) { all_.append(this); }
 
 Foam::m4gnReplacer::~m4gnReplacer()
 {

@@ -12,10 +12,7 @@
 
 namespace
 {
-std::string text(rust::Str s)
-{
-    return std::string(s.data(), s.size());
-}
+std::string text(rust::Str s) { return std::string(s.data(), s.size()); }
 
 // OpenFOAM prints progress on the standard output, which belongs to the command line; errors are thrown.
 void be_a_library()
@@ -57,12 +54,11 @@ Foam::label processor_folders(const Foam::fileName& path)
 } // End anonymous namespace
 
 m4gn::FoamCase::Data::Data(const Foam::fileName& path)
-    : path(path),
-      time(
-          Foam::Time::controlDictName, path.path(), path.name(), "system", "constant",
-          false, // function objects belong to the solver's run
-          true   // user libraries may hold boundary conditions
-      )
+    : path(path), time(
+                      Foam::Time::controlDictName, path.path(), path.name(), "system", "constant",
+                      false, // function objects belong to the solver's run
+                      true   // user libraries may hold boundary conditions
+                  )
 {
     times = stored(time);
     const Foam::label n = processor_folders(path);
@@ -208,10 +204,7 @@ rust::Vec<double> m4gn::FoamCase::cell_volumes() const
     return result;
 }
 
-rust::Vec<double> m4gn::FoamCase::cell_centres() const
-{
-    return flat(data_->mesh->cellCentres());
-}
+rust::Vec<double> m4gn::FoamCase::cell_centres() const { return flat(data_->mesh->cellCentres()); }
 
 rust::Vec<double> m4gn::FoamCase::polygons() const
 {

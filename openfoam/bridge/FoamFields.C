@@ -8,10 +8,7 @@
 
 namespace
 {
-Foam::word field_name(rust::Str name)
-{
-    return Foam::word(std::string(name.data(), name.size()));
-}
+Foam::word field_name(rust::Str name) { return Foam::word(std::string(name.data(), name.size())); }
 
 Foam::IOobject header(const Foam::word& name, const Foam::Time& time, const Foam::objectRegistry& mesh)
 {
@@ -21,16 +18,14 @@ Foam::IOobject header(const Foam::word& name, const Foam::Time& time, const Foam
 
 } // End anonymous namespace
 
-template <class Field>
-bool m4gn::FoamCase::Data::is(const Foam::word& name) const
+template <class Field> bool m4gn::FoamCase::Data::is(const Foam::word& name) const
 {
     const bool distributed = databases.size();
     const Foam::objectRegistry& registry = distributed ? processors->meshes()[0].thisDb() : mesh->thisDb();
     return header(name, stored_time(), registry).typeHeaderOk<Field>(true);
 }
 
-template <class Field>
-const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& name)
+template <class Field> const Field& m4gn::FoamCase::Data::read(Known<Field>& known, const Foam::word& name)
 {
     const auto found = known.find(name);
     if (found != known.end()) {

@@ -12,10 +12,7 @@
 
 namespace
 {
-Foam::word word_of(const rust::String& s)
-{
-    return Foam::word(std::string(s), false);
-}
+Foam::word word_of(const rust::String& s) { return Foam::word(std::string(s), false); }
 
 } // End anonymous namespace
 
@@ -74,12 +71,6 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     }
 }
 
-const m4gn_mesh_data* m4gn::FoamCase::mesh() const
-{
-    return &data_->adapter->data();
-}
+const m4gn_mesh_data* m4gn::FoamCase::mesh() const { return &data_->adapter->data(); }
 
-const m4gn_solid* m4gn::FoamCase::body() const
-{
-    return data_->body ? &data_->body->data() : nullptr;
-}
+const m4gn_solid* m4gn::FoamCase::body() const { return data_->body ? &data_->body->data() : nullptr; }

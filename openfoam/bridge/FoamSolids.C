@@ -19,10 +19,7 @@ enum answer
     moved = 4
 };
 
-bool contains(const std::string& text, const char* part)
-{
-    return text.find(part) != std::string::npos;
-}
+bool contains(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
 
 } // End anonymous namespace
 

@@ -13,10 +13,7 @@ addM4gnSolverState(m4gnFlowState, flow)
         "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
         " incompressible";
 
-Foam::volVectorField& Foam::m4gnFlowState::U() const
-{
-    return mesh_.lookupObjectRef<volVectorField>(UName_);
-}
+Foam::volVectorField& Foam::m4gnFlowState::U() const { return mesh_.lookupObjectRef<volVectorField>(UName_); }
 
 Foam::surfaceScalarField& Foam::m4gnFlowState::phi() const
 {
@@ -91,19 +88,15 @@ bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
 }
 
 Foam::m4gnFlowState::m4gnFlowState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnModelState(mesh, session),
-      UName_(dict.getOrDefault<word>("U", "U")),
-      pName_(dict.getOrDefault<word>("p", "p")),
-      phiName_(dict.getOrDefault<word>("phi", "phi")),
+    : m4gnModelState(mesh, session), UName_(dict.getOrDefault<word>("U", "U")),
+      pName_(dict.getOrDefault<word>("p", "p")), phiName_(dict.getOrDefault<word>("phi", "phi")),
       projection_(mesh, dict),
       pressure_(
           mesh.lookupObject<volScalarField>(pName_), dict.subOrEmptyDict("projection"),
           // A pressure predicted on groups of many cells drifts; on a few cells
           // the solved one shows the roughness of the predicted velocity
           session.cellsAGroup() >= 8 || !session.outputs().found(pName_)),
-      divInterpolated_(0),
-      divProjected_(0),
-      completed_(false)
+      divInterpolated_(0), divProjected_(0), completed_(false)
 {
     checkCase();
 }

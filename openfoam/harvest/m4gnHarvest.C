@@ -208,12 +208,8 @@ bool Foam::functionObjects::m4gnHarvest::runComplete() const
 }
 
 Foam::functionObjects::m4gnHarvest::m4gnHarvest(const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict),
-      stretches_(false),
-      recorder_(nullptr),
-      replaced_(-1),
-      lastTime_(-VGREAT),
-      finished_(false)
+    : fvMeshFunctionObject(name, runTime, dict), stretches_(false), recorder_(nullptr), replaced_(-1),
+      lastTime_(-VGREAT), finished_(false)
 {
     read(dict);
 }
@@ -261,10 +257,7 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     return true;
 }
 
-bool Foam::functionObjects::m4gnHarvest::execute()
-{
-    return true;
-}
+bool Foam::functionObjects::m4gnHarvest::execute() { return true; }
 
 bool Foam::functionObjects::m4gnHarvest::write()
 {

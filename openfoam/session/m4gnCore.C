@@ -78,10 +78,7 @@ Foam::m4gnModel::m4gnModel(const fileName& file) : file_(file), model_(nullptr)
     m4gn::check(m4gn_model_open(m4gn::communicator(), file_.c_str(), &model_), "The model cannot be read");
 }
 
-Foam::m4gnModel::~m4gnModel()
-{
-    m4gn_model_free(model_);
-}
+Foam::m4gnModel::~m4gnModel() { m4gn_model_free(model_); }
 
 Foam::label Foam::m4gnModel::elasticModes() const
 {

@@ -11,10 +11,7 @@
 
 namespace Foam
 {
-static word displacementOf(const dictionary& dict)
-{
-    return dict.getOrDefault<word>("D", "D");
-}
+static word displacementOf(const dictionary& dict) { return dict.getOrDefault<word>("D", "D"); }
 
 //- The entry that the library takes
 static dictionary solverEntries(const dictionary& dict)
@@ -99,10 +96,7 @@ Foam::m4gnElasticModes::m4gnElasticModes(const fvMesh& mesh, const dictionary& d
     Info << "m4gn: " << n << " modes of the elastic body in " << timer.elapsed() << " s" << endl;
 }
 
-Foam::wordList Foam::m4gnElasticModes::keys()
-{
-    return {"operator", "material", "freeBody", "modalSolver"};
-}
+Foam::wordList Foam::m4gnElasticModes::keys() { return {"operator", "material", "freeBody", "modalSolver"}; }
 
 void Foam::m4gnElasticModes::checkDictionary(const dictionary& dict)
 {

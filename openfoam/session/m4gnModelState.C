@@ -53,7 +53,4 @@ Foam::m4gnModelState::m4gnModelState(const fvMesh& mesh, const m4gnSession& sess
     }
 }
 
-Foam::wordList Foam::m4gnModelState::advanced() const
-{
-    return session_.outputs();
-}
+Foam::wordList Foam::m4gnModelState::advanced() const { return session_.outputs(); }

@@ -41,14 +41,12 @@ bool isState(const regIOobject& object)
                || name.starts_with("ddtCorrDdt0("));
 }
 
-template <class Type>
-scalar* numbers(Field<Type>& values)
+template <class Type> scalar* numbers(Field<Type>& values)
 {
     return reinterpret_cast<scalar*>(values.data());
 }
 
-template <class Type>
-const scalar* numbers(const Field<Type>& values)
+template <class Type> const scalar* numbers(const Field<Type>& values)
 {
     return reinterpret_cast<const scalar*>(values.cdata());
 }
@@ -60,23 +58,11 @@ constexpr label componentsOf(const GeometricField<Type, Patch, Mesh>&)
 }
 
 //- A field of points has no boundary values beside those of its points
-template <class Type>
-label sizeOf(const Field<Type>& patch)
-{
-    return patch.size();
-}
+template <class Type> label sizeOf(const Field<Type>& patch) { return patch.size(); }
 
-template <class Type>
-label sizeOf(const pointPatchField<Type>&)
-{
-    return 0;
-}
+template <class Type> label sizeOf(const pointPatchField<Type>&) { return 0; }
 
-template <class Type>
-scalar* numbers(const pointPatchField<Type>&)
-{
-    return nullptr;
-}
+template <class Type> scalar* numbers(const pointPatchField<Type>&) { return nullptr; }
 
 template <class Type, template <class> class Patch, class Mesh>
 bool isOf(const bool points, const GeometricField<Type, Patch, Mesh>&)
@@ -117,8 +103,7 @@ void apply(const fvMesh& mesh, const word& name, const Action& action)
 
 } // End anonymous namespace
 
-template <class Action>
-void Foam::m4gnRunState::each(const Action& action) const
+template <class Action> void Foam::m4gnRunState::each(const Action& action) const
 {
     for (const word& name : fields_) {
         apply<volScalarField>(mesh_, name, action);
@@ -164,10 +149,8 @@ void Foam::m4gnRunState::checkCase()
 }
 
 Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
-    : m4gnSolverState(mesh),
-      atPoints_(m4gn::solidModel(mesh).starts_with("vertexCentred")),
-      volumes_(atPoints_ ? shares(mesh) : scalarField(mesh.V())),
-      nOldLevels_(0)
+    : m4gnSolverState(mesh), atPoints_(m4gn::solidModel(mesh).starts_with("vertexCentred")),
+      volumes_(atPoints_ ? shares(mesh) : scalarField(mesh.V())), nOldLevels_(0)
 {
     checkCase();
 

@@ -143,10 +143,7 @@ Foam::m4gnSegmentation::~m4gnSegmentation()
     }
 }
 
-Foam::wordList Foam::m4gnSegmentation::ownKeys()
-{
-    return {"stored", "material", "freeBody"};
-}
+Foam::wordList Foam::m4gnSegmentation::ownKeys() { return {"stored", "material", "freeBody"}; }
 
 void Foam::m4gnSegmentation::checkDictionary(const dictionary& dict)
 {

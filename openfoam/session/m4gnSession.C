@@ -165,13 +165,9 @@ void Foam::m4gnSession::compare()
 }
 
 Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const wordList& others)
-    : mesh_(mesh),
-      others_(others),
-      model_(m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())),
-      session_(nullptr),
-      stride_(0),
-      setupSeconds_(0),
-      outOfRange_(dict.getOrDefault<word>("outOfRange", "warn")),
+    : mesh_(mesh), others_(others),
+      model_(m4gn::resolve(dict.get<fileName>("model"), mesh.time().globalPath())), session_(nullptr),
+      stride_(0), setupSeconds_(0), outOfRange_(dict.getOrDefault<word>("outOfRange", "warn")),
       compared_(false)
 {
     m4gnClock timer;

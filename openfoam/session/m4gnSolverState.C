@@ -26,10 +26,7 @@ Foam::autoPtr<Foam::m4gnSolverStateType> Foam::m4gnSolverStateType::New(const wo
     return found.val()();
 }
 
-Foam::wordList Foam::m4gnSolverStateType::names()
-{
-    return kindConstructorTablePtr_->sortedToc();
-}
+Foam::wordList Foam::m4gnSolverStateType::names() { return kindConstructorTablePtr_->sortedToc(); }
 
 void Foam::m4gnSolverState::step(const scalar deltaT) const
 {
@@ -53,10 +50,7 @@ Foam::scalar Foam::m4gnSolverState::maxDiv(const surfaceScalarField& phi)
     return gMax(mag(div().primitiveField())());
 }
 
-void Foam::m4gnSolverState::write() const
-{
-    time_.write();
-}
+void Foam::m4gnSolverState::write() const { time_.write(); }
 
 Foam::wordList Foam::m4gnSolverState::keys(const dictionary& dict)
 {

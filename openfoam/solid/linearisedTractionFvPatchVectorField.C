@@ -32,8 +32,7 @@ Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField
 Foam::linearisedTractionFvPatchVectorField::linearisedTractionFvPatchVectorField(
     const linearisedTractionFvPatchVectorField& other, const fvPatch& p,
     const DimensionedField<vector, volMesh>& iF, const fvPatchFieldMapper& mapper)
-    : fixedGradientFvPatchVectorField(other, p, iF, mapper),
-      explicit_(other.explicit_, mapper),
+    : fixedGradientFvPatchVectorField(other, p, iF, mapper), explicit_(other.explicit_, mapper),
       implicit_(other.implicit_, mapper)
 {}
 

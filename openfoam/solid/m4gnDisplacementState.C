@@ -35,10 +35,7 @@ Foam::word Foam::m4gnDisplacementState::displacementName(const dictionary& dict)
     return dict.getOrDefault<word>("D", "D");
 }
 
-void Foam::m4gnDisplacementState::update()
-{
-    D().correctBoundaryConditions();
-}
+void Foam::m4gnDisplacementState::update() { D().correctBoundaryConditions(); }
 
 Foam::m4gnDisplacementState::m4gnDisplacementState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)

@@ -87,11 +87,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::heldAs(
 
 Foam::m4gnElasticResponse::m4gnElasticResponse(
     const fvMesh& mesh, const m4gnExplicitStress& law, const word& entry, const scalar length)
-    : mesh_(mesh),
-      law_(law),
-      stiffness_("m4gnStiffness", law.stiffness()),
-      entry_(entry),
-      length_(length),
+    : mesh_(mesh), law_(law), stiffness_("m4gnStiffness", law.stiffness()), entry_(entry), length_(length),
       inertia_(
           IOobject("m4gnInertia", mesh.time().timeName(), mesh, IOobject::NO_READ, IOobject::NO_WRITE, false),
           mesh, dimensionedScalar(dimless / sqr(dimTime), Zero))

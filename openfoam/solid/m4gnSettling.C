@@ -72,17 +72,13 @@ void Foam::m4gnSettling::write(
 
 Foam::m4gnSettling::m4gnSettling(
     const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints)
-    : mesh_(mesh),
-      atPoints_(atPoints),
-      time_(timeOf(dict, (atPoints ? 0.25 : 0.5) * stride)),
+    : mesh_(mesh), atPoints_(atPoints), time_(timeOf(dict, (atPoints ? 0.25 : 0.5) * stride)),
       tolerance_(
           time_ > 0 ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>(
               // Newton's last iteration leaves far less than its change
               "tolerance", atPoints ? 1e-2 : 1e-5)
                     : 0),
-      settledAt_(-VGREAT),
-      lastTime_(-VGREAT),
-      said_(false)
+      settledAt_(-VGREAT), lastTime_(-VGREAT), said_(false)
 {
     if (active()) {
         predictedD_ = read("surrogateD");
@@ -113,15 +109,9 @@ Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New(
     return nullptr;
 }
 
-void Foam::m4gnSettling::checkDictionary(const dictionary& dict)
-{
-    timeOf(dict, 1);
-}
+void Foam::m4gnSettling::checkDictionary(const dictionary& dict) { timeOf(dict, 1); }
 
-bool Foam::m4gnSettling::settled() const
-{
-    return settledAt_ == mesh_.time().value();
-}
+bool Foam::m4gnSettling::settled() const { return settledAt_ == mesh_.time().value(); }
 
 bool Foam::m4gnSettling::settle(
     m4gnSolidLaw& law, vectorField& D, vectorField& rate, vectorField* acceleration, const scalar deltaT)

@@ -12,10 +12,7 @@ addM4gnSolverState(m4gnSolidDisplacementState, solidDisplacement)
         " (solidDisplacementFoam; the times of solidEquilibriumDisplacementFoam are"
         " iterations to one equilibrium, not time steps)";
 
-void Foam::m4gnSolidDisplacementState::update()
-{
-    stress_.update(D(), 1e-10);
-}
+void Foam::m4gnSolidDisplacementState::update() { stress_.update(D(), 1e-10); }
 
 void Foam::m4gnSolidDisplacementState::smooth()
 {
@@ -44,12 +41,8 @@ bool Foam::m4gnSolidDisplacementState::applies(const fvMesh& mesh, const diction
 
 Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementState(mesh, dict, session),
-      stress_(mesh),
-      smoothing_(mesh, dict, stress_),
-      contact_(mesh, dict, stress_),
-      gapBefore_(0),
-      smoothed_(0)
+    : m4gnDisplacementState(mesh, dict, session), stress_(mesh), smoothing_(mesh, dict, stress_),
+      contact_(mesh, dict, stress_), gapBefore_(0), smoothed_(0)
 {}
 
 void Foam::m4gnSolidDisplacementState::complete(const scalar deltaT, const bool handOver)

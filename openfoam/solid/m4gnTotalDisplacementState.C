@@ -130,8 +130,7 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
     : m4gnDisplacementState(mesh, dict, session),
       obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
-      law_(m4gnSolidLaw::New(mesh)),
-      followed_(false)
+      law_(m4gnSolidLaw::New(mesh)), followed_(false)
 {
     refuseContact();
 

@@ -52,8 +52,7 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField(
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField(
     const fvPatch& p, const DimensionedField<vector, volMesh>& iF, const dictionary& dict)
     : linearisedTractionFvPatchVectorField(p, iF, dict),
-      penaltyFactor_(dict.getOrDefault<scalar>("penaltyFactor", 1)),
-      checked_(false)
+      penaltyFactor_(dict.getOrDefault<scalar>("penaltyFactor", 1)), checked_(false)
 {
     if (penaltyFactor_ <= 0) {
         FatalIOErrorInFunction(dict) << "Entry penaltyFactor is " << penaltyFactor_
@@ -64,15 +63,13 @@ Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField(
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField(
     const obstacleTractionFvPatchVectorField& other, const fvPatch& p,
     const DimensionedField<vector, volMesh>& iF, const fvPatchFieldMapper& mapper)
-    : linearisedTractionFvPatchVectorField(other, p, iF, mapper),
-      penaltyFactor_(other.penaltyFactor_),
+    : linearisedTractionFvPatchVectorField(other, p, iF, mapper), penaltyFactor_(other.penaltyFactor_),
       checked_(other.checked_)
 {}
 
 Foam::obstacleTractionFvPatchVectorField::obstacleTractionFvPatchVectorField(
     const obstacleTractionFvPatchVectorField& other, const DimensionedField<vector, volMesh>& iF)
-    : linearisedTractionFvPatchVectorField(other, iF),
-      penaltyFactor_(other.penaltyFactor_),
+    : linearisedTractionFvPatchVectorField(other, iF), penaltyFactor_(other.penaltyFactor_),
       checked_(other.checked_)
 {}
 

@@ -42,8 +42,7 @@ string digest()
 }
 
 //- Set the old level of a strain to that of a body at rest, if it is there
-template <class Type>
-void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
+template <class Type> void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
 {
     typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
 
@@ -252,12 +251,6 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     return true;
 }
 
-void Foam::m4gnSolids4FoamLaw::move()
-{
-    solid_->updateTotalFields();
-}
+void Foam::m4gnSolids4FoamLaw::move() { solid_->updateTotalFields(); }
 
-void Foam::m4gnSolids4FoamLaw::write() const
-{
-    solid_->writeFields(mesh_.time());
-}
+void Foam::m4gnSolids4FoamLaw::write() const { solid_->writeFields(mesh_.time()); }

@@ -46,8 +46,7 @@ struct solverTolerance
     friend type member(solverTolerance);
 };
 
-template <class Tag, typename Tag::type pointer>
-struct privateMember
+template <class Tag, typename Tag::type pointer> struct privateMember
 {
     friend typename Tag::type member(Tag) { return pointer; }
 };
@@ -66,8 +65,7 @@ class oneIteration
 
 public:
     explicit oneIteration(const solidModel& model)
-        : tolerance_(const_cast<scalar&>(model.*member(solverTolerance()))),
-          toleranceBefore_(tolerance_),
+        : tolerance_(const_cast<scalar&>(model.*member(solverTolerance()))), toleranceBefore_(tolerance_),
           controls_(const_cast<dictionary&>(model.solidModelDict())),
           searchBefore_(controls_.getOrDefault<Switch>("lineSearch", false))
     {
@@ -111,10 +109,7 @@ public:
 
 } // End anonymous namespace
 
-bool Foam::m4gnSolids4FoamLaw::atPoints() const
-{
-    return solid_->type().starts_with("vertexCentred");
-}
+bool Foam::m4gnSolids4FoamLaw::atPoints() const { return solid_->type().starts_with("vertexCentred"); }
 
 Foam::tmp<Foam::surfaceTensorField> Foam::m4gnSolids4FoamLaw::dualGradient() const
 {

@@ -46,16 +46,9 @@ scalar memory()
 } // End anonymous namespace
 
 Foam::m4gnCheck::m4gnCheck(const fvMesh& mesh, const dictionary& dict)
-    : mesh_(mesh),
-      dict_(dict),
-      file_(dict.get<fileName>("report")),
-      seconds_(dict.getOrDefault<scalar>("seconds", 10)),
-      made_(0),
-      steps_(0),
-      after_(0),
-      jumped_(false),
-      began_(0),
-      run_(nullptr)
+    : mesh_(mesh), dict_(dict), file_(dict.get<fileName>("report")),
+      seconds_(dict.getOrDefault<scalar>("seconds", 10)), made_(0), steps_(0), after_(0), jumped_(false),
+      began_(0), run_(nullptr)
 {
     report_.set("surrogate", m4gnRide::kinds(dict).first());
     report_.set("cells", returnReduce(mesh.nCells(), sumOp<label>()));

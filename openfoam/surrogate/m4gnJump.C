@@ -134,23 +134,13 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
     }
 }
 
-void Foam::m4gnJump::carryOnWriting(Time& time, const scalar from)
-{
-    clockwork::carryOn(time, from);
-}
+void Foam::m4gnJump::carryOnWriting(Time& time, const scalar from) { clockwork::carryOn(time, from); }
 
 Foam::m4gnJump::m4gnJump(
     const word& name, const fvMesh& mesh, const dictionary& dict, m4gnRide& ride,
     PtrList<m4gnSolverState>& states)
-    : mesh_(mesh),
-      time_(const_cast<Time&>(mesh.time())),
-      ride_(ride),
-      states_(states),
-      state_(&states_[0]),
-      name_(name),
-      others_(m4gnOthers::chosen(name, mesh.time(), dict)),
-      stale_(mesh),
-      last_({-1, false, 0})
+    : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), ride_(ride), states_(states), state_(&states_[0]),
+      name_(name), others_(m4gnOthers::chosen(name, mesh.time(), dict)), stale_(mesh), last_({-1, false, 0})
 {
     ride_.checkQuantities(others_);
 }

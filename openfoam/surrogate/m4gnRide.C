@@ -69,8 +69,7 @@ m4gn_ride_step Foam::m4gnRide::now(const label correctors) const
     return step;
 }
 
-template <class Call>
-m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
+template <class Call> m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
 {
     m4gn_ride_answer answer{};
     const int32_t status = call(&answer);
@@ -93,18 +92,9 @@ m4gn_ride_answer Foam::m4gnRide::ask(const Call& call, const char* what)
 
 Foam::m4gnRide::m4gnRide(
     const word& name, const fvMesh& mesh, const dictionary& dict, m4gnSession* session, m4gnRunState* run)
-    : name_(name),
-      mesh_(mesh),
-      dict_(dict),
-      observes_(dict.get<word>("mode") == "observe"),
-      session_(session),
-      run_(run),
-      kinds_(kinds(dict)),
-      gathered_(false),
-      fields_(mesh, names(session)),
-      ride_(nullptr),
-      quantities_(quantities(dict)),
-      tables_(4)
+    : name_(name), mesh_(mesh), dict_(dict), observes_(dict.get<word>("mode") == "observe"),
+      session_(session), run_(run), kinds_(kinds(dict)), gathered_(false), fields_(mesh, names(session)),
+      ride_(nullptr), quantities_(quantities(dict)), tables_(4)
 {
     dictionary own(dict);
     own.set("name", name);
@@ -155,20 +145,14 @@ Foam::m4gnRide::m4gnRide(
     }
 }
 
-Foam::m4gnRide::~m4gnRide()
-{
-    m4gn_ride_free(ride_);
-}
+Foam::m4gnRide::~m4gnRide() { m4gn_ride_free(ride_); }
 
 Foam::wordList Foam::m4gnRide::kinds(const dictionary& dict)
 {
     return dict.getOrDefault<wordList>("surrogates", wordList({"network"}));
 }
 
-bool Foam::m4gnRide::has(const dictionary& dict, const word& kind)
-{
-    return kinds(dict).found(kind);
-}
+bool Foam::m4gnRide::has(const dictionary& dict, const word& kind) { return kinds(dict).found(kind); }
 
 Foam::wordList Foam::m4gnRide::keys()
 {

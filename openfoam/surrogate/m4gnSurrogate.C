@@ -159,14 +159,8 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 
 Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict),
-      m4gnReplacer(name),
-      replaces_(false),
-      timeStart_(-VGREAT),
-      timeEnd_(VGREAT),
-      executed_(runTime.startTimeIndex()),
-      started_(false),
-      pending_()
+    : fvMeshFunctionObject(name, runTime, dict), m4gnReplacer(name), replaces_(false), timeStart_(-VGREAT),
+      timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), started_(false), pending_()
 {
     read(dict);
 
@@ -303,10 +297,7 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
     return false;
 }
 
-bool Foam::functionObjects::m4gnSurrogate::write()
-{
-    return true;
-}
+bool Foam::functionObjects::m4gnSurrogate::write() { return true; }
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {

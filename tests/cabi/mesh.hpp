@@ -22,10 +22,7 @@
     } while (false)
 
 // Settings with these entries.
-inline std::string settings(const std::string& entries)
-{
-    return "{" + entries + "}";
-}
+inline std::string settings(const std::string& entries) { return "{" + entries + "}"; }
 
 class Channel
 {
@@ -192,8 +189,7 @@ struct Fields
 };
 
 // Runs an action that must throw; returns its status, and its message in `message`.
-template <class Action>
-int32_t failure(std::string& message, const Action& action)
+template <class Action> int32_t failure(std::string& message, const Action& action)
 {
     try {
         action();

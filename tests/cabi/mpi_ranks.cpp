@@ -40,10 +40,7 @@ struct Bands
     }
 };
 
-bool near(double a, double b, double relative = 1e-8)
-{
-    return std::abs(a - b) <= relative * std::abs(b);
-}
+bool near(double a, double b, double relative = 1e-8) { return std::abs(a - b) <= relative * std::abs(b); }
 
 // A finite-element bar: K = (-1, 2, -1)/h, M = h (1, 4, 1)/6; both sides of the switch to sparse solvers.
 void bar(int rank, int size, int32_t comm, int n)

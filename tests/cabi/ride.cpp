@@ -28,11 +28,8 @@ struct Host
     std::vector<int32_t> actions;
 
     explicit Host(const std::string& options)
-        : session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)),
-          U(3 * mesh.nCells(), 0.1),
-          UBoundary(3 * mesh.nBoundary(), 0.1),
-          p(mesh.nCells(), 0.2),
-          pBoundary(mesh.nBoundary(), 0.2),
+        : session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model)), U(3 * mesh.nCells(), 0.1),
+          UBoundary(3 * mesh.nBoundary(), 0.1), p(mesh.nCells(), 0.2), pBoundary(mesh.nBoundary(), 0.2),
           ride(session, mesh.data, options, now())
     {}
 

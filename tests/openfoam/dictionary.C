@@ -33,10 +33,7 @@ TEST(numbersKeepTheirDigits)
     EXPECT(std::stod(m4gn::text(-1.2345678901234567e-200)) == -1.2345678901234567e-200);
 }
 
-TEST(quotesAreEscaped)
-{
-    EXPECT_TEXT(m4gn::quoted("a \"b\" \\ c\nd"), "\"a \\\"b\\\" \\\\ c d\"");
-}
+TEST(quotesAreEscaped) { EXPECT_TEXT(m4gn::quoted("a \"b\" \\ c\nd"), "\"a \\\"b\\\" \\\\ c d\""); }
 
 TEST(anUnknownEntryIsNamed)
 {

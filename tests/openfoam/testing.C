@@ -21,10 +21,7 @@ std::map<std::string, void (*)()>& tests()
 }
 } // End anonymous namespace
 
-testing::registration::registration(const char* name, void (*run)())
-{
-    tests()[name] = run;
-}
+testing::registration::registration(const char* name, void (*run)()) { tests()[name] = run; }
 
 void testing::failed(const char* file, int line, const std::string& what)
 {
