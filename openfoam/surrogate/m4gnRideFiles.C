@@ -72,7 +72,8 @@ Foam::fileName Foam::m4gnRide::stateFile(const word& name, const Time& time, con
 bool Foam::m4gnRide::stored(const word& name, const Time& time)
 {
     const fileName path(stateFile(name, time, time.timeName()));
-    bool found = Pstream::master() && isFile(path, false);
+    // What is no plain file is refused when it is taken up
+    bool found = Pstream::master() && Foam::mode(path) != 0;
     reduce(found, orOp<bool>());
     return found;
 }

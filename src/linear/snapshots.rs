@@ -413,6 +413,15 @@ impl Snapshots {
         }
     }
 
+    /// A number a state that has its inner products, the same on all ranks: the squares of the reference and of the difference from it, all
+    /// fields together.
+    pub(crate) fn marks(&self) -> Vec<f64> {
+        let level: f64 = self.level.iter().sum();
+        let square = |slot: usize| slot * (self.capacity + 1);
+        let of = |e: &Entry| self.products.iter().filter_map(|t| t.get(square(e.slot))).sum::<f64>() + level;
+        self.entries[..self.entries.len() - self.fresh].iter().map(of).collect()
+    }
+
     /// Mean square of what field `f` varies by about its mean over these slots; 0 where that is rounding.
     pub(crate) fn variation(&self, f: usize, slots: &[usize]) -> f64 {
         let (t, c, m) = (&self.products[f], self.capacity, slots.len() as f64);

@@ -10,7 +10,7 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 
 /// Snapshots beyond the window: those that come while a fit is in use.
@@ -52,8 +52,9 @@ struct Predicted {
 /// What a surrogate has beside its snapshots: with them it goes on as if it had never stopped.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Sample numbers of the kept states.
+    /// Sample numbers of the kept states, and what tells them from those of another run.
     kept: Vec<i64>,
+    marks: Vec<f64>,
     grid: Option<Grid>,
     /// The sample that predictions begin from.
     present: Option<i64>,
@@ -332,11 +333,12 @@ impl Linear {
             false => Store::save(self.store.borrow_mut().take(), path, &self.snapshots).map(Some),
         };
         *self.store.borrow_mut() = self.snapshots.comm().agree(saved)?;
-        Ok(State { kept: self.snapshots.numbers().collect(), ..self.state.clone() })
+        let (kept, marks) = (self.snapshots.numbers().collect(), self.snapshots.marks());
+        Ok(State { kept, marks, ..self.state.clone() })
     }
 
     /// Goes on from what [`save`](Self::save) gave and wrote. Says what could not be read; empty: nothing. Where snapshots are missing, the
-    /// fit is dropped and the window has those that are there. Collective.
+    /// fit is dropped and the window has those that are there; those of another run are not taken. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] where there are snapshots already.
@@ -361,7 +363,7 @@ impl Linear {
         let number = |n: &i64| found.as_ref().is_some_and(|f| f.entries.iter().any(|e| e.number == *n));
         let mut there: Vec<i64> = state.kept.iter().map(|n| i64::from(number(n))).collect();
         self.snapshots.comm().min_i64(&mut there);
-        let whole = !there.contains(&0);
+        let mut whole = !there.contains(&0);
         let kept: Vec<i64> =
             state.kept.iter().zip(&there).filter(|(_, t)| **t == 1).map(|(n, _)| *n).collect();
         if let Some(stored) = found.filter(|_| !kept.is_empty()) {
@@ -370,10 +372,23 @@ impl Linear {
                 self.snapshots.add(entry);
             }
             self.snapshots.complete();
+            let expected: HashMap<i64, f64> =
+                state.kept.iter().copied().zip(state.marks.iter().copied()).collect();
+            let other =
+                |(n, mark): (i64, f64)| expected.get(&n).is_some_and(|e| (mark - e).abs() > 1e-9 * e.abs());
+            if self.snapshots.numbers().zip(self.snapshots.marks()).any(other) {
+                said = format!("{}: expected the states of this run, found those of another", path.display());
+                self.snapshots.entries.clear();
+                whole = false;
+            }
             *self.store.borrow_mut() = whole.then_some(stored.store);
         }
+        if !whole && said.is_empty() {
+            let missing = there.iter().filter(|t| **t == 0).count();
+            said = format!("{}: {missing} of {} states are missing", path.display(), there.len());
+        }
         self.state = match whole {
-            true => State { kept: Vec::new(), ..state },
+            true => State { kept: Vec::new(), marks: Vec::new(), ..state },
             false => State { grid: state.grid, present: state.present, ..State::default() },
         };
         Ok(said)

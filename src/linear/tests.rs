@@ -315,6 +315,14 @@ fn a_run_that_is_carried_on_has_the_same_bits() {
         assert!(said.contains("checksum"), "{said}");
         assert_eq!(third.snapshots().numbers().last(), Some(68));
         assert!(third.fitted().is_none());
+        // States of the same numbers, fields and interval, of another run
+        let mut stranger = two(storage);
+        feed(&mut stranger, 0..60, |k| Waves::new(&[(1.0, 0.6), (0.999, 1.31)]).at(k));
+        stranger.save(&path).unwrap();
+        let mut misled = two(storage);
+        let said = misled.restore(&path, state.clone()).unwrap();
+        assert!(said.contains("found those of another"), "{said}");
+        assert!(misled.fitted().is_none() && misled.snapshots().numbers().count() == 0);
         bytes.truncate(30);
         std::fs::write(&path, &bytes).unwrap();
         let mut fourth = two(storage);

@@ -459,10 +459,12 @@ impl Surrogate for Fitted {
         };
         let said = self.linear.restore(&file, kept.linear)?;
         self.kept = Kept { linear: State::default(), ..kept };
-        if !said.is_empty() {
-            return Err(Error::File { path: file, message: said });
+        match said.is_empty() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "{said}: start from an earlier time, or remove the state of this run there, and the schedule begins anew"
+            ))),
         }
-        Ok(())
     }
 }
 

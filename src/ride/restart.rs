@@ -5,14 +5,16 @@
 //! ```
 //! Numbers are little-endian; the description says how long each part is. Values at cells are in the order of the undecomposed mesh.
 
-use m4gn_mesh::files::write_whole;
-use m4gn_mesh::{Error, Result};
+use m4gn_mesh::{Error, Result, files};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"M4GNRIDE";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
+
+/// What to do about a state that is of no use.
+const REMEDY: &str = "start from an earlier time, or remove it, and the schedule begins anew";
 
 /// Bytes before the description, and behind everything.
 const HEAD: usize = 8 + 4 + 8;
@@ -40,7 +42,15 @@ pub fn write<T: Serialize>(path: &Path, state: &T, parts: &[Vec<u8>]) -> Result<
     bytes.extend(text);
     parts.iter().for_each(|part| bytes.extend(part));
     bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
-    write_whole(path, &bytes)
+    files::write_whole(path, &bytes)
+}
+
+/// The bytes of the file.
+///
+/// # Errors
+/// [`Error::File`] where it is no plain file, or cannot be read.
+pub fn bytes(path: &Path) -> Result<Vec<u8>> {
+    files::read(path).map_err(|e| Error::file(path, format!("{e}: {REMEDY}")))
 }
 
 /// Reads a state and its parts from the bytes of a file.
@@ -48,12 +58,7 @@ pub fn write<T: Serialize>(path: &Path, state: &T, parts: &[Vec<u8>]) -> Result<
 /// # Errors
 /// [`Error::File`] for bytes that are no such state, are damaged, or are of another version.
 pub fn read<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<(T, Vec<Vec<u8>>)> {
-    let bad = |what: String| {
-        Error::file(
-            path,
-            format!("{what}: start from an earlier time, or remove it, and the schedule begins anew"),
-        )
-    };
+    let bad = |what: String| Error::file(path, format!("{what}: {REMEDY}"));
     if bytes.len() < HEAD + TAIL || &bytes[..8] != MAGIC {
         return Err(bad("it is not the state of a run".into()));
     }
@@ -164,8 +169,8 @@ mod tests {
             read::<Sample>(&path, &bytes).unwrap_err().to_string()
         };
         let mut newer = bytes.clone();
-        newer[8] = 3;
-        assert!(sealed(newer).contains("of version 3, this library reads 2"));
+        newer[8] = 4;
+        assert!(sealed(newer).contains("of version 4, this library reads 3"));
         let mut long = bytes.clone();
         long[12] = 255;
         assert!(sealed(long).contains("longer than the file"));

@@ -79,8 +79,7 @@ struct Begun {
 /// # Errors
 /// [`Error::File`] for what is no state of a ride, or is damaged.
 pub fn host_of(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, e.to_string()))?;
-    let (found, _) = restart::read::<Description>(path, &bytes)?;
+    let (found, _) = restart::read::<Description>(path, &restart::bytes(path)?)?;
     Ok(found.host)
 }
 
@@ -189,7 +188,7 @@ impl Ride<'_> {
             return Err(Error::Input("ride: a state is taken up before the first step".into()));
         }
         let read = match self.comm.is_root() {
-            true => std::fs::read(path).map_err(|e| Error::file(path, e.to_string())),
+            true => restart::bytes(path),
             false => Ok(Vec::new()),
         };
         let mut bytes = self.comm.agree(read)?;
@@ -204,7 +203,8 @@ impl Ride<'_> {
         {
             let learns = rider.surrogate.can_learn();
             if let Some(part) = ridden.learned.filter(|_| self.adapt.wanted || !learns) {
-                rider.surrogate.restore(&parts[part])?;
+                // A rank may miss files of its own
+                self.comm.agree(rider.surrogate.restore(&parts[part]))?;
             }
             if ridden.learned.is_some() && learns && self.adapt.wanted {
                 self.log.text +=

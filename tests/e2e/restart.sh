@@ -188,4 +188,25 @@ for ranks in 1 2 3; do
     # shellcheck disable=SC2086
     killed 6 0.$((3*ranks)) "$folders" $run
 done
+# All ranks refuse in words what one of them cannot take up: states of the fit that are damaged, or of another run, and a state that is none
+# shellcheck disable=SC2086
+ends() {
+    refused "$1" $run
+    ! grep 'internal error' log.run || fail "an error of one rank is taken for one of the program"
+}
+# shellcheck disable=SC2086
+from 1.1 $folders
+truncate -s $(($(stat -c %s postProcessing/test/states.1)/2)) postProcessing/test/states.1
+ends 'states.1: record [0-9]* is damaged'
+rm processor0/1.1/uniform/test.state && mkdir processor0/1.1/uniform/test.state
+ends 'expected a plain file, found a folder'
+# shellcheck disable=SC2086
+forget $folders
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+sed -i 's/^nu .*/nu 1.1e-3;/' constant/transportProperties
+# shellcheck disable=SC2086
+runs $run
+# shellcheck disable=SC2086
+from 1.1 $folders
+ends 'found those of another'
 echo "restart: passed"
