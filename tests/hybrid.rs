@@ -262,13 +262,15 @@ fn what_cannot_be_is_refused_before_anything_runs() {
         fs::create_dir(dir.path().join(name)).unwrap();
         fs::write(dir.path().join(name).join("family.toml"), text).unwrap();
     }
+    let named = format!("--variant hybrid={}", dir.path().join("without/family.toml").display());
     for (options, words) in [
         (own[0].as_str(), "[hybrid]"),
         (own[1].as_str(), "libm4gnNone.so"),
         ("--family none-such", "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam"),
         ("--set u0=-1", "above 0"),
         ("--plain fast", "loose, coarse"),
-        ("--variant hybrid=/dev/null", "'hybrid' cannot be"),
+        (named.as_str(), "'hybrid' cannot be"),
+        ("--variant a=/dev/null", "expected a plain file, found a pipe or a device"),
         ("--variant a=/no/file", "/no/file"),
     ] {
         let run = hybrid(dir.path(), options);
