@@ -99,7 +99,7 @@ impl Sum {
 /// Vectors of sums side by side: as many as hide the time of an addition.
 const SUMS: usize = 4;
 
-/// Adds the products of two arrays of the same length, at most [`BLOCK`], in vectors as wide as the processor has them.
+/// Adds the products of two arrays of the same length, in vectors as wide as the processor has them.
 struct Dot<'a> {
     sum: &'a mut Sum,
     a: &'a [f64],
