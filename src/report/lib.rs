@@ -16,7 +16,7 @@ pub use page::Page;
 pub use picture::FieldPicture;
 pub use snapshot::Snapshot;
 pub use table::Table;
-pub use vtu::{Grid, PointCloud};
+pub use vtu::Grid;
 
 pub use m4gn_mesh::files::write_whole as write_file;
 

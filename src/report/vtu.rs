@@ -5,35 +5,7 @@ use m4gn_mesh::elements::{ElementKind, Elements};
 use m4gn_mesh::{Error, Result};
 use std::fmt::Write;
 
-/// Cell values as points with values.
-#[derive(Clone, Copy, Debug)]
-pub struct PointCloud<'a> {
-    /// Positions, m.
-    pub points: &'a [[f64; 3]],
-    /// Names and a value a point.
-    pub fields: &'a [(String, Vec<f64>)],
-}
-
-impl PointCloud<'_> {
-    /// The file's text. Numbers are in base64, without loss.
-    ///
-    /// # Errors
-    /// [`Error::Internal`] for a field of another length.
-    pub fn vtu(&self) -> Result<String> {
-        let n = self.points.len();
-        let fields = self.fields.iter().map(|(name, values)| {
-            let data = bytes(values.iter().map(|v| v.to_le_bytes()));
-            (name.as_str(), 1, values.len(), data)
-        });
-        let fields: Vec<Data> = fields.collect();
-        // A vertex a point: without cells ParaView draws nothing.
-        let cells =
-            Cells { points: (0..n as i64).collect(), ends: (1..=n as i64).collect(), kinds: vec![1; n] };
-        text(self.points, &cells, "Float64", &fields)
-    }
-}
-
-/// Cells with vectors at their points.
+/// Cells with values at their points.
 #[derive(Clone, Debug)]
 pub struct Grid {
     cells: Cells,
@@ -80,14 +52,23 @@ impl Grid {
         Grid { cells }
     }
 
-    /// The file's text with the points at `points` `[N]`, m, and vectors `[N]` there, in single precision.
+    /// A vertex for each of so many points: without cells ParaView draws nothing.
+    pub fn of_points(n: usize) -> Self {
+        let mut cells = Cells::default();
+        (0..n as i32).for_each(|p| cells.add(1, [p].into_iter()));
+        Grid { cells }
+    }
+
+    /// The file's text with the points at `points` `[N]`, m, and fields there, in single precision: name, components (1 or 3), values
+    /// `[N x components]`.
     ///
     /// # Errors
     /// [`Error::Internal`] for a field of another length.
-    pub fn vtu(&self, points: &[[f64; 3]], vectors: &[(&str, &[[f64; 3]])]) -> Result<String> {
-        let single = |v: &[[f64; 3]]| bytes(v.iter().flatten().map(|x| (*x as f32).to_le_bytes()));
-        let fields: Vec<Data> = vectors.iter().map(|(name, v)| (*name, 3, v.len(), single(v))).collect();
-        text(points, &self.cells, "Float32", &fields)
+    pub fn vtu(&self, points: &[[f64; 3]], fields: &[(&str, usize, &[f64])]) -> Result<String> {
+        let single = |v: &[f64]| bytes(v.iter().map(|x| (*x as f32).to_le_bytes()));
+        let fields: Vec<Data> =
+            fields.iter().map(|(name, c, v)| (*name, *c, v.len() / c, single(v))).collect();
+        text(points, &self.cells, &fields)
     }
 }
 
@@ -106,7 +87,7 @@ pub fn pvd(files: &[(f64, String)]) -> String {
 /// Name, components, number of points, bytes.
 type Data<'a> = (&'a str, usize, usize, Vec<u8>);
 
-fn text(points: &[[f64; 3]], cells: &Cells, kind: &str, fields: &[Data]) -> Result<String> {
+fn text(points: &[[f64; 3]], cells: &Cells, fields: &[Data]) -> Result<String> {
     let (n, c) = (points.len(), cells.kinds.len());
     if let Some((name, _, found, _)) = fields.iter().find(|f| f.2 != n) {
         return Err(Error::Internal(format!("field {name} has {found} values for {n} points")));
@@ -116,7 +97,7 @@ fn text(points: &[[f64; 3]], cells: &Cells, kind: &str, fields: &[Data]) -> Resu
          header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{c}\">\n<PointData>\n"
     );
     for (name, components, _, data) in fields {
-        array(&mut text, kind, &super::page::escape(name), *components, data);
+        array(&mut text, "Float32", &super::page::escape(name), *components, data);
     }
     text += "</PointData>\n<Points>\n";
     let flat = points.iter().flatten().map(|v| v.to_le_bytes());
@@ -153,33 +134,29 @@ mod tests {
 
     #[test]
     fn two_points_on_paper() {
-        let cloud = PointCloud {
-            points: &[[0.0; 3], [1.0, 0.0, 0.0]],
-            fields: &[("m4gnSegment".into(), vec![0.0, 1.0])],
-        };
-        let text = cloud.vtu().unwrap();
+        let points = [[0.0; 3], [1.0, 0.0, 0.0]];
+        let text = Grid::of_points(2).vtu(&points, &[("m4gnSegment", 1, &[0.0, 1.0])]).unwrap();
         let after = text.split("Name=\"m4gnSegment\"").nth(1).unwrap();
         let data = STANDARD.decode(after.lines().nth(1).unwrap()).unwrap();
-        assert_eq!(data[..8], 16u64.to_le_bytes());
-        assert_eq!(data[8..16], 0f64.to_le_bytes());
-        assert_eq!(data[16..], 1f64.to_le_bytes());
+        assert_eq!(data, [&8u64.to_le_bytes()[..], &0f32.to_le_bytes(), &1f32.to_le_bytes()].concat());
         assert!(text.contains("NumberOfPoints=\"2\" NumberOfCells=\"2\""));
         assert_eq!(text.matches("<DataArray").count(), text.matches("</DataArray>").count());
-        let short = PointCloud { points: cloud.points, fields: &[("a".into(), vec![1.0])] };
-        assert!(short.vtu().is_err());
+        assert!(Grid::of_points(2).vtu(&points, &[("a", 1, &[1.0])]).is_err());
     }
 
     #[test]
     fn a_wedge_and_a_series() {
         let wedge = Elements::of_kind(ElementKind::Wedge, (0..6).collect());
         let points = [[0.0; 3]; 6];
-        let text = Grid::of_elements(&wedge).vtu(&points, &[("D", &points)]).unwrap();
+        let text = Grid::of_elements(&wedge).vtu(&points, &[("D", 3, points.as_flattened())]).unwrap();
         let after = text.split("Name=\"connectivity\"").nth(1).unwrap();
         let data = STANDARD.decode(after.lines().nth(1).unwrap()).unwrap();
         let numbers: Vec<u8> = data[8..].iter().step_by(8).copied().collect();
         assert_eq!(numbers, [0, 2, 1, 3, 5, 4]);
         assert!(text.contains("Name=\"D\" NumberOfComponents=\"3\"") && text.contains("NumberOfCells=\"1\""));
-        assert!(Grid::of_triangles(&[[0, 1, 2]]).vtu(&points, &[("D", &points[1..])]).is_err());
+        assert!(
+            Grid::of_triangles(&[[0, 1, 2]]).vtu(&points, &[("D", 3, points[1..].as_flattened())]).is_err()
+        );
         let series = pvd(&[(0.5, "a_0.vtu".into()), (1.0, "a_1.vtu".into())]);
         assert!(
             series.contains("timestep=\"0.5\" file=\"a_0.vtu\"") && series.matches("<DataSet").count() == 2

@@ -6,7 +6,7 @@ use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::ModalOptions;
 use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries, settings};
-use m4gn_report::{CellMap, PointCloud, write_file};
+use m4gn_report::{CellMap, Grid, write_file};
 use m4gn_workbench::foam_case::FoamCase;
 use m4gn_workbench::foam_case::Stored as Origin;
 use m4gn_workbench::survey;
@@ -229,8 +229,9 @@ impl Input {
             Input::Data(_) => {
                 let vtu =
                     vtu.ok_or_else(|| Error::Internal("segments of a trajectory without a file".into()))?;
-                let cloud = PointCloud { points: &mesh.cell_centres, fields: &fields };
-                write_file(vtu, cloud.vtu()?.as_bytes())?;
+                let shown: Vec<_> = fields.iter().map(|(name, values)| (&name[..], 1, &values[..])).collect();
+                let text = Grid::of_points(mesh.cell_centres.len()).vtu(&mesh.cell_centres, &shown)?;
+                write_file(vtu, text.as_bytes())?;
                 Ok(vtu.display().to_string())
             }
         }

@@ -38,16 +38,16 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
         let frame = step * case.pace.frames;
         let truth = recorded(&trajectory, name, frame)?;
         let error: Vec<f64> = found.iter().zip(&truth).map(|(a, b)| a - b).collect();
-        let [found, truth, error] = [found, &truth, &error].map(|v| v.as_chunks::<3>().0);
+        let [found_at, true_at] = [found, &truth].map(|v| moved(&body.positions, v.as_chunks::<3>().0));
         let mut texts = vec![
-            grid.vtu(&moved(&body.positions, truth), &[("D", truth)])?,
-            grid.vtu(&moved(&body.positions, found), &[("D", found), ("D_true", truth), ("error", error)])?,
+            grid.vtu(&true_at, &[("D", 3, &truth)])?,
+            grid.vtu(&found_at, &[("D", 3, found), ("D_true", 3, &truth), ("error", 3, &error)])?,
         ];
         if let Some(o) = trajectory.obstacle() {
             let motion = trajectory.read_motion(frame, 1, 1)?.concat();
             let motion: Vec<Vector> = motion.into_iter().map(|u| u.map(f64::from)).collect();
             let surface = Grid::of_triangles(&o.triangles);
-            texts.push(surface.vtu(&moved(&o.positions, &motion), &[("D", &motion)])?);
+            texts.push(surface.vtu(&moved(&o.positions, &motion), &[("D", 3, motion.as_flattened())])?);
         }
         for ((name, files), text) in series.iter_mut().zip(texts) {
             let file = format!("{name}_{step:04}.vtu");
