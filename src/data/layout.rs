@@ -1,8 +1,10 @@
 //! The datasets and attributes of a file being written.
 
 use super::schema::{NAME, Text, h5_error, h5_text};
+use super::trajectory::TRIANGLES;
 use hdf5::{Dataset, Group};
 use m4gn_mesh::Mesh;
+use m4gn_mesh::body::{BodyShare, Material};
 use m4gn_mesh::{Error, Result};
 use std::path::Path;
 
@@ -13,7 +15,14 @@ pub(super) fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
     if !canonical || !boundary {
         return Err(Error::Internal("a mesh is written that is not in global order".into()));
     }
-    let rows = mesh.n_cells() + mesh.face_coeff.len() + mesh.boundary.len() + mesh.coupled.len();
+    let body = mesh.body.as_ref().map_or(0, |b| b.points.len() + b.kind.len());
+    let obstacle = mesh.obstacle.as_ref().map_or(0, |o| o.positions.len() + o.triangles.len());
+    let rows = mesh.cell_global.len()
+        + body
+        + obstacle
+        + mesh.face_coeff.len()
+        + mesh.boundary.len()
+        + mesh.coupled.len();
     let modes = mesh.elastic.as_ref().map_or(0, |e| e.eigenvalues.len());
     Ok(96 * rows as u64 + 24 * (modes * mesh.n_cells()) as u64)
 }
@@ -55,6 +64,34 @@ pub(super) fn number(path: &Path, at: &hdf5::Location, name: &str, value: u32) -
 }
 
 pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
+    let failed = h5_error(path, "the mesh cannot be written");
+    match &mesh.body {
+        Some(body) => write_body(file, mesh, body).map_err(failed),
+        None => write_cells(path, file, mesh),
+    }
+}
+
+/// Points and elements of a whole body, and the surface of its obstacle.
+fn write_body(file: &hdf5::File, mesh: &Mesh, body: &BodyShare) -> hdf5::Result<()> {
+    let group = file.create_group("mesh")?;
+    vectors(&group, "cell_centres", mesh.cell_centres.iter())?;
+    scalars(&group, "point_type", &body.types.iter().map(|t| *t as i32).collect::<Vec<_>>())?;
+    let group = file.create_group("elements")?;
+    scalars(&group, "kind", &body.kind.iter().map(|k| *k as i32).collect::<Vec<_>>())?;
+    scalars(&group, "points", &body.points.iter().map(|p| *p as i32).collect::<Vec<_>>())?;
+    let of = |value: fn(&Material) -> f64| body.material.iter().map(value).collect::<Vec<_>>();
+    scalars(&group, "young", &of(|m| m.young))?;
+    scalars(&group, "poisson", &of(|m| m.poisson))?;
+    scalars(&group, "density", &of(|m| m.density))?;
+    if let Some(obstacle) = &mesh.obstacle {
+        let group = file.create_group("obstacle")?;
+        vectors(&group, "positions", obstacle.positions.iter())?;
+        checked(&group, "triangles", &[obstacle.triangles.len(), 3], obstacle.triangles.as_flattened())?;
+    }
+    Ok(())
+}
+
+fn write_cells(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<()> {
     let names = mesh.patches.iter().map(|p| h5_text(p)).collect::<Result<Vec<Text<NAME>>>>()?;
     let directions: Vec<i32> = mesh.directions.iter().map(|&d| d as i32).collect();
     let write = || -> hdf5::Result<()> {
@@ -89,6 +126,10 @@ pub(super) fn write_mesh(path: &Path, file: &hdf5::File, mesh: &Mesh) -> Result<
         Ok(())
     };
     write().map_err(h5_error(path, "the mesh cannot be written"))
+}
+
+pub(super) fn write_triangles(file: &hdf5::File, triangles: &[[i32; 3]]) -> hdf5::Result<()> {
+    checked(file, TRIANGLES, &[triangles.len(), 3], triangles.as_flattened())
 }
 
 fn scalars<T: hdf5::H5Type>(group: &Group, name: &str, values: &[T]) -> hdf5::Result<()> {

@@ -13,6 +13,7 @@
 //!   boundary_owner, boundary_type, boundary_patch [B]
 //!   boundary_centres, boundary_area [B,3]          boundary_coeff [B] m
 //!   coupled_owner, coupled_neighbour [C]           coupled_delta [C,3]  coupled_coeff [C]   (cyclic faces)
+//!   triangles [G,3] i32           (of nodes that are points of a mesh of triangles)
 //!   mode_eigenvalues [m] 1/s^2  mode_cells [m,N,3]         (elastic modes, of solids whose material is known)
 //! /times [T] s                  increasing; of a quasi-static run they number the frames
 //! /fields/NAME          attributes: vector, dimensions[7]
@@ -41,6 +42,7 @@
 mod body;
 mod flow;
 mod layout;
+mod other;
 mod recorder;
 mod schema;
 mod self_contained;
@@ -58,6 +60,7 @@ mod damage_tests;
 #[cfg(test)]
 mod tests;
 
+pub use other::{is_trajectory, open_other};
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use states::States;

@@ -14,13 +14,19 @@ const DEEPEST: usize = 4;
 const MOST: usize = 10_000;
 
 impl Source<'_> {
-    /// Refuses links that are no hard links, arrays that are stored elsewhere, and arrays without a checksum.
-    pub(super) fn check_self_contained(&self, root: &Group) -> Result<()> {
+    /// Refuses links that are no hard links, arrays that are stored elsewhere, and, where there are to be checksums, arrays without.
+    pub(super) fn check_self_contained(&self, root: &Group, checksums: bool) -> Result<()> {
         let mut left = MOST;
-        self.check_group(root, "", DEEPEST, &mut left)
+        self.check_group(root, "", DEEPEST, (&mut left, checksums))
     }
 
-    fn check_group(&self, group: &Group, path: &str, depth: usize, left: &mut usize) -> Result<()> {
+    fn check_group(
+        &self,
+        group: &Group,
+        path: &str,
+        depth: usize,
+        (left, checksums): (&mut usize, bool),
+    ) -> Result<()> {
         let mut links: Vec<(String, LinkType)> = Vec::new();
         let room = *left;
         group
@@ -43,16 +49,16 @@ impl Source<'_> {
                 if depth == 0 {
                     return Err(self.damaged(format!("{path} is a group too deep for a trajectory")));
                 }
-                self.check_group(&inner, &path, depth - 1, left)?;
+                self.check_group(&inner, &path, depth - 1, (&mut *left, checksums))?;
             } else if let Ok(dataset) = group.dataset(&name) {
-                self.check_stored_here(&dataset, &path)?;
+                self.check_stored_here(&dataset, &path, checksums)?;
             }
         }
         Ok(())
     }
 
     /// Refuses an array whose values lie in other files, or that has no checksum.
-    fn check_stored_here(&self, dataset: &Dataset, path: &str) -> Result<()> {
+    fn check_stored_here(&self, dataset: &Dataset, path: &str, checksums: bool) -> Result<()> {
         let created = dataset
             .create_plist()
             .map_err(|e| self.damaged(format!("dataset {path} cannot be opened ({e})")))?;
@@ -63,7 +69,7 @@ impl Source<'_> {
             )));
         }
         // HDF5 has no checksums for arrays without values.
-        match dataset.size() == 0 || created.filters().contains(&Filter::Fletcher32) {
+        match !checksums || dataset.size() == 0 || created.filters().contains(&Filter::Fletcher32) {
             true => Ok(()),
             false => Err(Error::file(
                 self.path,

@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 /// Name of the field of a fluid's kinematic viscosity (m^2/s), and of its entry in the provenance, where it is the same everywhere.
 const VISCOSITY: &str = "nu";
 
+/// Triangles over nodes that are points.
+pub(super) const TRIANGLES: &str = "mesh/triangles";
+
 fn scalar(name: &str, dimensions: [i32; 7]) -> FieldMeta {
     FieldMeta { name: name.into(), vector: false, dimensions }
 }
@@ -68,6 +71,7 @@ pub struct Trajectory {
     implied: Vec<FieldMeta>,
     provenance: serde_json::Value,
     split: Split,
+    triangles: Vec<[i32; 3]>,
 }
 
 impl Trajectory {
@@ -82,7 +86,7 @@ impl Trajectory {
         let source = Source::new(path)?;
         let root = file.group("/").map_err(h5_error(path, "no root group"))?;
         source.check_whole(&root)?;
-        source.check_self_contained(&root)?;
+        source.check_self_contained(&root, true)?;
         let (split, provenance) = source.origin(&root)?;
         let body = source.body(&file)?;
         let fields = source.fields(&file)?;
@@ -91,6 +95,10 @@ impl Trajectory {
             None => (source.mesh(&file)?, vec![NodeType::Fluid], implied_at_cells(&fields, &provenance)),
         };
         implied.retain(|i| fields.iter().all(|f| f.name != i.name));
+        let triangles = match file.link_exists(TRIANGLES) {
+            true => source.label_rows(&file, TRIANGLES, mesh.cell_global.len())?,
+            false => Vec::new(),
+        };
         let trajectory = Trajectory {
             path: path.to_path_buf(),
             mesh,
@@ -101,6 +109,7 @@ impl Trajectory {
             implied,
             provenance,
             split,
+            triangles,
         };
         for field in &trajectory.fields {
             trajectory.open_field(&source, &file, field)?;
@@ -138,6 +147,11 @@ impl Trajectory {
     /// The body at rest; none where the fields are at cells.
     pub fn body(&self) -> Option<&Body> {
         self.body.as_ref()
+    }
+
+    /// Triangles over the nodes, where these are points of a mesh of triangles.
+    pub fn triangles(&self) -> &[[i32; 3]] {
+        &self.triangles
     }
 
     /// The obstacle that may touch the body, where there is one.
@@ -203,6 +217,19 @@ impl Trajectory {
         let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
         let values = self.open_field(&source, &file, self.field(field)?)?;
         frames.map(|frame| values.frame(&source, frame)).collect()
+    }
+
+    /// Values of a recorded field at all frames as they were recorded: of a pressure with its level.
+    ///
+    /// # Errors
+    /// As [`Trajectory::read_frame`].
+    pub fn recorded_frames(&self, field: &str) -> Result<Vec<Frame>> {
+        let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
+        let values = match self.open_field(&source, &file, self.field(field)?)? {
+            Values::Levelled(parts, _) => Values::Recorded(parts),
+            others => others,
+        };
+        (0..self.times.len()).map(|frame| values.frame(&source, frame)).collect()
     }
 
     /// Displacement of the obstacle's points `[Q]`, m, at frames `first`, `first + step`, ... (`count` of them); empty ones

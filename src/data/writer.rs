@@ -1,6 +1,6 @@
 //! Writing one trajectory from one process: beside the final name first, renamed when whole.
 
-use super::layout::{frames_dataset, mesh_bytes, number, text, write_mesh};
+use super::layout::{frames_dataset, mesh_bytes, number, text, write_mesh, write_triangles};
 use super::schema::{FORMAT, FieldMeta, Frame, LONG, NAME, Split, VERSION, h5_error, quiet};
 use super::space::reserve;
 use super::superblock::clear_open_mark;
@@ -44,6 +44,8 @@ struct Open {
     file: hdf5::File,
     times: Dataset,
     fields: Vec<FieldSets>,
+    /// The displacement of an obstacle's points, and their number.
+    motion: Option<(Dataset, usize)>,
     /// A second handle on the file, through which space is reserved before HDF5 writes.
     space: std::fs::File,
     /// Uncompressed size of a frame of all fields, bytes.
@@ -64,7 +66,7 @@ struct FieldSets {
 const TABLES: u64 = 1 << 20;
 
 impl Writer {
-    /// Starts a file with this (undecomposed) mesh; `mesh.cell_global` must be 0..N in order.
+    /// Starts a file with this (undecomposed) mesh, of cells or of a body; `mesh.cell_global` must be 0..N in order.
     ///
     /// # Errors
     /// [`Error::File`] when the file exists and may not be replaced, or cannot be made; [`Error::Input`] for
@@ -128,7 +130,7 @@ impl Writer {
             .create("times")
             .map_err(error())?;
         let group = file.create_group("fields").map_err(error())?;
-        let (n, b) = (mesh.n_cells(), mesh.boundary.len());
+        let (n, b) = (mesh.cell_global.len(), mesh.boundary.len());
         let mut fields = Vec::with_capacity(options.fields.len());
         for meta in &options.fields {
             let at = group.create_group(&meta.name).map_err(error())?;
@@ -147,10 +149,32 @@ impl Writer {
                 n_boundary: b,
             });
         }
+        let motion = match mesh.obstacle.as_ref().map(|o| o.positions.len()) {
+            Some(points) => {
+                let group = file.group("obstacle").map_err(error())?;
+                let dataset = frames_dataset(&group, "displacement", points, 3).map_err(error())?;
+                dataset.map(|dataset| (dataset, points))
+            }
+            None => None,
+        };
         file.flush().map_err(error())?;
         let values: usize = fields.iter().map(|f| f.components * (n + b)).sum();
-        self.open = Some(Open { file, times, fields, space, frame_bytes: 4 * values as u64 });
+        let frame_bytes = 4 * (values + 3 * motion.as_ref().map_or(0, |m| m.1)) as u64;
+        self.open = Some(Open { file, times, fields, motion, space, frame_bytes });
         Ok(())
+    }
+
+    /// Says which triangles the nodes are the points of, before the first frame.
+    ///
+    /// # Errors
+    /// [`Error::File`] when the disk fails: the file is given up.
+    pub fn set_triangles(&mut self, triangles: &[[i32; 3]]) -> Result<()> {
+        let open = self.open.as_ref().ok_or_else(|| closed(&self.path))?;
+        if triangles.is_empty() {
+            return Ok(());
+        }
+        let written = write_triangles(&open.file, triangles);
+        written.map_err(h5_error(&self.path, "the triangles cannot be written")).map_err(|e| self.fail(e))
     }
 
     /// Appends a frame: one [`Frame`] a field, in the order of [`WriteOptions::fields`].
@@ -160,6 +184,14 @@ impl Writer {
     /// values that are not finite: the file is as it was. [`Error::File`] when the disk is full or fails:
     /// the file is given up and nothing of it is left.
     pub fn append(&mut self, time: f64, frames: &[Frame]) -> Result<()> {
+        self.append_moved(time, frames, &[])
+    }
+
+    /// As [`Writer::append`], with the displacement of an obstacle's points `[Q]`, m.
+    ///
+    /// # Errors
+    /// As [`Writer::append`].
+    pub fn append_moved(&mut self, time: f64, frames: &[Frame], motion: &[[f32; 3]]) -> Result<()> {
         let open = self.open.as_ref().ok_or_else(|| closed(&self.path))?;
         if !time.is_finite() || time <= self.last_time {
             return Err(Error::Input(format!(
@@ -167,8 +199,8 @@ impl Writer {
                 self.last_time
             )));
         }
-        open.check(time, frames)?;
-        match open.append(&self.path, self.n_frames, time, frames) {
+        open.check(time, frames, motion)?;
+        match open.append(&self.path, self.n_frames, time, (frames, motion)) {
             Ok(()) => {
                 self.n_frames += 1;
                 self.last_time = time;
@@ -226,7 +258,14 @@ impl Drop for Writer {
 }
 
 impl Open {
-    fn check(&self, time: f64, frames: &[Frame]) -> Result<()> {
+    fn check(&self, time: f64, frames: &[Frame], motion: &[[f32; 3]]) -> Result<()> {
+        let points = self.motion.as_ref().map_or(0, |m| m.1);
+        if motion.len() != points {
+            return Err(Error::Input(format!(
+                "displacement of {} points of an obstacle given, expected {points}",
+                motion.len()
+            )));
+        }
         if frames.len() != self.fields.len() {
             return Err(Error::Input(format!(
                 "{} fields given, {} declared",
@@ -253,7 +292,13 @@ impl Open {
         Ok(())
     }
 
-    fn append(&self, path: &Path, index: usize, time: f64, frames: &[Frame]) -> Result<()> {
+    fn append(
+        &self,
+        path: &Path,
+        index: usize,
+        time: f64,
+        (frames, motion): (&[Frame], &[[f32; 3]]),
+    ) -> Result<()> {
         reserve(&self.space, path, self.file.size(), self.frame_bytes + TABLES)?;
         let write = || -> hdf5::Result<()> {
             self.times.resize((index + 1,))?;
@@ -270,6 +315,12 @@ impl Open {
                         .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
                     dataset.write_slice(view, (index, .., ..))?;
                 }
+            }
+            if let Some((dataset, points)) = &self.motion {
+                dataset.resize((index + 1, *points, 3))?;
+                let view = ArrayView2::from_shape((*points, 3), motion.as_flattened())
+                    .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
+                dataset.write_slice(view, (index, .., ..))?;
             }
             // Flushed, so that every byte HDF5 has taken is in the space reserved above.
             self.file.flush()
@@ -350,6 +401,7 @@ fn complete(partial: &Path) -> hdf5::Result<()> {
     for field in file.group("fields")?.groups()? {
         values.extend(field.datasets()?);
     }
+    values.extend(file.dataset("obstacle/displacement").ok());
     let frames = |d: &Dataset| d.shape()[0];
     let whole = values.iter().map(frames).fold(frames(&times), usize::min);
     if whole == 0 {
