@@ -12,6 +12,7 @@ pub mod doctor;
 pub mod generate;
 pub mod hybrid;
 pub mod info;
+pub mod predict;
 pub mod segment;
 mod stop;
 pub mod train;
@@ -42,6 +43,7 @@ enum Command {
     Info(info::Args),
     Train(train::Args),
     Validate(validate::Args),
+    Predict(predict::Args),
     Calibrate(calibrate::Args),
     Compare(compare::Args),
     Hybrid(hybrid::Args),
@@ -61,6 +63,7 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Train(args) => utf8_arguments().and_then(|()| train::run(args)),
         Command::Validate(args) => validate::run(args),
+        Command::Predict(args) => predict::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Hybrid(args) => hybrid::run(args),

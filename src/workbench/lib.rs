@@ -22,6 +22,7 @@ mod foam_bridge;
 pub mod foam_case;
 pub mod generate;
 pub mod hybrid;
+pub mod predict;
 pub mod signal;
 pub mod survey;
 pub mod validate;

@@ -3,7 +3,7 @@
 use super::prediction::{FieldErrors, Keep, Prediction};
 use super::{pace::Pace, shape::Shape};
 use crate::errors::SquaredError;
-use m4gn_data::Trajectory;
+use m4gn_data::{Frame, Trajectory};
 use m4gn_domain::Boundary;
 use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::vector::Vector;
@@ -97,6 +97,30 @@ impl<'a> Scene<'a> {
         })
     }
 
+    /// Names and the dimensions of all fields that are written of a state: those that are predicted, then those that are recorded and read.
+    pub fn fields(&self) -> impl Iterator<Item = &FieldSpec> {
+        self.tracks.iter().chain(&self.given).map(|t| &t.spec)
+    }
+
+    /// A state of the predicted fields at the end of step `frame` (0: the first frame), and what is given then, in the solved directions.
+    pub fn frame(&self, state: &[Values], frame: usize) -> Vec<Frame> {
+        let given = self.given.iter().map(|t| (t, at(&t.recorded, frame)));
+        let narrow = |track: &Track, rows: &[f64]| -> Vec<f32> {
+            let rows = rows.chunks_exact(track.width);
+            match track.spec.vector {
+                true => rows.flat_map(|r| self.mesh.directions.iter().map(|&d| r[d] as f32)).collect(),
+                false => rows.map(|r| r[0] as f32).collect(),
+            }
+        };
+        let all = self.tracks.iter().zip(state).chain(given);
+        all.map(|(t, v)| Frame { cells: narrow(t, &v.0), boundary: narrow(t, &v.1) }).collect()
+    }
+
+    /// The recorded state of the predicted fields at the end of step `frame`.
+    pub fn state(&self, frame: usize) -> Vec<Values> {
+        self.tracks.iter().map(|t| at(&t.recorded, frame).clone()).collect()
+    }
+
     /// How the frames and the stride fit.
     pub fn pace(&self) -> Pace {
         self.pace
@@ -114,7 +138,7 @@ impl<'a> Scene<'a> {
 
     /// Displacement of the obstacle's points at the end of step `frame`, m.
     pub fn motion(&self, frame: usize) -> &[Vector] {
-        &self.motion[frame]
+        at::<Vec<Vector>>(&self.motion, frame)
     }
 
     /// Error of predicted field `k` over the nodes that count and the solved components.
@@ -228,7 +252,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Rolls on over so many steps from the recorded state at the start of step `first`, and shows the state at the end of each
-    /// step, with its number. Why the rollout ended early, where it became non-finite.
+    /// step, with its number. What is prescribed stays as it is in the last recorded frame, where there are more steps than frames. Why the rollout ended early, where it became non-finite.
     ///
     /// # Errors
     /// When a step fails otherwise, and those of `visit`.
@@ -250,7 +274,7 @@ impl<'a> Scene<'a> {
             }
             for ((track, next), (nodes, boundary)) in self.tracks.iter().zip(&next).zip(&mut state) {
                 nodes.clone_from(next);
-                let prescribed = &track.recorded[i + 1].1;
+                let prescribed = &at(&track.recorded, i + 1).1;
                 track.boundary.impose(0, track.width, nodes, prescribed, boundary);
             }
             visit(i, &state)?;
@@ -273,7 +297,7 @@ impl<'a> Scene<'a> {
         next: &mut [Vec<f64>],
         seconds: &mut (f64, usize),
     ) -> Result<()> {
-        let given = self.given.iter().map(|t| (t, &t.recorded[i]));
+        let given = self.given.iter().map(|t| (t, at(&t.recorded, i)));
         let states = self.tracks.iter().zip(state.iter().copied()).chain(given);
         let fields: Vec<Field> = states
             .map(|(t, s)| Field { name: &t.spec.name, components: t.width, cells: &s.0, boundary: &s.1 })
@@ -283,7 +307,7 @@ impl<'a> Scene<'a> {
             places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
         let before = i.saturating_sub(1);
         let given = Given {
-            motion: [&self.motion[i], &self.motion[i + 1]],
+            motion: [at::<Vec<Vector>>(&self.motion, i), at::<Vec<Vector>>(&self.motion, i + 1)],
             before: recorded.then(|| (self.truth(0, before), &self.motion[before][..])),
         };
         let began = Instant::now();
@@ -292,6 +316,11 @@ impl<'a> Scene<'a> {
         seconds.1 += 1;
         done
     }
+}
+
+/// What is recorded at a frame; the last one where there are fewer.
+fn at<T>(recorded: &[T], frame: usize) -> &T {
+    &recorded[frame.min(recorded.len() - 1)]
 }
 
 /// Recorded values of a field at the nodes at one frame, rows as a session takes them.

@@ -273,6 +273,24 @@ fn still() -> Model {
 }
 
 #[test]
+fn a_rollout_of_a_body_is_a_trajectory() {
+    let (t, folder) = (Trajectory::open(FILE).unwrap(), tempfile::tempdir().unwrap());
+    let out = folder.path().join("p.h5");
+    let options = SessionOptions::default();
+    let steps = Some(3);
+    let found = crate::predict::run(&still(), &t, &options, (steps, &out), &mut || Ok(())).unwrap();
+    // A model that stands still is the first frame.
+    let [model, _, hold] = &found.fields[0].rows;
+    assert_eq!((found.steps, model.len()), (3, 3));
+    assert!(model.iter().zip(hold).all(|(a, b)| (a / b - 1.0).abs() < 1e-3), "{model:?} {hold:?}");
+    let p = Trajectory::open(out).unwrap();
+    assert_eq!((p.body(), p.obstacle()), (t.body(), t.obstacle()));
+    let frames = (still().spec.stride / (t.times()[1] - t.times()[0])).round() as usize;
+    assert_eq!(p.read_motion(0, 1, 4).unwrap(), t.read_motion(0, frames, 4).unwrap());
+    assert_eq!(p.read_frame("D", 0).unwrap(), t.read_frame("D", 0).unwrap());
+}
+
+#[test]
 fn a_session_projects_and_lifts_the_gap() {
     let t = Trajectory::open(FILE).unwrap();
     let ways = [Way::PLAIN, Way::projected(ProjectionOptions::default())];

@@ -1,0 +1,102 @@
+//! `m4gn predict`: a model's rollouts as trajectories.
+
+use super::validate::{Progress, name_file};
+use m4gn_data::{Trajectory, list};
+use m4gn_engine::PrecisionChoice;
+use m4gn_mesh::{Error, Result};
+use m4gn_model::{Model, Resolution};
+use m4gn_step::{Backend, SessionOptions};
+use m4gn_workbench::predict;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Roll a model out from the first frame of trajectories, and write what it predicts
+///
+/// The predictions are trajectories of the same schema, a stride of the model apart; 'm4gn convert' makes *.npz and files for ParaView of
+/// them. Printed are the errors, as far as the truth is recorded, beside persistence (the recorded frame one stride before) and
+/// hold first (the first frame).
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model (*.safetensors)
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Trajectory (*.h5), or a folder of them
+    #[arg(long, value_name = "PATH")]
+    data: PathBuf,
+    /// Where the prediction is written: *.h5, or a folder for a folder
+    #[arg(long, value_name = "PATH")]
+    out: PathBuf,
+    /// Steps [default: as many as are recorded]; beyond, what is prescribed stays as it is in the last frame
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    steps: Option<u64>,
+    /// What runs the network: native, torch, torch:DEVICE
+    #[arg(long, default_value = "native")]
+    backend: String,
+    /// Threads
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
+    /// Of the native engine's products: model, auto, fp32, bf16
+    #[arg(long, default_value = "model")]
+    precision: String,
+    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
+    #[arg(long, default_value = "auto")]
+    resolution: Resolution,
+    /// Write the errors to this file, step by step
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the model does not fit the data, or a file cannot be read or written; when a rollout becomes non-finite (after all are written).
+pub fn run(args: Args) -> Result<()> {
+    super::check_outputs([args.json.as_deref()])?;
+    let options = SessionOptions {
+        backend: Backend::parse(&args.backend)?,
+        n_threads: args.threads,
+        precision: PrecisionChoice::parse(&args.precision)?,
+        resolution: args.resolution,
+        ..SessionOptions::default()
+    };
+    let model = Model::read(&args.model)?;
+    let files = list(&args.data)?;
+    let folder = args.data.is_dir();
+    let (mut figures, mut diverged) = (Vec::new(), Vec::new());
+    for file in &files {
+        let trajectory = Trajectory::open(file)?;
+        let out = match folder {
+            true => args.out.join(file.file_name().unwrap_or_default()),
+            false => args.out.clone(),
+        };
+        let steps = args.steps.map(|n| n as usize);
+        let expected = name_file(m4gn_workbench::validate::fits(&model, &trajectory), file)?.steps;
+        let progress = Progress::new(steps.unwrap_or(expected))?;
+        let done = predict::run(&model, &trajectory, &options, (steps, &out), &mut || progress.advance());
+        progress.note(file, done.as_ref().map_or(&[], |d| &d.outside));
+        let done = name_file(done, file)?;
+        progress.finish();
+        println!(
+            "{}: {} steps of {} s from {}",
+            out.display(),
+            done.steps,
+            model.spec.stride,
+            file.display()
+        );
+        println!("{}", done.table());
+        diverged.extend(done.diverged.as_ref().map(|why| format!("{}, {why}", file.display())));
+        let mut json = done.json();
+        json["data"] = json!(file.to_string_lossy());
+        json["out"] = json!(out.to_string_lossy());
+        figures.push(json);
+    }
+    super::write_json(args.json.as_deref(), &json!({ "predictions": figures }))?;
+    match diverged.first() {
+        None => Ok(()),
+        Some(first) => Err(Error::Numerical(format!(
+            "{} of {} rollouts became non-finite; the first: {first}",
+            diverged.len(),
+            files.len()
+        ))),
+    }
+}
