@@ -8,6 +8,7 @@ pub mod bench;
 pub mod calibrate;
 pub mod check;
 pub mod compare;
+pub mod convert;
 pub mod doctor;
 pub mod generate;
 pub mod hybrid;
@@ -45,6 +46,7 @@ enum Command {
     Validate(validate::Args),
     Predict(predict::Args),
     Calibrate(calibrate::Args),
+    Convert(convert::Args),
     Compare(compare::Args),
     Hybrid(hybrid::Args),
     Bench(bench::Args),
@@ -65,6 +67,7 @@ fn main() -> ExitCode {
         Command::Validate(args) => validate::run(args),
         Command::Predict(args) => predict::run(args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Convert(args) => convert::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Hybrid(args) => hybrid::run(args),
         Command::Bench(args) => bench::run(args),

@@ -1,0 +1,105 @@
+//! A file of others into trajectories of m4gn.
+
+use super::copies::Copies;
+use super::npz;
+use super::points::Points;
+use super::tfrecord::TfRecord;
+use super::{Array, Arrays};
+use m4gn_data::Split;
+use m4gn_mesh::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// How a file is imported.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// What the trajectories are for; none: what the file's name begins with, or else to be trained on.
+    pub split: Option<Split>,
+    /// Time between frames, s, where the file does not say it.
+    pub dt: Option<f64>,
+    /// Most trajectories that are read.
+    pub count: Option<usize>,
+}
+
+/// A file's trajectories, one after the other.
+enum Source {
+    TfRecord(TfRecord),
+    Copies(Copies),
+    Npz(Option<Arrays>),
+}
+
+impl Source {
+    fn open(path: &Path) -> Result<Self> {
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("tfrecord") => Ok(Source::TfRecord(TfRecord::open(path)?)),
+            Some("npz") => Ok(Source::Npz(Some(npz::read(path)?))),
+            Some("h5" | "hdf5") => Ok(Source::Copies(Copies::open(path)?)),
+            _ => Err(Error::file(path, "expected a file whose name ends in .tfrecord, .npz or .h5")),
+        }
+    }
+
+    fn next_arrays(&mut self) -> Result<Option<Arrays>> {
+        match self {
+            Source::TfRecord(records) => {
+                let dt = records.meta().dt.map(|dt| Array { shape: vec![], data: vec![dt] });
+                let arrays = records.next_arrays()?;
+                Ok(arrays.map(|mut arrays| {
+                    arrays.extend(dt.map(|dt| ("dt".to_string(), dt)));
+                    arrays
+                }))
+            }
+            Source::Copies(copies) => copies.next_arrays(),
+            Source::Npz(arrays) => Ok(arrays.take()),
+        }
+    }
+}
+
+/// Writes each trajectory of a file: the only one to `out` where that is the name of a file (`*.h5`), else into that folder, as
+/// `NAME-00000.h5` and so on; those that are there already are kept. `done` is told of each file, and whether it was there.
+///
+/// # Errors
+/// [`Error::File`] naming the place in the file that cannot be read or makes no trajectory; those of `done`.
+pub fn import(
+    path: &Path,
+    out: &Path,
+    options: &Options,
+    done: &mut dyn FnMut(&Path, bool) -> Result<()>,
+) -> Result<usize> {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let splits = [Split::Train, Split::Valid, Split::Test];
+    let named = splits.into_iter().find(|s| name.starts_with(s.name()));
+    let split = options.split.or(named).unwrap_or(Split::Train);
+    let from = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let single = out.extension().is_some_and(|e| e == "h5");
+    let mut source = Source::open(path)?;
+    let mut count = 0;
+    while options.count.is_none_or(|most| count < most) {
+        let Some(arrays) = source.next_arrays()? else { break };
+        if single && count > 0 {
+            return Err(Error::file(
+                path,
+                format!(
+                    "holds more than one trajectory, and {} is one file: give a folder, or --count 1",
+                    out.display()
+                ),
+            ));
+        }
+        let file: PathBuf = if single { out.into() } else { out.join(format!("{name}-{count:05}.h5")) };
+        let kept = !single && file.exists();
+        if !kept {
+            let points = Points::new(&arrays, options.dt, path);
+            let points = points.map_err(|e| match (e, single) {
+                (Error::File { path, message }, false) => {
+                    Error::file(path, format!("trajectory {count}: {message}"))
+                }
+                (e, _) => e,
+            })?;
+            points.write(&file, split, &from)?;
+        }
+        done(&file, kept)?;
+        count += 1;
+    }
+    match count {
+        0 => Err(Error::file(path, "holds no trajectory")),
+        n => Ok(n),
+    }
+}

@@ -1,0 +1,275 @@
+//! Trajectories at the points of triangles (DeepMind's CylinderFlow and airfoil) as m4gn's, and back.
+//!
+//! Points become nodes in the place of cells, as in recordings with `location points`: a point has a third of the area of each of its
+//! triangles (times 1 m), an edge the coefficient that finite elements give it on triangles of equal sides. A point that is not of type
+//! `normal` is a boundary face as well, at its own place, with the outward area of half of its boundary edges.
+
+use super::array::{Array, Arrays};
+use m4gn_data::{FieldMeta, Frame, Split, Trajectory, WriteOptions, Writer};
+use m4gn_mesh::vector::{Vector, dot, norm, sub};
+use m4gn_mesh::{BoundaryFace, Error, Mesh, NodeType, Result};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Codes of node types in these data, the patches that they become, and what they are. 0 is `normal`, 3 `handle` of a body.
+const TYPES: [(i32, &str, NodeType); 5] = [
+    (1, "obstacle", NodeType::Obstacle),
+    (2, "airfoil", NodeType::Obstacle),
+    (4, "inflow", NodeType::Inlet),
+    (5, "outflow", NodeType::Outlet),
+    (6, "wall", NodeType::Wall),
+];
+
+/// Names of fields in these data and here, and their dimensions: a pressure is over the density where there is no field of that.
+const FIELDS: [(&str, &str, [i32; 7]); 3] = [
+    ("velocity", "U", [0, 1, -1, 0, 0, 0, 0]),
+    ("pressure", "p", [0, 2, -2, 0, 0, 0, 0]),
+    ("density", "rho", [1, -3, 0, 0, 0, 0, 0]),
+];
+
+/// A trajectory that was read.
+#[derive(Clone, Debug)]
+pub struct Points {
+    /// Points for cells, edges for faces.
+    pub mesh: Mesh,
+    /// Of the points.
+    pub triangles: Vec<[i32; 3]>,
+    /// Names as here, with their values in all frames.
+    fields: Vec<(FieldMeta, Array)>,
+    /// Time between frames, s.
+    dt: f64,
+    /// Points of the boundary.
+    boundary: Vec<usize>,
+}
+
+impl Points {
+    /// Makes sense of a trajectory's arrays: `mesh_pos` (or `pos`), `cells` (or `faces`), `node_type`, and a field for each array that has
+    /// a row a point in each of two or more frames. `dt` is the time between frames where the arrays do not say it.
+    ///
+    /// # Errors
+    /// [`Error::File`] naming the array of `path` that is missing or does not fit.
+    pub fn new(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<Self> {
+        let wrong = |what: String| Error::file(path, what);
+        let get = |names: &[&'static str]| {
+            let found = names.iter().find_map(|name| Some((*name, arrays.get(*name)?)));
+            found.ok_or_else(|| {
+                let there: Vec<&str> = arrays.keys().map(String::as_str).collect();
+                wrong(format!("no array {}; found {}", names.join(" or "), there.join(", ")))
+            })
+        };
+        let (name, places) = get(&["mesh_pos", "pos"])?;
+        if places.shape.last() == Some(&3) {
+            return Err(wrong(format!(
+                "{name} has three components: a body; what is imported are flows on triangles"
+            )));
+        }
+        let places = places.fixed(name, 2, path)?;
+        if let Some(i) = places.iter().position(|v| !v.is_finite()) {
+            return Err(wrong(format!("{name}: value {i} is {}, expected a finite number", places[i])));
+        }
+        let positions: Vec<Vector> = places.as_chunks().0.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
+        let n = positions.len();
+        let (name, cells) = get(&["cells", "faces"])?;
+        let triangles = cells.labels(name, 3, n, path)?.as_chunks().0.to_vec();
+        let (name, kinds) = get(&["node_type"])?;
+        let kinds = kinds.labels(name, 1, 10, path)?;
+        if kinds.len() != n {
+            return Err(wrong(format!("{name} has {} points, expected {n}", kinds.len())));
+        }
+        let (mesh, boundary) = mesh(&positions, &triangles, &kinds).map_err(|e| wrong(e.to_string()))?;
+        let number = |name: &str| arrays.get(name).and_then(|a| a.data.first()).copied();
+        let dt = number("dt").or(dt).filter(|dt| dt.is_finite() && *dt > 0.0).ok_or_else(|| {
+            wrong("it does not say the time between frames (dt, s): give a positive one with --dt".into())
+        })?;
+        // 0.01 in single precision is meant as 0.01.
+        let short = Some(dt as f32).filter(|short| f64::from(*short) == dt);
+        let dt = short.and_then(|short| short.to_string().parse().ok()).unwrap_or(dt);
+        let mut points = Points { mesh, triangles, fields: Vec::new(), dt, boundary };
+        for (name, array) in arrays {
+            let values = match array.shape[..] {
+                [frames, rows, ..] if frames > 1 && rows == n && array.shape.len() <= 3 => array,
+                _ => continue,
+            };
+            if ["mesh_pos", "pos", "cells", "faces", "node_type"].contains(&&name[..]) {
+                continue;
+            }
+            let c = values.shape.get(2).copied().unwrap_or(1);
+            if c == 0 || c > 2 {
+                return Err(wrong(format!("{name} has {c} components, expected 1 or 2")));
+            }
+            if let Some(i) = values.data.iter().position(|v| !(*v as f32).is_finite()) {
+                return Err(wrong(format!("{name}: frame {} holds {}", i / (n * c), values.data[i])));
+            }
+            let known = FIELDS.iter().find(|f| f.0 == name);
+            let (own, mut dimensions) = known.map_or((&name[..], [0; 7]), |f| (f.1, f.2));
+            if own == "p" && arrays.contains_key("density") {
+                dimensions = [1, -1, -2, 0, 0, 0, 0];
+            }
+            points.fields.push((FieldMeta { name: own.into(), vector: c == 2, dimensions }, array.clone()));
+        }
+        let frames = points.frames();
+        if let Some((meta, other)) = points.fields.iter().find(|f| f.1.shape[0] != frames) {
+            return Err(wrong(format!(
+                "{} has {} frames, another field {frames}",
+                meta.name, other.shape[0]
+            )));
+        }
+        match points.fields.is_empty() {
+            true => {
+                Err(wrong(format!("no array has a row for each of the {n} points in two or more frames")))
+            }
+            false => Ok(points),
+        }
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.fields.first().map_or(0, |f| f.1.shape[0])
+    }
+
+    /// Writes a trajectory; `from` says where it is from.
+    ///
+    /// # Errors
+    /// As [`Writer`]'s.
+    pub fn write(&self, path: &Path, split: Split, from: &str) -> Result<()> {
+        let options = WriteOptions {
+            fields: self.fields.iter().map(|f| f.0.clone()).collect(),
+            provenance: json!({ "application": "m4gn convert", "from": from, "location": "points" }),
+            split,
+            overwrite: false,
+        };
+        let mut writer = Writer::create(path, &self.mesh, &options)?;
+        writer.set_triangles(&self.triangles)?;
+        for frame in 0..self.frames() {
+            let values = self.fields.iter().map(|(meta, array)| {
+                let c = meta.components(2);
+                let row = self.mesh.n_cells() * c;
+                let cells: Vec<f32> = array.data[frame * row..][..row].iter().map(|v| *v as f32).collect();
+                let boundary = self.boundary.iter().flat_map(|p| &cells[p * c..][..c]).copied().collect();
+                Frame { cells, boundary }
+            });
+            writer.append(frame as f64 * self.dt, &values.collect::<Vec<_>>())?;
+        }
+        writer.finish()
+    }
+}
+
+/// The lumped mesh, and the point of each of its boundary faces.
+fn mesh(positions: &[Vector], triangles: &[[i32; 3]], kinds: &[i32]) -> Result<(Mesh, Vec<usize>)> {
+    let n = positions.len();
+    let (mut volumes, mut areas) = (vec![0.0; n], vec![[0.0; 3]; n]);
+    // Of each edge its coefficient, how many triangles have it, and the point across it in the last of them
+    let mut edges: BTreeMap<[i32; 2], (f64, u32, i32)> = BTreeMap::new();
+    for (i, triangle) in triangles.iter().enumerate() {
+        let [a, b, c] = triangle.map(|p| positions[p as usize]);
+        let (u, v) = (sub(b, a), sub(c, a));
+        let area = 0.5 * (u[0] * v[1] - u[1] * v[0]).abs();
+        if !(area > 0.0 && area.is_finite()) {
+            return Err(Error::Mesh(format!(
+                "triangle {i} of the points {triangle:?} has the area {area} m^2"
+            )));
+        }
+        for k in 0..3 {
+            let [p, q, across] = [0, 1, 2].map(|j| triangle[(k + j) % 3]);
+            volumes[p as usize] += area / 3.0;
+            let along = sub(positions[q as usize], positions[p as usize]);
+            let edge = edges.entry([p.min(q), p.max(q)]).or_default();
+            *edge = (edge.0 + 2.0 / 3.0 * area / dot(along, along), edge.1 + 1, across);
+        }
+    }
+    if let Some(p) = volumes.iter().position(|v| *v == 0.0) {
+        return Err(Error::Mesh(format!("point {p} belongs to no triangle")));
+    }
+    for ([p, q], (_, _, across)) in edges.iter().filter(|e| e.1.1 == 1) {
+        let [a, b, c] = [p, q, across].map(|p| positions[*p as usize]);
+        let along = sub(b, a);
+        let normal = [along[1], -along[0], 0.0];
+        let outward = -dot(normal, sub(c, a)).signum();
+        for end in [p, q] {
+            (0..2).for_each(|d| areas[*end as usize][d] += 0.5 * outward * normal[d]);
+        }
+    }
+    let mut boundary = Vec::new();
+    let mut points = Vec::new();
+    for (p, kind) in kinds.iter().enumerate().filter(|k| *k.1 != 0) {
+        let patch = TYPES.iter().position(|t| t.0 == *kind).ok_or_else(|| {
+            let known = TYPES.map(|t| format!("{} ({})", t.0, t.1)).join(", ");
+            Error::Mesh(format!("node_type of point {p} is {kind}, expected 0 (normal), {known}"))
+        })?;
+        boundary.push(BoundaryFace {
+            owner: p as i32,
+            global: boundary.len() as i64,
+            centre: positions[p],
+            area: areas[p],
+            coeff: norm(areas[p]).powi(2) / volumes[p],
+            kind: TYPES[patch].2,
+            patch: patch as i32,
+        });
+        points.push(p);
+    }
+    let mesh = Mesh {
+        directions: vec![0, 1],
+        cell_global: (0..n as i64).collect(),
+        cell_centres: positions.to_vec(),
+        cell_volumes: volumes,
+        face_owner: edges.keys().map(|e| e[0]).collect(),
+        face_neighbour: edges.keys().map(|e| e[1]).collect(),
+        face_coeff: edges.values().map(|e| e.0).collect(),
+        boundary,
+        patches: TYPES.map(|t| t.1.to_string()).into(),
+        ..Mesh::default()
+    };
+    Ok((mesh, points))
+}
+
+/// The arrays of a trajectory: at points of triangles those of DeepMind's data, else `cell_centres` with, of each boundary face, its
+/// `boundary_owner`, `boundary_type` and values (`boundary_NAME`). Fields are as they were recorded.
+///
+/// # Errors
+/// What reading the frames may fail with.
+pub fn arrays(trajectory: &Trajectory) -> Result<Arrays> {
+    let mesh = trajectory.mesh();
+    let n = mesh.cell_global.len();
+    let mut arrays = Arrays::new();
+    let mut add = |name: &str, shape: &[usize], data: Vec<f64>| {
+        arrays.insert(name.into(), Array { shape: shape.to_vec(), data });
+    };
+    let times = trajectory.times();
+    add("times", &[times.len()], times.to_vec());
+    if let [first, .., last] = times {
+        add("dt", &[], vec![(last - first) / (times.len() - 1) as f64]);
+    }
+    let triangles = trajectory.triangles();
+    let at_points = !triangles.is_empty();
+    let dim = if at_points { 2 } else { 3 };
+    let places = mesh.cell_centres.iter().flat_map(|c| c[..dim].iter().copied());
+    add(if at_points { "mesh_pos" } else { "cell_centres" }, &[n, dim], places.collect());
+    if at_points {
+        let code = |b: &BoundaryFace| {
+            let patch = mesh.patches.get(b.patch as usize);
+            TYPES.iter().find(|t| patch.is_some_and(|p| p == t.1)).map_or(b.kind as i32, |t| t.0)
+        };
+        let mut kinds = vec![0.0; n];
+        mesh.boundary.iter().for_each(|b| kinds[b.owner as usize] = f64::from(code(b)));
+        add("node_type", &[n, 1], kinds);
+        let cells = triangles.as_flattened().iter().map(|p| f64::from(*p));
+        add("cells", &[triangles.len(), 3], cells.collect());
+    } else if !mesh.boundary.is_empty() {
+        let b = mesh.boundary.len();
+        add("boundary_owner", &[b], mesh.boundary.iter().map(|b| f64::from(b.owner)).collect());
+        add("boundary_type", &[b], mesh.boundary.iter().map(|b| f64::from(b.kind as i32)).collect());
+    }
+    for field in trajectory.fields() {
+        let frames = trajectory.recorded_frames(&field.name)?;
+        let c = field.components(mesh.dim());
+        let known = FIELDS.iter().find(|f| at_points && f.1 == field.name);
+        let name = known.map_or(&field.name[..], |f| f.0);
+        let wide = |part: fn(&Frame) -> &[f32]| frames.iter().flat_map(part).map(|v| f64::from(*v)).collect();
+        add(name, &[times.len(), n, c], wide(|f| &f.cells));
+        if !at_points && !mesh.boundary.is_empty() {
+            add(&format!("boundary_{name}"), &[times.len(), mesh.boundary.len(), c], wide(|f| &f.boundary));
+        }
+    }
+    Ok(arrays)
+}

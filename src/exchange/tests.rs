@@ -1,0 +1,216 @@
+//! Files of others there and back, and what is said of damaged ones.
+
+use super::import::{Options, import};
+use super::points::arrays;
+use super::records;
+use super::{Array, Arrays, npz, tfrecord::TfRecord};
+use m4gn_data::{Split, Trajectory};
+use m4gn_mesh::{NodeType, Result};
+use proptest::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// A folder with a file, and meta.json beside it.
+fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    std::fs::write(folder.path().join("meta.json"), records::meta().to_string()).unwrap();
+    (folder, path)
+}
+
+fn square() -> Arrays {
+    records::square().into_iter().map(|(name, shape, data)| (name.into(), Array { shape, data })).collect()
+}
+
+fn imported(path: &Path, options: &Options) -> Result<Trajectory> {
+    let out = path.with_file_name("out.h5");
+    let _ = std::fs::remove_file(&out);
+    import(path, &out, options, &mut |_, _| Ok(()))?;
+    Trajectory::open(out)
+}
+
+/// What is read back of the square.
+fn check(t: &Trajectory) {
+    let back = arrays(t).unwrap();
+    for (name, shape, data) in records::square() {
+        assert_eq!(back[name].data, data, "{name}");
+        assert_eq!(back[name].shape[back[name].shape.len() - 2..], shape[1..], "{name}");
+    }
+    assert_eq!(t.times(), [0.0, 0.5, 1.0]);
+}
+
+#[test]
+fn a_square_of_four_triangles_on_paper() {
+    let (_folder, path) = file("test_a.tfrecord", &records::record(&records::example()));
+    let t = imported(&path, &Options::default()).unwrap();
+    check(&t);
+    assert_eq!(t.split(), Split::Test);
+    let mesh = t.mesh();
+    let sixth = 1.0 / 6.0;
+    let near =
+        |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+    assert!(near(&mesh.cell_volumes, &[sixth, sixth, sixth, sixth, 2.0 * sixth]), "{:?}", mesh.cell_volumes);
+    // A side: 2/3 of 1/4 over 1; from a corner to the middle: two triangles, over 1/2.
+    let ends: Vec<_> = mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(a, b)| [*a, *b]).collect();
+    assert_eq!(ends, [[0, 1], [0, 3], [0, 4], [1, 2], [1, 4], [2, 3], [2, 4], [3, 4]]);
+    let (side, inner) = (sixth, 4.0 * sixth);
+    assert!(
+        near(&mesh.face_coeff, &[side, side, inner, side, inner, side, inner, inner]),
+        "{:?}",
+        mesh.face_coeff
+    );
+    let kinds: Vec<_> = mesh.boundary.iter().map(|b| (b.owner, b.kind)).collect();
+    let wall = NodeType::Wall;
+    assert_eq!(kinds, [(0, NodeType::Inlet), (1, wall), (2, NodeType::Outlet), (3, wall)]);
+    assert_eq!(mesh.boundary[0].area, [-0.5, -0.5, 0.0]);
+    assert_eq!(mesh.boundary[2].area, [0.5, 0.5, 0.0]);
+    assert!(near(&[mesh.boundary[1].coeff], &[3.0]));
+}
+
+#[test]
+fn archives_and_copies_give_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npz");
+    let dt = Options { dt: Some(0.5), ..Options::default() };
+    npz::write(&path, &square(), &["cells", "node_type"]).unwrap();
+    check(&imported(&path, &dt).unwrap());
+    let message = imported(&path, &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("--dt"), "{message}");
+    // What does not change is repeated in each frame, and `pos` for `mesh_pos`.
+    let path = folder.path().join("valid.h5");
+    let copy = hdf5::File::create(&path).unwrap();
+    for group in ["10", "9"] {
+        let group = copy.create_group(group).unwrap();
+        for (name, shape, data) in records::square() {
+            let name = if name == "mesh_pos" { "pos" } else { name };
+            let times = 3 / shape[0];
+            let data: Vec<f32> = data.iter().map(|v| *v as f32).collect::<Vec<_>>().repeat(times);
+            let shape = [3, shape[1], shape[2]];
+            group.new_dataset::<f32>().shape(shape).create(name).unwrap().write_raw(&data).unwrap();
+        }
+    }
+    copy.close().unwrap();
+    let mut seen = Vec::new();
+    let out = folder.path().join("set");
+    for kept in [false, true] {
+        let mut done = |file: &Path, was: bool| {
+            assert_eq!(was, kept);
+            seen.push(file.file_name().unwrap().to_string_lossy().into_owned());
+            Ok(())
+        };
+        assert_eq!(import(&path, &out, &dt, &mut done).unwrap(), 2);
+    }
+    assert_eq!(seen[..2], ["valid-00000.h5", "valid-00001.h5"]);
+    let t = Trajectory::open(out.join("valid-00001.h5")).unwrap();
+    check(&t);
+    assert_eq!(t.split(), Split::Valid);
+    let message = imported(&path, &dt).unwrap_err().to_string();
+    assert!(message.contains("more than one trajectory"), "{message}");
+}
+
+#[test]
+fn errors_name_record_byte_and_key() {
+    let good = records::record(&records::example());
+    let twice = [&good[..], &good].concat();
+    let n = good.len();
+    let changed = |at: usize| {
+        let mut bytes = twice.clone();
+        bytes[at] ^= 1;
+        bytes
+    };
+    let mut other = records::example();
+    let at = other.windows(8).position(|w| w == b"pressure").unwrap();
+    other[at] = b'P';
+    let other = records::record(&other);
+    let damages: [(&[u8], &str); 6] = [
+        (&twice[..n + 5], &format!("record 1, byte {n}: needs 16 bytes, the file has 5 more")),
+        (&twice[..2 * n - 1], &format!("record 1, byte {n}: needs {n} bytes, the file has {} more", n - 1)),
+        (&changed(n), &format!("record 1, byte {n}: the checksum of its length")),
+        (&changed(n + 40), &format!("record 1, byte {}: the checksum of its content", n + 12)),
+        (&other, "record 0, byte 12: no feature `pressure`"),
+        (&records::record(&[10, 200, 1, 0]), "record 0, byte 12: a field of 200 bytes where 1 are left"),
+    ];
+    for (bytes, expected) in damages {
+        let (_folder, path) = file("a.tfrecord", bytes);
+        let out = path.with_file_name("out");
+        let message = import(&path, &out, &Options::default(), &mut |_, _| Ok(())).unwrap_err().to_string();
+        assert!(message.contains("a.tfrecord: ") && message.contains(expected), "{message}\n{expected}");
+    }
+    let (_folder, path) = file("a.tfrecord", &good);
+    for (pointer, value, expected) in [
+        ("/dt", serde_json::json!("x"), "dt: expected a time in s, found \"x\""),
+        ("/features/velocity/dtype", serde_json::json!("int8"), "features.velocity.dtype: expected"),
+        ("/features/velocity/shape", serde_json::json!([-1, -1, 2]), "features.velocity.shape: expected"),
+        (
+            "/features/cells/shape",
+            serde_json::json!([1, -1, 5]),
+            "feature `cells`: 48 bytes for the shape [1, -1, 5]",
+        ),
+        ("/features/cells/type", serde_json::json!("dynamic_varlen"), "features.cells.type: expected"),
+        ("/features", serde_json::json!([]), "features: expected an object"),
+    ] {
+        let mut meta = records::meta();
+        *meta.pointer_mut(pointer).unwrap() = value;
+        std::fs::write(path.with_file_name("meta.json"), meta.to_string()).unwrap();
+        let message = imported(&path, &Options::default()).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn arrays_that_make_no_trajectory_are_named() {
+    let dt = Options { dt: Some(0.5), ..Options::default() };
+    type Change = fn(&mut Arrays);
+    let changes: [(&str, Change); 8] = [
+        ("no array node_type; found cells, mesh_pos", |a| drop(a.remove("node_type"))),
+        ("cells: value 2 is 9, expected a whole number from 0 to below 5", |a| {
+            a.get_mut("cells").unwrap().data[2] = 9.0
+        }),
+        ("triangle 1 of the points [1, 2, 1] has the area 0", |a| a.get_mut("cells").unwrap().data[5] = 1.0),
+        ("mesh_pos has shape [1, 2, 5]", |a| a.get_mut("mesh_pos").unwrap().shape = vec![1, 2, 5]),
+        ("node_type of point 0 is 3", |a| a.get_mut("node_type").unwrap().data[0] = 3.0),
+        ("pressure: frame 1 holds NaN", |a| a.get_mut("pressure").unwrap().data[5] = f64::NAN),
+        ("three components: a body", |a| a.get_mut("mesh_pos").unwrap().shape = vec![1, 5, 3]),
+        ("no array has a row for each of the 5 points", |a| a.retain(|_, a| a.shape[0] == 1)),
+    ];
+    for (expected, change) in changes {
+        let mut arrays = square();
+        change(&mut arrays);
+        let message = super::Points::new(&arrays, dt.dt, Path::new("a")).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever a record holds, with checksums that are right, it is read or refused.
+    #[test]
+    fn damaged_records_never_panic(flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
+                                   end in any::<prop::sample::Index>(), cut in any::<bool>()) {
+        let mut bytes = records::example();
+        flips.iter().for_each(|(at, value)| { let i = at.index(bytes.len()); bytes[i] = *value; });
+        if cut { bytes.truncate(end.index(bytes.len())); }
+        let (_folder, path) = file("a.tfrecord", &records::record(&bytes));
+        let mut records = TfRecord::open(&path).unwrap();
+        match records.next_arrays() {
+            Ok(arrays) => { let _ = super::Points::new(&arrays.unwrap(), Some(0.5), &path); }
+            Err(e) => prop_assert!(e.to_string().contains("record 0, byte "), "{e}"),
+        }
+    }
+
+    #[test]
+    fn damaged_archives_never_panic(flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
+                                    end in any::<prop::sample::Index>(), cut in any::<bool>()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        npz::write(&path, &square(), &["cells"]).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        flips.iter().for_each(|(at, value)| { let i = at.index(bytes.len()); bytes[i] = *value; });
+        if cut { bytes.truncate(end.index(bytes.len())); }
+        std::fs::write(&path, bytes).unwrap();
+        if let Ok(arrays) = npz::read(&path) {
+            let _ = super::Points::new(&arrays, Some(0.5), &path);
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! `m4gn convert` and `m4gn predict` from outside.
+
+#[path = "samples/records.rs"]
+mod records;
+
+use m4gn_data::Trajectory;
+use m4gn_model::{Kind, Model};
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn run(folder: &Path, arguments: &str) -> Output {
+    let program = env!("CARGO_BIN_EXE_m4gn");
+    Command::new(program).current_dir(folder).args(arguments.split(' ')).output().unwrap()
+}
+
+/// What a command prints.
+fn m4gn(folder: &Path, arguments: &str) -> String {
+    let output = run(folder, arguments);
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn refused(folder: &Path, arguments: &str) -> String {
+    let output = run(folder, arguments);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A TFRecord of two trajectories, and a model that fits them.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    put("meta.json", records::meta().to_string().as_bytes());
+    put(
+        "test.tfrecord",
+        &[records::record(&records::example()), records::record(&records::example())].concat(),
+    );
+    let mut spec = m4gn_samples::model::spec();
+    (spec.stride, spec.architecture.kind) = (0.5, Kind::MeshGraphNet { layers: 2 });
+    Model::random(spec, 3).unwrap().write(folder.path().join("m.safetensors")).unwrap();
+    folder
+}
+
+#[test]
+fn data_sets_go_in_and_out() {
+    let folder = folder();
+    let at = folder.path();
+    let said = m4gn(at, "convert test.tfrecord --out set");
+    assert!(said.ends_with("2 trajectories\n") && said.contains("wrote set/test-00001.h5"), "{said}");
+    assert!(m4gn(at, "convert test.tfrecord --out set --count 1").starts_with("kept  set/test-00000.h5"));
+    assert!(m4gn(at, "info set").contains("2 trajectories: 0 train, 0 valid, 2 test"));
+    m4gn(at, "convert set --as npz --out npz");
+    m4gn(at, "convert npz/test-00001.npz --out again.h5 --split valid");
+    let [a, b] = ["set/test-00001.h5", "again.h5"].map(|f| Trajectory::open(at.join(f)).unwrap());
+    assert_eq!((a.mesh(), a.triangles(), a.times()), (b.mesh(), b.triangles(), b.times()));
+    assert_eq!(a.recorded_frames("U").unwrap(), b.recorded_frames("U").unwrap());
+    m4gn(at, "convert again.h5 --out a.pvd");
+    let text = std::fs::read_to_string(at.join("a_0002.vtu")).unwrap();
+    assert!(
+        text.contains("NumberOfPoints=\"5\" NumberOfCells=\"4\"")
+            && text.contains("Name=\"U\" NumberOfComponents=\"3\"")
+    );
+    std::fs::create_dir_all(at.join("case/system")).unwrap();
+    std::fs::write(at.join("case/system/controlDict"), "application icoFoam;").unwrap();
+    for (arguments, expected) in [
+        ("convert case --out a.h5", "run its solver with -postProcess"),
+        ("convert set --out a.npz", "holds 2 trajectories: give --out a folder"),
+        ("convert again.h5 --out a.txt", "expected a name that ends in .npz or .pvd"),
+        ("convert again.h5 --out a --as pytorch", "a trajectory is written as npz or vtu"),
+        ("convert test.tfrecord --out one.h5", "holds more than one trajectory"),
+        ("convert meta.json --out one.h5", "expected a file whose name ends in .tfrecord, .npz or .h5"),
+        ("convert m.safetensors --out w.safetensors", "weights need --like MODEL"),
+        ("convert again.h5 --out a.npz --like m.safetensors", "--like, --node-types: these are for weights"),
+    ] {
+        let message = refused(at, arguments);
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn weights_go_out_and_in() {
+    let folder = folder();
+    let at = folder.path();
+    m4gn(at, "convert m.safetensors --as physicsnemo --out w.safetensors");
+    m4gn(at, "convert w.safetensors --like m.safetensors --out back.safetensors");
+    let [a, b] = ["m.safetensors", "back.safetensors"].map(|f| Model::read(at.join(f)).unwrap());
+    assert_eq!(a.tensors, b.tensors);
+    let message = refused(at, "convert m.safetensors --as npz --out w.npz");
+    assert!(message.contains("a model is written as physicsnemo or pytorch"), "{message}");
+}
+
+/// All velocities of the square grow by 1.25 m/s a frame: what knows nothing is off by that, and holding by twice of it.
+#[test]
+fn predictions_are_trajectories_with_their_errors() {
+    let folder = folder();
+    let at = folder.path();
+    m4gn(at, "convert test.tfrecord --out a.h5 --count 1");
+    let said = m4gn(at, "predict --model m.safetensors --data a.h5 --out p.h5 --json e.json");
+    assert!(said.contains("2 steps of 0.5 s"), "{said}");
+    let errors: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(at.join("e.json")).unwrap()).unwrap();
+    let rows = &errors["predictions"][0]["rmse"][0];
+    assert_eq!(
+        (&rows["persistence"], &rows["hold_first"]),
+        (&[1.25, 1.25][..].into(), &[1.25, 2.5][..].into())
+    );
+    let [truth, found] = ["a.h5", "p.h5"].map(|f| Trajectory::open(at.join(f)).unwrap());
+    assert_eq!((found.times(), found.triangles()), (truth.times(), truth.triangles()));
+    let [truth, found] = [truth, found].map(|t| t.read_frames("U", 0, 1, 3).unwrap());
+    assert_eq!(found[0], truth[0]);
+    // The model's row is the error of what was written.
+    let squares = found[2].cells.iter().zip(&truth[2].cells).map(|(a, b)| f64::from(a - b).powi(2));
+    let rmse = (squares.sum::<f64>() / 10.0).sqrt();
+    assert!((rows["model"][1].as_f64().unwrap() / rmse - 1.0).abs() < 1e-5, "{rows}");
+    // Beyond what is recorded; a folder to a folder.
+    m4gn(at, "predict --model m.safetensors --data a.h5 --out longer.h5 --steps 4");
+    assert_eq!(Trajectory::open(at.join("longer.h5")).unwrap().times(), [0.0, 0.5, 1.0, 1.5, 2.0]);
+    m4gn(at, "convert test.tfrecord --out set");
+    m4gn(at, "predict --model m.safetensors --data set --out predicted --steps 1");
+    assert!(at.join("predicted/test-00001.h5").is_file());
+    let message = refused(at, "predict --model m.safetensors --data a.h5 --out p.h5");
+    assert!(message.contains("p.h5") && message.contains("exists already"), "{message}");
+}

@@ -1,0 +1,109 @@
+//! Fuzz targets: data sets of others.
+#![allow(unsafe_code)]
+
+#[path = "../fuzzing/mod.rs"]
+mod fuzzing;
+#[path = "../samples/records.rs"]
+mod records;
+
+use fuzzing::{Random, fuzz};
+use m4gn_exchange::import::{Options, import};
+use m4gn_exchange::{Array, npz};
+use std::path::Path;
+
+/// Imports what is there; what comes of it is whole.
+fn read(path: &Path) {
+    let out = path.with_file_name("out");
+    let options = Options { dt: Some(0.5), count: Some(3), ..Options::default() };
+    let mut whole = |file: &Path, _| {
+        m4gn_data::Trajectory::open(file).expect("a trajectory that was just written");
+        std::fs::remove_file(file).unwrap();
+        Ok(())
+    };
+    let _ = import(path, &out, &options, &mut whole);
+}
+
+/// Writes a file that `damage` makes, and reads it.
+fn target(name: &'static str, file: &str, damage: impl Fn(&mut Random, &Path) -> Vec<u8>) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(file);
+    fuzz(name, |r| {
+        std::fs::write(path.with_file_name("meta.json"), records::meta().to_string()).unwrap();
+        let bytes = damage(r, &path);
+        std::fs::write(&path, &bytes).unwrap();
+        read(&path);
+        bytes.len()
+    });
+}
+
+#[test]
+fn tfrecord() {
+    target("tfrecord", "a.tfrecord", |r, _| {
+        let mut example = records::example();
+        // Behind a checksum that is right, or in the file.
+        match r.below(3) {
+            0 => {
+                let mut bytes = [records::record(&example), records::record(&example)].concat();
+                r.damage(&mut bytes);
+                bytes
+            }
+            _ => {
+                r.damage(&mut example);
+                records::record(&example)
+            }
+        }
+    });
+}
+
+/// An archive of files, one of which is damaged behind a checksum that is right, or which is damaged itself.
+fn damaged(r: &mut Random, mut files: Vec<(String, Vec<u8>)>) -> Vec<u8> {
+    if r.below(3) > 0 {
+        let i = r.below(files.len());
+        r.damage(&mut files[i].1);
+        return records::zip(&files);
+    }
+    let mut bytes = records::zip(&files);
+    r.damage(&mut bytes);
+    bytes
+}
+
+#[test]
+fn npz() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = folder.path().join("good.npz");
+    let square = records::square().into_iter();
+    let arrays = square.map(|(name, shape, data)| (name.to_string(), Array { shape, data })).collect();
+    npz::write(&good, &arrays, &["cells", "node_type"]).unwrap();
+    let good = npz::entries(&good, |_| true).unwrap();
+    target("npz", "a.npz", |r, _| damaged(r, good.clone()));
+}
+
+#[test]
+fn meta_json() {
+    target("meta.json", "a.tfrecord", |r, path| {
+        let mut text = records::meta().to_string().into_bytes();
+        match r.below(2) {
+            0 => {
+                let at = r.below(text.len());
+                r.damage_number(&mut text, at);
+            }
+            _ => r.damage(&mut text),
+        }
+        std::fs::write(path.with_file_name("meta.json"), text).unwrap();
+        records::record(&records::example())
+    });
+}
+
+#[test]
+fn torch_save() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("w.pt");
+    let good =
+        records::state_dict(&[("a.weight", vec![2, 3], vec![0.5; 6]), ("a.bias", vec![2], vec![1.0, 2.0])]);
+    fuzz("torch-save", |r| {
+        let bytes = damaged(r, good.clone());
+        std::fs::write(&path, &bytes).unwrap();
+        let _ = m4gn_exchange::weights::read(&path);
+        bytes.len()
+    });
+}
