@@ -75,8 +75,9 @@ impl CellMap {
         let face = |b: &BoundaryFace| {
             // Outward as seen from the owner, whatever the file says: a picture must not fall to pieces over a sign.
             let (centre, owner, area) = (flat(&b.centre), centres[b.owner as usize], flat(&b.area));
-            let sign = ((centre[0] - owner[0]) * area[0] + (centre[1] - owner[1]) * area[1]).signum();
-            (centre, area.map(|a| sign * a))
+            // A point of the boundary lies where its owner does.
+            let inward = (centre[0] - owner[0]) * area[0] + (centre[1] - owner[1]) * area[1] < 0.0;
+            (centre, area.map(|a| if inward { -a } else { a }))
         };
         let boundary: Vec<_> = mesh.boundary.iter().map(face).collect();
         Self::from_centres(&centres, &boundary, width)
@@ -200,6 +201,28 @@ mod tests {
             assert_eq!((map.width, map.height), (8, 1040), "{length}");
             assert!((shares(&map, 0) - 0.5).abs() < 0.01 && (shares(&map, 1) - 0.5).abs() < 0.01);
         }
+    }
+
+    #[test]
+    fn points_of_the_boundary_are_faces_at_their_own_places() {
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let face = |p: usize| BoundaryFace {
+            owner: p as i32,
+            global: p as i64,
+            centre: corners[p],
+            area: corners[p].map(|x| x - 0.5),
+            coeff: 1.0,
+            kind: m4gn_mesh::NodeType::Wall,
+            patch: 0,
+        };
+        let mesh = Mesh {
+            directions: vec![0, 1],
+            cell_centres: corners.to_vec(),
+            boundary: (0..4).map(face).collect(),
+            ..Mesh::default()
+        };
+        let map = CellMap::from_mesh(&mesh, 40).unwrap();
+        assert_eq!([-1, 0, 1, 2, 3].map(|cell| shares(&map, cell)), [0.0, 0.25, 0.25, 0.25, 0.25]);
     }
 
     #[test]
