@@ -3,7 +3,7 @@
 use super::{check_outputs, stop_flag, write_json};
 use m4gn_mesh::{Error, Result};
 use m4gn_report::number;
-use m4gn_workbench::check::{self, Case, Checked, Finding, Plan, Report};
+use m4gn_workbench::check::{self, Case, Checked, Finding, Plan};
 use std::path::{Path, PathBuf};
 
 /// Say whether a case fits: what would be handed over, what is refused and why
@@ -116,7 +116,7 @@ fn of(finding: &Finding, line: &dyn Fn(&str, &str)) {
         line("a step", &format!("{} s of wall time", number(report.wall / (report.steps - 1) as f64, 2)));
     }
     if finding.surrogate == "linear" && !report.handed_over.is_empty() {
-        linear(report, line);
+        linear(finding, line);
     } else if report.memory_after > report.memory_before {
         line(
             "memory",
@@ -129,7 +129,8 @@ fn of(finding: &Finding, line: &dyn Fn(&str, &str)) {
     }
 }
 
-fn linear(report: &Report, line: &dyn Fn(&str, &str)) {
+fn linear(finding: &Finding, line: &dyn Fn(&str, &str)) {
+    let report = &finding.report;
     match report.suggestion() {
         Some(s) => {
             let window = if s.window < check::WINDOW {
@@ -140,6 +141,9 @@ fn linear(report: &Report, line: &dyn Fn(&str, &str)) {
             line("suggested", &format!("linear {{ interval {};{window} }}: {}", s.interval, s.why));
             let memory = mib(report.window_memory(s.window));
             line("memory", &format!("up to {memory} MiB on all ranks for a window of {}", s.window));
+            if let Some(seconds) = finding.stride {
+                line("a stride", &format!("{} s with that window", number(seconds, 2)));
+            }
         }
         None => {
             line("suggested", "nothing: the run has too few time steps for a window of states and a jump")

@@ -457,6 +457,14 @@ impl Snapshots {
         Some(Combination(c))
     }
 
+    /// The mean of the kept states of these numbers as a combination.
+    pub(crate) fn mean(&self, numbers: &[i64]) -> Combination {
+        let mut c = vec![0.0; self.capacity];
+        let slots = numbers.iter().filter_map(|&n| self.slot(n));
+        slots.for_each(|slot| c[slot] = 1.0 / numbers.len() as f64);
+        Combination(c)
+    }
+
     /// Field `f` of a combination of kept states. Values of a positive field are not below the least of these states.
     pub(crate) fn combine(&self, f: usize, combination: &Combination, out: &mut [f64]) {
         let used: Vec<(&Entry, f64)> =

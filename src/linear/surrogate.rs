@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
+use std::time::Instant;
 
 /// Snapshots beyond the window: those that come while a fit is in use.
 const BESIDE: usize = 8;
@@ -392,6 +393,29 @@ impl Linear {
             false => State { grid: state.grid, present: state.present, ..State::default() },
         };
         Ok(said)
+    }
+
+    /// Wall time that each state of a fit's window adds to a reconstruction, s: as measured on those that are kept, mean of all ranks.
+    /// Collective.
+    pub fn seconds_a_state(&self) -> f64 {
+        let numbers: Vec<i64> = self.snapshots.numbers().collect();
+        let first = &numbers[..numbers.len().min(1)];
+        let longest = self.snapshots.fields().iter().map(|f| f.len).max().unwrap_or(0);
+        let mut out = vec![0.0; longest];
+        let mut seconds = |numbers: &[i64]| {
+            let all = self.snapshots.mean(numbers);
+            let began = Instant::now();
+            for (f, field) in self.snapshots.fields().iter().enumerate() {
+                self.snapshots.combine(f, &all, &mut out[..field.len]);
+            }
+            began.elapsed().as_secs_f64()
+        };
+        // The first pass touches memory that was not there before.
+        let _ = seconds(first);
+        let more = numbers.len().saturating_sub(1).max(1) as f64;
+        let mut mean = [(seconds(&numbers) - seconds(first)).max(0.0) / more, 1.0];
+        self.snapshots.comm().sum_f64(&mut mean);
+        mean[0] / mean[1]
     }
 
     /// Field `f` of a prediction: the same combination of states for every field.

@@ -171,6 +171,8 @@ pub struct Fitted {
     rollout: Option<(Outlook, f64)>,
     /// What is still to be said.
     note: String,
+    /// Whether it was said what a state costs.
+    timed: bool,
 }
 
 impl Fitted {
@@ -219,6 +221,7 @@ impl Fitted {
             inputs: Vec::new(),
             rollout: None,
             note,
+            timed: false,
         })
     }
 
@@ -249,7 +252,7 @@ impl Fitted {
             false => (0.0, 2.0 * self.kept.turn),
         };
         self.kept.length = self.settings.first as f64;
-        format!(
+        let mut said = format!(
             "m4gn: time {}: fit of {n} states, {} delays, rank {}, growth {modes}: its last {tail} states, held back, are off by {error:.3} of \
              what holding would be (of the variation: {}); {}\n\n",
             step.name,
@@ -261,7 +264,15 @@ impl Fitted {
                 (_, true) => "the solver goes on",
                 _ => "the solver goes on while it gets better",
             }
-        )
+        );
+        if holds && !std::mem::replace(&mut self.timed, true) {
+            let seconds = self.linear.seconds_a_state();
+            let _ = write!(
+                said,
+                "m4gn: each state of the window adds {seconds:.1e} s to a stride of the fit\n\n"
+            );
+        }
+        said
     }
 
     /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.

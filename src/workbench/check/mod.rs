@@ -88,6 +88,8 @@ pub struct Finding {
     pub notes: Vec<String>,
     /// How far it came.
     pub report: Report,
+    /// What a stride takes with the window that is suggested, s: of the linear surrogate that jumped.
+    pub stride: Option<f64>,
 }
 
 /// What came of a case.
@@ -150,6 +152,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
             why: Some(format!("no network can be made of the configuration and this case: {e}")),
             notes: Vec::new(),
             report: Report::default(),
+            stride: None,
         }),
     }
     let case = match &plan.case {
@@ -203,6 +206,7 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
         surrogate: surrogate.into(),
         why: words::why(&report, &log, done.err().as_ref(), &copy.application),
         notes: words::notes(&log),
+        stride: report.suggestion().and_then(|s| words::stride(&log, s.window)),
         report,
     })
 }

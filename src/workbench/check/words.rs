@@ -82,6 +82,17 @@ pub(super) fn notes(log: &str) -> Vec<String> {
     notes
 }
 
+/// What a stride of the linear surrogate takes with this window, s: what the jump took, and what each further state adds. None: nothing was timed.
+pub(super) fn stride(log: &str, window: usize) -> Option<f64> {
+    let told =
+        |begin: &str| log.lines().map(plain).find_map(|l| l.strip_prefix("m4gn: ")?.split(begin).nth(1));
+    let number = |text: &str| text.split_whitespace().next()?.trim_end_matches(';').parse::<f64>().ok();
+    let jump = told("jumped 1 steps").and_then(|l| number(l.split(" in ").nth(1)?))?;
+    let states = told(": fit of ").and_then(number)?;
+    let each = told("each state of the window adds ").and_then(number)?;
+    Some(jump + (window as f64 - states) * each)
+}
+
 /// A line without the number of the rank that mpirun puts before it, and blanks.
 fn plain(line: &str) -> &str {
     let line = line.trim();
@@ -148,5 +159,13 @@ mod tests {
         let log = "m4gn: jumped 1 steps of 0.1 s; a stride beside was off\nx\n--> FOAM Warning : \n    From void Foam::m4gnFlowState()\n    in file a\n    sources act\n\n--> FOAM \
                    Warning : \n    From void Foam::other()\n    in file b\n    not ours\n\n";
         assert_eq!(notes(log), ["jumped 1 steps of 0.1 s", "warning: sources act"]);
+    }
+
+    #[test]
+    fn each_state_of_a_window_has_its_share_of_a_stride() {
+        let log = "m4gn: time 1: fit of 14 states, 2 delays\n\nm4gn: each state of the window adds 5.0e-4 s to a stride of the fit\n\nm4gn: jumped 1 steps of 0.1 s to time \
+                   2 in 0.018 s; a stride beside";
+        assert!((stride(log, 40).unwrap() - 0.031).abs() < 1e-12);
+        assert_eq!(stride(&log.replace("adds", "has"), 40), None);
     }
 }
