@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # m4gnSurrogate with surrogates (linear) where a network is refused or knows less than the solver: a pipe as a wedge, and a zone that
-# rotates (MRF, pimpleFoam), both behind an inlet that pulsates.
+# rotates (MRF, pimpleFoam), and blocks that interpolation joins (cyclicAMI), each behind an inlet that pulsates.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 mkdir -p case/{0,constant,system} && cd case
@@ -52,3 +52,20 @@ rm -rf constant/polyMesh
 wedge '16 6 1'
 fields '"back|front" { type wedge; } axis { type empty; }'
 compared icoFoam 'a pipe as a wedge'
+
+# Two blocks whose cells do not match, joined by interpolation (cyclicAMI)
+rm -rf constant/polyMesh
+{ header blockMeshDict; cat <<'EOD'; } > system/blockMeshDict
+vertices ((0 0 0) (.5 0 0) (.5 .4 0) (0 .4 0) (0 0 .1) (.5 0 .1) (.5 .4 .1) (0 .4 .1) (.5 0 0) (1 0 0) (1 .4 0) (.5 .4 0) (.5 0 .1) (1 0 .1) (1 .4 .1) (.5 .4 .1));
+blocks (hex (0 1 2 3 4 5 6 7) (10 8 1) simpleGrading (1 1 1) hex (8 9 10 11 12 13 14 15) (8 6 1) simpleGrading (1 1 1));
+boundary
+(
+    inlet { type patch; faces ((0 4 7 3)); } outlet { type patch; faces ((9 10 14 13)); } wall { type wall; faces ((0 1 5 4) (3 7 6 2) (8 9 13 12) (11 15 14 10)); }
+    before { type cyclicAMI; neighbourPatch behind; transform noOrdering; faces ((1 2 6 5)); }
+    behind { type cyclicAMI; neighbourPatch before; transform noOrdering; faces ((8 12 15 11)); }
+    sides { type empty; faces ((0 3 2 1) (4 5 6 7) (8 11 10 9) (12 13 14 15)); }
+);
+EOD
+runs blockMesh
+fields 'sides { type empty; } "before|behind" { type cyclicAMI; }'
+compared icoFoam 'blocks joined by cyclicAMI'
