@@ -16,6 +16,7 @@ pub mod info;
 pub mod predict;
 pub mod segment;
 mod stop;
+pub mod study;
 pub mod train;
 pub mod validate;
 
@@ -49,6 +50,7 @@ enum Command {
     Convert(convert::Args),
     Compare(compare::Args),
     Hybrid(hybrid::Args),
+    Study(study::Args),
     Bench(bench::Args),
     Segment(segment::Args),
     Doctor(doctor::Args),
@@ -70,6 +72,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => convert::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Hybrid(args) => hybrid::run(args),
+        Command::Study(args) => study::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Segment(args) => segment::run(args),
         Command::Doctor(args) => doctor::run(args),

@@ -50,6 +50,9 @@ pub struct Args {
     /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
     #[arg(long, default_value = "auto")]
     resolution: Resolution,
+    /// Number of segments, in place of the model's own
+    #[arg(long, value_name = "N")]
+    segments: Option<usize>,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -88,7 +91,17 @@ pub fn run(args: Args) -> Result<()> {
         return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
     }
     crate::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
-    let model = Model::read(&args.model)?;
+    let mut model = Model::read(&args.model)?;
+    if let Some(count) = args.segments {
+        if !model.spec.architecture.needs().segments {
+            return Err(Error::Input(format!(
+                "--segments {count}: {} is a network without segments",
+                args.model.display()
+            )));
+        }
+        (model.spec.segments.count, model.spec.segments.size) = (count, None);
+        model.spec.segments.check()?;
+    }
     let ways = args.ways(&model)?;
     let trajectories = trajectories(&args.data, &args.split, &model)?;
     // One trajectory is pictured: the first of the split that counts.

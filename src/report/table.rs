@@ -22,6 +22,37 @@ impl Table {
         self.rows.push(cells.into_iter().map(Into::into).collect());
     }
 
+    /// The table in Markdown.
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | ").replace('\n', " "));
+        let rule: Vec<String> = self.headers.iter().map(|_| "---".into()).collect();
+        std::iter::once(&self.headers).chain([&rule]).chain(&self.rows).map(|l| line(l)).collect()
+    }
+
+    /// The table in LaTeX (booktabs).
+    pub fn latex(&self) -> String {
+        let cell = |text: &String| {
+            let marked: String = text
+                .chars()
+                .map(|c| match c {
+                    '%' | '&' | '_' | '#' | '$' | '{' | '}' => format!("\\{c}"),
+                    '±' => r"$\pm$".into(),
+                    '^' | '~' | '\\' => format!("\\char{}{{}}", c as u32),
+                    c => c.to_string(),
+                })
+                .collect();
+            marked
+        };
+        let line =
+            |cells: &[String]| format!("{} \\\\\n", cells.iter().map(cell).collect::<Vec<_>>().join(" & "));
+        let body: String = self.rows.iter().map(|r| line(r)).collect();
+        format!(
+            "\\begin{{tabular}}{{l{}}}\n\\toprule\n{}\\midrule\n{body}\\bottomrule\n\\end{{tabular}}\n",
+            "r".repeat(self.headers.len().saturating_sub(1)),
+            line(&self.headers)
+        )
+    }
+
     /// The table in HTML.
     pub fn html(&self) -> String {
         let line = |tag: &str, cells: &[String]| {
@@ -68,5 +99,12 @@ mod tests {
         table.row(["model", "0.25"]);
         assert_eq!(table.to_string(), "         RMSE-1\n  -----  ------\n  a < b     0.5\n  model    0.25\n");
         assert!(table.html().contains("<td>a &lt; b</td><td>0.5</td>"));
+        assert!(table.markdown().starts_with("|  | RMSE-1 |\n| --- | --- |\n| a < b | 0.5 |\n"));
+        table.row(["50 % & more", "1 ± 2"]);
+        assert!(
+            table.latex().contains("50 \\% \\& more & 1 $\\pm$ 2 \\\\\n\\bottomrule"),
+            "{}",
+            table.latex()
+        );
     }
 }

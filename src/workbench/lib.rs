@@ -1,4 +1,4 @@
-//! What is done with models and trajectories outside of a solver: seven tools, a module each.
+//! What is done with models and trajectories outside of a solver: eight tools, a module each.
 //!
 //! | module | tool | its way in |
 //! | --- | --- | --- |
@@ -7,6 +7,7 @@
 //! | [`compare`] | two runs of a case: fields, forces, motion, times | [`compare::compare`] |
 //! | [`hybrid`] | many cases, each with and without surrogate | [`hybrid::run`] |
 //! | [`generate`] | training data | [`generate::queue::Queue::run`] |
+//! | [`study`] | networks on data sets, compared | [`study::run`] |
 //! | [`survey`] | segments of a mesh | [`survey::Survey::run`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
@@ -24,5 +25,6 @@ pub mod generate;
 pub mod hybrid;
 pub mod predict;
 pub mod signal;
+pub mod study;
 pub mod survey;
 pub mod validate;

@@ -1,0 +1,37 @@
+//! `m4gn study`: networks on data sets with several seeds, compared in one report.
+
+use super::stop_flag;
+use m4gn_mesh::{Error, Result};
+use m4gn_workbench::study::{Plan, Report, run as study};
+use std::path::PathBuf;
+
+/// Train networks on data sets with several seeds, at equal updates or equal time, and compare them in one report
+///
+/// FILE says what is trained on what (docs/study.md). Each training and validation is a process of its own, one after the other; what is done is kept in
+/// DIR, and the same command goes on where it was stopped. The report (study.html, study.md, study.tex, study.json in DIR) has persistence, hold first,
+/// extrapolation and a linear fit (HODMD) beside the networks. One that fails is told, and the others go on; exit status 1 then.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What to study (*.toml)
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Folder for trainings and report
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file that cannot be, or trainings that failed, after the report.
+pub fn run(args: Args) -> Result<()> {
+    let plan = Plan::read(&args.file)?;
+    let (cells, failed) = study(&plan, &args.out, stop_flag()?, &mut |line| println!("{line}"))?;
+    let report = Report::new(&plan, &cells, failed);
+    println!("\n{}", report.text());
+    report.write(&args.out)?;
+    match failed {
+        0 => Ok(()),
+        n => Err(Error::Input(format!("{n} of {} failed, as told above", n + cells.len()))),
+    }
+}

@@ -1,0 +1,272 @@
+//! What came of a study: a table a test, for people (text, HTML, Markdown, LaTeX) and for programs (JSON).
+
+use super::{Cell, Plan};
+use m4gn_mesh::{Result, files};
+use m4gn_report::{Page, Table, number};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Predictions that need no training, in every table.
+const BASELINES: [(&str, &str); 4] = [
+    ("persistence", "persistence"),
+    ("hold_first", "hold first"),
+    ("extrapolation", "extrapolation"),
+    ("linear", "linear (HODMD)"),
+];
+
+/// Horizons of the paper's tables.
+const HORIZONS: [(&str, &str); 3] = [("rmse_1", "RMSE-1"), ("rmse_50", "RMSE-50"), ("rmse_all", "RMSE-all")];
+
+/// Mesh metrics of bodies (appendix C.2).
+const SHAPES: [(&str, &str); 4] = [("gf_h", "GFh"), ("gf_c", "GFc"), ("mc", "MC"), ("ar", "AR")];
+
+impl Cell {
+    /// Its figures in a line.
+    pub(super) fn line(&self) -> String {
+        let [steps, seconds] = ["steps", "seconds"].map(|key| self.training[key].as_f64().unwrap_or(0.0));
+        let mut text = format!("{steps} updates in {} s", number(seconds, 3));
+        for (test, count, figures) in &self.tests {
+            let of = |(key, name)| Some(format!("{name} {}", number(model(figures)[key].as_f64()?, 3)));
+            let all: Vec<String> = HORIZONS.into_iter().filter_map(of).collect();
+            let more = count.map_or(String::new(), |n| format!(" with {n} segments"));
+            text += &format!("; {test}{more}: {}", all.join(", "));
+        }
+        text
+    }
+}
+
+/// The model's row: with contact projection, where there is one.
+fn model(figures: &Value) -> &Value {
+    if figures["projected"].is_object() { &figures["projected"] } else { &figures["model"] }
+}
+
+/// Mean, standard deviation over seeds (none of one seed), and whether any was not finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Spread {
+    mean: f64,
+    deviation: f64,
+}
+
+impl Spread {
+    fn of(values: &[Option<f64>]) -> Option<Self> {
+        let n = values.len() as f64;
+        let values: Vec<f64> = values.iter().map(|v| v.unwrap_or(f64::INFINITY)).collect();
+        let mean = values.iter().sum::<f64>() / n;
+        let square = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>();
+        (n > 0.0)
+            .then(|| Spread { mean, deviation: if n > 1.0 { (square / (n - 1.0)).sqrt() } else { f64::NAN } })
+    }
+
+    fn text(self) -> String {
+        match (self.mean.is_finite(), self.deviation.is_finite()) {
+            (false, _) => "not finite".into(),
+            (_, false) => number(self.mean, 3),
+            _ => format!("{} ± {}", number(self.mean, 3), number(self.deviation, 2)),
+        }
+    }
+}
+
+/// A table and what it is of.
+#[derive(Clone, Debug)]
+struct Section {
+    heading: String,
+    note: String,
+    table: Table,
+}
+
+/// A report.
+#[derive(Clone, Debug)]
+pub struct Report {
+    title: String,
+    sections: Vec<Section>,
+    json: Value,
+}
+
+impl Report {
+    /// Of the cells that there are.
+    pub fn new(plan: &Plan, cells: &[Cell], failed: usize) -> Self {
+        let mut report = Report { title: plan.title.clone(), sections: Vec::new(), json: Value::Null };
+        let mut tests = Vec::new();
+        for data in &plan.data {
+            let own: Vec<&Cell> = cells.iter().filter(|c| c.data == data.name).collect();
+            let mut names: Vec<&String> = Vec::new();
+            for (name, ..) in own.iter().flat_map(|c| &c.tests) {
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
+            for name in names {
+                let (section, json) = section(plan, &data.name, name, &own);
+                report.sections.push(section);
+                tests.push(json);
+            }
+        }
+        let trained = |c: &Cell| json!({ "data": c.data, "network": c.network, "seed": c.seed, "training": c.training });
+        report.json = json!({
+            "title": plan.title, "plan": plan, "failed": failed, "tests": tests, "cells": cells.iter().map(trained).collect::<Vec<_>>(),
+        });
+        report
+    }
+
+    /// The tables as text.
+    pub fn text(&self) -> String {
+        let one = |s: &Section| format!("{}\n{}\n\n{}\n", s.heading, s.note, s.table);
+        self.sections.iter().map(one).collect()
+    }
+
+    /// Writes `study.json`, `study.html`, `study.md` and `study.tex` into a folder.
+    ///
+    /// # Errors
+    /// [`m4gn_mesh::Error::File`] for the one that cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let mut page = Page::new(&self.title);
+        let (mut markdown, mut latex) = (format!("# {}\n", self.title), String::new());
+        for s in &self.sections {
+            page.heading(&s.heading);
+            page.paragraph(&s.note);
+            page.table(&s.table);
+            markdown += &format!("\n## {}\n\n{}\n\n{}", s.heading, s.note, s.table.markdown());
+            latex += &format!("% {}: {}\n{}\n", s.heading, s.note, s.table.latex());
+        }
+        page.write(&folder.join("study.html"))?;
+        for (name, text) in
+            [("study.md", markdown), ("study.tex", latex), ("study.json", format!("{:#}\n", self.json))]
+        {
+            files::write_whole(&folder.join(name), text.as_bytes())?;
+        }
+        Ok(())
+    }
+}
+
+/// The table of a test, and the same as JSON.
+fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Value) {
+    let figures =
+        |c: &Cell, n: Option<usize>| c.tests.iter().find(|t| t.0 == test && t.1 == n).map(|t| t.2.clone());
+    let first = cells.iter().find_map(|c| figures(c, None)).unwrap_or_default();
+    let has = |key: &str| cells.iter().filter_map(|c| figures(c, None)).any(|f| model(&f)[key].is_number());
+    let shapes: Vec<(&str, &str)> = SHAPES.into_iter().filter(|(key, _)| has(key)).collect();
+    let columns: Vec<(&str, &str)> = HORIZONS.into_iter().chain(shapes).collect();
+    let unit = first["unit"].as_str().unwrap_or_default();
+    let mut table = Table::new(["network", "weights", "training, min", "ms a step"]);
+    let with_unit = |(key, name): &(&str, &str)| match key.starts_with("rmse") {
+        true => format!("{name} [{unit}]"),
+        false => name.to_string(),
+    };
+    table.headers.extend(columns.iter().map(with_unit));
+    let mut rows = Vec::new();
+    for network in &plan.network {
+        for count in std::iter::once(None).chain(network.segments.iter().map(|&n| Some(n))) {
+            let own = cells.iter().filter(|c| c.network == network.name);
+            let own: Vec<(&Cell, Value)> = own.filter_map(|c| Some((*c, figures(c, count)?))).collect();
+            if own.is_empty() {
+                continue;
+            }
+            let spread = |of: &dyn Fn(&(&Cell, Value)) -> Option<f64>| {
+                Spread::of(&own.iter().map(of).collect::<Vec<_>>())
+            };
+            let training = |key: &str, unit: f64| spread(&|(c, _)| Some(c.training[key].as_f64()? / unit));
+            let scores: Vec<Option<Spread>> =
+                columns.iter().map(|(key, _)| spread(&|(_, f)| model(f)[*key].as_f64())).collect();
+            let name = count.map_or(network.name.clone(), |n| format!("{}, {n} segments", network.name));
+            let told = |s: Option<Spread>| s.map_or(String::new(), Spread::text);
+            let weights = own[0].0.training["weights"].as_u64().unwrap_or(0);
+            let mean = |s: Option<Spread>| s.map_or(String::new(), |s| number(s.mean, 3));
+            let mut row = vec![name.clone(), weights.to_string(), mean(training("seconds", 60.0))];
+            row.push(mean(spread(&|(_, f)| model(f)["ms_per_step"].as_f64())));
+            row.extend(scores.iter().map(|s| told(*s)));
+            table.row(row);
+            let pairs =
+                columns.iter().zip(&scores).filter_map(|((key, _), s)| Some((key.to_string(), (*s)?)));
+            let json = pairs.map(|(key, s)| (key, json!({ "mean": s.mean, "deviation": s.deviation })));
+            let mut json = Value::Object(json.collect());
+            json["network"] = name.into();
+            json["seeds"] = own.len().into();
+            rows.push((network.name.as_str(), count, scores[2], json));
+        }
+    }
+    let mut baselines = serde_json::Map::new();
+    for (key, name) in BASELINES {
+        let mut row = vec![name.to_string(), String::new(), String::new(), String::new()];
+        let told = |c: &(&str, &str)| first[key][c.0].as_f64().map_or("-".into(), |v| number(v, 3));
+        row.extend(columns.iter().map(told));
+        table.row(row);
+        baselines.insert(key.into(), first[key].clone());
+    }
+    let of = plan.margin_of.as_ref().unwrap_or(&plan.network[0].name);
+    let scored = || rows.iter().filter(|r| r.1.is_none()).filter_map(|r| Some((r.0, r.2?.mean)));
+    let own = scored().find(|(name, _)| name == of).map(|r| r.1);
+    let best = scored().filter(|(name, _)| name != of).min_by(|a, b| a.1.total_cmp(&b.1));
+    let margin = own.zip(best).map(|(own, (_, other))| 1.0 - own / other).filter(|m| m.is_finite());
+    let mut note = format!(
+        "{} trajectories, {}; mean ± standard deviation over seeds, {} each.",
+        first["splits"]
+            .as_object()
+            .map_or(0, |s| s.values().filter_map(|v| v["trajectories"].as_u64()).sum()),
+        first["field"].as_str().unwrap_or("field"),
+        match (plan.steps, plan.minutes) {
+            (Some(steps), _) => format!("{steps} updates"),
+            (_, minutes) => format!("{} min of training", number(minutes.unwrap_or(0.0), 3)),
+        }
+    );
+    if let (Some(margin), Some((name, _))) = (margin, best) {
+        let (percent, way) = (number(100.0 * margin.abs(), 2), if margin < 0.0 { "above" } else { "below" });
+        note += &format!(" RMSE-all of {of} is {percent} % {way} that of the best other network, {name}.");
+    }
+    let heading = format!("{data}, {test}");
+    let json = json!({
+        "data": data, "test": test, "field": first["field"], "unit": unit, "margin": margin, "margin_of": of,
+        "networks": rows.into_iter().map(|r| r.3).collect::<Vec<_>>(), "baselines": baselines,
+    });
+    (Section { heading, note, table }, json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(network: &str, seed: u64, all: Value) -> Cell {
+        let figures = json!({ "field": "U", "unit": "m/s", "model": { "rmse_1": 0.1, "rmse_50": 0.2, "rmse_all": all, "ms_per_step": 3.0 },
+            "persistence": { "rmse_1": 0.4, "rmse_50": 0.4, "rmse_all": 0.4 }, "splits": { "test": { "trajectories": 2 } } });
+        Cell {
+            data: "flow".into(),
+            network: network.into(),
+            seed,
+            training: json!({ "steps": 9, "seconds": 60.0, "weights": 1234 }),
+            tests: vec![("test".into(), None, figures)],
+        }
+    }
+
+    #[test]
+    fn seeds_are_averaged_and_the_margin_is_over_the_best_other() {
+        let plan: Plan = toml::from_str(
+            "title = 't'\nsteps = 9\n[[data]]\nname = 'flow'\ntrain = 'd'\nconfig = 'c'\n[[network]]\nname = 'M4GN'\n[[network]]\nname = 'GCN'\n[[network]]\nname = 'MGN'\n",
+        )
+        .unwrap();
+        let cells = [
+            cell("M4GN", 1, json!(0.2)),
+            cell("M4GN", 2, json!(0.4)),
+            cell("GCN", 1, json!(0.5)),
+            cell("MGN", 1, Value::Null),
+        ];
+        let report = Report::new(&plan, &cells, 1);
+        let text = report.text();
+        for expected in [
+            "0.300 ± 0.14",
+            "not finite",
+            "is 40 % below that of the best other network, GCN",
+            "persistence",
+            "linear (HODMD)",
+            "2 trajectories",
+        ] {
+            assert!(text.contains(expected), "{expected}: {text}");
+        }
+        let test = &report.json["tests"][0];
+        assert!((test["margin"].as_f64().unwrap() - 0.4).abs() < 1e-12, "{test}");
+        assert_eq!((&test["networks"][0]["seeds"], &report.json["failed"]), (&json!(2), &json!(1)));
+        let dir = tempfile::tempdir().unwrap();
+        report.write(dir.path()).unwrap();
+        let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
+        assert!(read("study.md").contains("| M4GN | 1234 |"), "{}", read("study.md"));
+        assert!(read("study.tex").contains(r"$\pm$") && read("study.html").contains("<td>M4GN</td>"));
+    }
+}
