@@ -54,8 +54,14 @@ fn run(comm: &Comm) -> Vec<String> {
             gcn.architecture.kind = Kind::Gcn { layers: 3 };
             let mut bsms = spec(mesh.dim(), 0, 0, 0);
             bsms.architecture.kind = Kind::BsmsGnn { levels: 4 };
+            let eagle = [0, 1].map(|overlap| {
+                let mut eagle = spec(mesh.dim(), 1, overlap, 2);
+                eagle.architecture.kind =
+                    Kind::Eagle(eagle.architecture.m4gn().cloned().unwrap_or_else(|| unreachable!()));
+                (format!("eagle, overlap {overlap}"), eagle)
+            });
             let others = [("gcn".to_string(), gcn), ("bsms-gnn".to_string(), bsms)];
-            for (name, spec) in m4gn.into_iter().chain(others) {
+            for (name, spec) in m4gn.into_iter().chain(others).chain(eagle) {
                 let name = format!("{what}, {how}, {name}");
                 // Groups of cells that straddle ranks.
                 let groups = Resolution::Length(1.7 * cell_size(mesh, &Comm::serial()));

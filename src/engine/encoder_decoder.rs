@@ -158,7 +158,10 @@ impl<T: Number> Decoder<T> {
             last: Linear::new(isa, model, &format!("decoder.{h}"))?,
             function: linear::activation(model),
             bias,
-            segment: a.m4gn().map(|_| linear::columns(isa, model, "decoder.0", d..2 * d)).transpose()?,
+            segment: a
+                .decodes_segments()
+                .then(|| linear::columns(isa, model, "decoder.0", d..2 * d))
+                .transpose()?,
             mean: model.tensor("norm.output.mean")?.data.clone(),
             std: model.tensor("norm.output.std")?.data.clone(),
         })

@@ -25,6 +25,7 @@ pub mod plain;
 mod pool;
 mod processor;
 mod profile;
+mod recurrence;
 mod segment_stage;
 mod tiles;
 pub mod torch;

@@ -2,7 +2,7 @@
 
 use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model};
 use m4gn_structure::graph::Graph;
-use m4gn_structure::{Segmentation, Structure, Transfer};
+use m4gn_structure::{Segmentation, Sequence, Structure, Transfer};
 
 type Rows = Vec<Vec<f64>>;
 
@@ -107,10 +107,11 @@ impl Plain<'_> {
     }
 
     /// All layers and the macro stage; what a node's segments add to what the decoder reads.
-    fn m4gn(&self, m: &M4gn, graph: &Graph, view: &Segmentation, h: &mut Rows) -> Rows {
+    fn m4gn(&self, m: &M4gn, structure: &Structure, h: &mut Rows) -> Rows {
+        let (graph, view) = (&structure.graph, structure.segments.as_ref().unwrap());
         let mut e = self.edges(graph);
         (0..m.layers_before).for_each(|l| self.pass(l, graph, h, &mut e));
-        let x = self.segments(&m.segment_transformer, view, h);
+        let x = self.segments(&m.segment_transformer, structure, h);
         let context: Rows = (0..h.len()).map(|i| segment_of(view, &x, i)).collect();
         if m.layers_after > 0 {
             for (h, context) in h.iter_mut().zip(&context) {
@@ -143,11 +144,33 @@ impl Plain<'_> {
         }
     }
 
+    /// The last state of a gated recurrent unit that has read the nodes of a segment.
+    fn recurrence(&self, sequence: &Sequence, s: usize, h: &Rows) -> Vec<f64> {
+        let d = self.0.spec.architecture.width;
+        let logistic = |x: f64| 1.0 / (1.0 + (-x).exp());
+        let mut state = vec![0.0; d];
+        for &i in &sequence.node[sequence.row[s] as usize..sequence.row[s + 1] as usize] {
+            let x = self.linear("segment.recurrence.input", &h[i as usize]);
+            let y = self.linear("segment.recurrence.hidden", &state);
+            for (i, state) in state.iter_mut().enumerate() {
+                let [reset, update] = [i, d + i].map(|i| logistic(x[i] + y[i]));
+                let new = (x[2 * d + i] + reset * y[2 * d + i]).tanh();
+                *state = (1.0 - update) * new + update * *state;
+            }
+        }
+        state
+    }
+
     /// eq. 9 to 13.
-    fn segments(&self, spec: &MacroSpec, view: &Segmentation, h: &Rows) -> Rows {
+    fn segments(&self, spec: &MacroSpec, structure: &Structure, h: &Rows) -> Rows {
+        let view = structure.segments.as_ref().unwrap();
+        let sequence = structure.sequence_for(self.0.spec.architecture.needs()).unwrap();
         let d = self.0.spec.architecture.width;
         let mut x = vec![vec![0.0; d]; view.count];
-        for (i, h) in h.iter().enumerate() {
+        if let Some(sequence) = sequence {
+            x = (0..view.count).map(|s| self.recurrence(sequence, s, h)).collect();
+        }
+        for (i, h) in h.iter().enumerate().filter(|_| sequence.is_none()) {
             for s in members(view, i) {
                 let share: Vec<f64> = h.iter().map(|v| v / view.sizes[s]).collect();
                 add(&mut x[s], &share);
@@ -241,7 +264,11 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
         })
         .collect();
     let context = match &spec.architecture.kind {
-        Kind::M4gn(m) => net.m4gn(m, graph, segments.unwrap(), &mut h),
+        Kind::M4gn(m) => net.m4gn(m, structure, &mut h),
+        Kind::Eagle(m) => {
+            net.m4gn(m, structure, &mut h);
+            vec![vec![]; h.len()]
+        }
         Kind::MeshGraphNet { layers } => {
             let mut e = net.edges(graph);
             (0..*layers).for_each(|l| net.pass(l, graph, &mut h, &mut e));

@@ -1,18 +1,19 @@
-//! The macro stage: segment features (eq. 9), positional encoding (eq. 10), segment transformer (eq. 11 to 13).
+//! The macro stage: segment features (eq. 9, or a recurrence over a segment's nodes), positional encoding (eq. 10), segment transformer (eq. 11 to 13).
 //!
 //! Segment sums are made over all ranks in fp64; from there on every rank computes the same K rows, in fp32 in either
 //! precision.
 
 use super::encoder_decoder::Encoder;
 use super::kernels::{Addend, Buffer, Function, Isa, Normed, Output, Packed, padded, product};
-use super::linear::{self, Tail};
+use super::linear::{self, Linear, Tail};
 use super::pool::{Parts, Pool};
+use super::recurrence::{Kept, Together, Unit, together};
 use super::tiles::{block, blocks};
 use super::transformer::{self, TransformerLayer};
-use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_structure::Segmentation;
+use m4gn_structure::{Segmentation, Structure};
 
 /// Weights, members and buffers of the macro stage.
 #[derive(Debug)]
@@ -28,6 +29,8 @@ pub struct SegmentStage {
     place_row: Vec<u32>,
     place: Vec<u32>,
     inverse_sizes: Vec<f64>,
+    /// In place of the mean over a segment's nodes.
+    recurrence: Option<Recurrence>,
 
     encoder: Encoder<f32>,
     encoder_bias: Vec<f32>,
@@ -44,6 +47,56 @@ pub struct SegmentStage {
     scratch: Vec<transformer::Scratch>,
 }
 
+/// A recurrent unit, and the nodes that this rank reads with it.
+#[derive(Debug)]
+struct Recurrence {
+    d: usize,
+    input: Linear<f32>,
+    hidden: Linear<f32>,
+    parts: Vec<(Together, Kept)>,
+    halo: Halo,
+    /// Latents of the owned nodes, and of those that the halo brings.
+    nodes: Buffer<f32>,
+}
+
+impl Recurrence {
+    /// The last states in place of the sums of means; rows of segments that other ranks read are zero.
+    fn run(
+        &mut self,
+        comm: &Comm,
+        pool: &Pool,
+        scratch: &mut [transformer::Scratch],
+        nodes: &[f32],
+        (sums, columns): (&mut [f64], usize),
+    ) {
+        self.nodes[..nodes.len()].copy_from_slice(nodes);
+        self.halo.exchange_f32(comm, &mut self.nodes, columns);
+        let Recurrence { input, hidden, .. } = self;
+        let unit = Unit {
+            isa: pool.isa(),
+            d: self.d,
+            columns,
+            input: (&input.weight, &input.bias),
+            hidden: (&hidden.weight, &hidden.bias),
+        };
+        let (nodes, n) = (&self.nodes, self.parts.len());
+        let parts = Parts::new(&mut self.parts);
+        let read = |_: &mut transformer::Scratch, i: usize| {
+            // SAFETY: task i has part i.
+            let (segments, kept) = &mut unsafe { parts.rows(&(i..i + 1), 1) }[0];
+            unit.read(segments, kept, nodes);
+        };
+        pool.run(scratch, n, read, || ());
+        sums.fill(0.0);
+        for (segments, kept) in &self.parts {
+            for (&s, state) in segments.segments.iter().zip(kept.state.chunks_exact(columns)) {
+                let row = &mut sums[s as usize * columns..(s as usize + 1) * columns];
+                row.iter_mut().zip(state).for_each(|(to, x)| *to = f64::from(*x));
+            }
+        }
+    }
+}
+
 /// h += dispatch([h, h_S]), where the model carries on after the macro stage.
 #[derive(Debug)]
 struct Dispatch {
@@ -53,10 +106,11 @@ struct Dispatch {
 }
 
 impl SegmentStage {
-    /// The macro stage of a model for these segments; `node` is the graph's node at each place of the engine's order.
+    /// The macro stage of a model for the segments of a structure; `node` is the graph's node at each place of the engine's order.
     pub fn new(
         isa: Isa,
         model: &Model,
+        structure: &Structure,
         segments: &Segmentation,
         node: &[u32],
         n_threads: usize,
@@ -80,6 +134,24 @@ impl SegmentStage {
         };
         let (member_row, member) = reordered((&segments.member_row, &segments.member), node);
         let (place_row, place) = inverted(k, &member_row, &member);
+        let recurrence = match structure.sequence_for(model.spec.architecture.needs())? {
+            None => None,
+            Some(sequence) => {
+                let mut places = vec![0; node.len()];
+                (0..).zip(node).for_each(|(p, &i)| places[i as usize] = p);
+                let parts = together(sequence, &places).into_iter().map(|t| (t, Kept::new()));
+                Some(Recurrence {
+                    d,
+                    input: Linear::new(isa, model, "segment.recurrence.input")?,
+                    hidden: Linear::new(isa, model, "segment.recurrence.hidden")?,
+                    parts: parts.collect(),
+                    halo: sequence.halo.renumbered(&places),
+                    nodes: Buffer::new((node.len() + sequence.halo.n_ghosts()) * columns),
+                })
+            }
+        };
+        // A last state is no sum.
+        let share = |s: &f64| if recurrence.is_some() { 1.0 } else { 1.0 / s.max(1.0) };
         Ok(SegmentStage {
             isa,
             count: k,
@@ -88,7 +160,8 @@ impl SegmentStage {
             member,
             place_row,
             place,
-            inverse_sizes: segments.sizes.iter().map(|s| 1.0 / s.max(1.0)).collect(),
+            inverse_sizes: segments.sizes.iter().map(share).collect(),
+            recurrence,
             encoder: Encoder::new(isa, model, "segment.encoder", d)?,
             encoder_bias: linear::bias(model, "segment.encoder.0")?,
             position: (model.spec.n_position_features() > 0)
@@ -112,6 +185,13 @@ impl SegmentStage {
         let (row, member) = reordered(view, &places);
         (self.place_row, self.place) = inverted(self.count, &row, &member);
         (self.member_row, self.member) = (row, member);
+        let Some(recurrence) = &mut self.recurrence else { return };
+        let mut now = vec![0; node.len()];
+        (0..).zip(&places).for_each(|(p, &before)| now[before as usize] = p);
+        recurrence.halo = recurrence.halo.renumbered(&now);
+        for node in recurrence.parts.iter_mut().flat_map(|(part, _)| &mut part.node) {
+            *node = now.get(*node as usize).map_or(*node, |&p| p as i32);
+        }
     }
 
     /// K.
@@ -134,14 +214,18 @@ impl SegmentStage {
         let table = self.dispatch.as_ref().map_or(0, |d| d.table.bytes());
         let position = self.position.as_ref().map_or(0, |p| 4 * p.len());
         let scratch: usize = self.scratch.iter().map(|s| s.bytes()).sum();
-        (weights, lists + rows + table + position + scratch + self.heads.bytes())
+        let (recurrent, read) = self.recurrence.as_ref().map_or((0, 0), |r| {
+            let parts: usize = r.parts.iter().map(|(part, kept)| 4 * part.node.len() + kept.bytes()).sum();
+            (r.input.weight.bytes() + r.hidden.weight.bytes(), parts + r.nodes.bytes())
+        });
+        (weights + recurrent, read + lists + rows + table + position + scratch + self.heads.bytes())
     }
 
     /// From node latents, in the engine's order, to h_S. Collective.
     pub fn run(&mut self, comm: &Comm, pool: &Pool, nodes: &[f32]) {
         let (isa, k, columns) = (self.isa, self.count, self.columns);
-        let sums = Parts::new(&mut self.sums);
         let (row, place) = (&self.place_row, &self.place);
+        let sums = Parts::new(&mut self.sums);
         let add = |_: &mut transformer::Scratch, s: usize| {
             // SAFETY: task s has row s.
             let sum = unsafe { sums.rows(&(s..s + 1), columns) };
@@ -151,7 +235,10 @@ impl SegmentStage {
                 sum.iter_mut().zip(h).for_each(|(sum, h)| *sum += f64::from(*h));
             }
         };
-        pool.run(&mut self.scratch, k, add, || ());
+        match &mut self.recurrence {
+            None => pool.run(&mut self.scratch, k, add, || ()),
+            Some(unit) => unit.run(comm, pool, &mut self.scratch, nodes, (&mut self.sums, columns)),
+        }
         comm.sum_f64(&mut self.sums);
         let rows = self.means.chunks_exact_mut(columns);
         for ((mean, sum), inverse) in rows.zip(self.sums.chunks_exact(columns)).zip(&self.inverse_sizes) {

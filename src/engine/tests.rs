@@ -3,7 +3,7 @@
 use super::*;
 use m4gn_mesh::Mesh;
 use m4gn_model::modal::NoModes;
-use m4gn_model::{Activation, Kind, MacroSpec, ModelSpec};
+use m4gn_model::{Activation, Architecture, Kind, MacroSpec, ModelSpec};
 use m4gn_samples::mesh as sample;
 use m4gn_samples::model::spec;
 use m4gn_structure::Segmentation;
@@ -37,7 +37,9 @@ pub(super) fn structure(spec: &ModelSpec, mesh: &Mesh, overlap: bool) -> Structu
     }
     let made = Structure::new(mesh, &bare, &spec.segments, &NoModes, None, &Comm::serial()).unwrap();
     let stage = spec.architecture.needs().segments.then(|| segments(spec, &made.graph, overlap));
-    Structure { segments: stage, ..made }
+    let needs = spec.architecture.needs();
+    let sequence = Structure::sequence_of(stage.as_ref(), needs, mesh, &Comm::serial()).unwrap();
+    Structure { segments: stage, sequence, ..made }
 }
 
 /// A model on a channel of triangles.
@@ -134,6 +136,13 @@ fn specs() -> Vec<(ModelSpec, bool)> {
         (s.architecture.width, s.architecture.hidden_layers) = (width, hidden_layers);
         s.architecture.kind = Kind::BsmsGnn { levels };
         all.push((s.clone(), false));
+    }
+    for (width, overlap) in [(8, false), (81, true)] {
+        let mut eagle = spec();
+        let stage = eagle.architecture.m4gn_mut().unwrap();
+        (stage.segment_transformer.heads, stage.layers_after) = (1, 1);
+        eagle.architecture = Architecture { width, kind: Kind::Eagle(stage.clone()), ..eagle.architecture };
+        all.push((eagle, overlap));
     }
     s.architecture.hidden_layers = 1;
     s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
@@ -249,10 +258,23 @@ fn another_numbering_of_the_cells_gives_the_same_to_rounding() {
     for cell in faces.chain(other.boundary.iter_mut().map(|b| &mut b.owner)) {
         *cell = place(*cell as usize) as i32;
     }
-    let mut s = spec();
-    for kind in [Kind::MeshGraphNet { layers: 2 }, Kind::Gcn { layers: 2 }, Kind::BsmsGnn { levels: 5 }] {
+    let (mut s, m4gn) = (spec(), spec().architecture.m4gn().unwrap().clone());
+    s.segments.count = K;
+    let labels: Vec<i32> = (0..n).map(|cell| (cell * K / n) as i32).collect();
+    let mut moved = labels.clone();
+    (0..n).for_each(|cell| moved[place(cell)] = labels[cell]);
+    for kind in [
+        Kind::M4gn(m4gn.clone()),
+        Kind::MeshGraphNet { layers: 2 },
+        Kind::Gcn { layers: 2 },
+        Kind::BsmsGnn { levels: 5 },
+        Kind::Eagle(m4gn),
+    ] {
         s.architecture.kind = kind;
-        let mut case = Case::new(s.clone(), false);
+        let cut = |mesh: &Mesh, labels: &[i32]| {
+            Structure::new(mesh, &s, &s.segments, &NoModes, Some(labels), &Comm::serial()).unwrap()
+        };
+        let mut case = Case { structure: cut(&mesh, &labels), ..Case::new(s.clone(), false) };
         let options = options(Isa::detect(), Precision::Fp32);
         let expected = case.run(&options, usize::MAX);
         let (k, m) = (s.n_field_inputs(), s.n_outputs());
@@ -260,7 +282,7 @@ fn another_numbering_of_the_cells_gives_the_same_to_rounding() {
         for cell in 0..n {
             case.inputs[place(cell) * k..][..k].copy_from_slice(&inputs[cell * k..][..k]);
         }
-        case.structure = structure(&s, &other, false);
+        case.structure = cut(&other, &moved);
         let found = case.run(&options, usize::MAX);
         let found: Vec<f32> = (0..n).flat_map(|cell| found[place(cell) * m..][..m].to_vec()).collect();
         let expected: Vec<f64> = expected.into_iter().map(f64::from).collect();

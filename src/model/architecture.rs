@@ -81,6 +81,9 @@ pub enum Kind {
         /// Coarser graphs, by bi-stride pooling.
         levels: usize,
     },
+    /// EAGLE (Janny et al. 2023): as [`Kind::M4gn`], with a gated recurrent unit over the nodes of a segment in place of their mean, and a
+    /// decoder that reads the nodes' latents alone.
+    Eagle(M4gn),
 }
 
 /// What a network needs of the structure that it lives on, beside the nodes and who hears whom.
@@ -90,6 +93,8 @@ pub struct Needs {
     pub edges: bool,
     /// Segments of the nodes, and what a network reads of them.
     pub segments: bool,
+    /// The order of the nodes within their segments.
+    pub sequences: bool,
     /// Coarser graphs.
     pub levels: usize,
 }
@@ -106,6 +111,8 @@ pub enum KindName {
     Gcn,
     /// [`Kind::BsmsGnn`]
     BsmsGnn,
+    /// [`Kind::Eagle`]
+    Eagle,
 }
 
 /// The network's shape.
@@ -130,21 +137,27 @@ impl Architecture {
             Kind::MeshGraphNet { .. } => KindName::MeshGraphNet,
             Kind::Gcn { .. } => KindName::Gcn,
             Kind::BsmsGnn { .. } => KindName::BsmsGnn,
+            Kind::Eagle(_) => KindName::Eagle,
         }
     }
 
-    /// What makes it an M4GN; none of another kind.
+    /// Layers around a macro stage; none of a kind that has no such stage.
     pub fn m4gn(&self) -> Option<&M4gn> {
         match &self.kind {
-            Kind::M4gn(m) => Some(m),
+            Kind::M4gn(m) | Kind::Eagle(m) => Some(m),
             _ => None,
         }
+    }
+
+    /// Whether the decoder reads the latents of a node's segments beside its own.
+    pub fn decodes_segments(&self) -> bool {
+        matches!(self.kind, Kind::M4gn(_))
     }
 
     /// The same, to change it.
     pub fn m4gn_mut(&mut self) -> Option<&mut M4gn> {
         match &mut self.kind {
-            Kind::M4gn(m) => Some(m),
+            Kind::M4gn(m) | Kind::Eagle(m) => Some(m),
             _ => None,
         }
     }
@@ -157,7 +170,7 @@ impl Architecture {
     /// Layers that exchange latents between neighbouring nodes.
     pub fn layers(&self) -> usize {
         match &self.kind {
-            Kind::M4gn(m) => m.layers_before + m.layers_after,
+            Kind::M4gn(m) | Kind::Eagle(m) => m.layers_before + m.layers_after,
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => *layers,
             Kind::BsmsGnn { levels } => 2 * levels + 1,
         }
@@ -173,6 +186,7 @@ impl Architecture {
         Needs {
             edges: !matches!(self.kind, Kind::Gcn { .. }),
             segments: self.segment_transformer().is_some(),
+            sequences: matches!(self.kind, Kind::Eagle(_)),
             levels: match self.kind {
                 Kind::BsmsGnn { levels } => levels,
                 _ => 0,
@@ -215,35 +229,31 @@ impl TryFrom<ArchitectureKeys> for Architecture {
 
     fn try_from(keys: ArchitectureKeys) -> Result<Self> {
         let bad = |message: String| Err(Error::Model(message));
+        let name = keys.kind.name();
         let kind = match (keys.kind, keys.segment_transformer) {
-            (KindName::M4gn, Some(segment_transformer)) => {
+            (kind @ (KindName::M4gn | KindName::Eagle), Some(segment_transformer)) => {
                 if keys.layers.or(keys.levels).is_some() {
-                    return bad("layers, levels: an m4gn network has layers_before and layers_after".into());
+                    return bad(format!("layers, levels: kind {name} has layers_before and layers_after"));
                 }
                 let Some(layers_before) = keys.layers_before else {
                     return bad("layers_before: missing; the layers before the macro stage".into());
                 };
-                Kind::M4gn(M4gn {
-                    layers_before,
-                    layers_after: keys.layers_after.unwrap_or(0),
-                    segment_transformer,
-                })
+                let layers_after = keys.layers_after.unwrap_or(0);
+                let stage = M4gn { layers_before, layers_after, segment_transformer };
+                if kind == KindName::M4gn { Kind::M4gn(stage) } else { Kind::Eagle(stage) }
             }
-            (KindName::M4gn, None) => {
-                return bad(
-                    "kind m4gn: the macro stage ([macro] of a configuration) is missing; without one, kind \
+            (KindName::M4gn | KindName::Eagle, None) => {
+                return bad(format!(
+                    "kind {name}: the macro stage ([macro] of a configuration) is missing; without one, kind \
                      \"mesh-graph-net\""
-                        .into(),
-                );
+                ));
             }
-            (kind, Some(_)) => {
-                let name = kind.name();
+            (_, Some(_)) => {
                 return bad(format!(
                     "kind {name}: it has no macro stage ([macro] of a configuration); with one, kind \"m4gn\""
                 ));
             }
             (kind, None) => {
-                let name = kind.name();
                 if keys.layers_after.is_some_and(|n| n > 0) {
                     return bad(format!(
                         "layers_after: kind {name} has no macro stage that layers could come after"
@@ -291,7 +301,7 @@ impl From<Architecture> for ArchitectureKeys {
             segment_transformer: None,
         };
         match a.kind {
-            Kind::M4gn(m) => {
+            Kind::M4gn(m) | Kind::Eagle(m) => {
                 keys.layers_before = Some(m.layers_before);
                 keys.layers_after = Some(m.layers_after);
                 keys.segment_transformer = Some(m.segment_transformer);
@@ -311,6 +321,7 @@ impl KindName {
             KindName::MeshGraphNet => "mesh-graph-net",
             KindName::Gcn => "gcn",
             KindName::BsmsGnn => "bsms-gnn",
+            KindName::Eagle => "eagle",
         }
     }
 }
@@ -327,7 +338,12 @@ mod tests {
     #[test]
     fn kinds_survive_json() {
         let mut a = spec().architecture;
-        let others = [Kind::MeshGraphNet { layers: 3 }, Kind::Gcn { layers: 2 }, Kind::BsmsGnn { levels: 4 }];
+        let others = [
+            Kind::MeshGraphNet { layers: 3 },
+            Kind::Gcn { layers: 2 },
+            Kind::BsmsGnn { levels: 4 },
+            Kind::Eagle(a.m4gn().unwrap().clone()),
+        ];
         for kind in [a.kind.clone()].into_iter().chain(others) {
             a.kind = kind;
             let text = serde_json::to_string(&a).unwrap();
@@ -347,6 +363,7 @@ mod tests {
             (r#""kind":"gcn","layers":1,"levels":1"#, "levels: kind gcn has layers"),
             (r#""kind":"bsms-gnn","layers":1"#, "layers: kind bsms-gnn has levels"),
             (r#""kind":"m4gn","layers_before":1"#, "macro stage"),
+            (r#""kind":"eagle","layers_before":1"#, "kind eagle: the macro stage"),
             (r#""kind":"mesh-graph-net","layers":1,"layers_after":1"#, "layers_after"),
             (r#""kind":"gcn","layers":1,"width_":1"#, "width_"),
         ] {

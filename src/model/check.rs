@@ -170,10 +170,12 @@ impl Architecture {
         match &self.kind {
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => within("layers", *layers, 0, MAX_LAYERS),
             Kind::BsmsGnn { levels } => within("levels", *levels, 1, MAX_LEVELS),
-            Kind::M4gn(m) => {
+            Kind::M4gn(m) | Kind::Eagle(m) => {
                 let MacroSpec { layers, heads, ffn_width, rwse_steps, .. } = &m.segment_transformer;
                 within("layers_before", m.layers_before, 0, MAX_LAYERS)?;
-                within("layers_after", m.layers_after, 0, MAX_LAYERS)?;
+                // What a decoder does not read of the segments, layers have to.
+                let least = usize::from(!self.decodes_segments());
+                within("layers_after", m.layers_after, least, MAX_LAYERS)?;
                 within("macro stage, layers", *layers, 0, MAX_LAYERS)?;
                 within("macro stage, heads", *heads, 1, self.width)?;
                 within("macro stage, ffn_width", *ffn_width, 1, 4 * MAX_WIDTH)?;
@@ -209,7 +211,7 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 17] = [
+        let broken: [(&str, Change); 18] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -223,6 +225,11 @@ mod tests {
             ("heads", |s| s.architecture.m4gn_mut().unwrap().segment_transformer.heads = 3),
             ("layers: expected", |s| s.architecture.kind = Kind::Gcn { layers: 1025 }),
             ("levels: expected", |s| s.architecture.kind = Kind::BsmsGnn { levels: 17 }),
+            ("layers_after: expected 1 to", |s| {
+                let mut stage = s.architecture.m4gn().unwrap().clone();
+                stage.layers_after = 0;
+                s.architecture.kind = Kind::Eagle(stage);
+            }),
             ("hidden_layers", |s| s.architecture.hidden_layers = 0),
             ("no field is an input", |s| {
                 s.fields.truncate(1);

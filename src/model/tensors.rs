@@ -34,7 +34,7 @@ impl Model {
         let mut list = Shapes { hidden_layers: a.hidden_layers, width: d, shapes: BTreeMap::new() };
         list.mlp("encoder.node", spec.n_node_features(), d, true);
         match &a.kind {
-            Kind::M4gn(m) => {
+            Kind::M4gn(m) | Kind::Eagle(m) => {
                 list.messages(spec, m.layers_before + m.layers_after);
                 list.macro_stage(spec, m);
             }
@@ -44,7 +44,7 @@ impl Model {
                 (0..*layers).for_each(|l| list.linear(&format!("processor.{l}.convolution"), d, d));
             }
         }
-        let decoder_inputs = if a.m4gn().is_some() { 2 * d } else { d };
+        let decoder_inputs = if a.decodes_segments() { 2 * d } else { d };
         list.mlp("decoder", decoder_inputs, spec.n_outputs(), false);
         for (name, n) in
             [("node", spec.n_field_inputs()), ("edge", spec.n_edge_features()), ("output", spec.n_outputs())]
@@ -180,6 +180,11 @@ impl Shapes {
     /// The macro stage (eq. 9 to 13), and the dispatch where layers follow.
     fn macro_stage(&mut self, spec: &ModelSpec, m: &M4gn) {
         let (d, stage) = (self.width, &m.segment_transformer);
+        if spec.architecture.needs().sequences {
+            // Gates one after another, as PyTorch has them: reset, update, new.
+            self.linear("segment.recurrence.input", d, 3 * d);
+            self.linear("segment.recurrence.hidden", d, 3 * d);
+        }
         self.mlp("segment.encoder", d, d, true);
         if spec.n_position_features() > 0 {
             self.mlp("segment.position", spec.n_position_features(), d, false);
@@ -265,6 +270,10 @@ mod tests {
         assert_eq!(shapes["encoder.node.0.weight"], [8, 3 + 4]);
         assert_eq!(shapes["processor.1.convolution.weight"], [8, 8]);
         assert_eq!(shapes.len(), 6 + 2 * 2 + 4 + 6);
+        s.architecture.kind = Kind::Eagle(spec().architecture.m4gn().unwrap().clone());
+        let shapes = Model::tensor_shapes(&s);
+        assert_eq!(shapes["segment.recurrence.hidden.weight"], [3 * 8, 8]);
+        assert_eq!((&shapes["decoder.0.weight"][..], shapes.len()), (&[8, 8][..], 83 + 4));
         s.architecture.kind = Kind::BsmsGnn { levels: 2 };
         let shapes = Model::tensor_shapes(&s);
         assert_eq!(shapes["processor.4.edge.0.weight"], [8, 3 + 16]);

@@ -17,6 +17,7 @@ mod parts;
 mod quality;
 pub mod ranks;
 mod record;
+mod sequence;
 mod slic;
 mod structure;
 mod walk;
@@ -26,6 +27,7 @@ pub use obstacle::obstacle_distance;
 pub use parts::parts;
 pub use quality::{Dissimilarity, Quality, quality};
 pub use record::{Record, misfit};
+pub use sequence::Sequence;
 pub use structure::Structure;
 
 use cell_graph::Root;

@@ -2,7 +2,7 @@
 
 use super::graph::Graph;
 use super::levels::{Level, bi_stride};
-use super::{Segmentation, segment};
+use super::{Segmentation, Sequence, segment};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::modal::ModalSource;
@@ -16,6 +16,8 @@ pub struct Structure {
     pub graph: Graph,
     /// Segments of its nodes; none where the network needs none.
     pub segments: Option<Segmentation>,
+    /// The order of the nodes within their segments; none where the network needs none.
+    pub sequence: Option<Sequence>,
     /// Coarser graphs, the finest first; as many as the network needs.
     pub levels: Vec<Level>,
 }
@@ -45,7 +47,46 @@ impl Structure {
             }
             false => None,
         };
-        Ok(Structure { graph, segments, levels })
+        let sequence = Self::sequence_of(segments.as_ref(), needs, mesh, comm)?;
+        Ok(Structure { graph, segments, sequence, levels })
+    }
+
+    /// The order of the nodes of a mesh, its cells and boundary faces, within their segments, for a network that needs it. Collective;
+    /// all ranks fail together.
+    ///
+    /// # Errors
+    /// As [`Sequence::new`].
+    pub fn sequence_of(
+        segments: Option<&Segmentation>,
+        needs: Needs,
+        mesh: &Mesh,
+        comm: &Comm,
+    ) -> Result<Option<Sequence>> {
+        let Some(segments) = segments.filter(|_| needs.sequences) else { return Ok(None) };
+        let faces = mesh.boundary.iter().map(|b| b.centre);
+        let places: Vec<_> = mesh.cell_centres.iter().copied().chain(faces).collect();
+        Sequence::new(segments, &places, comm).map(Some)
+    }
+
+    /// The order of the nodes within their segments, for a network that needs it; none for one that does not.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where it is needed and not there, or of other segments.
+    pub fn sequence_for(&self, needs: Needs) -> Result<Option<&Sequence>> {
+        let fits = |s: &&Sequence| {
+            let known = self.graph.n_owned + s.halo.n_ghosts();
+            s.row.len() == self.n_segments() + 1
+                && s.row.windows(2).all(|w| w[0] <= w[1])
+                && s.row.last().is_some_and(|&n| n as usize == s.node.len())
+                && s.node.iter().all(|&i| usize::try_from(i).is_ok_and(|i| i < known))
+        };
+        match (needs.sequences, self.sequence.as_ref().filter(fits)) {
+            (true, None) => Err(Error::Model(
+                "the model needs the order of the nodes in their segments, none was given".into(),
+            )),
+            (true, sequence) => Ok(sequence),
+            (false, _) => Ok(None),
+        }
     }
 
     /// The coarser graphs that a network needs.

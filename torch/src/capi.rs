@@ -14,7 +14,7 @@ use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_structure::graph::Graph;
-use m4gn_structure::{Level, Segmentation, Structure, Transfer};
+use m4gn_structure::{Level, Segmentation, Sequence, Structure, Transfer};
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
@@ -192,8 +192,11 @@ pub unsafe extern "C" fn m4gn_torch_load(
         // SAFETY: not null and valid for the call.
         let g = unsafe { &*graph };
         // SAFETY: the arrays have these lengths by this function's contract.
-        let structure =
-            unsafe { Structure { graph: graph_of(g)?, segments: segments_of(g)?, levels: levels_of(g)? } };
+        let structure = unsafe {
+            let segments = segments_of(g)?;
+            let sequence = sequence_of(g, segments.as_ref())?;
+            Structure { graph: graph_of(g)?, segments, sequence, levels: levels_of(g)? }
+        };
         let device = parse_device(&device)?;
         let loaded = Inference::new(&model, &structure, device)?;
         // SAFETY: not null, and writable by this function's contract.
@@ -308,6 +311,17 @@ unsafe fn segments_of(g: &TorchGraph) -> Result<Option<Segmentation>> {
             ..Segmentation::of_members(count, member_row, slice(g.member, members)?.to_vec())
         }))
     }
+}
+
+/// A copy of the order of the nodes in these segments; none where there is none.
+///
+/// # Safety
+/// The array has the length that `g` says.
+unsafe fn sequence_of(g: &TorchGraph, segments: Option<&Segmentation>) -> Result<Option<Sequence>> {
+    let Some(segments) = segments.filter(|_| !g.sequence.is_null()) else { return Ok(None) };
+    // SAFETY: passed on to the caller.
+    let node = unsafe { slice(g.sequence, segments.member.len())? }.to_vec();
+    Ok(Some(Sequence::of_nodes(segments, node)))
 }
 
 /// A copy of the coarser graphs.

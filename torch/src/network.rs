@@ -39,10 +39,20 @@ pub struct Topology {
     pub segment_weight: Tensor,
     /// 1 / segments of each node, `[N x 1]`; used where a node can have several.
     pub node_weight: Tensor,
+    /// Nodes in the order in which a recurrence reads a segment, for networks that have one.
+    pub sequence: Option<Sequence>,
     /// Positional encoding `[graphs K x n_position_features]`.
     pub position: Option<Tensor>,
     /// Coarser graphs, the finest first.
     pub levels: Vec<Level>,
+}
+
+/// What a recurrence reads of each segment.
+pub struct Sequence {
+    /// Nodes, the first again where there are no more `[graphs K x longest]`.
+    pub nodes: Tensor,
+    /// The last step that counts `[graphs K x 1]`.
+    pub last: Tensor,
 }
 
 /// A coarser graph, and the way between it and the next finer one: the sums of rows `finer` times `share` are rows `coarse`, and
@@ -88,6 +98,7 @@ impl Topology {
             member_segment: self.member_segment.shallow_clone(),
             segment_weight: self.segment_weight.shallow_clone(),
             node_weight: self.node_weight.shallow_clone(),
+            sequence: self.sequence.as_ref().map(Sequence::share),
             position: clone(&self.position),
             levels: self.levels.iter().map(Level::share).collect(),
         }
@@ -95,6 +106,12 @@ impl Topology {
 
     pub(crate) fn links(&self) -> Links<'_> {
         Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
+    }
+}
+
+impl Sequence {
+    fn share(&self) -> Self {
+        Sequence { nodes: self.nodes.shallow_clone(), last: self.last.shallow_clone() }
     }
 }
 
@@ -145,6 +162,11 @@ impl<'a> Network<'a> {
     /// Puts an architecture and weights together.
     pub fn new(architecture: &'a Architecture, weights: &'a Weights) -> Self {
         Network { architecture, weights }
+    }
+
+    /// What it is.
+    pub(crate) fn architecture(&self) -> &Architecture {
+        self.architecture
     }
 
     /// Normalised node fields `[N x inputs]` and edge features, those of coarser graphs included, to normalised outputs `[C x outputs]`.
@@ -231,11 +253,13 @@ impl<'a> Network<'a> {
     pub(crate) fn segment_transformer(&self, spec: &MacroSpec, graph: &Topology, h: &Tensor) -> Tensor {
         // Sums here are new tensors: the backward pass needs the old ones.
         let (d, heads) = (self.architecture.width as i64, spec.heads as i64);
-        let sums = match &graph.member_node {
-            Some(index) => sum_into(graph.graphs * graph.segments, &pick(h, index), &graph.member_segment),
-            None => sum_into(graph.graphs * graph.segments, h, &graph.member_segment),
+        let sum = |h: &Tensor| sum_into(graph.graphs * graph.segments, h, &graph.member_segment);
+        let pooled = match (&graph.sequence, &graph.member_node) {
+            (Some(sequence), _) => self.recurrence(sequence, h),
+            (None, Some(index)) => sum(&pick(h, index)) * &graph.segment_weight,
+            (None, None) => sum(h) * &graph.segment_weight,
         };
-        let mut s = self.encode("segment.encoder", &(sums * &graph.segment_weight)).full;
+        let mut s = self.encode("segment.encoder", &pooled).full;
         if let Some(position) = &graph.position {
             s = &s + float(&self.mlp("segment.position", position));
         }
@@ -256,6 +280,18 @@ impl<'a> Network<'a> {
             s = &s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));
         }
         s
+    }
+
+    /// The last states of libtorch's gated recurrent unit over the nodes of each segment.
+    fn recurrence(&self, sequence: &Sequence, h: &Tensor) -> Tensor {
+        let (d, rows) = (h.size()[1], sequence.nodes.size()[0]);
+        let weights = ["input.weight", "hidden.weight", "input.bias", "hidden.bias"];
+        let weights = weights.map(|part| self.weights.full(&format!("segment.recurrence.{part}")));
+        let x = pick(h, &sequence.nodes.view([-1])).view([rows, -1, d]);
+        let start = Tensor::zeros([1, rows, d], (Kind::Float, h.device()));
+        // Of one layer, in one direction. "train" keeps what cuDNN needs for derivatives.
+        let (states, _) = x.gru(&start, &weights, true, 1, 0.0, true, false, true);
+        states.gather(1, &sequence.last.unsqueeze(2).expand([-1, 1, d], false), false).squeeze_dim(1)
     }
 
     /// Each node's segment row, or the mean over its segments.

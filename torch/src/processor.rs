@@ -13,14 +13,14 @@ pub trait Processor {
 /// The processor of an architecture.
 pub fn of(architecture: &Architecture) -> Box<dyn Processor + '_> {
     match &architecture.kind {
-        Kind::M4gn(m) => Box::new(WithSegments(m)),
+        Kind::M4gn(m) | Kind::Eagle(m) => Box::new(WithSegments(m)),
         Kind::MeshGraphNet { layers } => Box::new(Messages(*layers)),
         Kind::Gcn { layers } => Box::new(Convolutions(*layers)),
         Kind::BsmsGnn { levels } => Box::new(BiStride(*levels)),
     }
 }
 
-/// Message passing (eq. 2, 3) around the macro stage (eq. 9 to 13).
+/// Message passing (eq. 2, 3) around the macro stage (eq. 9 to 13), or EAGLE's (Janny et al. 2023).
 struct WithSegments<'a>(&'a M4gn);
 
 impl Processor for WithSegments<'_> {
@@ -39,7 +39,10 @@ impl Processor for WithSegments<'_> {
             network.message_passing(l, graph, &mut h, &mut e);
         }
         let cells = |rows: &Tensor| rows.narrow(0, 0, graph.cells);
-        Tensor::cat(&[cells(&h.full), cells(&context)], 1)
+        match network.architecture().decodes_segments() {
+            true => Tensor::cat(&[cells(&h.full), cells(&context)], 1),
+            false => cells(&h.full),
+        }
     }
 }
 

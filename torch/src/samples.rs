@@ -1,6 +1,6 @@
 //! Trajectories in memory: fields as tensors, graphs and segments made by the core crate, batches of both.
 
-use crate::network::{Level, Topology};
+use crate::network::{Level, Sequence, Topology};
 use crate::rollout::Boundary;
 use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_mesh::NodeType;
@@ -30,6 +30,8 @@ pub struct HostGraph {
     member_segment: Vec<i64>,
     segment_weight: Vec<f32>,
     node_weight: Vec<f32>,
+    /// Of each segment the nodes in the order in which they are read; none where the network reads none.
+    sequence: Vec<Vec<i64>>,
     position: Vec<f32>,
     levels: Vec<m4gn_structure::Level>,
 }
@@ -99,6 +101,11 @@ impl HostGraph {
             member_node.extend(members.clone().map(|_| node as i64));
             node_weight.push(1.0 / members.len().max(1) as f32);
         }
+        let sequence = structure.sequence_for(spec.architecture.needs())?;
+        let read = |s: &m4gn_structure::Sequence| -> Vec<Vec<i64>> {
+            let rows = s.row.windows(2).map(|w| &s.node[w[0] as usize..w[1] as usize]);
+            rows.map(|nodes| nodes.iter().map(|&i| i64::from(i)).collect()).collect()
+        };
         let weight = |&n: &f64| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 };
         Ok(HostGraph {
             cells: graph.n_cells,
@@ -112,6 +119,7 @@ impl HostGraph {
             member_segment: segments.member.iter().map(|&s| i64::from(s)).collect(),
             segment_weight: segments.sizes.iter().map(weight).collect(),
             node_weight,
+            sequence: sequence.map_or(Vec::new(), read),
             position: segments.position.clone(),
             levels: structure.levels_for(spec.architecture.needs())?.to_vec(),
         })
@@ -134,6 +142,7 @@ impl HostGraph {
         let (mut senders, mut receivers, mut edges) = (vec![], vec![], vec![]);
         let (mut member_node, mut member_segment) = (vec![], vec![]);
         let (mut segment_weight, mut position) = (vec![], vec![]);
+        let mut sequences: Vec<Vec<i64>> = Vec::new();
         let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![0f32; nodes]);
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
@@ -146,6 +155,7 @@ impl HostGraph {
             edges.extend_from_slice(&graph.edges);
             member_node.extend(graph.member_node.iter().map(|&n| place(n)));
             member_segment.extend(graph.member_segment.iter().map(|&s| s + (g * count) as i64));
+            sequences.extend(graph.sequence.iter().map(|s| s.iter().map(|&n| place(n)).collect()));
             segment_weight.extend_from_slice(&graph.segment_weight);
             position.extend_from_slice(&graph.position);
             for node in 0..graph.cells + graph.boundary {
@@ -176,6 +186,7 @@ impl HostGraph {
             member_segment: to(Tensor::from_slice(&member_segment)),
             segment_weight: to(Tensor::from_slice(&segment_weight).view([-1, 1])),
             node_weight: to(Tensor::from_slice(&node_weight).view([-1, 1])),
+            sequence: sequence(&sequences, device),
             position: if n_position > 0 {
                 Some(to(Tensor::from_slice(&position).view([total, n_position])))
             } else {
@@ -225,6 +236,16 @@ impl HostGraph {
         };
         (0..graphs.first().map_or(0, |g| g.levels.len())).map(level).collect()
     }
+}
+
+/// Rows of nodes, as long as the longest of them.
+fn sequence(rows: &[Vec<i64>], device: Device) -> Option<Sequence> {
+    let longest = rows.iter().map(Vec::len).max()?;
+    let nodes: Vec<i64> =
+        rows.iter().flat_map(|r| (0..longest).map(|t| r.get(t).map_or(r[0], |&n| n))).collect();
+    let last: Vec<i64> = rows.iter().map(|r| r.len() as i64 - 1).collect();
+    let to = |values: &[i64], width: i64| Tensor::from_slice(values).view([-1, width]).to_device(device);
+    Some(Sequence { nodes: to(&nodes, longest as i64), last: to(&last, 1) })
 }
 
 impl Sample {

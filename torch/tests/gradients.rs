@@ -69,7 +69,7 @@ fn stage(spec: &mut ModelSpec) -> &mut MacroSpec {
 /// What differs from [`spec`].
 type Change = fn(&mut ModelSpec);
 
-const SWITCHES: [(&str, Change); 16] = [
+const SWITCHES: [(&str, Change); 17] = [
     ("all", |_| ()),
     ("one hidden layer", |s| s.architecture.hidden_layers = 1),
     ("three hidden layers", |s| s.architecture.hidden_layers = 3),
@@ -88,6 +88,11 @@ const SWITCHES: [(&str, Change); 16] = [
     }),
     ("gcn", |s| s.architecture.kind = Kind::Gcn { layers: 2 }),
     ("bsms-gnn", |s| s.architecture.kind = Kind::BsmsGnn { levels: 3 }),
+    ("eagle", |s| {
+        let mut stage = s.architecture.m4gn().unwrap().clone();
+        stage.layers_after = 1;
+        s.architecture.kind = Kind::Eagle(stage);
+    }),
     ("no random walk", |s| stage(s).rwse_steps = 0),
     ("no centroids", |s| stage(s).centroids = false),
     ("no offsets", |s| stage(s).offsets = false),

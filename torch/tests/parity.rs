@@ -155,6 +155,9 @@ fn native_engine_and_tch_model_agree() {
     let m4gn = |layers_before, layers_after, segment_transformer| {
         m4gn_model::Kind::M4gn(M4gn { layers_before, layers_after, segment_transformer })
     };
+    let eagle = |layers_before, layers_after, segment_transformer| {
+        m4gn_model::Kind::Eagle(M4gn { layers_before, layers_after, segment_transformer })
+    };
     let stage = |layers, rwse_steps| {
         let geometry = rwse_steps > 0;
         MacroSpec { layers, heads: 4, ffn_width: 48, rwse_steps, centroids: geometry, offsets: geometry }
@@ -164,6 +167,8 @@ fn native_engine_and_tch_model_agree() {
         (network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1), 0),
         (network(m4gn_model::Kind::BsmsGnn { levels: 3 }, Activation::Relu, 2), 0),
         (network(m4gn_model::Kind::BsmsGnn { levels: 9 }, Activation::Silu, 1), 0),
+        (network(eagle(2, 1, stage(2, 3)), Activation::Relu, 1), 0),
+        (network(eagle(1, 2, stage(1, 0)), Activation::Silu, 2), 2),
         (network(m4gn(3, 0, stage(2, 0)), Activation::Relu, 2), 0),
         (network(m4gn(2, 2, stage(2, 5)), Activation::Silu, 1), 0),
         (network(m4gn(2, 1, stage(1, 0)), Activation::Relu, 1), 2),

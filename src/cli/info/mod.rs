@@ -227,7 +227,9 @@ fn model(path: &Path) -> Result<(String, Value)> {
         let _ = writeln!(text, "field       {:<16} [{d}], {input}, output {output}", field.name);
     }
     let layers = match &a.kind {
-        Kind::M4gn(m) => format!("{} + {} message-passing layers", m.layers_before, m.layers_after),
+        Kind::M4gn(m) | Kind::Eagle(m) => {
+            format!("{} + {} message-passing layers", m.layers_before, m.layers_after)
+        }
         Kind::MeshGraphNet { layers } => format!("{layers} message-passing layers"),
         Kind::Gcn { layers } => format!("{layers} graph convolutions"),
         Kind::BsmsGnn { levels } => {

@@ -62,7 +62,9 @@ impl Made {
             Some(labels) => Some(segments::of_labels(&part, &body, spec, settings, labels, comm)?),
             None => Some(segments::segment(&part, &body, spec, settings, modes.as_ref(), comm)?),
         };
-        Ok(Made { part, body, structure: Structure { graph, segments, levels: Vec::new() } })
+        let needs = spec.architecture.needs();
+        let sequence = Structure::sequence_of(segments.as_ref(), needs, &part.mesh, comm)?;
+        Ok(Made { part, body, structure: Structure { graph, segments, sequence, levels: Vec::new() } })
     }
 }
 

@@ -169,9 +169,9 @@ impl<T: Number> Decoder<T> {
             n_outputs: spec.n_outputs(),
             function: function(a),
             first: Dense::columns(isa, slots, &name(0), 0, d)?,
-            segment: match a.m4gn() {
-                Some(_) => Some(Dense::columns(isa, slots, &name(0), d, d)?),
-                None => None,
+            segment: match a.decodes_segments() {
+                true => Some(Dense::columns(isa, slots, &name(0), d, d)?),
+                false => None,
             },
             inner: (1..h).map(|i| Dense::whole(isa, slots, &name(i))).collect::<Result<_>>()?,
             last: Dense::whole(isa, slots, &name(h))?,
@@ -217,7 +217,7 @@ impl<T: Number> Decoder<T> {
                 narrow(isa, &nodes[place * columns..(place + 1) * columns], to);
                 let sum = &mut fp32.wide[i * columns..(i + 1) * columns];
                 sum.copy_from_slice(&self.biases[0].data);
-                if let Some(members) = &graph.members {
+                if let Some(members) = graph.members.as_ref().filter(|_| self.segment.is_some()) {
                     let row = &members.row[place..=place + 1];
                     add_means(isa, sum, columns, table, row, &members.member);
                 }
@@ -322,7 +322,7 @@ impl<T: Number> Decoder<T> {
             let x = (&tape.latents[range], columns);
             self.first.learn((dz, columns), x, n, gradients, pairs);
             let cells = &graph.cells[rows];
-            if let Some(members) = &graph.members {
+            if let Some(members) = graph.members.as_ref().filter(|_| self.segment.is_some()) {
                 for (&(place, _), d) in cells.iter().zip(wide.chunks_exact(columns)) {
                     members.spread_mean(place as usize, d, d_table);
                 }

@@ -3,6 +3,7 @@
 use crate::check as check_graph;
 use crate::kernels::Number;
 use crate::order::Order;
+use crate::recurrence::{Together, together};
 use crate::segment_stage::{check, inverted, reordered};
 use crate::tiles::{self, Tile};
 use m4gn_mesh::NodeType;
@@ -26,6 +27,8 @@ pub struct Members {
     pub place: Vec<u32>,
     /// 1 / members of each segment.
     pub inverse_sizes: Vec<f32>,
+    /// Nodes as a recurrence reads them, by place; empty where the network has none.
+    pub together: Vec<Together>,
     /// Positional encoding `[K x n_position_features]`.
     pub position: Vec<f32>,
 }
@@ -92,12 +95,14 @@ impl TrainGraph {
                 }
                 let (row, member) = reordered((&view.member_row, &view.member), &order.node);
                 let (place_row, place) = inverted(view.count, &row, &member);
+                let sequence = structure.sequence_for(spec.architecture.needs())?;
                 Some(Members {
                     count: view.count,
                     row,
                     member,
                     place_row,
                     place,
+                    together: sequence.map_or(Vec::new(), |s| together(s, &order.places())),
                     inverse_sizes: view.sizes.iter().map(|s| (1.0 / s.max(1.0)) as f32).collect(),
                     position: view.position.clone(),
                 })

@@ -24,6 +24,7 @@ mod muon;
 mod network;
 mod optimiser;
 mod processor;
+mod recurrence;
 mod stage;
 #[cfg(test)]
 mod tests;
@@ -190,7 +191,9 @@ impl<T: Number, P: Processor<T>> AnyNetwork for Network<T, P> {
 /// `--backend torch`.
 fn of_kind<T: Number>(spec: &ModelSpec, isa: Isa) -> Result<Box<dyn AnyNetwork>> {
     Ok(match spec.architecture.kind {
-        Kind::M4gn(_) | Kind::MeshGraphNet { .. } => Box::new(Network::<T, Messages<T>>::new(spec, isa)?),
+        Kind::M4gn(_) | Kind::Eagle(_) | Kind::MeshGraphNet { .. } => {
+            Box::new(Network::<T, Messages<T>>::new(spec, isa)?)
+        }
         Kind::Gcn { .. } => Box::new(Network::<T, Convolutions<T>>::new(spec, isa)?),
         Kind::BsmsGnn { .. } => Box::new(Network::<T, BiStride<T>>::new(spec, isa)?),
     })

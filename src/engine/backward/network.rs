@@ -96,7 +96,8 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         let ffn = a.segment_transformer().map_or(0, |m| m.ffn_width);
         let features = self.spec.n_node_features().max(self.spec.n_edge_features());
         let position = self.spec.n_position_features().max(self.spec.n_outputs());
-        let widest = padded(ffn.max(features).max(position).max(a.width));
+        let gates = if a.needs().sequences { 3 * a.width } else { 0 };
+        let widest = padded(ffn.max(gates).max(features).max(position).max(a.width));
         let empty = || Buffer::new(0);
         Thread {
             work: Buffers {

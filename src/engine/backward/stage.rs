@@ -3,6 +3,7 @@
 use super::attention::{Attention, AttentionTape, AttentionWork, add, add_rows};
 use super::graph::Members;
 use super::mlp::{Mlp, MlpTape, Work, activate, fit, function};
+use super::recurrence::{Recurrence, RecurrenceTape};
 use super::weights::{Dense, Gradients, Slots, Vector};
 use crate::kernels::{
     Addend, Buffer, Function, Isa, Kept, Normed, Output, activation_backward, padded, product,
@@ -16,6 +17,8 @@ use m4gn_model::{MacroSpec, ModelSpec};
 pub struct Stage {
     isa: Isa,
     columns: usize,
+    /// In place of means.
+    recurrence: Option<Recurrence>,
     first: Dense<f32>,
     encoder: Mlp<f32>,
     position: Option<Position>,
@@ -35,6 +38,7 @@ struct Position {
 /// What the macro stage keeps.
 #[derive(Debug)]
 pub struct StageTape {
+    recurrence: RecurrenceTape,
     means: Buffer<f32>,
     encoder: MlpTape<f32>,
     /// Features of the positional encoding, then the values of each layer.
@@ -68,6 +72,10 @@ impl Stage {
         Ok(Stage {
             isa,
             columns: padded(a.width),
+            recurrence: match a.needs().sequences {
+                true => Some(Recurrence::new(isa, slots, a.width)?),
+                false => None,
+            },
             first: Dense::whole(isa, slots, "segment.encoder.0")?,
             encoder: Mlp::new(isa, slots, "segment.encoder", a)?,
             position,
@@ -77,6 +85,7 @@ impl Stage {
 
     /// Takes the weights of the flat vector.
     pub fn load(&mut self, flat: &[f32]) {
+        self.recurrence.iter_mut().for_each(|r| r.load(flat));
         self.first.load(flat);
         self.encoder.load(flat);
         if let Some(position) = &mut self.position {
@@ -89,7 +98,8 @@ impl Stage {
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         let position = self.position.iter().flat_map(|p| &p.layers);
-        self.first.bytes()
+        self.recurrence.as_ref().map_or(0, |r| r.bytes())
+            + self.first.bytes()
             + self.encoder.bytes()
             + position.map(|l| l.bytes()).sum::<usize>()
             + self.layers.iter().map(|l| l.bytes()).sum::<usize>()
@@ -100,6 +110,7 @@ impl Stage {
         let empty = |n: usize| (0..n).map(|_| Buffer::new(0)).collect();
         let n = self.position.as_ref().map_or(0, |p| p.layers.len());
         StageTape {
+            recurrence: RecurrenceTape::new(),
             means: Buffer::new(0),
             encoder: MlpTape::new(&self.encoder),
             position: empty(n),
@@ -116,13 +127,9 @@ impl Stage {
         fit(&mut tape.means, k * columns);
         fit(&mut tape.latents, k * columns);
         tape.encoder.fit(k, columns);
-        for s in 0..k {
-            let mean = &mut tape.means[s * columns..(s + 1) * columns];
-            mean.fill(0.0);
-            for &p in &members.place[members.place_row[s] as usize..members.place_row[s + 1] as usize] {
-                add(mean, &nodes[p as usize * columns..(p as usize + 1) * columns]);
-            }
-            mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
+        match &self.recurrence {
+            Some(unit) => unit.forward(&members.together, &mut tape.recurrence, nodes, &mut tape.means),
+            None => average(members, columns, nodes, &mut tape.means),
         }
         for rows in blocks::<f32>(k) {
             let x = (&tape.means[rows.start * columns..], columns);
@@ -208,6 +215,9 @@ impl Stage {
             self.first.learn(dy, x, n, gradients, &mut work.pairs);
             self.first.back(dy, n, &mut d[range]);
         }
+        if let Some(unit) = &self.recurrence {
+            return unit.backward(&members.together, &mut tape.recurrence, work, d, d_nodes, gradients);
+        }
         for s in 0..k {
             let mean = &mut d[s * columns..(s + 1) * columns];
             mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
@@ -250,5 +260,16 @@ impl Stage {
                 activation_backward(isa, kept, (n, columns), wide, narrow, bias);
             }
         }
+    }
+}
+
+/// The means over the segments' nodes.
+fn average(members: &Members, columns: usize, nodes: &[f32], means: &mut [f32]) {
+    for (s, mean) in means.chunks_exact_mut(columns).take(members.count).enumerate() {
+        mean.fill(0.0);
+        for &p in &members.place[members.place_row[s] as usize..members.place_row[s + 1] as usize] {
+            add(mean, &nodes[p as usize * columns..(p as usize + 1) * columns]);
+        }
+        mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
     }
 }

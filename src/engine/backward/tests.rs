@@ -160,6 +160,12 @@ fn specs() -> Vec<(String, ModelSpec, bool)> {
             (s.architecture.kind, s.architecture.width) = (Kind::BsmsGnn { levels }, width);
         });
     }
+    for (width, overlap) in [(8, false), (20, true)] {
+        add("eagle", overlap, &|s| {
+            m4gn(s).segment_transformer.heads = 4;
+            (s.architecture.kind, s.architecture.width) = (Kind::Eagle(m4gn(s).clone()), width);
+        });
+    }
     add("values", false, &|s| {
         s.fields[0].output = Output::Value;
         s.fields[1].output = Output::None;

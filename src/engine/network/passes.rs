@@ -42,7 +42,8 @@ impl<T: Number + Element> Network<T> {
     pub(super) fn decode(&mut self, outputs: &mut [f32]) {
         let Network { grid, processor, .. } = self;
         let (isa, columns, m) = (grid.isa, grid.columns, self.n_outputs);
-        let (decoder, stage) = (&self.decoder, processor.stage());
+        let decoder = &self.decoder;
+        let stage = processor.stage().filter(|_| decoder.segment.is_some());
         if let (Some(weight), Some(stage)) = (&decoder.segment, stage) {
             let x = (stage.latents(), columns);
             let out = Output::Wide(&mut self.table[..]);

@@ -219,7 +219,8 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
             let k = stage.count() as f64;
             let layer = 4.0 * square + 4.0 * d * spec.ffn_width as f64 + 4.0 * k * d;
             let dispatched = if self.dispatch.is_some() { n + k } else { 0.0 };
-            let stage = k * ((1.0 + h) * square + spec.layers as f64 * layer);
+            let recurrence = if a.needs().sequences { 6.0 * square * n } else { 0.0 };
+            let stage = recurrence + k * ((1.0 + h) * square + spec.layers as f64 * layer);
             flops.push((Phase::Segments, stage + dispatched * square));
         }
         flops

@@ -36,7 +36,7 @@ pub trait Processor<T>: Debug + Send + Sync {
     /// Advances the latents of the nodes. Collective.
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>);
 
-    /// The macro stage, whose latents the decoder reads as well; none without one.
+    /// The macro stage, whose latents the decoder may read as well; none without one.
     fn stage(&self) -> Option<&SegmentStage>;
 
     /// Bytes of its arrays, by what they are, and of its weights.
@@ -60,10 +60,13 @@ pub fn new<T: Number + Element>(
     let (architecture, graph) = (&model.spec.architecture, &structure.graph);
     let stage = structure
         .segments_for(architecture.needs())?
-        .map(|segments| SegmentStage::new(grid.isa, model, segments, &grid.order.node, grid.pool.n_threads()))
+        .map(|segments| {
+            let threads = grid.pool.n_threads();
+            SegmentStage::new(grid.isa, model, structure, segments, &grid.order.node, threads)
+        })
         .transpose()?;
     Ok(match &architecture.kind {
-        Kind::M4gn(m) => {
+        Kind::M4gn(m) | Kind::Eagle(m) => {
             let layers = (m.layers_before, m.layers_after);
             Box::new(Messages::new(model, graph, grid, layers, stage, keep_encoded)?)
         }

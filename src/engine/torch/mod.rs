@@ -50,6 +50,8 @@ pub struct TorchGraph {
     pub offsets: *const f32,
     /// Components of an offset; 0: none.
     pub n_offsets: i64,
+    /// The nodes of each segment after one another, in the order in which they are read, as many as members; null: in none.
+    pub sequence: *const i32,
     /// Coarser graphs, the finest first `[n_levels]`.
     pub levels: *const TorchLevel,
     /// Their number.
@@ -203,6 +205,7 @@ fn describe(structure: &Structure, levels: &[TorchLevel]) -> TorchGraph {
         n_position: view.map_or(0, |v| (v.position.len() / v.count) as i64),
         offsets: view.map_or(std::ptr::null(), |v| v.offsets.as_ptr()),
         n_offsets: view.map_or(0, |v| (v.offsets.len() / graph.n_owned.max(1)) as i64),
+        sequence: structure.sequence.as_ref().map_or(std::ptr::null(), |s| s.node.as_ptr()),
         levels: levels.as_ptr(),
         n_levels: levels.len() as i64,
     }

@@ -4,8 +4,8 @@ use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType, block};
 use m4gn_model::ModelSpec;
-use m4gn_structure::Segmentation;
 use m4gn_structure::graph::Graph;
+use m4gn_structure::{Segmentation, Sequence, Structure};
 use rand::{RngExt, SeedableRng};
 
 /// Points around a ring over the square root of all points: 24 for 1900.
@@ -78,12 +78,20 @@ pub fn hexahedra(cells: usize) -> Result<Mesh> {
     Ok(block::block([n; 3], [1.0; 3]))
 }
 
-/// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that
-/// needs no segments.
+/// [`o_mesh`] with runs of consecutive nodes as segments, as far as the model needs them.
 ///
 /// # Errors
-/// [`Error::Input`] for more segments than nodes.
-pub fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segmentation>> {
+/// As [`o_mesh`]; [`Error::Input`] for more segments than nodes.
+pub fn o_mesh_structure(spec: &ModelSpec, nodes: usize, comm: &Comm) -> Result<Structure> {
+    let graph = o_mesh(nodes, comm)?;
+    let segments = consecutive_segments(spec, graph.n_owned)?;
+    let sequence = segments.as_ref().map(|s| Sequence::of_nodes(s, (0..graph.n_owned as i32).collect()));
+    Ok(Structure { graph, segments, sequence, levels: Vec::new() })
+}
+
+/// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that
+/// needs no segments.
+fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segmentation>> {
     if !spec.architecture.needs().segments {
         return Ok(None);
     }

@@ -11,7 +11,7 @@ pub mod work;
 mod workload;
 
 pub use export::export;
-pub use graph::{consecutive_segments, hexahedra, o_mesh};
+pub use graph::{hexahedra, o_mesh, o_mesh_structure};
 pub use timing::{Runs, Timing, processor_time};
 pub use training::{Prepared, Trial};
 pub use workload::{Source, Workload};

@@ -1,6 +1,6 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
-use super::{Shape, consecutive_segments, hexahedra, o_mesh};
+use super::{Shape, hexahedra, o_mesh_structure};
 use m4gn_domain::Components;
 use m4gn_domain::cells::Cells;
 use m4gn_engine::Precision;
@@ -84,11 +84,7 @@ impl Trial {
                 let modal = Modal(spec.segments.modal());
                 Structure::new(&hexahedra(self.nodes)?, &spec, &spec.segments, &modal, None, &comm)?
             }
-            false => {
-                let graph = o_mesh(self.nodes, &comm)?;
-                let segments = consecutive_segments(&spec, graph.n_owned)?;
-                Structure { graph, segments, levels: Vec::new() }
-            }
+            false => o_mesh_structure(&spec, self.nodes, &comm)?,
         };
         let graph = &structure.graph;
         let width = Components::new(&spec).count;

@@ -104,21 +104,28 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     ];
     match &a.kind {
         Kind::Gcn { .. } => list.extend(convolved),
-        Kind::M4gn(_) | Kind::MeshGraphNet { .. } | Kind::BsmsGnn { .. } => list.extend(passed),
+        Kind::M4gn(_) | Kind::Eagle(_) | Kind::MeshGraphNet { .. } | Kind::BsmsGnn { .. } => {
+            list.extend(passed);
+        }
     }
     if let Some(m4gn) = a.m4gn() {
         let m = &m4gn.segment_transformer;
         let layer = k * (4.0 * d * d + 2.0 * d * m.ffn_width as f64) * 2.0 + 4.0 * k * k * d;
         let dispatch = if m4gn.layers_after > 0 { 1.0 } else { 0.0 };
+        let recurrence = if a.needs().sequences { 6.0 * square * nodes } else { 0.0 };
         list.push(work(
             Phase::Segments,
-            k * (1.0 + hidden) * square + m.layers as f64 * layer + dispatch * (nodes + k) * square,
+            recurrence
+                + k * (1.0 + hidden) * square
+                + m.layers as f64 * layer
+                + dispatch * (nodes + k) * square,
             nodes * node * d * (1.0 + 2.0 * dispatch),
         ));
     }
     // Its first layer reads h, and h_S once a segment.
     let (first, further) = (square, (hidden - 1.0) * square + 2.0 * d * outputs);
-    list.push(work(Phase::Decode, cells * (first + further) + k * first, cells * (node * d + 4.0 * outputs)));
+    let segments = if a.decodes_segments() { k * first } else { 0.0 };
+    list.push(work(Phase::Decode, cells * (first + further) + segments, cells * (node * d + 4.0 * outputs)));
     list
 }
 

@@ -1,6 +1,6 @@
 //! A network, a graph, and the programs that run one on the other.
 
-use super::{consecutive_segments, o_mesh};
+use super::o_mesh_structure;
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, EngineOptions};
 use m4gn_mesh::Mesh;
@@ -50,11 +50,7 @@ impl Workload {
     pub fn structure(&self) -> Result<Structure> {
         let spec = &self.model.spec;
         match &self.source {
-            Source::OMesh(nodes) => {
-                let graph = o_mesh(*nodes, &self.comm)?;
-                let segments = consecutive_segments(spec, graph.n_owned)?;
-                Ok(Structure { graph, segments, levels: Vec::new() })
-            }
+            Source::OMesh(nodes) => o_mesh_structure(spec, *nodes, &self.comm),
             Source::Mesh(mesh) => {
                 let modal = Modal(spec.segments.modal());
                 Structure::new(mesh, spec, &spec.segments, &modal, None, &self.comm)

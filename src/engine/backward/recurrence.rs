@@ -1,0 +1,143 @@
+//! The gated recurrent unit over the nodes of each segment, backward.
+
+use super::attention::{add, add_rows};
+use super::mlp::{Work, fit};
+use super::weights::{Dense, Gradients, Slots, Vector};
+use crate::kernels::{Buffer, Isa, padded};
+use crate::recurrence::{Kept, Together, Unit};
+use m4gn_mesh::Result;
+
+/// Its weights.
+#[derive(Debug)]
+pub struct Recurrence {
+    isa: Isa,
+    d: usize,
+    columns: usize,
+    input: (Dense<f32>, Vector),
+    hidden: (Dense<f32>, Vector),
+}
+
+/// What it keeps, for each group of segments, and derivatives by the sums of the gates.
+#[derive(Debug)]
+pub struct RecurrenceTape {
+    kept: Vec<Kept>,
+    d_input: Buffer<f32>,
+    d_hidden: Buffer<f32>,
+    d_state: Buffer<f32>,
+    back: Buffer<f32>,
+}
+
+impl RecurrenceTape {
+    /// Empty.
+    pub fn new() -> Self {
+        let [d_input, d_hidden, d_state, back] = std::array::from_fn(|_| Buffer::new(0));
+        RecurrenceTape { kept: Vec::new(), d_input, d_hidden, d_state, back }
+    }
+}
+
+impl Recurrence {
+    /// Of a model of width d.
+    pub fn new(isa: Isa, slots: &mut Slots, d: usize) -> Result<Self> {
+        let mut linear = |of: &str| {
+            let name = format!("segment.recurrence.{of}");
+            Ok((Dense::whole(isa, slots, &name)?, Vector::new(slots, &format!("{name}.bias"))?))
+        };
+        Ok(Recurrence { isa, d, columns: padded(d), input: linear("input")?, hidden: linear("hidden")? })
+    }
+
+    /// Takes the weights of the flat vector.
+    pub fn load(&mut self, flat: &[f32]) {
+        for (weight, bias) in [&mut self.input, &mut self.hidden] {
+            weight.load(flat);
+            bias.load(flat);
+        }
+    }
+
+    /// Bytes of the weights.
+    pub fn bytes(&self) -> usize {
+        self.input.0.bytes() + self.hidden.0.bytes()
+    }
+
+    fn unit(&self) -> Unit<'_> {
+        Unit {
+            isa: self.isa,
+            d: self.d,
+            columns: self.columns,
+            input: (self.input.0.forward(), &self.input.1.data),
+            hidden: (self.hidden.0.forward(), &self.hidden.1.data),
+        }
+    }
+
+    /// The last state of each segment to its row of `out`.
+    pub fn forward(&self, parts: &[Together], tape: &mut RecurrenceTape, nodes: &[f32], out: &mut [f32]) {
+        let columns = self.columns;
+        tape.kept.resize_with(tape.kept.len().max(parts.len()), Kept::new);
+        for (part, kept) in parts.iter().zip(&mut tape.kept) {
+            self.unit().read(part, kept, nodes);
+            for (&s, state) in part.segments.iter().zip(kept.state.chunks_exact(columns)) {
+                out[s as usize * columns..(s as usize + 1) * columns].copy_from_slice(state);
+            }
+        }
+    }
+
+    /// From derivatives by the last states, rows of `d`; what falls on the nodes is added there.
+    pub fn backward(
+        &self,
+        parts: &[Together],
+        tape: &mut RecurrenceTape,
+        work: &mut Work<f32>,
+        d: &[f32],
+        d_nodes: &mut [f32],
+        gradients: &mut Gradients,
+    ) {
+        let (width, columns, stride) = (self.d, self.columns, self.unit().stride());
+        for (part, kept) in parts.iter().zip(&tape.kept) {
+            let (rows, count) = (part.node.len(), part.segments.len());
+            fit(&mut tape.d_input, rows * stride);
+            fit(&mut tape.d_hidden, rows * stride);
+            fit(&mut tape.back, rows * columns);
+            fit(&mut tape.d_state, count * columns);
+            for (to, &s) in tape.d_state.chunks_exact_mut(columns).zip(&part.segments) {
+                to.copy_from_slice(&d[s as usize * columns..(s as usize + 1) * columns]);
+            }
+            for step in part.steps.iter().rev() {
+                let (n, wide) = (step.len(), step.start * stride..step.end * stride);
+                let states = tape.d_state.chunks_exact_mut(columns).take(n);
+                let before = kept.before[step.start * columns..].chunks_exact(columns);
+                let gates = kept.gates[wide.clone()].chunks_exact(stride);
+                let hidden = kept.hidden[wide.clone()].chunks_exact(stride);
+                let d_input = tape.d_input[wide.clone()].chunks_exact_mut(stride);
+                let d_hidden = tape.d_hidden[wide.clone()].chunks_exact_mut(stride);
+                let kept = before.zip(gates).zip(hidden);
+                for ((dh, ((before, gates), hidden)), (d_input, d_hidden)) in
+                    states.zip(kept).zip(d_input.zip(d_hidden))
+                {
+                    for (i, (dh, before)) in dh.iter_mut().zip(before).enumerate().take(width) {
+                        let (r, z, new) = (gates[i], gates[width + i], gates[2 * width + i]);
+                        let d_new = *dh * (1.0 - z) * (1.0 - new * new);
+                        let d_update = *dh * (before - new) * z * (1.0 - z);
+                        let d_reset = d_new * hidden[2 * width + i] * r * (1.0 - r);
+                        for (row, last) in [(&mut *d_input, d_new), (&mut *d_hidden, d_new * r)] {
+                            (row[i], row[width + i], row[2 * width + i]) = (d_reset, d_update, last);
+                        }
+                        *dh *= z;
+                    }
+                }
+                let back = &mut tape.back[..n * columns];
+                self.hidden.0.back((&tape.d_hidden[wide], stride), n, back);
+                add(&mut tape.d_state[..n * columns], back);
+            }
+            for ((weight, bias), dy, x) in
+                [(&self.input, &tape.d_input, &kept.x), (&self.hidden, &tape.d_hidden, &kept.before)]
+            {
+                let dy = &dy[..rows * stride];
+                weight.learn((dy, stride), (x, columns), rows, gradients, &mut work.pairs);
+                add_rows(dy, stride, gradients.block(bias.slot));
+            }
+            self.input.0.back((&tape.d_input, stride), rows, &mut tape.back);
+            for (&node, d) in part.node.iter().zip(tape.back.chunks_exact(columns)) {
+                add(&mut d_nodes[node as usize * columns..(node as usize + 1) * columns], d);
+            }
+        }
+    }
+}

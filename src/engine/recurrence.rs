@@ -1,0 +1,140 @@
+//! A gated recurrent unit over the nodes of each segment (the pooling of EAGLE: Janny et al. 2023), in fp32 in either precision:
+//!
+//! `r = s(W_r x + b_r + U_r h + c_r)`, `z = s(W_z x + b_z + U_z h + c_z)`, `n = tanh(W_n x + b_n + r (U_n h + c_n))`,
+//! `h <- (1 - z) n + z h`, from h = 0, with s the logistic function and x the latents of one node after another.
+//!
+//! Segments are read side by side, so many as products suit, the longest first, so that those that go on are the first rows.
+
+use super::kernels::{Addend, Buffer, Function, Isa, Output, Packed, product};
+use super::tiles::blocks;
+use m4gn_structure::Sequence;
+use std::ops::Range;
+
+/// Segments that are read side by side.
+#[derive(Clone, Debug)]
+pub struct Together {
+    /// The longest first.
+    pub segments: Vec<u32>,
+    /// Rows of each step: one for each segment that has so many nodes.
+    pub steps: Vec<Range<usize>>,
+    /// Node of each row.
+    pub node: Vec<i32>,
+}
+
+/// All of a sequence, whose owned node i stands at `place[i]`.
+pub fn together(sequence: &Sequence, place: &[u32]) -> Vec<Together> {
+    let range = |s: u32| sequence.row[s as usize] as usize..sequence.row[s as usize + 1] as usize;
+    let mut own: Vec<u32> = (0..sequence.row.len() as u32 - 1).filter(|&s| !range(s).is_empty()).collect();
+    own.sort_by_key(|&s| std::cmp::Reverse(range(s).len()));
+    let side_by_side = |rows: Range<usize>| {
+        let segments = own[rows].to_vec();
+        let (mut steps, mut node) = (Vec::new(), Vec::new());
+        for t in 0..range(segments[0]).len() {
+            let first = node.len();
+            let here = segments.iter().map(|&s| range(s)).take_while(|r| t < r.len());
+            let at = |i: i32| place.get(i as usize).map_or(i, |&p| p as i32);
+            node.extend(here.map(|r| at(sequence.node[r.start + t])));
+            steps.push(first..node.len());
+        }
+        Together { segments, steps, node }
+    };
+    blocks::<f32>(own.len()).map(side_by_side).collect()
+}
+
+/// What reading leaves, a row a step and segment; derivatives are made of it.
+#[derive(Debug)]
+pub struct Kept {
+    /// Latents of the nodes.
+    pub x: Buffer<f32>,
+    /// States before a step.
+    pub before: Buffer<f32>,
+    /// Reset and update gates and new values, side by side, in rows of [`Unit::stride`].
+    pub gates: Buffer<f32>,
+    /// `U h + c` of the three.
+    pub hidden: Buffer<f32>,
+    /// The last states, a row a segment.
+    pub state: Buffer<f32>,
+}
+
+impl Kept {
+    /// Nothing.
+    pub fn new() -> Self {
+        let [x, before, gates, hidden, state] = std::array::from_fn(|_| Buffer::new(0));
+        Kept { x, before, gates, hidden, state }
+    }
+
+    fn fit(&mut self, rows: usize, segments: usize, columns: usize, stride: usize) {
+        for (buffer, size) in [
+            (&mut self.x, rows * columns),
+            (&mut self.before, rows * columns),
+            (&mut self.gates, rows * stride),
+            (&mut self.hidden, rows * stride),
+            (&mut self.state, segments * columns),
+        ] {
+            if buffer.len() < size {
+                *buffer = Buffer::new(size);
+            }
+        }
+    }
+
+    /// Bytes.
+    pub fn bytes(&self) -> usize {
+        [&self.x, &self.before, &self.gates, &self.hidden, &self.state].map(|b| b.bytes()).iter().sum()
+    }
+}
+
+/// The weights, of width d, in rows of `columns`.
+#[derive(Clone, Copy, Debug)]
+pub struct Unit<'a> {
+    pub isa: Isa,
+    pub d: usize,
+    pub columns: usize,
+    /// `W` and `b`.
+    pub input: (&'a Packed<f32>, &'a [f32]),
+    /// `U` and `c`.
+    pub hidden: (&'a Packed<f32>, &'a [f32]),
+}
+
+impl Unit<'_> {
+    /// Columns of the three gates.
+    pub fn stride(&self) -> usize {
+        self.input.0.columns()
+    }
+
+    /// Reads nodes whose latents are rows of `nodes`, up to the last states in `kept`.
+    pub fn read(&self, segments: &Together, kept: &mut Kept, nodes: &[f32]) {
+        let (isa, d, columns, stride) = (self.isa, self.d, self.columns, self.stride());
+        kept.fit(segments.node.len(), segments.segments.len(), columns, stride);
+        for (x, &node) in kept.x.chunks_exact_mut(columns).zip(&segments.node) {
+            x.copy_from_slice(&nodes[node as usize * columns..(node as usize + 1) * columns]);
+        }
+        kept.state.fill(0.0);
+        for rows in &segments.steps {
+            let (n, wide) = (rows.len(), rows.start * stride..rows.end * stride);
+            let state = &mut kept.state[..n * columns];
+            kept.before[rows.start * columns..rows.end * columns].copy_from_slice(state);
+            let (gates, hidden) = (&mut kept.gates[wide.clone()], &mut kept.hidden[wide]);
+            for ((weight, bias), x, out) in [
+                (self.input, &kept.x[rows.start * columns..], &mut *gates),
+                (self.hidden, &*state, &mut *hidden),
+            ] {
+                let out = Output::Wide(out);
+                product(isa, weight, (x, columns), n, Addend::Bias(bias), Function::Identity, out);
+            }
+            let rows = gates.chunks_exact_mut(stride).zip(hidden.chunks_exact(stride));
+            for (h, (gates, hidden)) in state.chunks_exact_mut(columns).zip(rows) {
+                for (i, h) in h.iter_mut().enumerate().take(d) {
+                    let r = logistic(gates[i] + hidden[i]);
+                    let z = logistic(gates[d + i] + hidden[d + i]);
+                    let new = (gates[2 * d + i] + r * hidden[2 * d + i]).tanh();
+                    *h = (1.0 - z) * new + z * *h;
+                    (gates[i], gates[d + i], gates[2 * d + i]) = (r, z, new);
+                }
+            }
+        }
+    }
+}
+
+fn logistic(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
+}
