@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn field(name: &str, vector: bool, dimensions: [i32; 7], output: Output) -> FieldSpec {
-    FieldSpec { name: name.into(), vector, dimensions, input: true, output }
+    FieldSpec { name: name.into(), vector, dimensions, input: true, output, floor: None }
 }
 
 fn solid() -> ModelSpec {

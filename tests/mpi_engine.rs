@@ -186,6 +186,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
         dimensions: [0; 7],
         input: true,
         output,
+        floor: None,
     };
     ModelSpec {
         format: 1,

@@ -44,6 +44,7 @@ fn a_step_allocates_nothing() {
         dimensions: [0; 7],
         input: true,
         output,
+        floor: None,
     };
     let kinds = [
         (64, 1, 0, Precision::Fp32, 1),

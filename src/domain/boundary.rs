@@ -190,8 +190,9 @@ pub fn faces_seen_as_their_cells(mesh: &Mesh) -> Vec<(usize, usize)> {
         .collect()
 }
 
-/// Gives the faces of [`faces_seen_as_their_cells`] the cells' vectors in a frame: rows of all components, cells and then boundary.
-pub fn see_as_cells(
+/// Makes of a frame (rows of all components, cells and then boundary) what networks see: the faces of [`faces_seen_as_their_cells`] have
+/// the cells' vectors, and what is positive is on its scale ([`FieldSpec::seen`]).
+pub fn as_seen(
     as_cells: &[(usize, usize)],
     fields: &[FieldSpec],
     dim: usize,
@@ -206,6 +207,9 @@ pub fn see_as_cells(
             let at = |node: usize| node * width + first;
             frame.copy_within(at(cell)..at(cell) + n, at(cells + face));
         }
+        if field.floor.is_some() {
+            frame.chunks_exact_mut(width).for_each(|row| row[first] = field.seen(row[first].into()) as f32);
+        }
         first += n;
     }
 }
@@ -213,6 +217,7 @@ pub fn see_as_cells(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use m4gn_model::ModelSpec;
     use m4gn_samples::mesh as sample;
 
     /// U (vector) and p (scalar).
@@ -248,6 +253,19 @@ mod tests {
         mesh.boundary[4].kind = NodeType::Free;
         let owner = |i: usize| (i, mesh.boundary[i].owner as usize);
         assert_eq!(faces_seen_as_their_cells(&mesh), [owner(1), owner(4)]);
+    }
+
+    #[test]
+    fn positive_fields_are_seen_on_their_scale() {
+        let mut fields = fields();
+        fields[1].floor = Some(0.5);
+        let mut frame = vec![3.0, 4.0, 2.0, 5.0, 6.0, 0.0];
+        as_seen(&[(0, 0)], &fields, 2, 1, &mut frame);
+        assert_eq!(frame, [3.0, 4.0, 2f32.ln(), 3.0, 4.0, 0.5f32.ln()]);
+        let spec = ModelSpec { fields, ..m4gn_samples::model::spec() };
+        let components = crate::Components::new(&spec);
+        let off = components.mean_square(&[2], &frame[..3], &frame[3..], 1);
+        assert!((off - 1.5f64.powi(2)).abs() < 1e-6);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Components of the fields of a model.
 
-use m4gn_model::{ModelSpec, Output};
+use m4gn_model::{FieldSpec, ModelSpec, Output};
 
 /// Components of the fields: which are inputs, which outputs, and how.
 #[derive(Clone, Debug)]
@@ -19,6 +19,8 @@ pub struct Components {
     pub given: Vec<usize>,
     /// Components that change sign under reflection in the second direction.
     pub odd: Vec<bool>,
+    /// The fields.
+    fields: Vec<FieldSpec>,
 }
 
 impl Components {
@@ -32,6 +34,7 @@ impl Components {
             delta: vec![],
             given: vec![],
             odd: vec![],
+            fields: spec.fields.clone(),
         };
         for (f, field) in spec.fields.iter().enumerate() {
             for i in 0..field.components(spec.dim) {
@@ -63,11 +66,24 @@ impl Components {
         self.predicted().next().unwrap_or_default()
     }
 
-    /// Mean square, over the cells (of which there are `cells`) and these components, of the difference of two frames.
+    /// The physical value of a component of a state.
+    pub fn physical(&self, component: usize, seen: f32) -> f64 {
+        self.fields[self.field[component]].physical(seen.into())
+    }
+
+    /// As [`FieldSpec::floor`], of the field of a component.
+    pub fn floor(&self, component: usize) -> Option<f64> {
+        self.fields[self.field[component]].floor
+    }
+
+    /// Mean square, over the cells (of which there are `cells`) and these components, of the difference of the physical fields of two
+    /// frames.
     pub fn mean_square(&self, components: &[usize], a: &[f32], b: &[f32], cells: usize) -> f64 {
         let rows = a.chunks_exact(self.count).zip(b.chunks_exact(self.count)).take(cells);
-        let squares =
-            rows.flat_map(|(a, b)| components.iter().map(|&i| (f64::from(a[i]) - f64::from(b[i])).powi(2)));
+        let squares = rows.flat_map(|(a, b)| {
+            let off = |i: usize| self.physical(i, a[i]) - self.physical(i, b[i]);
+            components.iter().map(move |&i| off(i).powi(2))
+        });
         squares.sum::<f64>() / (cells * components.len()) as f64
     }
 }

@@ -13,7 +13,7 @@ mod host;
 mod kind;
 
 pub use body::MeshEdge;
-pub use boundary::{Boundary, faces_seen_as_their_cells, impose, see_as_cells};
+pub use boundary::{Boundary, as_seen, faces_seen_as_their_cells, impose};
 pub use components::Components;
 pub use field::{Field, FieldMut, OutputShape, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, open};

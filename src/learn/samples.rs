@@ -1,6 +1,6 @@
 //! Trajectories to learn from: fields, graphs and segments, made by the functions that the session uses.
 
-use m4gn_domain::{Domain, Place, faces_seen_as_their_cells, see_as_cells};
+use m4gn_domain::{Domain, Place, as_seen, faces_seen_as_their_cells};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};
 use m4gn_model::{Extent, ModelSpec, SegmentSpec};
@@ -73,10 +73,10 @@ impl Sample {
     }
 
     /// Appends a frame of the mesh that the sample was made of: all fields, cells and then boundary nodes
-    /// `[(C + B) x components]`. Faces that the network sees as their cells get the cells' vectors.
+    /// `[(C + B) x components]`, as the solver has them.
     pub fn push(&mut self, mesh: &Mesh, spec: &ModelSpec, mut frame: Vec<f32>) {
         let as_cells = faces_seen_as_their_cells(mesh);
-        see_as_cells(&as_cells, &spec.fields, spec.dim, mesh.cell_global.len(), &mut frame);
+        as_seen(&as_cells, &spec.fields, spec.dim, mesh.cell_global.len(), &mut frame);
         let frame = self.at_nodes(frame);
         self.frames.extend(frame);
         self.n_frames += 1;

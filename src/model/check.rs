@@ -98,6 +98,17 @@ impl ModelSpec {
                     "field '{name}': a change can only be added to a field that is an input; use \"value\""
                 )
             })?;
+            let floor = field.floor.unwrap_or(1.0);
+            expect(floor.is_finite() && floor > 0.0, || {
+                format!(
+                    "field '{name}': floor: expected a positive number in the field's unit, found {floor}"
+                )
+            })?;
+            expect(field.floor.is_none() || !(field.vector || field.has_level()), || {
+                format!(
+                    "field '{name}': floor is of scalars that are positive (k, omega, T), which no vector is, and no kinematic pressure"
+                )
+            })?;
         }
         expect(self.fields.len() <= MAX_LAYERS, || format!("fields: {} are too many", self.fields.len()))?;
         expect(self.n_outputs() > 0, || "fields: no field is an output".into())?;
@@ -211,11 +222,14 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 18] = [
+        let broken: [(&str, Change); 21] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
             ("twice", |s| s.fields[1].name = "U".into()),
+            ("floor: expected a positive", |s| s.fields[1].floor = Some(0.0)),
+            ("which no vector is", |s| s.fields[0].floor = Some(1.0)),
+            ("no kinematic pressure", |s| s.fields[1].floor = Some(1.0)),
             ("no field is an output", |s| s.fields.truncate(0)),
             ("can only be added", |s| {
                 s.fields[1].output = Output::Delta;

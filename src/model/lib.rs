@@ -64,9 +64,28 @@ pub struct FieldSpec {
     pub input: bool,
     /// Whether and how it is predicted.
     pub output: Output,
+    /// Of a scalar that is positive, in its unit: networks see `ln(max(x, floor))`, and whatever they say is not below it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor: Option<f64>,
 }
 
 impl FieldSpec {
+    /// A value as networks see it.
+    pub fn seen(&self, x: f64) -> f64 {
+        match self.floor {
+            // Not max(), which takes the floor in place of a value that is no number
+            Some(floor) => if x < floor { floor } else { x }.ln(),
+            None => x,
+        }
+    }
+
+    /// The value that networks see so.
+    pub fn physical(&self, seen: f64) -> f64 {
+        let Some(floor) = self.floor else { return seen };
+        let x = seen.exp();
+        if x < floor { floor } else { x }
+    }
+
     /// Components as features in `dim` solved directions.
     pub fn components(&self, dim: usize) -> usize {
         if self.vector { dim } else { 1 }

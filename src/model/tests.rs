@@ -14,6 +14,25 @@ fn units() {
 }
 
 #[test]
+fn positive_fields_stay_so() {
+    let linear = &spec().fields[1];
+    assert_eq!((linear.seen(-3.0), linear.physical(-3.0)), (-3.0, -3.0));
+    let k = FieldSpec { name: "k".into(), floor: Some(1e-6), ..linear.clone() };
+    for x in [1e-6, 0.5, 1.0, 1e9] {
+        assert!((k.physical(k.seen(x)) / x - 1.0).abs() < 1e-12);
+    }
+    for below in [0.0, -1.0, f64::NEG_INFINITY, 1e-7] {
+        assert!((k.physical(k.seen(below)) / 1e-6 - 1.0).abs() < 1e-12);
+        assert_eq!(k.physical(-1e3 + below), 1e-6);
+    }
+    assert!(k.seen(f64::NAN).is_nan() && k.physical(f64::NAN).is_nan() && k.physical(1e3).is_infinite());
+    let json = serde_json::to_string(&k).unwrap();
+    assert_eq!(serde_json::from_str::<FieldSpec>(&json).unwrap(), k);
+    // Models from before there were floors
+    assert!(!serde_json::to_string(linear).unwrap().contains("floor"));
+}
+
+#[test]
 fn features_of_bodies_are_counted() {
     let s = bodies();
     assert!(s.check().is_ok());

@@ -197,7 +197,7 @@ impl Session {
             // Largest of -x, x and |x|^2
             let mut largest = [f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0];
             for row in self.host.seen().chunks_exact(width) {
-                let values = row[columns.clone()].iter().map(|&x| f64::from(x));
+                let values = row[columns.clone()].iter().map(|&x| field.physical(x.into()));
                 largest[2] = values.clone().map(|x| x * x).sum::<f64>().max(largest[2]);
                 for x in values {
                     largest[0] = largest[0].max(-x);

@@ -98,6 +98,47 @@ fn a_level_of_the_pressure_goes_through_and_changes_nothing_else() {
     }
 }
 
+/// On its scale a positive field is a field as others are; whatever it was, it comes out positive.
+#[test]
+fn positive_fields_are_on_a_scale_of_their_own() {
+    let floor = 1e-3;
+    let of = |floor, output| {
+        let mut spec = spec();
+        (spec.fields[1].dimensions, spec.fields[1].floor) = ([0; 7], floor);
+        spec.fields[1].output = output;
+        session_of(spec, &SessionOptions::default())
+    };
+    for output in [Output::Value, Output::Delta] {
+        let (mut mapped, mut plain) = (of(Some(floor), output), of(None, output));
+        let mut state = state(&mapped);
+        let (done, u, p) = step(&mut mapped, &state);
+        done.unwrap();
+        assert!(p.iter().all(|&p| p >= floor) && state.p.iter().any(|&p| p < 0.0));
+        state.p.iter_mut().chain(&mut state.p_boundary).for_each(|p| *p = p.max(floor).ln());
+        let (done, plain_u, plain_p) = step(&mut plain, &state);
+        done.unwrap();
+        assert_eq!(u, plain_u);
+        assert!(p.iter().zip(&plain_p).all(|(a, b)| (a - b.exp().max(floor)).abs() <= 1e-12 * a));
+        assert!(p.iter().any(|&p| p > floor));
+        // What a case is compared by is physical
+        mapped.spec.trained_on = Some(m4gn_model::TrainedOn {
+            cell_size: [0.0, 1.0],
+            speed: None,
+            courant: None,
+            inputs: vec![InputRange { field: "p".into(), range: [floor, 0.5] }],
+            solid: None,
+        });
+        let outside = mapped.outside();
+        assert!(outside.len() == 1 && outside[0].contains('1'), "{outside:?}");
+        state.p[0] = 1e30;
+        let (done, ..) = step(&mut mapped, &state);
+        assert!(done.is_ok(), "{done:?}");
+        state.p[0] = f64::NAN;
+        let (done, ..) = step(&mut mapped, &state);
+        assert!(done.unwrap_err().to_string().contains("input field 'p' is NaN"));
+    }
+}
+
 #[test]
 fn wrong_fields_are_refused_and_outputs_left_alone() {
     let mut s = session(&SessionOptions::default());
@@ -237,6 +278,7 @@ fn a_plain_network_has_no_segments() {
         dimensions: [0; 7],
         input: true,
         output: Output::None,
+        floor: None,
     });
     let mesh = sample::rectangle(5, 4, 1.0, 1.0);
     let session =

@@ -80,6 +80,9 @@ pub struct FieldConfig {
     pub input: bool,
     /// `none`, `delta` or `value`.
     pub output: Output,
+    /// As [`FieldSpec::floor`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor: Option<f64>,
 }
 
 impl Config {
@@ -130,10 +133,11 @@ impl Config {
     pub(crate) fn draft(&self) -> Result<ModelSpec> {
         let fields = self.model.fields.iter().map(|f| FieldSpec {
             name: f.name.clone(),
-            vector: true,
+            vector: f.floor.is_none(),
             dimensions: [0; 7],
             input: f.input,
             output: f.output,
+            floor: f.floor,
         });
         Ok(ModelSpec {
             format: 1,

@@ -82,6 +82,7 @@ fn each_wrong_value_is_named() {
     for (from, to, key) in [
         ("width = 8", "widht = 8", "widht"),
         ("width = 8", "width = 0", "width: expected 1"),
+        ("\"value\"", "\"value\", floor = -1.0", "field 'p': floor: expected a positive number"),
         ("stride = 0.05", "stride = -1.0", "stride: expected"),
         ("hidden_layers = 1", "hidden_layers = 0", "hidden_layers: expected 1"),
         ("kind = \"mesh-graph-net\"", "kind = \"gat\"", "gcn"),

@@ -1,6 +1,7 @@
 //! What the data span: ranges that a model says it was trained on.
 
 use m4gn_data::Trajectory;
+use m4gn_domain::Components;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Extent, InputRange, ModelSpec, Solid};
 use serde::Deserialize;
@@ -10,6 +11,7 @@ pub(super) struct Ranges {
     width: usize,
     /// First and last component of each input, its range, and whether it is the velocity.
     inputs: Vec<(std::ops::Range<usize>, InputRange, bool)>,
+    components: Components,
     /// Square of the largest speed.
     fastest: f64,
 }
@@ -29,7 +31,7 @@ impl Ranges {
                 inputs.push((columns, range, velocity));
             }
         }
-        Ranges { width, inputs, fastest: 0.0 }
+        Ranges { width, inputs, components: Components::new(spec), fastest: 0.0 }
     }
 
     /// Looks at a frame: all fields of all nodes, or of a body's points.
@@ -37,7 +39,7 @@ impl Ranges {
         for row in frame.chunks_exact(self.width) {
             for (columns, input, velocity) in &mut self.inputs {
                 let mut square = 0.0;
-                for x in row[columns.clone()].iter().map(|&x| f64::from(x)) {
+                for x in columns.clone().map(|i| self.components.physical(i, row[i])) {
                     input.range = [input.range[0].min(x), input.range[1].max(x)];
                     square += x * x;
                 }

@@ -3,7 +3,7 @@
 
 use super::ranges::{Ranges, solid};
 use m4gn_data::{States, Trajectory};
-use m4gn_domain::{faces_seen_as_their_cells, see_as_cells};
+use m4gn_domain::{as_seen, faces_seen_as_their_cells};
 use m4gn_learn::samples::{FrameSource, Sample};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, ModelSpec};
@@ -58,7 +58,7 @@ impl Recorded {
             }
             first += n;
         }
-        see_as_cells(&self.as_cells, &self.fields, self.dim, mesh.cell_global.len(), &mut all);
+        as_seen(&self.as_cells, &self.fields, self.dim, mesh.cell_global.len(), &mut all);
         Ok(all)
     }
 }

@@ -15,6 +15,7 @@ pub fn spec() -> ModelSpec {
         dimensions: if vector { [0, 1, -1, 0, 0, 0, 0] } else { [0, 2, -2, 0, 0, 0, 0] },
         input: true,
         output,
+        floor: None,
     };
     ModelSpec {
         format: 1,

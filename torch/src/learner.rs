@@ -266,8 +266,14 @@ impl Learner {
             Ok(State { cells, boundary })
         };
         let error = |field: &[usize], a: &Tensor, b: &Tensor| {
-            let part = (a - b).narrow(1, field[0] as i64, field.len() as i64);
-            part.square().mean(Kind::Double).double_value(&[])
+            let physical = |x: &Tensor| {
+                let part = x.narrow(1, field[0] as i64, field.len() as i64);
+                match self.components.floor(field[0]) {
+                    Some(floor) => part.exp().clamp_min(floor),
+                    None => part,
+                }
+            };
+            (physical(a) - physical(b)).square().mean(Kind::Double).double_value(&[])
         };
         let mut state = read(0)?;
         let start = state.cells.shallow_clone();

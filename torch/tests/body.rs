@@ -30,6 +30,7 @@ fn spec() -> ModelSpec {
             dimensions: [0, 1, 0, 0, 0, 0, 0],
             input: false,
             output: Output::Delta,
+            floor: None,
         }],
         node_types: vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle],
         architecture: Architecture {

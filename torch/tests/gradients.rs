@@ -25,6 +25,7 @@ fn spec() -> ModelSpec {
         dimensions,
         input: true,
         output,
+        floor: None,
     };
     ModelSpec {
         format: 1,
@@ -297,6 +298,7 @@ fn gradients_of_bodies_are_those_of_libtorch() {
         dimensions: [0, 1, 0, 0, 0, 0, 0],
         input: false,
         output: Output::Delta,
+        floor: None,
     }];
     spec.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
     spec.contact = Some(ContactSpec { radius: 0.6 });

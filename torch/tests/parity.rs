@@ -23,6 +23,7 @@ fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
         dimensions: [0; 7],
         input: true,
         output,
+        floor: None,
     };
     ModelSpec {
         format: 1,

@@ -224,7 +224,8 @@ fn model(path: &Path) -> Result<(String, Value)> {
         let input = if field.input { "input" } else { "no input" };
         let output = format!("{:?}", field.output).to_lowercase();
         let d = field.dimensions.map(|d| d.to_string()).join(" ");
-        let _ = writeln!(text, "field       {:<16} [{d}], {input}, output {output}", field.name);
+        let floor = field.floor.map_or(String::new(), |floor| format!(", positive, floor {floor}"));
+        let _ = writeln!(text, "field       {:<16} [{d}], {input}, output {output}{floor}", field.name);
     }
     let layers = match &a.kind {
         Kind::M4gn(m) | Kind::Eagle(m) => {

@@ -8,7 +8,7 @@ use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_model::{FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
 use m4gn_structure::coarse::Coarse;
 use m4gn_structure::{Record, Structure};
 
@@ -100,7 +100,7 @@ impl CellsHost {
                 let columns = column..column + directions.len();
                 column = columns.end;
                 if spec.input {
-                    self.read(spec.name.as_str(), spec.vector, fields, &mut state, (width, columns))?;
+                    self.read(spec, fields, &mut state, (width, columns))?;
                 }
             }
             Ok(())
@@ -113,12 +113,12 @@ impl CellsHost {
     /// One field into its columns.
     fn read(
         &self,
-        name: &str,
-        vector: bool,
+        spec: &FieldSpec,
         fields: &[Field],
         state: &mut [f32],
         (width, columns): (usize, std::ops::Range<usize>),
     ) -> Result<()> {
+        let (name, vector) = (spec.name.as_str(), spec.vector);
         let field = fields.iter().find(|f| f.name == name).ok_or_else(|| {
             let read = self.spec.fields.iter().filter(|f| f.input);
             let names: Vec<&str> = read.map(|f| f.name.as_str()).collect();
@@ -134,7 +134,7 @@ impl CellsHost {
                     let place = place(node, self.n_cells);
                     return Err(Error::Numerical(format!("input field '{name}' is {} at {place}", from[d])));
                 }
-                *to = from[d] as f32;
+                *to = spec.seen(from[d]) as f32;
             }
         }
         for &(face, cell) in self.read_from_cells.iter().filter(|_| vector) {
@@ -167,8 +167,8 @@ impl CellsHost {
             for (i, &d) in directions.iter().enumerate() {
                 let rows = result.chunks_exact_mut(m).zip(outputs.chunks_exact(m));
                 for (cell, (result, output)) in rows.enumerate() {
-                    let before = old.map_or(level, |f| f.cells[cell * f.components + d]);
-                    let after = before + f64::from(output[column + i]);
+                    let before = old.map_or(level, |f| spec.seen(f.cells[cell * f.components + d]));
+                    let after = spec.physical(before + f64::from(output[column + i]));
                     if !after.is_finite() {
                         return Err(Error::Numerical(format!(
                             "the model's '{}' is {after} at {}: the state has left what it was trained on; hand \

@@ -46,6 +46,7 @@ impl Shape {
             dimensions: [0, length, -length, 0, 0, 0, 0],
             input: true,
             output,
+            floor: None,
         };
         ModelSpec {
             format: 1,

@@ -108,6 +108,7 @@ impl Trial {
             name: f.name.clone(),
             input: f.input,
             output: f.output,
+            floor: f.floor,
         });
         let a = &spec.architecture;
         let keys = ArchitectureKeys::from(a.clone());
