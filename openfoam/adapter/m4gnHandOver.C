@@ -40,7 +40,7 @@ bool isForAWhile(const dictionary& dict, const Time& time)
 } // End anonymous namespace
 
 Foam::string Foam::m4gn::notHandedOver(
-    const fvMesh& mesh, const wordList& fields, const word& UName, const word& pName, const word& phiName)
+    const fvMesh& mesh, const word& UName, const word& pName, const word& phiName)
 {
     OStringStream why;
 
@@ -63,20 +63,6 @@ Foam::string Foam::m4gn::notHandedOver(
         why << "the pressure " << pName << " has no boundary conditions of its own, the solver"
             << " solves for p_rgh: give p p_rgh; and a model that predicts p_rgh";
         return why.str();
-    }
-
-    for (const word& name : fields) {
-        const auto* field = mesh.findObject<volScalarField>(name);
-        if (!field) {
-            continue;
-        }
-        for (const fvPatchScalarField& patch : field->boundaryField()) {
-            if (patch.type().find("WallFunction") != std::string::npos) {
-                why << "the field " << name << " has the condition " << patch.type() << " at the patch "
-                    << patch.patch().name() << ", which the turbulence model alone can evaluate";
-                return why.str();
-            }
-        }
     }
 
     return string();

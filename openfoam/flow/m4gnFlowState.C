@@ -4,14 +4,22 @@
 #include "m4gnDictionary.H"
 #include "m4gnHandOver.H"
 #include "m4gnSolverStateType.H"
+#include "calculatedFvPatchFields.H"
 #include "findRefCell.H"
 #include "fixedFluxPressureFvPatchScalarField.H"
+#include "turbulenceModel.H"
 
 addM4gnSolverState(m4gnFlowState, flow)
 
     const char* const Foam::m4gnFlowState::needs =
         "a velocity, a pressure and a volumetric flux (names: U, p, phi),"
         " incompressible";
+
+namespace
+{
+//- Coefficients of a turbulence model: their wall functions look at its other fields, and can be evaluated at any time
+const Foam::wordHashSet coefficients({"nut", "alphat"});
+} // End anonymous namespace
 
 Foam::volVectorField& Foam::m4gnFlowState::U() const { return mesh_.lookupObjectRef<volVectorField>(UName_); }
 
@@ -60,9 +68,40 @@ void Foam::m4gnFlowState::setLevel(const scalar heldBefore) const
     }
 }
 
+void Foam::m4gnFlowState::correctBoundary(const word& name) const
+{
+    volScalarField& field = mesh_.lookupObjectRef<volScalarField>(name);
+
+    for (fvPatchScalarField& patch : field.boundaryFieldRef()) {
+        // The solver sets these gradients from the flux before it solves
+        if (isA<fixedFluxPressureFvPatchScalarField>(patch)) {
+            auto& fixedFlux = refCast<fixedFluxPressureFvPatchScalarField>(patch);
+            const scalarField gradient(fixedFlux.gradient());
+            fixedFlux.updateSnGrad(gradient);
+        }
+        const bool ofWall = patch.type().find("WallFunction") != std::string::npos;
+        if ((ofWall && !coefficients.found(name)) || isA<calculatedFvPatchScalarField>(patch)) {
+            // As wall functions of omega and epsilon have it. They can be evaluated within the model's correct() alone: this
+            // says that they are up to date.
+            patch == patch.patchInternalField()();
+            patch.fvPatchScalarField::updateCoeffs();
+        }
+    }
+
+    field.correctBoundaryConditions();
+}
+
+Foam::turbulenceModel* Foam::m4gnFlowState::turbulence() const
+{
+    const bool given = session_.outputs().found("nut") || frozen_.found("nut");
+    return given || !mesh_.foundObject<volScalarField>("nut")
+               ? nullptr
+               : mesh_.getObjectPtr<turbulenceModel>(turbulenceModel::propertiesName);
+}
+
 void Foam::m4gnFlowState::checkCase() const
 {
-    const string why(m4gn::notHandedOver(mesh_, session_.outputs(), UName_, pName_, phiName_));
+    const string why(m4gn::notHandedOver(mesh_, UName_, pName_, phiName_));
     if (why.size()) {
         FatalErrorInFunction << "mode replace cannot hand states of this case over to its solver: "
                              << why.c_str() << nl << "    Use mode observe" << exit(FatalError);
@@ -77,7 +116,7 @@ void Foam::m4gnFlowState::checkCase() const
                              << nl << "    Handled: Euler, backward" << exit(FatalError);
     }
 
-    warnOfOthers({pName_});
+    refuseFrozen({UName_, pName_});
 }
 
 bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
@@ -88,7 +127,7 @@ bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)
 }
 
 Foam::m4gnFlowState::m4gnFlowState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnModelState(mesh, session), UName_(dict.getOrDefault<word>("U", "U")),
+    : m4gnModelState(mesh, dict, session), UName_(dict.getOrDefault<word>("U", "U")),
       pName_(dict.getOrDefault<word>("p", "p")), phiName_(dict.getOrDefault<word>("phi", "phi")),
       projection_(mesh, dict),
       pressure_(
@@ -116,27 +155,17 @@ void Foam::m4gnFlowState::advance(const List<scalarField>& predicted, const scal
     U().correctBoundaryConditions();
     m4gnFluxProjection::interpolate(U(), phi());
 
-    // Conditions that look at phi (inletOutlet) now see the new one
-    forAll(predicted, outputi) {
-        const word& name = session_.outputs()[outputi];
+    // Conditions that look at phi (inletOutlet) now see the new one, and those of the coefficients see k
+    for (const bool ofCoefficients : {false, true}) {
+        forAll(predicted, outputi) {
+            const word& name = session_.outputs()[outputi];
 
-        if (session_.outputComponents(outputi) == 3) {
-            mesh_.lookupObjectRef<volVectorField>(name).correctBoundaryConditions();
-            continue;
-        }
-
-        volScalarField& field = mesh_.lookupObjectRef<volScalarField>(name);
-
-        // The solver sets these gradients from the flux before it solves
-        for (fvPatchScalarField& patch : field.boundaryFieldRef()) {
-            if (isA<fixedFluxPressureFvPatchScalarField>(patch)) {
-                auto& fixedFlux = refCast<fixedFluxPressureFvPatchScalarField>(patch);
-                const scalarField gradient(fixedFlux.gradient());
-                fixedFlux.updateSnGrad(gradient);
+            if (session_.outputComponents(outputi) == 3) {
+                mesh_.lookupObjectRef<volVectorField>(name).correctBoundaryConditions();
+            } else if (coefficients.found(name) == ofCoefficients) {
+                correctBoundary(name);
             }
         }
-
-        field.correctBoundaryConditions();
     }
 
     if (predictsP) {
@@ -157,6 +186,9 @@ void Foam::m4gnFlowState::complete(const scalar deltaT, const bool handOver)
         pressure_.solve(U(), phi(), deltaT, p);
     }
     divProjected_ = maxDiv(phi());
+    if (turbulenceModel* model = turbulence()) {
+        model->validate();
+    }
 }
 
 Foam::wordList Foam::m4gnFlowState::advanced() const
@@ -166,6 +198,9 @@ Foam::wordList Foam::m4gnFlowState::advanced() const
     names.append(phiName_);
     if (pressure_.solved()) {
         names.append(pName_);
+    }
+    if (turbulence()) {
+        names.append("nut");
     }
     return names;
 }

@@ -50,7 +50,7 @@ void Foam::functionObjects::m4gnHarvest::start()
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
 
     const string why(m4gn::notHandedOver(
-        mesh_, fieldNames_, dict_.getOrDefault<word>("U", "U"), dict_.getOrDefault<word>("p", "p"),
+        mesh_, dict_.getOrDefault<word>("U", "U"), dict_.getOrDefault<word>("p", "p"),
         dict_.getOrDefault<word>("phi", "phi")));
     if (why.size()) {
         WarningInFunction << "A model of this recording can be observed, and not take the"

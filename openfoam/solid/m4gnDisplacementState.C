@@ -39,7 +39,7 @@ void Foam::m4gnDisplacementState::update() { D().correctBoundaryConditions(); }
 
 Foam::m4gnDisplacementState::m4gnDisplacementState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnModelState(mesh, session), DName_(displacementName(dict)), dynamic_(false)
+    : m4gnModelState(mesh, dict, session), DName_(displacementName(dict)), dynamic_(false)
 {
     refuseHistory();
 
@@ -67,7 +67,8 @@ Foam::m4gnDisplacementState::m4gnDisplacementState(
         }
     }
 
-    warnOfOthers(wordList());
+    // Displacements and what follows from them are handed over here
+    refuseFrozen(mesh_.sortedNames<volVectorField>());
 }
 
 void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted, const scalar duration)

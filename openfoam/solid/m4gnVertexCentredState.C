@@ -85,7 +85,7 @@ bool Foam::m4gnVertexCentredState::applies(const fvMesh& mesh, const dictionary&
 
 Foam::m4gnVertexCentredState::m4gnVertexCentredState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnModelState(mesh, session), DName_(displacementName(dict)),
+    : m4gnModelState(mesh, dict, session), DName_(displacementName(dict)),
       scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
       law_(m4gnSolidLaw::New(mesh)), followed_(false), settled_(false),
       dampedSteps_(dict.getOrDefault<label>("dampedSteps", 4)),

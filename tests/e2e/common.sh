@@ -154,6 +154,78 @@ EOD
         sides { type wall; faces (BOTTOM TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
 }
 
+# square_mesh: nine blocks around a square of 0.02 m, which is the one in the middle
+square_mesh() {
+    local x=(-0.1 -0.01 0.01 0.3) y=(-0.1 -0.01 0.01 0.1) nx=(11 7 24) ny=(9 7 9) grading=(0.25 1 4) i j z a
+    header blockMeshDict
+    echo "vertices ("
+    for z in 0 0.01; do for j in 0 1 2 3; do for i in 0 1 2 3; do echo "(${x[i]} ${y[j]} $z)"; done; done; done
+    echo "); blocks ("
+    for j in 0 1 2; do
+        for i in 0 1 2; do
+            a=$((4*j + i))
+            [ $a -eq 5 ] || echo "hex ($a $((a + 1)) $((a + 5)) $((a + 4)) $((a + 16)) $((a + 17)) $((a + 21)) $((a + 20)))" \
+                "(${nx[i]} ${ny[j]} 1) simpleGrading (${grading[i]} ${grading[j]} 1)"
+        done
+    done
+    face() { echo "($1 $2 $(($2 + 16)) $(($1 + 16)))"; }
+    echo "); boundary (
+        inlet { type patch; faces ($(face 0 4) $(face 4 8) $(face 8 12)); }
+        outlet { type patch; faces ($(face 3 7) $(face 7 11) $(face 11 15)); }
+        sides { type symmetry; faces ($(face 0 1) $(face 1 2) $(face 2 3) $(face 12 13) $(face 13 14) $(face 14 15)); }
+        square { type wall; faces ($(face 5 6) $(face 9 10) $(face 5 9) $(face 6 10)); } );
+        defaultPatch { name frontAndBack; type empty; }"
+}
+
+# square_field NAME DIMENSIONS VALUE WALL [CLASS]
+square_field() {
+    header "$1" "${5:-volScalarField}"
+    echo "dimensions [$2]; internalField uniform $3; boundaryField { inlet { type fixedValue; value uniform $3; }
+        outlet { type inletOutlet; inletValue uniform $3; value uniform $3; } sides { type symmetry; } square { $4 } frontAndBack { type empty; } }"
+}
+
+# make_square FOLDER: a square of 0.02 m in a wind, some 1,000 cells, pimpleFoam; turbulence says with which model.
+make_square() {
+    mkdir -p "$1"/{0,constant,system} && cd "$1"
+    square_mesh > system/blockMeshDict
+    control_dict pimpleFoam 1.2 0.001 adjustableRunTime 0.4 12
+    { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
+ddtSchemes { default Euler; }
+gradSchemes { default Gauss linear; }
+divSchemes { default Gauss upwind; div(phi,U) Gauss linearUpwind grad(U); div((nuEff*dev2(T(grad(U))))) Gauss linear; }
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+wallDist { method meshWave; }
+EOD
+    { header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers
+{
+    "p.*" { solver GAMG; smoother DICGaussSeidel; tolerance 1e-6; relTol 0.01; }
+    "(U|k|omega|epsilon|nuTilda).*" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-7; relTol 0; }
+}
+PIMPLE { nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; }
+EOD
+    { header transportProperties; echo 'transportModel Newtonian; nu 1.5e-5;'; } > constant/transportProperties
+    square_field U '0 1 -1 0 0 0 0' '(2 0.02 0)' 'type noSlip;' volVectorField > 0/U
+    square_field k '0 2 -2 0 0 0 0' 0.0024 'type kqRWallFunction; value uniform 0.0024;' > 0/k
+    square_field omega '0 0 -1 0 0 0 0' 25 'type omegaWallFunction; value uniform 25;' > 0/omega
+    square_field epsilon '0 2 -3 0 0 0 0' 0.0054 'type epsilonWallFunction; value uniform 0.0054;' > 0/epsilon
+    square_field nuTilda '0 2 -1 0 0 0 0' 6e-5 'type fixedValue; value uniform 0;' > 0/nuTilda
+    { header p volScalarField; echo 'dimensions [0 2 -2 0 0 0 0]; internalField uniform 0; boundaryField { outlet { type fixedValue; value uniform 0; }
+        "(inlet|square)" { type zeroGradient; } sides { type symmetry; } frontAndBack { type empty; } }'; } > 0/p
+    : > system/functions
+    runs blockMesh
+}
+
+# turbulence MODEL NUT_AT_THE_WALL
+turbulence() {
+    { header turbulenceProperties; echo "simulationType RAS; RAS { RASModel $1; turbulence on; printCoeffs off; }"; } \
+        > constant/turbulenceProperties
+    { header nut volScalarField; echo "dimensions [0 2 -1 0 0 0 0]; internalField uniform 9e-5; boundaryField { square { type $2; value uniform 0; }
+        \"(inlet|outlet)\" { type calculated; value uniform 9e-5; } sides { type symmetry; } frontAndBack { type empty; } }"; } > 0/nut
+}
+
 # schemes [DIV]: Euler and linear, with these entries of divSchemes beside the default.
 schemes() {
     { header fvSchemes; cat <<EOD; } > system/fvSchemes

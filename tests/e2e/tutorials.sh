@@ -117,7 +117,7 @@ name=turbulence
 tutorial incompressible/pisoFoam/RAS/cavity 1e-3
 network 5e-3 m2/s2
 echo "watch { type m4gnSurrogate; libs (m4gnFoam); mode replace; model \"$work/network.safetensors\"; outOfRange ignore;
-timeStart 0.005; solverSteps 5; surrogateSteps 1; }" > system/functions
+timeStart 0.005; solverSteps 5; surrogateSteps 1; frozen (k epsilon nut); }" > system/functions
 runs pisoFoam
 for field in k epsilon nut; do
     grep -q 'note .*not advanced by the surrogate, values of time 0.005"' 0.01/$field ||

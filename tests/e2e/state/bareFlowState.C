@@ -24,7 +24,7 @@ public:
     }
 
     bareFlowState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-        : m4gnModelState(mesh, session), share_(dict.getOrDefault<scalar>("share", 1))
+        : m4gnModelState(mesh, dict, session), share_(dict.getOrDefault<scalar>("share", 1))
     {}
 
     virtual void advance(const List<scalarField>& predicted, const scalar duration)
