@@ -13,7 +13,7 @@ use std::path::Path;
 fn training_configuration() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
     let files = std::fs::read_dir(folder).unwrap();
-    let mut paths: Vec<_> = files.map(|f| f.unwrap().path()).collect();
+    let mut paths: Vec<_> = files.map(|f| f.unwrap().path()).filter(|p| p.is_file()).collect();
     paths.sort();
     let good: Vec<Vec<u8>> = paths.iter().map(|p| std::fs::read(p).unwrap()).collect();
     fuzz("config", |r| {
