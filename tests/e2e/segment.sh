@@ -71,8 +71,8 @@ n = int(piece.get("NumberOfPoints"))
 names = [a.get("Name") for a in piece.find("PointData")]
 assert names == ["m4gnSegment"] + [f"m4gnMode{i}" for i in range(1, 7)], names
 data = base64.b64decode(piece.find("PointData")[0].text)
-assert struct.unpack("<Q", data[:8])[0] == 8 * n == len(data) - 8
-assert set(struct.unpack(f"<{n}d", data[8:])) == set(range(16))
+assert struct.unpack("<Q", data[:8])[0] == 4 * n == len(data) - 8
+assert set(struct.unpack(f"<{n}f", data[8:])) == set(range(16))
 PYTHON
 
 # Somebody without the right to write gets a message, and nothing is left behind

@@ -55,7 +55,7 @@ import base64, re, struct, sys, xml.etree.ElementTree as xml
 lines = open(sys.argv[1]).read().split("internalField")[1].split("(")[1].split(")")[0].split()
 for name in sys.argv[2:]:
     data = base64.b64decode(xml.parse(name + ".segments.vtu").getroot().find("UnstructuredGrid/Piece/PointData")[0].text)
-    labels = struct.unpack(f"<{len(lines)}d", data[8:])
+    labels = struct.unpack(f"<{len(lines)}f", data[8:])
     assert list(labels) == [float(v) for v in lines], name
 PYTHON
 (cd .. && refused '7 elastic modes: the mesh has 5' m4gn segment serial.h5 --segments 8 --modes 7)
