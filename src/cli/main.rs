@@ -14,6 +14,7 @@ pub mod generate;
 pub mod hybrid;
 pub mod info;
 pub mod predict;
+mod running;
 pub mod segment;
 mod stop;
 pub mod study;

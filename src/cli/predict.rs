@@ -1,11 +1,10 @@
 //! `m4gn predict`: a model's rollouts as trajectories.
 
+use super::running::Running;
 use super::validate::{Progress, name_file};
 use m4gn_data::{Trajectory, list};
-use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Model, Resolution};
-use m4gn_step::{Backend, SessionOptions};
+use m4gn_model::Model;
 use m4gn_workbench::predict;
 use serde_json::json;
 use std::path::PathBuf;
@@ -29,18 +28,8 @@ pub struct Args {
     /// Steps [default: as many as are recorded]; beyond, what is prescribed stays as it is in the last frame
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     steps: Option<u64>,
-    /// What runs the network: native, torch, torch:DEVICE
-    #[arg(long, default_value = "native")]
-    backend: String,
-    /// Threads
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    threads: usize,
-    /// Of the native engine's products: model, auto, fp32, bf16
-    #[arg(long, default_value = "model")]
-    precision: String,
-    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
-    #[arg(long, default_value = "auto")]
-    resolution: Resolution,
+    #[command(flatten)]
+    running: Running,
     /// Write the errors to this file, step by step
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -52,13 +41,7 @@ pub struct Args {
 /// When the model does not fit the data, or a file cannot be read or written; when a rollout becomes non-finite (after all are written).
 pub fn run(args: Args) -> Result<()> {
     super::check_outputs([args.json.as_deref()])?;
-    let options = SessionOptions {
-        backend: Backend::parse(&args.backend)?,
-        n_threads: args.threads,
-        precision: PrecisionChoice::parse(&args.precision)?,
-        resolution: args.resolution,
-        ..SessionOptions::default()
-    };
+    let options = args.running.options()?;
     let model = Model::read(&args.model)?;
     let files = list(&args.data)?;
     let folder = args.data.is_dir();

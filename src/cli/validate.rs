@@ -1,12 +1,11 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
+use super::running::Running;
 use m4gn_data::{Split, Trajectory, list};
 use m4gn_domain::body::projection::ProjectionOptions;
-use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Model, Resolution};
+use m4gn_model::Model;
 use m4gn_report::number;
-use m4gn_step::{Backend, SessionOptions};
 use m4gn_workbench::validate::{self, Case, Keep, Pace, Way};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -38,18 +37,8 @@ pub struct Args {
     /// Of a body: the projection keeps it out of itself as well
     #[arg(long)]
     self_contact: bool,
-    /// What runs the network: native, torch, torch:DEVICE
-    #[arg(long, default_value = "native")]
-    backend: String,
-    /// Threads
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    threads: usize,
-    /// Of the native engine's products: model (bf16 for a model of fields at cells that was trained so, where that is faster), auto, fp32, bf16
-    #[arg(long, default_value = "model")]
-    precision: String,
-    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
-    #[arg(long, default_value = "auto")]
-    resolution: Resolution,
+    #[command(flatten)]
+    running: Running,
     /// Number of segments, in place of the model's own
     #[arg(long, value_name = "N")]
     segments: Option<usize>,
@@ -80,13 +69,7 @@ enum Projecting {
 /// # Errors
 /// When the model does not fit the data, a file cannot be read, or a rollout becomes non-finite (after the table).
 pub fn run(args: Args) -> Result<()> {
-    let options = SessionOptions {
-        backend: Backend::parse(&args.backend)?,
-        n_threads: args.threads,
-        precision: PrecisionChoice::parse(&args.precision)?,
-        resolution: args.resolution,
-        ..SessionOptions::default()
-    };
+    let options = args.running.options()?;
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
         return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
     }

@@ -2,6 +2,7 @@
 //! each frame.
 
 use super::array::{Array, Arrays};
+use super::npz::MOST_OF_A_BYTE;
 use hdf5::types::{FloatSize, IntSize, TypeDescriptor};
 use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -62,7 +63,7 @@ impl Copies {
             let mut shape = dataset.shape();
             // Compressed data may be a thousandth of what they become.
             let size = shape.iter().try_fold(8usize, |a, n| a.checked_mul(*n));
-            let room = self.path.metadata().map_or(0, |m| m.len()).saturating_mul(1032);
+            let room = self.path.metadata().map_or(0, |m| m.len()).saturating_mul(MOST_OF_A_BYTE);
             if size.is_none_or(|size| size as u64 > room) {
                 return Err(Error::file(
                     &self.path,

@@ -10,7 +10,7 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 /// Deflate makes at most so many bytes of one.
-const MOST_OF_A_BYTE: u64 = 1032;
+pub(crate) const MOST_OF_A_BYTE: u64 = 1032;
 
 /// Reads the entries of a zip archive that `wanted` picks, each whole. What is taken into memory is bounded by the file's size.
 ///

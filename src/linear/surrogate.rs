@@ -413,9 +413,9 @@ impl Linear {
         // The first pass touches memory that was not there before.
         let _ = seconds(first);
         let more = numbers.len().saturating_sub(1).max(1) as f64;
-        let mut mean = [(seconds(&numbers) - seconds(first)).max(0.0) / more, 1.0];
-        self.snapshots.comm().sum_f64(&mut mean);
-        mean[0] / mean[1]
+        let mut sum = [(seconds(&numbers) - seconds(first)).max(0.0) / more];
+        self.snapshots.comm().sum_f64(&mut sum);
+        sum[0] / f64::from(self.snapshots.comm().size())
     }
 
     /// Field `f` of a prediction: the same combination of states for every field.

@@ -40,7 +40,7 @@ fn model(figures: &Value) -> &Value {
     if figures["projected"].is_object() { &figures["projected"] } else { &figures["model"] }
 }
 
-/// Mean, standard deviation over seeds (none of one seed), and whether any was not finite.
+/// Mean and standard deviation over seeds; none of one seed, and infinite where a figure is not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Spread {
     mean: f64,
