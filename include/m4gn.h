@@ -92,6 +92,8 @@ void m4gn_finalize(void);
  *   iterations      20          most sweeps of SLIC, up to 10000
  *   connected       true        every segment is connected
  *   distance_scale  null        length of the distance to the obstacle, m; 0: off (the paper); null: S
+ *   scaled_modes    true        a mode enters as S times itself; false: as it is (the paper)
+ *   margin          1e-5        by how much of S a centroid must be nearer to take a cell away; 0: the paper
  *   obstacles       []          names of the patches that are the obstacle; []: found by their node types
  *   overlap         0           layers by which segments overlap
  *   modal_solver    "auto"      "auto" (by size), "direct" or "iterative"

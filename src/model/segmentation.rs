@@ -132,6 +132,14 @@ pub struct SegmentSpec {
     /// matter, or S exp(-d/l). None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distance_scale: Option<f64>,
+    /// Whether a mode enters as S times itself, so that a change by its root mean square counts as one cluster size. False
+    /// is the paper's feature: the mode alone, with positions in m.
+    #[serde(skip_serializing_if = "is_true")]
+    pub scaled_modes: bool,
+    /// By how much of S a centroid must be nearer to take a cell away: ties of symmetric meshes stay where they are, instead
+    /// of following the last bit of an eigenvector. 0 is the paper's algorithm.
+    #[serde(skip_serializing_if = "is_default_margin")]
+    pub margin: f64,
     /// Patches that are the obstacle, by name. Empty: the faces of node type obstacle; where there are none, the
     /// wall patches that do not reach the box around the mesh; where there are none either, all walls.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -150,6 +158,17 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
+/// Default of [`SegmentSpec::margin`].
+const MARGIN: f64 = 1e-5;
+
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
+fn is_default_margin(value: &f64) -> bool {
+    *value == MARGIN
+}
+
 impl Default for SegmentSpec {
     fn default() -> Self {
         SegmentSpec {
@@ -162,6 +181,8 @@ impl Default for SegmentSpec {
             iterations: 20,
             connected: true,
             distance_scale: None,
+            scaled_modes: true,
+            margin: MARGIN,
             obstacles: Vec::new(),
             overlap: 0,
             modal_solver: ModalSolver::default(),
@@ -225,6 +246,9 @@ impl SegmentSpec {
         }
         if !(self.tau.is_finite() && self.tau >= 0.0) {
             return bad("tau", "a finite number that is not negative", self.tau);
+        }
+        if !(0.0..1.0).contains(&self.margin) {
+            return bad("margin", "a share of S from 0, the paper's, to below 1", self.margin);
         }
         if let Some(size) = self.size
             && !(size.is_finite() && size > 0.0)
@@ -356,11 +380,13 @@ mod tests {
     #[test]
     fn each_wrong_value_is_named() {
         type Change = fn(&mut SegmentSpec);
-        let broken: [(&str, Change); 6] = [
+        let broken: [(&str, Change); 8] = [
             ("count", |s| s.count = 0),
             ("iterations", |s| s.iterations = 1 << 40),
             ("tau", |s| s.tau = -1.0),
             ("tau", |s| s.tau = f64::NAN),
+            ("margin", |s| s.margin = -1e-5),
+            ("margin", |s| s.margin = f64::NAN),
             ("size", |s| s.size = Some(0.0)),
             ("distance_scale", |s| s.distance_scale = Some(-1.0)),
         ];

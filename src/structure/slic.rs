@@ -18,10 +18,6 @@ use m4gn_model::modal::Modes;
 /// Quantum of positions and features, as a fraction of the cluster size S.
 const QUANTUM: f64 = 1e-7;
 
-/// A centroid must be nearer by this fraction of S to take a cell away: ties of symmetric meshes stay where they
-/// are instead of following the last bit of an eigenvector.
-const MARGIN: f64 = 1e-5;
-
 /// Features of this rank's cells in quanta.
 struct Features {
     /// Physics-guided features f a cell: distance to the obstacle, modes.
@@ -32,6 +28,8 @@ struct Features {
     values: Vec<f64>,
     /// S in quanta.
     size: f64,
+    /// How much nearer a centroid must be to take a cell away, in quanta.
+    margin: f64,
     /// Weight of positions, eq. 8.
     tau: f64,
 }
@@ -47,8 +45,8 @@ pub(super) struct Refined {
 /// Moves cells between the `spec.count` segments of `labels` until none moves or the sweeps are used up.
 /// Collective.
 ///
-/// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size. A cell
-/// goes to the nearest centroid if that is within S (Algorithm 2, line 28) and stays otherwise. A segment that
+/// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size; without
+/// `spec.scaled_modes` as phi. A cell goes to the nearest centroid if that is within S (Algorithm 2, line 28) and stays otherwise. A segment that
 /// would lose all its cells keeps the one nearest to its centroid.
 ///
 /// # Errors
@@ -81,10 +79,11 @@ impl Features {
         let extent = Extent::of(mesh, comm);
         let size = spec.size.unwrap_or_else(|| default_size(mesh, &extent, spec.count));
         let obstacle = obstacle::feature(mesh, spec, size, comm)?;
+        let weight = if spec.scaled_modes { size } else { 1.0 };
         // No sum over all cells may leave the integers.
         let mut largest = [0.0f64];
         for phi in modes.iter().flatten() {
-            largest[0] = largest[0].max(phi.abs() * size);
+            largest[0] = largest[0].max(phi.abs() * weight);
         }
         for f in &obstacle {
             largest[0] = largest[0].max(f.abs());
@@ -105,11 +104,19 @@ impl Features {
         let mut values = Vec::with_capacity(mesh.n_cells() * width);
         for (cell, x) in mesh.cell_centres.iter().enumerate() {
             let position = mesh.directions.iter().map(|&d| x[d] - extent.low[d]);
-            let mode = modes.iter().map(|phi| phi[cell] * size);
+            let mode = modes.iter().map(|phi| phi[cell] * weight);
             let all = obstacle.get(cell).copied().into_iter().chain(mode).chain(position);
             values.extend(all.map(|f| (f / quantum).round()));
         }
-        Ok(Features { guided: width - mesh.dim(), width, values, size: size / quantum, tau: spec.tau })
+        let size = size / quantum;
+        Ok(Features {
+            guided: width - mesh.dim(),
+            width,
+            values,
+            size,
+            margin: spec.margin * size,
+            tau: spec.tau,
+        })
     }
 
     fn of(&self, cell: usize) -> &[f64] {
@@ -164,7 +171,7 @@ impl Features {
     /// Only centroids near the cell's own are looked at: the distance is a metric, so that a centroid farther from the
     /// own one than the sum of the cell's distances to both cannot be.
     fn nearest(&self, labels: &[i32], centroids: &[f64]) -> Vec<i32> {
-        let (width, margin) = (self.width, MARGIN * self.size);
+        let (width, margin) = (self.width, self.margin);
         let centroid = |k: usize| &centroids[k * width..(k + 1) * width];
         let own: Vec<f64> = labels
             .iter()

@@ -16,7 +16,7 @@ fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> 
 
 /// The rule of [`Features::nearest`] with every centroid looked at.
 fn plain_nearest(features: &Features, labels: &[i32], centroids: &[f64]) -> Vec<i32> {
-    let margin = MARGIN * features.size;
+    let margin = features.margin;
     let width = features.width;
     let one = |(cell, &current): (usize, &i32)| {
         let distances: Vec<f64> =
@@ -99,4 +99,25 @@ fn the_default_size_is_that_of_the_paper() {
     let mesh = sample::rectangle(16, 4, 1.6, 0.41);
     let extent = Extent::of(&mesh, &Comm::serial());
     assert!((default_size(&mesh, &extent, 36) - (0.656f64 / 36.0).sqrt()).abs() < 1e-12);
+}
+
+/// Two cells a segment on a line, S = 1, one mode: what moves the middle cells is a mode as it is, or S times it, and what
+/// of the nearer centroid the margin asks for.
+#[test]
+fn modes_and_margin_as_printed() {
+    let mut mesh = sample::chain(4, 4.0);
+    let at = [0.0, 1.0, 2.1, 3.0];
+    mesh.cell_centres.iter_mut().zip(at).for_each(|(x, at)| x[0] = at);
+    let modes = Modes { eigenvalues: vec![1.0], vectors: vec![vec![0.0, 0.0, 0.5, 0.5]] };
+    let labels =
+        |spec: &SegmentSpec| refine(&mesh, spec, &modes, &Comm::serial(), vec![0, 0, 0, 1]).unwrap().labels;
+    let size = SegmentSpec { size: Some(4.0), iterations: 1, ..spec(2, 1) };
+    // Cell 2: |1.0667 .. |: 1.0667 + 0.333 S from segment 0, 0.9 from segment 1.
+    let found = |scaled_modes, margin| labels(&SegmentSpec { scaled_modes, margin, ..size.clone() });
+    assert_eq!(found(false, 0.0), [0, 0, 1, 1]);
+    // Nearer by 1.0667 + 0.3333 - 0.9 = 0.5 = 0.125 S as printed, by 1.0667 + 1.3333 - 0.9 = 1.5 = 0.375 S with S times the mode.
+    assert_eq!(found(false, 0.124), [0, 0, 1, 1]);
+    assert_eq!(found(false, 0.126), [0, 0, 0, 1]);
+    assert_eq!(found(true, 0.374), [0, 0, 1, 1]);
+    assert_eq!(found(true, 0.376), [0, 0, 0, 1]);
 }

@@ -79,6 +79,7 @@ impl Row {
             gf_h: f64::INFINITY,
             gf_c: f64::INFINITY,
             mc: f64::INFINITY,
+            mc_predicted: f64::INFINITY,
             ar: f64::INFINITY,
             inverted: f64::INFINITY,
         };
@@ -123,7 +124,14 @@ impl Row {
     fn json(&self) -> Value {
         let mut row = self.figures[0].json();
         let quality = self.quality.map(|q| {
-            [("gf_h", q.gf_h), ("gf_c", q.gf_c), ("mc", q.mc), ("ar", q.ar), ("inverted", q.inverted)]
+            [
+                ("gf_h", q.gf_h),
+                ("gf_c", q.gf_c),
+                ("mc", q.mc),
+                ("mc_predicted", q.mc_predicted),
+                ("ar", q.ar),
+                ("inverted", q.inverted),
+            ]
         });
         let others =
             [("worst_gap", self.gap), ("largest_ratio", self.largest), ("ms_per_step", self.step_ms())];
