@@ -43,14 +43,14 @@ impl NativeBackend<'_> {
         let (domain, base) = (&live.domain, &live.graph);
         let stride = self.work.frames_a_step;
         let frame = |step: usize| sample.state(example.frame + step * stride, example.mirror);
-        let mut state = self.start(sample, example)?;
+        let (mut state, corrected) = self.start(sample, example)?;
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
         let mut moments = None;
         let mut graph = live.at(&mut state)?;
         if batch.accumulate {
             let next = frame(1)?;
             domain.inputs(&state, &next, &mut inputs);
-            domain.target(&state, &next, &mut target);
+            domain.target(corrected.as_ref().unwrap_or(&state), &next, &mut target);
             let edges = graph.as_ref().map_or(base, |g| &g.0).edge_features();
             moments = Some(Normaliser::of_example(&self.spec, &inputs, edges, &target));
         }
@@ -73,7 +73,8 @@ impl NativeBackend<'_> {
             if step == 1 && batch.unroll > 1 && batch.unroll * self.network.memory(worker).2 > KEEP {
                 keep = 1;
             }
-            domain.target(&state, &next, &mut target);
+            let from = corrected.as_ref().filter(|_| step == 1).unwrap_or(&state);
+            domain.target(from, &next, &mut target);
             d_outputs.push(self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses));
             let new = match step < batch.unroll {
                 true => {
@@ -188,11 +189,16 @@ impl NativeBackend<'_> {
         d
     }
 
-    /// The state that an example starts from: its frame with noise.
-    fn start(&self, sample: &Sample, example: &Example) -> Result<Vec<f32>> {
-        let mut state = sample.state(example.frame, example.mirror)?;
+    /// The state that an example starts from, its frame with noise, and the one that its first target is measured from, where
+    /// that is another: with what is left of the noise where it is not corrected wholly.
+    pub(crate) fn start(&self, sample: &Sample, example: &Example) -> Result<(Vec<f32>, Option<Vec<f32>>)> {
+        let clean = sample.state(example.frame, example.mirror)?;
+        let mut state = clean.clone();
         self.add_noise(sample, example.seed, &mut state);
-        Ok(state)
+        let part = self.noise_correction;
+        let corrected = (part < 1.0)
+            .then(|| clean.iter().zip(&state).map(|(clean, noisy)| clean + part * (noisy - clean)).collect());
+        Ok((state, corrected))
     }
 
     /// By how much the noise of an example is smaller than it may be. Where all have the same, no number is drawn: those of a seed are

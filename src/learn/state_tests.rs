@@ -73,6 +73,24 @@ fn learn(
     (learned.losses.iter().sum(), learned.gradient.unwrap(), normaliser)
 }
 
+/// The change that is wanted: with noise that is not corrected the recorded one, to the bit, else one that takes it away.
+#[test]
+fn noise_is_corrected_as_far_as_asked() {
+    let spec = spec();
+    let (work, _) = bar(&spec);
+    let layout = Layout::new(&spec);
+    let weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
+    let spread = |t: &TrainingConfig| {
+        let mut backend = NativeBackend::new(t, &spec, &work, 1).unwrap();
+        learn(&mut backend, None, &weights, 1).2.scales().output.std
+    };
+    let recorded = spread(&TrainingConfig::default());
+    let with = |noise_correction| spread(&TrainingConfig { noise_correction, ..training() });
+    let (none, half, whole) = (with(0.0), with(0.5), with(1.0));
+    assert_eq!(none, recorded);
+    assert!(none[0] < half[0] && half[0] < whole[0], "{none:?} {half:?} {whole:?}");
+}
+
 /// Through three strides: the derivative along the gradient is that of differences.
 #[test]
 fn the_gradient_through_an_unroll_is_that_of_differences() {

@@ -216,8 +216,12 @@ impl Config {
         if !(t.noise_spread.is_finite() && t.noise_spread >= 1.0) {
             return bad("training.noise_spread", &t.noise_spread.to_string(), "a number, 1 or more");
         }
-        if !(0.0..=1.0).contains(&t.balance) {
-            return bad("training.balance", &t.balance.to_string(), "a number from 0 to 1");
+        for (key, share) in
+            [("training.noise_correction", t.noise_correction), ("training.balance", t.balance)]
+        {
+            if !(0.0..=1.0).contains(&share) {
+                return bad(key, &share.to_string(), "a number from 0 to 1");
+            }
         }
         let noise = ("training.noise", &t.noise, "an input");
         let weights = ("training.loss_weights", &t.loss_weights, "an output");

@@ -23,15 +23,16 @@ pub struct TorchBackend {
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for noise of several sizes;
+    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for noise of several sizes or that is not corrected;
     /// [`m4gn_mesh::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
         let t = &task.config.training;
-        if t.noise_spread != 1.0 {
-            return Err(Error::Input(format!(
-                "training.noise_spread: found {}, and libtorch knows 1 alone; use --backend native, or leave it out",
-                t.noise_spread
-            )));
+        for (key, found) in [("noise_spread", t.noise_spread), ("noise_correction", t.noise_correction)] {
+            if found != 1.0 {
+                return Err(Error::Input(format!(
+                    "training.{key}: found {found}, and libtorch knows 1 alone; use --backend native, or leave it out"
+                )));
+            }
         }
         // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
         tch::set_num_threads(1);

@@ -160,7 +160,10 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
 #[test]
 fn what_libtorch_does_not_know_is_refused() {
     let folder = data();
-    let error = run(&request(folder.path(), "spread", "noise_spread = 2.0", 3)).unwrap_err();
-    let text = error.to_string();
-    assert!(text.contains("noise_spread: found 2") && text.contains("--backend native"), "{text}");
+    for (key, value) in [("noise_spread", "2.0"), ("noise_correction", "0.5")] {
+        let error = run(&request(folder.path(), key, &format!("{key} = {value}"), 3)).unwrap_err();
+        let text = error.to_string();
+        let found = format!("{key}: found {}", value.trim_end_matches(".0"));
+        assert!(text.contains(&found) && text.contains("--backend native"), "{text}");
+    }
 }
