@@ -4,6 +4,7 @@ use super::{Cell, Plan};
 use m4gn_mesh::{Result, files};
 use m4gn_report::{Page, Table, number};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Predictions that need no training, in every table.
@@ -181,6 +182,7 @@ fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Va
             let mut json = Value::Object(json.collect());
             json["network"] = name.into();
             json["seeds"] = own.len().into();
+            json["over_diameter"] = over_diameter(own.iter().map(|(_, f)| f));
             rows.push((network.name.as_str(), count, scores[2], json));
         }
     }
@@ -220,13 +222,27 @@ fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Va
     (Section { heading, note, table }, json)
 }
 
+/// Data of the paper's Figure 4b: each trajectory's graph diameter and its RMSE-all, mean over the seeds, by ascending diameter.
+fn over_diameter<'a>(figures: impl Iterator<Item = &'a Value>) -> Value {
+    let mut cases: BTreeMap<(u64, String), Vec<f64>> = BTreeMap::new();
+    for case in figures.filter_map(|f| f["cases"].as_array()).flatten() {
+        let key =
+            (case["diameter"].as_u64().unwrap_or(0), case["path"].as_str().unwrap_or_default().to_string());
+        cases.entry(key).or_default().push(model(case)["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
+    }
+    let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len() as f64;
+    let row = |((diameter, path), all): (&(u64, String), &Vec<f64>)| json!({ "diameter": diameter, "path": path, "rmse_all": mean(all) });
+    cases.iter().map(row).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn cell(network: &str, seed: u64, all: Value) -> Cell {
         let figures = json!({ "field": "U", "unit": "m/s", "model": { "rmse_1": 0.1, "rmse_50": 0.2, "rmse_all": all, "ms_per_step": 3.0 },
-            "persistence": { "rmse_1": 0.4, "rmse_50": 0.4, "rmse_all": 0.4 }, "splits": { "test": { "trajectories": 2 } } });
+            "persistence": { "rmse_1": 0.4, "rmse_50": 0.4, "rmse_all": 0.4 }, "splits": { "test": { "trajectories": 2 } },
+            "cases": [{ "diameter": 30, "path": "b", "model": { "rmse_all": all } }, { "diameter": 11, "path": "a", "model": { "rmse_all": 0.1 } }] });
         Cell {
             data: "flow".into(),
             network: network.into(),
@@ -262,6 +278,9 @@ mod tests {
         }
         let test = &report.json["tests"][0];
         assert!((test["margin"].as_f64().unwrap() - 0.4).abs() < 1e-12, "{test}");
+        let over = &test["networks"][0]["over_diameter"];
+        assert_eq!((&over[0]["diameter"], &over[0]["path"]), (&json!(11), &json!("a")));
+        assert!((over[1]["rmse_all"].as_f64().unwrap() - 0.3).abs() < 1e-12, "{over}");
         assert_eq!((&test["networks"][0]["seeds"], &report.json["failed"]), (&json!(2), &json!(1)));
         let dir = tempfile::tempdir().unwrap();
         report.write(dir.path()).unwrap();

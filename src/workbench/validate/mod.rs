@@ -35,6 +35,7 @@ pub use summary::{Figures, Row, Summary, headline, json, summaries};
 use m4gn_data::{Split, Trajectory};
 use m4gn_domain::Kind;
 use m4gn_domain::body::projection::ProjectionOptions;
+use m4gn_mesh::diameter::diameter;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, Model};
@@ -76,6 +77,8 @@ pub struct Case {
     pub path: PathBuf,
     /// What it is for.
     pub split: Split,
+    /// Hops between the nodes of its mesh that are farthest apart.
+    pub diameter: usize,
     /// Its frames and the model's stride.
     pub pace: Pace,
     /// Time that RMSE-50 covers, s from the first frame.
@@ -109,6 +112,7 @@ impl Case {
         Ok(Case {
             path: trajectory.path().to_path_buf(),
             split: trajectory.split(),
+            diameter: diameter_of(trajectory),
             pace,
             // Of what was rolled out, and no more
             horizon: horizon.unwrap_or(pace.rmse_50()).min(pace.duration()),
@@ -129,6 +133,18 @@ impl Case {
     /// The last rollout of the model whose states were kept: the one with contact projection, where there is one.
     pub fn kept(&self) -> Option<&Prediction> {
         self.predictions.iter().rfind(|p| !p.kept.is_empty())
+    }
+}
+
+/// Of cells and their faces, or of points and the edges of their elements.
+fn diameter_of(trajectory: &Trajectory) -> usize {
+    let mesh = trajectory.mesh();
+    match trajectory.body() {
+        Some(body) => diameter(body.positions.len(), &body.edges),
+        None => {
+            let faces = mesh.face_owner.iter().zip(&mesh.face_neighbour);
+            diameter(mesh.n_cells(), &faces.map(|(&a, &b)| [a, b]).collect::<Vec<_>>())
+        }
     }
 }
 

@@ -338,6 +338,7 @@ pub fn json(cases: &[Case]) -> Value {
         let mut case = json!({
             "path": c.path.to_string_lossy(),
             "split": c.split.name(),
+            "diameter": c.diameter,
             "horizon": c.horizon,
             "diverged": c.diverged(),
             "outside": c.outside,

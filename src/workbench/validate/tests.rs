@@ -34,6 +34,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
     Case {
         path: "x.h5".into(),
         split,
+        diameter: 9,
         horizon: HORIZON as f64 * pace.interval,
         pace,
         fields: vec![("U".into(), "m/s".into())],
@@ -180,7 +181,9 @@ fn the_truth_has_no_error() {
     assert!((case.horizon - 0.03).abs() < 1e-12, "{}", case.horizon);
     let rows = case.rows();
     assert_eq!(figures(&case, 0), [0.0; 3]);
-    assert_eq!(rows[0].quality, Some(Quality::default()));
+    let quality = rows[0].quality.unwrap();
+    assert!(quality.mc_predicted > 1.0);
+    assert_eq!(quality, Quality { mc_predicted: quality.mc_predicted, ..Quality::default() });
     assert_eq!(rows[0].gap, case.data_gap.iter().copied().reduce(f64::min));
     assert_eq!(rows[0].largest, Some(1.0));
     // Holding is worse the longer it is held
